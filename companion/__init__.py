@@ -1,0 +1,1 @@
+"""The flight application: one drone, one daemon."""

@@ -1,0 +1,1 @@
+"""All that crosses the wire: frames, messages, MAVLink, video, MSP."""
