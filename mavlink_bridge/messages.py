@@ -246,8 +246,6 @@ class TimeSync:
 
     tc1: int
     ts1: int
-    target_system: int = 0
-    target_component: int = 0
 
 
 @dataclass(frozen=True)

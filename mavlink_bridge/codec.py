@@ -1,0 +1,133 @@
+"""Bytes ↔ messages, without socket and without clock.
+
+Bad bytes are counted and never raised; message ids that this project does not use are
+dropped before anything else looks at them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from mavlink_bridge.dialect import FROM_WIRE, TO_WIRE
+from mavlink_bridge.messages import Message, Received, Source
+
+_V1, _V2 = 0xFE, 0xFD
+_SIGNED = 0x01
+_LONGEST_FRAME = 280
+
+
+@dataclass
+class CodecStatistics:
+    """What went through a codec: counts since it was made."""
+
+    received: int = 0
+    sent: int = 0
+    bad_bytes: int = 0
+    bad_frames: int = 0
+    unknown: int = 0
+
+
+class Codec:
+    """One end of a MAVLink 2 stream.
+
+    system, component: this end's ids, stamped on what it sends. One codec per stream:
+    a half-received frame waits in it for the rest.
+    """
+
+    def __init__(self, system: int, component: int) -> None:
+        if not 1 <= system <= 255:
+            raise ValueError(f"MAVLink system id must be 1…255, got {system}")
+        self.statistics = CodecStatistics()
+        self._mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+        self._buffer = bytearray()
+
+    def encode(self, messages: Iterable[Message]) -> bytes:
+        """The messages as consecutive MAVLink 2 frames."""
+        frames = bytearray()
+        for message in messages:
+            frames += TO_WIRE[type(message)](message).pack(self._mav)
+            self._mav.seq = (self._mav.seq + 1) % 256
+            self.statistics.sent += 1
+        return bytes(frames)
+
+    def decode_datagram(self, data: bytes) -> list[Received]:
+        """As `decode`, for transports whose packets hold whole frames: the rest is garbage."""
+        out = self.decode(data)
+        self.statistics.bad_bytes += len(self._buffer)
+        self._buffer.clear()
+        return out
+
+    def decode(self, data: bytes) -> list[Received]:
+        """Messages completed by `data` (any chunking); garbage is skipped and counted."""
+        buffer = self._buffer
+        buffer += data
+        out: list[Received] = []
+        start = 0
+        while True:
+            start = self._next_magic(start)
+            end = self._frame_end(start)
+            if end is None:
+                break
+            received = self._decode_frame(start, end)
+            if received is None:
+                # Step over the false start only: a true frame may begin inside it.
+                start += 1
+            else:
+                start = end
+                if received is not _DROPPED:
+                    out.append(received)
+        del buffer[:start]
+        if len(buffer) > _LONGEST_FRAME:  # cannot happen while frames end where they say
+            self.statistics.bad_bytes += len(buffer)
+            buffer.clear()
+        return out
+
+    def _next_magic(self, start: int) -> int:
+        """Index of the next possible frame start, counting what is passed over."""
+        candidates = [i for i in (self._buffer.find(_V2, start), self._buffer.find(_V1, start))
+                      if i >= 0]  # fmt: skip
+        found = min(candidates, default=len(self._buffer))
+        self.statistics.bad_bytes += found - start
+        return found
+
+    def _frame_end(self, start: int) -> int | None:
+        """Index behind the frame that begins at `start`; None while it is incomplete."""
+        have = len(self._buffer) - start
+        if have < 8:
+            return None
+        length = self._buffer[start + 1]
+        if self._buffer[start] == _V1:
+            total = length + 8
+        else:
+            total = length + 12 + (13 if self._buffer[start + 2] & _SIGNED else 0)
+        return start + total if have >= total else None
+
+    def _decode_frame(self, start: int, end: int) -> Received | None:
+        """The message in buffer[start:end]; None where that is no valid frame."""
+        b = self._buffer
+        if b[start] == _V1:
+            message_id = b[start + 5]
+        else:
+            message_id = b[start + 7] | b[start + 8] << 8 | b[start + 9] << 16
+        convert = FROM_WIRE.get(message_id)
+        if convert is None and message_id not in mavlink.mavlink_map:
+            self.statistics.unknown += 1
+            return None
+        try:
+            wire = self._mav.decode(b[start:end])
+            received = (
+                Received(Source(wire.get_srcSystem(), wire.get_srcComponent()), convert(wire))
+                if convert
+                else _DROPPED
+            )
+        except (mavlink.MAVError, ValueError, TypeError, OverflowError):
+            self.statistics.bad_frames += 1
+            return None
+        self.statistics.received += 1
+        return received
+
+
+_DROPPED = Received(Source(0, 0), None)  # type: ignore[arg-type]  # a valid frame nobody reads

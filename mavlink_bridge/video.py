@@ -1,0 +1,226 @@
+"""Time-stamped raw frames between the simulator and a companion, over one TCP stream.
+
+Each record is a JSON header and named arrays, raw. From the simulator: a frame (image,
+optional depth, optional perfect detections) with its capture time in the vehicle's clock
+and how many MAVLink packets were sent before it. Back: an answer to each frame, with how
+many packets the companion sent before it, so that a tick without a setpoint answers too.
+"""
+
+from __future__ import annotations
+
+import json
+import select
+import socket
+import struct
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_HEAD = struct.Struct("<4sI")
+_MAGIC = b"SWF1"
+_MAX_HEADER = 1 << 16
+_MAX_PAYLOAD = 1 << 26
+_DTYPES = {"uint8", "uint16", "float32", "float64"}
+
+
+class VideoError(ConnectionError):
+    """The other end is gone or speaks something else."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What one camera saw at `time` [s, vehicle's clock].
+
+    arrays: `image` (H,W,3) uint8 BGR; `depth` (h,w) float32 m along the ray; `neighbours`
+    (m,6) and `trunks` (k,6) where the simulator plays a perfect detector (camera frame).
+    packets: MAVLink packets the vehicle had sent to the companion before this frame.
+    """
+
+    time: float
+    arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
+    packets: int = 0
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A companion's answer to the frame of `time`: its packets sent so far.
+
+    done: the companion's mission is over (it has landed).
+    """
+
+    time: float
+    packets: int
+    done: bool = False
+
+
+class RecordStream:
+    """JSON header + named arrays over a connected stream socket."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._socket = connection
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def fileno(self) -> int:
+        """For select()."""
+        return self._socket.fileno()
+
+    def close(self) -> None:
+        """Hang up."""
+        self._socket.close()
+
+    def send(self, header: dict[str, Any], arrays: dict[str, NDArray[Any]] | None = None) -> None:
+        """Send one record.
+
+        Raises:
+            VideoError: the other end is gone.
+        """
+        arrays = arrays or {}
+        shapes = [(k, a.dtype.name, a.shape) for k, a in arrays.items()]
+        text = json.dumps({**header, "arrays": shapes}).encode()
+        try:
+            self._socket.sendall(_HEAD.pack(_MAGIC, len(text)) + text)
+            for a in arrays.values():
+                self._socket.sendall(np.ascontiguousarray(a).data)
+        except OSError as error:
+            raise VideoError(f"frame channel: {error}") from error
+
+    def receive(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Receive one record; blocks until it is whole.
+
+        Raises:
+            VideoError: end of stream, or not a record.
+        """
+        magic, length = _HEAD.unpack(self._exactly(_HEAD.size))
+        if magic != _MAGIC or length > _MAX_HEADER:
+            raise VideoError("frame channel: not a record")
+        try:
+            header = json.loads(bytes(self._exactly(length)))
+            shapes = [(str(k), str(d), tuple(map(int, s))) for k, d, s in header.pop("arrays")]
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise VideoError(f"frame channel: bad header: {error}") from error
+        arrays: dict[str, NDArray[Any]] = {}
+        for name, dtype, shape in shapes:
+            if dtype not in _DTYPES or min(shape, default=1) < 0:
+                raise VideoError(f"frame channel: array {name!r} of {dtype} {shape}")
+            size = int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize
+            if size > _MAX_PAYLOAD:
+                raise VideoError(f"frame channel: array {name!r} of {size} bytes")
+            arrays[name] = np.frombuffer(self._exactly(size), dtype=dtype).reshape(shape)
+        return header, arrays
+
+    def waits(self, timeout: float = 0.0) -> bool:
+        """True where a record (or the end of the stream) waits within `timeout` [s]."""
+        return bool(select.select([self._socket], [], [], timeout)[0])
+
+    def _exactly(self, size: int) -> bytearray:
+        data = bytearray(size)
+        view = memoryview(data)
+        while view:
+            try:
+                got = self._socket.recv_into(view)
+            except OSError as error:
+                raise VideoError(f"frame channel: {error}") from error
+            if not got:
+                raise VideoError("frame channel: the other end closed it")
+            view = view[got:]
+        return data
+
+
+class FrameClient:
+    """The companion's end: frames in, answers out."""
+
+    def __init__(self, host: str, port: int, timeout: float = 10.0) -> None:
+        try:
+            connection = socket.create_connection((host, port), timeout)
+        except OSError as error:
+            raise VideoError(f"no frame source at {host}:{port}: {error}") from error
+        connection.settimeout(None)
+        self._stream = RecordStream(connection)
+
+    def fileno(self) -> int:
+        """For select()."""
+        return self._stream.fileno()
+
+    def receive(self) -> Frame:
+        """The next frame; blocks. Raises VideoError at the end of the stream."""
+        header, arrays = self._stream.receive()
+        return Frame(header["time_us"] / 1e6, arrays, int(header["packets"]))
+
+    def waits(self, timeout: float = 0.0) -> bool:
+        """True where a frame waits within `timeout` [s]."""
+        return self._stream.waits(timeout)
+
+    def answer(self, answer: Answer) -> None:
+        """Tell the simulator that the frame's tick is done."""
+        self._stream.send(
+            {"time_us": round(answer.time * 1e6), "packets": answer.packets, "done": answer.done}
+        )
+
+    def close(self) -> None:
+        """Hang up."""
+        self._stream.close()
+
+
+class FrameServer:
+    """The simulator's end for one vehicle: listens, accepts one companion at a time."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            self._listener.bind((host, port))
+        except OSError as error:
+            self._listener.close()
+            raise VideoError(f"TCP {host}:{port} cannot be bound: {error.strerror}") from error
+        self._listener.listen(1)
+        self._stream: RecordStream | None = None
+
+    @property
+    def port(self) -> int:
+        """The local port."""
+        return int(self._listener.getsockname()[1])
+
+    @property
+    def connected(self) -> bool:
+        """True while a companion is on the line; accepts one that waits."""
+        if self._stream is None and select.select([self._listener], [], [], 0.0)[0]:
+            self._stream = RecordStream(self._listener.accept()[0])
+        return self._stream is not None
+
+    def send(self, frame: Frame) -> bool:
+        """Send a frame; False where nobody is (any longer) on the line."""
+        if not self.connected or self._stream is None:
+            return False
+        try:
+            self._stream.send(
+                {"time_us": round(frame.time * 1e6), "packets": frame.packets}, frame.arrays
+            )
+        except VideoError:
+            self._hang_up()
+            return False
+        return True
+
+    def answer(self, timeout: float) -> Answer | None:
+        """The next answer within `timeout` [s]; None where none came or the line is dead."""
+        if self._stream is None:
+            return None
+        try:
+            if not self._stream.waits(timeout):
+                return None
+            header, _ = self._stream.receive()
+            return Answer(header["time_us"] / 1e6, int(header["packets"]), bool(header["done"]))
+        except (VideoError, KeyError, ValueError):
+            self._hang_up()
+            return None
+
+    def close(self) -> None:
+        """Stop listening and hang up."""
+        self._hang_up()
+        self._listener.close()
+
+    def _hang_up(self) -> None:
+        if self._stream is not None:
+            self._stream.close()
+            self._stream = None
