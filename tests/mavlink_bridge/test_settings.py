@@ -1,0 +1,65 @@
+"""Strict YAML: each mistake is named with its place."""
+
+import pytest
+
+from mavlink_bridge.settings import (
+    SettingsError,
+    StrictModel,
+    assignments,
+    merge,
+    parse_yaml,
+    validate,
+)
+
+
+class Inner(StrictModel):
+    rate_hz: float = 10.0
+    on: bool = True
+
+
+class Outer(StrictModel):
+    name: str
+    inner: Inner = Inner()
+    sizes: list[int] = []
+
+
+@pytest.mark.parametrize(
+    ("text", "where", "what"),
+    [
+        ("name: a\ninner:\n  rate: 1\n", "f:3:3", "inner.rate: unknown key; did you mean"),
+        ("name: a\ninner:\n  on: no\n", "f:3:3", "inner.on"),
+        ("name: a\ninner:\n  rate_hz: 012\n", "f:3:3", "got '012'"),
+        ("name: a\ninner:\n  rate_hz: .nan\n", "f:3:3", "got '.nan'"),
+        ("name: a\nname: b\n", "f:2:1", "name: stands twice, first f:1:1"),
+        ("inner: {}\n", "f:1:1", "name: is missing"),
+        ("name: a\nsizes: [1, x]\n", "f:2:12", "sizes.1"),
+        ("- 1\n", "f:1:1", "key: value"),
+        ("name: [a\n", "f:2:1", "not YAML"),
+        ("name: 5\n", "f:1:1", "name: Input should be a valid string, got 5"),
+    ],
+)
+def test_mistakes_are_named_with_their_place(text, where, what):
+    with pytest.raises(SettingsError) as caught:
+        validate(Outer, parse_yaml(text, "f"), "f")
+    assert len(caught.value.problems) == 1
+    assert caught.value.problems[0].startswith(f"{where}: ")
+    assert what in caught.value.problems[0]
+
+
+def test_all_mistakes_come_at_once():
+    with pytest.raises(SettingsError) as caught:
+        validate(Outer, parse_yaml("nam: a\ninner: {on: 1, rate_hz: x}\n", "f"), "f")
+    assert len(caught.value.problems) == 4
+
+
+def test_layers_and_assignments():
+    base = parse_yaml("name: a\ninner: {rate_hz: 5, on: false}\nsizes: [1, 2]\n", "base")
+    top = parse_yaml("inner: {rate_hz: 7}\n", "top")
+    merged = merge([base, top, assignments(["sizes=[3]"])])
+    outer = validate(Outer, merged, "base")
+    assert outer == Outer(name="a", inner=Inner(rate_hz=7.0, on=False), sizes=[3])
+    assert merged.places[("inner", "rate_hz")].startswith("top:")
+    with pytest.raises(SettingsError, match=r"--set sizes=3: sizes: "):
+        validate(Outer, merge([base, assignments(["sizes=3"])]), "base")
+    with pytest.raises(SettingsError, match=r"must be path\.to\.key=value"):
+        assignments(["sizes"])
