@@ -1,0 +1,102 @@
+"""The cost terms of eq. (29), each a residual and what is done with it.
+
+A term w·(sqrt(r'r + eps²) - eps) is a norm, smooth at zero; its Hessian is taken as w·J'J/s,
+s = sqrt(r'r + eps²), which majorises it (iteratively reweighted least squares). Generalised
+Gauss-Newton, which keeps the curvature of the norm instead, ends worse from cold. A term
+without eps is the square w·r'r. Both solvers read these definitions, and no others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from companion.model import GRAVITY
+from companion.nmpc.parameters import Scene, Weights
+
+
+@dataclass(frozen=True)
+class Term:
+    """weight · norm(residual) with smoothing eps, or weight · |residual|² where eps is None."""
+
+    residual: ca.SX
+    weight: ca.SX | float
+    eps: ca.SX | None = None
+
+    def value(self) -> ca.SX:
+        """The term itself."""
+        square = ca.sumsqr(self.residual)
+        if self.eps is None:
+            return self.weight * square
+        return self.weight * (ca.sqrt(square + self.eps**2) - self.eps)
+
+    def curvature(self) -> ca.SX:
+        """Scalar h of the majoriser h·J'J; the gradient is h·J'r."""
+        if self.eps is None:
+            return 2 * self.weight
+        return self.weight / ca.sqrt(ca.sumsqr(self.residual) + self.eps**2)
+
+
+def cohesion(p: ca.SX, scene: Scene, w: Weights) -> list[Term]:
+    """Short-term action, first sum of (29): keep d_ref to every neighbour.
+
+    (29)'s (|d| - d_ref)², not (12), which has no minimum at d_ref. w_short/N_i, and the end of
+    the short horizon, are in scene.cohesion.
+    """
+    terms = []
+    for j in range(scene.neighbours):
+        distance = ca.sqrt(ca.sumsqr(scene.neighbour_p[:, j] - p) + 1e-6)
+        terms.append(Term(distance - w["d_ref"], w["w_short"] * scene.cohesion[j]))
+    return terms
+
+
+def reference_velocity(p: ca.SX, scene: Scene, w: Weights) -> ca.SX:
+    """(18), made regular at the goal: C e/sqrt(|e|² + delta²); height errors closed at once."""
+    e = scene.goal - p
+    delta = w["goal_smoothing"]
+    far = ca.sqrt(ca.sumsqr(e[:2]) + delta**2)
+    return ca.vertcat(scene.speed * e[:2] / far, w["climb_speed"] * e[2] / ca.sqrt(e[2]**2 + delta**2))
+
+
+def migration(p: ca.SX, v: ca.SX, scene: Scene, w: Weights) -> Term:
+    """Long-term action, (17) and second sum of (29)."""
+    return Term(v - reference_velocity(p, scene, w), w["w_mig"] * scene.migration, w["eps_mig"])
+
+
+def speed_excess(v: ca.SX, w: Weights) -> Term:
+    """(32), soft: v_min > 0 would forbid hovering, and a hard v_max has no answer to a gust."""
+    return Term(ca.fmax(ca.sqrt(ca.sumsqr(v) + 1e-6) - w["v_max"], 0), w["w_v"])
+
+
+def line_of_sight(q: ca.SX, scene: Scene, w: Weights) -> Term:
+    """Yaw is not in (29) though omega_z is an input: the body's x axis towards (7)."""
+    x_body = ca.vertcat(q[0]**2 + q[1]**2 - q[2]**2 - q[3]**2, 2 * (q[1] * q[2] + q[0] * q[3]))
+    return Term(x_body - scene.sight, w["w_yaw"])
+
+
+def state_terms(x: ca.SX, scene: Scene, w: Weights) -> list[Term]:
+    """All terms of (29) that depend on one state."""
+    p, v, q = x[:3], x[3:6], x[6:10]
+    return [
+        *cohesion(p, scene, w),
+        migration(p, v, scene, w),
+        speed_excess(v, w),
+        line_of_sight(q, scene, w),
+    ]
+
+
+def change_terms(u: ca.SX, before: ca.SX, w: Weights) -> list[Term]:
+    """(21), w_c1 and w_c2: change of thrust and of rates; `before` is the previous input."""
+    return [
+        Term(u[0] - before[0], w["w_c1"], w["eps_c"]),
+        Term(u[1:] - before[1:], w["w_c2"], w["eps_omega"]),
+    ]
+
+
+def effort_terms(u: ca.SX, w: Weights) -> list[Term]:
+    """(21), w_c3 and w_c4: thrust beyond hover (|c| itself would pull below hover), rates."""
+    return [
+        Term(u[0] - GRAVITY, w["w_c3"], w["eps_c"]),
+        Term(u[1:], w["w_c4"], w["eps_omega"]),
+    ]

@@ -1,0 +1,125 @@
+"""The real-time solver: a few full SQP steps from the shifted previous plan.
+
+Everything iterates by count, never by the clock: the same instances give the same bytes.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from companion.model import HOVER, Vector, normalise, yaw_of, yaw_quaternion
+from companion.nmpc.config import NmpcConfig
+from companion.nmpc.instance import Instance
+from companion.nmpc.outcome import Plan, failed, hover, judged, shifted
+from companion.nmpc.problem import build_stage
+from companion.nmpc.qp import Program
+from companion.nmpc.result import Result, Status
+from companion.nmpc.stages import Stages
+
+
+class Nmpc:
+    """SQP-RTI on the problem of `problem.py`; keeps its own previous plan."""
+
+    def __init__(
+        self, config: NmpcConfig, clock: Callable[[], float] = time.perf_counter
+    ) -> None:
+        self.config = config
+        self._clock = clock
+        stage = build_stage(config)
+        self._program = Program(config, stage)
+        self._stages = Stages(config, stage, self._program.source[: config.N * stage.size])
+        self._plan: Plan | None = None
+
+    def reset(self) -> None:
+        """Forget the previous plan: the next solve starts cold."""
+        self._plan = None
+
+    def solve(self, instance: Instance, steps: int = 1) -> Result:
+        """Plan from the instance; never raises, never gives a non-finite number.
+
+        steps: ticks since the previous solve, by which its plan is shifted.
+        """
+        started = self._clock()
+        with np.errstate(all="ignore"):
+            return self._solve(instance, steps, started)
+
+    def _solve(self, instance: Instance, steps: int, started: float) -> Result:
+        config, stages, program = self.config, self._stages, self._program
+        cold = self._plan is None
+        if self._plan is not None:
+            self._plan = shifted(self._plan, steps, config.dt)
+        u_last = np.clip(instance.u_last, program.u_min, program.u_max)
+        x0 = instance.x0.copy()
+        x0[6:10] = normalise(x0[6:10])
+        if not (stages.place(instance, u_last) and bool(np.isfinite(x0).all())):
+            return self._failure(instance, Status.NOT_FINITE, 0, started)
+        guess = self._plan if self._plan is not None else cold_guess(config, instance, x0)
+        self._start_from(guess, x0)
+
+        least = config.sqp_iterations
+        most = config.sqp_iterations_cold if cold else config.sqp_iterations_max
+        iterations, step_norm = 0, np.inf
+        while iterations < least or (iterations < most and step_norm > config.step_tolerance):
+            stages.linearise()
+            found = program.solve(stages.u, u_last)
+            if found is None or not np.isfinite(found[0]).all() or not np.isfinite(found[1]).all():
+                return self._failure(instance, Status.QP_FAILED, iterations, started)
+            dx, du = found
+            stages.x[1:] += dx
+            stages.u += du
+            step_norm = max(float(np.abs(dx).max()), float(np.abs(du).max()))
+            iterations += 1
+        stages.evaluate()
+        cost = float(stages.costs.sum())
+        if not np.isfinite(cost):
+            return self._failure(instance, Status.NOT_FINITE, iterations, started)
+
+        x, u = stages.x.copy(), stages.u.copy()
+        x[:, :3] += x0[:3]
+        x[:, 6:10] = normalise(x[:, 6:10])
+        self._plan = x, u
+        small = step_norm <= config.step_tolerance
+        return judged(
+            config,
+            instance,
+            self._plan,
+            cost,
+            stages.margins,
+            status=Status.SOLVED if small else Status.MAX_ITERATIONS,
+            iterations=iterations,
+            solve_time=self._clock() - started,
+            step_norm=step_norm,
+        )
+
+    def _start_from(self, guess: Plan, x0: Vector) -> None:
+        """Set the iterate: relative to x0's place, quaternions on its side of the sphere."""
+        stages = self._stages
+        stages.x[:], stages.u[:] = guess
+        if float(stages.x[0, 6:10] @ x0[6:10]) < 0.0:
+            stages.x[:, 6:10] *= -1.0
+        stages.x[0] = x0
+        stages.x[:, :3] -= x0[:3]
+
+    def _failure(
+        self, instance: Instance, status: Status, iterations: int, started: float
+    ) -> Result:
+        plan = self._plan if self._plan is not None else hover(self.config, instance.x0)
+        took = self._clock() - started
+        return failed(plan, status=status, iterations=iterations, solve_time=took)
+
+
+def cold_guess(config: NmpcConfig, instance: Instance, x0: Vector) -> Plan:
+    """Where nothing is known: level flight straight to the goal, at speed within a second."""
+    k = np.arange(config.N + 1)[:, None] * config.dt
+    e = instance.goal - x0[:3]
+    wanted = instance.speed * e / np.sqrt(e @ e + config.goal_smoothing**2)
+    v = x0[3:6] + (wanted - x0[3:6]) * np.minimum(k, 1.0)
+    p = x0[:3] + np.concatenate([np.zeros((1, 3)), np.cumsum(v[:-1], axis=0) * config.dt])
+    q = yaw_quaternion(yaw_of(x0[6:10]))
+    q = q if float(q @ x0[6:10]) >= 0.0 else -q
+    x = np.concatenate([p, v, np.tile(q, (config.N + 1, 1))], axis=1)
+    x[0] = x0
+    return x, np.tile(HOVER, (config.N, 1))
