@@ -1,0 +1,194 @@
+"""Neighbouring drones in one frame: pixels → `Detection`s.
+
+`Detector` is what the pipeline needs; `ColorDetector` finds the saturated ball that marked drones
+carry, by classical means. Camera frame: x right, y down, z forward.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import cv2
+import numpy as np
+
+from companion.camera import Camera
+from companion.circles import fit_circles
+from companion.types import Detection, Image, Vector
+
+
+class Detector(Protocol):
+    """Anything that finds drones in a frame."""
+
+    def detect(self, image: Image) -> list[Detection]:
+        """Drones in image (H,W,3) uint8 BGR, camera frame."""
+        ...
+
+
+@dataclass(frozen=True)
+class ColorSettings:
+    """What the marker looks like.
+
+    hue_deg: 0…360, of the marker (300 magenta, 25 orange, 120 green). hue_width_deg: accepted
+    distance from it. marker_radius: m, of the ball. min_chroma: grey levels between the marker's
+    strong and weak channels. min_area: px. max_range: m. psf: px, σ of lens and pixel.
+    """
+
+    hue_deg: float = 300.0
+    hue_width_deg: float = 30.0
+    marker_radius: float = 0.10
+    min_chroma: float = 45.0
+    min_area: float = 3.0
+    max_range: float = 20.0
+    psf: float = 0.62
+
+
+@dataclass(frozen=True)
+class _Ball:
+    """A ball's outline: axis (3,) unit, angle: half opening of its cone [rad], arc seen 0…1."""
+
+    axis: Vector
+    angle: float
+    arc: float
+
+
+class ColorDetector:
+    """Finds saturated balls: chroma threshold, blobs, circles through sub-pixel outlines."""
+
+    def __init__(self, camera: Camera, settings: ColorSettings | None = None) -> None:
+        self.camera = camera
+        self.settings = settings or ColorSettings()
+        red, green, blue = _pure(self.settings.hue_deg)
+        self._pure = np.array([blue, green, red])
+        self._strong = [i for i in range(3) if self._pure[i] >= 0.5]
+        self._weak = [i for i in range(3) if self._pure[i] < 0.5]
+
+    def detect(self, image: Image) -> list[Detection]:
+        """Marked drones in image (H,W,3) uint8 BGR, nearest first."""
+        s = self.settings
+        mask = cv2.threshold(self._chroma(image), s.min_chroma, 255, cv2.THRESH_BINARY)[1]
+        outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        found: list[Detection] = []
+        for outline in outlines:
+            x, y, w, h = cv2.boundingRect(outline)
+            if w * h >= s.min_area:
+                found += self._blob(image, x, y, w, h)
+        return sorted(found, key=lambda d: d.range)
+
+    def _chroma(self, image: Image) -> Image:
+        """(H,W) mean of the strong channels minus mean of the weak ones, negative cut to 0."""
+        planes = cv2.split(image)
+        strong, weak = (
+            planes[c[0]]
+            if len(c) == 1
+            else cv2.addWeighted(planes[c[0]], 0.5, planes[c[1]], 0.5, 0)
+            for c in (self._strong, self._weak)
+        )
+        return cv2.subtract(strong, weak)  # type: ignore[return-value]
+
+    def _blob(self, image: Image, x: int, y: int, w: int, h: int) -> list[Detection]:
+        """Balls in one blob's bounding box."""
+        height, width = image.shape[:2]
+        x0, y0 = max(x - 3, 0), max(y - 3, 0)
+        x1, y1 = min(x + w + 3, width), min(y + h + 3, height)
+        patch = image[y0:y1, x0:x1].astype(np.float32)
+        # Linear in the light, so that a pixel half covered by the ball reads half.
+        chroma = patch[..., self._strong].mean(-1) - patch[..., self._weak].mean(-1)
+        inside = chroma[y - y0 : y - y0 + h, x - x0 : x - x0 + w]
+        bright = np.sort(inside, axis=None)[-max(3, inside.size // 4) :]
+        full = float(np.median(bright))
+        outside = chroma[chroma < 0.25 * full]
+        base = float(np.median(outside)) if outside.size > 8 else 0.0
+        cover = (chroma - base) / max(full - base, 1.0)
+        if not self._right_hue(patch[cover > 0.7]):
+            return []
+        # Weighting by solid angle takes the lens' stretch out of the area.
+        solid = cover.clip(0, 1) * (cover > 0.15) * self.camera.solid_angle[y0:y1, x0:x1]
+        area = float(solid.sum())
+        clipped = x == 0 or y == 0 or x + w == width or y + h == height
+        pixel = float(np.sqrt(self.camera.solid_angle[y + h // 2, x + w // 2]))
+        if area < self.settings.min_area * pixel * pixel:
+            return []
+        balls = self._outline(cover, x0, y0, pixel)
+        if not balls or area < 9.0 * pixel * pixel:
+            balls = [self._small(solid, area, x0, y0)]
+        return [d for ball in balls if (d := self._detection(ball, pixel, clipped)) is not None]
+
+    def _right_hue(self, pixels: Vector) -> bool:
+        """Whether the mean hue of (n,3) BGR pixels is the marker's."""
+        if not len(pixels):
+            return False
+        b, g, r = pixels.mean(axis=0)
+        hue = np.degrees(np.arctan2(np.sqrt(3.0) * (g - b), 2.0 * r - g - b))
+        off = (hue - self.settings.hue_deg + 180.0) % 360.0 - 180.0
+        return bool(abs(off) <= self.settings.hue_width_deg)
+
+    def _outline(self, cover: Vector, x0: int, y0: int, pixel: float) -> list[_Ball]:
+        """Balls from the half-cover outline of a patch whose corner is pixel (x0, y0)."""
+        points = _crossings(cover, 0.5) + np.array([x0, y0])
+        if len(points) < 8:
+            return []
+        rays = self.camera.unproject(points)
+        middle = rays.mean(axis=0)
+        middle /= np.linalg.norm(middle)
+        e1, e2 = _tangents(middle)
+        # Stereographic plane: circles on the sphere of directions stay circles.
+        scale = 2.0 / (1.0 + rays @ middle)
+        plane = np.stack([rays @ e1 * scale, rays @ e2 * scale], axis=1)
+        balls = []
+        for c in fit_circles(plane, 0.4 * pixel + 0.02 * float(np.ptp(plane, axis=0).max())):
+            radial = float(np.hypot(c.x, c.y))
+            near, far = 2 * np.arctan((radial - c.r) / 2), 2 * np.arctan((radial + c.r) / 2)
+            turn, angle = (near + far) / 2, (far - near) / 2
+            side = (c.x * e1 + c.y * e2) / max(radial, 1e-12)
+            balls.append(_Ball(np.cos(turn) * middle + np.sin(turn) * side, float(angle), c.arc))
+        return balls
+
+    def _small(self, solid: Vector, area: float, x0: int, y0: int) -> _Ball:
+        """A ball of few pixels: centroid and area."""
+        v, u = np.indices(solid.shape)
+        centre = [(solid * u).sum() / area + x0, (solid * v).sum() / area + y0]
+        axis = self.camera.unproject(np.array([centre]))[0]
+        return _Ball(axis, float(np.sqrt(area / np.pi)), 1.0)
+
+    def _detection(self, ball: _Ball, pixel: float, clipped: bool) -> Detection | None:
+        s = self.settings
+        if not 1e-4 < ball.angle < 1.4:
+            return None
+        distance = s.marker_radius / np.sin(ball.angle)
+        if distance > s.max_range:
+            return None
+        # The outline is known to some 0.12 px; a short arc says less about the circle.
+        weak = 1.0 / max(ball.arc, 0.15) * (2.0 if clipped else 1.0)
+        sigma_angle = 0.15 * pixel * weak
+        sigma_range = distance * float(np.hypot(0.02, sigma_angle / ball.angle))
+        score = float(np.clip(ball.angle / (2.0 * pixel), 0.3, 1.0) * min(1.0, 0.5 + ball.arc))
+        return Detection(ball.axis, float(distance), float(np.hypot(0.002, sigma_angle)),
+                         sigma_range, score)  # fmt: skip
+
+
+def _pure(hue_deg: float) -> tuple[float, float, float]:
+    """Fully saturated red, green, blue of a hue."""
+    h = hue_deg % 360.0 / 60.0
+    r, g, b = (min(max(v, 0.0), 1.0) for v in (abs(h - 3) - 1, 2 - abs(h - 2), 2 - abs(h - 4)))
+    return r, g, b
+
+
+def _crossings(values: Vector, level: float) -> Vector:
+    """Points (n,2) u, v where values (h,w) cross level between neighbouring pixels."""
+    above = values >= level
+    v, u = np.nonzero(above[:, 1:] != above[:, :-1])
+    a, b = values[v, u], values[v, u + 1]
+    across = np.stack([u + (level - a) / (b - a), v], axis=1)
+    v, u = np.nonzero(above[1:] != above[:-1])
+    a, b = values[v, u], values[v + 1, u]
+    down = np.stack([u, v + (level - a) / (b - a)], axis=1)
+    return np.concatenate([across, down])
+
+
+def _tangents(axis: Vector) -> tuple[Vector, Vector]:
+    """Two unit vectors that complete axis (3,) to a right-handed basis."""
+    helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    e1 = np.cross(axis, helper)
+    e1 /= np.linalg.norm(e1)
+    return e1, np.cross(axis, e1)
