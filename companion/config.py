@@ -1,0 +1,166 @@
+"""One drone's configuration: default ← airframe ← drone, validated as a whole.
+
+`default.yaml` beside a drone's file (or none) lies below `airframes/NAME.yaml`, which lies
+below the drone's own file. Angles that a person writes are in degrees and say so.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from companion.gaze import GazeConfig
+from companion.guard import GuardConfig
+from companion.mission import MissionConfig, check_goals
+from companion.nmpc import NmpcConfig
+from companion.obstacles import ObstacleConfig
+from companion.threat import ThreatConfig
+from companion.track import TrackerConfig
+from companion.types import Vector
+from mavlink_bridge.settings import (
+    Document,
+    SettingsError,
+    StrictModel,
+    assignments,
+    load_yaml,
+    merge,
+    validate,
+)
+
+
+class AirframeConfig(StrictModel):
+    """What differs from one kind of drone to another."""
+
+    name: str = "quad5"
+    radius: float = Field(0.2, gt=0, description="Of the sphere around the drone [m].")
+    hover_thrust: float = Field(0.33, gt=0, lt=1, description="Normalised thrust that holds it.")
+    thrust_exponent: float = Field(
+        1.0, ge=0.5, le=3, description="force ∝ thrust^exponent, as the autopilot is set up."
+    )
+
+
+class LinkConfig(StrictModel):
+    """The MAVLink link to the autopilot."""
+
+    endpoint: str = Field("udpin:127.0.0.1:14541", description="udpin:HOST:PORT, udpout:…")
+    system_id: int = Field(1, ge=1, le=255, description="Of the vehicle.")
+    component_id: int = Field(191, ge=1, le=255, description="Of the companion.")
+    autopilot: Literal["px4"] = "px4"
+
+
+class CameraConfig(StrictModel):
+    """Where frames come from and how the lens images."""
+
+    source: str = Field("sim:127.0.0.1:15541", description="sim:HOST:PORT, the frame channel.")
+    width: int = Field(640, ge=64, le=4096, description="px.")
+    height: int = Field(400, ge=64, le=4096, description="px.")
+    fov_deg: float = Field(160.0, gt=10, lt=240, description="Across the width, equidistant.")
+    calibration: str | None = Field(None, description="Calibration file; then the three above "
+                                    "must fit it.")  # fmt: skip
+
+
+class SensingConfig(StrictModel):
+    """What the tracker and the obstacle memory are fed with."""
+
+    neighbours: Literal["camera", "truth"] = "camera"
+    obstacles: Literal["camera", "map"] = "camera"
+    detector: Literal["color"] = "color"
+
+
+class TimingConfig(StrictModel):
+    """When a tick falls due, and the delay that is made up for."""
+
+    pace: Literal["clock", "frames"] = Field(
+        "clock",
+        description="clock: every period of the vehicle's clock; frames: when a frame comes "
+        "(lockstep: the sender waits for the answer).",
+    )
+    period: float = Field(0.1, ge=0.02, le=0.5, description="s.")
+    delay: float = Field(
+        0.06, ge=0, le=0.5, description="From tick to effect [s]: compute, transport, rate loop."
+    )
+
+
+class FenceConfig(StrictModel):
+    """Where the drone may be, own ENU frame [m]; planes of the NMPC."""
+
+    altitude_min: float = Field(0.8, description="Not below, once in flight.")
+    altitude_max: float = Field(5.0, gt=1, description="Not above.")
+
+
+class LogConfig(StrictModel):
+    """The flight log."""
+
+    path: str | None = Field(None, description="MCAP file; none where not given.")
+
+
+class CompanionConfig(StrictModel):
+    """Everything that one daemon needs to know."""
+
+    fileversion: Literal[1] = 1
+    name: str = Field("drone1", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,62}$")
+    airframe: AirframeConfig = AirframeConfig()
+    link: LinkConfig = LinkConfig()
+    camera: CameraConfig = CameraConfig()
+    sensing: SensingConfig = SensingConfig()
+    timing: TimingConfig = TimingConfig()
+    tracker: TrackerConfig = TrackerConfig()
+    obstacles: ObstacleConfig = ObstacleConfig()
+    threat: ThreatConfig = ThreatConfig()
+    gaze: GazeConfig = GazeConfig()
+    mission: MissionConfig = MissionConfig()
+    nmpc: NmpcConfig = NmpcConfig()
+    guard: GuardConfig = GuardConfig()
+    fence: FenceConfig = FenceConfig()
+    log: LogConfig = LogConfig()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        check_goals(self.mission.goals)
+        if self.fence.altitude_max <= self.fence.altitude_min:
+            raise ValueError("fence.altitude_max: must be above fence.altitude_min")
+        if not self.fence.altitude_min < self.mission.takeoff_altitude < self.fence.altitude_max:
+            raise ValueError("mission.takeoff_altitude: must lie inside the fence's altitudes")
+        return self
+
+    def fence_planes(self) -> Vector:
+        """(2,4) half-spaces n·p <= b of the altitude fence."""
+        return np.array(
+            [[0, 0, 1, self.fence.altitude_max], [0, 0, -1, -self.fence.altitude_min]], dtype=float
+        )
+
+
+def load_config(path: Path, overrides: list[str] | None = None) -> CompanionConfig:
+    """Read a drone's file with its layers; `overrides` are path.to.key=value.
+
+    Raises:
+        SettingsError: with every mistake, as file:line:column: key: what.
+    """
+    return validate(CompanionConfig, resolve(path, overrides), str(path))
+
+
+def resolve(path: Path, overrides: list[str] | None = None) -> Document:
+    """The layers of a drone's file as one document, with the place of each value."""
+    drone = load_yaml(path)
+    layers = []
+    default = path.parent / "default.yaml"
+    if default.exists() and default.resolve() != path.resolve():
+        layers.append(load_yaml(default))
+    airframe: Any = drone.data.get("airframe")
+    if isinstance(airframe, str):
+        layers.append(_airframe(path, airframe, drone))
+        del drone.data["airframe"]
+    return merge([*layers, drone, assignments(overrides or [])])
+
+
+def _airframe(path: Path, name: str, drone: Document) -> Document:
+    folder = path.parent / "airframes"
+    file = folder / f"{name}.yaml"
+    if not file.exists():
+        known = ", ".join(sorted(p.stem for p in folder.glob("*.yaml"))) or f"none in {folder}"
+        place = drone.places[("airframe",)]
+        raise SettingsError([f"{place}: airframe: unknown airframe {name!r}; valid: {known}"])
+    return load_yaml(file)

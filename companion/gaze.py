@@ -1,0 +1,76 @@
+"""Line of sight: the direction of motion plus a random sweep, eq. (7).
+
+L = atan2(v_y, v_x) + ε, ε ~ N(μ, σ²). A fresh ε every tick would only shake the drone, so
+each half-swing draws its amplitude from the distribution and swings to alternate sides; the
+reference is slew-limited, as the drone can turn only so fast.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pydantic import Field
+
+from companion.types import Vector
+from mavlink_bridge.settings import StrictModel
+
+
+class GazeConfig(StrictModel):
+    """The sweep of eq. (7)."""
+
+    mean: float = Field(0.0, description="μ [rad].")
+    sigma: float = Field(0.45, ge=0, description="σ [rad]; 0 switches the sweep off.")
+    limit: float = Field(
+        0.8, gt=0, description="Most |ε| [rad]: what lies ahead stays inside ±80° of view."
+    )
+    half_period: float = Field(1.2, gt=0, description="Time [s] of one swing to one side.")
+    slew: float = Field(1.2, gt=0, description="Fastest turn of the reference [rad/s].")
+    speed_min: float = Field(
+        0.3, ge=0, description="Below this [m/s] atan2 says nothing: look towards the goal."
+    )
+    seed: int = Field(0, ge=0, description="Of the random sweep; each drone its own.")
+
+
+class Gaze:
+    """Yaw reference ψ(t) in the drone's own ENU frame."""
+
+    def __init__(self, config: GazeConfig) -> None:
+        self._config = config
+        self._rng = np.random.default_rng(config.seed)
+        self._side = 1.0 if self._rng.random() < 0.5 else -1.0
+        self._swing_ends = -math.inf
+        self._epsilon = 0.0
+        self._yaw: float | None = None
+        self._time = 0.0
+
+    def update(self, time: float, v: Vector, to_goal: Vector, yaw_now: float) -> float:
+        """ψ [rad] at `time` [s] for velocity v (3,) and direction to the goal (3,).
+
+        The base is the direction of motion; slower than `speed_min`, that to the goal, and
+        over the goal itself, where the drone looks already.
+        """
+        c = self._config
+        if self._yaw is None:
+            self._yaw, self._time = yaw_now, time
+        if time >= self._swing_ends:
+            self._side = -self._side
+            amplitude = c.mean + abs(float(self._rng.normal(0.0, c.sigma)))
+            self._epsilon = self._side * min(amplitude, c.limit)
+            self._swing_ends = time + c.half_period
+        if math.hypot(v[0], v[1]) >= c.speed_min:
+            base = math.atan2(v[1], v[0])
+        elif math.hypot(to_goal[0], to_goal[1]) > 1.0:
+            base = math.atan2(to_goal[1], to_goal[0])
+        else:
+            base = self._yaw - self._epsilon
+        step = c.slew * max(time - self._time, 0.0)
+        turn = wrap(base + self._epsilon - self._yaw)
+        self._yaw = wrap(self._yaw + min(max(turn, -step), step))
+        self._time = time
+        return self._yaw
+
+
+def wrap(angle: float) -> float:
+    """The same angle in (−π, π]."""
+    return math.atan2(math.sin(angle), math.cos(angle))

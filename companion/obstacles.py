@@ -1,0 +1,136 @@
+"""Obstacles seen, and remembered: the blind spot beside a 160° camera is where swarms crash.
+
+Trunks do not move: each look refines a small map in the drone's own frame. A trunk that
+should be in plain view and is not seen again and again is forgotten; what is behind the
+drone is kept until it is far away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import Field
+
+from companion.types import Obstacles, Trunk, Vector
+from mavlink_bridge.frames import rotation_matrix
+from mavlink_bridge.messages import VehicleState
+from mavlink_bridge.settings import StrictModel
+
+
+class ObstacleConfig(StrictModel):
+    """Numbers of the obstacle memory."""
+
+    associate: float = Field(
+        1.2, gt=0, description="Two looks this near [m] are the same trunk; trunks stand apart."
+    )
+    hits_to_confirm: int = Field(2, ge=1, description="Looks before a trunk counts.")
+    misses_to_forget: int = Field(6, ge=1, description="Looks at its place without seeing it.")
+    keep_range: float = Field(20.0, gt=0, description="Farther than this [m] is forgotten.")
+    view_range: float = Field(6.0, gt=0, description="Nearer than this [m] it must be seen.")
+    sigma_floor: float = Field(0.03, gt=0, description="Least std [m] of a place.")
+
+
+@dataclass
+class _Known:
+    """One trunk: axis (2,) m, radius, variance, looks that saw it and that did not."""
+
+    axis: Vector
+    radius: float
+    variance: float
+    hits: int = 1
+    misses: int = 0
+
+
+class ObstacleMap:
+    """Trunks known to this drone, in its own ENU frame."""
+
+    def __init__(self, config: ObstacleConfig) -> None:
+        self._config = config
+        self._known: list[_Known] = []
+
+    def update(
+        self,
+        trunks: Sequence[Trunk],
+        own: VehicleState,
+        q_bc: Vector,
+        half_view: float,
+    ) -> None:
+        """One frame's trunks, seen in state `own`; half_view: half the field of view [rad]."""
+        r_wc = rotation_matrix(own.q_wb) @ rotation_matrix(q_bc)
+        seen: set[int] = set()
+        for trunk in trunks:
+            ray = r_wc @ trunk.direction
+            flat = ray[:2] / max(float(np.hypot(ray[0], ray[1])), 1e-6)
+            axis = own.p[:2] + flat * trunk.distance
+            seen.add(self._merge(axis, trunk.radius, trunk.sigma**2))
+        forward = r_wc[:2, 2] / max(float(np.hypot(*r_wc[:2, 2])), 1e-6)
+        self._forget(seen, own.p[:2], forward, half_view)
+
+    def obstacles(self, p: Vector) -> Obstacles:
+        """Confirmed trunks, nearest surface to p (3,) first."""
+        sure = [k for k in self._known if k.hits >= self._config.hits_to_confirm]
+        sure.sort(key=lambda k: float(np.hypot(*(k.axis - p[:2]))) - k.radius)
+        cylinders = np.array([[k.axis[0], k.axis[1], k.radius] for k in sure]).reshape(-1, 3)
+        return Obstacles(cylinders, np.zeros((0, 4)), np.zeros((0, 3)))
+
+    def hidden(self, eye: Vector, points: Vector) -> list[bool]:
+        """Whether a known trunk stands between `eye` (3,) and each of `points` (n,3); eq. (6)."""
+        out = []
+        for point in points:
+            d = point[:2] - eye[:2]
+            length2 = max(float(d @ d), 1e-9)
+            blocked = False
+            for k in self._known:
+                along = min(max(float((k.axis - eye[:2]) @ d) / length2, 0.0), 1.0)
+                blocked |= bool(np.hypot(*(eye[:2] + along * d - k.axis)) < k.radius)
+            out.append(blocked)
+        return out
+
+    def _merge(self, axis: Vector, radius: float, variance: float) -> int:
+        distances = [float(np.hypot(*(k.axis - axis))) for k in self._known]
+        if distances and min(distances) < self._config.associate:
+            n = int(np.argmin(distances))
+            k = self._known[n]
+            gain = k.variance / (k.variance + variance)
+            k.axis = k.axis + gain * (axis - k.axis)
+            k.radius += gain * (radius - k.radius)
+            k.variance = max((1 - gain) * k.variance, self._config.sigma_floor**2)
+            k.hits, k.misses = k.hits + 1, 0
+            return n
+        self._known.append(_Known(axis, radius, variance))
+        return len(self._known) - 1
+
+    def _forget(self, seen: set[int], p: Vector, forward: Vector, half_view: float) -> None:
+        c = self._config
+        kept = []
+        for n, k in enumerate(self._known):
+            offset = k.axis - p
+            distance = float(np.hypot(*offset))
+            bearing = abs(float(np.arctan2(forward[0] * offset[1] - forward[1] * offset[0],
+                                           forward @ offset)))  # fmt: skip
+            in_view = bearing < half_view - 0.2 and k.radius + 0.3 < distance < c.view_range
+            if n not in seen and in_view and not self._shadowed(n, p):
+                k.misses += 1
+            if k.misses < c.misses_to_forget and distance < c.keep_range:
+                kept.append(k)
+        self._known = kept
+
+    def _shadowed(self, n: int, p: Vector) -> bool:
+        """Whether another, nearer trunk covers part of trunk n as seen from p."""
+        target = self._known[n]
+        offset = target.axis - p
+        distance = float(np.hypot(*offset))
+        for m, k in enumerate(self._known):
+            other = k.axis - p
+            d = float(np.hypot(*other))
+            if m == n or d >= distance:
+                continue
+            apart = abs(float(np.arctan2(offset[0] * other[1] - offset[1] * other[0],
+                                         offset @ other)))  # fmt: skip
+            if apart < np.arcsin(min(k.radius / d, 1.0)) + np.arcsin(
+                min(target.radius / distance, 1.0)
+            ):
+                return True
+        return False

@@ -1,0 +1,117 @@
+"""Own state from telemetry: what the autopilot last said, carried to any instant near it.
+
+Attitude and position come as separate streams with their own time stamps; a camera frame
+needs the attitude at its capture, a tick needs the state now. Refuses what cannot be true.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from companion.types import Vector
+from mavlink_bridge.frames import multiply
+from mavlink_bridge.messages import Attitude, LocalPosition, Message, VehicleState
+
+_Sample = TypeVar("_Sample", Attitude, LocalPosition)
+_HISTORY = 100  # two seconds of 50 Hz telemetry: more than the oldest frame that is of use
+
+
+@dataclass
+class OwnStateCounters:
+    """Telemetry refused since start, by reason."""
+
+    not_finite: int = 0
+    not_unit: int = 0
+    out_of_order: int = 0
+
+
+class OwnState:
+    """The drone's own state in its own ENU frame, from Attitude and LocalPosition messages."""
+
+    def __init__(self) -> None:
+        self.counters = OwnStateCounters()
+        self._attitudes: deque[Attitude] = deque(maxlen=_HISTORY)
+        self._positions: deque[LocalPosition] = deque(maxlen=_HISTORY)
+
+    def reset(self) -> None:
+        """Forget everything: the autopilot has rebooted."""
+        self._attitudes.clear()
+        self._positions.clear()
+
+    def add(self, messages: Iterable[Message]) -> None:
+        """Take what is telemetry of this kind; the rest is not for here."""
+        for message in messages:
+            if isinstance(message, Attitude) and self._sane_attitude(message):
+                self._attitudes.append(message)
+            elif isinstance(message, LocalPosition) and self._sane_position(message):
+                self._positions.append(message)
+
+    def age(self, time: float) -> float:
+        """Seconds since the older of the two streams last spoke; infinite before both did."""
+        if not self._attitudes or not self._positions:
+            return float("inf")
+        return time - min(self._attitudes[-1].time, self._positions[-1].time)
+
+    def at(self, time: float) -> VehicleState | None:
+        """State at `time` [s, vehicle's clock]; None before both streams have spoken.
+
+        Between samples the nearest one is carried over by its own rates; no model.
+        """
+        if not self._attitudes or not self._positions:
+            return None
+        attitude = _nearest(self._attitudes, time)
+        position = _nearest(self._positions, time)
+        dp, dq = time - position.time, time - attitude.time
+        return VehicleState(
+            time=time,
+            p=position.p + position.v * dp,
+            v=position.v,
+            q_wb=integrate(attitude.q_wb, attitude.omega, dq),
+            omega=attitude.omega,
+        )
+
+    def _sane_attitude(self, a: Attitude) -> bool:
+        if not (np.isfinite(a.q_wb).all() and np.isfinite(a.omega).all()):
+            self.counters.not_finite += 1
+        elif abs(float(np.linalg.norm(a.q_wb)) - 1.0) > 0.02:
+            self.counters.not_unit += 1
+        elif self._attitudes and a.time < self._attitudes[-1].time:
+            self.counters.out_of_order += 1
+        else:
+            return True
+        return False
+
+    def _sane_position(self, lp: LocalPosition) -> bool:
+        if not (np.isfinite(lp.p).all() and np.isfinite(lp.v).all()):
+            self.counters.not_finite += 1
+        elif self._positions and lp.time < self._positions[-1].time:
+            self.counters.out_of_order += 1
+        else:
+            return True
+        return False
+
+
+def integrate(q: Vector, omega: Vector, dt: float) -> Vector:
+    """Attitude after `dt` [s] at constant body rates: q ⊗ exp(ω dt / 2), eq. (3)."""
+    angle = float(np.linalg.norm(omega)) * dt
+    if abs(angle) < 1e-9:
+        return q
+    axis = omega / np.linalg.norm(omega)
+    step = np.concatenate([[np.cos(angle / 2)], np.sin(angle / 2) * axis])
+    rotated = multiply(q, step)
+    return rotated / np.linalg.norm(rotated)
+
+
+def _nearest(samples: deque[_Sample], time: float) -> _Sample:
+    """The sample next to `time`, searching from the newest."""
+    best = samples[-1]
+    for sample in reversed(samples):
+        if abs(sample.time - time) > abs(best.time - time):
+            break
+        best = sample
+    return best

@@ -1,0 +1,140 @@
+"""When a tick falls due, and what has come in by then.
+
+`ClockPace`: every period of the vehicle's clock, free-running; CLOCK_MONOTONIC bridges the
+gaps between telemetry. `FramePace`: when a frame comes, for senders that wait for the answer.
+Both give the pipeline the same inputs; it cannot tell which it is.
+"""
+
+from __future__ import annotations
+
+import math
+import select
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+from companion.pipeline import TickInputs
+from mavlink_bridge.link import Link
+from mavlink_bridge.messages import Attitude, LocalPosition, Received, SystemTime
+from mavlink_bridge.video import Answer, Frame, FrameClient, VideoError
+
+_PATIENCE = 1.0  # s that a frame waits for telemetry announced but not arrived
+_POLL = 0.2  # s between looks at the stop flag
+
+
+class Pace(Protocol):
+    """Where ticks come from."""
+
+    misses: int
+
+    def next(self, stopped: Callable[[], bool]) -> TickInputs | None:
+        """Block until a tick is due; None when there will be no more."""
+        ...
+
+    def done(self, inputs: TickInputs, landed: bool) -> None:
+        """The tick's messages are sent."""
+        ...
+
+
+class FramePace:
+    """A tick per frame, with exactly the telemetry that was sent before it."""
+
+    def __init__(self, link: Link, frames: FrameClient) -> None:
+        self.misses = 0
+        self._link = link
+        self._frames = frames
+
+    def next(self, stopped: Callable[[], bool]) -> TickInputs | None:
+        """The next frame and all telemetry before it; None when the sender hung up."""
+        try:
+            while not self._frames.waits(_POLL):
+                if stopped():
+                    return None
+            frame = self._frames.receive()
+        except VideoError:
+            return None
+        received = self._link.receive()
+        deadline = time.monotonic() + _PATIENCE
+        while self._link.packets_in < frame.packets and time.monotonic() < deadline:
+            self._link.wait(0.05)
+            received += self._link.receive()
+        if self._link.packets_in < frame.packets:
+            self.misses += 1
+            self._link.packets_in = frame.packets  # lost for good: do not wait for it again
+        return TickInputs(frame.time, received, frame)
+
+    def done(self, inputs: TickInputs, landed: bool) -> None:
+        """Answer the frame, also where no setpoint was sent."""
+        try:
+            self._frames.answer(Answer(inputs.time, self._link.packets_out, landed))
+        except VideoError:
+            return  # the next receive ends the daemon in order
+
+
+class ClockPace:
+    """A tick every `period` [s] of the vehicle's clock; a late tick is counted, not repeated."""
+
+    def __init__(self, link: Link, frames: FrameClient, period: float) -> None:
+        self.misses = 0
+        self._link = link
+        self._frames: FrameClient | None = frames
+        self._period = period
+        self._offset = -math.inf  # vehicle's clock minus CLOCK_MONOTONIC, least latency seen
+        self._due: float | None = None
+        self._frame: Frame | None = None
+
+    def next(self, stopped: Callable[[], bool]) -> TickInputs | None:
+        """Sleep to the next due time, taking in what arrives; None when told to stop."""
+        received: list[Received] = []
+        while not stopped():
+            now = time.monotonic() + self._offset
+            if self._due is None and math.isfinite(self._offset):
+                self._due = math.ceil(now / self._period) * self._period
+            if self._due is not None and now >= self._due:
+                return self._tick(now, received)
+            wait = _POLL if self._due is None else min(self._due - now, _POLL)
+            received += self._take_in(wait)
+        return None
+
+    def done(self, inputs: TickInputs, landed: bool) -> None:
+        """Answer the frame too: its sender may count."""
+        if self._frames is not None and inputs.frame is not None:
+            try:
+                self._frames.answer(Answer(inputs.frame.time, self._link.packets_out, landed))
+            except VideoError:
+                self._frames = None
+
+    def _tick(self, now: float, received: list[Received]) -> TickInputs:
+        assert self._due is not None
+        late = int((now - self._due) / self._period)
+        self.misses += late
+        due = self._due + late * self._period
+        self._due = due + self._period
+        return TickInputs(round(due, 6), received + self._take_in(0.0), self._frame)
+
+    def _take_in(self, timeout: float) -> list[Received]:
+        """Wait for telemetry or a frame; keep only the newest frame."""
+        sources: list[Link | FrameClient] = [self._link]
+        if self._frames is not None:
+            sources.append(self._frames)
+        files = [s.endpoint.fileno() if isinstance(s, Link) else s.fileno() for s in sources]
+        ready, _, _ = select.select(files, [], [], max(timeout, 0.0))
+        try:
+            while self._frames is not None and self._frames.fileno() in ready:
+                self._frame = self._frames.receive()
+                if not self._frames.waits():
+                    break
+        except VideoError:
+            self._frames = None
+        received = self._link.receive()
+        self._hear_clock(received)
+        return received
+
+    def _hear_clock(self, received: list[Received]) -> None:
+        """Vehicle's clock against ours: the least delayed message of the recent past counts."""
+        now = time.monotonic()
+        for r in received:
+            if isinstance(r.message, Attitude | LocalPosition | SystemTime):
+                heard = r.message.time - now
+                # Leak 1 ms/s at 50 Hz, so that a drifting clock is followed.
+                self._offset = max(heard, self._offset - 2e-5)

@@ -1,0 +1,119 @@
+"""From power-up to landing: when to arm, take off, take control, and let go of it.
+
+Believes HEARTBEAT alone. A pilot's mode change always wins: once control was ours and the
+mode is no longer offboard without our asking, the companion is passive for the rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+from companion.mission import MissionConfig
+from mavlink_bridge.messages import Heartbeat, Message, VehicleState
+from mavlink_bridge.px4 import Px4
+
+_ASK_AGAIN = 1.0  # s between repeated requests
+
+
+class Phase(Enum):
+    """What the companion is doing about the vehicle."""
+
+    WAIT = "wait"  # for telemetry, a frame and a solved tick, or for the pilot
+    ARM = "arm"
+    TAKEOFF = "takeoff"
+    ENGAGE = "engage"  # setpoints hold the place while offboard is asked for
+    FLY = "fly"
+    LAND = "land"
+    DONE = "done"  # landed and disarmed
+    PASSIVE = "passive"  # somebody else flies
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What follows for this tick: requests to send, and whether setpoints go out."""
+
+    phase: Phase
+    requests: list[Message] = field(default_factory=list)
+    stream: bool = False
+
+
+class Phases:
+    """The state machine; one call a tick."""
+
+    def __init__(self, config: MissionConfig, autopilot: Px4) -> None:
+        self.phase = Phase.WAIT
+        self._config = config
+        self._autopilot = autopilot
+        self._asked = -1e9
+        self._ground = 0.0
+
+    def update(
+        self,
+        time: float,
+        heartbeat: Heartbeat | None,
+        own: VehicleState | None,
+        ready: bool,
+        complete: bool,
+    ) -> Decision:
+        """One tick at `time` [s]; ready: a frame was seen and a plan solved; complete: mission."""
+        if heartbeat is None or own is None:
+            return Decision(self.phase)
+        mode = self._autopilot.mode(heartbeat)
+        self._advance(mode, heartbeat.armed, own, ready, complete)
+        requests: list[Message] = []
+        if time - self._asked >= _ASK_AGAIN and self.phase not in (Phase.DONE, Phase.PASSIVE):
+            requests = self._requests(mode)
+            if requests:
+                self._asked = time
+        stream = self.phase in (Phase.ENGAGE, Phase.FLY) or (
+            self.phase is Phase.LAND and mode == "offboard"
+        )
+        return Decision(self.phase, requests, stream)
+
+    def _advance(
+        self, mode: str, armed: bool, own: VehicleState, ready: bool, complete: bool
+    ) -> None:
+        before = self.phase
+        if before is Phase.WAIT and ready:
+            if self._config.auto and not armed:
+                self._ground = float(own.p[2])
+                self.phase = Phase.ARM
+            elif not self._config.auto and armed and mode in ("hold", "offboard"):
+                self.phase = Phase.ENGAGE
+        elif before is Phase.ARM and armed:
+            self.phase = Phase.TAKEOFF
+        elif before is Phase.TAKEOFF and self._is_up(mode, own):
+            self.phase = Phase.ENGAGE
+        elif before is Phase.ENGAGE and mode == "offboard":
+            self.phase = Phase.FLY
+        elif before is Phase.FLY:
+            if mode != "offboard":
+                self.phase = Phase.PASSIVE
+            elif complete and self._config.land:
+                self.phase = Phase.LAND
+        elif before is Phase.LAND and not armed:
+            self.phase = Phase.DONE
+        if before in (Phase.TAKEOFF, Phase.ENGAGE, Phase.FLY) and not armed:
+            self.phase = Phase.PASSIVE  # disarmed by somebody: never fight it
+        if self.phase is not before:
+            self._asked = -1e9
+
+    def _is_up(self, mode: str, own: VehicleState) -> bool:
+        height = float(own.p[2]) - self._ground
+        return mode == "hold" and height > 0.8 * self._config.takeoff_altitude
+
+    def _requests(self, mode: str) -> list[Message]:
+        """What to ask of the autopilot now, again each second until HEARTBEAT shows it."""
+        a = self._autopilot
+        if self.phase is Phase.WAIT:
+            return a.request_streams()
+        if self.phase is Phase.ARM:
+            return a.arm()
+        if self.phase is Phase.TAKEOFF and mode != "takeoff":
+            return a.takeoff(self._config.takeoff_altitude)
+        if self.phase is Phase.ENGAGE and self._config.auto:
+            return a.offboard()
+        if self.phase is Phase.LAND and mode != "land":
+            return a.land()
+        return []

@@ -1,0 +1,231 @@
+"""One tick, from what came in to what goes out: the page to read first.
+
+    frame ─► see ─► track ─► threat (≤ 3 critical) ─┐
+       └──► obstacles (seen or remembered) ─────────┤
+    telemetry ─► own state ─► mission ─► gaze ──────┴─► NMPC ─► guard ─► setpoint
+
+No I/O and no clock here: the time of a tick is given, and the stop-watch is passed in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from companion.config import CompanionConfig
+from companion.gaze import Gaze
+from companion.guard import Guard, Verdict
+from companion.mission import Mission, Progress
+from companion.model import predict, yaw_of
+from companion.nmpc import Instance, Neighbour, Nmpc, Result, make_instance
+from companion.obstacles import ObstacleMap
+from companion.ownstate import OwnState
+from companion.phases import Decision, Phase, Phases
+from companion.sight import Sight, Sighting
+from companion.threat import critical_neighbours
+from companion.track import Tracker
+from companion.types import Obstacles, Track, Vector
+from mavlink_bridge.messages import Heartbeat, Message, RateSetpoint, Received, VehicleState
+from mavlink_bridge.px4 import Px4
+from mavlink_bridge.thrust import G, HoverThrustEstimator, ThrustMap
+from mavlink_bridge.video import Frame
+
+_HEARTBEAT_PERIOD = 1.0
+_COMPANION_HEARTBEAT = Heartbeat(autopilot=8, vehicle_type=18, armed=False, custom_mode=0,
+                                 system_status=4)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class TickInputs:
+    """All that a tick depends on: its time [s, vehicle's clock], messages, the latest frame."""
+
+    time: float
+    received: list[Received]
+    frame: Frame | None
+
+
+@dataclass
+class TickOutputs:
+    """What goes out, and all that the log shows of how it came about."""
+
+    time: float
+    messages: list[Message] = field(default_factory=list)
+    phase: Phase = Phase.WAIT
+    own: VehicleState | None = None
+    sighting: Sighting = field(default_factory=Sighting)
+    tracks: list[Track] = field(default_factory=list)
+    critical: list[tuple[Track, float]] = field(default_factory=list)
+    obstacles: Obstacles = field(default_factory=Obstacles.none)
+    progress: Progress | None = None
+    yaw: float = 0.0
+    instance: Instance | None = None
+    result: Result | None = None
+    verdict: Verdict | None = None
+    hover_thrust: float = 0.0
+    stages: dict[str, float] = field(default_factory=dict)
+
+
+class Pipeline:
+    """Everything one drone knows and decides, tick by tick."""
+
+    def __init__(self, config: CompanionConfig, stopwatch: Callable[[], float]) -> None:
+        self._config = config
+        self._stopwatch = stopwatch
+        self._own = OwnState()
+        self._sight = Sight(config.camera, config.sensing)
+        self._tracker = Tracker(config.tracker)
+        self._map = ObstacleMap(config.obstacles)
+        self._gaze = Gaze(config.gaze)
+        self._mission = Mission(config.mission)
+        self._phases = Phases(config.mission, Px4(config.link.system_id))
+        self._nmpc = Nmpc(config.nmpc, stopwatch)
+        self._guard = Guard(config.guard)
+        self._thrust = HoverThrustEstimator(
+            ThrustMap(config.airframe.hover_thrust, config.airframe.thrust_exponent)
+        )
+        self._heartbeat: Heartbeat | None = None
+        self._heartbeat_sent = -np.inf
+        self._hold: Vector | None = None
+        self._u_last = np.array([G, 0.0, 0.0, 0.0])
+        self._frame_time = -np.inf
+
+    def tick(self, inputs: TickInputs) -> TickOutputs:
+        """Decide once. The same inputs in the same order give the same outputs."""
+        out = TickOutputs(inputs.time)
+        self._timed(out, "state", self._read_telemetry, inputs, out)
+        self._timed(out, "see", self._see, inputs, out)
+        self._timed(out, "track", self._track, out)
+        if out.own is not None:
+            self._timed(out, "aim", self._aim, out)
+            self._timed(out, "plan", self._plan, out)
+        self._timed(out, "command", self._command, out)
+        return out
+
+    # --- the stages, in order ------------------------------------------------------------
+
+    def _read_telemetry(self, inputs: TickInputs, out: TickOutputs) -> None:
+        """Own state now, from what the autopilot said."""
+        mine = [r.message for r in inputs.received
+                if (r.source.system, r.source.component) == (self._config.link.system_id, 1)]  # fmt: skip
+        self._own.add(mine)
+        for message in mine:
+            if isinstance(message, Heartbeat):
+                self._heartbeat = message
+        out.own = self._own.at(inputs.time)
+
+    def _see(self, inputs: TickInputs, out: TickOutputs) -> None:
+        """Neighbours and trunks in the frame, in the camera's frame; each frame once."""
+        frame = inputs.frame
+        if frame is None or frame.time <= self._frame_time:
+            return
+        at_capture = self._own.at(frame.time)
+        if at_capture is not None:
+            self._frame_time = frame.time
+            out.sighting = self._sight.see(frame, at_capture)
+
+    def _track(self, out: TickOutputs) -> None:
+        """Neighbours with velocity and covariance, obstacles seen or remembered."""
+        sighting, q_bc = out.sighting, self._sight.camera.mount
+        if sighting.own is not None:
+            self._map.update(sighting.trunks, sighting.own, q_bc, self._sight.half_view)
+            self._tracker.predict(out.sighting.time)
+            places = self._tracker.positions()
+            hidden = self._map.hidden(sighting.own.p, places)
+            in_view = [v and not h for v, h in zip(self._sight.in_view(sighting.own, places),
+                                                   hidden, strict=True)]  # fmt: skip
+            self._tracker.update(sighting.time, sighting.drones, sighting.own, q_bc, in_view)
+        self._tracker.predict(out.time)
+        out.tracks = self._tracker.tracks()
+
+    def _aim(self, out: TickOutputs) -> None:
+        """Where to go and where to look; what is in the way."""
+        own = out.own
+        assert own is not None
+        out.progress = self._mission.update(own) if self._flying else Progress(own.p, 0, False)
+        goal = self._goal(out)
+        out.yaw = self._gaze.update(out.time, own.v, goal - own.p, yaw_of(own.q_wb))
+        out.critical = critical_neighbours(own, out.tracks, self._config.threat)
+        out.obstacles = self._map.obstacles(own.p)
+
+    def _plan(self, out: TickOutputs) -> None:
+        """Solve eq. (11)–(38) from where the drone will be when the input takes effect."""
+        own, config = out.own, self._config
+        assert own is not None
+        if not self._flying:
+            return
+        delay = config.timing.delay
+        x = np.concatenate([own.p, own.v, own.q_wb])
+        out.instance = make_instance(
+            config.nmpc,
+            x0=predict(x, self._u_last, delay),
+            u_last=self._u_last,
+            goal=self._goal(out),
+            yaw=out.yaw,
+            neighbours=[self._neighbour(t, delay) for t, _ in out.critical],
+            cylinders=out.obstacles.cylinders,
+            planes=np.vstack([config.fence_planes(), out.obstacles.planes]),
+        )
+        out.result = self._nmpc.solve(out.instance)
+
+    def _command(self, out: TickOutputs) -> None:
+        """Requests to the autopilot, and the setpoint where it is ours to send."""
+        complete = out.progress is not None and out.progress.complete and self._flying
+        ready = self._frame_time > -np.inf
+        decision = self._phases.update(out.time, self._heartbeat, out.own, ready, complete)
+        out.phase = decision.phase
+        out.messages += decision.requests
+        if out.time - self._heartbeat_sent >= _HEARTBEAT_PERIOD:
+            self._heartbeat_sent = out.time
+            out.messages.append(_COMPANION_HEARTBEAT)
+        if decision.stream:
+            self._stream(out, decision)
+        else:
+            self._u_last = np.array([G, 0.0, 0.0, 0.0])
+        out.hover_thrust = self._thrust.map.hover_thrust
+
+    # --- parts of stages -----------------------------------------------------------------
+
+    @property
+    def _flying(self) -> bool:
+        return self._phases.phase in (Phase.ENGAGE, Phase.FLY, Phase.LAND)
+
+    def _goal(self, out: TickOutputs) -> Vector:
+        """The mission's goal; while control is being taken, the place where that began."""
+        assert out.own is not None
+        assert out.progress is not None
+        if self._phases.phase is Phase.FLY:
+            return out.progress.goal
+        if self._phases.phase is not Phase.ENGAGE:
+            self._hold = None
+            return out.progress.goal
+        if self._hold is None:
+            self._hold = out.own.p
+        return self._hold
+
+    def _neighbour(self, track: Track, delay: float) -> Neighbour:
+        """A track as the NMPC wants it, carried over the delay; eq. (13)."""
+        sigma_p = float(np.sqrt(np.trace(track.P[:3, :3]) / 3))
+        sigma_v = float(np.sqrt(np.trace(track.P[3:, 3:]) / 3))
+        return Neighbour(track.p + track.v * delay, track.v, (sigma_p, sigma_v))
+
+    def _stream(self, out: TickOutputs, decision: Decision) -> None:
+        """The guarded command as a setpoint; remembered as the input in flight."""
+        out.verdict = self._guard.judge(out.result, out.own, self._own.age(out.time))
+        command = out.verdict.command
+        out.messages.append(
+            RateSetpoint(
+                out.time,
+                command.omega,
+                self._thrust.map.to_thrust(command.c),
+                self._config.link.system_id,
+            )
+        )
+        self._u_last = np.array([command.c, *command.omega])
+
+    def _timed(self, out: TickOutputs, stage: str, run: Callable[..., None], *args: object) -> None:
+        """Run a stage and note how long it took, by the stop-watch passed in."""
+        start = self._stopwatch()
+        run(*args)
+        out.stages[stage] = self._stopwatch() - start

@@ -1,0 +1,76 @@
+"""A frame → what is seen in it: the detectors behind one interface, or perfect reports.
+
+What a detector would report comes either from the pixels or, for studies, from the sender of
+the frame; everything behind this page is the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from companion.camera import Camera
+from companion.config import CameraConfig, SensingConfig
+from companion.detect import ColorDetector
+from companion.trunks import TrunkDetector
+from companion.types import Detection, Image, Trunk, Vector
+from mavlink_bridge.frames import rotation_matrix
+from mavlink_bridge.messages import VehicleState
+from mavlink_bridge.video import Frame
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """What one frame showed, when, and from where (own state at capture; None: no frame)."""
+
+    time: float = 0.0
+    own: VehicleState | None = None
+    drones: list[Detection] = field(default_factory=list)
+    trunks: list[Trunk] = field(default_factory=list)
+
+
+class Sight:
+    """The camera and the detectors chosen by the config."""
+
+    def __init__(self, camera: CameraConfig, sensing: SensingConfig) -> None:
+        self.camera = (
+            Camera.load(camera.calibration)
+            if camera.calibration
+            else Camera.equidistant(camera.width, camera.height, camera.fov_deg)
+        )
+        self.half_view = camera.width / 2 / self.camera.fx
+        self._sensing = sensing
+        self._drones = ColorDetector(self.camera)
+        self._trunks = TrunkDetector(self.camera)
+
+    def see(self, frame: Frame, own: VehicleState) -> Sighting:
+        """Detections in `frame`, taken in state `own`; a frame without an image shows nothing."""
+        image: Image | None = frame.arrays.get("image")
+        drones: list[Detection] = []
+        trunks: list[Trunk] = []
+        if self._sensing.neighbours == "truth":
+            rows = frame.arrays.get("neighbours", np.zeros((0, 6)))
+            drones = [Detection(r[:3], float(r[3]), float(r[4]), float(r[5])) for r in rows]
+        elif image is not None:
+            drones = self._drones.detect(image)
+        if self._sensing.obstacles == "map":
+            rows = frame.arrays.get("trunks", np.zeros((0, 6)))
+            trunks = [Trunk(r[:3], float(r[3]), float(r[4]), float(r[5])) for r in rows]
+        elif image is not None:
+            down = self._to_camera(own, np.array([[0.0, 0.0, -1.0]]))[0]
+            trunks = self._trunks.detect(image, down, float(own.p[2]))
+        return Sighting(frame.time, own, drones, trunks)
+
+    def in_view(self, own: VehicleState, points: Vector, margin: float = 0.05) -> list[bool]:
+        """Whether each of `points` (n,3), own ENU frame, falls well inside the image."""
+        if not len(points):
+            return []
+        pixels = self.camera.project(self._to_camera(own, points - own.p))
+        w, h = self.camera.width, self.camera.height
+        inside = (pixels > np.array([w, h]) * margin) & (pixels < np.array([w, h]) * (1 - margin))
+        return [bool(b) for b in inside.all(axis=1)]
+
+    def _to_camera(self, own: VehicleState, vectors: Vector) -> Vector:
+        """World vectors (n,3) in the camera frame."""
+        return vectors @ (rotation_matrix(own.q_wb) @ rotation_matrix(self.camera.mount))

@@ -1,0 +1,45 @@
+"""Which neighbours matter: at most three, the most threatening first (section III-C).
+
+The paper's R_ij = RD/RS (eq. 8) with RD = exp(|p_ij| - d_ref) (eq. 9) and RS the closing
+speed (eq. 10) shrinks as danger grows and divides by zero. Its inverse says the same and is
+total: threat = max(closing speed, small) · exp(d_ref - |p_ij|); larger is worse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydantic import Field
+
+from companion.types import Track, Vector
+from mavlink_bridge.messages import VehicleState
+from mavlink_bridge.settings import StrictModel
+
+
+class ThreatConfig(StrictModel):
+    """How threat is measured."""
+
+    d_ref: float = Field(1.5, gt=0, description="Reference distance [m] of eq. (9).")
+    closing_floor: float = Field(
+        0.2, gt=0, description="Least closing speed [m/s]: who recedes slowly still counts."
+    )
+    critical: int = Field(3, ge=1, le=12, description="Most neighbours taken (out-degree < 4).")
+    range_max: float = Field(10.0, gt=0, description="R of eq. (6) [m]: farther is ignored.")
+
+
+def threat(own: VehicleState, p: Vector, v: Vector, config: ThreatConfig) -> float:
+    """Threat of a neighbour at p (3,) m moving with v (3,) m/s, own ENU frame; eq. (8)–(10)."""
+    offset = p - own.p
+    distance = float(np.linalg.norm(offset))
+    closing = float(offset @ (own.v - v)) / max(distance, 1e-6)
+    return float(max(closing, config.closing_floor) * np.exp(config.d_ref - distance))
+
+
+def critical_neighbours(
+    own: VehicleState, tracks: Sequence[Track], config: ThreatConfig
+) -> list[tuple[Track, float]]:
+    """At most `critical` tracks with their threat, worst first; order of `tracks` is no matter."""
+    near = [t for t in tracks if np.linalg.norm(t.p - own.p) <= config.range_max]
+    rated = [(t, threat(own, t.p, t.v, config)) for t in near]
+    return sorted(rated, key=lambda r: (-r[1], r[0].id))[: config.critical]

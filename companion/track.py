@@ -1,0 +1,184 @@
+"""Detections → neighbours with position, velocity and covariance, in the own ENU frame.
+
+Constant-velocity Kalman filters, one per neighbour, all as arrays; Hungarian association by
+Mahalanobis distance; birth after two looks, death when a neighbour that should be in plain
+view is not seen, or when what is remembered says nothing any more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydantic import Field
+from scipy.optimize import linear_sum_assignment
+
+from companion.types import Detection, Track, Vector
+from mavlink_bridge.frames import rotation_matrix
+from mavlink_bridge.messages import VehicleState
+from mavlink_bridge.settings import StrictModel
+
+
+class TrackerConfig(StrictModel):
+    """Numbers of the tracker, each with its reason."""
+
+    acceleration: float = Field(
+        1.5, gt=0, description="Std of a neighbour's acceleration [m/s²]; the NMPC uses ±2."
+    )
+    velocity_birth: float = Field(
+        1.2, gt=0, description="Std of velocity [m/s] of a neighbour just seen: up to cruise."
+    )
+    attitude_sigma: float = Field(
+        0.01, ge=0, description="Std [rad] of the own attitude; adds to each bearing."
+    )
+    gate: float = Field(16.3, gt=0, description="Mahalanobis² gate: 99.9 % of chi² with 3 dof.")
+    hits_to_confirm: int = Field(2, ge=1, description="Looks before a neighbour counts.")
+    tentative_unseen: float = Field(0.3, gt=0, description="Life [s] of an unconfirmed one.")
+    visible_unseen: float = Field(
+        0.8, gt=0, description="Life [s] of one that should be in view but is not seen."
+    )
+    unseen_max: float = Field(4.0, gt=0, description="Longest memory [s] out of view.")
+    sigma_max: float = Field(3.0, gt=0, description="Std of position [m] that says nothing.")
+    damping: float = Field(
+        0.3, ge=0, description="Rate [1/s] at which an unseen one's speed is believed to fade."
+    )
+
+
+class Tracker:
+    """Neighbours as arrays: mean (n,6) of p, v; covariance (n,6,6); ids, ages, last sightings."""
+
+    def __init__(self, config: TrackerConfig) -> None:
+        self._config = config
+        self._time: float | None = None
+        self._next_id = 1
+        self._mean: Vector = np.zeros((0, 6))
+        self._covariance: Vector = np.zeros((0, 6, 6))
+        self._ids = np.zeros(0, dtype=int)
+        self._born: Vector = np.zeros(0)
+        self._seen: Vector = np.zeros(0)
+        self._hits = np.zeros(0, dtype=int)
+
+    def update(
+        self,
+        time: float,
+        detections: Sequence[Detection],
+        own: VehicleState,
+        q_bc: Vector,
+        in_view: Sequence[bool] | None = None,
+    ) -> None:
+        """One frame captured at `time` by the own camera in state `own`.
+
+        q_bc: (4,) camera → body. in_view: for each present track (as `tracks` lists them,
+        unconfirmed ones too) whether it should be visible; all unknown where None.
+        """
+        self.predict(time)
+        z, r = self._measurements(detections, own, q_bc)
+        assigned = self._associate(z, r)
+        for track, detection in assigned:
+            self._correct(track, z[detection], r[detection])
+            self._seen[track] = time
+            self._hits[track] += 1
+        fresh = sorted(set(range(len(z))) - {d for _, d in assigned})
+        self._bury(time, in_view)
+        for detection in fresh:
+            self._bear(time, z[detection], r[detection])
+
+    def predict(self, time: float) -> None:
+        """Carry all neighbours to `time` at constant velocity, eq. (14), with growing doubt."""
+        dt = 0.0 if self._time is None else time - self._time
+        self._time = time
+        if dt <= 0.0 or not len(self._ids):
+            return
+        # A neighbour out of sight is believed to slow down rather than to fly on for ever.
+        keep = np.where(time - self._seen > 0.5, np.exp(-self._config.damping * dt), 1.0)
+        f = np.tile(np.eye(6), (len(self._ids), 1, 1))
+        f[:, 0, 3] = f[:, 1, 4] = f[:, 2, 5] = dt
+        f[:, 3, 3] = f[:, 4, 4] = f[:, 5, 5] = keep
+        s = self._config.acceleration**2
+        eye = np.eye(3)
+        q = np.block([[eye * dt**4 / 4, eye * dt**3 / 2], [eye * dt**3 / 2, eye * dt**2]]) * s
+        self._mean = np.einsum("nij,nj->ni", f, self._mean)
+        self._covariance = f @ self._covariance @ f.transpose(0, 2, 1) + q
+
+    def tracks(self) -> list[Track]:
+        """Confirmed neighbours, oldest first."""
+        time = self._time or 0.0
+        return [
+            Track(
+                id=int(self._ids[n]),
+                p=self._mean[n, :3].copy(),
+                v=self._mean[n, 3:].copy(),
+                P=self._covariance[n].copy(),
+                age=time - self._born[n],
+                unseen=time - self._seen[n],
+            )
+            for n in range(len(self._ids))
+            if self._hits[n] >= self._config.hits_to_confirm
+        ]
+
+    def positions(self) -> Vector:
+        """(n,3) m, every track, unconfirmed ones too: for asking which should be in view."""
+        return self._mean[:, :3].copy()
+
+    def _measurements(
+        self, detections: Sequence[Detection], own: VehicleState, q_bc: Vector
+    ) -> tuple[Vector, Vector]:
+        """Positions (m,3) in the world and their covariances (m,3,3)."""
+        if not detections:
+            return np.zeros((0, 3)), np.zeros((0, 3, 3))
+        r_wc = rotation_matrix(own.q_wb) @ rotation_matrix(q_bc)
+        rays = np.array([d.direction for d in detections]) @ r_wc.T
+        ranges = np.array([d.range for d in detections])
+        bearing = np.array([d.sigma_bearing for d in detections])
+        along = np.array([d.sigma_range for d in detections]) ** 2
+        across = (ranges * np.hypot(bearing, self._config.attitude_sigma)) ** 2
+        outer = rays[:, :, None] * rays[:, None, :]
+        covariance = (along - across)[:, None, None] * outer + across[:, None, None] * np.eye(3)
+        return own.p + rays * ranges[:, None], covariance
+
+    def _associate(self, z: Vector, r: Vector) -> list[tuple[int, int]]:
+        """(track, detection) pairs within the gate, least total distance (Hungarian)."""
+        if not len(z) or not len(self._ids):
+            return []
+        s = self._covariance[:, None, :3, :3] + r[None]
+        residual = z[None] - self._mean[:, None, :3]
+        solved = np.linalg.solve(s, residual[..., None])[..., 0]
+        # log det keeps a track of great doubt from stealing the detection of a sure one
+        cost = np.einsum("tdi,tdi->td", residual, solved)
+        score = cost + np.linalg.slogdet(s)[1]
+        score = np.where(cost < self._config.gate, score, 1e3)
+        rows, columns = linear_sum_assignment(score)
+        return [(int(t), int(d)) for t, d in zip(rows, columns, strict=True) if score[t, d] < 1e3]
+
+    def _correct(self, n: int, z: Vector, r: Vector) -> None:
+        """Kalman update of track n (Joseph form stays symmetric and positive)."""
+        p = self._covariance[n]
+        k = np.linalg.solve(p[:3, :3] + r, p[:3, :]).T
+        h = np.eye(3, 6)
+        self._mean[n] += k @ (z - self._mean[n, :3])
+        a = np.eye(6) - k @ h
+        self._covariance[n] = a @ p @ a.T + k @ r @ k.T
+
+    def _bear(self, time: float, z: Vector, r: Vector) -> None:
+        covariance = np.zeros((1, 6, 6))
+        covariance[0, :3, :3] = r
+        covariance[0, 3:, 3:] = np.eye(3) * self._config.velocity_birth**2
+        self._mean = np.vstack([self._mean, np.concatenate([z, np.zeros(3)])[None]])
+        self._covariance = np.concatenate([self._covariance, covariance])
+        self._ids = np.append(self._ids, self._next_id)
+        self._born = np.append(self._born, time)
+        self._seen = np.append(self._seen, time)
+        self._hits = np.append(self._hits, 1)
+        self._next_id += 1
+
+    def _bury(self, time: float, in_view: Sequence[bool] | None) -> None:
+        c = self._config
+        unseen = time - self._seen
+        visible = np.zeros(len(unseen), bool) if in_view is None else np.asarray(in_view, bool)
+        sigma = np.sqrt(np.trace(self._covariance[:, :3, :3], axis1=1, axis2=2))
+        life = np.where(visible, c.visible_unseen, c.unseen_max)
+        life = np.where(self._hits < c.hits_to_confirm, c.tentative_unseen, life)
+        keep = (unseen <= life) & (sigma < c.sigma_max)
+        self._mean, self._covariance = self._mean[keep], self._covariance[keep]
+        self._ids, self._born = self._ids[keep], self._born[keep]
+        self._seen, self._hits = self._seen[keep], self._hits[keep]

@@ -1,0 +1,163 @@
+"""A scenario as data: world, drones, mission, sensing, timing; YAML in, everything overridable."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from mavlink_bridge.settings import (
+    SettingsError,
+    StrictModel,
+    assignments,
+    load_yaml,
+    merge,
+    validate,
+)
+from sitl_sim.world import Vector, WorldConfig
+
+
+class DronesConfig(StrictModel):
+    """Who flies, and from where."""
+
+    count: int = Field(9, ge=1, le=200)
+    formation: Literal["grid"] = "grid"
+    spacing: float = Field(1.5, gt=0.5, description="Between neighbours in the formation [m].")
+    centre: list[float] = Field([0.0, 0.0], min_length=2, max_length=2)
+    heading_deg: float = Field(90.0, description="Where they look: ENU yaw.")
+    starts: list[list[float]] = Field([], description="[x, y] each, instead of a formation.")
+    jitter: float = Field(0.1, ge=0, description="Each start is moved up to this [m].")
+    radius: float = Field(0.2, gt=0, description="Of the sphere around a drone [m].")
+    autopilot: Literal["px4"] = "px4"
+    frame_yaw_deg: float | Literal["random"] = Field(
+        0.0, description="Yaw of each vehicle's own frame in the world: no frame is shared."
+    )
+    parameters: dict[str, float] = Field({}, description="Autopilot parameters at boot.")
+
+
+class MissionConfig(StrictModel):
+    """Where to fly, in the world frame."""
+
+    targets: list[list[float]] = Field([], description="[x, y, z] each, for all drones, in order.")
+    targets_of: dict[str, list[list[float]]] = Field({}, description="Instead, by drone name.")
+    home: bool = Field(True, description="The last target is the drone's own start.")
+    tolerance: float = Field(3.0, gt=0, description="A target is reached within this [m].")
+    altitude: float = Field(2.0, gt=0.5, description="Of take-off and home [m].")
+    time_limit: float = Field(180.0, gt=0, description="s.")
+
+
+class SensingConfig(StrictModel):
+    """What the companions see."""
+
+    neighbours: Literal["camera", "truth"] = "camera"
+    obstacles: Literal["camera", "map"] = "camera"
+    width: int = Field(640, ge=64, le=1920)
+    height: int = Field(400, ge=64, le=1200)
+    fov_deg: float = Field(160.0, gt=10, lt=200)
+    range_max: float = Field(15.0, gt=0, description="R of eq. (6) for truth and map [m].")
+
+
+class TimingConfig(StrictModel):
+    """Lockstep's clockwork."""
+
+    compute_delay: float = Field(0.02, ge=0.002, le=0.08, description="Tick to effect [s].")
+    answer_timeout: float = Field(
+        30.0, gt=0, description="Wall seconds after which a silent companion counts as dead."
+    )
+
+
+class WireConfig(StrictModel):
+    """Ports: vehicle i talks to its companion on companion_port + i."""
+
+    host: str = "127.0.0.1"
+    companion_port: int = Field(14540, ge=1024, le=65000)
+    gcs_port: int = Field(14550, ge=1024, le=65000)
+    frame_port: int = Field(15540, ge=1024, le=65000)
+
+
+class Scenario(StrictModel):
+    """One flight, completely described."""
+
+    fileversion: Literal[1] = 1
+    name: str = "scenario"
+    description: str = ""
+    seed: int = Field(0, ge=0)
+    world: WorldConfig = WorldConfig()
+    drones: DronesConfig = DronesConfig()
+    mission: MissionConfig = MissionConfig()
+    sensing: SensingConfig = SensingConfig()
+    timing: TimingConfig = TimingConfig()
+    wire: WireConfig = WireConfig()
+    wind: list[float] = Field([0.0, 0.0, 0.0], min_length=3, max_length=3, description="m/s ENU.")
+    companion: dict[str, Any] = Field({}, description="Overrides of every companion's config.")
+
+
+def names() -> list[str]:
+    """Scenarios that come with the package."""
+    folder = resources.files("sitl_sim") / "scenarios"
+    return sorted(f.name.removesuffix(".yaml") for f in folder.iterdir()
+                  if f.name.endswith(".yaml"))  # fmt: skip
+
+
+def load(scenario: str, overrides: list[str]) -> Scenario:
+    """A scenario by name or YAML file, with path.to.key=value overrides on top.
+
+    Raises:
+        SettingsError: with every mistake at its place, or the valid names.
+    """
+    if scenario in names():
+        path = Path(str(resources.files("sitl_sim") / "scenarios" / f"{scenario}.yaml"))
+    elif scenario.endswith((".yaml", ".yml")):
+        path = Path(scenario)
+    else:
+        known = ", ".join(names())
+        raise SettingsError([f"no scenario {scenario!r}; valid: {known}, or a .yaml file"])
+    return validate(Scenario, merge([load_yaml(path), assignments(overrides)]), str(path))
+
+
+def drone_names(scenario: Scenario) -> list[str]:
+    """drone1 … droneN."""
+    return [f"drone{i + 1}" for i in range(scenario.drones.count)]
+
+
+def starts(scenario: Scenario) -> Vector:
+    """(n,3) m on the ground: the formation, moved a little by the seed."""
+    d = scenario.drones
+    n = d.count
+    if d.starts:
+        if len(d.starts) < n or any(len(s) != 2 for s in d.starts):
+            raise SettingsError([f"drones.starts: needs {n} pairs [x, y], got {len(d.starts)}"])
+        flat = np.array(d.starts[:n], float)
+    else:
+        side = int(np.ceil(np.sqrt(n)))
+        grid = np.array([(i % side, i // side) for i in range(n)], float) - (side - 1) / 2
+        yaw = np.radians(d.heading_deg)
+        forward = np.array([np.cos(yaw), np.sin(yaw)])
+        right = np.array([np.sin(yaw), -np.cos(yaw)])
+        flat = np.array(d.centre) + d.spacing * (grid[:, :1] * right - grid[:, 1:] * forward)
+    rng = np.random.default_rng([scenario.seed, 2])
+    flat = flat + rng.uniform(-d.jitter, d.jitter, flat.shape)
+    return np.column_stack([flat, np.zeros(n)])
+
+
+def frame_yaws(scenario: Scenario) -> Vector:
+    """(n,) rad: yaw of each vehicle's own frame in the world."""
+    d = scenario.drones
+    if d.frame_yaw_deg == "random":
+        return np.random.default_rng([scenario.seed, 3]).uniform(-np.pi, np.pi, d.count)
+    return np.full(d.count, np.radians(float(d.frame_yaw_deg)))
+
+
+def targets(scenario: Scenario, start: Vector) -> dict[str, list[list[float]]]:
+    """Targets of each drone in the world frame, home included."""
+    m = scenario.mission
+    out = {}
+    for name, s in zip(drone_names(scenario), start, strict=True):
+        goals = [list(t) for t in m.targets_of.get(name, m.targets)]
+        if m.home:
+            goals.append([round(float(s[0]), 4), round(float(s[1]), 4), m.altitude])
+        out[name] = goals
+    return out

@@ -1,0 +1,76 @@
+"""What a perfect detector would report: only what eq. (6) lets a drone see.
+
+For studies with `neighbours: truth` or `obstacles: map`. Rows have the layout of the frame
+channel: direction (3) in the camera frame, distance, and two more numbers.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sitl_sim.world import Vector, sight_line_free
+
+# Camera axes in the body: right = -y, down = -z, forward = +x.
+_R_BC = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
+
+def rotation(q: Vector) -> Vector:
+    """(3,3) body → world of a unit quaternion w, x, y, z."""
+    w, x, y, z = q
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _seen(rays_c: Vector, half_view: float, half_height: float) -> NDArray[np.bool_]:
+    """Whether unit directions in the camera frame fall inside an equidistant image."""
+    theta = np.arccos(np.clip(rays_c[:, 2], -1.0, 1.0))
+    rho = np.maximum(np.hypot(rays_c[:, 0], rays_c[:, 1]), 1e-9)
+    u, v = theta * rays_c[:, 0] / rho, theta * rays_c[:, 1] / rho
+    return (np.abs(u) <= half_view) & (np.abs(v) <= half_height)
+
+
+def neighbours(
+    p: Vector, q: Vector, others: Vector, world: dict[str, Any], fov: tuple[float, float],
+    range_max: float,
+) -> Vector:  # fmt: skip
+    """(m,6) direction, range, σ bearing, σ range of the drones `others` (k,3) in view.
+
+    fov: half width and half height of the view [rad].
+    """
+    d = others - p
+    distance = np.maximum(np.linalg.norm(d, axis=1), 1e-9)
+    rays = (d / distance[:, None]) @ rotation(q) @ _R_BC
+    seen = _seen(rays, *fov) & (distance <= range_max) & sight_line_free(p, others, world)
+    n = int(seen.sum())
+    return np.column_stack([rays[seen], distance[seen], np.full(n, 0.005), np.full(n, 0.03)])
+
+
+def trunks(
+    p: Vector, q: Vector, world: dict[str, Any], fov: tuple[float, float], range_max: float
+) -> Vector:
+    """(m,6) direction to the axis, horizontal distance to it, radius, σ of the trunks in view.
+
+    A trunk counts as seen when its axis or one of its edges is in view and not hidden.
+    """
+    rows = []
+    r_cw = (rotation(q) @ _R_BC).T
+    for n, c in enumerate(world.get("cylinders", [])):
+        d = np.array([c["x"] - p[0], c["y"] - p[1], 0.0])
+        distance = float(np.hypot(d[0], d[1]))
+        if distance - c["radius"] > range_max or distance <= c["radius"]:
+            continue
+        side = np.array([-d[1], d[0], 0.0]) / distance * c["radius"] * 0.9
+        points = p + np.stack([d, d + side, d - side])
+        rest = {**world, "cylinders": [k for m, k in enumerate(world["cylinders"]) if m != n]}
+        rays = (points - p) / np.linalg.norm(points - p, axis=1)[:, None] @ r_cw.T
+        if (_seen(rays, *fov) & sight_line_free(p, points, rest)).any():
+            rows.append([*rays[0], distance, c["radius"], 0.03])
+    return np.array(rows, float).reshape(-1, 6)
