@@ -108,7 +108,7 @@ class NmpcConfig(BaseModel):
     )
 
     # Solver: counts, never times, so that the same input gives the same bytes
-    sqp_iterations: int = Field(3, ge=1, le=50, description="Each tick, warm.")
+    sqp_iterations: int = Field(2, ge=1, le=50, description="Each tick, at least.")
     sqp_iterations_max: int = Field(6, ge=1, le=100, description="While the step is large.")
     sqp_iterations_cold: int = Field(15, ge=1, le=100, description="The first tick.")
     step_tolerance: float = Field(

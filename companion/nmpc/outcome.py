@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.model import HOVER, NU, Vector, step
+from companion.model import HOVER, NU, Vector, step, yaw_of, yaw_quaternion
 from companion.nmpc.config import NmpcConfig
 from companion.nmpc.instance import Instance
 from companion.nmpc.result import Result, Status
@@ -31,6 +31,20 @@ def hover(config: NmpcConfig, x0: Vector) -> Plan:
     if np.all(np.isfinite(x0)):
         state[:3] = x0[:3]
     return np.tile(state, (config.N + 1, 1)), np.tile(HOVER, (config.N, 1))
+
+
+def cold_guess(config: NmpcConfig, instance: Instance, x0: Vector) -> Plan:
+    """Where nothing is known: level flight straight to the goal, at speed within a second."""
+    k = np.arange(config.N + 1)[:, None] * config.dt
+    e = instance.goal - x0[:3]
+    wanted = instance.speed * e / np.sqrt(e @ e + config.goal_smoothing**2)
+    v = x0[3:6] + (wanted - x0[3:6]) * np.minimum(k, 1.0)
+    p = x0[:3] + np.concatenate([np.zeros((1, 3)), np.cumsum(v[:-1], axis=0) * config.dt])
+    q = yaw_quaternion(yaw_of(x0[6:10]))
+    q = q if float(q @ x0[6:10]) >= 0.0 else -q
+    x = np.concatenate([p, v, np.tile(q, (config.N + 1, 1))], axis=1)
+    x[0] = x0
+    return x, np.tile(HOVER, (config.N, 1))
 
 
 def penalised(config: NmpcConfig, intrusion: Vector) -> float:

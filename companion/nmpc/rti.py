@@ -10,10 +10,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from companion.model import HOVER, Vector, normalise, yaw_of, yaw_quaternion
+from companion.model import Vector, normalise
 from companion.nmpc.config import NmpcConfig
 from companion.nmpc.instance import Instance
-from companion.nmpc.outcome import Plan, failed, hover, judged, shifted
+from companion.nmpc.outcome import Plan, cold_guess, failed, hover, judged, shifted
 from companion.nmpc.problem import build_stage
 from companion.nmpc.qp import Program
 from companion.nmpc.result import Result, Status
@@ -109,17 +109,3 @@ class Nmpc:
         plan = self._plan if self._plan is not None else hover(self.config, instance.x0)
         took = self._clock() - started
         return failed(plan, status=status, iterations=iterations, solve_time=took)
-
-
-def cold_guess(config: NmpcConfig, instance: Instance, x0: Vector) -> Plan:
-    """Where nothing is known: level flight straight to the goal, at speed within a second."""
-    k = np.arange(config.N + 1)[:, None] * config.dt
-    e = instance.goal - x0[:3]
-    wanted = instance.speed * e / np.sqrt(e @ e + config.goal_smoothing**2)
-    v = x0[3:6] + (wanted - x0[3:6]) * np.minimum(k, 1.0)
-    p = x0[:3] + np.concatenate([np.zeros((1, 3)), np.cumsum(v[:-1], axis=0) * config.dt])
-    q = yaw_quaternion(yaw_of(x0[6:10]))
-    q = q if float(q @ x0[6:10]) >= 0.0 else -q
-    x = np.concatenate([p, v, np.tile(q, (config.N + 1, 1))], axis=1)
-    x[0] = x0
-    return x, np.tile(HOVER, (config.N, 1))
