@@ -48,7 +48,7 @@ class Autopilots:
         rate_gains: RateGains | None = None,
         outer_gains: OuterGains | None = None,
         battery_ah: float = 1.5,
-    ):
+    ) -> None:
         """Switch them on.
 
         flavour: one for all or one each. origin: (n,3) m, world, where each vehicle's own frame

@@ -34,7 +34,9 @@ class Landed(IntEnum):
 class Commander:
     """The commander of one vehicle."""
 
-    def __init__(self, flavour: Flavour, settings: Settings, guidance: Guidance, state: State):
+    def __init__(
+        self, flavour: Flavour, settings: Settings, guidance: Guidance, state: State
+    ) -> None:
         self.flavour, self.settings, self.guidance = flavour, settings, guidance
         self._i, self._state = guidance.i, state
         self.mode = Mode.HOLD

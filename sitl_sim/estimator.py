@@ -69,7 +69,7 @@ class Estimator:
     gyro_noise (n,1000,3): rad/s, one second of it; the next one with `next_block`.
     """
 
-    def __init__(self, system_ids: list[int], noise: list[SensorNoise], seed: int):
+    def __init__(self, system_ids: list[int], noise: list[SensorNoise], seed: int) -> None:
         n = len(system_ids)
         self._rngs = [np.random.default_rng([seed, 0x5E45, i]) for i in system_ids]
         sigma = [[s.position] * 3 + [s.velocity] * 3 + [s.attitude] * 3 for s in noise]

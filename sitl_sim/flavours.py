@@ -68,12 +68,11 @@ class Flavour:
 
     autopilot: MAV_AUTOPILOT. modes: custom_mode of each mode. also: further custom_mode values
     that it accepts, and what they fly as. parameters: name → (type, value). settings: what
-    they mean. bytewise: INT32 as
-    bits in the float. armable: modes in which it arms. stream_first: offboard wants setpoints
-    before it is entered. takeoff_mode: taking off is a mode of its own. takeoff_above_sea: its
-    altitude counts from the sea. split_mode: DO_SET_MODE has main and sub mode apart.
-    first_item_is_home: of a mission. arm_refusal: the MAV_RESULT. streams: default streams per
-    link, message id → Hz.
+    they mean. bytewise: INT32 as bits in the float. armable: modes in which it arms.
+    stream_first: offboard wants setpoints before it is entered. takeoff_mode: taking off is a
+    mode of its own. takeoff_above_sea: its altitude counts from the sea. split_mode:
+    DO_SET_MODE has main and sub mode apart. first_item_is_home: of a mission. arm_refusal: the
+    MAV_RESULT. streams: default streams per link, message id → Hz.
     """
 
     name: str
@@ -142,6 +141,16 @@ def _px4_mode(main: int, sub: int = 0) -> int:
     return main << 16 | sub << 24
 
 
+# Message id → Hz, as sent without being asked.
+_COMPANION_STREAMS: dict[int, float] = {
+    **{0: 1, 1: 2, 2: 1, 24: 2, 31: 50, 32: 50, 33: 10},
+    **{147: 1, 230: 2, 242: 0.5, 245: 5},
+}
+_GCS_STREAMS: dict[int, float] = {
+    **{0: 1, 1: 2, 24: 2, 30: 10, 32: 10, 33: 5},
+    **{42: 1, 147: 1, 230: 1, 242: 0.5, 245: 2},
+}
+
 PX4 = Flavour(
     name="px4",
     autopilot=12,
@@ -198,22 +207,7 @@ PX4 = Flavour(
         "SYS_AUTOSTART": (INT32, 4001),
         "THR_MDL_FAC": (REAL32, 1.0),
     },
-    streams={
-        "companion": {
-            0: 1,
-            1: 2,
-            2: 1,
-            24: 2,
-            31: 50,
-            32: 50,
-            33: 10,
-            147: 1,
-            230: 2,
-            242: 0.5,
-            245: 5,
-        },
-        "gcs": {0: 1, 1: 2, 24: 2, 31: 10, 32: 10, 33: 5, 42: 1, 147: 1, 230: 1, 242: 0.5, 245: 2},
-    },
+    streams={"companion": _COMPANION_STREAMS, "gcs": _GCS_STREAMS},
 )
 
 FLAVOURS: dict[str, Flavour] = {"px4": PX4}

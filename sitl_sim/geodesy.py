@@ -54,7 +54,7 @@ class LocalFrame:
     own frame around its origin, so that all it tells of itself is consistent.
     """
 
-    def __init__(self, origin: Floats, yaw: float, reference: GeoReference):
+    def __init__(self, origin: Floats, yaw: float, reference: GeoReference) -> None:
         self.origin = np.array(origin, dtype=np.float64)
         self.yaw, self.reference = float(yaw), reference
         self._cos, self._sin = math.cos(self.yaw), math.sin(self.yaw)
@@ -86,7 +86,7 @@ class LocalFrame:
         )
 
     def to_geo(self, p: Floats) -> tuple[float, float, float]:
-        """A world point (3,) m → latitude, longitude [deg], altitude [m], as the vehicle sees it."""
+        """A world point (3,) m → latitude, longitude [deg], altitude [m], as it believes."""
         x, y, z = (float(k) for k in self.point(p))
         lat, lon = self.reference.to_degrees(x + float(self.origin[0]), y + float(self.origin[1]))
         return lat, lon, self.reference.altitude + z + float(self.origin[2])

@@ -38,7 +38,7 @@ class Waypoint:
 class Guidance:
     """The guidance of vehicle i."""
 
-    def __init__(self, i: int, settings: Settings, sp: Setpoints, est: Estimate):
+    def __init__(self, i: int, settings: Settings, sp: Setpoints, est: Estimate) -> None:
         self.i, self.settings, self.sp, self.est = i, settings, sp, est
         self.now = 0.0
         self.landed = True

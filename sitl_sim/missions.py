@@ -31,7 +31,7 @@ SIZE_MAX = 500
 class Missions:
     """The mission store of one vehicle; what is flown goes to its guidance."""
 
-    def __init__(self, frame: LocalFrame, guidance: Guidance, first_is_home: bool):
+    def __init__(self, frame: LocalFrame, guidance: Guidance, first_is_home: bool) -> None:
         self._frame, self._guidance, self._first_is_home = frame, guidance, first_is_home
         self.items: list[MissionItem] = []
         self._coming: list[MissionItem] = []

@@ -15,7 +15,7 @@ RANGES = {2: (-128, 127), 4: (-32768, 32767), 6: (-(2**31), 2**31 - 1)}  # MAV_P
 class Parameters:
     """A flavour's parameters, in the order of their names."""
 
-    def __init__(self, flavour: Flavour, overrides: Mapping[str, float]):
+    def __init__(self, flavour: Flavour, overrides: Mapping[str, float]) -> None:
         self._flavour = flavour
         self._types = {name: flavour.parameters[name][0] for name in sorted(flavour.parameters)}
         self._values = {name: float(flavour.parameters[name][1]) for name in self._types}

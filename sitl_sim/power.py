@@ -20,7 +20,7 @@ FILTER = 0.2  # share of the newest value in the reported voltage and current
 class Batteries:
     """One battery per vehicle; arrays (n,): voltage [V], current [A], remaining 0…1."""
 
-    def __init__(self, n: int, capacity_ah: float = 1.5):
+    def __init__(self, n: int, capacity_ah: float = 1.5) -> None:
         self.capacity = np.full(n, capacity_ah * 3600.0)  # A s
         self.remaining = np.ones(n)
         self.current = np.full(n, CURRENT_ELECTRONICS)

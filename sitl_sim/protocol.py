@@ -79,7 +79,7 @@ def answer(u: Unit, received: Received, link: str) -> list[Message]:
     if isinstance(m, TimeSync):
         if m.tc1 != 0:
             return []
-        return [TimeSync(u.boot_ns, m.ts1, source.system, source.component)]
+        return [TimeSync(u.boot_ns, m.ts1)]
     if isinstance(m, RequestDataStream):
         _data_stream(u, m, link)
         return []
@@ -97,9 +97,8 @@ def _is_for(u: Unit, m: Message) -> bool:
 def _command(u: Unit, source: Source, m: Command, link: str) -> list[Message]:
     handler = COMMANDS.get(m.command)
     if handler is None or m.command not in u.flavour.commands:
-        result, replies = int(CommandResult.UNSUPPORTED), []
-    else:
-        result, replies = handler(u, m, link)
+        return [CommandAck(m.command, CommandResult.UNSUPPORTED, source.system, source.component)]
+    result, replies = handler(u, m, link)
     return [CommandAck(m.command, int(result), source.system, source.component), *replies]
 
 

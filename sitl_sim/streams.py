@@ -46,6 +46,7 @@ ESTIMATES, ESTIMATES_WITHOUT_GPS = (
     0x1 | 0x4 | 0x20,
 )
 CUSTOM_MODE, GUIDED, STABILIZE, MANUAL, ARMED = 1, 8 | 4, 16, 64, 128  # MAV_MODE_FLAG
+UID = 0x5157_0000  # plus the system id
 SLACK_US = 100  # a message is due when the clock is this close: floats are not exact
 
 
@@ -55,7 +56,7 @@ class Schedule:
     A message with period T falls due at the multiples of T, so messages of one rate stay together.
     """
 
-    def __init__(self, rates_hz: dict[int, float]):
+    def __init__(self, rates_hz: dict[int, float]) -> None:
         self._period: dict[int, int] = {}
         self._next: dict[int, int] = {}
         self._earliest = 0
@@ -159,21 +160,44 @@ def estimator_status(u: Unit) -> Message:
     return EstimatorStatus(u.time_boot, flags, 0.1, 0.15)
 
 
+def system_time(u: Unit) -> Message:
+    """SYSTEM_TIME."""
+    return SystemTime(u.time_boot)
+
+
+def mission_current(u: Unit) -> Message:
+    """MISSION_CURRENT."""
+    return MissionCurrent(u.guidance.mission_seq)
+
+
+def battery_status(u: Unit) -> Message:
+    """BATTERY_STATUS."""
+    return BatteryStatus(*u.battery())
+
+
+def autopilot_version(u: Unit) -> Message:
+    """AUTOPILOT_VERSION."""
+    return AutopilotVersion(u.flavour.capabilities, u.flavour.sw_version, UID + u.system)
+
+
+def extended_system_state(u: Unit) -> Message:
+    """EXTENDED_SYS_STATE."""
+    return ExtendedSystemState(int(u.commander.landed_state))
+
+
 BUILDERS: dict[int, Callable[[Unit], Message | None]] = {
     0: heartbeat,
     1: system_status,
-    2: lambda u: SystemTime(u.time_boot),
+    2: system_time,
     24: gps_raw,
     30: attitude,
     31: attitude,
     32: local_position,
     33: global_position,
-    42: lambda u: MissionCurrent(u.guidance.mission_seq),
-    147: lambda u: BatteryStatus(*u.battery()),
-    148: lambda u: AutopilotVersion(
-        u.flavour.capabilities, u.flavour.sw_version, 0x5157_0000 + u.system
-    ),
+    42: mission_current,
+    147: battery_status,
+    148: autopilot_version,
     230: estimator_status,
     242: home_position,
-    245: lambda u: ExtendedSystemState(int(u.commander.landed_state)),
+    245: extended_system_state,
 }

@@ -46,7 +46,7 @@ class Unit:
         boot_offset: float,
         shared: Shared,
         overrides: Mapping[str, float],
-    ):
+    ) -> None:
         self.i, self.system, self.flavour, self.frame = i, system, flavour, frame
         self.parameters = Parameters(flavour, overrides)
         settings = self.parameters.settings()

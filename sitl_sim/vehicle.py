@@ -105,7 +105,9 @@ class Body(NamedTuple):
 class Vehicles:
     """All vehicles as arrays; `step` moves them, commands come from outside."""
 
-    def __init__(self, airframe: Airframe | Sequence[Airframe], p: ArrayLike, yaw: ArrayLike):
+    def __init__(
+        self, airframe: Airframe | Sequence[Airframe], p: ArrayLike, yaw: ArrayLike
+    ) -> None:
         """Put vehicles at rest.
 
         airframe: one for all or one each. p: (n,3) m, world. yaw: (n,) rad, 0 = along +x (east).
