@@ -13,7 +13,6 @@ import numpy as np
 from companion.camera import Camera
 from companion.config import CameraConfig, SensingConfig
 from companion.detect import ColorDetector
-from companion.trunks import TrunkDetector
 from companion.types import Detection, Image, Trunk, Vector
 from mavlink_bridge.frames import rotation_matrix
 from mavlink_bridge.messages import VehicleState
@@ -42,7 +41,10 @@ class Sight:
         self.half_view = camera.width / 2 / self.camera.fx
         self._sensing = sensing
         self._drones = ColorDetector(self.camera)
-        self._trunks = TrunkDetector(self.camera)
+        if sensing.obstacles == "camera":
+            from companion.trunks import TrunkDetector
+
+            self._trunks = TrunkDetector(self.camera)
 
     def see(self, frame: Frame, own: VehicleState) -> Sighting:
         """Detections in `frame`, taken in state `own`; a frame without an image shows nothing."""

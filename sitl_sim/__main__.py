@@ -1,0 +1,130 @@
+"""Command line of the simulator."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+
+if TYPE_CHECKING:
+    from sitl_sim.scenario import Scenario
+
+EXIT_OK, EXIT_FELL_SHORT, EXIT_BAD_INPUT = 0, 1, 2
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point of `sitl-sim`."""
+    parser = argparse.ArgumentParser(prog="sitl-sim", description="The simulated world.")
+    commands = parser.add_subparsers(dest="command", required=True)
+    run = commands.add_parser("run", help="fly one scenario")
+    serve = commands.add_parser("serve", help="the world alone; companions connect themselves")
+    for command in (run, serve):
+        command.add_argument("scenario", help="a name (forest, …) or a YAML file")
+        command.add_argument("--drones", type=int, metavar="N")
+        command.add_argument("--seed", type=int, metavar="S")
+        command.add_argument("--out", type=Path, metavar="DIR", help="run folder")
+        command.add_argument(
+            "--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides"
+        )
+    run.add_argument("--real-time", action="store_true", help="nobody waits for anybody")
+    run.add_argument("--json", action="store_true", help="print metrics.json instead of a table")
+    options = parser.parse_args(arguments)
+    try:
+        return _fly(options, serve=options.command == "serve")
+    except _bad_input() as error:
+        print(error, file=sys.stderr)
+        return EXIT_BAD_INPUT
+
+
+def _bad_input() -> tuple[type[Exception], ...]:
+    from mavlink_bridge.link import EndpointError
+    from mavlink_bridge.settings import SettingsError
+    from mavlink_bridge.video import VideoError
+
+    return SettingsError, EndpointError, VideoError
+
+
+def _fly(options: argparse.Namespace, serve: bool) -> int:
+    import cv2
+
+    from sitl_sim import scenario as scenarios
+    from sitl_sim.flightlog import finish, table
+    from sitl_sim.runner import flight
+
+    cv2.setNumThreads(1)
+    overrides = list(options.overrides)
+    if options.drones is not None:
+        overrides.append(f"drones.count={options.drones}")
+    if options.seed is not None:
+        overrides.append(f"seed={options.seed}")
+    scenario = scenarios.load(options.scenario, overrides)
+    folder = options.out or _run_folder(scenario)
+    started = time.monotonic()
+    with flight(scenario, folder, real_time=serve or options.real_time) as f:
+        f.write_inputs()
+        print("\n".join(f.wire_table()), file=sys.stderr)
+        if not serve:
+            f.launch()
+            try:
+                f.wait_for_companions()
+            except RuntimeError as error:
+                print(error, file=sys.stderr)
+                return EXIT_FELL_SHORT
+        ready = time.monotonic() - started
+        try:
+            with progress_bar(scenario.mission.time_limit) as advance:
+                f.run(advance)
+        except KeyboardInterrupt:
+            print("interrupted: what was flown is kept", file=sys.stderr)
+    metrics = finish(f, ready)
+    if getattr(options, "json", False):
+        print(json.dumps(metrics, indent=1))
+    else:
+        print(table(metrics, folder))
+    return EXIT_OK if metrics["ok"] else EXIT_FELL_SHORT
+
+
+def _run_folder(scenario: Scenario) -> Path:
+    """runs/<scenario>-<seed>, made anew."""
+    folder = Path("runs") / f"{scenario.name}-{scenario.seed}"
+    if folder.exists():
+        shutil.rmtree(folder)
+    return folder
+
+
+class progress_bar:  # noqa: N801  # used as a function
+    """A bar over simulated seconds where a person watches; a line every ten where not."""
+
+    def __init__(self, total: float) -> None:
+        from tqdm import tqdm
+
+        self._watched = sys.stderr.isatty()
+        self._bar = tqdm(total=total, unit="s", disable=not self._watched, leave=False,
+                         bar_format="{l_bar}{bar}| {n:.0f}/{total:.0f} s flown [{elapsed}]")  # fmt: skip
+        self._said = 0.0
+
+    def __enter__(self) -> progress_bar:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self._bar.close()
+
+    def __call__(self, t: float) -> None:
+        """Simulated time is now t [s]."""
+        if self._watched:
+            self._bar.update(t - self._bar.n)
+        elif t - self._said >= 10.0:
+            self._said = t
+            print(f"{t:.0f} s flown", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,141 @@
+"""Figures of a flight: safety from the recorded truth, times and perception from the logs.
+
+Definitions of order, union and connectivity are SwarmLab's: alignment of velocities, one over
+the number of connected groups within `reach`, and the algebraic connectivity over N.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.reader import make_reader
+from numpy.typing import NDArray
+
+from sitl_sim.world import Vector, surface_distance
+
+AIRBORNE = 0.3  # m above ground
+MOVING = 0.3  # m/s
+REACH = 5.0  # m, within which two drones count as connected
+
+
+def safety(
+    truth: dict[str, NDArray[Any]], world: dict[str, Any], names: list[str]
+) -> dict[str, Any]:
+    """Distances, collisions, targets and speeds, from truth alone."""
+    t, p, v = truth["t"], truth["position"].astype(float), truth["velocity"].astype(float)
+    radius = float(world["drone_radius"])
+    flying = p[..., 2] > AIRBORNE
+    speed = np.linalg.norm(v, axis=-1)
+    moving = flying & (speed > MOVING)
+    surface = np.where(flying, surface_distance(p, world), np.inf)
+    pairs = []
+    for i, j in itertools.combinations(range(p.shape[1]), 2):
+        both = flying[:, i] & flying[:, j]
+        apart = np.where(both, np.linalg.norm(p[:, i] - p[:, j], axis=-1), np.inf)
+        k = int(apart.argmin())
+        pairs.append((float(apart[k]), float(t[k]), names[i], names[j]))
+    reached = {
+        name: reached_in_order(p[:, i], world["targets"][name], world["target_tolerance"])
+        for i, name in enumerate(names)
+    }
+    wanted = {name: len(world["targets"][name]) for name in names}
+    closest = min(pairs, default=None)
+    nearest = np.unravel_index(int(surface.argmin()), surface.shape)
+    return {
+        "drones": len(names),
+        "duration_s": float(t[-1] - t[0]),
+        "mission_complete": all(reached[n] == wanted[n] > 0 for n in names),
+        "targets_reached": {n: f"{reached[n]}/{wanted[n]}" for n in names},
+        "agent_collisions": sum(d < 2 * radius for d, *_ in pairs),
+        "obstacle_collisions": int((surface.min(axis=0) < radius).sum()),
+        "min_agent_distance_m": closest[0] if closest else None,
+        "min_agent_distance_at": list(closest[1:]) if closest else None,
+        "min_obstacle_distance_m": float(surface.min()),
+        "min_obstacle_distance_at": [float(t[nearest[0]]), names[nearest[1]]],
+        "mean_speed_m_s": float(speed[moving].mean()) if moving.any() else 0.0,
+        "std_speed_m_s": float(speed[moving].std()) if moving.any() else 0.0,
+        "never_flew": [n for i, n in enumerate(names) if not flying[:, i].any()],
+        **flocking(p, v, flying, moving),
+    }
+
+
+def reached_in_order(path: Vector, targets: list[list[float]], tolerance: float) -> int:
+    """How many of the targets the path (T,3) came within `tolerance` [m] of, one after another."""
+    done, at = 0, 0
+    for target in targets:
+        near = np.linalg.norm(path[at:] - np.array(target), axis=1) <= tolerance
+        if not near.any():
+            break
+        at += int(near.argmax())
+        done += 1
+    return done
+
+
+def flocking(
+    p: Vector, v: Vector, flying: NDArray[np.bool_], moving: NDArray[np.bool_]
+) -> dict[str, float | None]:
+    """Means over the flight of SwarmLab's order, union and connectivity, at 5 Hz."""
+    order, union, connectivity = [], [], []
+    for k in range(0, len(p), 10):
+        if moving[k].sum() > 1:
+            u = v[k][moving[k]]
+            u = u / np.linalg.norm(u, axis=1, keepdims=True)
+            n = len(u)
+            order.append((float((u @ u.T).sum()) - n) / (n * (n - 1)))
+        if flying[k].sum() > 1:
+            q = p[k][flying[k]]
+            near = np.linalg.norm(q[:, None] - q[None], axis=-1) < REACH
+            np.fill_diagonal(near, False)
+            laplacian = np.diag(near.sum(axis=1)) - near
+            eigenvalues = np.linalg.eigvalsh(laplacian.astype(float))
+            groups = int((eigenvalues < 1e-6).sum())
+            union.append((len(q) - groups) / (len(q) - 1))
+            connectivity.append(float(eigenvalues[1]) / len(q))
+    return {
+        "order": float(np.mean(order)) if order else None,
+        "union": float(np.mean(union)) if union else None,
+        "connectivity": float(np.mean(connectivity)) if connectivity else None,
+    }
+
+
+def read_log(path: Path) -> list[dict[str, Any]]:
+    """The ticks of a flight log, oldest first; empty where there is no readable log."""
+    if not path.exists() or path.stat().st_size == 0:
+        return []
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        return [json.loads(m.data) for _, _, m in reader.iter_messages(topics=["/tick"])]
+
+
+def timing(logs: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
+    """Solve and tick times and missed deadlines over all drones, milliseconds."""
+    ticks = [r for log in logs.values() for r in log]
+    solves = [r["solver"]["solve_ms"] for r in ticks if "solver" in r]
+    stages: dict[str, list[float]] = {}
+    for r in ticks:
+        for stage, ms in r["stages_ms"].items():
+            stages.setdefault(stage, []).append(ms)
+    misses = sum(log[-1]["counters"]["deadline_misses"] for log in logs.values() if log)
+    return {
+        "solve_ms": quantiles(solves),
+        "tick_ms": quantiles(stages.pop("tick", [])),
+        "stage_ms": {stage: quantiles(ms) for stage, ms in stages.items()},
+        "deadline_misses": misses,
+        "deadline_miss_rate": misses / max(len(ticks), 1),
+        "bad_solves": sum(not r["solver"]["usable"] for r in ticks if "solver" in r),
+    }
+
+
+def quantiles(values: list[float]) -> dict[str, float | None]:
+    """p50, p99 and max."""
+    if not values:
+        return {"p50": None, "p99": None, "max": None}
+    return {
+        "p50": round(float(np.percentile(values, 50)), 3),
+        "p99": round(float(np.percentile(values, 99)), 3),
+        "max": round(float(np.max(values)), 3),
+    }

@@ -1,0 +1,389 @@
+"""One flight: the world, its vehicles, and N companion processes on the wire.
+
+Lockstep: the world advances only to the instant at which an answer is due; frames of
+different drones are rendered, and companions think, meanwhile and side by side. Real time:
+nobody waits for anybody.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from mavlink_bridge.codec import Codec
+from mavlink_bridge.link import Link, UdpEndpoint
+from mavlink_bridge.video import Frame, FrameServer
+from sitl_sim import scenario as scenarios
+from sitl_sim import sensing
+from sitl_sim.autopilot import Autopilots
+from sitl_sim.render import Renderer
+from sitl_sim.scenario import Scenario
+from sitl_sim.truth import Truth
+from sitl_sim.vehicle import Airframe, Vehicles
+from sitl_sim.world import Vector, build
+
+_QUANTUM_MS = 2
+_TELEMETRY_MS = 20
+_TICK_MS = 100
+_CONNECT_TIMEOUT = 60.0
+
+
+@dataclass
+class _Drone:
+    """Everything of one vehicle that is on the wire."""
+
+    name: str
+    index: int
+    boot_ms: int
+    companion: Link
+    ground: Link
+    frames: FrameServer
+    process: subprocess.Popen[bytes] | None = None
+    rendering: Future[bool] | None = None
+    due_ms: int | None = None  # when the answer to the frame under way takes effect
+    asked: float = 0.0  # time stamp of that frame
+    landed: bool = False
+    deaf: bool = False  # its companion was there and is gone
+    received: list[Any] = field(default_factory=list)
+
+
+class Flight:
+    """Builds the world and the wire; `run` flies.
+
+    Raises:
+        EndpointError, VideoError: a port is in use, named.
+    """
+
+    def __init__(self, scenario: Scenario, folder: Path, real_time: bool = False) -> None:
+        self.scenario = scenario
+        self.folder = folder
+        self.names = scenarios.drone_names(scenario)
+        start = scenarios.starts(scenario)
+        self._yaws = scenarios.frame_yaws(scenario)
+        self.targets = scenarios.targets(scenario, start)
+        self.world = {"drone_radius": scenario.drones.radius,
+                      **build(scenario.world, scenario.seed),
+                      "targets": self.targets,
+                      "target_tolerance": scenario.mission.tolerance}  # fmt: skip
+        n = scenario.drones.count
+        heading = np.full(n, np.radians(scenario.drones.heading_deg))
+        self.vehicles = Vehicles(Airframe(), start, heading)
+        phases = [round(i * _TICK_MS / n / _QUANTUM_MS) * _QUANTUM_MS for i in range(n)]
+        self._autopilots = Autopilots(
+            self.vehicles,
+            list(range(1, n + 1)),
+            scenario.drones.autopilot,
+            origin=start,
+            yaw_offset=self._yaws,
+            boot_offset=np.array(phases) / 1e3,
+            seed=scenario.seed,
+            parameters=scenario.drones.parameters,
+        )
+        self._start = start
+        self._real_time = real_time
+        self._renderer: Renderer | None = None
+        if "camera" in (scenario.sensing.neighbours, scenario.sensing.obstacles):
+            s = scenario.sensing
+            self._renderer = Renderer(
+                self.world, s.width, s.height, s.fov_deg, seed=scenario.seed
+            )
+        self._drones: list[_Drone] = []
+        for i, name in enumerate(self.names):
+            self._drones.append(self._open(i, name, phases[i]))
+        self._pool = ThreadPoolExecutor(max_workers=max(os.cpu_count() or 1, 1))
+        self.truth = Truth(self.names)
+        self.wall_seconds = 0.0
+        self._now = 0
+
+    # --- setting up ----------------------------------------------------------------------
+
+    def _open(self, i: int, name: str, boot_ms: int) -> _Drone:
+        wire, system = self.scenario.wire, i + 1
+        try:
+            frames = FrameServer(wire.host, wire.frame_port + system)
+            companion = UdpEndpoint(remote=(wire.host, wire.companion_port + system))
+            ground = UdpEndpoint(remote=(wire.host, wire.gcs_port))
+        except (OSError, ValueError):
+            self.close()
+            raise
+        return _Drone(
+            name, i, boot_ms,
+            Link(companion, Codec(system, 1)), Link(ground, Codec(system, 1)), frames,
+        )  # fmt: skip
+
+    def wire_table(self) -> list[str]:
+        """Where each vehicle listens and speaks, a line each."""
+        w = self.scenario.wire
+        return [
+            f"{d.name}: system {d.index + 1}, companion UDP {w.companion_port + d.index + 1}, "
+            f"frames TCP {w.frame_port + d.index + 1}, ground station UDP {w.gcs_port}"
+            for d in self._drones
+        ]
+
+    def write_inputs(self) -> None:
+        """Run folder: the resolved scenario, the world, and each companion's config."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        text = yaml.safe_dump(self.scenario.model_dump(), sort_keys=False)
+        (self.folder / "scenario.yaml").write_text(text, encoding="utf-8")
+        world = json.dumps(self.world, indent=1)
+        (self.folder / "world.json").write_text(world, encoding="utf-8")
+        for drone in self._drones:
+            folder = self.folder / "drones" / drone.name
+            folder.mkdir(parents=True, exist_ok=True)
+            config = yaml.safe_dump(self.companion_config(drone.index), sort_keys=False)
+            (folder / "config.yaml").write_text(config, encoding="utf-8")
+
+    def companion_config(self, i: int) -> dict[str, Any]:
+        """What drone i is told: ports, goals in its own frame. Nothing of the others."""
+        s, wire, name = self.scenario, self.scenario.wire, self.names[i]
+        c, sn = np.cos(-self._yaws[i]), np.sin(-self._yaws[i])
+        turn = np.array([[c, -sn, 0.0], [sn, c, 0.0], [0.0, 0.0, 1.0]])
+        goals = [turn @ (np.array(g) - self._start[i]) for g in self.targets[name]]
+        config: dict[str, Any] = {
+            "fileversion": 1,
+            "name": name,
+            "link": {
+                "endpoint": f"udpin:{wire.host}:{wire.companion_port + i + 1}",
+                "system_id": i + 1,
+            },
+            "camera": {
+                "source": f"sim:{wire.host}:{wire.frame_port + i + 1}",
+                "width": s.sensing.width,
+                "height": s.sensing.height,
+                "fov_deg": s.sensing.fov_deg,
+            },
+            "sensing": {"neighbours": s.sensing.neighbours, "obstacles": s.sensing.obstacles},
+            "timing": {"pace": "clock" if self._real_time else "frames"},
+            "gaze": {"seed": int(np.random.SeedSequence([s.seed, i]).generate_state(1)[0])},
+            "mission": {
+                "goals": [[round(float(a), 4) for a in g] for g in goals],
+                "tolerance": round(s.mission.tolerance * 0.8, 4),
+                "takeoff_altitude": s.mission.altitude,
+                "auto": True,
+            },
+            "log": {"path": str((self.folder / "drones" / name / "flight.mcap").resolve())},
+        }
+        return _overlay(config, s.companion)
+
+    def launch(self) -> None:
+        """Start a companion process for each drone."""
+        for drone in self._drones:
+            folder = self.folder / "drones" / drone.name
+            with (folder / "stderr.log").open("wb") as log:
+                drone.process = subprocess.Popen(
+                    [sys.executable, "-m", "companion", "run", str(folder / "config.yaml")],
+                    stdin=subprocess.DEVNULL, stdout=log, stderr=log,
+                )  # fmt: skip
+
+    def wait_for_companions(self) -> None:
+        """Until every launched companion is on its frame channel.
+
+        Raises:
+            RuntimeError: one ended, with the end of what it printed; or time ran out.
+        """
+        deadline = time.monotonic() + _CONNECT_TIMEOUT
+        for drone in self._drones:
+            while drone.process is not None and not drone.frames.connected:
+                if drone.process.poll() is not None:
+                    log = self.folder / "drones" / drone.name / "stderr.log"
+                    tail = log.read_text(errors="replace").strip().splitlines()[-3:]
+                    raise RuntimeError(f"{drone.name}: companion ended: " + " | ".join(tail))
+                if time.monotonic() > deadline:
+                    raise RuntimeError(f"{drone.name}: companion did not connect in time")
+                time.sleep(0.01)
+
+    # --- flying --------------------------------------------------------------------------
+
+    def run(self, progress: Callable[[float], None] = lambda t: None) -> None:
+        """Fly until every companion has landed, or the time limit."""
+        limit = round(self.scenario.mission.time_limit * 1e3)
+        started = time.monotonic()
+        while self._now < limit and not self._over():
+            if self._real_time:
+                self._idle_until(started + self._now / 1e3)
+            self._instant()
+            following = self._next_event()
+            self._autopilots.advance(following / 1e3, np.array(self.scenario.wind))
+            self._now = following
+            progress(self._now / 1e3)
+        self.wall_seconds = time.monotonic() - started
+
+    def _over(self) -> bool:
+        """All have landed, or are gone and their vehicles are on the ground."""
+        return self._now > 1000 and all(
+            d.landed or (d.deaf and not self._autopilots.armed[d.index]) for d in self._drones
+        )
+
+    def _instant(self) -> None:
+        """Everything that happens at this very millisecond, always in the same order."""
+        for drone in self._drones:
+            if drone.due_ms is not None and drone.due_ms <= self._now:
+                self._take_answer(drone)
+            if self._real_time:
+                self._deliver(drone, drone.companion)
+            boot = self._now + drone.boot_ms
+            if boot % _TELEMETRY_MS == 0:
+                self._deliver(drone, drone.ground)
+                self._speak(drone)
+            if boot % _TICK_MS == 0:
+                self._show(drone)
+        if self._now % _TELEMETRY_MS == 0:
+            self.truth.record(self._now / 1e3, self.vehicles, self._autopilots.armed)
+
+    def _next_event(self) -> int:
+        """The next millisecond at which anything happens."""
+        following = self._now + _TELEMETRY_MS - self._now % _TELEMETRY_MS
+        for drone in self._drones:
+            boot = self._now + drone.boot_ms
+            following = min(following, self._now + _TELEMETRY_MS - boot % _TELEMETRY_MS)
+            if drone.due_ms is not None:
+                following = min(following, max(drone.due_ms, self._now + _QUANTUM_MS))
+        return following
+
+    def _speak(self, drone: _Drone) -> None:
+        """Telemetry that is due, on both links."""
+        drone.companion.send(self._autopilots.telemetry(drone.index, "companion"))
+        drone.ground.send(self._autopilots.telemetry(drone.index, "gcs"))
+
+    def _deliver(self, drone: _Drone, link: Link) -> None:
+        """Messages that wait on a link, to the vehicle; its replies back at once."""
+        for received in link.receive():
+            link.send(self._autopilots.receive(drone.index, received))
+
+    def _show(self, drone: _Drone) -> None:
+        """Start rendering and sending the frame of this instant."""
+        if not drone.frames.connected:
+            drone.deaf |= drone.process is not None
+            return
+        if drone.rendering is not None and not drone.rendering.done():
+            return  # real time only: the last frame is still under way, this one is dropped
+        stamp = (self._now + drone.boot_ms) / 1e3
+        packets = drone.companion.packets_out
+        p, q = self.vehicles.p.copy(), self.vehicles.q.copy()
+        drone.rendering = self._pool.submit(self._send_frame, drone, stamp, packets, p, q)
+        drone.asked = stamp
+        drone.due_ms = self._now + round(self.scenario.timing.compute_delay * 1e3)
+
+    def _send_frame(
+        self, drone: _Drone, stamp: float, packets: int, p: Vector, q: Vector
+    ) -> bool:
+        arrays = self._sense(drone.index, stamp, p, q)
+        return drone.frames.send(Frame(stamp, arrays, packets))
+
+    def _sense(self, i: int, stamp: float, p: Vector, q: Vector) -> dict[str, NDArray[Any]]:
+        """What drone i sees: its image, or what a perfect detector would report."""
+        s = self.scenario.sensing
+        others = np.delete(np.arange(len(p)), i)
+        arrays: dict[str, NDArray[Any]] = {}
+        if self._renderer is not None:
+            arrays["image"] = self._renderer.render(
+                p[i], q[i], p[others], q[others],
+                frame_seed=round(stamp * 1e3) * 64 + i, drones_id=[int(o) for o in others],
+            )  # fmt: skip
+        half = np.radians(s.fov_deg) / 2
+        view = (half, half * s.height / s.width)
+        if s.neighbours == "truth":
+            arrays["neighbours"] = sensing.neighbours(
+                p[i], q[i], p[others], self.world, view, s.range_max
+            )
+        if s.obstacles == "map":
+            arrays["trunks"] = sensing.trunks(p[i], q[i], self.world, view, s.range_max)
+        return arrays
+
+    def _take_answer(self, drone: _Drone) -> None:
+        """Wait for the answer that is due and let what was sent take effect."""
+        drone.due_ms = None
+        if self._real_time:
+            while (late := drone.frames.answer(0.0)) is not None:
+                drone.landed |= late.done
+            return
+        deadline = time.monotonic() + self.scenario.timing.answer_timeout
+        if drone.rendering is None or not drone.rendering.result():
+            drone.deaf = True
+            return
+        while True:
+            answer = drone.frames.answer(0.2)
+            if answer is not None:
+                break
+            gone = drone.process is not None and drone.process.poll() is not None
+            if gone or not drone.frames.connected or time.monotonic() > deadline:
+                drone.deaf = True
+                return
+        drone.landed |= answer.done
+        while drone.companion.packets_in < answer.packets and time.monotonic() < deadline:
+            self._deliver(drone, drone.companion)
+            if drone.companion.packets_in < answer.packets:
+                drone.companion.wait(0.05)
+        self._deliver(drone, drone.companion)
+
+    def _idle_until(self, moment: float) -> None:
+        """Real time: deliver what comes in until `moment` [CLOCK_MONOTONIC]."""
+        while (left := moment - time.monotonic()) > 0.0:
+            for drone in self._drones:
+                self._deliver(drone, drone.companion)
+            time.sleep(min(left, 0.002))
+
+    # --- the end -------------------------------------------------------------------------
+
+    def close(self) -> None:
+        """End the companions, release the ports."""
+        for drone in getattr(self, "_drones", []):
+            drone.frames.close()
+            drone.companion.close()
+            drone.ground.close()
+        for drone in getattr(self, "_drones", []):
+            _end(drone.process)
+        if hasattr(self, "_pool"):
+            self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def exit_codes(self) -> dict[str, int | None]:
+        """How each companion ended; negative: by that signal."""
+        return {d.name: d.process.returncode if d.process else None for d in self._drones}
+
+
+@contextmanager
+def flight(scenario: Scenario, folder: Path, real_time: bool = False) -> Iterator[Flight]:
+    """A flight whose processes and ports are released whatever happens."""
+    f = Flight(scenario, folder, real_time)
+    try:
+        yield f
+    finally:
+        f.close()
+
+
+def _end(process: subprocess.Popen[bytes] | None) -> None:
+    """Let a companion finish its log; make it end where it does not."""
+    if process is None:
+        return
+    try:
+        process.wait(timeout=0.5)
+    except subprocess.TimeoutExpired:
+        process.terminate()
+        try:
+            process.wait(timeout=10.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def _overlay(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    """`above` on top of `below`, nested."""
+    merged = dict(below)
+    for key, value in above.items():
+        old = merged.get(key)
+        nested = isinstance(value, dict) and isinstance(old, dict)
+        merged[key] = _overlay(old, value) if nested else value  # type: ignore[arg-type]
+    return merged
