@@ -45,10 +45,10 @@ class Lens:
 
     @cached_property
     def rays(self) -> Float32:
-        """(height, width, 3) unit direction of each pixel's centre, camera frame."""
+        """(3, height, width) unit direction of each pixel's centre, camera frame; planes for SIMD."""
         x = (np.arange(self.width) - (self.width - 1) / 2) / self.f
         y = (np.arange(self.height) - (self.height - 1) / 2) / self.f
         mx, my = np.meshgrid(x, y)
         theta = np.hypot(mx, my)
         scale = np.sinc(theta / np.pi)
-        return np.stack([scale * mx, scale * my, np.cos(theta)], axis=-1).astype(np.float32)
+        return np.stack([scale * mx, scale * my, np.cos(theta)]).astype(np.float32)

@@ -12,12 +12,20 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from sitl_sim import textures
 from sitl_sim.fisheye import R_BC, Float32, Float64, Lens, rotation
 from sitl_sim.render_drones import Look, draw_drones, stack_parts
 from sitl_sim.render_scene import (
-    BINS, EBINS, FIELDS, LAYERS, box_lists, ground_table, paint, trunk_table,
+    BINS,
+    EBINS,
+    FIELDS,
+    LAYERS,
+    box_lists,
+    ground_table,
+    paint,
+    trunk_table,
 )  # fmt: skip
 from sitl_sim.render_sensor import NOISE_BANK, depth_image, develop
 from sitl_sim.textures import UInt8
@@ -49,7 +57,7 @@ class _View:
     p: Float64
     r_wc: Float64
     table: Float32
-    count: UInt8
+    count: NDArray[np.int32]
     start: Any
     which: Any
 
@@ -203,7 +211,7 @@ class Renderer:
         # A camera under the ground would see nothing that makes sense.
         p[2] = max(p[2], 0.02)
         table = np.empty((LAYERS, BINS, FIELDS), np.float32)
-        count = np.empty(BINS, np.uint8)
+        count = np.empty(BINS, np.int32)
         trunk_table(
             p, self._cylinders, self._tint, self._bins, SUN, HAZE, 1.0 / lens.f, table, count
         )

@@ -77,7 +77,7 @@ def _place(parts, p, r_wc, drone_p, r_wd, sun, f, cx, cy, w, h):  # type: ignore
     """Parts of one drone → per part: camera ray → unit sphere, camera there, sun, pixel box."""
     n = parts.shape[0]
     maps = np.empty((n, 3, 3), np.float32)
-    origins = np.empty((n, 3), np.float32)
+    origins = np.empty((n, 4), np.float32)  # and |origin|² − 1
     suns = np.empty(3, np.float32)
     frames = np.empty((n, 4), np.int64)
     for c in range(3):
@@ -88,7 +88,9 @@ def _place(parts, p, r_wc, drone_p, r_wd, sun, f, cx, cy, w, h):  # type: ignore
         world_to_unit = to_unit @ np.ascontiguousarray(r_wd.T)
         maps[i] = (world_to_unit @ r_wc).astype(np.float32)
         offset = p - centre_w
-        origins[i] = (world_to_unit @ offset).astype(np.float32)
+        eye = world_to_unit @ offset
+        origins[i, :3] = eye.astype(np.float32)
+        origins[i, 3] = np.sum(eye * eye) - 1.0
         centre_c = np.ascontiguousarray(r_wc.T) @ (-offset)
         x, y, z = centre_c[0], centre_c[1], centre_c[2]
         rho = math.sqrt(x * x + y * y)
@@ -99,16 +101,31 @@ def _place(parts, p, r_wc, drone_p, r_wd, sun, f, cx, cy, w, h):  # type: ignore
             continue
         theta = math.atan2(rho, z)
         angle = math.asin(bound / distance)
-        # An equidistant lens stretches by θ / sin θ across the radius; worst over the part.
-        worst = min(theta + angle, 2.6)
-        size = f * angle * max(1.0, worst / max(math.sin(worst), 1e-3)) + 1.5
         scale = f * theta / max(rho, 1e-9)
         u, v = cx + scale * x, cy + scale * y
-        frames[i, 0], frames[i, 1] = max(0, math.floor(u - size)), max(0, math.floor(v - size))
-        frames[i, 2], frames[i, 3] = (
-            min(w, math.ceil(u + size) + 1),
-            min(h, math.ceil(v + size) + 1),
-        )
+        # The lens stretches by θ / sin θ across the radius; worst over the part's sphere.
+        worst = min(theta + angle, 2.6)
+        size_u = size_v = f * angle * max(1.0, worst / max(math.sin(worst), 1e-3)) + 1.5
+        if angle < 0.35:
+            # First order: how far the ellipsoid reaches along the gradients of u and of v.
+            rx, ry = (x / rho, y / rho) if rho > 1e-9 else (1.0, 0.0)
+            stretch = theta / max(math.sin(theta), 1e-6) if theta > 1e-6 else 1.0
+            co, si = math.cos(theta), math.sin(theta)
+            reach_u = reach_v = 0.0
+            body_c = np.ascontiguousarray(r_wd.T) @ r_wc
+            gu = np.array([rx * rx * co + stretch * ry * ry, rx * ry * (co - stretch), -rx * si])
+            gv = np.array([rx * ry * (co - stretch), ry * ry * co + stretch * rx * rx, -ry * si])
+            gu, gv = to_unit @ (body_c @ gu), to_unit @ (body_c @ gv)
+            for k in range(3):
+                axis2 = 1.0 / np.sum(to_unit[k] ** 2)
+                reach_u += (axis2 * gu[k]) ** 2
+                reach_v += (axis2 * gv[k]) ** 2
+            margin = f / distance * (1.0 + 1.2 * angle)
+            size_u = min(size_u, math.sqrt(reach_u) * margin + 1.5)
+            size_v = min(size_v, math.sqrt(reach_v) * margin + 1.5)
+        frames[i, 0], frames[i, 1] = max(0, math.floor(u - size_u)), max(0, math.floor(v - size_v))
+        frames[i, 2] = min(w, math.ceil(u + size_u) + 1)
+        frames[i, 3] = min(h, math.ceil(v + size_v) + 1)
         if theta > 2.2:
             frames[i, 2] = frames[i, 0]
     return maps, origins, suns, frames
@@ -124,13 +141,12 @@ def _trace(dx, dy, dz, maps, origins, suns, parts, active, n_active, out):  # ty
     veil_t, veil, veil_part = np.float32(np.inf), np.float32(0), -1
     for k in range(n_active):
         i = active[k]
-        m, o = maps[i], origins[i]
-        ux = m[0, 0] * dx + m[0, 1] * dy + m[0, 2] * dz
-        uy = m[1, 0] * dx + m[1, 1] * dy + m[1, 2] * dz
-        uz = m[2, 0] * dx + m[2, 1] * dy + m[2, 2] * dz
+        ux = maps[i, 0, 0] * dx + maps[i, 0, 1] * dy + maps[i, 0, 2] * dz
+        uy = maps[i, 1, 0] * dx + maps[i, 1, 1] * dy + maps[i, 1, 2] * dz
+        uz = maps[i, 2, 0] * dx + maps[i, 2, 1] * dy + maps[i, 2, 2] * dz
         a = ux * ux + uy * uy + uz * uz
-        b = ux * o[0] + uy * o[1] + uz * o[2]
-        c = o[0] * o[0] + o[1] * o[1] + o[2] * o[2] - np.float32(1)
+        b = ux * origins[i, 0] + uy * origins[i, 1] + uz * origins[i, 2]
+        c = origins[i, 3]
         root = b * b - a * c
         if root <= np.float32(0):
             continue
@@ -153,11 +169,14 @@ def _trace(dx, dy, dz, maps, origins, suns, parts, active, n_active, out):  # ty
     out[0], out[1], out[2] = np.float32(0), np.float32(0), np.float32(0)
     out[3] = veil
     if solid >= 0:
-        m, o = maps[solid], origins[solid]
+        i = solid
+        m = maps[i]
         ux = m[0, 0] * dx + m[0, 1] * dy + m[0, 2] * dz
         uy = m[1, 0] * dx + m[1, 1] * dy + m[1, 2] * dz
         uz = m[2, 0] * dx + m[2, 1] * dy + m[2, 2] * dz
-        ux, uy, uz = o[0] + nearest * ux, o[1] + nearest * uy, o[2] + nearest * uz
+        ux = origins[i, 0] + nearest * ux
+        uy = origins[i, 1] + nearest * uy
+        uz = origins[i, 2] + nearest * uz
         nx = m[0, 0] * ux + m[1, 0] * uy + m[2, 0] * uz
         ny = m[0, 1] * ux + m[1, 1] * uy + m[2, 1] * uz
         nz = m[0, 2] * ux + m[1, 2] * uy + m[2, 2] * uz
@@ -186,7 +205,7 @@ def draw_drones(  # type: ignore[no-untyped-def]
 
     drones_p (m,3), drones_r (m,3,3) body → world, looks (m,) row of parts_all (k,n,fields).
     """
-    h, w = rays.shape[0], rays.shape[1]
+    h, w = rays.shape[1], rays.shape[2]
     cx, cy = (w - 1) / 2, (h - 1) / 2
     rot = r_wc.astype(np.float32)
     px, py, pz = np.float32(p[0]), np.float32(p[1]), np.float32(p[2])
@@ -209,7 +228,7 @@ def draw_drones(  # type: ignore[no-untyped-def]
         x1, y1 = frames[:, 2].max(), frames[:, 3].max()
         clear = np.float32(math.exp(-distance[j] / FOG_RANGE))
         # Far drones are small and need sub-pixel samples; near ones only cost time.
-        ss = 2 if f * 0.4 / distance[j] < 90.0 and not into_depth else 1
+        ss = 2 if f * 0.4 / distance[j] < 45.0 and not into_depth else 1
         active = np.empty(parts.shape[0], np.int64)
         row = np.empty(parts.shape[0], np.int64)
         for y in range(y0, y1):
@@ -231,16 +250,16 @@ def draw_drones(  # type: ignore[no-untyped-def]
                 total_b = total_g = total_r = total_a = np.float32(0)
                 for sy in range(ss):
                     for sx in range(ss):
-                        dx, dy, dz = rays[y, x, 0], rays[y, x, 1], rays[y, x, 2]
+                        dx, dy, dz = rays[0, y, x], rays[1, y, x], rays[2, y, x]
                         if ss == 2:
                             fx = samples[sx] / np.float32(xb - xa)
                             fy = samples[sy] / np.float32(yb - ya)
-                            dx += fx * (rays[y, xb, 0] - rays[y, xa, 0])
-                            dx += fy * (rays[yb, x, 0] - rays[ya, x, 0])
-                            dy += fx * (rays[y, xb, 1] - rays[y, xa, 1])
-                            dy += fy * (rays[yb, x, 1] - rays[ya, x, 1])
-                            dz += fx * (rays[y, xb, 2] - rays[y, xa, 2])
-                            dz += fy * (rays[yb, x, 2] - rays[ya, x, 2])
+                            dx += fx * (rays[0, y, xb] - rays[0, y, xa])
+                            dx += fy * (rays[0, yb, x] - rays[0, ya, x])
+                            dy += fx * (rays[1, y, xb] - rays[1, y, xa])
+                            dy += fy * (rays[1, yb, x] - rays[1, ya, x])
+                            dz += fx * (rays[2, y, xb] - rays[2, y, xa])
+                            dz += fy * (rays[2, yb, x] - rays[2, ya, x])
                         t = _trace(dx, dy, dz, maps, origins, suns, parts, active, n_active, rgba)
                         if rgba[3] <= np.float32(0):
                             continue

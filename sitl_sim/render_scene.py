@@ -14,9 +14,10 @@ import math
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from sitl_sim.fisheye import Float32, Float64
-from sitl_sim.textures import HUES, LEVELS, SKY_SHAPE, TILE, UInt8
+from sitl_sim.textures import HUES, LEVELS, SKY_SHAPE, TILE
 
 BINS = 4096  # azimuth bins: 0.06°–0.11° each, a quarter of a pixel at 640 px
 LAYERS = 4
@@ -78,7 +79,7 @@ def trunk_table(  # type: ignore[no-untyped-def]
     haze: Float32,
     pixel_angle: float,
     table: Float32,
-    count: UInt8,
+    count: NDArray[np.int32],
 ):
     """Fill the azimuth table for the camera at p.
 
@@ -230,14 +231,13 @@ def scene_range(px, py, pz, dx, dy, dz, table, count, boxes, start, which):  # t
     if s < ZERO:
         t = -pz / s
     for layer in range(count[b]):
-        row = table[layer, b]
-        if row[T_IN] >= t:
+        if table[layer, b, T_IN] >= t:
             break
-        if s < row[S_TOP]:
-            t = row[T_IN]
+        if s < table[layer, b, S_TOP]:
+            t = table[layer, b, T_IN]
             break
-        if s < row[S_CAP]:
-            t = (row[HEIGHT] - pz) / s
+        if s < table[layer, b, S_CAP]:
+            t = (table[layer, b, HEIGHT] - pz) / s
             break
     distance = t * norm / rho
     if boxes.shape[0] > 0:
@@ -254,10 +254,10 @@ def paint(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Colour every pixel of the static scene.
 
-    rays: (h,w,3) camera frame. rot: (3,3) camera → world. p: (3,) camera, world [m].
+    rays: (3,h,w) camera frame. rot: (3,3) camera → world. p: (3,) camera, world [m].
     macro_frame: (3,) x and y origin [m], texels per metre. out: (h,w,3) uint8 BGR.
     """
-    h, w = rays.shape[0], rays.shape[1]
+    h, w = rays.shape[1], rays.shape[2]
     px, py, pz = p[0], p[1], p[2]
     r00, r01, r02 = rot[0, 0], rot[0, 1], rot[0, 2]
     r10, r11, r12 = rot[1, 0], rot[1, 1], rot[1, 2]
@@ -272,7 +272,7 @@ def paint(  # type: ignore[no-untyped-def]
     mx, my, ms = macro_frame[0], macro_frame[1], macro_frame[2]
     for y in range(h):
         for x in range(w):  # no branches: the compiler makes this loop SIMD
-            a, b_, c_ = rays[y, x, 0], rays[y, x, 1], rays[y, x, 2]
+            a, b_, c_ = rays[0, y, x], rays[1, y, x], rays[2, y, x]
             dx = r00 * a + r01 * b_ + r02 * c_
             dy = r10 * a + r11 * b_ + r12 * c_
             dz = r20 * a + r21 * b_ + r22 * c_
@@ -293,16 +293,15 @@ def paint(  # type: ignore[no-untyped-def]
             if s < ZERO:
                 ground_t = min(-pz / s, T_MAX)
             kind = 0
-            row = table[0, b]
+            layer = 0
             for layer in range(count[b]):
-                row = table[layer, b]
-                if row[T_IN] >= ground_t:
+                if table[layer, b, T_IN] >= ground_t:
                     break
-                if s < row[S_TOP]:
-                    kind, limit = 1, row[T_IN]
+                if s < table[layer, b, S_TOP]:
+                    kind, limit = 1, table[layer, b, T_IN]
                     break
-                if s < row[S_CAP]:
-                    kind, limit = 2, (row[HEIGHT] - pz) / s
+                if s < table[layer, b, S_CAP]:
+                    kind, limit = 2, (table[layer, b, HEIGHT] - pz) / s
                     break
             if have_boxes:
                 if kind == 0:
@@ -326,15 +325,21 @@ def paint(  # type: ignore[no-untyped-def]
                     out[y, x, 2] = int(gain + haze[2] * (ONE - clear))
                     continue
             if kind > 0:
-                v, level = pz + s * row[T_IN] + SHIFT, int(row[LEVEL])
+                v, level = pz + s * table[layer, b, T_IN] + SHIFT, int(table[layer, b, LEVEL])
                 gain = ONE
                 if kind == 2:  # the sawn top: lighter wood
                     v, gain = py + north[x] * limit + SHIFT, np.float32(1.35)
-                value = bark[texel(int(row[U]), int(v * BARK_TEXELS), level), 0]
+                value = bark[texel(int(table[layer, b, U]), int(v * BARK_TEXELS), level), 0]
                 light = np.float32(value) * gain
-                out[y, x, 0] = int(min(light * row[B] + row[FOG_B], np.float32(255)))
-                out[y, x, 1] = int(min(light * row[G] + row[FOG_G], np.float32(255)))
-                out[y, x, 2] = int(min(light * row[R] + row[FOG_R], np.float32(255)))
+                out[y, x, 0] = int(
+                    min(light * table[layer, b, B] + table[layer, b, FOG_B], np.float32(255))
+                )
+                out[y, x, 1] = int(
+                    min(light * table[layer, b, G] + table[layer, b, FOG_G], np.float32(255))
+                )
+                out[y, x, 2] = int(
+                    min(light * table[layer, b, R] + table[layer, b, FOG_R], np.float32(255))
+                )
             elif s < ZERO:
                 ei = min(int(-e * np.float32(EBINS)), EBINS - 1)
                 gx, gy = px + east[x] * ground_t, py + north[x] * ground_t

@@ -61,10 +61,10 @@ def develop(raw, noise, offset, sigma, exposure, vignette, out):  # type: ignore
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def depth_image(rays, rot, p, table, count, boxes, start, which, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """Distance to the static scene along each ray (h,w,3) of the camera frame → out (h,w) [m]."""
-    for y in range(rays.shape[0]):
-        for x in range(rays.shape[1]):
-            a, b, c = rays[y, x, 0], rays[y, x, 1], rays[y, x, 2]
+    """Distance to the static scene along each ray (3,h,w) of the camera frame → out (h,w) [m]."""
+    for y in range(rays.shape[1]):
+        for x in range(rays.shape[2]):
+            a, b, c = rays[0, y, x], rays[1, y, x], rays[2, y, x]
             dx = rot[0, 0] * a + rot[0, 1] * b + rot[0, 2] * c
             dy = rot[1, 0] * a + rot[1, 1] * b + rot[1, 2] * c
             dz = rot[2, 0] * a + rot[2, 1] * b + rot[2, 2] * c
