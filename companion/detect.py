@@ -6,6 +6,7 @@ carry, by classical means. Camera frame: x right, y down, z forward.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -31,7 +32,9 @@ class ColorSettings:
 
     hue_deg: 0…360, of the marker (300 magenta, 25 orange, 120 green). hue_width_deg: accepted
     distance from it. marker_radius: m, of the ball. min_chroma: grey levels between the marker's
-    strong and weak channels. min_area: px. max_range: m. psf: px, σ of lens and pixel.
+    strong and weak channels. min_area: px. max_range: m.
+    edge: share of the ball's bright side's chroma at which its outline is drawn; below one half,
+    as the limb away from the sun is darker.
     """
 
     hue_deg: float = 300.0
@@ -40,7 +43,7 @@ class ColorSettings:
     min_chroma: float = 45.0
     min_area: float = 3.0
     max_range: float = 20.0
-    psf: float = 0.62
+    edge: float = 0.44
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,9 @@ class ColorDetector:
         self._pure = np.array([blue, green, red])
         self._strong = [i for i in range(3) if self._pure[i] >= 0.5]
         self._weak = [i for i in range(3) if self._pure[i] < 0.5]
+        self._weights = np.zeros(3, np.float32)
+        self._weights[self._strong] = 1.0 / len(self._strong)
+        self._weights[self._weak] = -1.0 / len(self._weak)
 
     def detect(self, image: Image) -> list[Detection]:
         """Marked drones in image (H,W,3) uint8 BGR, nearest first."""
@@ -93,12 +99,14 @@ class ColorDetector:
         x1, y1 = min(x + w + 3, width), min(y + h + 3, height)
         patch = image[y0:y1, x0:x1].astype(np.float32)
         # Linear in the light, so that a pixel half covered by the ball reads half.
-        chroma = patch[..., self._strong].mean(-1) - patch[..., self._weak].mean(-1)
-        inside = chroma[y - y0 : y - y0 + h, x - x0 : x - x0 + w]
-        bright = np.sort(inside, axis=None)[-max(3, inside.size // 4) :]
-        full = float(np.median(bright))
-        outside = chroma[chroma < 0.25 * full]
-        base = float(np.median(outside)) if outside.size > 8 else 0.0
+        chroma = patch @ self._weights
+        inside = chroma[y - y0 : y - y0 + h, x - x0 : x - x0 + w].ravel()
+        quarter = max(2, inside.size // 4)
+        full = float(np.partition(inside, -quarter)[-quarter:].mean())
+        corners = sorted(
+            chroma[[0, 0, -1, -1, 0, 0, -1, -1], [0, -1, 0, -1, 1, -2, 1, -2]].tolist()
+        )
+        base = min(0.5 * (corners[3] + corners[4]), 0.3 * full)
         cover = (chroma - base) / max(full - base, 1.0)
         if not self._right_hue(patch[cover > 0.7]):
             return []
@@ -125,23 +133,25 @@ class ColorDetector:
 
     def _outline(self, cover: Vector, x0: int, y0: int, pixel: float) -> list[_Ball]:
         """Balls from the half-cover outline of a patch whose corner is pixel (x0, y0)."""
-        points = _crossings(cover, 0.5) + np.array([x0, y0])
+        points = _crossings(cover, self.settings.edge) + np.array([x0, y0])
         if len(points) < 8:
             return []
         rays = self.camera.unproject(points)
-        middle = rays.mean(axis=0)
-        middle /= np.linalg.norm(middle)
+        middle = rays.sum(axis=0)
+        middle /= math.sqrt(float(middle @ middle))
         e1, e2 = _tangents(middle)
         # Stereographic plane: circles on the sphere of directions stay circles.
-        scale = 2.0 / (1.0 + rays @ middle)
-        plane = np.stack([rays @ e1 * scale, rays @ e2 * scale], axis=1)
+        depth, px, py = np.stack([middle, e1, e2]) @ rays.T
+        scale = 2.0 / (1.0 + depth)
+        px, py = px * scale, py * scale
+        extent = float(max(px.max() - px.min(), py.max() - py.min()))
         balls = []
-        for c in fit_circles(plane, 0.4 * pixel + 0.02 * float(np.ptp(plane, axis=0).max())):
-            radial = float(np.hypot(c.x, c.y))
-            near, far = 2 * np.arctan((radial - c.r) / 2), 2 * np.arctan((radial + c.r) / 2)
+        for c in fit_circles(px, py, 0.4 * pixel + 0.02 * extent):
+            radial = math.hypot(c.x, c.y)
+            near, far = 2 * math.atan((radial - c.r) / 2), 2 * math.atan((radial + c.r) / 2)
             turn, angle = (near + far) / 2, (far - near) / 2
             side = (c.x * e1 + c.y * e2) / max(radial, 1e-12)
-            balls.append(_Ball(np.cos(turn) * middle + np.sin(turn) * side, float(angle), c.arc))
+            balls.append(_Ball(math.cos(turn) * middle + math.sin(turn) * side, angle, c.arc))
         return balls
 
     def _small(self, solid: Vector, area: float, x0: int, y0: int) -> _Ball:
@@ -155,15 +165,15 @@ class ColorDetector:
         s = self.settings
         if not 1e-4 < ball.angle < 1.4:
             return None
-        distance = s.marker_radius / np.sin(ball.angle)
+        distance = s.marker_radius / math.sin(ball.angle)
         if distance > s.max_range:
             return None
         # The outline is known to some 0.12 px; a short arc says less about the circle.
         weak = 1.0 / max(ball.arc, 0.15) * (2.0 if clipped else 1.0)
         sigma_angle = 0.15 * pixel * weak
-        sigma_range = distance * float(np.hypot(0.02, sigma_angle / ball.angle))
-        score = float(np.clip(ball.angle / (2.0 * pixel), 0.3, 1.0) * min(1.0, 0.5 + ball.arc))
-        return Detection(ball.axis, float(distance), float(np.hypot(0.002, sigma_angle)),
+        sigma_range = distance * math.hypot(0.02, sigma_angle / ball.angle)
+        score = min(1.0, max(0.3, ball.angle / (2.0 * pixel))) * min(1.0, 0.5 + ball.arc)
+        return Detection(ball.axis, distance, math.hypot(0.002, sigma_angle),
                          sigma_range, score)  # fmt: skip
 
 
@@ -187,8 +197,12 @@ def _crossings(values: Vector, level: float) -> Vector:
 
 
 def _tangents(axis: Vector) -> tuple[Vector, Vector]:
-    """Two unit vectors that complete axis (3,) to a right-handed basis."""
-    helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    e1 = np.cross(axis, helper)
-    e1 /= np.linalg.norm(e1)
-    return e1, np.cross(axis, e1)
+    """Two unit vectors that complete axis (3,) to an orthonormal basis."""
+    x, y, z = axis.tolist()
+    # Frisvad's construction, about whichever pole is far.
+    sign = 1.0 if z >= 0.0 else -1.0
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    return np.array([1.0 + sign * x * x * a, sign * b, -sign * x]), np.array(
+        [b, sign + y * y * a, -y]
+    )
