@@ -147,9 +147,9 @@ def _set_mode(u: Unit, custom_mode: int) -> int:
 
 
 def _set_message_interval(u: Unit, m: Command, link: str) -> Handled:
-    message_id, interval_us = int(m.params[0]), m.params[1]
-    if message_id not in BUILDERS or not math.isfinite(interval_us):
+    if not all(map(math.isfinite, m.params[:2])) or int(m.params[0]) not in BUILDERS:
         return CommandResult.DENIED, []
+    message_id, interval_us = int(m.params[0]), m.params[1]
     if interval_us == 0.0:  # back to the default
         rate_hz = u.flavour.streams[link].get(message_id, 0.0)
     else:

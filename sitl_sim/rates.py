@@ -33,7 +33,7 @@ class RateGains:
     has less authority and takes 60 ms.
     """
 
-    p: tuple[float, float, float] = (100.0, 100.0, 30.0)
+    p: tuple[float, float, float] = (100.0, 100.0, 40.0)
     i: tuple[float, float, float] = (120.0, 120.0, 200.0)
     d: tuple[float, float, float] = (1.8, 1.8, 0.0)
     feed_forward: tuple[float, float, float] = (0.4, 0.4, 0.0)

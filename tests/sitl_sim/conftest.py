@@ -1,0 +1,77 @@
+"""A flight without sockets: vehicles, autopilots, and whoever talks to them."""
+
+import math
+
+import numpy as np
+import pytest
+
+from mavlink_bridge.messages import Command, RateSetpoint, Received, Source
+from sitl_sim.autopilot import Autopilots
+from sitl_sim.vehicle import Airframe, Vehicles
+
+GCS = Source(255, 190)
+
+
+class Flight:
+    """n vehicles on the ground, 3 m apart; time moves in steps of 10 ms."""
+
+    def __init__(self, n=1, flavour="px4", yaw=0.0, **options):
+        p = np.array([[3.0 * i, 0.0, 0.0] for i in range(n)])
+        self.vehicles = Vehicles(Airframe(), p, yaw)
+        self.autopilots = Autopilots(self.vehicles, list(range(1, n + 1)), flavour, **options)
+        self.heard = [[] for _ in range(n)]  # by the ground station
+        self.setpoint = None
+
+    def send(self, message, i=0, source=GCS, link=None):
+        return self.autopilots.receive(i, Received(source, message), link)
+
+    def command(self, number, *params, i=0, source=GCS):
+        """The acknowledged result."""
+        padded = (*map(float, params), *(math.nan,) * (7 - len(params)))
+        replies = self.send(Command(int(number), padded, i + 1), i, source)
+        assert replies[0].command == number
+        assert (replies[0].target_system, replies[0].target_component) == (
+            source.system,
+            source.component,
+        )
+        return replies[0].result
+
+    def stream(self, omega, thrust):
+        """From now on the companion of vehicle 0 sends this at 10 Hz."""
+        self.setpoint = RateSetpoint(0.0, np.array(omega, dtype=float), thrust, 1)
+
+    def run(self, seconds, until=None, wind=0.0):
+        """Fly on; True as soon as `until()` holds."""
+        a = self.autopilots
+        first = round(a.t * 100)
+        for k in range(first + 1, first + round(seconds * 100) + 1):
+            a.advance(k / 100, wind)
+            if self.setpoint is not None and k % 10 == 0:
+                self.send(self.setpoint, source=Source(1, 191))
+            for i, heard in enumerate(self.heard):
+                heard.extend(a.telemetry(i, "gcs"))
+            if until is not None and until():
+                return True
+        return False
+
+    def texts(self, i=0):
+        return [t.text for t in self.autopilots.status_texts(i)]
+
+    @property
+    def commander(self):
+        return self.autopilots.units[0].commander
+
+    def last(self, kind, i=0):
+        return [m for m in self.heard[i] if isinstance(m, kind)][-1]
+
+    def in_the_air(self):
+        """Take off and hold (PX4's way)."""
+        assert self.command(400, 1) == 0
+        assert self.command(22) == 0
+        assert self.run(10.0, lambda: self.commander.mode.name == "HOLD")
+        self.run(2.0)
+
+
+@pytest.fixture
+def make_flight():
+    return Flight
