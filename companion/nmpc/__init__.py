@@ -6,4 +6,13 @@ from companion.nmpc.ipopt import IpoptNmpc
 from companion.nmpc.result import Result, Status
 from companion.nmpc.rti import Nmpc
 
-__all__ = ["Instance", "IpoptNmpc", "Neighbour", "Nmpc", "NmpcConfig", "Result", "Status", "make_instance"]
+__all__ = [
+    "Instance",
+    "IpoptNmpc",
+    "Neighbour",
+    "Nmpc",
+    "NmpcConfig",
+    "Result",
+    "Status",
+    "make_instance",
+]

@@ -56,7 +56,9 @@ def reference_velocity(p: ca.SX, scene: Scene, w: Weights) -> ca.SX:
     e = scene.goal - p
     delta = w["goal_smoothing"]
     far = ca.sqrt(ca.sumsqr(e[:2]) + delta**2)
-    return ca.vertcat(scene.speed * e[:2] / far, w["climb_speed"] * e[2] / ca.sqrt(e[2]**2 + delta**2))
+    return ca.vertcat(
+        scene.speed * e[:2] / far, w["climb_speed"] * e[2] / ca.sqrt(e[2] ** 2 + delta**2)
+    )
 
 
 def migration(p: ca.SX, v: ca.SX, scene: Scene, w: Weights) -> Term:
@@ -71,7 +73,9 @@ def speed_excess(v: ca.SX, w: Weights) -> Term:
 
 def line_of_sight(q: ca.SX, scene: Scene, w: Weights) -> Term:
     """Yaw is not in (29) though omega_z is an input: the body's x axis towards (7)."""
-    x_body = ca.vertcat(q[0]**2 + q[1]**2 - q[2]**2 - q[3]**2, 2 * (q[1] * q[2] + q[0] * q[3]))
+    x_body = ca.vertcat(
+        q[0] ** 2 + q[1] ** 2 - q[2] ** 2 - q[3] ** 2, 2 * (q[1] * q[2] + q[0] * q[3])
+    )
     return Term(x_body - scene.sight, w["w_yaw"])
 
 

@@ -160,9 +160,9 @@ class IpoptNmpc:
         before = np.concatenate([u_last[None], u[:-1]])
         stage: Stage = self._stage
         columns = (x[:-1].T, before.T, u.T, x[1:].T, stages, scene, self._weights)
-        _, costs, margins = stage.evaluate.map(self.config.N)(*[
-            np.tile(c[:, None], self.config.N) if c.ndim == 1 else c for c in columns
-        ])
+        _, costs, margins = stage.evaluate.map(self.config.N)(
+            *[np.tile(c[:, None], self.config.N) if c.ndim == 1 else c for c in columns]
+        )
         return float(np.sum(costs)), np.asarray(margins).T
 
     def _failure(

@@ -30,6 +30,8 @@ from companion.nmpc.problem import (
 
 # A little curvature for directions no cost sees; as these are steps it moves no solution.
 DAMPING = 1e-6
+# Bounds on the input are drawn in by this.
+TIGHT = 2e-5
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,19 @@ def layout(N: int) -> Layout:
             u[k + 1] = place + np.arange(NU)
             place += NU
     return Layout(place, u, x, slack)
+
+
+def input_bounds(config: NmpcConfig) -> tuple[Vector, Vector]:
+    """(35), (36), drawn in by the solvers' tolerance: what is planned never exceeds them."""
+    rates = [config.omega_max - TIGHT] * 3
+    return np.array([config.c_min + TIGHT, *[-r for r in rates]]), np.array(
+        [config.c_max - TIGHT, *rates]
+    )
+
+
+def change_bounds(config: NmpcConfig) -> Vector:
+    """(33), (34) per step, drawn in likewise."""
+    return np.array([config.delta_c_max, *[config.delta_omega_max] * 3]) - TIGHT
 
 
 class Gather:
@@ -170,9 +185,7 @@ class Program:
             rows = i * NX + stage.dynamics.rows
             keep = columns >= 0
             entries.append((rows[keep], columns[keep], self._sources(i, stage.dynamics, keep)))
-            entries.append(
-                self._constant(i * NX + np.arange(NX), self.where.x[i], self._minus)
-            )
+            entries.append(self._constant(i * NX + np.arange(NX), self.where.x[i], self._minus))
             gaps.append(self._sources(i, stage.gap, np.ones(NX, dtype=bool)))
         self.A = Matrix((NX * self.config.N, self.where.size), entries)
         self.b = np.zeros(NX * self.config.N)
@@ -213,11 +226,8 @@ class Program:
         self._margin_rows, self._margins = np.concatenate(margin_rows), np.concatenate(margins)
 
     def _bounds(self) -> None:
-        config = self.config
-        rates = np.full(3, config.omega_max)
-        self.u_min = np.concatenate([[config.c_min], -rates])
-        self.u_max = np.concatenate([[config.c_max], rates])
-        self.change = np.array([config.delta_c_max, *[config.delta_omega_max] * 3])
+        self.u_min, self.u_max = input_bounds(self.config)
+        self.change = change_bounds(self.config)
         self.x_l = np.full(self.where.size, -np.inf)
         self.x_u = np.full(self.where.size, np.inf)
         self.x_l[self.where.slack] = 0.0

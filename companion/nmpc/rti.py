@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from companion.model import Vector, normalise
+from companion.nmpc.compiled import CompiledProgram, library
 from companion.nmpc.config import NmpcConfig
 from companion.nmpc.instance import Instance
 from companion.nmpc.outcome import Plan, cold_guess, failed, hover, judged, shifted
@@ -24,13 +25,27 @@ class Nmpc:
     """SQP-RTI on the problem of `problem.py`; keeps its own previous plan."""
 
     def __init__(
-        self, config: NmpcConfig, clock: Callable[[], float] = time.perf_counter
+        self,
+        config: NmpcConfig,
+        clock: Callable[[], float] = time.perf_counter,
+        *,
+        compiled: bool = True,
     ) -> None:
+        """Build the solver.
+
+        compiled: use a C compiler if there is one. `backend` says what came of it; the first
+        start with a new size of problem then takes seconds, later ones read the cache.
+        """
         self.config = config
         self._clock = clock
         stage = build_stage(config)
-        self._program = Program(config, stage)
-        self._stages = Stages(config, stage, self._program.source[: config.N * stage.size])
+        found = library(stage, config) if compiled else None
+        self.backend = "piqp" if found is None else "compiled"
+        self._program: Program | CompiledProgram = (
+            Program(config, stage) if found is None else CompiledProgram(config, stage, found)
+        )
+        linearised = self._program.source[: config.N * stage.size]
+        self._stages = Stages(config, stage, linearised, found)
         self._plan: Plan | None = None
 
     def reset(self) -> None:

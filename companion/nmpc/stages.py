@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
+from collections.abc import Callable
+
 import casadi as ca
 import numpy as np
 
 from companion.model import NU, NX, Vector
+from companion.nmpc.compiled import Sweep
 from companion.nmpc.config import NmpcConfig
 from companion.nmpc.instance import Instance
 from companion.nmpc.parameters import scene_numbers, stage_numbers, weight_numbers
@@ -19,7 +23,13 @@ class Stages:
     replace them. `source` is where the linearisation goes.
     """
 
-    def __init__(self, config: NmpcConfig, stage: Stage, source: Vector) -> None:
+    def __init__(
+        self,
+        config: NmpcConfig,
+        stage: Stage,
+        source: Vector,
+        library: ctypes.CDLL | None = None,
+    ) -> None:
         N = config.N
         self.config = config
         self.x, self.u = np.zeros((N + 1, NX)), np.zeros((N, NU))
@@ -30,29 +40,40 @@ class Stages:
         self._scene = np.zeros(stage.linearise.nnz_in(5))
         self._weights = weight_numbers(config)
         inputs = [
-            self.x[:-1],
-            self._before,
-            self.u,
-            self.x[1:],
-            self._stage,
-            self._scene,
-            self._weights,
+            (self.x[:-1], NX),
+            (self._before, NU),
+            (self.u, NU),
+            (self.x[1:], NX),
+            (self._stage, self._stage.shape[1]),
+            (self._scene, 0),
+            (self._weights, 0),
         ]
-        shared = [5, 6]
-        linearise = stage.linearise.map("linearise_all", "serial", N, shared, [])
-        evaluate = stage.evaluate.map("evaluate_all", "serial", N, shared, [])
-        self._buffers = []
-        self._linearise = self._bind(linearise, inputs, [source])
-        self._evaluate = self._bind(evaluate, inputs, [self.reached, self.costs, self.margins])
+        outputs = [(self.reached, NX), (self.costs, 1), (self.margins, self.margins.shape[1])]
+        linear = [(source, stage.size)]
+        if library is not None:
+            self._linearise: Callable[[], None] = Sweep(library, stage.linearise, N, inputs, linear)
+            self._evaluate: Callable[[], None] = Sweep(library, stage.evaluate, N, inputs, outputs)
+        else:
+            self._buffers: list[object] = []
+            self._linearise = self._bind(stage.linearise, inputs, linear)
+            self._evaluate = self._bind(stage.evaluate, inputs, outputs)
 
-    def _bind(self, function: ca.Function, inputs: list[Vector], outputs: list[Vector]):
-        buffer, call = function.buffer()
-        for i, array in enumerate(inputs):
+    def _bind(
+        self,
+        function: ca.Function,
+        inputs: list[tuple[Vector, int]],
+        outputs: list[tuple[Vector, int]],
+    ) -> Callable[[], None]:
+        """The function mapped over the stages in CasADi's virtual machine."""
+        shared = [i for i, (_, stride) in enumerate(inputs) if stride == 0]
+        name = function.name() + "_all"
+        buffer, call = function.map(name, "serial", self.config.N, shared, []).buffer()
+        for i, (array, _) in enumerate(inputs):
             buffer.set_arg(i, memoryview(array.reshape(-1)))
-        for i, array in enumerate(outputs):
+        for i, (array, _) in enumerate(outputs):
             buffer.set_res(i, memoryview(array.reshape(-1)))
         self._buffers.append(buffer)
-        return call
+        return call  # type: ignore[no-any-return]
 
     def place(self, instance: Instance, u_last: Vector) -> bool:
         """Set the parameters of an instance; False if one of them is not finite."""
