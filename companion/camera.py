@@ -108,7 +108,7 @@ class Camera:
         rho = np.hypot(x, y)
         theta = np.arctan2(rho, z)
         # On the axis the image direction is undefined and its radius 0.
-        scale = self._radius(theta) / np.where(rho > 0.0, rho, 1.0)
+        scale = self.radius(theta) / np.where(rho > 0.0, rho, 1.0)
         scale = np.where(theta <= self.max_angle + 1e-9, scale, np.nan)
         return np.stack([self.cx + self.fx * scale * x, self.cy + self.fy * scale * y], axis=1)
 
@@ -135,10 +135,10 @@ class Camera:
         radius = np.hypot((u - self.cx) / self.fx, (v - self.cy) / self.fy).ravel()
         theta = np.maximum(self._angle(radius), 1e-6)
         slope = np.maximum(self._slope(theta), 1e-3)
-        area = np.sin(theta) / (self._radius(theta) * slope * self.fx * self.fy)
+        area = np.sin(theta) / (self.radius(theta) * slope * self.fx * self.fy)
         return area.reshape(self.height, self.width).astype(np.float32)
 
-    def _radius(self, theta: Vector) -> Vector:
+    def radius(self, theta: Vector) -> Vector:
         """Angle from the axis [rad] → normalised image radius (`cv2.fisheye` polynomial)."""
         t2 = theta * theta
         k1, k2, k3, k4 = self.k
@@ -146,18 +146,18 @@ class Camera:
         return result
 
     def _slope(self, theta: Vector) -> Vector:
-        """Derivative of `_radius`."""
+        """Derivative of `radius`."""
         t2 = theta * theta
         k1, k2, k3, k4 = self.k
         result: Vector = 1.0 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))
         return result
 
     def _angle(self, radius: Vector) -> Vector:
-        """Inverse of `_radius` by Newton's method; exact without distortion."""
+        """Inverse of `radius` by Newton's method; exact without distortion."""
         theta = np.array(radius, float)
         if self.k.any():
             for _ in range(NEWTON_STEPS):
-                step = (self._radius(theta) - radius) / np.maximum(self._slope(theta), 0.1)
+                step = (self.radius(theta) - radius) / np.maximum(self._slope(theta), 0.1)
                 theta = np.clip(theta - step, 0.0, np.pi)
         result: Vector = np.minimum(theta, np.pi)
         return result
