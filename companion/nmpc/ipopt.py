@@ -12,7 +12,7 @@ from companion.model import NU, NX, normalise
 from companion.nmpc.config import NmpcConfig
 from companion.nmpc.instance import Instance
 from companion.nmpc.outcome import Plan, cold_guess, failed, hover, judged, shifted
-from companion.nmpc.parameters import scene_numbers, stage_numbers, weight_numbers
+from companion.nmpc.parameters import Numbers, weight_numbers
 from companion.nmpc.problem import Stage, build_stage
 from companion.nmpc.result import Result, Status
 
@@ -37,6 +37,7 @@ class IpoptNmpc:
         self._clock = clock
         self._stage = build_stage(config)
         self._weights = weight_numbers(config)
+        self._numbers = Numbers(config)
         self._build(expand, tolerance)
         self._plan: Plan | None = None
 
@@ -119,7 +120,8 @@ class IpoptNmpc:
         u_last = np.clip(instance.u_last, low, high)
         x0 = instance.x0.copy()
         x0[6:10] = normalise(x0[6:10])
-        scene, stages = scene_numbers(config, instance), stage_numbers(config, instance)
+        self._numbers.fill(instance)
+        scene, stages = self._numbers.scene, self._numbers.stages.T
         if not all(np.isfinite(a).all() for a in (x0, u_last, scene, stages)):
             return self._failure(instance, Status.NOT_FINITE, 0, started)
         x, u = self._plan if self._plan is not None else cold_guess(config, instance, x0)
@@ -152,8 +154,8 @@ class IpoptNmpc:
             margins,
             status=Status.SOLVED,
             iterations=iterations,
-            solve_time=self._clock() - started,
             step_norm=0.0,
+            elapsed=lambda: self._clock() - started,
         )
 
     def _evaluate(self, x, u, u_last, stages, scene):  # type: ignore[no-untyped-def]

@@ -32,13 +32,19 @@
 /* Rows with more room [m] than any step of the iterate can use up are left out. */
 #define OUT_OF_REACH 6.0
 
+/* Four numbers at once; GCC and Clang lower it to what the machine has. */
+typedef double Four __attribute__((vector_size(32), aligned(8), may_alias));
+#define AT(array, n) (((Four *)(array))[n])
+
 enum { BEFORE = NX, U = NX + NU, NEXT = NX + 2 * NU };
 
 typedef struct {
     double F[NX][PAD];       /* [A B] */
+    double Ft[NZ][12];       /* its transpose */
     double Pb[PAD];          /* P (gap, 0) */
     double K[NU][PAD];       /* w = -K (dx, w_before) - k */
-    double S[NU][NU];        /* Cholesky factor of S, lower */
+    double Kt[NZ][NU];       /* its transpose */
+    double S[NU][NU];        /* Cholesky factor of S, lower; diagonal inverted */
     double gap[NX];
     double Hx[NX][PAD], gx[NX];
     double He[NU], ge[NU];   /* effort */
@@ -91,8 +97,10 @@ static void load(const Shape *p, const int *index, const double *source, const d
         Stage *g = stages + i;
         const double *c = source + (size_t)i * p->size;
         memset(g->F, 0, sizeof g->F);
+        memset(g->Ft, 0, sizeof g->Ft);
         memset(g->Hx, 0, sizeof g->Hx);
-        for (int n = 0; n < p->dynamics_count; n++) g->F[dr[n]][dc[n]] = c[p->dynamics + n];
+        for (int n = 0; n < p->dynamics_count; n++)
+            g->F[dr[n]][dc[n]] = g->Ft[dc[n]][dr[n]] = c[p->dynamics + n];
         memcpy(g->gap, c + p->gap, sizeof g->gap);
         double hu[NU] = {0}, hb[NU] = {0};
         for (int n = 0; n < p->hessian_count; n++) {
@@ -211,8 +219,8 @@ static int cholesky(double S[NU][NU]) {
         for (int k = 0; k < j; k++)
             for (int i = j; i < NU; i++) S[i][j] -= S[i][k] * S[j][k];
         if (!(S[j][j] > 0.0)) return 0;
-        S[j][j] = sqrt(S[j][j]);
-        for (int i = j + 1; i < NU; i++) S[i][j] /= S[j][j];
+        S[j][j] = 1.0 / sqrt(S[j][j]);
+        for (int i = j + 1; i < NU; i++) S[i][j] *= S[j][j];
     }
     return 1;
 }
@@ -220,12 +228,41 @@ static int cholesky(double S[NU][NU]) {
 static void back_substitute(double S[NU][NU], double *b) {
     for (int i = 0; i < NU; i++) {
         for (int k = 0; k < i; k++) b[i] -= S[i][k] * b[k];
-        b[i] /= S[i][i];
+        b[i] *= S[i][i];
     }
     for (int i = NU - 1; i >= 0; i--) {
         for (int k = i + 1; k < NU; k++) b[i] -= S[k][i] * b[k];
-        b[i] /= S[i][i];
+        b[i] *= S[i][i];
     }
+}
+
+/* The same for all columns of K at once. */
+static void back_substitute_rows(double S[NU][NU], double K[NU][PAD]) {
+    for (int i = 0; i < NU; i++)
+        for (int v = 0; v < PAD / 4; v++) {
+            Four sum = AT(K[i], v);
+            for (int k = 0; k < i; k++) sum -= S[i][k] * AT(K[k], v);
+            AT(K[i], v) = sum * S[i][i];
+        }
+    for (int i = NU - 1; i >= 0; i--)
+        for (int v = 0; v < PAD / 4; v++) {
+            Four sum = AT(K[i], v);
+            for (int k = i + 1; k < NU; k++) sum -= S[k][i] * AT(K[k], v);
+            AT(K[i], v) = sum * S[i][i];
+        }
+}
+
+/* row += sum over k of weights[k * stride] * rows[k], k < NX. */
+static inline void combine(double *row, const double *weights, int stride, double rows[][PAD]) {
+    Four a = AT(row, 0), b = AT(row, 1), c = AT(row, 2), d = AT(row, 3);
+    for (int k = 0; k < NX; k++) {
+        double weight = weights[k * stride];
+        a += weight * AT(rows[k], 0);
+        b += weight * AT(rows[k], 1);
+        c += weight * AT(rows[k], 2);
+        d += weight * AT(rows[k], 3);
+    }
+    AT(row, 0) = a, AT(row, 1) = b, AT(row, 2) = c, AT(row, 3) = d;
 }
 
 /* Riccati recursion: the gains of all stages. */
@@ -235,43 +272,42 @@ static int factorise(Stage *stages, int N, double quadratic) {
     for (int i = N - 1; i >= 0; i--) {
         Stage *g = stages + i;
         add_hessian(g, quadratic, P);
-        for (int r = 0; r < NZ; r++) {
-            double row[PAD] = {0};
-            double b = 0.0;
-            for (int n = 0; n < NU; n++) row[NX + n] = P[r][NX + n];
-            for (int k = 0; k < NX; k++) {
-                for (int c = 0; c < PAD; c++) row[c] += P[r][k] * g->F[k][c];
-                b += P[r][k] * g->gap[k];
-            }
-            memcpy(T[r], row, sizeof row);
-            g->Pb[r] = b;
+        double Pb[PAD] = {0};
+        for (int k = 0; k < NX; k++) /* P is symmetric: its rows are its columns */
+            for (int v = 0; v < PAD / 4; v++) AT(Pb, v) += g->gap[k] * AT(P[k], v);
+        memcpy(g->Pb, Pb, sizeof Pb);
+        for (int r = 0; r < NZ; r++) { /* T = P [F; 0 I] */
+            memset(T[r], 0, sizeof T[r]);
+            for (int n = 0; n < NU; n++) T[r][NX + n] = P[r][NX + n];
+            combine(T[r], P[r], 1, g->F);
         }
-        for (int r = 0; r < NZ; r++) {
-            double row[PAD] = {0};
-            if (r >= NX) memcpy(row, T[r], sizeof row);
-            for (int k = 0; k < NX; k++)
-                for (int c = 0; c < PAD; c++) row[c] += g->F[k][r] * T[k][c];
-            memcpy(M[r], row, sizeof row);
-        }
-        for (int r = 0; r < NU; r++)
-            for (int c = 0; c < NU; c++) g->S[r][c] = M[NX + r][NX + c] + (r == c ? g->R[r] : 0.0);
-        if (!cholesky(g->S)) return 0;
-        for (int c = 0; c < NZ; c++) {
-            double column[NU];
-            for (int r = 0; r < NU; r++)
-                column[r] = c < NX ? M[NX + r][c] : (c - NX == r ? -g->R[r] : 0.0);
-            back_substitute(g->S, column);
-            for (int r = 0; r < NU; r++) g->K[r][c] = column[r];
-        }
-        for (int r = 0; r < NU; r++) g->K[r][14] = g->K[r][15] = 0.0;
-        memset(P, 0, sizeof P);
-        for (int r = 0; r < NX; r++) {
-            for (int c = 0; c < NX; c++) P[r][c] = M[r][c];
-            for (int k = 0; k < NU; k++)
-                for (int c = 0; c < PAD; c++) P[r][c] -= M[NX + k][r] * g->K[k][c];
+        for (int r = 0; r < NZ; r++) { /* M = [F; 0 I]' T */
+            if (r < NX) memset(M[r], 0, sizeof M[r]);
+            else memcpy(M[r], T[r], sizeof M[r]);
+            combine(M[r], &g->F[0][r], PAD, T);
         }
         for (int r = 0; r < NU; r++) {
-            for (int c = 0; c < NZ; c++) P[NX + r][c] = g->R[r] * g->K[r][c];
+            for (int c = 0; c < NU; c++) g->S[r][c] = M[NX + r][NX + c];
+            g->S[r][r] += g->R[r];
+            memset(g->K[r], 0, sizeof g->K[r]);
+            for (int c = 0; c < NX; c++) g->K[r][c] = M[c][NX + r];
+            g->K[r][NX + r] = -g->R[r];
+        }
+        if (!cholesky(g->S)) return 0;
+        back_substitute_rows(g->S, g->K);
+        for (int c = 0; c < NZ; c++)
+            for (int r = 0; r < NU; r++) g->Kt[c][r] = g->K[r][c];
+        for (int r = 0; r < NX; r++)
+            for (int v = 0; v < PAD / 4; v++) {
+                Four sum = AT(M[r], v);
+                if (v >= NX / 4) /* columns of w_before start from zero */
+                    for (int c = 0; c < 4; c++)
+                        if (4 * v + c >= NX) sum[c] = 0.0;
+                for (int k = 0; k < NU; k++) sum -= M[r][NX + k] * AT(g->K[k], v);
+                AT(P[r], v) = sum;
+            }
+        for (int r = 0; r < NU; r++) {
+            for (int v = 0; v < PAD / 4; v++) AT(P[NX + r], v) = g->R[r] * AT(g->K[r], v);
             P[NX + r][NX + r] += g->R[r];
         }
         for (int r = 0; r < NZ; r++) /* keep it symmetric to the last bit */
@@ -286,35 +322,33 @@ static void solve_point(Stage *stages, int N, double penalty) {
     for (int i = N - 1; i >= 0; i--) {
         Stage *g = stages + i;
         add_gradient(g, penalty, p);
-        double y[PAD] = {0}, m[PAD] = {0}, linear[NU];
-        for (int n = 0; n < NZ; n++) y[n] = p[n] + g->Pb[n];
+        double y[PAD], m[PAD] = {0}, linear[NU];
+        for (int n = 0; n < PAD; n++) y[n] = p[n] + g->Pb[n];
         for (int n = 0; n < NU; n++) m[NX + n] = y[NX + n];
-        for (int r = 0; r < NX; r++)
-            for (int c = 0; c < PAD; c++) m[c] += g->F[r][c] * y[r];
+        combine(m, y, 1, g->F);
         for (int n = 0; n < NU; n++) k[i][n] = linear[n] = m[NX + n] + g->r[n];
         back_substitute(g->S, k[i]);
         for (int n = 0; n < NX; n++) p[n] = m[n];
         for (int n = 0; n < NU; n++) p[NX + n] = -g->r[n];
-        for (int n = 0; n < NU; n++)
-            for (int c = 0; c < PAD; c++) p[c] -= g->K[n][c] * linear[n];
+        for (int v = 0; v < PAD / 4; v++)
+            for (int n = 0; n < NU; n++) AT(p, v) -= linear[n] * AT(g->K[n], v);
     }
     double z[NZ] = {0};
     for (int i = 0; i < N; i++) {
         Stage *g = stages + i;
-        double x[NX];
-        for (int r = 0; r < NU; r++) {
-            double w = -k[i][r];
-            for (int c = 0; c < NZ; c++) w -= g->K[r][c] * z[c];
-            g->wn[r] = w;
+        double x[12] = {0};
+        Four w = -AT(k[i], 0);
+        for (int c = 0; c < NZ; c++) w -= z[c] * AT(g->Kt[c], 0);
+        AT(g->wn, 0) = w;
+        memcpy(x, g->gap, sizeof g->gap);
+        for (int v = 0; v < 3; v++) {
+            Four sum = AT(x, v);
+            for (int c = 0; c < NX; c++) sum += z[c] * AT(g->Ft[c], v);
+            for (int c = 0; c < NU; c++) sum += g->wn[c] * AT(g->Ft[NX + c], v);
+            AT(x, v) = sum;
         }
-        for (int r = 0; r < NX; r++) {
-            double e = g->gap[r];
-            for (int c = 0; c < NX; c++) e += g->F[r][c] * z[c];
-            for (int c = 0; c < NU; c++) e += g->F[r][NX + c] * g->wn[c];
-            x[r] = e;
-        }
-        memcpy(g->xn, x, sizeof x);
-        memcpy(z, x, sizeof x);
+        memcpy(g->xn, x, sizeof g->xn);
+        memcpy(z, x, sizeof g->xn);
         memcpy(z + NX, g->wn, sizeof g->wn);
         for (int n = 0; n < 2; n++)
             g->sn[n] = g->slacks[n] ? -(g->gs[n] + g->Hps[n][0] * x[0] + g->Hps[n][1] * x[1] +
@@ -387,7 +421,9 @@ int solve_program(const int *shape, const int *index, const double *source, cons
             }
         }
         mu /= total;
-        if (mu < tolerance && infeasible < tolerance) {
+        int last = iteration == MAX_ITERATIONS; /* good enough for an SQP step, then */
+        double enough = last ? 100.0 * tolerance : tolerance;
+        if (mu < enough && infeasible < enough) {
             for (int i = 0; i < p->N; i++) {
                 memcpy(dx + i * NX, stages[i].x, sizeof stages[i].x);
                 memcpy(du + i * NU, stages[i].w, sizeof stages[i].w);

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+
 import numpy as np
 
-from companion.model import HOVER, NU, Vector, step, yaw_of, yaw_quaternion
+from companion.model import GRAVITY, HOVER, NU, Vector, yaw_of, yaw_quaternion
 from companion.nmpc.config import NmpcConfig
 from companion.nmpc.instance import Instance
 from companion.nmpc.result import Result, Status
@@ -16,12 +19,38 @@ ACTIVE = 1e-3
 
 
 def shifted(plan: Plan, steps: int, dt: float) -> Plan:
-    """The plan as seen `steps` ticks later; the last input is held."""
+    """The plan as seen `steps` ticks later; the last input is held.
+
+    steps is cut to the horizon: what is older than the plan is hover-like anyway.
+    """
     x, u = plan
-    for _ in range(steps):
-        x = np.concatenate([x[1:], step(x[-1], u[-1], dt)[None]])
+    for _ in range(min(steps, len(u))):
+        last_x, last_u = x[-1].tolist(), u[-1].tolist()
+        x = np.concatenate([x[1:], [_held(last_x, last_u, dt)]])
         u = np.concatenate([u[1:], u[-1:]])
     return x, u
+
+
+def _held(x: list[float], u: list[float], dt: float) -> list[float]:
+    """State after `dt` of a held input to second order: a guess, so plain and fast."""
+    px, py, pz, vx, vy, vz, w, i, j, k = x
+    c, a, b, r = u
+    n = 1.0 / math.sqrt(w * w + i * i + j * j + k * k)
+    w, i, j, k, h = w * n, i * n, j * n, k * n, 0.5 * dt
+    ax, ay = c * 2.0 * (i * k + w * j), c * 2.0 * (j * k - w * i)
+    az = c * (w * w - i * i - j * j + k * k) - GRAVITY
+    return [
+        px + dt * (vx + h * ax),
+        py + dt * (vy + h * ay),
+        pz + dt * (vz + h * az),
+        vx + dt * ax,
+        vy + dt * ay,
+        vz + dt * az,
+        w + h * (-i * a - j * b - k * r),
+        i + h * (w * a + j * r - k * b),
+        j + h * (w * b - i * r + k * a),
+        k + h * (w * r + i * b - j * a),
+    ]
 
 
 def hover(config: NmpcConfig, x0: Vector) -> Plan:
@@ -47,9 +76,12 @@ def cold_guess(config: NmpcConfig, instance: Instance, x0: Vector) -> Plan:
     return x, np.tile(HOVER, (config.N, 1))
 
 
-def penalised(config: NmpcConfig, intrusion: Vector) -> float:
-    """Penalty of the largest intrusions [m] per stage and kind."""
-    return float(np.sum(config.penalty * intrusion + 0.5 * config.penalty_quadratic * intrusion**2))
+def penalised(config: NmpcConfig, margins: Vector) -> float:
+    """Penalty of the deepest intrusion [m] per stage and kind; margins as for `judged`."""
+    J = config.neighbours
+    kinds = (margins[:, :J].min(axis=1, initial=0.0), margins[:, J:].min(axis=1, initial=0.0))
+    deep = -np.concatenate(kinds)
+    return float(np.sum(config.penalty * deep + 0.5 * config.penalty_quadratic * deep**2))
 
 
 def judged(
@@ -61,19 +93,19 @@ def judged(
     *,
     status: Status,
     iterations: int,
-    solve_time: float,
     step_norm: float,
+    elapsed: Callable[[], float],
 ) -> Result:
-    """Result of a usable plan. margins (N, rows): agents, cylinders, planes at 1…N."""
-    J, K = config.neighbours, config.cylinders
-    agents = margins[: config.M_constraint, :J]
-    cylinders, planes = margins[:, J : J + K], margins[:, J + K :]
-    of_agents, of_obstacles = np.zeros(config.N), np.zeros(config.N)
-    of_agents[: config.M_constraint] = agents.min(axis=1, initial=0.0)
-    np.minimum(margins[:, J:].min(axis=1, initial=0.0), 0.0, out=of_obstacles)
-    intrusion = -np.concatenate([of_agents, of_obstacles])
-    nearest = [float(part.min(initial=np.inf)) for part in (agents, cylinders, planes)]
+    """Result of a usable plan. margins (N, rows): agents, cylinders, planes at 1…N.
+
+    A neighbour's margin beyond M_constraint is that of a row switched off.
+    """
+    J, K = config.neighbours, config.neighbours + config.cylinders
+    rows = margins.min(axis=0).tolist()
+    nearest = [min(part, default=math.inf) for part in (rows[:J], rows[J:K], rows[K:])]
     names = [n for n, m in zip(("agent", "cylinder", "plane"), nearest, strict=True) if m < ACTIVE]
+    if min(nearest) < 0.0:
+        cost += penalised(config, margins)
     x, u = plan
     return Result(
         x=x,
@@ -81,31 +113,32 @@ def judged(
         status=status,
         usable=True,
         iterations=iterations,
-        solve_time=solve_time,
         step_norm=step_norm,
         slack_agent=max(0.0, -nearest[0]),
         slack_obstacle=max(0.0, -nearest[1]),
         slack_plane=max(0.0, -nearest[2]),
         active=(*names, *_active_inputs(config, instance.u_last, u), *_speeding(config, x)),
-        cost=cost + penalised(config, intrusion),
+        cost=cost,
+        solve_time=elapsed(),
     )
 
 
 def _active_inputs(config: NmpcConfig, u_last: Vector, u: Vector) -> list[str]:
-    changes = np.abs(np.diff(u, axis=0, prepend=u_last[None]))
-    most, least, change = u.max(axis=0), u.min(axis=0), changes.max(axis=0)
+    changes = np.abs(u - np.concatenate([u_last[None], u[:-1]])).max(axis=0).tolist()
+    most, least = u.max(axis=0).tolist(), u.min(axis=0).tolist()
     leaning = {
         "c": most[0] > config.c_max - ACTIVE or least[0] < config.c_min + ACTIVE,
-        "omega": max(most[1:].max(), -least[1:].min()) > config.omega_max - ACTIVE,
-        "delta_c": change[0] > config.delta_c_max - ACTIVE,
-        "delta_omega": change[1:].max() > config.delta_omega_max - ACTIVE,
+        "omega": max(*most[1:], -min(least[1:])) > config.omega_max - ACTIVE,
+        "delta_c": changes[0] > config.delta_c_max - ACTIVE,
+        "delta_omega": max(changes[1:]) > config.delta_omega_max - ACTIVE,
     }
     return [name for name, leans in leaning.items() if leans]
 
 
 def _speeding(config: NmpcConfig, x: Vector) -> list[str]:
-    speed = float(np.sqrt((x[1:, 3:6] ** 2).sum(axis=1).max()))
-    return ["v_max"] if speed > config.v_max - ACTIVE else []
+    v = x[1:, 3:6]
+    fastest = math.sqrt(float((v * v).sum(axis=1).max()))
+    return ["v_max"] if fastest > config.v_max - ACTIVE else []
 
 
 def failed(plan: Plan, *, status: Status, iterations: int, solve_time: float) -> Result:

@@ -7,6 +7,7 @@ Places are relative to the drone's own, so that the numbers stay small far from 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -113,67 +114,88 @@ def scene_symbols(config: NmpcConfig) -> tuple[ca.SX, ca.SX, Scene]:
     )
 
 
-def scene_numbers(config: NmpcConfig, instance: Instance) -> Vector:
-    """The scene vector of an instance."""
-    origin = instance.x0[:3]
-    cylinders = instance.cylinders - np.append(origin[:2], 0.0)
-    planes = instance.planes.copy()
-    planes[:, 3] -= planes[:, :3] @ origin
-    goal = instance.goal - origin
-    cylinders[:, :2] += _aside(cylinders[:, :2], goal[:2], config.tie_break)
-    return np.concatenate(
-        [
-            goal,
-            [instance.speed, np.cos(instance.yaw), np.sin(instance.yaw)],
-            instance.disturbance,
-            cylinders.ravel(),
-            instance.cylinder_active,
-            planes.ravel(),
-            instance.plane_active,
-        ]
-    )
+class Numbers:
+    """Fills the scene and stage vectors of instances; arrays that stay in place.
 
-
-def stage_numbers(config: NmpcConfig, instance: Instance) -> Vector:
-    """The stage vectors (size, N) of an instance: constant-velocity prediction, (13), (14).
-
-    Uncertainty widens the safety distance by kappa standard deviations, growing with time.
+    scene (size,), stages (N, size): in the layout of `scene_symbols`.
     """
-    k = np.arange(1, config.N + 1)
-    time = k * config.dt
-    goal = instance.goal - instance.x0[:3]
-    p, v = instance.neighbour_p - instance.x0[:3], instance.neighbour_v
-    heading = goal[:2] * (instance.speed / max(float(np.hypot(goal[0], goal[1])), 1e-6))
-    p = p.copy()
-    p[:, :2] += _aside(p[:, :2], heading - v[:, :2], config.tie_break)
-    predicted = p[None] + v[None] * time[:, None, None]
-    sigma_p, sigma_v = instance.neighbour_sigma[:, 0], instance.neighbour_sigma[:, 1]
-    widening = config.kappa * np.hypot(sigma_p, time[:, None] * sigma_v)
-    active = instance.neighbour_active
-    share = instance.neighbour_cohesion * active / max(1.0, float(active.sum()))
-    return np.concatenate(
-        [
-            predicted.reshape(config.N, -1),
-            config.d_agent_safety + np.minimum(widening, config.widening_max),
-            (k <= config.M_constraint)[:, None] * active,
-            (k <= config.M)[:, None] * share,
-            np.where(k == config.N, config.w_mig_end, 1.0)[:, None],
-        ],
-        axis=1,
-    ).T
+
+    def __init__(self, config: NmpcConfig) -> None:
+        self.config = config
+        N, J, K, H = config.N, config.neighbours, config.cylinders, config.planes
+        k = np.arange(1, N + 1)
+        self._time = (k * config.dt)[:, None]
+        self._constrained = (k <= config.M_constraint).astype(float)[:, None]
+        self._cohesive = (k <= config.M).astype(float)[:, None]
+        self.scene = np.zeros(9 + 4 * K + 5 * H)
+        at = 9
+        self._cylinders = self.scene[at : at + 3 * K].reshape(K, 3)
+        self._cylinder_active = self.scene[at + 3 * K : at + 4 * K]
+        at += 4 * K
+        self._planes = self.scene[at : at + 4 * H].reshape(H, 4)
+        self._plane_active = self.scene[at + 4 * H :]
+        self.stages = np.zeros((N, 6 * J + 1))
+        self._p = self.stages[:, : 3 * J]
+        self._safety = self.stages[:, 3 * J : 4 * J]
+        self._active = self.stages[:, 4 * J : 5 * J]
+        self._cohesion = self.stages[:, 5 * J : 6 * J]
+        self.stages[:, -1] = np.where(k == N, config.w_mig_end, 1.0)
+
+    def fill(self, instance: Instance) -> None:
+        """Set both vectors; places become relative to the drone."""
+        origin = instance.x0[:3]
+        goal = self.scene[:3]
+        np.subtract(instance.goal, origin, out=goal)
+        self.scene[3] = instance.speed
+        yaw = float(instance.yaw)
+        sane = math.isfinite(yaw)
+        self.scene[4] = math.cos(yaw) if sane else math.nan
+        self.scene[5] = math.sin(yaw) if sane else math.nan
+        self.scene[6:9] = instance.disturbance
+        self._fill_obstacles(instance, origin, goal)
+        self._fill_neighbours(instance, origin, goal)
+
+    def _fill_obstacles(self, instance: Instance, origin: Vector, goal: Vector) -> None:
+        self._cylinders[:] = instance.cylinders
+        self._cylinders[:, :2] -= origin[:2]
+        _move_aside(self._cylinders, goal[:2], self.config.tie_break)
+        self._cylinder_active[:] = instance.cylinder_active
+        self._planes[:] = instance.planes
+        self._planes[:, 3] -= instance.planes[:, :3] @ origin
+        self._plane_active[:] = instance.plane_active
+
+    def _fill_neighbours(self, instance: Instance, origin: Vector, goal: Vector) -> None:
+        """Constant-velocity prediction, (13), (14); uncertainty widens the safety distance."""
+        config = self.config
+        p, v = instance.neighbour_p - origin, instance.neighbour_v
+        far = max(math.hypot(goal[0], goal[1]), 1e-6)
+        heading = goal[:2] * (instance.speed / far)
+        for j in range(len(p)):
+            _move_aside(p[j : j + 1], heading - v[j, :2], config.tie_break)
+        self._p[:] = p.ravel() + self._time * v.ravel()
+        place, speed = instance.neighbour_sigma.T
+        widening = config.kappa * np.hypot(place, self._time * speed)
+        np.minimum(widening, config.widening_max, out=self._safety)
+        self._safety += config.d_agent_safety
+        active = instance.neighbour_active
+        np.multiply(self._constrained, active, out=self._active)
+        share = instance.neighbour_cohesion * active / max(1.0, float(active.sum()))
+        np.multiply(self._cohesive, share, out=self._cohesion)
 
 
-def _aside(places: Vector, towards: Vector, tie_break: float) -> Vector:
-    """Shift that takes what lies dead ahead to the left of the way, so that one passes right.
+def _move_aside(places: Vector, towards: Vector, tie_break: float) -> None:
+    """Move what lies dead ahead to the left of the way, in place, so that one passes right.
 
-    places (n,2) relative to the drone, towards (2,) or (n,2) direction of the way. On the exact
+    places (n, 2 or more) relative to the drone, towards (2,) direction of the way. On the exact
     line both sides are equally good and no descent direction leads to either: the drone would
     brake and stay. Both of two drones that meet give way to their right. At most 2·tie_break.
     """
-    towards = np.broadcast_to(towards, places.shape)
-    length = np.sqrt((towards**2).sum(axis=1))
-    unit = towards / np.maximum(length, 1e-6)[:, None]
-    left = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
-    lateral = (places * left).sum(axis=1)
-    tied = (np.abs(lateral) < tie_break) & ((places * unit).sum(axis=1) > 0.0)
-    return left * (tied * (tie_break - lateral))[:, None]
+    length = math.hypot(towards[0], towards[1])
+    if not length > 1e-6:
+        return
+    x, y = float(towards[0]) / length, float(towards[1]) / length
+    for n, (px, py) in enumerate(places[:, :2].tolist()):
+        lateral = x * py - y * px
+        if -tie_break < lateral < tie_break and x * px + y * py > 0.0:
+            places[n, 0] -= y * (tie_break - lateral)
+            places[n, 1] += x * (tie_break - lateral)

@@ -5,12 +5,13 @@ Everything iterates by count, never by the clock: the same instances give the sa
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 
 import numpy as np
 
-from companion.model import Vector, normalise
+from companion.model import Vector
 from companion.nmpc.compiled import CompiledProgram, library
 from companion.nmpc.config import NmpcConfig
 from companion.nmpc.instance import Instance
@@ -19,6 +20,9 @@ from companion.nmpc.problem import build_stage
 from companion.nmpc.qp import Program
 from companion.nmpc.result import Result, Status
 from companion.nmpc.stages import Stages
+
+# Length below which a quaternion says nothing.
+SMALLEST = 1e-3
 
 
 class Nmpc:
@@ -68,45 +72,52 @@ class Nmpc:
             self._plan = shifted(self._plan, steps, config.dt)
         u_last = np.clip(instance.u_last, program.u_min, program.u_max)
         x0 = instance.x0.copy()
-        x0[6:10] = normalise(x0[6:10])
-        if not (stages.place(instance, u_last) and bool(np.isfinite(x0).all())):
+        attitude = math.sqrt(float(x0[6:10] @ x0[6:10]))
+        # A quaternion of no length is no attitude.
+        if not (stages.place(instance, u_last) and SMALLEST < attitude and math.isfinite(x0.sum())):
             return self._failure(instance, Status.NOT_FINITE, 0, started)
+        x0[6:10] /= attitude
         guess = self._plan if self._plan is not None else cold_guess(config, instance, x0)
         self._start_from(guess, x0)
 
         least = config.sqp_iterations
         most = config.sqp_iterations_cold if cold else config.sqp_iterations_max
-        iterations, step_norm = 0, np.inf
+        iterations, step_norm = 0, math.inf
         while iterations < least or (iterations < most and step_norm > config.step_tolerance):
             stages.linearise()
             found = program.solve(stages.u, u_last)
-            if found is None or not np.isfinite(found[0]).all() or not np.isfinite(found[1]).all():
-                return self._failure(instance, Status.QP_FAILED, iterations, started)
+            if found is None:
+                break
             dx, du = found
+            largest = float(np.abs(dx).max()), float(np.abs(du).max())
+            if not math.isfinite(sum(largest)):
+                break
             stages.x[1:] += dx
             stages.u += du
-            step_norm = max(float(np.abs(dx).max()), float(np.abs(du).max()))
+            step_norm = max(largest)
             iterations += 1
         stages.evaluate()
         cost = float(stages.costs.sum())
-        if not np.isfinite(cost):
-            return self._failure(instance, Status.NOT_FINITE, iterations, started)
+        # What an earlier iteration found still stands when a later one finds nothing.
+        if iterations == 0 or not math.isfinite(cost):
+            return self._failure(instance, Status.QP_FAILED, iterations, started)
 
         x, u = stages.x.copy(), stages.u.copy()
         x[:, :3] += x0[:3]
-        x[:, 6:10] = normalise(x[:, 6:10])
+        q = x[:, 6:10]
+        q /= np.sqrt((q * q).sum(axis=1))[:, None]
         self._plan = x, u
-        small = step_norm <= config.step_tolerance
+        converged = found is not None and step_norm <= config.step_tolerance
         return judged(
             config,
             instance,
             self._plan,
             cost,
             stages.margins,
-            status=Status.SOLVED if small else Status.MAX_ITERATIONS,
+            status=Status.SOLVED if converged else Status.MAX_ITERATIONS,
             iterations=iterations,
-            solve_time=self._clock() - started,
             step_norm=step_norm,
+            elapsed=lambda: self._clock() - started,
         )
 
     def _start_from(self, guess: Plan, x0: Vector) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable
 
 import casadi as ca
@@ -12,7 +13,7 @@ from companion.model import NU, NX, Vector
 from companion.nmpc.compiled import Sweep
 from companion.nmpc.config import NmpcConfig
 from companion.nmpc.instance import Instance
-from companion.nmpc.parameters import scene_numbers, stage_numbers, weight_numbers
+from companion.nmpc.parameters import Numbers, weight_numbers
 from companion.nmpc.problem import Stage
 
 
@@ -36,16 +37,15 @@ class Stages:
         self.reached, self.costs = np.zeros((N, NX)), np.zeros(N)
         self.margins = np.zeros((N, stage.evaluate.nnz_out(2)))
         self._before = np.zeros((N, NU))
-        self._stage = np.zeros((N, stage.linearise.nnz_in(4)))
-        self._scene = np.zeros(stage.linearise.nnz_in(5))
+        self._numbers = Numbers(config)
         self._weights = weight_numbers(config)
         inputs = [
             (self.x[:-1], NX),
             (self._before, NU),
             (self.u, NU),
             (self.x[1:], NX),
-            (self._stage, self._stage.shape[1]),
-            (self._scene, 0),
+            (self._numbers.stages, self._numbers.stages.shape[1]),
+            (self._numbers.scene, 0),
             (self._weights, 0),
         ]
         outputs = [(self.reached, NX), (self.costs, 1), (self.margins, self.margins.shape[1])]
@@ -77,12 +77,11 @@ class Stages:
 
     def place(self, instance: Instance, u_last: Vector) -> bool:
         """Set the parameters of an instance; False if one of them is not finite."""
-        with np.errstate(all="ignore"):
-            self._scene[:] = scene_numbers(self.config, instance)
-            self._stage[:] = stage_numbers(self.config, instance).T
+        self._numbers.fill(instance)
         self._before[0] = u_last
-        given = (self._scene, self._stage, self._before[0])
-        return all(bool(np.isfinite(array).all()) for array in given)
+        # A sum is finite only if every term is, short of overflow, which is no plan either.
+        total = self._numbers.scene.sum() + self._numbers.stages.sum() + self._before[0].sum()
+        return math.isfinite(total)
 
     def linearise(self) -> None:
         """Fill `source` at the iterate."""
