@@ -13,13 +13,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from mavlink_bridge.messages import Message, Received, StatusText
 from sitl_sim.estimator import BLOCK_SUBSTEPS, TICK_SUBSTEPS, Estimator, SensorNoise
-from sitl_sim.flavours import Mode, flavour_of
+from sitl_sim.flavour import Mode
+from sitl_sim.flavours import flavour_of
 from sitl_sim.geodesy import GeoReference, LocalFrame
 from sitl_sim.kernel import fly, observe, steer
-from sitl_sim.outer_loops import OuterGains, make_setpoints
+from sitl_sim.outer_loops import Control, OuterGains, make_setpoints
 from sitl_sim.power import Batteries
 from sitl_sim.protocol import answer
 from sitl_sim.rates import RateGains, make_rate_loop
+from sitl_sim.streams import SENSORS
 from sitl_sim.unit import Shared, Unit
 from sitl_sim.vehicle import SUBSTEP, Vehicles
 
@@ -54,7 +56,7 @@ class Autopilots:
         flavour: one for all or one each. origin: (n,3) m, world, where each vehicle's own frame
         begins (default: where it stands). yaw_offset: (n,) rad, world, direction of its own
         east. boot_offset: (n,) s, time_boot = t + boot_offset. reference: where the world lies.
-        parameters: overrides by name, for those whose flavour knows the name.
+        parameters: overrides by name; in a mixed fleet for those whose flavour knows the name.
         """
         n = len(vehicles)
         names = [flavour] * n if isinstance(flavour, str) else list(flavour)
@@ -75,16 +77,22 @@ class Autopilots:
         yaws = np.broadcast_to(np.asarray(yaw_offset, dtype=np.float64), (n,))
         boots = np.broadcast_to(np.asarray(boot_offset, dtype=np.float64), (n,))
         place = reference or GeoReference()
-        self.units: list[Unit] = []
-        for i in range(n):
-            style = flavour_of(names[i])
-            overrides = style.defaults_for(vehicles.airframes[i], system_ids[i])
-            overrides |= dict(parameters or {})
-            frame = LocalFrame(origins[i].copy(), float(yaws[i]), place)
-            unit = Unit(i, system_ids[i], style, frame, float(boots[i]), self._shared, overrides)
-            self.units.append(unit)
+        wanted = dict(parameters or {})
+        self._flavours = [flavour_of(name) for name in names]
+        self._frames = [LocalFrame(origins[i].copy(), float(yaws[i]), place) for i in range(n)]
+        known = {name for f in self._flavours for name in f.parameters}
+        self._overrides = [
+            f.defaults_for(vehicles.airframes[i], system_ids[i])
+            | {k: v for k, v in wanted.items() if k in f.parameters or k not in known}
+            for i, f in enumerate(self._flavours)
+        ]
         self._substeps = 0  # since the start; the clock
+        self.units = [self._boot(i, system_ids[i], float(boots[i])) for i in range(n)]
         observe(vehicles.state, self._shared.estimate, self._estimator.gyro_noise, 0)
+
+    def _boot(self, i: int, system: int, boot_offset: float) -> Unit:
+        flavour, frame = self._flavours[i], self._frames[i]
+        return Unit(i, system, flavour, frame, boot_offset, self._shared, self._overrides[i])
 
     @property
     def t(self) -> float:
@@ -162,6 +170,34 @@ class Autopilots:
             own = received.source.component == COMPANION or received.source.system == unit.system
             link = "companion" if own else "gcs"
         return answer(unit, received, link)
+
+    def sticks(self, i: int, channels: Sequence[float]) -> None:
+        """RC channels [µs], A E T R AUX1 …, of a Betaflight vehicle; it wants them every 20 ms."""
+        unit = self.units[i]
+        self._set_clock(unit)
+        unit.commander.fly_sticks(channels)
+
+    # Faults.
+
+    def fail(self, i: int, sensor: str, failed: bool = True) -> None:
+        """Let a sensor of vehicle i fail, or work again."""
+        if sensor not in SENSORS:
+            raise ValueError(f"unknown sensor {sensor!r}: choose one of {', '.join(SENSORS)}")
+        faults = self.units[i].commander.failed
+        (faults.add if failed else faults.discard)(sensor)
+
+    def shift_position(self, i: int, offset: ArrayLike) -> None:
+        """Let vehicle i believe it is `offset` (3,) m, world, from where it is."""
+        self._shared.estimate.offset[i] = offset
+
+    def bias_gyro(self, i: int, bias: ArrayLike) -> None:
+        """Give the gyro of vehicle i a bias (3,) rad/s."""
+        self._shared.estimate.bias[i] = bias
+
+    def reboot(self, i: int) -> None:
+        """Restart the autopilot of vehicle i: clock 0, disarmed, parameters and mission as new."""
+        self._shared.setpoints.control[i] = Control.OFF
+        self.units[i] = self._boot(i, self.units[i].system, -self.t)
 
     def telemetry(self, i: int, link: str) -> list[Message]:
         """Messages of vehicle i that are due now on link "companion" or "gcs"."""

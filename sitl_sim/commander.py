@@ -7,18 +7,22 @@ Time is the world's, in seconds; `tick` runs at 100 Hz. What a mode means for th
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from enum import IntEnum
 
 import numpy as np
 
 from mavlink_bridge.messages import CommandResult, RateSetpoint, StatusText
-from sitl_sim.flavours import Flavour, Loss, Mode, Settings
+from sitl_sim.flavour import Flavour, Loss, Mode, Settings
 from sitl_sim.guidance import Guidance
+from sitl_sim.sticks import STICKS, Sticks
 from sitl_sim.vehicle import State
 
+RATES_AND_THRUST = 128  # type_mask: attitude ignored
 STREAM_PERIOD_MAX = 0.5  # s; offboard wants setpoints at 2 Hz at least before it is entered
 LANDED_AFTER = 0.5  # s of contact
 LIFTED_HEIGHT = 0.05  # m
+WITHOUT_POSITION = (Mode.OFFBOARD, Mode.ALTITUDE, Mode.STABILIZED, Mode.LAND)
 EMERGENCY, CRITICAL, WARNING, INFO = 0, 2, 4, 6  # severities of STATUSTEXT
 
 
@@ -39,8 +43,8 @@ class Commander:
     ) -> None:
         self.flavour, self.settings, self.guidance = flavour, settings, guidance
         self._i, self._state = guidance.i, state
-        self.mode = Mode.HOLD
-        self.armed = False
+        self.mode = flavour.initial
+        self.armed = self.was_armed = False
         self.failsafe = False
         self.failed: set[str] = set()  # of gyro, accelerometer, magnetometer, gps
         self.remaining = 1.0  # battery
@@ -51,6 +55,7 @@ class Commander:
         self._interval = math.inf
         self._act_at = math.inf
         self._battery_stage = 0
+        self.sticks: Sticks | None = None
         guidance.landed = bool(state.contact[self._i])
         self._set_home()
 
@@ -97,7 +102,7 @@ class Commander:
         if reason:
             self.say(CRITICAL, f"{self.flavour.arm_prefix}: {reason}")
             return self.flavour.arm_refusal
-        self.armed = True
+        self.armed = self.was_armed = True
         self._armed_at = self.now
         if self.landed:
             self._set_home()
@@ -166,10 +171,25 @@ class Commander:
 
     def follow(self, m: RateSetpoint) -> None:
         """Take a setpoint; what is not finite or not body rates with thrust is ignored."""
-        if m.type_mask != 128 or not (np.isfinite(m.omega).all() and math.isfinite(m.thrust)):
+        if m.type_mask != RATES_AND_THRUST:
+            if self.flavour.bad_setpoint_stops and self.mode is Mode.OFFBOARD:
+                self.guidance.stop_following()
+            return
+        if not (np.isfinite(m.omega).all() and math.isfinite(m.thrust)):
             return
         self._interval = self.now - self.guidance.setpoint_at
         self.guidance.follow(m, self.armed and self.mode is Mode.OFFBOARD)
+
+    def fly_sticks(self, channels: Sequence[float]) -> None:
+        """Take RC channels [µs]: A E T R AUX1 … (Betaflight)."""
+        if self.sticks is None or len(channels) < STICKS or not np.isfinite(channels).all():
+            return
+        self.guidance.follow(self.sticks.setpoint(channels), self.armed)
+        wanted = self.sticks.wants_arm(channels)
+        if wanted and not self.armed and self.sticks.may_arm(channels):
+            self.arm()
+        elif self.armed and not wanted:
+            self._disarm("Disarmed by switch")
 
     # What happens by itself.
 
@@ -177,10 +197,14 @@ class Commander:
         """Land detection, failsafes, and what the mode wants next."""
         self.now = self.guidance.now = now
         self._detect_landing()
+        self._check_position()
         if not self.armed:
             return
         self._check_battery()
-        self._check_stream()
+        if self.sticks is not None:
+            self._check_sticks()
+        else:
+            self._check_stream()
         self._check_rest()
         if not self.armed:
             return
@@ -228,6 +252,21 @@ class Commander:
             self._enter(Mode.HOLD)
             self.failsafe = True
             self._act_at = self.now + s.loss_action_time
+
+    def _check_position(self) -> None:
+        """Without a position: level, and down, unless the mode needs none."""
+        ok = "gps" not in self.failed
+        lost, self.guidance.position_ok = self.guidance.position_ok and not ok, ok
+        flying = self.armed and not self.landed
+        if lost and flying and self.mode not in WITHOUT_POSITION:
+            self._act(Loss.LAND, "position lost")
+
+    def _check_sticks(self) -> None:
+        if self.now - self.guidance.setpoint_at > self.settings.loss_time:
+            self.say(EMERGENCY, "Failsafe: RC lost, dropping")
+            self._disarm("Disarmed by failsafe")
+            if self.sticks is not None:
+                self.sticks.failsafe()
 
     def _check_battery(self) -> None:
         s = self.settings

@@ -52,6 +52,7 @@ class Estimate(NamedTuple):
 
     p (n,3) m, v (n,3) m/s, q (n,4), omega (n,3) rad/s: world and body as the truth. drift (n,9):
     errors of p, v, and attitude (rotation vector, body). bias (n,3) rad/s, gyro. lag (n,) s.
+    offset (n,3) m: an error of p that a fault puts there.
     """
 
     p: Floats
@@ -61,6 +62,7 @@ class Estimate(NamedTuple):
     drift: Floats
     bias: Floats
     lag: Floats
+    offset: Floats
 
 
 class Estimator:
@@ -88,6 +90,7 @@ class Estimator:
             drift=np.zeros((n, DRIFTS)),
             bias=bias * self._draw((3,)),
             lag=np.array([s.lag for s in noise]),
+            offset=np.zeros((n, 3)),
         )
         self.gyro_noise = np.zeros((n, BLOCK_SUBSTEPS, 3))
         self._kicks = np.zeros((n, BLOCK_SUBSTEPS // TICK_SUBSTEPS, DRIFTS))
@@ -115,7 +118,7 @@ def estimate_one(i: int, est: Estimate, state: State, noise: Floats) -> None:
     q0, q1, q2, q3 = state.q[i]
     f = state.specific_force[i]
     for k in range(3):
-        est.p[i, k] = state.p[i, k] + est.drift[i, k] - lag * state.v[i, k]
+        est.p[i, k] = state.p[i, k] + est.drift[i, k] + est.offset[i, k] - lag * state.v[i, k]
         est.v[i, k] = state.v[i, k] + est.drift[i, 3 + k]
         est.omega[i, k] = state.omega[i, k] + est.bias[i, k] + noise[k]
     if lag > 0.0 and not state.contact[i]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mavlink_bridge.messages import RateSetpoint
 from sitl_sim.estimator import Estimate
-from sitl_sim.flavours import Mode, Settings
+from sitl_sim.flavour import Mode, Settings
 from sitl_sim.outer_loops import Control, Setpoints
 
 REACHED_HEIGHT = 0.15  # m, a climb ends this close to its altitude
@@ -96,6 +96,11 @@ class Guidance:
             self.climb_to = math.nan
             self._apply(m)
 
+    def stop_following(self) -> None:
+        """Forget the setpoints and hold."""
+        self.setpoint = None
+        self.stay()
+
     def _apply(self, m: RateSetpoint) -> None:
         i, sp, s = self.i, self.sp, self.settings
         thrust = min(max(m.thrust, 0.0), 1.0)
@@ -148,7 +153,8 @@ class Guidance:
             return None
         if self.setpoint is None or self.now - self.setpoint_at > self.settings.loss_time:
             stale = self.setpoint is not None and self.setpoint_at > self._began
-            self.sp.v[i] = 0.0
+            if stale and self.sp.control[i] != Control.LEVEL:
+                self.stay()
             control = Control.LEVEL if stale else self._holding
             self._control(Control.IDLE if self.landed else control)
             return None
@@ -178,7 +184,8 @@ class Guidance:
 
     def _fly_mission(self) -> Mode | None:
         if self.mission_seq >= len(self.mission):
-            return Mode.HOLD
+            self._control(Control.IDLE if self.landed else self._holding)
+            return Mode.HOLD if self.settings.mission_ends_in_hold else None
         item = self.mission[self.mission_seq]
         if item.command == RETURN_HOME:
             return Mode.RETURN

@@ -42,6 +42,8 @@ def fly(
             for k in range(3):
                 gyro[k] = state.omega[i, k] + est.bias[i, k] + gyro_noise[i, s, k]
             if control > IDLE:
+                if state.contact[i] and sp.thrust[i] < 0.5 * sp.hover[i]:
+                    reset_rates(i, loop)  # nothing to learn while the ground holds the frame
                 rate_loop(i, loop, sp.omega[i], sp.thrust[i], gyro, SUBSTEP)
             step_one(i, state, body, loop.command, wind, SUBSTEP)
 

@@ -7,7 +7,7 @@ import struct
 from collections.abc import Mapping
 
 from mavlink_bridge.messages import ParamRequestRead, ParamSet, ParamValue
-from sitl_sim.flavours import REAL32, Flavour, Settings
+from sitl_sim.flavour import REAL32, Flavour, Settings
 
 RANGES = {2: (-128, 127), 4: (-32768, 32767), 6: (-(2**31), 2**31 - 1)}  # MAV_PARAM_TYPE
 

@@ -30,7 +30,7 @@ from mavlink_bridge.messages import (
     Source,
     TimeSync,
 )
-from sitl_sim.flavours import Mode
+from sitl_sim.flavour import Mode
 from sitl_sim.streams import BUILDERS
 
 if TYPE_CHECKING:
@@ -61,11 +61,10 @@ MISSION_MESSAGES = (
 def answer(u: Unit, received: Received, link: str) -> list[Message]:
     """Let vehicle u take a message that came by `link`; the replies to the asking link."""
     m, source = received.message, received.source
-    if not _is_for(u, m):
+    if u.flavour.sticks or not _is_for(u, m):
         return []
     if isinstance(m, RateSetpoint):
-        if u.flavour.takes_setpoints:
-            u.commander.follow(m)
+        u.commander.follow(m)
         return []
     if isinstance(m, Command):
         return _command(u, source, m, link)
@@ -73,7 +72,7 @@ def answer(u: Unit, received: Received, link: str) -> list[Message]:
         _set_mode(u, m.custom_mode)
         return []
     if isinstance(m, MISSION_MESSAGES):
-        return u.missions.answer(source, m) if u.flavour.missions else []
+        return u.missions.answer(source, m)
     if isinstance(m, ParamRequestList | ParamRequestRead | ParamSet):
         return _parameters(u, m)
     if isinstance(m, TimeSync):
@@ -96,7 +95,7 @@ def _is_for(u: Unit, m: Message) -> bool:
 
 def _command(u: Unit, source: Source, m: Command, link: str) -> list[Message]:
     handler = COMMANDS.get(m.command)
-    if handler is None or m.command not in u.flavour.commands:
+    if handler is None:
         return [CommandAck(m.command, CommandResult.UNSUPPORTED, source.system, source.component)]
     result, replies = handler(u, m, link)
     return [CommandAck(m.command, int(result), source.system, source.component), *replies]
@@ -143,7 +142,10 @@ def _do_set_mode(u: Unit, m: Command, link: str) -> Handled:
 
 def _set_mode(u: Unit, custom_mode: int) -> int:
     mode = u.flavour.mode_of(custom_mode)
-    return CommandResult.DENIED if mode is None else u.commander.set_mode(mode)
+    if mode is None:
+        return CommandResult.DENIED
+    u.asked_mode = custom_mode
+    return u.commander.set_mode(mode)
 
 
 def _set_message_interval(u: Unit, m: Command, link: str) -> Handled:

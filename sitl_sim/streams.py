@@ -24,7 +24,7 @@ from mavlink_bridge.messages import (
     SystemStatus,
     SystemTime,
 )
-from sitl_sim.flavours import Mode
+from sitl_sim.flavour import Mode
 from sitl_sim.guidance import heading
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def system_status(u: Unit) -> Message:
     return SystemStatus(PRESENT, PRESENT, PRESENT & ~bad, voltage, current, remaining, 0.2)
 
 
-def attitude(u: Unit) -> Message:
+def attitude(u: Unit) -> Attitude:
     """ATTITUDE_QUATERNION."""
     e, i = u.guidance.est, u.i
     return Attitude(u.time_boot, u.frame.attitude(e.q[i]), e.omega[i].copy())
@@ -120,7 +120,7 @@ def local_position(u: Unit) -> Message | None:
     return LocalPosition(u.time_boot, u.frame.point(e.p[i]), u.frame.vector(e.v[i]))
 
 
-def global_position(u: Unit) -> Message | None:
+def global_position(u: Unit) -> GlobalPosition | None:
     """GLOBAL_POSITION_INT; none without a position."""
     if not u.guidance.position_ok:
         return None
@@ -143,7 +143,7 @@ def gps_raw(u: Unit) -> Message:
     e, i = u.guidance.est, u.i
     lat, lon, alt = u.frame.to_geo(e.p[i])
     v = u.frame.vector(e.v[i])
-    course = math.atan2(v[0], v[1]) % (2 * math.pi)
+    course = math.atan2(v[1], v[0])  # ENU yaw: the codec turns it into a compass course
     fix, satellites = (3, 14) if u.guidance.position_ok else (0, 0)
     return GpsRaw(u.time_boot, fix, lat, lon, alt, satellites, math.hypot(v[0], v[1]), course)
 

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mavlink_bridge.messages import Message, MissionItemReached
+from sitl_sim.betaflight_quirks import QUIRKS
 from sitl_sim.commander import Commander
 from sitl_sim.estimator import Estimate
-from sitl_sim.flavours import Flavour
+from sitl_sim.flavour import Flavour
 from sitl_sim.geodesy import LocalFrame
 from sitl_sim.guidance import Guidance
 from sitl_sim.missions import Missions
@@ -17,6 +18,7 @@ from sitl_sim.outer_loops import Setpoints
 from sitl_sim.parameters import Parameters
 from sitl_sim.power import Batteries
 from sitl_sim.rates import RateLoop
+from sitl_sim.sticks import Sticks
 from sitl_sim.streams import BUILDERS, Schedule
 from sitl_sim.vehicle import State
 
@@ -52,10 +54,14 @@ class Unit:
         settings = self.parameters.settings()
         self.guidance = Guidance(i, settings, shared.setpoints, shared.estimate)
         self.commander = Commander(flavour, settings, self.guidance, shared.state)
+        if flavour.sticks:
+            self.commander.sticks = Sticks(self.parameters["rate_max"])
         self.missions = Missions(frame, self.guidance, flavour.first_item_is_home)
         self._shared = shared
         self._boot_us = round(boot_offset * 1e6)
         self.now_us = 0
+        self.asked_mode = flavour.modes[flavour.initial]
+        self._builders = BUILDERS | (QUIRKS if flavour.sticks else {})
         self.schedules = {name: Schedule(dict(flavour.streams[name])) for name in LINKS}
         self._outbox: dict[str, deque[Message]] = {name: deque() for name in LINKS}
         self._texts_sent = self._reached_sent = 0
@@ -79,7 +85,9 @@ class Unit:
     @property
     def custom_mode(self) -> int:
         """The mode as the HEARTBEAT tells it."""
-        return self.flavour.modes[self.commander.mode]
+        mode, asked = self.commander.mode, self.asked_mode
+        # A mode that flies as another (manual as stabilized) keeps its own number.
+        return asked if self.flavour.mode_of(asked) is mode else self.flavour.modes[mode]
 
     def battery(self) -> tuple[float, float, float]:
         """Voltage [V], current [A], remaining 0…1."""
@@ -104,7 +112,7 @@ class Unit:
         self._collect()
         messages: list[Message] = []
         for message_id in self.schedules[link].due(self.boot_us):
-            message = BUILDERS[message_id](self)
+            message = self._builders[message_id](self)
             if message is not None:
                 messages.append(message)
         outbox = self._outbox[link]

@@ -22,7 +22,7 @@ from mavlink_bridge.messages import (
 )
 from sitl_sim.autopilot import Autopilots
 from sitl_sim.estimator import SensorNoise
-from sitl_sim.flavours import Mode
+from sitl_sim.flavour import Mode
 from sitl_sim.vehicle import Airframe, Vehicles
 
 OFFBOARD, HOLD, LAND = 0x00060000, 0x03040000, 0x06040000
