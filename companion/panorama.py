@@ -51,41 +51,40 @@ class Panorama:
     ) -> None:
         """Azimuths −azimuth…azimuth, elevations top…bottom, both about `step` apart [rad]."""
         self._camera = camera
-        cols = int(np.ceil(2 * azimuth / step / KNOT)) * KNOT + 1
-        rows = int(np.ceil((top - bottom) / step / KNOT)) * KNOT + 1
-        self.azimuth = np.linspace(-azimuth, azimuth, cols)
-        self.elevation = np.linspace(top, bottom, rows)
-        az, el = np.meshgrid(self.azimuth[::KNOT], self.elevation[::KNOT])
+        cols = int(np.ceil(2 * azimuth / step / KNOT)) * KNOT
+        rows = int(np.ceil((top - bottom) / step / KNOT)) * KNOT
+        # Enlarging by KNOT puts pixel i at knot (i + ½)/KNOT − ½; half a knot is cut off all round.
+        at = (np.arange(KNOT // 2, cols + KNOT // 2) + 0.5) / KNOT - 0.5
+        down = (np.arange(KNOT // 2, rows + KNOT // 2) + 0.5) / KNOT - 0.5
+        pitch, drop = 2 * azimuth * KNOT / cols, (bottom - top) * KNOT / rows
+        self.azimuth, self.elevation = -azimuth + at * pitch, top + down * drop
+        az, el = np.meshgrid(
+            -azimuth + np.arange(cols // KNOT + 1) * pitch, top + np.arange(rows // KNOT + 1) * drop
+        )
         # Levelled components forward, right, down of the exactly projected directions.
-        self._knots = np.stack(
-            [np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), -np.sin(el)], axis=-1
-        ).reshape(-1, 3)
-        self._rows, self._cols = _linear(rows), _linear(cols)
+        self._knots = np.stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), -np.sin(el)])
 
     def look(self, image: Image, level: Level) -> tuple[Image, NDArray[np.bool_]]:
         """Panorama (rows, cols, 3) of a frame and where (rows, cols) the frame covers it."""
-        axes = np.stack([level.forward, level.right, level.down])
-        x, y, z = (self._knots @ axes).T
+        f, r, d = self._knots
+        # Written out: a matrix product would wake the threads of BLAS for very little work.
+        x, y, z = (level.forward[i] * f + level.right[i] * r + level.down[i] * d for i in range(3))
         rho = np.sqrt(x * x + y * y)
         # Beyond the lens the map only has to leave the image steadily.
         theta = np.minimum(np.arctan2(rho, z), self._camera.max_angle + 0.3)
         scale = self._camera.radius(theta) / np.maximum(rho, 1e-9)
-        shape = (self._rows.shape[1], self._cols.shape[1])
-        u = self._spread((self._camera.cx + self._camera.fx * scale * x).reshape(shape))
-        v = self._spread((self._camera.cy + self._camera.fy * scale * y).reshape(shape))
+        u = _enlarge(self._camera.cx + self._camera.fx * scale * x)
+        v = _enlarge(self._camera.cy + self._camera.fy * scale * y)
         height, width = image.shape[:2]
         seen = (u >= 0) & (v >= 0) & (u <= width - 1) & (v <= height - 1)
         cut = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return cut, seen  # type: ignore[return-value]
 
-    def _spread(self, knots: Vector) -> NDArray[np.float32]:
-        """Values at the knots → values at every pixel, bilinear."""
-        result: NDArray[np.float32] = self._rows @ knots.astype(np.float32) @ self._cols.T
-        return result
 
-
-def _linear(n: int) -> NDArray[np.float32]:
-    """(n, knots) weights of linear interpolation from every KNOT-th of n samples."""
-    at = np.arange(n) / KNOT
-    knots = np.arange((n - 1) // KNOT + 1)
-    return np.maximum(1.0 - np.abs(at[:, None] - knots), 0.0).astype(np.float32)
+def _enlarge(knots: Vector) -> NDArray[np.float32]:
+    """Values at the knots → values at every pixel, bilinear."""
+    half = KNOT // 2
+    size = (knots.shape[1] * KNOT, knots.shape[0] * KNOT)
+    big = cv2.resize(knots.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
+    result: NDArray[np.float32] = np.ascontiguousarray(big[half:-half, half:-half])
+    return result

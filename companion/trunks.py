@@ -25,6 +25,7 @@ from companion.panorama import Level, Panorama
 from companion.types import Image, Trunk, Vector
 
 Mask = NDArray[np.bool_]
+EDGE = 9.0  # grey levels of an upright edge that parts two trunks
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class TrunkSettings:
     max_range: float = 12.0
     step: float = math.radians(0.45)
     min_width: float = math.radians(2.5)
-    ground_share: float = 0.62
+    ground_share: float = 0.55
     attitude_sigma: float = 0.006
     min_radius: float = 0.08
     max_radius: float = 2.5
@@ -49,14 +50,18 @@ class TrunkSettings:
 
 @dataclass(frozen=True)
 class _Columns:
-    """Per column of the panorama: t: m to the foot (inf: open); foot: whether the foot is seen
-    (else t is an upper bound); seen: whether the frame covers the column at all.
-    """  # noqa: D205
+    """The panorama, column by column.
+
+    azimuth: rad. t: m to the foot of what stands there (inf: nothing). foot: whether the foot is in
+    the picture; if not, t is an upper bound. seen: whether the frame covers the column.
+    edge: grey levels of upright contrast towards the next column.
+    """
 
     azimuth: Vector
     t: Vector
     foot: Mask
     seen: Mask
+    edge: Vector
 
 
 class TrunkDetector:
@@ -92,56 +97,77 @@ class TrunkDetector:
 
     def _scan(self, view: Image, seen: Mask, altitude: float) -> _Columns:
         """Split each column of the panorama at the foot of what stands in it."""
-        s, h = self.settings, self._horizon
-        blue, green, red = cv2.split(cv2.blur(view, (3, 3)))
-        high: Image = cv2.max(red, green)  # type: ignore[assignment]
-        warmth = cv2.subtract(high, blue).astype(np.float32) / np.maximum(high, 1)
+        h = self._horizon
+        # Columns become rows: sums down a column then run over adjacent memory.
+        blue, green, red = (cv2.transpose(plane) for plane in cv2.split(cv2.blur(view, (3, 3))))
+        high = np.asarray(cv2.max(red, green), np.uint8)
         # A neighbour's marker is neither bark nor ground; what it hides stays unknown.
-        known = seen & (cv2.subtract(cv2.min(red, blue), green) < 28)
-        below, known_below = warmth[h:], known[h:]
-        rows = below.shape[0]
-        sample = below[rows // 3 :: 3, ::4][known_below[rows // 3 :: 3, ::4]]
-        typical = float(np.median(sample)) if sample.size > 50 else 0.5
-        threshold = min(max(s.ground_share * typical, 0.26), 0.42)
-        vote = np.where(known_below, np.where(below > threshold, 1, -1), 0).astype(np.int32)
+        known = seen.T & (cv2.subtract(cv2.min(red, blue), green) < 28)
+        warmth = np.asarray(cv2.divide(cv2.subtract(high, blue), high, scale=255.0), np.uint8)
+        below, known_below = np.ascontiguousarray(warmth[:, h:]), known[:, h:]
+        threshold = self._threshold(below, known_below)
+        ground = (below > threshold) & known_below
+        vote = 2 * ground.view(np.int8) - known_below.astype(np.int8)
         # Foot at row k: all above bark, all below ground. Mistakes(k) − const = cumulated votes.
-        running = np.zeros((rows + 1, vote.shape[1]), np.int32)
-        np.cumsum(vote, axis=0, out=running[1:])
-        foot_row = np.argmin(running, axis=0)
-        ground_below = (vote > 0).sum(axis=0) - np.take_along_axis(
-            np.cumsum(vote > 0, axis=0), np.maximum(foot_row - 1, 0)[None], axis=0
-        )[0]
+        running = np.zeros((vote.shape[0], vote.shape[1] + 1), np.int16)
+        np.cumsum(vote, axis=1, dtype=np.int16, out=running[:, 1:])
+        foot_row = np.argmin(running, axis=1)
+        rows = np.arange(vote.shape[1])
+        after = rows >= foot_row[:, None]
+        ground_below = np.count_nonzero(ground & after, axis=1)
+        known_after = np.count_nonzero(known_below & after, axis=1)
         e = self._panorama.elevation[h:]
-        edge = self._sub_row(below, foot_row, threshold)
-        slope = np.tan(-(e[0] + (edge - 0.5) * (e[1] - e[0])))
+        edge_row = self._sub_row(below, foot_row, threshold)
+        slope = np.tan(-(e[0] + edge_row * (e[1] - e[0])))
         t = altitude / np.maximum(slope, 1e-3)
         t[foot_row == 0] = np.inf
+        stands, above = self._stands(high, known)
+        blind = np.count_nonzero(known_below, axis=1) < 6
+        # Nothing of the ground in view: what stands before the sky may be near.
+        t = np.where(blind & above, 2.0 * self.settings.max_range, t)
         return _Columns(
             self._panorama.azimuth,
-            np.where(self._stands(high, known), t, np.inf),
-            ground_below >= 3,
-            known_below.sum(axis=0) > 8,
+            np.where(stands, t, np.inf),
+            (ground_below >= 5) & (ground_below > 0.7 * known_after) & ~blind,
+            ~blind | above,
+            self._edges(high, known),
         )
 
-    @staticmethod
-    def _sub_row(below: Vector, foot_row: NDArray[np.intp], threshold: float) -> Vector:
-        """Foot between rows, from where the colour passes the threshold."""
-        k = np.clip(foot_row, 1, below.shape[0] - 1)
-        cols = np.arange(below.shape[1])
-        a, b = below[k - 1, cols], below[k, cols]
-        rise = np.maximum(b - a, 0.02)
-        return np.clip((threshold - a) / rise, 0.0, 1.0) + k - 0.5
+    def _threshold(self, below: Image, known: Mask) -> int:
+        """Saturation (of 255) that tells ground from bark, from the ground of this very frame."""
+        sample = below[::4, below.shape[1] // 3 :: 3][known[::4, below.shape[1] // 3 :: 3]]
+        # A high percentile: a near trunk may fill more than half of the lower picture.
+        typical = float(np.percentile(sample, 75)) if sample.size > 50 else 128.0
+        return int(min(max(self.settings.ground_share * typical, 78.0), 96.0))
 
-    def _stands(self, high: Image, known: Mask) -> Mask:
-        """Columns whose content rises above the horizon, dark against the sky."""
-        band, ok = high[self._above], known[self._above]
-        if ok.sum() < 50:
-            return np.ones(band.shape[1], bool)
-        sky = float(np.percentile(band[::2, ::4], 90))
-        dark = (band < 0.72 * sky) & ok
-        covered = ok.sum(axis=0)
-        result: Mask = (dark.sum(axis=0) >= 0.5 * covered) | (covered < 4)
-        return result
+    def _edges(self, high: Image, known: Mask) -> Vector:
+        """Mean upright contrast between neighbouring columns around the horizon (last: 0)."""
+        band = slice(0, self._horizon + 30)
+        grey, ok = high[:, band].astype(np.int16), known[:, band]
+        both = ok[1:] & ok[:-1]
+        step = np.where(both, grey[1:] - grey[:-1], 0).sum(axis=1)
+        contrast = np.abs(step) / np.maximum(np.count_nonzero(both, axis=1), 8)
+        return np.append(contrast, 0.0)
+
+    @staticmethod
+    def _sub_row(below: Image, foot_row: NDArray[np.intp], threshold: int) -> Vector:
+        """Foot between rows, from where the colour passes the threshold."""
+        k = np.clip(foot_row, 1, below.shape[1] - 1)
+        cols = np.arange(below.shape[0])
+        a, b = below[cols, k - 1].astype(float), below[cols, k].astype(float)
+        part: Vector = np.clip((threshold - a) / np.maximum(b - a, 5.0), 0.0, 1.0)
+        return part + k - 1.0
+
+    def _stands(self, high: Image, known: Mask) -> tuple[Mask, Mask]:
+        """Columns whose content rises above the horizon (or may), and those that surely do."""
+        band, ok = high[:, self._above], known[:, self._above]
+        covered = np.count_nonzero(ok, axis=1)
+        if covered.sum() < 50:
+            return np.ones(len(band), bool), np.zeros(len(band), bool)
+        sky = float(np.percentile(band[::4, ::2], 90))
+        dark = np.count_nonzero((band < 0.72 * sky) & ok, axis=1)
+        tall: Mask = dark >= 0.5 * covered
+        return tall | (covered < 4), tall & (covered >= 4)
 
     def _fit(
         self, columns: _Columns, first: int, last: int, altitude: float, level: Level
@@ -154,13 +180,12 @@ class TrunkDetector:
         foot = columns.foot[first : last + 1]
         if high - low < s.min_width:
             return None
-        free_low = _free(columns, first, -1, float(t[0]))
-        free_high = _free(columns, last, 1, float(t[-1]))
-        radius: float | None = None
-        if free_low and free_high:
+        free_low, free_high = _free(columns, first, -1), _free(columns, last, 1)
+        free = (free_low, free_high)
+        if all(free) and foot.any():
             axis, sine = (low + high) / 2, math.sin(min((high - low) / 2, 1.45))
         else:
-            axis, sine = _one_edge(t, az, low, high, free_low, free_high, s.radius)
+            axis, sine = _assumed(t, az, foot, (low, high), free, s.radius)
         delta = np.sin(az - axis)
         inner = np.abs(delta) < 0.8 * sine
         use = inner & foot
@@ -175,7 +200,10 @@ class TrunkDetector:
         else:
             # The foot is out of the picture: the width of a trunk of the assumed radius.
             distance = s.radius / max(sine, 1e-3)
-            radius, sigma = s.radius, 0.1 * distance + 0.1
+            radius, sigma = s.radius, (0.1 if all(free) else 0.2) * distance + 0.1
+            # Only near trunks are wide enough to be told by width alone.
+            if distance - radius > 0.6 * s.max_range:
+                return None
         if not s.min_radius <= radius <= s.max_radius or distance - radius > s.max_range:
             return None
         return Trunk(level.direction(float(axis)), distance, radius, sigma)
@@ -183,44 +211,66 @@ class TrunkDetector:
 
 def _runs(columns: _Columns, max_range: float) -> list[tuple[int, int]]:
     """Stretches of neighbouring columns [first, last] with like distances."""
-    near = columns.seen & (columns.t < max_range)
-    t = np.where(near, columns.t, np.inf)
+    # Farther than asked for, lest the limbs of a trunk at the limit be cut off.
+    near = columns.seen & (columns.t < 1.3 * max_range)
+    near |= columns.seen & ~columns.foot & np.isfinite(columns.t)
+    # A single column lost to noise does not part a trunk.
+    near[1:-1] |= near[:-2] & near[2:]
+    t = np.where(near, np.minimum(columns.t, 2.0 * max_range), np.inf)
+    both = columns.foot[1:] & columns.foot[:-1]
     with np.errstate(invalid="ignore"):
-        jump = np.abs(np.diff(t)) > 0.35 + 0.12 * np.minimum(t[1:], t[:-1])
-    # Where the foot is out of the picture, distances are only bounds and do not separate.
-    jump &= columns.foot[1:] & columns.foot[:-1]
-    cut = near[1:] != near[:-1]
-    bounds = np.flatnonzero(cut | (jump & near[1:] & near[:-1])) + 1
-    edges = [0, *bounds.tolist(), len(t)]
-    return [(a, b - 1) for a, b in itertools.pairwise(edges) if near[a]]
+        rise = np.diff(t)
+        jump = np.abs(rise) > 0.35 + 0.12 * np.minimum(t[1:], t[:-1])
+    # Without a foot t is but an upper bound: it separates from a foot beyond it, no more; an
+    # upright edge does too.
+    farther = jump & np.where(rise > 0, columns.foot[1:], columns.foot[:-1])
+    edge = columns.edge[:-1]
+    crest = (edge > EDGE) & (edge >= np.roll(edge, 1)) & (edge >= np.roll(edge, -1))
+    part = np.where(both, jump, crest | farther) & near[1:] & near[:-1]
+    bounds = np.flatnonzero((near[1:] != near[:-1]) | part) + 1
+    return [(a, b - 1) for a, b in itertools.pairwise([0, *bounds.tolist(), len(t)]) if near[a]]
 
 
-def _free(columns: _Columns, index: int, side: int, t: float) -> bool:
+def _free(columns: _Columns, index: int, side: int) -> bool:
     """Whether the edge at a run's end is the trunk's own: what lies beyond is farther."""
     beyond = index + side
-    if not 0 <= beyond < len(columns.t) or not columns.seen[beyond]:
+    if not 0 <= beyond + side < len(columns.t) or not columns.seen[[beyond, beyond + side]].all():
         return False
-    return bool(columns.t[beyond] > t)
+    if not (columns.foot[index] and columns.foot[beyond]):
+        return True
+    return bool(columns.t[beyond] > columns.t[index])
 
 
-def _one_edge(
-    t: Vector, az: Vector, low: float, high: float, free_low: bool, free_high: bool, radius: float
+def _assumed(
+    t: Vector,
+    az: Vector,
+    foot: Mask,
+    ends: tuple[float, float],
+    free: tuple[bool, bool],
+    radius: float,
 ) -> tuple[float, float]:
-    """Azimuth of the axis and sin β of a trunk of assumed radius that is partly hidden.
+    """Azimuth of the axis and sin β of a trunk of assumed radius that is only partly in view.
 
-    Tries distances and keeps the one whose profile fits t(az) best.
+    Tries distances, largest first, and keeps the one whose profile fits t(az): equal where the
+    foot is seen, not beyond t where it is not, and wide enough for the columns covered.
     """
-    distance = np.linspace(0.7, 1.4, 29) * (float(np.median(t)) + 0.6 * radius)
-    sine = np.minimum(radius / np.maximum(distance, radius * 1.02), 0.99)
+    distance = radius * np.geomspace(16.0, 1.02, 48)
+    sine = radius / distance
     beta = np.arcsin(sine)
-    if free_low:
+    low, high = ends
+    axis = np.full_like(beta, (low + high) / 2)
+    if free[0] and not free[1]:
         axis = low + beta
-    elif free_high:
+    elif free[1] and not free[0]:
         axis = high - beta
-    else:
-        axis = np.full_like(beta, (low + high) / 2)
+    # Columns outside the profile cost as much as a wrong distance.
+    short = np.maximum(high - axis - beta, 0.0) + np.maximum(axis - beta - low, 0.0)
+    if all(free):
+        short = np.abs((high - low) / 2 - beta)
     delta = az[None] - axis[:, None]
     root = np.sqrt(np.maximum(sine[:, None] ** 2 - np.sin(delta) ** 2, 0.0))
     model = distance[:, None] * (np.cos(delta) - root)
-    best = int(np.argmin(np.median(np.abs(model - t[None]), axis=1)))
+    error = np.where(foot, np.minimum(np.abs(model - t), 0.5), np.clip(model - 1.03 * t, 0.0, 0.5))
+    cost = error.mean(axis=1) + distance * short
+    best = int(np.argmax(cost <= cost.min() + 0.01))
     return float(axis[best]), float(sine[best])
