@@ -8,12 +8,12 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 
-from companion.model import NU, NX, normalise
+from companion.model import NU, NX, Vector, normalise
 from companion.nmpc.config import NmpcConfig
 from companion.nmpc.instance import Instance
 from companion.nmpc.outcome import Plan, cold_guess, failed, hover, judged, shifted
 from companion.nmpc.parameters import Numbers, weight_numbers
-from companion.nmpc.problem import Stage, build_stage
+from companion.nmpc.problem import build_stage
 from companion.nmpc.result import Result, Status
 
 INFINITY = float("inf")
@@ -137,7 +137,7 @@ class IpoptNmpc:
         )
         statistics = self._solver.stats()
         iterations = int(statistics["iter_count"])
-        solution = np.asarray(answer["x"]).ravel()
+        solution = answer["x"].full().ravel()
         if not (statistics["success"] and np.isfinite(solution).all()):
             return self._failure(instance, Status.INFEASIBLE, iterations, started)
         x = np.concatenate([here[None], solution[: NX * N].reshape(N, NX)])
@@ -158,14 +158,16 @@ class IpoptNmpc:
             elapsed=lambda: self._clock() - started,
         )
 
-    def _evaluate(self, x, u, u_last, stages, scene):  # type: ignore[no-untyped-def]
+    def _evaluate(
+        self, x: Vector, u: Vector, u_last: Vector, stages: Vector, scene: Vector
+    ) -> tuple[float, Vector]:
+        """Cost and margins of a plan, by the functions the real-time solver reports with."""
+        N = self.config.N
         before = np.concatenate([u_last[None], u[:-1]])
-        stage: Stage = self._stage
-        columns = (x[:-1].T, before.T, u.T, x[1:].T, stages, scene, self._weights)
-        _, costs, margins = stage.evaluate.map(self.config.N)(
-            *[np.tile(c[:, None], self.config.N) if c.ndim == 1 else c for c in columns]
-        )
-        return float(np.sum(costs)), np.asarray(margins).T
+        shared = [np.tile(c[:, None], N) for c in (scene, self._weights)]
+        columns = (x[:-1].T, before.T, u.T, x[1:].T, stages, *shared)
+        _, costs, margins = self._stage.evaluate.map(N)(*columns)
+        return float(costs.full().sum()), margins.full().T
 
     def _failure(
         self, instance: Instance, status: Status, iterations: int, started: float

@@ -74,7 +74,7 @@ class Nmpc:
         x0 = instance.x0.copy()
         attitude = math.sqrt(float(x0[6:10] @ x0[6:10]))
         # A quaternion of no length is no attitude.
-        if not (stages.place(instance, u_last) and SMALLEST < attitude and math.isfinite(x0.sum())):
+        if not (stages.place(instance, u_last) and attitude > SMALLEST and math.isfinite(x0.sum())):
             return self._failure(instance, Status.NOT_FINITE, 0, started)
         x0[6:10] /= attitude
         guess = self._plan if self._plan is not None else cold_guess(config, instance, x0)

@@ -74,7 +74,9 @@ class Drone:
             lag = np.array([THRUST_LAG, RATE_LAG, RATE_LAG, RATE_LAG])
             self.actual = self.actual + (wanted - self.actual) * (1 - np.exp(-STEP / lag))
             push = -DRAG * (self.x[3:6] - self.wind)
-            self.x = self.x + STEP * f(self.x + STEP / 2 * f(self.x, self.actual), self.actual, push)
+            self.x = self.x + STEP * f(
+                self.x + STEP / 2 * f(self.x, self.actual), self.actual, push
+            )
             self.x[6:10] = normalise(self.x[6:10])
 
 
@@ -136,7 +138,9 @@ def fly(
             v = x0[3:6]
             if np.hypot(v[0], v[1]) > 0.3 or np.isnan(yaws[i]):
                 e = np.array(goals[i]) - x0[:3]
-                want = np.arctan2(v[1], v[0]) if np.hypot(v[0], v[1]) > 0.3 else np.arctan2(e[1], e[0])
+                want = (
+                    np.arctan2(v[1], v[0]) if np.hypot(v[0], v[1]) > 0.3 else np.arctan2(e[1], e[0])
+                )
                 yaws[i] = float(want)
             others = sorted(
                 (x for j, x in enumerate(before) if j != i),
@@ -155,7 +159,9 @@ def fly(
                     Neighbour(
                         x[:3] + late * x[3:6],
                         x[3:6],
-                        cohesion=float(x[3:6] @ v > 0.5 * max(v @ v, x[3:6] @ x[3:6]) and v @ v > 0.25),
+                        cohesion=float(
+                            x[3:6] @ v > 0.5 * max(v @ v, x[3:6] @ x[3:6]) and v @ v > 0.25
+                        ),
                     )
                     for x in others
                     if np.linalg.norm(x[:3] - before[i][:3]) < sight

@@ -1,0 +1,25 @@
+"""Solvers are built once: it takes a second and compiles once."""
+
+import pytest
+
+from companion.nmpc import IpoptNmpc, Nmpc, NmpcConfig
+
+
+@pytest.fixture(scope="session")
+def thorough():
+    """A config whose real-time solver goes on to convergence."""
+    return NmpcConfig(sqp_iterations_cold=100, sqp_iterations_max=100, step_tolerance=1e-5)
+
+
+@pytest.fixture(scope="session")
+def reference(thorough):
+    return IpoptNmpc(thorough)
+
+
+@pytest.fixture(params=["compiled", "virtual machine"])
+def solver(request):
+    """A cold real-time solver on either path."""
+    made = Nmpc(NmpcConfig(), compiled=request.param == "compiled")
+    if request.param == "compiled" and made.backend != "compiled":
+        pytest.skip("no C compiler")
+    return made
