@@ -152,6 +152,8 @@ class Commander:
         if mode is Mode.MISSION and not self.guidance.mission:
             self.say(CRITICAL, "Mission refused: no valid mission")
             return CommandResult.TEMPORARILY_REJECTED
+        if mode is Mode.MISSION and self.guidance.mission_seq >= len(self.guidance.mission):
+            self.guidance.mission_seq = 0
         self.failsafe = False
         self._act_at = math.inf
         self._enter(mode)

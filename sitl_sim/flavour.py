@@ -74,8 +74,8 @@ class Flavour:
     takeoff_mode: taking off is a mode of its own. takeoff_above_sea: its altitude counts from
     the sea. split_mode: DO_SET_MODE has main and sub mode apart. bad_setpoint_stops: a setpoint
     with another type_mask ends the following. sticks: flown by RC channels, deaf to messages.
-    first_item_is_home: of a mission. arm_refusal: the MAV_RESULT. streams: default streams per
-    link, message id → Hz.
+    first_item_is_home: of a mission. unsent: ids whose interval it takes without sending them.
+    arm_refusal: the MAV_RESULT. streams: default streams per link, message id → Hz.
     """
 
     name: str
@@ -97,6 +97,7 @@ class Flavour:
     first_item_is_home: bool = False
     hover_name: str = "MPC_THR_HOVER"
     system_name: str = "MAV_SYS_ID"
+    unsent: frozenset[int] = frozenset()
     arm_refusal: int = 1
     arm_prefix: str = "Arming denied"
     capabilities: int = 0

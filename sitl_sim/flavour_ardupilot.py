@@ -94,6 +94,7 @@ ARDUPILOT = Flavour(
     first_item_is_home=True,
     hover_name="MOT_THST_HOVER",
     system_name="MAV_SYSID",
+    unsent=frozenset({193}),  # EKF_STATUS_REPORT: MAVSDK asks for it with its health
     arm_refusal=4,
     arm_prefix="Arm",
     # Mission float and int, parameters by value, command int, attitude target, MAVLink 2.

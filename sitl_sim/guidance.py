@@ -22,17 +22,22 @@ REACHED_HEIGHT = 0.15  # m, a climb ends this close to its altitude
 CRAWL_HEIGHT = 0.6  # m, the last bit of a landing is slow
 MISSION_HEIGHT = 0.8  # m, a waypoint counts as reached this close in height
 BRAKE_TIME = 0.5  # s, a vehicle that shall stay comes to rest this much further on
-TAKEOFF, RETURN_HOME, LAND_HERE = 22, 20, 21  # MAV_CMD of mission items
+# MAV_CMD of mission items; all others are done as soon as they come up.
+WAYPOINT, TAKEOFF, RETURN_HOME, LAND_HERE, CHANGE_SPEED = 16, 22, 20, 21, 178
 
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A mission item in the world frame: MAV_CMD, p (3,) m, seconds to stay, radius [m]."""
+    """A mission item in the world frame: MAV_CMD, p (3,) m, seconds to stay, radius [m].
+
+    speed: m/s, of CHANGE_SPEED; 0 where not given.
+    """
 
     command: int
     p: tuple[float, float, float]
     stay: float = 0.0
     radius: float = 0.0
+    speed: float = 0.0
 
 
 class Guidance:
@@ -191,8 +196,12 @@ class Guidance:
             return Mode.RETURN
         if item.command == LAND_HERE:
             self._mission_land(item)
-        else:
+        elif item.command in (WAYPOINT, TAKEOFF):
             self._mission_go(item)
+        else:
+            if item.command == CHANGE_SPEED and item.speed > 0.0:
+                self.sp.limits[self.i, 0] = item.speed
+            self._next_item()
         return None
 
     def _mission_land(self, item: Waypoint) -> None:

@@ -17,11 +17,19 @@ from mavlink_bridge.messages import (
     Source,
 )
 from sitl_sim.geodesy import LocalFrame
-from sitl_sim.guidance import LAND_HERE, RETURN_HOME, TAKEOFF, Guidance, Waypoint
+from sitl_sim.guidance import (
+    CHANGE_SPEED,
+    LAND_HERE,
+    RETURN_HOME,
+    TAKEOFF,
+    WAYPOINT,
+    Guidance,
+    Waypoint,
+)
 
-WAYPOINT, CHANGE_SPEED, GIMBAL, CAMERA = 16, 178, 205, 530  # MAV_CMD
 FLOWN = (WAYPOINT, TAKEOFF, LAND_HERE, RETURN_HOME)
-SKIPPED = (CHANGE_SPEED, GIMBAL, CAMERA, 203, 206, 1000, 2000, 2001, 2500, 2501)
+# Gimbal and camera: accepted, and nothing happens.
+SKIPPED = (CHANGE_SPEED, 203, 205, 206, 530, 1000, 2000, 2001, 2500, 2501)
 GLOBAL_ALTITUDE_FRAMES = (0, 5)  # above sea level; all others count from home
 MISSION = 0  # MAV_MISSION_TYPE; fence and rally points are not kept
 ACCEPTED, ERROR, UNSUPPORTED, NO_SPACE, INVALID, INVALID_SEQUENCE = 0, 1, 3, 4, 5, 13
@@ -114,7 +122,6 @@ class Missions:
         self.items, self._coming, self._expected = list(items), [], 0
         self._guidance.mission = [self._waypoint(m) for m in items]
         self._guidance.mission_seq = 0
-        self._guidance.reached.clear()
 
     def _waypoint(self, m: MissionItem) -> Waypoint:
         _, _, home_z = self._guidance.home
@@ -127,5 +134,6 @@ class Missions:
             x, y = self._guidance.home[:2]
         stay, radius = (p if math.isfinite(p) else 0.0 for p in m.params[:2])
         home = self._first_is_home and m.seq == 0  # ArduPilot keeps home as item 0
+        speed = radius if m.command == CHANGE_SPEED and not home else 0.0
         command = CHANGE_SPEED if home else m.command
-        return Waypoint(command, (x, y, z), max(stay, 0.0), max(radius, 0.0))
+        return Waypoint(command, (x, y, z), max(stay, 0.0), max(radius, 0.0), speed)

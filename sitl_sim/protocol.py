@@ -149,9 +149,13 @@ def _set_mode(u: Unit, custom_mode: int) -> int:
 
 
 def _set_message_interval(u: Unit, m: Command, link: str) -> Handled:
-    if not all(map(math.isfinite, m.params[:2])) or int(m.params[0]) not in BUILDERS:
+    if not all(map(math.isfinite, m.params[:2])):
         return CommandResult.DENIED, []
     message_id, interval_us = int(m.params[0]), m.params[1]
+    if message_id in u.flavour.unsent:
+        return CommandResult.ACCEPTED, []
+    if message_id not in BUILDERS:
+        return CommandResult.DENIED, []
     if interval_us == 0.0:  # back to the default
         rate_hz = u.flavour.streams[link].get(message_id, 0.0)
     else:

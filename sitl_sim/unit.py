@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mavlink_bridge.messages import Message, MissionItemReached
+from mavlink_bridge.messages import Message, MissionCurrent, MissionItemReached
 from sitl_sim.betaflight_quirks import QUIRKS
 from sitl_sim.commander import Commander
 from sitl_sim.estimator import Estimate
@@ -127,7 +127,9 @@ class Unit:
         if self._texts_sent == len(texts) and self._reached_sent == len(reached):
             return
         events: list[Message] = list(texts[self._texts_sent :])
-        events += [MissionItemReached(seq) for seq in reached[self._reached_sent :]]
+        if self._reached_sent < len(reached):
+            events += [MissionItemReached(seq) for seq in reached[self._reached_sent :]]
+            events.append(MissionCurrent(self.guidance.mission_seq))
         self._texts_sent, self._reached_sent = len(texts), len(reached)
         for outbox in self._outbox.values():
             outbox.extend(events)

@@ -36,6 +36,7 @@ from mavlink_bridge.messages import (
     TimeSync,
 )
 from sitl_sim.autopilot import Autopilots
+from sitl_sim.estimator import SensorNoise
 from sitl_sim.flavour import Mode
 from sitl_sim.vehicle import Airframe, Vehicles
 
@@ -174,6 +175,25 @@ def test_mission_is_flown(make_flight, yaw_offset):
     for x, y in ((5, 0), (5, 5), (0, 5)):
         assert np.hypot(own[:, 0] - x, own[:, 1] - y).min() < 2.1
     np.testing.assert_allclose(own[-1, :2], [0, 5], atol=1.1)
+
+
+def test_items_without_a_place_are_done_at_once(make_flight):
+    """A change of speed leads nowhere, whatever its coordinates say."""
+    f = make_flight(noise=SensorNoise.none())
+    slow = item(1, 178, params=(1.0, 1.0, -1.0, 0.0), z=0.0)
+    ref = f.autopilots.units[0].frame.reference
+    upload(f, [item(0, 22), slow, item(2, 16, *ref.to_degrees(8.0, 0.0))])
+    f.command(400, 1)
+    f.command(300, 0, 0)
+    f.run(4.0)
+    speeds = []
+    f.run(5.0, lambda: speeds.append(f.vehicles.v[0, 0]) and False)
+    assert f.vehicles.p[0, 2] > 2.5
+    assert max(speeds) == pytest.approx(1.0, abs=0.15)
+    assert f.run(20.0, lambda: f.commander.mode is Mode.HOLD)
+    assert [m.seq for m in f.heard[0] if isinstance(m, MissionItemReached)] == [0, 1, 2]
+    f.command(300, 0, 0)  # again, from the start
+    assert f.commander.mode is Mode.MISSION
 
 
 def test_a_pilot_interrupts_a_mission(make_flight):
