@@ -25,6 +25,7 @@ from companion.panorama import Level, Panorama
 from companion.types import Image, Trunk, Vector
 
 Mask = NDArray[np.bool_]
+TRIED = np.geomspace(16.0, 1.02, 48)  # distances to the axis, in radii
 EDGE = 9.0  # grey levels of an upright edge that parts two trunks
 
 
@@ -40,7 +41,7 @@ class TrunkSettings:
 
     radius: float = 1.0
     max_range: float = 12.0
-    step: float = math.radians(0.45)
+    step: float = math.radians(0.6)
     min_width: float = math.radians(2.5)
     ground_share: float = 0.55
     attitude_sigma: float = 0.006
@@ -191,7 +192,7 @@ class TrunkDetector:
         use = inner & foot
         if use.sum() >= max(2, 0.25 * inner.sum()):
             shape = np.cos(az[use] - axis) - np.sqrt(sine * sine - delta[use] ** 2)
-            distance = float(np.median(t[use] / np.maximum(shape, 0.02)))
+            distance = float(np.sort(t[use] / np.maximum(shape, 0.02))[np.count_nonzero(use) // 2])
             radius = distance * sine
             surface = distance - radius
             tilt = (surface * surface + altitude * altitude) / altitude
@@ -254,7 +255,7 @@ def _assumed(
     Tries distances, largest first, and keeps the one whose profile fits t(az): equal where the
     foot is seen, not beyond t where it is not, and wide enough for the columns covered.
     """
-    distance = radius * np.geomspace(16.0, 1.02, 48)
+    distance = radius * TRIED
     sine = radius / distance
     beta = np.arcsin(sine)
     low, high = ends

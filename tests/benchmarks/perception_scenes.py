@@ -113,8 +113,10 @@ def visible_share(
     return share
 
 
-def scenes(count: int, seed: int, width: int = 640, height: int = 400) -> Iterator[Scene]:
-    """Random poses in random forests with up to nine drones from 0.5 to 12 m, tilt to 35°."""
+def scenes(
+    count: int, seed: int, width: int = 640, height: int = 400, tilt_deg: float = 35.0
+) -> Iterator[Scene]:
+    """Random poses in random forests with up to nine drones from 0.5 to 12 m."""
     rng = np.random.default_rng([seed, 77])
     camera = Camera.equidistant(width, height)
     world = forest(rng)
@@ -131,7 +133,7 @@ def scenes(count: int, seed: int, width: int = 640, height: int = 400) -> Iterat
             p = np.array([*rng.uniform(-27, 27, 2), rng.uniform(0.8, 4.0)])
             if free(p, 0.3):
                 break
-        q = quaternion(rng.uniform(-np.pi, np.pi), *np.radians(rng.uniform(-35, 35, 2)))
+        q = quaternion(rng.uniform(-np.pi, np.pi), *np.radians(rng.uniform(-tilt_deg, tilt_deg, 2)))
         r_wc = rotation(q) @ R_BC
         drones: list[np.ndarray] = []
         for _ in range(200):
@@ -179,7 +181,9 @@ class Band:
 HEADER = "band       recall  prec  bear.rms  |rng|med%  bias%   p95%  sig-n   n"
 
 
-def score(scene: Scene, detections: list[Detection], bands: dict[tuple[float, float], Band]) -> None:
+def score(
+    scene: Scene, detections: list[Detection], bands: dict[tuple[float, float], Band]
+) -> None:
     """Match one frame's detections to its truth (greedy by angle) and add them to the bands."""
     truth = scene.in_camera(scene.drones)
     distance = np.linalg.norm(truth, axis=1)

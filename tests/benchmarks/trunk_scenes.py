@@ -1,6 +1,6 @@
 """Trunk detection measured on seeded random forests.
 
-Run it: `python -m tests.benchmarks.trunk_scenes [--scenes N] [--seed S] [--tilt-error DEG]`.
+Run it: `python -m tests.benchmarks.trunk_scenes [--scenes N] [--seed S] [--tilt DEG]`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,9 @@ def exposed(scene: Scene, camera: Camera) -> list[tuple[float, float, float, flo
     by a nearer trunk. Share 0.35 and more counts as visible.
     """
     rows = []
-    trunks = [(c["x"] - scene.p[0], c["y"] - scene.p[1], c["radius"]) for c in scene.world["cylinders"]]
+    trunks = [
+        (c["x"] - scene.p[0], c["y"] - scene.p[1], c["radius"]) for c in scene.world["cylinders"]
+    ]
     for i, (x, y, r) in enumerate(trunks):
         d = np.hypot(x, y)
         half, middle = np.arcsin(min(r / d, 1.0)), np.arctan2(y, x)
@@ -107,9 +109,17 @@ def add(figures: TrunkFigures, scene: Scene, camera: Camera, reports: list[Trunk
 
 
 def evaluate(
-    count: int, seed: int, width: int, height: int, sensor: Sensor | None = None, tilt_deg: float = 0.0
+    count: int,
+    seed: int,
+    width: int,
+    height: int,
+    sensor: Sensor | None = None,
+    error_deg: float = 0.0,
+    tilt_deg: float = 35.0,
 ) -> tuple[TrunkFigures, list[float]]:
-    """Figures and times [ms] over `count` scenes; gravity is off by `tilt_deg` (1 σ per axis)."""
+    """Figures and times [ms] over `count` scenes; gravity is off by `error_deg` (1 σ per axis),
+    the camera tilted by up to `tilt_deg` about each axis.
+    """
     edges = [(0.0, 2.0), (2.0, 5.0), (5.0, 8.0), (8.0, 10.0), (0.0, 5.0), (0.0, 8.0)]
     figures = TrunkFigures({edge: TrunkBand() for edge in edges})
     camera = Camera.equidistant(width, height)
@@ -118,12 +128,12 @@ def evaluate(
     times: list[float] = []
     renderer: Renderer | None = None
     world: object = None
-    for scene in scenes(count, seed, width, height):
+    for scene in scenes(count, seed, width, height, tilt_deg):
         if renderer is None or scene.world is not world:
             world = scene.world
             renderer = Renderer(scene.world, width, height, seed=scene.seed, sensor=sensor)
         image = renderer.render(scene.p, scene.q, scene.drones, scene.attitudes, scene.seed)
-        down = -scene.r_wc[2] + rng.normal(0, np.radians(tilt_deg), 3)
+        down = -scene.r_wc[2] + rng.normal(0, np.radians(error_deg), 3)
         begin = time.perf_counter()
         reports = detector.detect(image, down / np.linalg.norm(down), float(scene.p[2]))
         times.append((time.perf_counter() - begin) * 1e3)
@@ -137,10 +147,16 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--width", type=int, default=640)
-    parser.add_argument("--tilt-error", type=float, default=0.0)
+    parser.add_argument("--error", type=float, default=0.0, help="of gravity, degrees")
+    parser.add_argument("--tilt", type=float, default=35.0, help="of the camera, degrees")
     args = parser.parse_args()
     figures, times = evaluate(
-        args.scenes, args.seed, args.width, args.width * 5 // 8, tilt_deg=args.tilt_error
+        args.scenes,
+        args.seed,
+        args.width,
+        args.width * 5 // 8,
+        error_deg=args.error,
+        tilt_deg=args.tilt,
     )
     print("surface m   found  |err|med%  bias%    p95%  sig-n     n")
     for (low, high), band in figures.bands.items():
@@ -153,7 +169,8 @@ def main() -> None:
         )
     print(
         f"ghosts {figures.ghosts} of {figures.reports}; nearest wrong in {figures.nearest_wrong} "
-        f"of {figures.frames} frames; ms p50 {np.median(times):.2f} p99 {np.percentile(times, 99):.2f}"
+        f"of {figures.frames} frames; "
+        f"ms p50 {np.median(times):.2f} p99 {np.percentile(times, 99):.2f}"
     )
 
 
