@@ -21,7 +21,7 @@ class Term:
     """weight · norm(residual) with smoothing eps, or weight · |residual|² where eps is None."""
 
     residual: ca.SX
-    weight: ca.SX | float
+    weight: ca.SX
     eps: ca.SX | None = None
 
     def value(self) -> ca.SX:

@@ -75,7 +75,9 @@ def make_instance(
     Give the most critical neighbour and the nearest obstacle first.
     """
     near = list(neighbours)[: config.neighbours]
-    p, v = (_rows([n[i] for n in near], config.neighbours, 3)[0] for i in (0, 1))
+    p, v = (
+        _rows(np.array([n[i] for n in near], dtype=float), config.neighbours, 3)[0] for i in (0, 1)
+    )
     sigma, active = _rows([n.sigma for n in near], config.neighbours, 2)
     cohesion, _ = _rows([[n.cohesion] for n in near], config.neighbours, 1)
     padded_cylinders, cylinder_active = _rows(cylinders, config.cylinders, 3)

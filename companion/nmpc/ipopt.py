@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -69,7 +70,7 @@ class IpoptNmpc:
             high += [INFINITY] * count
             rows += given
         self._low, self._high = np.array(low), np.array(high)
-        problem = {
+        problem: Any = {
             "x": ca.veccat(X, U, slack),
             "f": cost,
             "g": ca.vertcat(*rows),
@@ -83,7 +84,7 @@ class IpoptNmpc:
         self._most = np.concatenate(
             [bounds, np.tile([config.c_max, *rates], N), np.full(2 * N, INFINITY)]
         )
-        options = {
+        options: Any = {
             "expand": expand,
             "print_time": False,
             "ipopt": {"print_level": 0, "sb": "yes", "tol": tolerance, "max_iter": 500},

@@ -90,7 +90,7 @@ def build_stage(config: NmpcConfig) -> Stage:
         rows, columns = matrix.sparsity().get_triplet()
         pieces.append(Piece(offset, np.array(rows, dtype=int), np.array(columns, dtype=int)))
         offset += matrix.nnz()
-    column = ca.vertcat(*[ca.vertcat(*m.nonzeros()) for m in matrices])
+    column = ca.vertcat(*[m.nz[:] for m in matrices])
     return Stage(
         ca.Function("linearise", arguments, [column], {"cse": True}),
         ca.Function("evaluate", arguments, [reached, cost, ca.densify(margins)], {"cse": True}),

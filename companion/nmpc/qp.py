@@ -34,6 +34,10 @@ DAMPING = 1e-6
 TIGHT = 2e-5
 
 
+# Rows, columns and sources of some entries of a matrix.
+Entries = tuple[Indices, Indices, Indices]
+
+
 @dataclass(frozen=True)
 class Layout:
     """Where each variable of the program is; -1 where a stage has none."""
@@ -105,7 +109,7 @@ class Gather:
 class Matrix:
     """A CSC matrix of fixed structure, refilled from the source array."""
 
-    def __init__(self, shape: tuple[int, int], entries: list[tuple[Indices, Indices, Indices]]):
+    def __init__(self, shape: tuple[int, int], entries: list[Entries]) -> None:
         rows, columns, sources = (np.concatenate(part) for part in zip(*entries, strict=True))
         keys = columns * shape[0] + rows
         unique, places = np.unique(keys, return_inverse=True)
@@ -130,7 +134,8 @@ class Program:
         self.count = stage.size
         constants = np.array([1.0, -1.0, DAMPING, config.penalty_quadratic])
         self.source = np.concatenate([np.zeros(N * stage.size), constants])
-        self._one, self._minus, self._damping, self._quadratic = N * stage.size + np.arange(4)
+        first = N * stage.size
+        self._one, self._minus, self._damping, self._quadratic = range(first, first + 4)
         self._hessian(stage)
         self._equalities(stage)
         self._inequalities(stage)
@@ -148,11 +153,11 @@ class Program:
     def _sources(self, stage: int, piece: Piece, keep: NDArray[np.bool_]) -> Indices:
         return stage * self.count + piece.offset + np.flatnonzero(keep)
 
-    def _constant(self, rows: Indices, columns: Indices, which: int) -> tuple[Indices, ...]:
+    def _constant(self, rows: Indices, columns: Indices, which: int) -> Entries:
         return rows, columns, np.full(len(rows), which)
 
     def _hessian(self, stage: Stage) -> None:
-        entries: list[tuple[Indices, ...]] = []
+        entries: list[Entries] = []
         gradient_places, gradient_sources = [], []
         for i in range(self.config.N):
             places = self.where.local(i)
@@ -166,7 +171,9 @@ class Program:
         slack = self.where.slack.ravel()
         entries.append(self._constant(slack, slack, self._quadratic))
         damped = self.where.x.ravel()
-        occupied = {(r, c) for e in entries for r, c in zip(e[0].tolist(), e[1].tolist())}
+        occupied = {
+            (r, c) for e in entries for r, c in zip(e[0].tolist(), e[1].tolist(), strict=True)
+        }
         bare = np.array([d for d in damped.tolist() if (d, d) not in occupied], dtype=int)
         entries.append(self._constant(bare, bare, self._damping))
         self.P = Matrix((self.where.size, self.where.size), entries)
@@ -177,7 +184,7 @@ class Program:
         )
 
     def _equalities(self, stage: Stage) -> None:
-        entries: list[tuple[Indices, ...]] = []
+        entries: list[Entries] = []
         local = np.r_[np.arange(NX), np.arange(NX + NU, NX + 2 * NU)]
         gaps = []
         for i in range(self.config.N):
@@ -193,7 +200,7 @@ class Program:
 
     def _inequalities(self, stage: Stage) -> None:
         """Rows in the order of the stages: change of input (33), (34), then margins."""
-        entries: list[tuple[Indices, ...]] = []
+        entries: list[Entries] = []
         agents, row = self.config.neighbours, 0
         margin_rows, margins, change_rows = [], [], []
         count = len(stage.margin.rows)

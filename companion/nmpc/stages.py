@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -67,11 +68,13 @@ class Stages:
         """The function mapped over the stages in CasADi's virtual machine."""
         shared = [i for i, (_, stride) in enumerate(inputs) if stride == 0]
         name = function.name() + "_all"
-        buffer, call = function.map(name, "serial", self.config.N, shared, []).buffer()
+        mapped = function.map(name, "serial", self.config.N, shared, [])
+        buffer: Any
+        buffer, call = mapped.buffer()
         for i, (array, _) in enumerate(inputs):
-            buffer.set_arg(i, memoryview(array.reshape(-1)))
+            buffer.set_arg(i, _memory(array))
         for i, (array, _) in enumerate(outputs):
-            buffer.set_res(i, memoryview(array.reshape(-1)))
+            buffer.set_res(i, _memory(array))
         self._buffers.append(buffer)
         return call  # type: ignore[no-any-return]
 
@@ -92,3 +95,10 @@ class Stages:
         """Fill `reached`, `costs` and `margins` at the iterate."""
         self._before[1:] = self.u[:-1]
         self._evaluate()
+
+
+def _memory(array: Vector) -> Any:
+    """The numbers of an array, in place; CasADi's stubs know only the C side of its buffers."""
+    flat = array.reshape(-1)
+    assert np.shares_memory(flat, array)
+    return memoryview(flat)  # type: ignore[arg-type]

@@ -27,6 +27,8 @@ DRAG = 0.25  # 1/s, linear
 # What the predictor adds to the delay for the actuators' lag.
 LAG = 0.03
 
+NO_CYLINDERS, NO_PLANES = np.zeros((0, 3)), np.zeros((0, 4))
+
 
 @dataclass
 class Drone:
@@ -119,8 +121,8 @@ def fly(
     goals: list[list[float]],
     seconds: float,
     *,
-    cylinders: np.ndarray = np.zeros((0, 3)),
-    planes: np.ndarray = np.zeros((0, 4)),
+    cylinders: np.ndarray = NO_CYLINDERS,
+    planes: np.ndarray = NO_PLANES,
     gaze: Callable[[float], float] = lambda t: 0.0,
     sight: float = 12.0,
     stop: float = 0.0,

@@ -51,7 +51,7 @@ def test_linearisation_against_finite_differences(seed, k):
         out = STAGE.evaluate(*np.split(z, lengths), *given[4:])
         return [np.array(o).ravel() for o in out]
 
-    reached, cost, margins = evaluate(local)
+    reached, _, margins = evaluate(local)
     np.testing.assert_allclose(
         column[STAGE.gap.offset : STAGE.gap.offset + NX], reached - given[3], atol=1e-12
     )
@@ -82,7 +82,7 @@ def test_linearisation_against_finite_differences(seed, k):
 def test_curvature_majorises_a_norm():
     """At any step the quadratic model lies above the term and touches it at the iterate."""
     r = ca.SX.sym("r", 3)
-    term = Term(r, 0.7, ca.SX(0.3))
+    term = Term(r, ca.SX(0.7), ca.SX(0.3))
     value = ca.Function("v", [r], [term.value()])
     curvature = ca.Function("c", [r], [term.curvature()])
     rng = np.random.default_rng(0)
