@@ -40,9 +40,7 @@ class Daemon:
             if config.timing.pace == "frames"
             else ClockPace(self._link, self._frames, config.timing.period)
         )
-        self._recorder = (
-            Recorder(Path(config.log.path), config.name) if config.log.path else None
-        )
+        self._recorder = Recorder(Path(config.log.path), config.name) if config.log.path else None
 
     def run(self) -> None:
         """Tick until told to stop or until there is nobody left to fly for."""

@@ -25,9 +25,21 @@ class GazeConfig(StrictModel):
         0.8, gt=0, description="Most |ε| [rad]: what lies ahead stays inside ±80° of view."
     )
     half_period: float = Field(1.2, gt=0, description="Time [s] of one swing to one side.")
-    slew: float = Field(1.2, gt=0, description="Fastest turn of the reference [rad/s].")
+    slew: float = Field(2.0, gt=0, description="Fastest turn of the reference [rad/s].")
     speed_min: float = Field(
-        0.3, ge=0, description="Below this [m/s] atan2 says nothing: look towards the goal."
+        0.3, ge=0, description="Below this [m/s] atan2 says nothing: keep looking there."
+    )
+    goal_pull: float = Field(
+        1.5, ge=0, description="Weight [m/s] of the direction to the goal beside the velocity."
+    )
+    seen_full: float = Field(
+        0.7, gt=0, description="Off the line of sight by at most this [rad]: full speed."
+    )
+    seen_none: float = Field(
+        1.4, gt=0, le=3.2, description="Off it by this [rad], the edge of view: creep."
+    )
+    creep: float = Field(
+        0.1, gt=0, le=1, description="Part of the speed at which the unseen is entered."
     )
     seed: int = Field(0, ge=0, description="Of the random sweep; each drone its own.")
 
@@ -47,8 +59,9 @@ class Gaze:
     def update(self, time: float, v: Vector, to_goal: Vector, yaw_now: float) -> float:
         """ψ [rad] at `time` [s] for velocity v (3,) and direction to the goal (3,).
 
-        The base is the direction of motion; slower than `speed_min`, that to the goal, and
-        over the goal itself, where the drone looks already.
+        The base is the direction of motion and of what it is about to become: v plus a pull
+        to the goal, so that a drone that must turn round looks before it flies. Over the
+        goal itself, where it looks already.
         """
         c = self._config
         if self._yaw is None:
@@ -58,10 +71,11 @@ class Gaze:
             amplitude = c.mean + abs(float(self._rng.normal(0.0, c.sigma)))
             self._epsilon = self._side * min(amplitude, c.limit)
             self._swing_ends = time + c.half_period
-        if math.hypot(v[0], v[1]) >= c.speed_min:
-            base = math.atan2(v[1], v[0])
-        elif math.hypot(to_goal[0], to_goal[1]) > 1.0:
-            base = math.atan2(to_goal[1], to_goal[0])
+        far = math.hypot(to_goal[0], to_goal[1])
+        pull = c.goal_pull / far if far > 1.0 else 0.0
+        motion = (v[0] + pull * to_goal[0], v[1] + pull * to_goal[1])
+        if math.hypot(*motion) >= c.speed_min:
+            base = math.atan2(motion[1], motion[0])
         else:
             base = self._yaw - self._epsilon
         step = c.slew * max(time - self._time, 0.0)
@@ -69,6 +83,17 @@ class Gaze:
         self._yaw = wrap(self._yaw + min(max(turn, -step), step))
         self._time = time
         return self._yaw
+
+
+def seen_speed(config: GazeConfig, yaw: float, to_goal: Vector) -> float:
+    """Part 0…1 of the cruise speed at which to fly towards (3,) while looking along `yaw`.
+
+    A drone that turns round at a goal must look before it leaps: what comes from behind the
+    edge of view is seen too late to avoid. Linear between `seen_full` and `seen_none`.
+    """
+    off = abs(wrap(math.atan2(to_goal[1], to_goal[0]) - yaw))
+    part = (config.seen_none - off) / (config.seen_none - config.seen_full)
+    return min(max(part, config.creep), 1.0)
 
 
 def wrap(angle: float) -> float:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from companion.config import CompanionConfig
-from companion.gaze import Gaze
+from companion.gaze import Gaze, seen_speed
 from companion.guard import Guard, Verdict
 from companion.mission import Mission, Progress
 from companion.model import predict, yaw_of
@@ -60,6 +60,7 @@ class TickOutputs:
     obstacles: Obstacles = field(default_factory=Obstacles.none)
     progress: Progress | None = None
     yaw: float = 0.0
+    speed: float = 0.0
     instance: Instance | None = None
     result: Result | None = None
     verdict: Verdict | None = None
@@ -145,7 +146,11 @@ class Pipeline:
         assert own is not None
         out.progress = self._mission.update(own) if self._flying else Progress(own.p, 0, False)
         goal = self._goal(out)
-        out.yaw = self._gaze.update(out.time, own.v, goal - own.p, yaw_of(own.q_wb))
+        yaw_now = yaw_of(own.q_wb)
+        out.yaw = self._gaze.update(out.time, own.v, goal - own.p, yaw_now)
+        out.speed = self._config.nmpc.speed * seen_speed(
+            self._config.gaze, yaw_now, goal - own.p
+        )
         out.critical = critical_neighbours(own, out.tracks, self._config.threat)
         out.obstacles = self._map.obstacles(own.p)
 
@@ -163,6 +168,7 @@ class Pipeline:
             u_last=self._u_last,
             goal=self._goal(out),
             yaw=out.yaw,
+            speed=out.speed,
             neighbours=[self._neighbour(t, delay) for t, _ in out.critical],
             cylinders=out.obstacles.cylinders,
             planes=np.vstack([config.fence_planes(), out.obstacles.planes]),

@@ -56,6 +56,7 @@ def record(out: TickOutputs) -> dict[str, Any]:
         "time": out.time,
         "phase": out.phase.value,
         "yaw": _round(out.yaw),
+        "speed": _round(out.speed),
         "hover_thrust": _round(out.hover_thrust),
         "stages_ms": {k: round(v * 1e3, 3) for k, v in out.stages.items()},
         "detections": [
