@@ -117,7 +117,8 @@ def _take_off(u: Unit, m: Command, link: str) -> Handled:
     if not math.isfinite(z):
         return u.commander.take_off(None), []
     if u.flavour.takeoff_above_sea:
-        z -= u.frame.to_geo(u.guidance.est.p[u.i])[2]
+        # PX4 takes what is too low as its smallest height.
+        z = max(z - u.frame.to_geo(u.guidance.est.p[u.i])[2], u.commander.settings.takeoff_altitude)
     return (u.commander.take_off(z) if z > 0.0 else CommandResult.DENIED), []
 
 
@@ -172,6 +173,11 @@ def _request_message(u: Unit, m: Command, link: str) -> Handled:
     return CommandResult.ACCEPTED, [message]
 
 
+def _get_home(u: Unit, m: Command, link: str) -> Handled:
+    message = BUILDERS[242](u)
+    return CommandResult.ACCEPTED, [message] if message else []
+
+
 def _request_version(u: Unit, m: Command, link: str) -> Handled:
     message = BUILDERS[148](u)
     return CommandResult.ACCEPTED, [message] if message else []
@@ -186,6 +192,7 @@ COMMANDS: dict[int, Callable[[Unit, Command, str], Handled]] = {
     CommandId.COMPONENT_ARM_DISARM: _arm,
     CommandId.SET_MESSAGE_INTERVAL: _set_message_interval,
     CommandId.REQUEST_MESSAGE: _request_message,
+    410: _get_home,  # GET_HOME_POSITION, deprecated, MAVProxy asks it
     520: _request_version,  # REQUEST_AUTOPILOT_CAPABILITIES, deprecated, still asked
 }
 

@@ -35,6 +35,7 @@ STANDBY, ACTIVE, CRITICAL = 3, 4, 5  # MAV_STATE
 # MAV_SYS_STATUS_SENSOR
 GYRO, ACCELEROMETER, MAGNETOMETER, BAROMETER, GPS = 0x1, 0x2, 0x4, 0x8, 0x20
 CONTROLS = 0x400 | 0x800 | 0x1000 | 0x2000 | 0x4000 | 0x8000  # rates … motor outputs
+GEOFENCE = 0x100000  # not present, but never breached either: MAVProxy would say so
 AHRS, BATTERY, ARMABLE = 0x200000, 0x2000000, 0x10000000
 SENSORS = {"gyro": GYRO, "accelerometer": ACCELEROMETER, "magnetometer": MAGNETOMETER, "gps": GPS}
 PRESENT = (
@@ -103,7 +104,9 @@ def system_status(u: Unit) -> Message:
     c = u.commander
     bad = sum(SENSORS[name] for name in c.failed) | (0 if c.armable or c.armed else ARMABLE)
     voltage, current, remaining = u.battery()
-    return SystemStatus(PRESENT, PRESENT, PRESENT & ~bad, voltage, current, remaining, 0.2)
+    return SystemStatus(
+        PRESENT, PRESENT, (PRESENT | GEOFENCE) & ~bad, voltage, current, remaining, 0.2
+    )
 
 
 def attitude(u: Unit) -> Attitude:

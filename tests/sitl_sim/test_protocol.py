@@ -217,6 +217,7 @@ def test_request_message(make_flight):
         ack, message = f.send(Command(512, (number, NAN, NAN, NAN, NAN, NAN, NAN), 1))
         assert ack == CommandAck(512, 0, 255, 190)
         assert isinstance(message, kind)
+    assert isinstance(f.send(Command(410, (0.0,) * 7, 1))[1], HomePosition)
     assert f.command(512, 9999) == 2
     assert f.command(512, NAN) == 2
 
@@ -284,7 +285,7 @@ floats = st.one_of(
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.sampled_from([20, 21, 22, 176, 300, 400, 511, 512, 520]), st.tuples(*[floats] * 7))
+@given(st.sampled_from([20, 21, 22, 176, 300, 400, 410, 511, 512, 520]), st.tuples(*[floats] * 7))
 def test_no_command_can_raise(command, params):
     a = Autopilots(Vehicles(Airframe(), [[0, 0, 0]], 0.0), [1])
     replies = a.receive(0, Received(Source(255, 190), Command(command, params, 1)))
