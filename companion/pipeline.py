@@ -27,7 +27,7 @@ from companion.sight import Sight, Sighting
 from companion.threat import critical_neighbours
 from companion.track import Tracker
 from companion.types import Obstacles, Track, Vector
-from mavlink_bridge.messages import Heartbeat, Message, RateSetpoint, Received, VehicleState
+from mavlink_bridge.messages import Heartbeat, Message, RateSetpoint, Received, Source, VehicleState
 from mavlink_bridge.px4 import Px4
 from mavlink_bridge.thrust import G, HoverThrustEstimator, ThrustMap
 from mavlink_bridge.video import Frame
@@ -108,8 +108,8 @@ class Pipeline:
 
     def _read_telemetry(self, inputs: TickInputs, out: TickOutputs) -> None:
         """Own state now, from what the autopilot said."""
-        mine = [r.message for r in inputs.received
-                if (r.source.system, r.source.component) == (self._config.link.system_id, 1)]  # fmt: skip
+        autopilot = Source(self._config.link.system_id, 1)
+        mine = [r.message for r in inputs.received if r.source == autopilot]
         self._own.add(mine)
         for message in mine:
             if isinstance(message, Heartbeat):
@@ -148,9 +148,7 @@ class Pipeline:
         goal = self._goal(out)
         yaw_now = yaw_of(own.q_wb)
         out.yaw = self._gaze.update(out.time, own.v, goal - own.p, yaw_now)
-        out.speed = self._config.nmpc.speed * seen_speed(
-            self._config.gaze, yaw_now, goal - own.p
-        )
+        out.speed = self._config.nmpc.speed * seen_speed(self._config.gaze, yaw_now, goal - own.p)
         out.critical = critical_neighbours(own, out.tracks, self._config.threat)
         out.obstacles = self._map.obstacles(own.p)
 

@@ -44,7 +44,7 @@ class Recorder:
         """Finish the file so that indexed readers open it."""
         if self.failed is None:
             try:
-                self._writer.finish()
+                self._writer.finish()  # type: ignore[no-untyped-call]
             except OSError as error:
                 self.failed = f"flight log ended: {error}"
         self._file.close()
@@ -62,16 +62,22 @@ def record(out: TickOutputs) -> dict[str, Any]:
         "detections": [
             [*_list(d.direction), _round(d.range), _round(d.score)] for d in out.sighting.drones
         ],
-        "trunks": [[*_list(t.direction), _round(t.distance), _round(t.radius)]
-                   for t in out.sighting.trunks],  # fmt: skip
+        "trunks": [
+            [*_list(t.direction), _round(t.distance), _round(t.radius)] for t in out.sighting.trunks
+        ],
         "tracks": [
-            {"id": t.id, "p": _list(t.p), "v": _list(t.v), "unseen": _round(t.unseen),
-             "sigma": _round(float(np.sqrt(np.trace(t.P[:3, :3]) / 3)))}
+            {
+                "id": t.id,
+                "p": _list(t.p),
+                "v": _list(t.v),
+                "unseen": _round(t.unseen),
+                "sigma": _round(float(np.sqrt(np.trace(t.P[:3, :3]) / 3))),
+            }
             for t in out.tracks
         ],
         "critical": [[t.id, _round(threat)] for t, threat in out.critical],
         "cylinders": [_list(c) for c in out.obstacles.cylinders[:12]],
-    }  # fmt: skip
+    }
     if out.own is not None:
         r["own"] = {"p": _list(out.own.p), "v": _list(out.own.v), "q": _list(out.own.q_wb),
                     "omega": _list(out.own.omega)}  # fmt: skip

@@ -71,7 +71,7 @@ class Sight:
         pixels = self.camera.project(self._to_camera(own, points - own.p))
         w, h = self.camera.width, self.camera.height
         inside = (pixels > np.array([w, h]) * margin) & (pixels < np.array([w, h]) * (1 - margin))
-        return [bool(b) for b in inside.all(axis=1)]
+        return [bool(b[0] and b[1]) for b in inside]
 
     def _to_camera(self, own: VehicleState, vectors: Vector) -> Vector:
         """World vectors (n,3) in the camera frame."""

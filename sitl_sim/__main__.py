@@ -100,15 +100,20 @@ def _run_folder(scenario: Scenario) -> Path:
     return folder
 
 
-class progress_bar:  # noqa: N801  # used as a function
+class progress_bar:
     """A bar over simulated seconds where a person watches; a line every ten where not."""
 
     def __init__(self, total: float) -> None:
         from tqdm import tqdm
 
         self._watched = sys.stderr.isatty()
-        self._bar = tqdm(total=total, unit="s", disable=not self._watched, leave=False,
-                         bar_format="{l_bar}{bar}| {n:.0f}/{total:.0f} s flown [{elapsed}]")  # fmt: skip
+        self._bar = tqdm(
+            total=total,
+            unit="s",
+            disable=not self._watched,
+            leave=False,
+            bar_format="{l_bar}{bar}| {n:.0f}/{total:.0f} s flown [{elapsed}]",
+        )
         self._said = 0.0
 
     def __enter__(self) -> progress_bar:

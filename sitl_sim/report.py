@@ -20,6 +20,7 @@ matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Rectangle
 
 _STYLE = """body{font:15px/1.5 system-ui,sans-serif;max-width:72rem;margin:2rem auto;padding:0 1rem}
 table{border-collapse:collapse}td{padding:.15rem .8rem;border-bottom:1px solid #ddd}
@@ -54,17 +55,18 @@ def top_view(truth: dict[str, NDArray[Any]], world: dict[str, Any]) -> Figure:
     p = truth["position"]
     figure, ax = plt.subplots(figsize=(9, 9), layout="constrained")
     for c in world["cylinders"]:
-        ax.add_patch(plt.Circle((c["x"], c["y"]), c["radius"], color="#7a6a55"))
+        ax.add_patch(Circle((c["x"], c["y"]), c["radius"], color="#7a6a55"))
     for b in world["boxes"]:
         size = np.array(b["max"]) - np.array(b["min"])
-        ax.add_patch(plt.Rectangle(b["min"][:2], size[0], size[1], color="#999"))
+        ax.add_patch(Rectangle(b["min"][:2], size[0], size[1], color="#999"))
     for i, name in enumerate(truth["names"]):
         (line,) = ax.plot(p[:, i, 0], p[:, i, 1], lw=1.1, label=str(name))
         ax.plot(*p[0, i, :2], "o", ms=4, color=line.get_color())
     shared = {tuple(t) for targets in world["targets"].values() for t in targets[:-1]}
     for x, y, _ in sorted(shared):
         ax.plot(x, y, "^", ms=11, color="#d00")
-        ax.add_patch(plt.Circle((x, y), world["target_tolerance"], fill=False, ls=":", color="#d00"))
+        reach = world["target_tolerance"]
+        ax.add_patch(Circle((x, y), reach, fill=False, ls=":", color="#d00"))
     ax.set(xlabel="x, east [m]", ylabel="y, north [m]", aspect="equal")
     ax.legend(fontsize=7, ncols=2)
     ax.grid(alpha=0.3)

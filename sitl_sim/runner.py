@@ -97,9 +97,7 @@ class Flight:
         self._renderer: Renderer | None = None
         if "camera" in (scenario.sensing.neighbours, scenario.sensing.obstacles):
             s = scenario.sensing
-            self._renderer = Renderer(
-                self.world, s.width, s.height, s.fov_deg, seed=scenario.seed
-            )
+            self._renderer = Renderer(self.world, s.width, s.height, s.fov_deg, seed=scenario.seed)
         self._drones: list[_Drone] = []
         for i, name in enumerate(self.names):
             self._drones.append(self._open(i, name, phases[i]))
@@ -277,9 +275,7 @@ class Flight:
         drone.asked = stamp
         drone.due_ms = self._now + round(self.scenario.timing.compute_delay * 1e3)
 
-    def _send_frame(
-        self, drone: _Drone, stamp: float, packets: int, p: Vector, q: Vector
-    ) -> bool:
+    def _send_frame(self, drone: _Drone, stamp: float, packets: int, p: Vector, q: Vector) -> bool:
         arrays = self._sense(drone.index, stamp, p, q)
         return drone.frames.send(Frame(stamp, arrays, packets))
 

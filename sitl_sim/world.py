@@ -40,8 +40,8 @@ class WorldConfig(StrictModel):
     jitter: float = Field(1.0, ge=0, description="forest: each trunk is moved up to this [m] "
                           "along x and along y.")  # fmt: skip
     height: float = Field(8.0, gt=0, description="Of each trunk [m].")
-    cylinders: list[Cylinder] = []
-    boxes: list[Box] = []
+    cylinders: list[Cylinder] = Field([])
+    boxes: list[Box] = Field([])
 
 
 def build(config: WorldConfig, seed: int) -> dict[str, Any]:
@@ -82,9 +82,7 @@ def surface_distance(position: Vector, world: dict[str, Any]) -> Vector:
         low, high = np.array(b["min"]), np.array(b["max"])
         gap = np.maximum(np.maximum(low - position, position - high), 0)
         depth = np.minimum(position - low, high - position).min(axis=-1)
-        nearest = np.minimum(
-            nearest, np.where(depth > 0, -depth, np.linalg.norm(gap, axis=-1))
-        )
+        nearest = np.minimum(nearest, np.where(depth > 0, -depth, np.linalg.norm(gap, axis=-1)))
     return nearest
 
 
@@ -110,4 +108,5 @@ def _segment_meets_box(eye: Vector, d: Vector, low: Vector, high: Vector) -> NDA
     near, far = (low - eye) / safe, (high - eye) / safe
     enter = np.minimum(near, far).max(axis=1)
     leave = np.maximum(near, far).min(axis=1)
-    return (enter < leave) & (leave > 0.0) & (enter < 1.0)
+    meets: NDArray[np.bool_] = (enter < leave) & (leave > 0.0) & (enter < 1.0)
+    return meets

@@ -64,7 +64,8 @@ def test_every_message_survives_the_wire():
         assert len(out) == 1
         assert out[0].source == m.Source(7, 191)
         if isinstance(example, m.Heartbeat):  # the armed flag is part of base_mode
-            assert out[0].message.armed and out[0].message.custom_mode == example.custom_mode
+            assert out[0].message.armed
+            assert out[0].message.custom_mode == example.custom_mode
         else:
             assert same(out[0].message, example), out[0].message
 

@@ -1,6 +1,7 @@
 """Strict YAML: each mistake is named with its place."""
 
 import pytest
+from pydantic import Field
 
 from mavlink_bridge.settings import (
     SettingsError,
@@ -20,7 +21,7 @@ class Inner(StrictModel):
 class Outer(StrictModel):
     name: str
     inner: Inner = Inner()
-    sizes: list[int] = []
+    sizes: list[int] = Field([])
 
 
 @pytest.mark.parametrize(
