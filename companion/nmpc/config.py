@@ -88,16 +88,17 @@ class NmpcConfig(BaseModel):
     w_c3: float = Field(0.01, ge=0, description="|c - g|; the paper's |c| pulls below hover.")
     w_c4: float = Field(0.02, ge=0, description="|omega|: calm flight, and a still hover.")
     w_yaw: float = Field(
-        4.0,
+        2.5,
         ge=0,
-        description="Line of sight, not in (29): |(R11,R21)-(cos psi,sin psi)|². At 4 a gaze of "
-        "0.6 rad at 1.5 rad/s is followed within 15 deg (23 at 0.5), at no loss of speed.",
+        description="Line of sight, not in (29): norm of (R11,R21)-(cos psi,sin psi). A gaze of "
+        "0.6 rad at 1.5 rad/s is then followed within 15 deg, at no loss of speed.",
     )
     w_v: float = Field(10.0, ge=0, description="Square of what exceeds v_max, (32).")
     eps_mig: float = Field(
         0.3, gt=0, description="Below this [m/s] the migration norm is a parabola: smooth."
     )
     eps_c: float = Field(1.0, gt=0, description="The same for the thrust terms [m/s²].")
+    eps_yaw: float = Field(0.3, gt=0, description="The same for the line of sight [-].")
     eps_omega: float = Field(0.5, gt=0, description="The same for the rate terms [rad/s].")
 
     # Penalties on the slack of (37), (38)

@@ -72,11 +72,14 @@ def speed_excess(v: ca.SX, w: Weights) -> Term:
 
 
 def line_of_sight(q: ca.SX, scene: Scene, w: Weights) -> Term:
-    """Yaw is not in (29) though omega_z is an input: the body's x axis towards (7)."""
+    """Yaw is not in (29) though omega_z is an input: the body's x axis towards (7).
+
+    A norm as the others are: far off, the turn is not to cost more than the flight.
+    """
     x_body = ca.vertcat(
         q[0] ** 2 + q[1] ** 2 - q[2] ** 2 - q[3] ** 2, 2 * (q[1] * q[2] + q[0] * q[3])
     )
-    return Term(x_body - scene.sight, w["w_yaw"])
+    return Term(x_body - scene.sight, w["w_yaw"], w["eps_yaw"])
 
 
 def state_terms(x: ca.SX, scene: Scene, w: Weights) -> list[Term]:

@@ -35,6 +35,7 @@ WEIGHTS = (
     "w_v",
     "eps_mig",
     "eps_c",
+    "eps_yaw",
     "eps_omega",
 )
 

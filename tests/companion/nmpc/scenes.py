@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from companion.model import HOVER, normalise, yaw_quaternion
+from companion.model import HOVER, normalise, yaw_of, yaw_quaternion
 from companion.nmpc import Instance, Neighbour, NmpcConfig, make_instance
 
 CONFIG = NmpcConfig()
@@ -74,7 +74,7 @@ def random_scene(seed: int, config: NmpcConfig = CONFIG) -> Instance:
         x0=x0,
         u_last=HOVER + rng.normal(0, 0.3, 4),
         goal=x0[:3] + np.append(rng.normal(0, 10, 2), rng.normal(0, 0.3)),
-        yaw=rng.uniform(-np.pi, np.pi),
+        yaw=yaw_of(x0[6:10]) + rng.uniform(-0.8, 0.8),
         neighbours=neighbours,
         cylinders=cylinders,
         planes=[(0, 0, -1, -0.5), (0, 0, 1, 5)],
