@@ -25,6 +25,7 @@ from companion.panorama import Level, Panorama
 from companion.types import Image, Trunk, Vector
 
 Mask = NDArray[np.bool_]
+CUT_WIDTH = 1.35  # typical true over visible width of a trunk cut by the picture's edge
 TRIED = np.geomspace(16.0, 1.02, 48)  # distances to the axis, in radii
 EDGE = 9.0  # grey levels of an upright edge that parts two trunks
 
@@ -106,8 +107,9 @@ class TrunkDetector:
         known = seen.T & (cv2.subtract(cv2.min(red, blue), green) < 28)
         warmth = np.asarray(cv2.divide(cv2.subtract(high, blue), high, scale=255.0), np.uint8)
         below, known_below = np.ascontiguousarray(warmth[:, h:]), known[:, h:]
-        threshold = self._threshold(below, known_below)
-        ground = (below > threshold) & known_below
+        stands, above = self._stands(high, warmth, known)
+        threshold = self._threshold(below, known_below, warmth, known, above)
+        ground = (below > threshold[:, None]) & known_below
         vote = 2 * ground.view(np.int8) - known_below.astype(np.int8)
         # Foot at row k: all above bark, all below ground. Mistakes(k) − const = cumulated votes.
         running = np.zeros((vote.shape[0], vote.shape[1] + 1), np.int16)
@@ -122,7 +124,6 @@ class TrunkDetector:
         slope = np.tan(-(e[0] + edge_row * (e[1] - e[0])))
         t = altitude / np.maximum(slope, 1e-3)
         t[foot_row == 0] = np.inf
-        stands, above = self._stands(high, known)
         blind = np.count_nonzero(known_below, axis=1) < 6
         # Nothing of the ground in view: what stands before the sky may be near.
         t = np.where(blind & above, 2.0 * self.settings.max_range, t)
@@ -134,12 +135,21 @@ class TrunkDetector:
             self._edges(high, known),
         )
 
-    def _threshold(self, below: Image, known: Mask) -> int:
-        """Saturation (of 255) that tells ground from bark, from the ground of this very frame."""
-        sample = below[::4, below.shape[1] // 3 :: 3][known[::4, below.shape[1] // 3 :: 3]]
+    def _threshold(
+        self, below: Image, known_below: Mask, warmth: Image, known: Mask, above: Mask
+    ) -> Vector:
+        """Per column the saturation (of 255) that tells ground from bark.
+
+        From the ground of this very frame, and from the bark that the column shows before the sky.
+        """
+        sample = below[::4, below.shape[1] // 3 :: 3][known_below[::4, below.shape[1] // 3 :: 3]]
         # A high percentile: a near trunk may fill more than half of the lower picture.
         typical = float(np.percentile(sample, 75)) if sample.size > 50 else 128.0
-        return int(min(max(self.settings.ground_share * typical, 78.0), 96.0))
+        common = min(max(self.settings.ground_share * typical, 78.0), 96.0)
+        ok = known[:, self._above]
+        bark = np.where(ok, warmth[:, self._above], 0).sum(axis=1) / np.maximum(ok.sum(axis=1), 1)
+        own = np.minimum(bark + 0.35 * (typical - bark), 0.85 * typical)
+        return np.where(above, np.maximum(own, common), common)
 
     def _edges(self, high: Image, known: Mask) -> Vector:
         """Mean upright contrast between neighbouring columns around the horizon (last: 0)."""
@@ -151,7 +161,7 @@ class TrunkDetector:
         return np.append(contrast, 0.0)
 
     @staticmethod
-    def _sub_row(below: Image, foot_row: NDArray[np.intp], threshold: int) -> Vector:
+    def _sub_row(below: Image, foot_row: NDArray[np.intp], threshold: Vector) -> Vector:
         """Foot between rows, from where the colour passes the threshold."""
         k = np.clip(foot_row, 1, below.shape[1] - 1)
         cols = np.arange(below.shape[0])
@@ -159,14 +169,15 @@ class TrunkDetector:
         part: Vector = np.clip((threshold - a) / np.maximum(b - a, 5.0), 0.0, 1.0)
         return part + k - 1.0
 
-    def _stands(self, high: Image, known: Mask) -> tuple[Mask, Mask]:
+    def _stands(self, high: Image, warmth: Image, known: Mask) -> tuple[Mask, Mask]:
         """Columns whose content rises above the horizon (or may), and those that surely do."""
         band, ok = high[:, self._above], known[:, self._above]
         covered = np.count_nonzero(ok, axis=1)
         if covered.sum() < 50:
             return np.ones(len(band), bool), np.zeros(len(band), bool)
         sky = float(np.percentile(band[::4, ::2], 90))
-        dark = np.count_nonzero((band < 0.72 * sky) & ok, axis=1)
+        # Sky and cloud are bright and never warmer than neutral.
+        dark = np.count_nonzero(((band < 0.72 * sky) | (warmth[:, self._above] > 30)) & ok, axis=1)
         tall: Mask = dark >= 0.5 * covered
         return tall | (covered < 4), tall & (covered >= 4)
 
@@ -264,8 +275,10 @@ def _assumed(
         axis = low + beta
     elif free[1] and not free[0]:
         axis = high - beta
-    # Columns outside the profile cost as much as a wrong distance.
-    short = np.maximum(high - axis - beta, 0.0) + np.maximum(axis - beta - low, 0.0)
+    # Columns outside the profile cost as much as a wrong distance. Of a trunk that leaves the
+    # picture, foot and all, no more is known than that it is wider than what shows.
+    width = (high - low) * (1.0 if foot.any() else CUT_WIDTH)
+    short = np.maximum(width - 2.0 * beta, 0.0)
     if all(free):
         short = np.abs((high - low) / 2 - beta)
     delta = az[None] - axis[:, None]
