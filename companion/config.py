@@ -89,6 +89,11 @@ class FenceConfig(StrictModel):
 
     altitude_min: float = Field(0.8, description="Not below, once in flight.")
     altitude_max: float = Field(5.0, gt=1, description="Not above.")
+    altitude_band: float = Field(
+        0.3,
+        gt=0,
+        description="Around the goal's height: who evades up or down leaves the others' view.",
+    )
 
 
 class LogConfig(StrictModel):
@@ -126,11 +131,11 @@ class CompanionConfig(StrictModel):
             raise ValueError("mission.takeoff_altitude: must lie inside the fence's altitudes")
         return self
 
-    def fence_planes(self) -> Vector:
-        """(2,4) half-spaces n·p <= b of the altitude fence."""
-        return np.array(
-            [[0, 0, 1, self.fence.altitude_max], [0, 0, -1, -self.fence.altitude_min]], dtype=float
-        )
+    def altitude_planes(self, goal_altitude: float) -> Vector:
+        """(2,4) half-spaces n·p <= b: the band around the goal's height, inside the fence."""
+        top = min(self.fence.altitude_max, goal_altitude + self.fence.altitude_band)
+        bottom = max(self.fence.altitude_min, goal_altitude - self.fence.altitude_band)
+        return np.array([[0, 0, 1, top], [0, 0, -1, -bottom]], dtype=float)
 
 
 def load_config(path: Path, overrides: list[str] | None = None) -> CompanionConfig:

@@ -8,6 +8,7 @@ reference is slew-limited, as the drone can turn only so fast.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from pydantic import Field
@@ -23,6 +24,9 @@ class GazeConfig(StrictModel):
     sigma: float = Field(0.45, ge=0, description="σ [rad]; 0 switches the sweep off.")
     limit: float = Field(
         0.8, gt=0, description="Most |ε| [rad]: what lies ahead stays inside ±80° of view."
+    )
+    half_view: float = Field(
+        1.2, gt=0, description="A neighbour this far [rad] off the line of sight is in view."
     )
     half_period: float = Field(1.2, gt=0, description="Time [s] of one swing to one side.")
     slew: float = Field(2.0, gt=0, description="Fastest turn of the reference [rad/s].")
@@ -56,21 +60,20 @@ class Gaze:
         self._yaw: float | None = None
         self._time = 0.0
 
-    def update(self, time: float, v: Vector, to_goal: Vector, yaw_now: float) -> float:
+    def update(
+        self, time: float, v: Vector, to_goal: Vector, yaw_now: float, lost: Sequence[float] = ()
+    ) -> float:
         """ψ [rad] at `time` [s] for velocity v (3,) and direction to the goal (3,).
 
         The base is the direction of motion and of what it is about to become: v plus a pull
         to the goal, so that a drone that must turn round looks before it flies. Over the
-        goal itself, where it looks already.
+        goal itself, where it looks already. lost: world bearings [rad] of near neighbours that
+        are out of view, the most threatening first: the next swing goes to the first's side,
+        as far as it takes (within `limit`) to have it in view again.
         """
         c = self._config
         if self._yaw is None:
             self._yaw, self._time = yaw_now, time
-        if time >= self._swing_ends:
-            self._side = -self._side
-            amplitude = c.mean + abs(float(self._rng.normal(0.0, c.sigma)))
-            self._epsilon = self._side * min(amplitude, c.limit)
-            self._swing_ends = time + c.half_period
         far = math.hypot(to_goal[0], to_goal[1])
         pull = c.goal_pull / far if far > 1.0 else 0.0
         motion = (v[0] + pull * to_goal[0], v[1] + pull * to_goal[1])
@@ -78,11 +81,24 @@ class Gaze:
             base = math.atan2(motion[1], motion[0])
         else:
             base = self._yaw - self._epsilon
+        if time >= self._swing_ends:
+            self._swing_ends = time + c.half_period
+            self._epsilon = self._swing([wrap(bearing - base) for bearing in lost])
         step = c.slew * max(time - self._time, 0.0)
         turn = wrap(base + self._epsilon - self._yaw)
         self._yaw = wrap(self._yaw + min(max(turn, -step), step))
         self._time = time
         return self._yaw
+
+    def _swing(self, lost: Sequence[float]) -> float:
+        """ε of the next half-swing; lost: bearings off the base direction."""
+        c = self._config
+        amplitude = c.mean + abs(float(self._rng.normal(0.0, c.sigma)))
+        self._side = -self._side
+        if lost and c.sigma > 0.0:
+            self._side = math.copysign(1.0, lost[0])
+            amplitude = max(amplitude, abs(lost[0]) - c.half_view)
+        return self._side * min(amplitude, c.limit)
 
 
 def seen_speed(config: GazeConfig, yaw: float, to_goal: Vector) -> float:

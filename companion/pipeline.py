@@ -9,6 +9,7 @@ No I/O and no clock here: the time of a tick is given, and the stop-watch is pas
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -33,6 +34,7 @@ from mavlink_bridge.thrust import G, HoverThrustEstimator, ThrustMap
 from mavlink_bridge.video import Frame
 
 _HEARTBEAT_PERIOD = 1.0
+_LOST = 0.3  # s unseen: a critical neighbour is looked for
 _COMPANION_HEARTBEAT = Heartbeat(autopilot=8, vehicle_type=18, armed=False, custom_mode=0,
                                  system_status=4)  # fmt: skip
 
@@ -147,9 +149,14 @@ class Pipeline:
         out.progress = self._mission.update(own) if self._flying else Progress(own.p, 0, False)
         goal = self._goal(out)
         yaw_now = yaw_of(own.q_wb)
-        out.yaw = self._gaze.update(out.time, own.v, goal - own.p, yaw_now)
-        out.speed = self._config.nmpc.speed * seen_speed(self._config.gaze, yaw_now, goal - own.p)
         out.critical = critical_neighbours(own, out.tracks, self._config.threat)
+        lost = [
+            math.atan2(t.p[1] - own.p[1], t.p[0] - own.p[0])
+            for t, _ in out.critical
+            if t.unseen > _LOST
+        ]
+        out.yaw = self._gaze.update(out.time, own.v, goal - own.p, yaw_now, lost)
+        out.speed = self._config.nmpc.speed * seen_speed(self._config.gaze, yaw_now, goal - own.p)
         out.obstacles = self._map.obstacles(own.p)
 
     def _plan(self, out: TickOutputs) -> None:
@@ -169,7 +176,7 @@ class Pipeline:
             speed=out.speed,
             neighbours=[self._neighbour(t, delay) for t, _ in out.critical],
             cylinders=out.obstacles.cylinders,
-            planes=np.vstack([config.fence_planes(), out.obstacles.planes]),
+            planes=np.vstack([config.altitude_planes(self._goal(out)[2]), out.obstacles.planes]),
         )
         out.result = self._nmpc.solve(out.instance)
 
