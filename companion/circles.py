@@ -83,7 +83,7 @@ def _trimmed(x: Vector, y: Vector, circle: Triple, tolerance: float) -> tuple[Tr
     off = _off(x, y, circle)
     for _ in range(3):
         near = np.abs(off) < tolerance
-        count = np.count_nonzero(near)
+        count = int(np.count_nonzero(near))
         if count < 4 or count == before:
             break
         before = count

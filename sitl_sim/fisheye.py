@@ -45,7 +45,7 @@ class Lens:
 
     @cached_property
     def rays(self) -> Float32:
-        """(3, height, width) unit direction of each pixel's centre, camera frame; planes for SIMD."""
+        """(3, height, width) unit direction of each pixel's centre, camera frame (planes: SIMD)."""
         x = (np.arange(self.width) - (self.width - 1) / 2) / self.f
         y = (np.arange(self.height) - (self.height - 1) / 2) / self.f
         mx, my = np.meshgrid(x, y)

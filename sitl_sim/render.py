@@ -97,8 +97,11 @@ class Renderer:
         """Build textures and tables.
 
         Args:
-            world: as `world.json`: cylinders {x, y, radius, height?}, boxes {min, max}, drone_radius.
-            width: px. height: px. fov_deg: degrees over the width.
+            world: as `world.json`: cylinders {x, y, radius, height?}, boxes {min, max} and
+                drone_radius.
+            width: px.
+            height: px.
+            fov_deg: degrees over the width.
             seed: of textures, tints and noise.
             sensor: noise, blur, exposure, vignette.
             drone_radius: m, centre to propeller tip; None: the world's, else 0.2.

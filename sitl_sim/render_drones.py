@@ -197,7 +197,7 @@ def _trace(dx, dy, dz, maps, origins, suns, parts, active, n_active, out):  # ty
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def draw_drones(  # type: ignore[no-untyped-def]
+def draw_drones(  # type: ignore[no-untyped-def]  # noqa: ANN201
     rays, p, r_wc, drones_p, drones_r, looks, parts_all, sun, haze, f,  # noqa: ANN001
     table, count, boxes, start, which, image, depth,  # noqa: ANN001
 ):  # fmt: skip

@@ -70,7 +70,7 @@ def texel(u, v, level):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def trunk_table(  # type: ignore[no-untyped-def]
+def trunk_table(  # type: ignore[no-untyped-def]  # noqa: ANN201
     p: Float64,
     cylinders: Float64,
     tint: Float64,
@@ -153,7 +153,7 @@ def trunk_table(  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def ground_table(height: float, pixel_angle: float, table: Float32):  # type: ignore[no-untyped-def]
+def ground_table(height: float, pixel_angle: float, table: Float32):  # type: ignore[no-untyped-def]  # noqa: ANN201
     """(EBINS,2) mip level and clarity of the ground by diamond elevation, horizon first."""
     for i in range(EBINS):
         e = (i + 0.5) / EBINS
@@ -166,7 +166,7 @@ def ground_table(height: float, pixel_angle: float, table: Float32):  # type: ig
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def box_lists(p: Float64, boxes: Float64, start, which):  # type: ignore[no-untyped-def]  # noqa: ANN001
+def box_lists(p: Float64, boxes: Float64, start, which):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """Which boxes (n,6: min, max) each azimuth bin can see: which[start[b]:start[b+1]]."""
     n = boxes.shape[0]
     spans = np.empty((n, 2), np.int64)
@@ -248,7 +248,7 @@ def scene_range(px, py, pz, dx, dy, dz, table, count, boxes, start, which):  # t
 
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
-def paint(  # type: ignore[no-untyped-def]
+def paint(  # type: ignore[no-untyped-def]  # noqa: ANN201
     rays, rot, p, table, count, elevations, boxes, start, which,  # noqa: ANN001
     ground, palette, macro, macro_frame, bark, wall, sky, haze, pixel_angle, out,  # noqa: ANN001
 ):  # fmt: skip
@@ -267,8 +267,11 @@ def paint(  # type: ignore[no-untyped-def]
     elev = np.empty(w, np.float32)
     east = np.empty(w, np.float32)
     north = np.empty(w, np.float32)
+    reach = np.empty(w, np.float32)
+    texel_u, texel_v = np.empty(w, np.int32), np.empty(w, np.int32)
+    macro_u, macro_v = np.empty(w, np.int32), np.empty(w, np.int32)
     have_boxes = boxes.shape[0] > 0
-    n_macro = macro.shape[0]
+    last_macro = np.float32(macro.shape[0] - 1)
     mx, my, ms = macro_frame[0], macro_frame[1], macro_frame[2]
     for y in range(h):
         for x in range(w):  # no branches: the compiler makes this loop SIMD
@@ -286,12 +289,20 @@ def paint(  # type: ignore[no-untyped-def]
             elev[x] = dz / (rho + abs(dz))
             east[x] = dx * inv
             north[x] = dy * inv
+            # Where the ray meets the ground; rays that do not are never asked for it.
+            run = min(pz / max(-dz * inv, TINY), T_MAX)
+            reach[x] = run
+            gx, gy = px + dx * inv * run, py + dy * inv * run
+            texel_u[x] = np.int32((gx + SHIFT) * GROUND_TEXELS)
+            texel_v[x] = np.int32((gy + SHIFT) * GROUND_TEXELS)
+            macro_u[x] = np.int32(min(max((gx - mx) * ms, ZERO), last_macro))
+            macro_v[x] = np.int32(min(max((gy - my) * ms, ZERO), last_macro))
         for x in range(w):
             b, s, e = bins[x], slope[x], elev[x]
             limit = FAR
             ground_t = FAR
             if s < ZERO:
-                ground_t = min(-pz / s, T_MAX)
+                ground_t = reach[x]
             kind = 0
             layer = 0
             for layer in range(count[b]):
@@ -342,19 +353,17 @@ def paint(  # type: ignore[no-untyped-def]
                 )
             elif s < ZERO:
                 ei = min(int(-e * np.float32(EBINS)), EBINS - 1)
-                gx, gy = px + east[x] * ground_t, py + north[x] * ground_t
                 level = int(elevations[ei, 0])
                 clear = elevations[ei, 1]
-                u, v = int((gx + SHIFT) * GROUND_TEXELS), int((gy + SHIFT) * GROUND_TEXELS)
-                k = texel(u, v, level)
-                iu = min(max(int((gx - mx) * ms), 0), n_macro - 1)
-                iv = min(max(int((gy - my) * ms), 0), n_macro - 1)
+                k = texel(np.int64(texel_u[x]), np.int64(texel_v[x]), level)
+                iu, iv = macro_u[x], macro_v[x]
                 hue = min(np.int64(ground[k, 1]) + np.int64(macro[iv, iu, 1]), HUES - 1)
                 value = ground[k, 0]
                 gain = np.float32(macro[iv, iu, 0]) * np.float32(1 / 230) * clear
+                mist = ONE - clear
                 for c in range(3):
-                    light = np.float32(palette[hue, value, c]) * gain + haze[c] * (ONE - clear)
-                    out[y, x, c] = int(min(light, np.float32(255)))
+                    light = np.float32(palette[hue, value, c]) * gain + haze[c] * mist
+                    out[y, x, c] = np.int32(min(light, np.float32(255)))
             else:
                 i = min(int(e * np.float32(SKY_ROWS)), SKY_ROWS - 1)
                 j = b // _SKY_PER_BIN

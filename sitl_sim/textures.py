@@ -1,4 +1,4 @@
-"""Seeded textures of the rendered world: ground, bark, wall, sky, and the map of light on the ground.
+"""Seeded textures of the rendered world: ground, bark, wall, sky, and the ground's map of light.
 
 All are built once. Tiling ones are stored with their mip levels, one after another, so that a
 kernel picks a level by distance and never samples finer than a pixel.

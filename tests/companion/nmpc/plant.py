@@ -17,7 +17,7 @@ from companion.model import (
     predict,
     yaw_quaternion,
 )
-from companion.nmpc import Neighbour, Nmpc, NmpcConfig, Result, make_instance
+from companion.nmpc import Instance, Neighbour, Nmpc, NmpcConfig, Result, make_instance
 
 TICK = 0.1
 STEP = 0.005
@@ -126,8 +126,12 @@ def fly(
     gaze: Callable[[float], float] = lambda t: 0.0,
     sight: float = 12.0,
     stop: float = 0.0,
+    seen: Callable[[int, int, Instance], None] = lambda tick, drone, instance: None,
 ) -> Log:
-    """Fly; the neighbours are the nearest ones (perfectly seen), cohesion only along the way."""
+    """Fly; neighbours are the nearest ones, perfectly seen, cohesion only with those alongside.
+
+    seen(tick, drone, instance) is told every instance.
+    """
     config = drones[0].nmpc.config
     xs, us, results = [], [], []
     yaws = [float("nan")] * len(drones)
@@ -172,6 +176,7 @@ def fly(
                 planes=planes,
                 disturbance=d.disturbance,
             )
+            seen(tick, i, instance)
             d.result = d.nmpc.solve(instance)
             commands.append(d.result.u[0])
         for d, u in zip(drones, commands, strict=True):
