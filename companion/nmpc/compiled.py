@@ -31,7 +31,7 @@ from companion.nmpc.qp import change_bounds, input_bounds
 FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fPIC", "-shared")
 MAX_ROWS, MAX_STAGES = 160, 128  # as in kernel.c
 TOLERANCE = 1e-6
-FIRST_COMPLEMENTARITY = 0.1
+FIRST_COMPLEMENTARITY = 3.0
 
 
 def library(stage: Stage, config: NmpcConfig) -> ctypes.CDLL | None:

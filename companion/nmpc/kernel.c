@@ -402,7 +402,7 @@ int solve_program(const int *shape, const int *index, const double *source, cons
         values(g, g->x, g->w, g->s, none, now);
         for (int c = 0; c < constraints(g); c++) {
             double t = now[c] + g->a[c];
-            g->t[c] = t > 0.1 ? t : 0.1;
+            g->t[c] = t > 0.03 ? t : 0.03;
             g->l[c] = mu0 / g->t[c];
             total += used(g, c);
         }
