@@ -1,4 +1,4 @@
-"""The compiled path: kernel.c and CasADi's generated stage functions as one shared library.
+"""The compiled path: the kernel in C and CasADi's generated stage functions as one shared library.
 
 Used where a C compiler is at hand, kept in the user's cache by the hash of its source, and
 never required: every failure gives None, and the caller goes on with CasADi's virtual machine
@@ -7,6 +7,7 @@ and PIQP. The weights are arguments, so drones that differ only in weights share
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import hashlib
 import os
@@ -29,7 +30,8 @@ from companion.nmpc.qp import change_bounds, input_bounds
 
 # No -ffast-math: the order of operations is the same on every run.
 FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fPIC", "-shared")
-MAX_ROWS, MAX_STAGES = 160, 128  # as in kernel.c
+MAX_ROWS, MAX_STAGES = 160, 128  # as in the kernel
+KERNEL = ("kernel_stage.c", "kernel_solve.c")
 TOLERANCE = 1e-6
 FIRST_COMPLEMENTARITY = 3.0
 
@@ -41,10 +43,12 @@ def library(stage: Stage, config: NmpcConfig) -> ctypes.CDLL | None:
         return None
     try:
         source = _source(stage)
-        key = "\n".join([source, *FLAGS, compiler, platform.machine(), platform.node()])
+        key = "\n".join([source, *FLAGS, compiler, _processor()])
         path = _cache() / f"nmpc-{hashlib.sha256(key.encode()).hexdigest()[:20]}.so"
-        if not path.exists():
-            _compile(compiler, source, path)
+        if path.exists():
+            with contextlib.suppress(OSError):  # cut short by a full disk: made anew
+                return ctypes.CDLL(str(path))
+        _compile(compiler, source, path)
         return ctypes.CDLL(str(path))
     except (OSError, subprocess.SubprocessError):
         return None
@@ -54,8 +58,16 @@ def _source(stage: Stage) -> str:
     generator = ca.CodeGenerator("stages", {"with_header": False})
     generator.add(stage.linearise)
     generator.add(stage.evaluate)
-    kernel = resources.files("companion.nmpc").joinpath("kernel.c").read_text()
-    return str(generator.dump()) + "\n" + kernel
+    package = resources.files("companion.nmpc")
+    return "\n".join([generator.dump(), *(package.joinpath(k).read_text() for k in KERNEL)])
+
+
+def _processor() -> str:
+    """What the machine can do: a cache may be carried to, or shared with, another one."""
+    information = Path("/proc/cpuinfo")
+    lines = information.read_text().splitlines() if information.exists() else []
+    abilities = {line for line in lines if line.startswith(("flags", "Features", "model name"))}
+    return "\n".join([platform.machine(), platform.processor(), *sorted(abilities)])
 
 
 def _cache() -> Path:
@@ -113,7 +125,7 @@ class Sweep:
 
 
 class CompiledProgram:
-    """The quadratic program of `qp.py`, solved by kernel.c."""
+    """The quadratic program of `qp.py`, solved by the kernel in C."""
 
     def __init__(self, config: NmpcConfig, stage: Stage, library: ctypes.CDLL) -> None:
         self.source = np.zeros(config.N * stage.size)

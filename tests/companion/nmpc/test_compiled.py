@@ -1,0 +1,90 @@
+"""The compiled path is a convenience: cached, shared between weights, and never required."""
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from companion.nmpc import Nmpc, NmpcConfig, compiled
+
+from .scenes import CONFIG, random_scene
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    return tmp_path / "swarm-companion"
+
+
+def needs_compiler():
+    if Nmpc(CONFIG).backend != "compiled":
+        pytest.skip("no C compiler")
+
+
+def test_without_a_compiler_it_flies_all_the_same(monkeypatch):
+    monkeypatch.setattr(compiled.shutil, "which", lambda name: None)
+    nmpc = Nmpc(CONFIG)
+    assert nmpc.backend == "piqp"
+    assert nmpc.solve(random_scene(1)).usable
+
+
+def test_a_compiler_that_fails_is_no_compiler(cache, monkeypatch):
+    monkeypatch.setattr(compiled.shutil, "which", lambda name: "/bin/false")
+    assert Nmpc(CONFIG).backend == "piqp"
+
+
+def test_a_cache_that_cannot_be_written_is_no_cache(tmp_path, monkeypatch):
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
+    assert Nmpc(CONFIG).backend == "piqp"
+
+
+def test_compiled_once_for_all_weights(cache, monkeypatch):
+    needs_compiler()
+    assert Nmpc(CONFIG).backend == "compiled"
+    assert [p.suffix for p in cache.iterdir()] == [".so"]
+
+    def refuse(*args: object, **kwargs: object) -> None:
+        raise subprocess.SubprocessError
+
+    monkeypatch.setattr(compiled.subprocess, "run", refuse)
+    other = NmpcConfig(w_mig=2.0, speed=1.0, penalty=60.0, M=8, delta_omega_max=1.0)
+    assert Nmpc(other).backend == "compiled"
+    assert Nmpc(NmpcConfig(cylinders=4)).backend == "piqp"
+
+
+def test_a_broken_library_is_made_anew(cache, monkeypatch):
+    needs_compiler()
+    proper = compiled._compile
+
+    def broken(compiler: str, source: str, path: Path) -> None:
+        path.write_text("not a library")
+
+    monkeypatch.setattr(compiled, "_compile", broken)
+    assert Nmpc(CONFIG).backend == "piqp"
+    monkeypatch.setattr(compiled, "_compile", proper)
+    assert Nmpc(CONFIG).backend == "compiled"
+
+
+@pytest.mark.parametrize(
+    "sizes",
+    [
+        {"N": 10, "M": 5, "M_constraint": 10},
+        {"N": 40},
+        {"neighbours": 0},
+        {"neighbours": 9},
+        {"cylinders": 0, "planes": 0},
+        {"cylinders": 16},
+        {"M": 20, "M_constraint": 20},
+    ],
+)
+def test_other_sizes(sizes):
+    config = NmpcConfig(**sizes)
+    instance = random_scene(3, config)
+    a, b = Nmpc(config).solve(instance), Nmpc(config, compiled=False).solve(instance)
+    assert a.usable
+    assert b.usable
+    assert a.x.shape == (config.N + 1, 10)
+    np.testing.assert_allclose(a.u, b.u, atol=0.05)
