@@ -1,5 +1,6 @@
 """The compiled path is a convenience: cached, shared between weights, and never required."""
 
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -56,7 +57,8 @@ def test_compiled_once_for_all_weights(cache, monkeypatch):
 
 
 def test_a_broken_library_is_made_anew(cache, monkeypatch):
-    needs_compiler()
+    if shutil.which("gcc") is None and shutil.which("cc") is None:
+        pytest.skip("no C compiler")
     proper = compiled._compile
 
     def broken(compiler: str, source: str, path: Path) -> None:
