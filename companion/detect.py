@@ -40,7 +40,7 @@ class ColorSettings:
     hue_deg: float = 300.0
     hue_width_deg: float = 30.0
     marker_radius: float = 0.10
-    min_chroma: float = 45.0
+    min_chroma: float = 28.0
     min_area: float = 3.0
     max_range: float = 20.0
     edge: float = 0.44
@@ -72,7 +72,9 @@ class ColorDetector:
     def detect(self, image: Image) -> list[Detection]:
         """Marked drones in image (H,W,3) uint8 BGR, nearest first."""
         s = self.settings
-        mask = cv2.threshold(self._chroma(image), s.min_chroma, 255, cv2.THRESH_BINARY)[1]
+        # Averaged over neighbours, lest noise break a dim ball into pieces.
+        chroma = cv2.blur(self._chroma(image), (3, 3))
+        mask = cv2.threshold(chroma, s.min_chroma, 255, cv2.THRESH_BINARY)[1]
         outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         found: list[Detection] = []
         for outline in outlines:
