@@ -1,0 +1,5 @@
+"""The subcommands of `companion`, one module each.
+
+A module has `HELP`, `add_arguments(parser)` and `run(options) -> exit status`. It imports what
+it needs inside `run`, so that `companion --help` answers at once.
+"""

@@ -1,0 +1,42 @@
+"""`companion run`: the daemon."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+HELP = "fly one drone"
+EXIT_UNAVAILABLE = 69  # EX_UNAVAILABLE: no such port or camera now; worth another try
+EXIT_BAD_CONFIG = 78  # EX_CONFIG: trying again cannot help
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Its command line."""
+    parser.add_argument("config", type=Path, help="the drone's YAML file")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Start, tick, stop."""
+    import cv2
+
+    from companion.config import load_config
+    from companion.daemon import Daemon
+    from mavlink_bridge.link import EndpointError
+    from mavlink_bridge.settings import SettingsError
+    from mavlink_bridge.video import VideoError
+
+    cv2.setNumThreads(1)
+    try:
+        config = load_config(options.config, options.overrides)
+    except SettingsError as error:
+        print(error, file=sys.stderr)
+        return EXIT_BAD_CONFIG
+    try:
+        daemon = Daemon(config)
+    except (EndpointError, VideoError) as error:
+        print(error, file=sys.stderr)
+        return EXIT_UNAVAILABLE
+    daemon.run()
+    return 0
