@@ -76,12 +76,19 @@ def yaw_quaternion(yaw: float) -> Vector:
 
 def f(x: Vector, u: Vector, disturbance: Vector | float = 0.0) -> Vector:
     """Time derivative of the state, eq. (1)-(3)."""
-    q = x[..., 6:10]
-    zero = np.zeros_like(u[..., :1])
-    thrust = u[..., :1] * body_axes(q)[..., :, 2]
-    acceleration = thrust + np.array([0.0, 0.0, -GRAVITY]) + disturbance
-    spin = 0.5 * quaternion_product(q, np.concatenate([zero, u[..., 1:4]], axis=-1))
-    return np.concatenate([x[..., 3:6], acceleration, spin], axis=-1)
+    w, i, j, k = (x[..., n] for n in range(6, 10))
+    c, a, b, r = (u[..., n] for n in range(4))
+    out = np.empty(np.broadcast_shapes(x.shape, (*u.shape[:-1], NX)))
+    out[..., :3] = x[..., 3:6]
+    out[..., 3] = 2.0 * c * (i * k + w * j)
+    out[..., 4] = 2.0 * c * (j * k - w * i)
+    out[..., 5] = c * (w * w - i * i - j * j + k * k) - GRAVITY
+    out[..., 3:6] += disturbance
+    out[..., 6] = -0.5 * (i * a + j * b + k * r)
+    out[..., 7] = 0.5 * (w * a + j * r - k * b)
+    out[..., 8] = 0.5 * (w * b - i * r + k * a)
+    out[..., 9] = 0.5 * (w * r + i * b - j * a)
+    return out
 
 
 def step(x: Vector, u: Vector, dt: float, disturbance: Vector | float = 0.0) -> Vector:

@@ -7,6 +7,7 @@ drone is kept until it is far away.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -77,19 +78,18 @@ class ObstacleMap:
 
     def hidden(self, eye: Vector, points: Vector) -> list[bool]:
         """Whether a known trunk stands between `eye` (3,) and each of `points` (n,3); eq. (6)."""
-        out = []
-        for point in points:
-            d = point[:2] - eye[:2]
-            length2 = max(float(d @ d), 1e-9)
-            blocked = False
-            for k in self._known:
-                along = min(max(float((k.axis - eye[:2]) @ d) / length2, 0.0), 1.0)
-                blocked |= bool(np.hypot(*(eye[:2] + along * d - k.axis)) < k.radius)
-            out.append(blocked)
-        return out
+        if not self._known or not len(points):
+            return [False] * len(points)
+        axes = np.array([k.axis for k in self._known]) - eye[:2]
+        radii = np.array([k.radius for k in self._known])
+        d = points[:, None, :2] - eye[:2]
+        length2 = np.maximum((d**2).sum(axis=-1), 1e-9)
+        along = np.clip((d * axes).sum(axis=-1) / length2, 0.0, 1.0)
+        miss = along[..., None] * d - axes
+        return [bool(h) for h in ((miss**2).sum(axis=-1) < radii**2).any(axis=1)]
 
     def _merge(self, axis: Vector, radius: float, variance: float) -> int:
-        distances = [float(np.hypot(*(k.axis - axis))) for k in self._known]
+        distances = [math.dist(k.axis, axis) for k in self._known]
         if distances and min(distances) < self._config.associate:
             n = int(np.argmin(distances))
             k = self._known[n]
@@ -107,9 +107,8 @@ class ObstacleMap:
         kept = []
         for n, k in enumerate(self._known):
             offset = k.axis - p
-            distance = float(np.hypot(*offset))
-            bearing = abs(float(np.arctan2(forward[0] * offset[1] - forward[1] * offset[0],
-                                           forward @ offset)))  # fmt: skip
+            distance = math.hypot(*offset)
+            bearing = _angle(forward, offset)
             in_view = bearing < half_view - 0.2 and k.radius + 0.3 < distance < c.view_range
             if n not in seen and in_view and not self._shadowed(n, p):
                 k.misses += 1
@@ -121,16 +120,18 @@ class ObstacleMap:
         """Whether another, nearer trunk covers part of trunk n as seen from p."""
         target = self._known[n]
         offset = target.axis - p
-        distance = float(np.hypot(*offset))
+        distance = math.hypot(*offset)
         for m, k in enumerate(self._known):
             other = k.axis - p
-            d = float(np.hypot(*other))
+            d = math.hypot(*other)
             if m == n or d >= distance:
                 continue
-            apart = abs(float(np.arctan2(offset[0] * other[1] - offset[1] * other[0],
-                                         offset @ other)))  # fmt: skip
-            if apart < np.arcsin(min(k.radius / d, 1.0)) + np.arcsin(
-                min(target.radius / distance, 1.0)
-            ):
+            covers = math.asin(min(k.radius / d, 1.0))
+            if _angle(offset, other) < covers + math.asin(min(target.radius / distance, 1.0)):
                 return True
         return False
+
+
+def _angle(a: Vector, b: Vector) -> float:
+    """Between two vectors (2,) [rad], 0…π."""
+    return abs(math.atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1]))

@@ -82,6 +82,7 @@ class Flight:
         heading = np.full(n, np.radians(scenario.drones.heading_deg))
         self.vehicles = Vehicles(Airframe(), start, heading)
         phases = [round(i * _TICK_MS / n / _QUANTUM_MS) * _QUANTUM_MS for i in range(n)]
+        self._occluders = Occluders(self.world)
         self._autopilots = Autopilots(
             self.vehicles,
             list(range(1, n + 1)),
@@ -293,10 +294,10 @@ class Flight:
         view = (half, half * s.height / s.width)
         if s.neighbours == "truth":
             arrays["neighbours"] = sensing.neighbours(
-                p[i], q[i], p[others], self.world, view, s.range_max
+                p[i], q[i], p[others], self._occluders, view, s.range_max
             )
         if s.obstacles == "map":
-            arrays["trunks"] = sensing.trunks(p[i], q[i], self.world, view, s.range_max)
+            arrays["trunks"] = sensing.trunks(p[i], q[i], self._occluders, view, s.range_max)
         return arrays
 
     def _take_answer(self, drone: _Drone) -> None:

@@ -6,12 +6,10 @@ channel: direction (3) in the camera frame, distance, and two more numbers.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl_sim.world import Vector, sight_line_free
+from sitl_sim.world import Occluders, Vector
 
 # Camera axes in the body: right = -y, down = -z, forward = +x.
 _R_BC = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -38,7 +36,7 @@ def _seen(rays_c: Vector, half_view: float, half_height: float) -> NDArray[np.bo
 
 
 def neighbours(
-    p: Vector, q: Vector, others: Vector, world: dict[str, Any], fov: tuple[float, float],
+    p: Vector, q: Vector, others: Vector, occluders: Occluders, fov: tuple[float, float],
     range_max: float,
 ) -> Vector:  # fmt: skip
     """(m,6) direction, range, σ bearing, σ range of the drones `others` (k,3) in view.
@@ -48,29 +46,28 @@ def neighbours(
     d = others - p
     distance = np.maximum(np.linalg.norm(d, axis=1), 1e-9)
     rays = (d / distance[:, None]) @ rotation(q) @ _R_BC
-    seen = _seen(rays, *fov) & (distance <= range_max) & sight_line_free(p, others, world)
+    seen = _seen(rays, *fov) & (distance <= range_max) & occluders.free(p, others)
     n = int(seen.sum())
     return np.column_stack([rays[seen], distance[seen], np.full(n, 0.005), np.full(n, 0.03)])
 
 
 def trunks(
-    p: Vector, q: Vector, world: dict[str, Any], fov: tuple[float, float], range_max: float
+    p: Vector, q: Vector, occluders: Occluders, fov: tuple[float, float], range_max: float
 ) -> Vector:
     """(m,6) direction to the axis, horizontal distance to it, radius, σ of the trunks in view.
 
     A trunk counts as seen when its axis or one of its edges is in view and not hidden.
     """
-    rows = []
-    r_cw = (rotation(q) @ _R_BC).T
-    for n, c in enumerate(world.get("cylinders", [])):
-        d = np.array([c["x"] - p[0], c["y"] - p[1], 0.0])
-        distance = float(np.hypot(d[0], d[1]))
-        if distance - c["radius"] > range_max or distance <= c["radius"]:
-            continue
-        side = np.array([-d[1], d[0], 0.0]) / distance * c["radius"] * 0.9
-        points = p + np.stack([d, d + side, d - side])
-        rest = {**world, "cylinders": [k for m, k in enumerate(world["cylinders"]) if m != n]}
-        rays = (points - p) / np.linalg.norm(points - p, axis=1)[:, None] @ r_cw.T
-        if (_seen(rays, *fov) & sight_line_free(p, points, rest)).any():
-            rows.append([*rays[0], distance, c["radius"], 0.03])
-    return np.array(rows, float).reshape(-1, 6)
+    d = occluders.cylinders[:, :2] - p[:2]
+    radius, distance = occluders.cylinders[:, 2], np.hypot(d[:, 0], d[:, 1])
+    near = np.flatnonzero((distance - radius <= range_max) & (distance > radius))
+    d, radius, distance = d[near], radius[near], distance[near]
+    side = np.column_stack([-d[:, 1], d[:, 0]]) * (0.9 * radius / distance)[:, None]
+    offsets = np.zeros((len(near), 3, 3))
+    offsets[..., :2] = np.stack([d, d + side, d - side], axis=1)
+    flat = offsets.reshape(-1, 3)
+    rays = flat / np.maximum(np.linalg.norm(flat, axis=1), 1e-9)[:, None] @ rotation(q) @ _R_BC
+    seen = _seen(rays, *fov) & occluders.free(p, p + flat, np.repeat(near, 3))
+    rows = [rays[::3], distance[:, None], radius[:, None], np.full((len(near), 1), 0.03)]
+    table: Vector = np.hstack(rows)[seen.reshape(-1, 3).any(axis=1)]
+    return table

@@ -86,20 +86,35 @@ def surface_distance(position: Vector, world: dict[str, Any]) -> Vector:
     return nearest
 
 
-def sight_line_free(eye: Vector, points: Vector, world: dict[str, Any]) -> NDArray[np.bool_]:
-    """Whether the segment from `eye` (3,) to each of `points` (n,3) meets no obstacle; eq. (6)."""
-    free = np.ones(len(points), bool)
-    d = points - eye
-    length2 = np.maximum((d[:, :2] ** 2).sum(axis=1), 1e-9)
-    for c in world.get("cylinders", []):
-        to_axis = np.array([c["x"], c["y"]]) - eye[:2]
-        along = np.clip(d[:, :2] @ to_axis / length2, 0.0, 1.0)
-        miss = np.hypot(*(along[:, None] * d[:, :2] - to_axis).T)
-        below = eye[2] + along * d[:, 2] < c["height"]
-        free &= ~((miss < c["radius"]) & below)
-    for b in world.get("boxes", []):
-        free &= ~_segment_meets_box(eye, d, np.array(b["min"]), np.array(b["max"]))
-    return free
+class Occluders:
+    """The obstacles of a world as arrays, for asking what hides what; eq. (6)."""
+
+    def __init__(self, world: dict[str, Any]) -> None:
+        """world: as in `world.json`."""
+        rows = [[c["x"], c["y"], c["radius"], c["height"]] for c in world.get("cylinders", [])]
+        self.cylinders = np.array(rows, float).reshape(-1, 4)
+        self.boxes = [(np.array(b["min"]), np.array(b["max"])) for b in world.get("boxes", [])]
+
+    def free(
+        self, eye: Vector, points: Vector, own: NDArray[np.int_] | None = None
+    ) -> NDArray[np.bool_]:
+        """(n,) whether the segment from `eye` (3,) to each of `points` (n,3) meets no obstacle.
+
+        own: (n,) the cylinder that each point belongs to and that does not hide it.
+        """
+        d = points - eye
+        length2 = np.maximum((d[:, :2] ** 2).sum(axis=1), 1e-9)[:, None]
+        x, y = self.cylinders[:, 0] - eye[0], self.cylinders[:, 1] - eye[1]
+        along = np.clip((d[:, :1] * x + d[:, 1:2] * y) / length2, 0.0, 1.0)
+        miss2 = (along * d[:, :1] - x) ** 2 + (along * d[:, 1:2] - y) ** 2
+        below = eye[2] + along * d[:, 2:] < self.cylinders[:, 3]
+        meets = (miss2 < self.cylinders[:, 2] ** 2) & below
+        if own is not None:
+            meets[np.arange(len(points)), own] = False
+        free: NDArray[np.bool_] = ~meets.any(axis=1)
+        for low, high in self.boxes:
+            free &= ~_segment_meets_box(eye, d, low, high)
+        return free
 
 
 def _segment_meets_box(eye: Vector, d: Vector, low: Vector, high: Vector) -> NDArray[np.bool_]:
