@@ -7,28 +7,32 @@ below the drone's own file. Angles that a person writes are in degrees and say s
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
+from companion.framesource import check_source
 from companion.gaze import GazeConfig
 from companion.guard import GuardConfig
-from companion.mission import MissionConfig, check_goals
+from companion.mission import MissionConfig
 from companion.nmpc import NmpcConfig
 from companion.obstacles import ObstacleConfig
 from companion.threat import ThreatConfig
 from companion.track import TrackerConfig
 from companion.types import Vector
 from mavlink_bridge.settings import (
+    Contradiction,
     Document,
-    SettingsError,
     StrictModel,
     assignments,
     load_yaml,
     merge,
     validate,
 )
+
+FILEVERSION = 1
+DEFAULT, AIRFRAMES = "default.yaml", "airframes"
 
 
 class AirframeConfig(StrictModel):
@@ -54,12 +58,16 @@ class LinkConfig(StrictModel):
 class CameraConfig(StrictModel):
     """Where frames come from and how the lens images."""
 
-    source: str = Field("sim:127.0.0.1:15541", description="sim:HOST:PORT, the frame channel.")
+    source: Annotated[str, AfterValidator(check_source)] = Field(
+        "sim:127.0.0.1:15541", description="sim:HOST:PORT, the frame channel."
+    )
     width: int = Field(640, ge=64, le=4096, description="px.")
     height: int = Field(400, ge=64, le=4096, description="px.")
     fov_deg: float = Field(160.0, gt=10, lt=240, description="Across the width, equidistant.")
-    calibration: str | None = Field(None, description="Calibration file; then the three above "
-                                    "must fit it.")  # fmt: skip
+    calibration: str | None = Field(
+        None,
+        description="Calibration file, relative to this one; the three above must fit it.",
+    )
 
 
 class SensingConfig(StrictModel):
@@ -96,6 +104,19 @@ class FenceConfig(StrictModel):
     )
 
 
+class BoardConfig(StrictModel):
+    """The companion computer that the drone carries."""
+
+    host: str | None = Field(
+        None,
+        pattern=r"^([a-z_][a-z0-9_-]*@)?[A-Za-z0-9][A-Za-z0-9.-]*$",
+        description="USER@HOST where `companion deploy` finds it; drones without share one board.",
+    )
+    cpus: str | None = Field(
+        None, pattern=r"^[0-9]+([-, ][0-9]+)*$", description="CPUs of the daemon, as `2-3`."
+    )
+
+
 class LogConfig(StrictModel):
     """The flight log."""
 
@@ -121,14 +142,18 @@ class CompanionConfig(StrictModel):
     guard: GuardConfig = GuardConfig()
     fence: FenceConfig = FenceConfig()
     log: LogConfig = LogConfig()
+    board: BoardConfig = BoardConfig()
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        check_goals(self.mission.goals)
+        low, high = "fence.altitude_min", "fence.altitude_max"
         if self.fence.altitude_max <= self.fence.altitude_min:
-            raise ValueError("fence.altitude_max: must be above fence.altitude_min")
+            raise Contradiction((high, low), "altitude_max must be above altitude_min")
         if not self.fence.altitude_min < self.mission.takeoff_altitude < self.fence.altitude_max:
-            raise ValueError("mission.takeoff_altitude: must lie inside the fence's altitudes")
+            raise Contradiction(
+                ("mission.takeoff_altitude", low, high),
+                "takeoff_altitude must lie inside the fence",
+            )
         return self
 
     def altitude_planes(self, goal_altitude: float) -> Vector:
@@ -148,24 +173,68 @@ def load_config(path: Path, overrides: list[str] | None = None) -> CompanionConf
 
 
 def resolve(path: Path, overrides: list[str] | None = None) -> Document:
-    """The layers of a drone's file as one document, with the place of each value."""
-    drone = load_yaml(path)
-    layers = []
-    default = path.parent / "default.yaml"
-    if default.exists() and default.resolve() != path.resolve():
-        layers.append(load_yaml(default))
-    airframe: Any = drone.data.get("airframe")
-    if isinstance(airframe, str):
-        layers.append(_airframe(path, airframe, drone))
-        del drone.data["airframe"]
+    """The layers of a drone's file as one document, with the place of each value.
+
+    Raises:
+        SettingsError: a file that cannot be read at all; lesser mistakes wait in the document.
+    """
+    drone = _layer(path)
+    layers = [] if is_layer(path) else [*_default(path), *_airframe(path, drone)]
     return merge([*layers, drone, assignments(overrides or [])])
 
 
-def _airframe(path: Path, name: str, drone: Document) -> Document:
-    folder = path.parent / "airframes"
+def is_layer(path: Path) -> bool:
+    """Whether a file is no drone but what lies below drones: default.yaml, airframes/*.yaml."""
+    return path.name == DEFAULT or path.parent.name == AIRFRAMES
+
+
+def layers_of(path: Path) -> list[Path]:
+    """The files that a drone's file builds on, lowest first; as far as they exist."""
+    name = _airframe_name(load_yaml(path))
+    files = [path.parent / DEFAULT, path.parent / AIRFRAMES / f"{name}.yaml"]
+    return [] if is_layer(path) else [f for f in files if f.exists()]
+
+
+def _layer(path: Path) -> Document:
+    """One file, which must say for which version of this format it was written."""
+    document = load_yaml(path)
+    if "fileversion" not in document.data:
+        document.problems.append(f"{path}:1:1: fileversion: is missing; valid: {FILEVERSION}")
+    elif (found := document.data["fileversion"]) != FILEVERSION:
+        place = document.places[("fileversion",)]
+        document.problems.append(f"{place}: fileversion: must be {FILEVERSION}, got {found!r}")
+        document.data["fileversion"] = FILEVERSION  # said once
+    airframe = document.data.get("airframe")
+    if isinstance(airframe, str):  # `airframe: quad5` is short for `airframe: {name: quad5}`
+        document.data["airframe"] = {"name": airframe}
+        document.places["airframe", "name"] = document.places[("airframe",)]
+    camera = document.data.get("camera")
+    if isinstance(camera, dict) and isinstance(camera.get("calibration"), str):
+        camera["calibration"] = str(path.parent / camera["calibration"])
+    return document
+
+
+def _default(path: Path) -> list[Document]:
+    default = path.parent / DEFAULT
+    return [_layer(default)] if default.exists() else []
+
+
+def _airframe(path: Path, drone: Document) -> list[Document]:
+    """The layer of the airframe that the drone names."""
+    name = _airframe_name(drone)
+    if name is None:
+        return []
+    folder = path.parent / AIRFRAMES
     file = folder / f"{name}.yaml"
-    if not file.exists():
-        known = ", ".join(sorted(p.stem for p in folder.glob("*.yaml"))) or f"none in {folder}"
-        place = drone.places[("airframe",)]
-        raise SettingsError([f"{place}: airframe: unknown airframe {name!r}; valid: {known}"])
-    return load_yaml(file)
+    if file.exists():
+        return [_layer(file)]
+    known = ", ".join(sorted(p.stem for p in folder.glob("*.yaml"))) or f"none in {folder}"
+    place = drone.places["airframe", "name"]
+    drone.problems.append(f"{place}: airframe.name: unknown airframe {name!r}; valid: {known}")
+    return []
+
+
+def _airframe_name(drone: Document) -> str | None:
+    airframe: Any = drone.data.get("airframe")
+    name = airframe.get("name") if isinstance(airframe, dict) else airframe
+    return name if isinstance(name, str) else None

@@ -9,13 +9,13 @@ from pathlib import Path
 from types import FrameType
 
 from companion.config import CompanionConfig
+from companion.framesource import open_source
 from companion.pace import ClockPace, FramePace, Pace
 from companion.phases import Phase
 from companion.pipeline import Pipeline
 from companion.recorder import Recorder
 from mavlink_bridge.codec import Codec
 from mavlink_bridge.link import Link, open_endpoint
-from mavlink_bridge.video import FrameClient
 
 
 class Daemon:
@@ -33,8 +33,7 @@ class Daemon:
             open_endpoint(config.link.endpoint),
             Codec(config.link.system_id, config.link.component_id),
         )
-        host, _, port = config.camera.source.removeprefix("sim:").rpartition(":")
-        self._frames = FrameClient(host, int(port))
+        self._frames = open_source(config.camera.source)
         self._pace: Pace = (
             FramePace(self._link, self._frames)
             if config.timing.pace == "frames"

@@ -13,10 +13,11 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
+from companion.framesource import FrameSource
 from companion.pipeline import TickInputs
 from mavlink_bridge.link import Link
 from mavlink_bridge.messages import Attitude, LocalPosition, Received, SystemTime
-from mavlink_bridge.video import Answer, Frame, FrameClient, VideoError
+from mavlink_bridge.video import Answer, Frame, VideoError
 
 _PATIENCE = 1.0  # s that a frame waits for telemetry announced but not arrived
 _POLL = 0.2  # s between looks at the stop flag
@@ -39,7 +40,7 @@ class Pace(Protocol):
 class FramePace:
     """A tick per frame, with exactly the telemetry that was sent before it."""
 
-    def __init__(self, link: Link, frames: FrameClient) -> None:
+    def __init__(self, link: Link, frames: FrameSource) -> None:
         self.misses = 0
         self._link = link
         self._frames = frames
@@ -74,10 +75,10 @@ class FramePace:
 class ClockPace:
     """A tick every `period` [s] of the vehicle's clock; a late tick is counted, not repeated."""
 
-    def __init__(self, link: Link, frames: FrameClient, period: float) -> None:
+    def __init__(self, link: Link, frames: FrameSource, period: float) -> None:
         self.misses = 0
         self._link = link
-        self._frames: FrameClient | None = frames
+        self._frames: FrameSource | None = frames
         self._period = period
         self._offset = -math.inf  # vehicle's clock minus CLOCK_MONOTONIC, least latency seen
         self._due: float | None = None
@@ -114,7 +115,7 @@ class ClockPace:
 
     def _take_in(self, timeout: float) -> list[Received]:
         """Wait for telemetry or a frame; keep only the newest frame."""
-        sources: list[Link | FrameClient] = [self._link]
+        sources: list[Link | FrameSource] = [self._link]
         if self._frames is not None:
             sources.append(self._frames)
         files = [s.endpoint.fileno() if isinstance(s, Link) else s.fileno() for s in sources]

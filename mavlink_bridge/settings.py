@@ -6,18 +6,17 @@ is no number, neither are `.nan` and `.inf`, and a key may stand only once.
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import UnionType
-from typing import Any, TypeVar, Union, get_args, get_origin
+from typing import Any, TypeVar
 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-Key = tuple[str | int, ...]
+from mavlink_bridge.explain import Key, dotted, explain
+
 Model = TypeVar("Model", bound=BaseModel)
 
 
@@ -25,6 +24,17 @@ class StrictModel(BaseModel):
     """Base of all settings: immutable, no unknown keys, no coercion, no NaN."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class Contradiction(ValueError):
+    """Values that are fine each but not together; raise it in a model's validator.
+
+    keys: dotted, below the model; the first that a file holds gives the place.
+    """
+
+    def __init__(self, keys: Sequence[str], text: str) -> None:
+        super().__init__(text)
+        self.keys = tuple(keys)
 
 
 class SettingsError(ValueError):
@@ -37,22 +47,37 @@ class SettingsError(ValueError):
 
 @dataclass(frozen=True)
 class Document:
-    """Plain data, and where each value came from (`file:line:column` by key path)."""
+    """Plain data, where each value came from (`file:line:column` by key path), what is wrong.
+
+    Problems wait here until `validate`, so that all of them are told at once.
+    """
 
     data: dict[str, Any] = field(default_factory=dict)
     places: dict[Key, str] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """SafeLoader whose scalars are only what they look like."""
+    """SafeLoader whose scalars are only what they look like, and without aliases."""
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """Refuse aliases: layers say the same, and a few lines of them can fill the memory."""
+        if self.check_event(yaml.AliasEvent):
+            mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
+            raise yaml.MarkedYAMLError(problem="aliases are not used here", problem_mark=mark)
+        return super().compose_node(parent, index)
 
 
 _StrictLoader.yaml_implicit_resolvers = {}
 for _tag, _pattern, _first in (
     ("bool", r"true|false", "tf"),
     ("null", r"~|null|", "~n"),
-    ("int", r"[-+]?(0|[1-9][0-9_]*)|0x[0-9a-fA-F]+", "-+0123456789"),
-    ("float", r"[-+]?(0|[1-9][0-9_]*)?(\.[0-9_]*)?([eE][-+]?[0-9]+)?", "-+.0123456789"),
+    ("int", r"[-+]?(?:0|[1-9][0-9]*)|0x[0-9a-fA-F]+", "-+0123456789"),
+    (
+        "float",
+        r"[-+]?(?:(?:0|[1-9][0-9]*)(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?",
+        "-+.0123456789",
+    ),
 ):
     _StrictLoader.add_implicit_resolver(
         f"tag:yaml.org,2002:{_tag}", re.compile(f"^(?:{_pattern})$"), list(_first)
@@ -63,7 +88,7 @@ def load_yaml(path: Path) -> Document:
     """Read one file.
 
     Raises:
-        SettingsError: no such file, bad YAML, a key twice, a list or scalar at the top.
+        SettingsError: no such file, bad YAML, a list or scalar at the top.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -85,9 +110,7 @@ def parse_yaml(text: str, name: str) -> Document:
         places: dict[Key, str] = {}
         problems: list[str] = []
         _walk(root, (), name, places, problems)
-        if problems:
-            raise SettingsError(problems)
-        return Document(loader.construct_document(root), places)
+        return Document(loader.construct_document(root), places, problems)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         at = f"{name}:{mark.line + 1}:{mark.column + 1}" if mark else name
@@ -106,6 +129,7 @@ def merge(documents: Iterable[Document]) -> Document:
     for document in documents:
         _overlay(merged.data, document.data)
         merged.places.update(document.places)
+        merged.problems.extend(document.problems)
     return merged
 
 
@@ -132,12 +156,14 @@ def validate(model: type[Model], document: Document, name: str) -> Model:
     Raises:
         SettingsError: with every mistake, each at its place.
     """
+    problems = list(document.problems)
     try:
-        return model.model_validate(document.data)
+        valid = model.model_validate(document.data)
     except ValidationError as error:
-        raise SettingsError(
-            [_explain(model, document, name, dict(e)) for e in error.errors()]
-        ) from error
+        problems += explain(model, document.places, name, error)
+    if problems:
+        raise SettingsError(problems)
+    return valid
 
 
 def _walk(
@@ -147,9 +173,12 @@ def _walk(
     if isinstance(node, yaml.MappingNode):
         seen: dict[str, str] = {}
         for key_node, value_node in node.value:
-            key, at = str(key_node.value), _at(name, key_node)
+            at = _at(name, key_node)
+            if key_node.tag != "tag:yaml.org,2002:str":
+                raise SettingsError([f"{at}: a key must be a word"])
+            key = str(key_node.value)
             if key in seen:
-                problems.append(f"{at}: {_dotted((*path, key))}: stands twice, first {seen[key]}")
+                problems.append(f"{at}: {dotted((*path, key))}: stands twice, first {seen[key]}")
             seen[key] = at
             _walk(value_node, (*path, key), name, places, problems)
             places[(*path, key)] = at
@@ -170,51 +199,3 @@ def _overlay(below: dict[str, Any], above: Mapping[str, Any]) -> None:
             _overlay(below[key], value)
         else:
             below[key] = value
-
-
-def _dotted(path: Sequence[str | int]) -> str:
-    return ".".join(str(p) for p in path)
-
-
-def _explain(model: type[BaseModel], document: Document, name: str, error: dict[str, Any]) -> str:
-    """One pydantic error as `file:line:column: key: what is wrong, valid choices`."""
-    location: Key = tuple(error["loc"])
-    while location and location not in document.places and error["type"] != "missing":
-        location = location[:-1]  # pydantic adds names of union members that no file has
-    at = next(
-        (document.places[location[:n]] for n in range(len(location), -1, -1)
-         if location[:n] in document.places),
-        name,
-    )  # fmt: skip
-    text = error["msg"].removeprefix("Value error, ")
-    if error["type"] == "extra_forbidden":
-        valid = _fields_at(model, location[:-1])
-        close = difflib.get_close_matches(str(location[-1]), valid, 1)
-        hint = f"did you mean {close[0]!r}? " if close else ""
-        text = f"unknown key; {hint}valid: {', '.join(valid)}"
-    elif error["type"] == "missing":
-        text = "is missing"
-    elif not isinstance(error["input"], dict | list):
-        text += f", got {error['input']!r}"
-    return f"{at}: {_dotted(location) or '(whole file)'}: {text}"
-
-
-def _fields_at(model: type[BaseModel], path: Key) -> list[str]:
-    """Field names valid below `path`."""
-    candidates: list[type[BaseModel]] = [model]
-    for key in path:
-        found: list[type[BaseModel]] = []
-        for candidate in candidates:
-            info = candidate.model_fields.get(str(key))
-            found += _models_in(info.annotation) if info else [candidate]
-        candidates = found or candidates
-    return sorted({name for c in candidates for name in c.model_fields})
-
-
-def _models_in(annotation: Any) -> list[type[BaseModel]]:
-    """Every settings class inside an annotation (unions, lists, dicts)."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    if get_origin(annotation) in (Union, UnionType, list, tuple, dict) or get_args(annotation):
-        return [m for a in get_args(annotation) for m in _models_in(a)]
-    return []

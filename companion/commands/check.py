@@ -1,31 +1,79 @@
-"""`companion check`: validate configurations."""
+"""`companion check`: validate configurations, each and together."""
 
 from __future__ import annotations
 
 import argparse
+import json
+import re
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-HELP = "validate configurations"
+if TYPE_CHECKING:
+    from companion.conflicts import Drone
+
+HELP = "validate configurations, each and together"
 EXIT_BAD_INPUT = 2
+_PROBLEM = re.compile(r"(?:(?P<file>.*?):(?P<line>\d+):(?P<column>\d+): )?(?P<text>.*)", re.DOTALL)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Its command line."""
     parser.add_argument("config", type=Path, nargs="+")
+    parser.add_argument("--json", action="store_true", help="for machines")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Every file; one line each."""
-    from companion.config import load_config
-    from mavlink_bridge.settings import SettingsError
+    """Tell every mistake; 0 only where there is none."""
+    from companion.conflicts import conflicts
 
-    status = 0
-    for path in options.config:
-        try:
-            load_config(path)
-            print(f"{path}: fine")
-        except SettingsError as error:
-            print(error, file=sys.stderr)
-            status = EXIT_BAD_INPUT
-    return status
+    problems: dict[Path, list[str]] = {}
+    drones: list[Drone] = []
+    for path in dict.fromkeys(options.config):
+        problems[path] = _check(path, drones)
+    together = conflicts(drones)
+    if options.json:
+        print(json.dumps(_report(problems, together), indent=1))
+    else:
+        for path, found in problems.items():
+            if not found:
+                print(f"{path}: fine")
+        for problem in [*(p for found in problems.values() for p in found), *together]:
+            print(problem, file=sys.stderr)
+    return EXIT_BAD_INPUT if together or any(problems.values()) else 0
+
+
+def _check(path: Path, drones: list[Drone]) -> list[str]:
+    """Problems of one file; a drone's file that is fine joins `drones`."""
+    from companion.config import CompanionConfig, is_layer, resolve
+    from companion.conflicts import Drone
+    from mavlink_bridge.settings import SettingsError, validate
+
+    try:
+        document = resolve(path)
+        config = validate(CompanionConfig, document, str(path))
+    except SettingsError as error:
+        return error.problems
+    if not is_layer(path):
+        drones.append(Drone(path, document, config))
+    return []
+
+
+def _report(problems: dict[Path, list[str]], together: list[str]) -> dict[str, Any]:
+    """The same for machines; line and column count from 1."""
+    files = [
+        {"file": str(path), "ok": not found, "problems": [_split(p) for p in found]}
+        for path, found in problems.items()
+    ]
+    return {
+        "ok": not together and not any(problems.values()),
+        "files": files,
+        "conflicts": [_split(p) for p in together],
+    }
+
+
+def _split(problem: str) -> dict[str, Any]:
+    found = _PROBLEM.fullmatch(problem)
+    assert found is not None  # the pattern matches any text
+    place = {k: int(found[k]) for k in ("line", "column") if found[k]}
+    return {"file": found["file"], **place, "text": found["text"]}

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from typing import Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from mavlink_bridge.settings import Contradiction, StrictModel
 
 
-class NmpcConfig(BaseModel):
+class NmpcConfig(StrictModel):
     """The problem's sizes, bounds, weights and penalties, and the solver's iteration counts."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     # Horizons and sizes
     N: int = Field(20, ge=2, le=100, description="Long horizon [steps]; 2 s in the paper.")
@@ -125,18 +125,23 @@ class NmpcConfig(BaseModel):
 
     @model_validator(mode="after")
     def _orders(self) -> Self:
-        """Relations between fields; messages name the key."""
+        """Relations between fields."""
         checks = {
-            "M: must be at most N": self.M <= self.N,
-            "M_constraint: must be at most N": self.M_constraint <= self.N,
-            "c_min: must be below hover, 9.81": self.c_min < 9.81,
-            "c_max: must be above hover, 9.81": self.c_max > 9.81,
-            "v_max: must be at least speed": self.v_max >= self.speed,
-            "d_ref: must be above d_agent_safety": self.d_ref > self.d_agent_safety,
-            "sqp_iterations_max: must be at least sqp_iterations": self.sqp_iterations_max
-            >= self.sqp_iterations,
+            ("M", "N"): (self.M <= self.N, "M must be at most N"),
+            ("M_constraint", "N"): (self.M_constraint <= self.N, "M_constraint must be at most N"),
+            ("c_min",): (self.c_min < 9.81, "c_min must be below hover, 9.81"),
+            ("c_max",): (self.c_max > 9.81, "c_max must be above hover, 9.81"),
+            ("v_max", "speed"): (self.v_max >= self.speed, "v_max must be at least speed"),
+            ("d_ref", "d_agent_safety"): (
+                self.d_ref > self.d_agent_safety,
+                "d_ref must be above d_agent_safety",
+            ),
+            ("sqp_iterations_max", "sqp_iterations"): (
+                self.sqp_iterations_max >= self.sqp_iterations,
+                "sqp_iterations_max must be at least sqp_iterations",
+            ),
         }
-        for message, fine in checks.items():
+        for keys, (fine, text) in checks.items():
             if not fine:
-                raise ValueError(message)
+                raise Contradiction(keys, text)
         return self

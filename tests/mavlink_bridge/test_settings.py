@@ -36,7 +36,11 @@ class Outer(StrictModel):
         ("name: a\nsizes: [1, x]\n", "f:2:12", "sizes.1"),
         ("- 1\n", "f:1:1", "key: value"),
         ("name: [a\n", "f:2:1", "not YAML"),
-        ("name: 5\n", "f:1:1", "name: Input should be a valid string, got 5"),
+        (
+            "name: 5\n",
+            "f:1:1",
+            "name: must be text, in quotes",
+        ),
     ],
 )
 def test_mistakes_are_named_with_their_place(text, where, what):

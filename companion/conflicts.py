@@ -1,0 +1,72 @@
+"""What no single configuration can know: two drones that want the same thing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from companion.config import CompanionConfig
+from mavlink_bridge.settings import Document
+
+
+@dataclass(frozen=True)
+class Drone:
+    """A drone's file, its resolved document and what it says."""
+
+    path: Path
+    document: Document
+    config: CompanionConfig
+
+
+def conflicts(drones: Iterable[Drone]) -> list[str]:
+    """A problem for each thing that a drone shares with one before it, at its place."""
+    taken: dict[tuple[str, ...], tuple[Drone, str]] = {}
+    problems = []
+    for drone in drones:
+        for key, (claim, text) in _claims(drone.config).items():
+            place = _place(drone, key)
+            other = taken.setdefault(claim, (drone, place))
+            if other[0] is not drone:
+                problems.append(
+                    f"{place}: {key}: {text} is taken by {other[0].config.name} ({other[1]})"
+                )
+    return problems
+
+
+def _claims(config: CompanionConfig) -> Mapping[str, tuple[tuple[str, ...], str]]:
+    """By key: what a drone claims for itself, and how to say it.
+
+    System ids and names are the swarm's, ports and devices those of one board.
+    """
+    board = config.board.host or ""
+    return {
+        "name": (("name", config.name), f"the name {config.name!r}"),
+        "link.system_id": (
+            ("system", str(config.link.system_id)),
+            f"system id {config.link.system_id}",
+        ),
+        "link.endpoint": (
+            ("port", board, *_port(config.link.endpoint)),
+            f"the port of {config.link.endpoint}",
+        ),
+        "camera.source": (
+            ("port", board, *_port(config.camera.source)),
+            config.camera.source,
+        ),
+    }
+
+
+def _port(endpoint: str) -> tuple[str, str]:
+    """What an endpoint occupies: a UDP or TCP port whatever the address, else a device."""
+    kind, _, address = endpoint.partition(":")
+    _, _, port = address.rpartition(":")
+    if kind.startswith(("udp", "tcp", "sim")) and port.isdigit():
+        return kind, port if kind == "udpin" else address
+    device = address.removesuffix(f":{port}") if port.isdigit() else address
+    return "device", device
+
+
+def _place(drone: Drone, key: str) -> str:
+    """Where the drone says it; its file where it is the built-in default."""
+    return drone.document.places.get(tuple(key.split(".")), str(drone.path))

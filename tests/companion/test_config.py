@@ -1,0 +1,211 @@
+"""A drone's files: layers, and thirty mistakes with the line and column of each."""
+
+import json
+
+import pytest
+
+from companion.__main__ import main
+from companion.config import CompanionConfig, load_config
+from companion.packaged import data_folder
+from mavlink_bridge.settings import SettingsError
+
+HEAD = "fileversion: 1\nname: one\n"  # two lines: what is wrong starts on line 3
+
+WRONG = [
+    # text below HEAD, line:column, what the message holds
+    ("link:\n  systemid: 1\n", "4:3", "link.systemid: unknown key; did you mean 'system_id'?"),
+    ("lnk: {}\n", "3:1", "lnk: unknown key; did you mean 'link'? valid: airframe, "),
+    ("link:\n  system_id: 0\n", "4:3", "link.system_id: must be ≥ 1, ≤ 255, got 0"),
+    ("link:\n  system_id: 256\n", "4:3", "link.system_id: must be ≥ 1, ≤ 255, got 256"),
+    ("link:\n  system_id: 1.5\n", "4:3", "link.system_id: must be a whole number, ≥ 1, ≤ 255"),
+    ("link:\n  system_id: 012\n", "4:3", "got '012'"),
+    ("link: {system_id: 3, system_id: 4}\n", "3:22", "stands twice, first FILE:3:8"),
+    ("link:\n  autopilot: px5\n", "4:3", "link.autopilot: must be 'px4'"),
+    ("link: udp\n", "3:1", "link: must hold `key: value` lines; valid: autopilot, component_id"),
+    ("link:\n", "3:1", "link: must hold `key: value` lines"),
+    ("name: two\n", "3:1", "name: stands twice, first FILE:2:1"),
+    ("mission:\n  auto: no\n", "4:3", "mission.auto: must be true or false, got 'no'"),
+    ("mission:\n  auto: 1\n", "4:3", "mission.auto: must be true or false, got 1"),
+    ("mission:\n  auto: 'true'\n", "4:3", "mission.auto: must be true or false, got 'true'"),
+    ("mission:\n  tolerance: .nan\n", "4:3", "must be a number, > 0, got '.nan'"),
+    ("mission:\n  tolerance: .inf\n", "4:3", "must be a number, > 0, got '.inf'"),
+    ("mission:\n  tolerance: !!float .nan\n", "4:3", "must be a finite number"),
+    ("mission:\n  tolerance: 1e999\n", "4:3", "must be a finite number"),
+    ("mission:\n  tolerance: '1.0'\n", "4:3", "must be a number, > 0, got '1.0'"),
+    ("mission:\n  tolerance: 1_0\n", "4:3", "must be a number, > 0, got '1_0'"),
+    ("mission:\n  goals: [[1, 2, 3], [1, 2]]\n", "4:22", "mission.goals.1: "),
+    ("mission:\n  goals:\n    - [1, 2, 3]\n    - [1, x, 3]\n", "6:11", "mission.goals.1.1: "),
+    ("mission:\n  goals: 3\n", "4:3", "mission.goals: must be a list, got 3"),
+    ("mission:\n  takeoff_altitude: 9.0\n", "4:3", "takeoff_altitude must lie inside the fence"),
+    (
+        "fence:\n  altitude_min: 6.0\n",
+        "4:3",
+        "fence.altitude_min: altitude_max must be above altitude_min",
+    ),
+    ("nmpc:\n  N: 4\n", "4:3", "nmpc.N: M must be at most N"),
+    ("nmpc:\n  M: 30\n", "4:3", "nmpc.M: M must be at most N"),
+    ("nmpc:\n  penalty: -1\n", "4:3", "nmpc.penalty: must be > 0, got -1"),
+    ("camera:\n  fov_deg: 400\n", "4:3", "camera.fov_deg: must be > 10, < 240, got 400"),
+    ("camera:\n  source: usb0\n", "4:3", "camera.source: must be sim:HOST:PORT"),
+    ("timing:\n  pace: fast\n", "4:3", "timing.pace: must be 'clock' or 'frames', got 'fast'"),
+    ("airframe: quad7\n", "3:1", "airframe.name: unknown airframe 'quad7'; valid: quad5"),
+    ("airframe: {hover_thrust: 33}\n", "3:12", "airframe.hover_thrust: must be > 0, < 1, got 33"),
+    ("fence:\n\taltitude_min: 1\n", "4:1", "not YAML: "),
+    ("fence: [1\n", "4:1", "not YAML: "),
+    ("fence: &f {}\nlog: *f\n", "4:6", "aliases are not used here"),
+    ("1: 2\n", "3:1", "a key must be a word"),
+    ("log: !!python/object:os.system {}\n", "3:6", "not YAML: could not determine a constructor"),
+    ("board: {host: 'a b'}\n", "3:9", "board.host: "),
+    ("log: {path: 3}\n", "3:7", "log.path: must be text"),
+]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder of drones with an airframe."""
+    (tmp_path / "airframes").mkdir()
+    (tmp_path / "airframes" / "quad5.yaml").write_text(
+        "fileversion: 1\nairframe: {name: quad5, hover_thrust: 0.4}\n"
+    )
+    return tmp_path
+
+
+@pytest.mark.parametrize(("text", "place", "what"), WRONG)
+def test_each_mistake_is_named_with_line_and_column(folder, text, place, what):
+    file = folder / "one.yaml"
+    file.write_text(HEAD + text)
+    with pytest.raises(SettingsError) as caught:
+        load_config(file)
+    assert len(caught.value.problems) == 1, caught.value.problems
+    problem = caught.value.problems[0]
+    assert problem.startswith(f"{file}:{place}: ")
+    assert what.replace("FILE", str(file)) in problem
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "what"),
+    [
+        ("name: one\n", "1:1", "fileversion: is missing; valid: 1"),
+        ("fileversion: 2\n", "1:1", "fileversion: must be 1, got 2"),
+        ("", "1:1", "fileversion: is missing"),
+        ("- 1\n", "1:1", "the file must hold `key: value` lines"),
+    ],
+)
+def test_the_file_as_a_whole(folder, text, place, what):
+    file = folder / "one.yaml"
+    file.write_text(text)
+    with pytest.raises(SettingsError) as caught:
+        load_config(file)
+    assert caught.value.problems == [f"{file}:{place}: {what}"] or what in str(caught.value)
+    assert len(caught.value.problems) == 1
+
+
+def test_all_mistakes_of_all_layers_come_at_once(folder):
+    (folder / "default.yaml").write_text("mission: {auto: no}\nfence: {top: 1}\n")
+    file = folder / "one.yaml"
+    file.write_text("fileversion: 1\nlink: {system_id: 0}\nlink: {system_id: 0}\nlgo: {}\n")
+    with pytest.raises(SettingsError) as caught:
+        load_config(file)
+    places = [p.split(": ")[0].removeprefix(f"{folder}/") for p in caught.value.problems]
+    assert sorted(places) == [
+        "default.yaml:1:1", "default.yaml:1:11", "default.yaml:2:9",
+        "one.yaml:3:1", "one.yaml:3:8", "one.yaml:4:1",
+    ]  # fmt: skip
+
+
+def test_layers_lie_over_each_other(folder):
+    (folder / "default.yaml").write_text("fileversion: 1\nmission: {tolerance: 2.0}\n")
+    file = folder / "one.yaml"
+    file.write_text(HEAD + "airframe: {name: quad5, radius: 0.3}\ncamera: {calibration: c.yaml}\n")
+    config = load_config(file, ["mission.takeoff_altitude=3.0"])
+    assert config.mission.tolerance == 2.0
+    assert config.mission.takeoff_altitude == 3.0
+    assert (config.airframe.hover_thrust, config.airframe.radius) == (0.4, 0.3)
+    assert config.camera.calibration == str(folder / "c.yaml")
+
+
+@pytest.mark.parametrize(
+    ("other", "key", "what"),
+    [
+        ("link: {system_id: 1, endpoint: 'udpin:127.0.0.1:1'}", "link.system_id", "system id 1"),
+        ("link: {system_id: 2, endpoint: 'udpin:0.0.0.0:14541'}", "link.endpoint", "the port of"),
+        ("name: one", "name", "the name 'one'"),
+        ("camera: {source: 'sim:127.0.0.1:15541'}", "camera.source", "sim:127.0.0.1:15541"),
+    ],
+)
+def test_two_drones_that_want_the_same(folder, capsys, other, key, what):
+    name = "" if other.startswith("name") else "name: two\n"
+    if "link" not in other:
+        other += "\nlink: {system_id: 2, endpoint: 'udpin:127.0.0.1:1'}"
+    if "camera" not in other:
+        other += "\ncamera: {source: 'sim:127.0.0.1:1'}"
+    (folder / "one.yaml").write_text(HEAD)
+    (folder / "two.yaml").write_text(f"fileversion: 1\n{name}{other}\n")
+    assert main(["check", str(folder / "one.yaml"), str(folder / "two.yaml")]) == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith(f"{folder / 'two.yaml'}:")
+    assert f": {key}: {what}" in lines[0]
+    assert f"is taken by one ({folder / 'one.yaml'}" in lines[0]
+
+
+def test_boards_have_ports_of_their_own(folder):
+    drone = "fileversion: 1\nname: {n}\nlink: {{system_id: {n}}}\nboard: {{host: pi@drone{n}}}\n"
+    for n in (1, 2):
+        (folder / f"{n}.yaml").write_text(drone.format(n=n).replace("name: ", "name: d"))
+    assert main(["check", str(folder / "1.yaml"), str(folder / "2.yaml")]) == 0
+
+
+def test_check_for_machines(folder, capsys):
+    (folder / "one.yaml").write_text(HEAD + "link: {system_id: 0}\n")
+    assert main(["check", "--json", str(folder / "one.yaml")]) == 2
+    report = json.loads(capsys.readouterr().out)
+    assert report["ok"] is False
+    assert report["files"][0]["problems"] == [
+        {"file": str(folder / "one.yaml"), "line": 3, "column": 8,
+         "text": "link.system_id: must be ≥ 1, ≤ 255, got 0"}
+    ]  # fmt: skip
+
+
+def test_the_examples_are_fine_together(capsys):
+    examples = sorted(data_folder("configs/drones").rglob("*.yaml"))
+    assert len(examples) >= 3
+    assert main(["check", *map(str, examples)]) == 0
+
+
+def test_show_is_yaml_that_says_where_each_value_came_from(folder, capsys):
+    file = folder / "one.yaml"
+    file.write_text(HEAD + "airframe: quad5\n")
+    assert main(["config", "show", str(file), "--set", "nmpc.speed=1.25"]) == 0
+    shown = capsys.readouterr().out
+    lines = {line.split(":")[0].strip(): line for line in shown.splitlines()}
+    assert lines["hover_thrust"].endswith(f"# {folder}/airframes/quad5.yaml:2:25")
+    assert lines["speed"].endswith("# --set nmpc.speed=1.25")
+    assert lines["fov_deg"].endswith("# built in")
+    again = folder / "again.yaml"
+    again.write_text(shown)
+    assert load_config(again) == load_config(file, ["nmpc.speed=1.25"])
+
+
+def test_show_for_machines(folder, capsys):
+    (folder / "one.yaml").write_text(HEAD)
+    assert main(["config", "show", "--json", str(folder / "one.yaml")]) == 0
+    table = json.loads(capsys.readouterr().out)
+    assert table["name"] == {"value": "one", "from": f"{folder / 'one.yaml'}:2:1"}
+
+
+def test_examples_can_be_copied(tmp_path, capsys):
+    assert main(["config", "examples", "--copy", str(tmp_path / "mine")]) == 0
+    copied = capsys.readouterr().out.split()
+    assert str(tmp_path / "mine" / "default.yaml") in copied
+    assert main(["check", *copied]) == 0
+    assert main(["config", "examples", "--copy", str(tmp_path / "mine")]) == 2
+
+
+def test_the_schema_describes_every_key(capsys):
+    assert main(["schema"]) == 0
+    schema = json.loads(capsys.readouterr().out)
+    assert schema["required"] == ["fileversion"]
+    assert set(schema["properties"]) == set(CompanionConfig.model_fields)
+    assert schema["$defs"]["LinkConfig"]["properties"]["system_id"]["maximum"] == 255
+    assert schema["additionalProperties"] is False
