@@ -146,6 +146,9 @@ class CompanionConfig(StrictModel):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
+        for n, goal in enumerate(self.mission.goals):
+            if len(goal) != 3:
+                raise Contradiction((f"mission.goals.{n}",), f"must be [x, y, z], got {goal}")
         low, high = "fence.altitude_min", "fence.altitude_max"
         if self.fence.altitude_max <= self.fence.altitude_min:
             raise Contradiction((high, low), "altitude_max must be above altitude_min")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 from pydantic import Field
@@ -16,7 +16,7 @@ from mavlink_bridge.settings import StrictModel
 class MissionConfig(StrictModel):
     """What to fly."""
 
-    goals: list[Annotated[list[float], Field(min_length=3, max_length=3)]] = Field(
+    goals: list[list[float]] = Field(
         [], description="[x, y, z] m each, own ENU frame (origin: where the vehicle booted)."
     )
     tolerance: float = Field(1.0, gt=0, description="A goal is reached within this [m].")
@@ -65,3 +65,14 @@ class Mission:
             return distance <= self._config.tolerance
         slow = float(np.linalg.norm(own.v)) <= self._config.final_speed
         return distance <= self._config.final_tolerance and slow
+
+
+def check_goals(goals: Sequence[Sequence[float]]) -> None:
+    """Refuse goals that are not [x, y, z].
+
+    Raises:
+        ValueError: naming the first bad one.
+    """
+    for n, goal in enumerate(goals):
+        if len(goal) != 3:
+            raise ValueError(f"goals.{n}: must be [x, y, z], got {len(goal)} numbers")

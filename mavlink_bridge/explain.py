@@ -55,8 +55,13 @@ def _location(places: Mapping[Key, str], error: dict[str, Any]) -> Key:
     while location and location not in places:
         location = location[:-1]
     keys: tuple[str, ...] = getattr(error.get("ctx", {}).get("error"), "keys", ())
-    paths = [(*location, *key.split(".")) for key in keys]
+    paths = [(*location, *_path(key)) for key in keys]
     return next((p for p in paths if p in places), paths[0] if paths else location)
+
+
+def _path(key: str) -> Key:
+    """The inverse of `dotted`."""
+    return tuple(int(part) if part.isdigit() else part for part in key.split("."))
 
 
 def _place(places: Mapping[Key, str], location: Key, name: str) -> str:

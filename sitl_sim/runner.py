@@ -33,7 +33,7 @@ from sitl_sim.render import Renderer
 from sitl_sim.scenario import Scenario
 from sitl_sim.truth import Truth
 from sitl_sim.vehicle import Airframe, Vehicles
-from sitl_sim.world import Vector, build
+from sitl_sim.world import Occluders, Vector, build
 
 _QUANTUM_MS = 2
 _TELEMETRY_MS = 20
