@@ -15,9 +15,16 @@ import numpy as np
 
 from companion.types import Vector
 from mavlink_bridge.frames import multiply
-from mavlink_bridge.messages import Attitude, LocalPosition, Message, VehicleState
+from mavlink_bridge.messages import (
+    Attitude,
+    EulerAttitude,
+    LocalPosition,
+    Message,
+    VehicleState,
+)
 
 _Sample = TypeVar("_Sample", Attitude, LocalPosition)
+_QUATERNION_SILENT = 0.5  # s without ATTITUDE_QUATERNION: then ATTITUDE has to do
 _HISTORY = 100  # two seconds of 50 Hz telemetry: more than the oldest frame that is of use
 
 
@@ -46,8 +53,9 @@ class OwnState:
     def add(self, messages: Iterable[Message]) -> None:
         """Take what is telemetry of this kind; the rest is not for here."""
         for message in messages:
-            if isinstance(message, Attitude) and self._sane_attitude(message):
-                self._attitudes.append(message)
+            if isinstance(message, Attitude):
+                if not self._repeats(message) and self._sane_attitude(message):
+                    self._attitudes.append(message)
             elif isinstance(message, LocalPosition) and self._sane_position(message):
                 self._positions.append(message)
 
@@ -73,6 +81,15 @@ class OwnState:
             v=position.v,
             q_wb=integrate(attitude.q_wb, attitude.omega, dq),
             omega=attitude.omega,
+        )
+
+    def _repeats(self, a: Attitude) -> bool:
+        """PX4 sends the angles besides the quaternion; they add nothing to it."""
+        return (
+            isinstance(a, EulerAttitude)
+            and bool(self._attitudes)
+            and not isinstance(self._attitudes[-1], EulerAttitude)
+            and a.time - self._attitudes[-1].time < _QUATERNION_SILENT
         )
 
     def _sane_attitude(self, a: Attitude) -> bool:

@@ -16,6 +16,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from mavlink_bridge import messages as m
 from mavlink_bridge.frames import (
     enu_ned,
+    euler_from_quaternion,
     flu_frd,
     heading_from_yaw,
     quaternion_enu_ned,
@@ -64,6 +65,13 @@ def _attitude(a: m.Attitude) -> Any:
     q = quaternion_enu_ned(a.q_wb)
     return mavlink.MAVLink_attitude_quaternion_message(
         _ms(a.time), *q, *flu_frd(*(float(w) for w in a.omega))
+    )
+
+
+def _euler_attitude(a: m.EulerAttitude) -> Any:
+    angles = euler_from_quaternion(quaternion_enu_ned(a.q_wb))
+    return mavlink.MAVLink_attitude_message(
+        _ms(a.time), *angles, *flu_frd(*(float(w) for w in a.omega))
     )
 
 
@@ -151,6 +159,7 @@ TO_WIRE: dict[type, Callable[[Any], Any]] = {
     m.RateSetpoint: _rate_setpoint,
     m.Heartbeat: _heartbeat,
     m.Attitude: _attitude,
+    m.EulerAttitude: _euler_attitude,
     m.LocalPosition: _local_position,
     m.GlobalPosition: _global_position,
     m.SystemStatus: _system_status,
@@ -217,10 +226,10 @@ TO_WIRE: dict[type, Callable[[Any], Any]] = {
 # --- from the wire -----------------------------------------------------------------------
 
 
-def _from_attitude_euler(w: Any) -> m.Attitude:
+def _from_attitude_euler(w: Any) -> m.EulerAttitude:
     q = quaternion_enu_ned(quaternion_from_euler(w.roll, w.pitch, w.yaw))
     rates = flu_frd(w.rollspeed, w.pitchspeed, w.yawspeed)
-    return m.Attitude(w.time_boot_ms / 1e3, np.array(q), _array(*rates))
+    return m.EulerAttitude(w.time_boot_ms / 1e3, np.array(q), _array(*rates))
 
 
 def _from_global_position(w: Any) -> m.GlobalPosition:
@@ -361,6 +370,7 @@ FROM_WIRE: dict[int, Callable[[Any], m.Message]] = {
 MESSAGE_IDS: dict[type, int] = {
     m.Heartbeat: mavlink.MAVLINK_MSG_ID_HEARTBEAT,
     m.Attitude: mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
+    m.EulerAttitude: mavlink.MAVLINK_MSG_ID_ATTITUDE,
     m.LocalPosition: mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
     m.GlobalPosition: mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
     m.SystemStatus: mavlink.MAVLINK_MSG_ID_SYS_STATUS,

@@ -64,11 +64,16 @@ class Heartbeat:
 
 @dataclass(frozen=True)
 class Attitude:
-    """ATTITUDE_QUATERNION (or ATTITUDE): q_wb (4,) w,x,y,z body→world; omega (3,) rad/s FLU."""
+    """ATTITUDE_QUATERNION: q_wb (4,) w,x,y,z body→world; omega (3,) rad/s FLU."""
 
     time: float
     q_wb: Vector
     omega: Vector
+
+
+@dataclass(frozen=True)
+class EulerAttitude(Attitude):
+    """ATTITUDE: the same, three angles on the wire."""
 
 
 @dataclass(frozen=True)
@@ -409,6 +414,7 @@ Message = (
     RateSetpoint
     | Heartbeat
     | Attitude
+    | EulerAttitude
     | LocalPosition
     | GlobalPosition
     | Command

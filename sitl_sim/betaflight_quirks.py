@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mavlink_bridge.messages import Attitude, GlobalPosition, Message
+from mavlink_bridge.messages import EulerAttitude, GlobalPosition, Message
 from sitl_sim.streams import attitude, global_position
 
 if TYPE_CHECKING:
@@ -26,7 +26,8 @@ def coarse_attitude(u: Unit) -> Message:
     roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = math.asin(min(max(2 * (w * y - z * x), -1.0), 1.0))
     yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return Attitude(exact.time, _quaternion(*(_step(a) for a in (roll, pitch, yaw))), np.zeros(3))
+    q = _quaternion(*(_step(a) for a in (roll, pitch, yaw)))
+    return EulerAttitude(exact.time, q, np.zeros(3))
 
 
 def _step(angle: float) -> float:
@@ -61,6 +62,5 @@ def odd_global_position(u: Unit) -> Message | None:
 
 QUIRKS: dict[int, Callable[[Unit], Message | None]] = {
     30: coarse_attitude,
-    31: coarse_attitude,
     33: odd_global_position,
 }

@@ -259,8 +259,9 @@ class Flight:
 
     def _deliver(self, drone: _Drone, link: Link) -> None:
         """Messages that wait on a link, to the vehicle; its replies back at once."""
+        name = "companion" if link is drone.companion else "gcs"
         for received in link.receive():
-            link.send(self._autopilots.receive(drone.index, received))
+            link.send(self._autopilots.receive(drone.index, received, name))
 
     def _show(self, drone: _Drone) -> None:
         """Start rendering and sending the frame of this instant."""

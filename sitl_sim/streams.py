@@ -13,6 +13,7 @@ from mavlink_bridge.messages import (
     AutopilotVersion,
     BatteryStatus,
     EstimatorStatus,
+    EulerAttitude,
     ExtendedSystemState,
     GlobalPosition,
     GpsRaw,
@@ -115,6 +116,12 @@ def attitude(u: Unit) -> Attitude:
     return Attitude(u.time_boot, u.frame.attitude(e.q[i]), e.omega[i].copy())
 
 
+def euler_attitude(u: Unit) -> EulerAttitude:
+    """ATTITUDE."""
+    exact = attitude(u)
+    return EulerAttitude(exact.time, exact.q_wb, exact.omega)
+
+
 def local_position(u: Unit) -> Message | None:
     """LOCAL_POSITION_NED; none without a position."""
     if not u.guidance.position_ok:
@@ -193,7 +200,7 @@ BUILDERS: dict[int, Callable[[Unit], Message | None]] = {
     1: system_status,
     2: system_time,
     24: gps_raw,
-    30: attitude,
+    30: euler_attitude,
     31: attitude,
     32: local_position,
     33: global_position,

@@ -231,7 +231,7 @@ def test_message_interval_belongs_to_the_asking_link(make_flight):
         f.autopilots.advance(k * 0.002)
         for link in counts:
             heard = f.autopilots.telemetry(0, link)
-            counts[link] += sum(isinstance(m, Attitude) for m in heard)
+            counts[link] += sum(type(m) is Attitude for m in heard)
     assert counts["gcs"] == pytest.approx(250, abs=3)
     assert counts["companion"] == 0
     assert f.command(511, 31, 0, source=Source(1, 191)) == 0
