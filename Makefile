@@ -9,6 +9,9 @@ setup: .venv/.ready
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --upgrade pip
 	$(BIN)/pip install --quiet -e '.[dev]'
+	# A client of tests/wire. What it requires brings a second OpenCV over ours; typed at, it
+	# needs nothing that we have not.
+	$(BIN)/pip install --quiet --no-deps MAVProxy==1.8.75
 	touch $@
 
 sitl: setup

@@ -60,7 +60,9 @@ class Vehicle:
             except KeyError:
                 pass  # that stream has not spoken yet
             if time.monotonic() > end:
-                raise TimeoutError(f"{what}; last heard: { {k: str(v) for k, v in self.latest.items()} }")
+                raise TimeoutError(
+                    f"{what}; last heard: { {k: str(v) for k, v in self.latest.items()} }"
+                )
             await asyncio.sleep(0.05)
 
     @property
