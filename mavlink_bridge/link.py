@@ -1,21 +1,23 @@
-"""An endpoint (UDP now; TCP and serial have the same shape) around the codec.
+"""A UDP, TCP or serial endpoint around the codec.
 
-Endpoints are named as ground stations name them:
-`udpin:HOST:PORT` binds and answers whoever speaks, `udpout:HOST:PORT` speaks first.
+Endpoints are named as ground stations name them: `udpin:HOST:PORT` binds and answers whoever
+speaks, `udpout:HOST:PORT` speaks first, `tcp:HOST:PORT` connects, `serial:DEVICE:BAUD` is a line.
 """
 
 from __future__ import annotations
 
 import select
 import socket
+import time
 from collections.abc import Iterable, Iterator
 from typing import Protocol
 
+from mavlink_bridge.bytestream import BAUD_RATES, ByteStream, SerialEndpoint, TcpEndpoint
 from mavlink_bridge.codec import Codec
-from mavlink_bridge.messages import Message, Received
+from mavlink_bridge.messages import Message, Received, Source
 
 _RECEIVE_BUFFER = 4 << 20  # a second of telemetry, so that a slow tick loses nothing
-ENDPOINT_FORMS = "udpin:HOST:PORT, udpout:HOST:PORT"
+ENDPOINT_FORMS = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, serial:DEVICE:BAUD"
 
 
 class EndpointError(ValueError):
@@ -98,19 +100,44 @@ class UdpEndpoint:
         self._socket.close()
 
 
-def open_endpoint(name: str) -> UdpEndpoint:
-    """Open `udpin:HOST:PORT` or `udpout:HOST:PORT`.
+def open_endpoint(name: str) -> Endpoint:
+    """Open an endpoint by its name; see ENDPOINT_FORMS. A TCP listener may still be down.
 
     Raises:
-        EndpointError: not such a name, or the port is taken.
+        EndpointError: not such a name, the port is taken, no such device.
     """
     kind, _, address = name.partition(":")
-    host, _, port = address.rpartition(":")
-    if kind not in ("udpin", "udpout") or not host or not port.isdigit() or int(port) > 65535:
+    host, _, number = address.rpartition(":")
+    known = kind in ("udpin", "udpout", "tcp", "serial")
+    if not known or not host or not number.isdigit() or not _in_range(kind, int(number)):
         raise EndpointError(f"endpoint {name!r} is none of: {ENDPOINT_FORMS}")
     if kind == "udpin":
-        return UdpEndpoint(local=(host, int(port)))
-    return UdpEndpoint(remote=(host, int(port)))
+        return UdpEndpoint(local=(host, int(number)))
+    if kind == "udpout":
+        return UdpEndpoint(remote=(host, int(number)))
+    if kind == "tcp":
+        return TcpEndpoint(host, int(number))
+    return open_serial(host, int(number))
+
+
+def _in_range(kind: str, number: int) -> bool:
+    return kind == "serial" or number <= 65535
+
+
+def open_serial(device: str, baud: int) -> SerialEndpoint:
+    """Open a serial line.
+
+    Raises:
+        EndpointError: no such device or baud rate; both are named.
+    """
+    if baud not in BAUD_RATES:
+        valid = ", ".join(str(b) for b in BAUD_RATES)
+        raise EndpointError(f"serial {device}: baud rate {baud} is none of {valid}")
+    endpoint = SerialEndpoint(device, baud)
+    if not endpoint.open():
+        endpoint.close()
+        raise EndpointError(endpoint.problem)
+    return endpoint
 
 
 class Link:
@@ -121,13 +148,29 @@ class Link:
         self.codec = codec
         self.packets_in = 0
         self.packets_out = 0
+        self._heard: dict[tuple[Source, type], float] = {}
+        whole = not isinstance(endpoint, ByteStream)
+        self._decode = codec.decode_datagram if whole else codec.decode
+
+    @property
+    def problem(self) -> str:
+        """Why the line is down; empty while it is up."""
+        return self.endpoint.problem if isinstance(self.endpoint, ByteStream) else ""
+
+    def age(self, kind: type, system: int, component: int = 1) -> float:
+        """Seconds (CLOCK_MONOTONIC) since that sender's last message of this kind, or infinity."""
+        heard = self._heard.get((Source(system, component), kind), float("-inf"))
+        return time.monotonic() - heard
 
     def receive(self) -> list[Received]:
         """All messages that wait, oldest first; never blocks."""
         out: list[Received] = []
         for data in self.endpoint.receive():
             self.packets_in += 1
-            out += self.codec.decode_datagram(data)
+            out += self._decode(data)
+        now = time.monotonic()
+        for received in out:
+            self._heard[received.source, type(received.message)] = now
         return out
 
     def send(self, messages: Iterable[Message]) -> None:

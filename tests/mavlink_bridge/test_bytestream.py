@@ -1,0 +1,153 @@
+"""TCP and serial lines: partial reads at 921600 baud, loss, return, one clear line each."""
+
+import contextlib
+import os
+import pty
+import socket
+import threading
+import time
+import tty
+
+import numpy as np
+import pytest
+
+from mavlink_bridge.codec import Codec
+from mavlink_bridge.link import EndpointError, Link, open_endpoint
+from mavlink_bridge.messages import Attitude, Heartbeat
+
+BAUD = 921600
+HEARTBEAT = Heartbeat(12, 2, False, 0, 3)
+
+
+@pytest.fixture
+def line(tmp_path):
+    """A pty pair with a stable name, as udev gives a flight controller one; (master, name)."""
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    name = tmp_path / "ttyFC"
+    name.symlink_to(os.ttyname(slave))
+    yield master, name, slave
+    for file in (master, slave):
+        with contextlib.suppress(OSError):  # the test may have unplugged it
+            os.close(file)
+
+
+def heard(link, count, seconds=10.0):
+    """Messages until there are `count`."""
+    out, end = [], time.monotonic() + seconds
+    while len(out) < count and time.monotonic() < end:
+        link.wait(0.1)
+        out += link.receive()
+    return out
+
+
+def test_serial_gives_every_message_of_a_second_of_telemetry_in_crumbs(line):
+    master, name, _ = line
+    link = Link(open_endpoint(f"serial:{name}:{BAUD}"), Codec(1, 191))
+    sender = Codec(1, 1)
+    sent = [Attitude(k / 100, np.array([1.0, 0, 0, 0]), np.zeros(3)) for k in range(200)]
+    stream = sender.encode(sent)
+
+    def trickle():
+        rng, at = np.random.default_rng(1), 0
+        while at < len(stream):
+            size = int(rng.integers(1, 40))
+            os.write(master, stream[at : at + size])
+            at += size
+
+    writer = threading.Thread(target=trickle)
+    writer.start()
+    got = heard(link, len(sent))
+    writer.join()
+    assert [r.message.time for r in got] == [a.time for a in sent]
+    assert link.codec.statistics.bad_bytes == 0
+    link.close()
+
+
+def test_serial_sends(line):
+    master, name, _ = line
+    link = Link(open_endpoint(f"serial:{name}:{BAUD}"), Codec(1, 191))
+    link.send([HEARTBEAT])
+    received = Codec(1, 1).decode(os.read(master, 1000))
+    assert received[0].source.component == 191
+    link.close()
+
+
+def test_an_unplugged_serial_line_says_so_once_and_comes_back(line, tmp_path):
+    master, name, slave = line
+    link = Link(open_endpoint(f"serial:{name}:{BAUD}"), Codec(1, 191))
+    assert link.problem == ""
+    name.unlink()
+    os.close(master)
+    os.close(slave)
+    end = time.monotonic() + 5.0
+    while not link.problem and time.monotonic() < end:
+        assert link.receive() == []
+    assert str(name) in link.problem
+    assert "\n" not in link.problem
+    link.send([HEARTBEAT])  # into the void, without an error
+
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    name.symlink_to(os.ttyname(slave))
+    unplugged = time.monotonic()
+    end = unplugged + 5.0
+    while link.problem and time.monotonic() < end:
+        link.wait(0.05)
+        link.receive()
+    assert time.monotonic() - unplugged < 2.0
+    os.write(master, Codec(1, 1).encode([HEARTBEAT]))
+    assert [r.message for r in heard(link, 1)] == [HEARTBEAT]
+    assert link.endpoint.reconnects == 1
+    link.close()
+    os.close(master)
+    os.close(slave)
+
+
+def test_tcp_waits_for_its_listener_and_comes_back_to_it():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    link = Link(open_endpoint(f"tcp:127.0.0.1:{port}"), Codec(1, 191))
+    assert heard(link, 1, 0.05) == []
+    for _ in range(2):
+        with socket.create_server(("127.0.0.1", port)) as server:
+            server.settimeout(5.0)
+            reader = threading.Thread(target=heard, args=(link, 1, 2.0))
+            reader.start()
+            peer, _ = server.accept()
+            with peer:
+                peer.sendall(Codec(1, 1).encode([HEARTBEAT]))
+                reader.join()
+                assert link.problem == ""
+        heard(link, 1, 0.05)
+        assert str(port) in link.problem
+    link.close()
+
+
+def test_age_of_a_stream_belongs_to_its_sender(line):
+    master, name, _ = line
+    link = Link(open_endpoint(f"serial:{name}:{BAUD}"), Codec(1, 191))
+    assert link.age(Heartbeat, 1) == float("inf")
+    os.write(master, Codec(1, 1).encode([HEARTBEAT]))
+    heard(link, 1)
+    assert link.age(Heartbeat, 1) < 5.0
+    assert link.age(Heartbeat, 2) == float("inf")
+    assert link.age(Attitude, 1) == float("inf")
+    link.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("serial:/dev/no-such-tty:921600", "serial /dev/no-such-tty: "),
+        ("serial:/dev/null:921601", "baud rate 921601 is none of 9600"),
+        ("tcp:localhost", "endpoint 'tcp:localhost' is none of: udpin:"),
+        ("tcp:localhost:70000", "is none of: udpin:"),
+        ("usb:1:2", "is none of: udpin:"),
+    ],
+)
+def test_a_bad_endpoint_is_one_clear_line(name, words):
+    with pytest.raises(EndpointError) as error:
+        open_endpoint(name)
+    assert words in str(error.value)
+    assert "\n" not in str(error.value)
