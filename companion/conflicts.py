@@ -18,6 +18,10 @@ class Drone:
     document: Document
     config: CompanionConfig
 
+    def place(self, key: str) -> str:
+        """Where it says `key`; its file where that is the built-in default."""
+        return self.document.places.get(tuple(key.split(".")), str(self.path))
+
 
 def conflicts(drones: Iterable[Drone]) -> list[str]:
     """A problem for each thing that a drone shares with one before it, at its place."""
@@ -25,7 +29,7 @@ def conflicts(drones: Iterable[Drone]) -> list[str]:
     problems = []
     for drone in drones:
         for key, (claim, text) in _claims(drone.config).items():
-            place = _place(drone, key)
+            place = drone.place(key)
             other = taken.setdefault(claim, (drone, place))
             if other[0] is not drone:
                 problems.append(
@@ -65,8 +69,3 @@ def _port(endpoint: str) -> tuple[str, str]:
         return kind, port if kind == "udpin" else address
     device = address.removesuffix(f":{port}") if port.isdigit() else address
     return "device", device
-
-
-def _place(drone: Drone, key: str) -> str:
-    """Where the drone says it; its file where it is the built-in default."""
-    return drone.document.places.get(tuple(key.split(".")), str(drone.path))

@@ -1,0 +1,117 @@
+"""What is shipped to one board: a wheel, units, and the files of its drones."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import companion
+from companion.board import installer
+from companion.config import CompanionConfig, layers_of
+from companion.packaged import data_folder
+
+UNITS = "etc/systemd/system"
+RULES = "etc/udev/rules.d"
+# By its real path: a daemon that runs must not see an upgrade.
+_LAUNCHER = """#!/bin/sh
+home=$(dirname "$(readlink -f "$0")")
+exec "$(readlink -f "$home/current")/bin/python" -I -m {module} "$@"
+"""
+
+
+class BundleError(ValueError):
+    """What cannot be shipped, and why."""
+
+
+def build_wheel(folder: Path) -> Path:
+    """The wheel of the checkout that this runs from.
+
+    Raises:
+        BundleError: there is no checkout, or it does not build.
+    """
+    checkout = Path(companion.__file__).parents[1]
+    if not (checkout / "pyproject.toml").exists():
+        raise BundleError("not run from a checkout: name the wheel to install with --wheel")
+    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir",
+               str(folder), str(checkout)]  # fmt: skip
+    built = subprocess.run(command, capture_output=True, text=True)
+    if built.returncode:
+        raise BundleError(f"the wheel does not build: {built.stderr.strip()[-500:]}")
+    return next(folder.glob("*.whl"))
+
+
+def release_name(wheel: Path) -> str:
+    """Version and content: the same wheel is the same release."""
+    version = wheel.name.split("-")[1]
+    return f"{version}-{hashlib.sha256(wheel.read_bytes()).hexdigest()[:10]}"
+
+
+def make_bundle(
+    folder: Path,
+    drones: Sequence[tuple[Path, CompanionConfig]],
+    wheel: Path,
+    wheelhouse: Path | None = None,
+) -> Path:
+    """Lay everything out in `folder` as `installer.py` wants it.
+
+    drones: each drone's file and what it says. wheelhouse: wheels of all dependencies, for a
+    board without internet.
+
+    Raises:
+        BundleError: a calibration that lies elsewhere.
+    """
+    _copy(Path(installer.__file__), folder / "installer.py")
+    _copy(wheel, folder / "wheel" / wheel.name)
+    if wheelhouse is not None:
+        shutil.copytree(wheelhouse, folder / "wheelhouse")
+    _put_units(folder / "owned")
+    for path, config in drones:
+        _put_drone(folder, path, config)
+    plan = {
+        "release": release_name(wheel),
+        "drones": [{"name": c.name, "units": _units_of(c)} for _, c in drones],
+    }
+    (folder / "plan.json").write_text(json.dumps(plan, indent=1))
+    return folder
+
+
+def _units_of(config: CompanionConfig) -> list[str]:
+    return ["companion@.service"]
+
+
+def _put_units(owned: Path) -> None:
+    for source in sorted(data_folder("systemd").iterdir()):
+        place = RULES if source.suffix == ".rules" else UNITS
+        _copy(source, owned / place / source.name)
+    for name, module in (("companion", "companion"), ("mavlink-bridge", "mavlink_bridge")):
+        launcher = owned / installer.HOME / name
+        launcher.parent.mkdir(parents=True, exist_ok=True)
+        launcher.write_text(_LAUNCHER.format(module=module))
+        launcher.chmod(0o755)
+
+
+def _put_drone(folder: Path, path: Path, config: CompanionConfig) -> None:
+    """A folder of its own in /etc for each drone: its file, the layers below, the calibration."""
+    home = folder / "config" / config.name
+    _copy(path, home / f"{config.name}.yaml")
+    needed = layers_of(path)
+    if config.camera.calibration is not None:
+        needed.append(Path(config.camera.calibration))
+    for file in needed:
+        if not file.resolve().is_relative_to(path.parent.resolve()):
+            raise BundleError(f"{file}: must lie beside {path} to be shipped with it")
+        _copy(file, home / file.resolve().relative_to(path.parent.resolve()))
+    drop_in = folder / "owned" / UNITS / f"companion@{config.name}.service.d" / "board.conf"
+    drop_in.parent.mkdir(parents=True)
+    pinned = f"[Service]\nCPUAffinity={config.board.cpus}\n" if config.board.cpus else ""
+    drop_in.write_text(f"# From {config.name}.yaml, written by `companion deploy`.\n{pinned}")
+
+
+def _copy(source: Path, to: Path) -> None:
+    to.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, to)

@@ -1,0 +1,140 @@
+"""`companion deploy`: drones onto their boards, or into a root directory."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from companion.board.transport import Outcome
+    from companion.config import CompanionConfig
+    from companion.conflicts import Drone
+
+HELP = "install or upgrade drones on their boards"
+EXIT_FAILED, EXIT_BAD_INPUT = 1, 2
+SSH = "ssh -o BatchMode=yes -o ConnectTimeout=10"
+Drones = list[tuple[Path, "CompanionConfig"]]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Its command line."""
+    parser.add_argument("config", type=Path, nargs="+", help="drones; default.yaml is passed over")
+    parser.add_argument("--root", type=Path, metavar="DIR", help="install below DIR: an image")
+    parser.add_argument("--host", metavar="USER@HOST", help="default: board.host of each drone")
+    parser.add_argument("--dry-run", action="store_true", help="tell, and change nothing")
+    parser.add_argument("--rollback", action="store_true", help="back to the release before")
+    parser.add_argument("--wheel", type=Path, help="default: built from this checkout")
+    parser.add_argument("--wheelhouse", type=Path, metavar="DIR",
+                        help="wheels of all dependencies, for boards without internet")  # fmt: skip
+    parser.add_argument("--rsh", default=SSH, metavar="COMMAND", help=f"default: {SSH}")
+    parser.add_argument("--allow-auto", action="store_true",
+                        help="also drones that arm and take off by themselves")  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="for machines")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Every board at once, and a table of what came of it."""
+    from companion.board.bundle import BundleError
+    from mavlink_bridge.settings import SettingsError
+
+    try:
+        boards = _boards(options)
+        outcomes = _deploy(options, boards)
+    except (SettingsError, BundleError, OSError) as error:
+        print(error, file=sys.stderr)
+        return EXIT_BAD_INPUT
+    rows = [(c.name, host or str(options.root), outcomes[host]) for host, drones in boards.items()
+            for _, c in drones]  # fmt: skip
+    if options.json:
+        print(json.dumps([{"drone": d, "board": b, **o} for d, b, o in rows], indent=1))
+    else:
+        _print(rows, steps=options.dry_run)
+    return 0 if all(o["ok"] for o in outcomes.values()) else EXIT_FAILED
+
+
+def _boards(options: argparse.Namespace) -> dict[str | None, Drones]:
+    """The drones by host (None: this machine, below --root).
+
+    Raises:
+        SettingsError: whatever must not be deployed.
+    """
+    from companion.config import CompanionConfig, is_layer, resolve
+    from companion.conflicts import Drone, conflicts
+    from mavlink_bridge.settings import SettingsError, validate
+
+    drones: list[Drone] = []
+    problems: list[str] = []
+    for path in dict.fromkeys(p for p in options.config if not is_layer(p)):
+        try:
+            document = resolve(path)
+            config = validate(CompanionConfig, document, str(path))
+        except SettingsError as error:
+            problems += error.problems
+            continue
+        drones.append(Drone(path, document, config))
+        problems += _unfit(drones[-1], options)
+    problems += conflicts(drones)
+    if problems or not drones:
+        raise SettingsError(problems or ["no drone among these files"])
+    boards: dict[str | None, Drones] = {}
+    for drone in drones:
+        host = options.host or (None if options.root else drone.config.board.host)
+        boards.setdefault(host, []).append((drone.path, drone.config))
+    return boards
+
+
+def _unfit(drone: Drone, options: argparse.Namespace) -> list[str]:
+    """What is fine to fly in a simulation and not fit for a board."""
+    problems = []
+    if drone.config.mission.auto and not options.allow_auto:
+        problems.append(f"{drone.place('mission.auto')}: mission.auto: it would arm and take off "
+                        "whenever the board starts; false, or --allow-auto")  # fmt: skip
+    if not (options.root or options.host or drone.config.board.host):
+        problems.append(f"{drone.place('board.host')}: board.host: is missing; or give --host "
+                        "or --root")  # fmt: skip
+    return problems
+
+
+def _deploy(
+    options: argparse.Namespace, boards: dict[str | None, Drones]
+) -> dict[str | None, Outcome]:
+    from companion.board.bundle import build_wheel, make_bundle
+    from companion.board.transport import install_here, install_over_ssh
+
+    arguments = ["--root", str(options.root.resolve() if options.root else "/")]
+    arguments += ["--dry-run"] * options.dry_run + ["--rollback"] * options.rollback
+    shell = shlex.split(options.rsh)
+
+    with tempfile.TemporaryDirectory() as folder:
+        wheel = options.wheel or build_wheel(Path(folder))
+
+        def one(host: str | None) -> Outcome:
+            place = Path(tempfile.mkdtemp(dir=folder))
+            bundle = make_bundle(place, boards[host], wheel, options.wheelhouse)
+            if host is None:
+                return install_here(bundle, arguments)
+            return install_over_ssh(bundle, arguments, host, shell)
+
+        with ThreadPoolExecutor(max_workers=16) as pool:
+            return dict(zip(boards, pool.map(one, boards), strict=True))
+
+
+def _print(rows: list[tuple[str, str, Outcome]], steps: bool) -> None:
+    """The table; notes and errors below it."""
+    width = max(len(name) for name, _, _ in rows)
+    places = max(len(board) for _, board, _ in rows)
+    for name, board, outcome in rows:
+        result = "failed" if not outcome["ok"] else "done" if outcome["changed"] else "unchanged"
+        print(f"{name:<{width}}  {board:<{places}}  {result:<9}  {outcome['seconds']:6.1f} s")
+    for board, outcome in {board: outcome for _, board, outcome in rows}.items():
+        for step in outcome["steps"]:
+            if steps or step["result"] == "note":
+                print(f"{board}: {step['step']}: {step['result']}: {step['detail']}")
+        if not outcome["ok"]:
+            print(f"{board}: {outcome['error']}; nothing was changed", file=sys.stderr)
