@@ -121,6 +121,10 @@ class LogConfig(StrictModel):
     """The flight log."""
 
     path: str | None = Field(None, description="MCAP file; none where not given.")
+    tlog: bool = Field(True, description="MAVLink traffic beside it, same name, as .tlog.")
+    images: Literal["none", "periodic", "event"] = Field(
+        "none", description="Camera pictures: one a second, or when phase, guard or goal changes."
+    )
 
 
 class CompanionConfig(StrictModel):

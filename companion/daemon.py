@@ -12,7 +12,7 @@ from companion.config import CompanionConfig
 from companion.framesource import open_source
 from companion.pace import ClockPace, FramePace, Pace
 from companion.phases import Phase
-from companion.pipeline import Pipeline
+from companion.pipeline import Pipeline, TickInputs, TickOutputs
 from companion.recorder import Recorder
 from mavlink_bridge.codec import Codec
 from mavlink_bridge.link import Link, open_endpoint
@@ -39,7 +39,12 @@ class Daemon:
             if config.timing.pace == "frames"
             else ClockPace(self._link, self._frames, config.timing.period)
         )
-        self._recorder = Recorder(Path(config.log.path), config.name) if config.log.path else None
+        self._packets: list[tuple[bool, bytes]] = []
+        self._recorder: Recorder | None = None
+        self._log_cost = 0.0
+        if config.log.path:
+            self._recorder = Recorder(config, Path(config.log.path))
+            self._link.tap = lambda sent, data: self._packets.append((sent, data))
 
     def run(self) -> None:
         """Tick until told to stop or until there is nobody left to fly for."""
@@ -51,14 +56,22 @@ class Daemon:
                 out = self._pipeline.tick(inputs)
                 self._link.send(out.messages)
                 self._pace.done(inputs, out.phase is Phase.DONE)
-                if self._recorder is not None:
-                    out.stages["tick"] = time.perf_counter() - started
-                    self._recorder.write(out, self._counters())
+                self._record(inputs, out, time.perf_counter() - started)
         finally:
             if self._recorder is not None:
                 self._recorder.close()
             self._link.close()
             self._frames.close()
+
+    def _record(self, inputs: TickInputs, out: TickOutputs, taken: float) -> None:
+        """Log the tick, once everything has been sent; its own cost shows in the next record."""
+        if self._recorder is None:
+            return
+        out.stages |= {"tick": taken, "log": self._log_cost}
+        started = time.perf_counter()
+        self._recorder.write(inputs, out, self._packets, self._counters())
+        self._packets.clear()
+        self._log_cost = time.perf_counter() - started
 
     def _counters(self) -> dict[str, int]:
         return {"deadline_misses": self._pace.misses} | asdict(self._link.codec.statistics)

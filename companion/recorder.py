@@ -1,111 +1,177 @@
-"""The flight log: one MCAP file, JSON records, chunks small enough to survive a cut."""
+"""The flight log: one MCAP file, and the MAVLink traffic beside it as a .tlog.
+
+| topic | message |
+|---|---|
+| `/tick` | JSON: everything the tick knew and decided (`records.py`) |
+| `/inputs` | what the tick went by, exactly (`inputs.py`); a replay begins here |
+| `/pose` `/tf` `/scene` `/events` `/image` | Foxglove's own types, for any viewer (`scene.py`) |
+
+Chunks end every half second, so that a kill at any instant loses less than one. Recording
+happens after the tick's messages went out.
+"""
 
 from __future__ import annotations
 
-import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from google.protobuf.message import Message
 from mcap.writer import CompressionType, Writer
+from mcap_protobuf.schema import register_schema
+from orjson import dumps
 
-from companion.pipeline import TickOutputs
-from companion.types import Vector
+from companion import inputs as recorded
+from companion import records, scene
+from companion.config import CompanionConfig
+from companion.pipeline import TickInputs, TickOutputs
+from companion.tlog import TelemetryLog
+from companion.types import Image, Vector
+from mavlink_bridge.video import Frame
 
-_CHUNK = 64 * 1024
-_DIGITS = 4
+CONFIG = "config"  # name of the metadata record that holds the drone's configuration
+_CHUNK = 256 * 1000  # bytes, most that one chunk holds
+_TICKS_A_CHUNK = 5
+_IMAGE_PERIOD = 1.0  # s
+_PROTOBUF = {"/pose": PoseInFrame, "/tf": FrameTransform, "/scene": SceneUpdate, "/events": Log,
+             "/image": CompressedImage}  # fmt: skip
 
 
 class Recorder:
-    """Writes one record a tick to `path`; a disk that fails ends the log, never the flight."""
+    """Writes the log of one drone; a disk that fails ends the log, never the flight.
 
-    def __init__(self, path: Path, name: str) -> None:
+    Raises:
+        OSError: the file cannot be made.
+    """
+
+    def __init__(self, config: CompanionConfig, path: Path) -> None:
         self.failed: str | None = None
+        self._name = config.name
+        self._images = config.log.images
         self._file = path.open("wb")
+        self._tlog = TelemetryLog(path.with_suffix(".tlog")) if config.log.tlog else None
         self._writer = Writer(self._file, chunk_size=_CHUNK, compression=CompressionType.ZSTD)
         self._writer.start(profile="swarm-companion", library="swarm-companion")
-        schema = self._writer.register_schema("Tick", "jsonschema", b'{"type": "object"}')
-        self._channel = self._writer.register_channel("/tick", "json", schema, {"drone": name})
+        self._writer.add_metadata(CONFIG, {"name": config.name, "json": config.model_dump_json()})
+        self._channels = self._register()
+        self._file.flush()
         self._count = 0
+        self._state: dict[str, str] = {}
+        self._obstacles: Vector | None = None
+        self._image_time = -np.inf
 
-    def write(self, out: TickOutputs, counters: dict[str, Any]) -> None:
-        """Append a tick; counters: link and deadline counts so far."""
+    def write(
+        self,
+        inputs: TickInputs,
+        out: TickOutputs,
+        packets: Sequence[tuple[bool, bytes]],
+        counters: dict[str, Any],
+    ) -> None:
+        """Append a tick. packets: (sent by us, datagram) since the tick before, in order."""
         if self.failed is not None:
             return
-        stamp = round(out.time * 1e9)
-        data = json.dumps(record(out) | {"counters": counters}, separators=(",", ":")).encode()
         try:
-            self._writer.add_message(self._channel, stamp, data, stamp, self._count)
+            self._write(inputs, out, packets, counters)
         except OSError as error:
             self.failed = f"flight log ended: {error}"
-        self._count += 1
 
     def close(self) -> None:
         """Finish the file so that indexed readers open it."""
-        if self.failed is None:
-            try:
+        try:
+            if self.failed is None:
                 self._writer.finish()  # type: ignore[no-untyped-call]
-            except OSError as error:
-                self.failed = f"flight log ended: {error}"
-        self._file.close()
+            if self._tlog is not None:
+                self._tlog.close()
+            self._file.close()
+        except OSError as error:
+            self.failed = f"flight log ended: {error}"
 
-
-def record(out: TickOutputs) -> dict[str, Any]:
-    """A tick as plain data: what reports, replays and studies read."""
-    r: dict[str, Any] = {
-        "time": out.time,
-        "phase": out.phase.value,
-        "yaw": _round(out.yaw),
-        "speed": _round(out.speed),
-        "hover_thrust": _round(out.hover_thrust),
-        "stages_ms": {k: round(v * 1e3, 3) for k, v in out.stages.items()},
-        "detections": [
-            [*_list(d.direction), _round(d.range), _round(d.score)] for d in out.sighting.drones
-        ],
-        "trunks": [
-            [*_list(t.direction), _round(t.distance), _round(t.radius)] for t in out.sighting.trunks
-        ],
-        "tracks": [
-            {
-                "id": t.id,
-                "p": _list(t.p),
-                "v": _list(t.v),
-                "unseen": _round(t.unseen),
-                "sigma": _round(float(np.sqrt(np.trace(t.P[:3, :3]) / 3))),
-            }
-            for t in out.tracks
-        ],
-        "critical": [[t.id, _round(threat)] for t, threat in out.critical],
-        "cylinders": [_list(c) for c in out.obstacles.cylinders[:12]],
-    }
-    if out.own is not None:
-        r["own"] = {"p": _list(out.own.p), "v": _list(out.own.v), "q": _list(out.own.q_wb),
-                    "omega": _list(out.own.omega)}  # fmt: skip
-    if out.progress is not None:
-        r["goal"] = {"p": _list(out.progress.goal), "index": out.progress.index}
-    if out.result is not None:
-        s = out.result
-        r["solver"] = {
-            "status": s.status.value,
-            "usable": s.usable,
-            "iterations": s.iterations,
-            "solve_ms": round(s.solve_time * 1e3, 3),
-            "step_norm": _round(s.step_norm),
-            "slack": [_round(s.slack_agent), _round(s.slack_obstacle), _round(s.slack_plane)],
-            "active": list(s.active),
-            "cost": _round(s.cost),
+    def _register(self) -> dict[str, int]:
+        tick = self._writer.register_schema("Tick", "jsonschema", dumps(records.SCHEMA))
+        tags = {"drone": self._name}
+        channels = {
+            "/tick": self._writer.register_channel("/tick", "json", tick, tags),
+            "/inputs": self._writer.register_channel("/inputs", "swarm-inputs", 0, tags),
         }
-        r["plan"] = [_list(x) for x in s.x[:, :3]]
-    if out.verdict is not None:
-        v = out.verdict
-        r["command"] = {"omega": _list(v.command.omega), "c": _round(v.command.c),
-                        "reason": v.reason.value, "bad_ticks": v.bad_ticks}  # fmt: skip
-    return r
+        for topic, kind in _PROTOBUF.items():
+            schema = register_schema(self._writer, kind)
+            channels[topic] = self._writer.register_channel(topic, "protobuf", schema, tags)
+        return channels
 
+    def _write(
+        self,
+        inputs: TickInputs,
+        out: TickOutputs,
+        packets: Sequence[tuple[bool, bytes]],
+        counters: dict[str, Any],
+    ) -> None:
+        frame_time = inputs.frame.time if inputs.frame is not None else None
+        came = [data for sent, data in packets if not sent]
+        self._add("/inputs", out.time, recorded.encode(out.time, came, frame_time, out.sighting))
+        self._add("/tick", out.time, records.encode(out, counters))
+        if out.own is not None:
+            self._put("/pose", out.time, scene.pose(out.own))
+            self._put("/tf", out.time, scene.transform(out.own, self._name))
+        self._put("/scene", out.time, scene.scene(out, self._obstacles_changed(out)))
+        happened = self._write_events(out)
+        if inputs.frame is not None and self._wants_image(out.time, happened):
+            self._write_image(inputs.frame)
+        if self._tlog is not None:
+            self._tlog.write(out.time, packets)
+        self._count += 1
+        if self._count % _TICKS_A_CHUNK == 0:
+            self._writer.flush()  # type: ignore[no-untyped-call]
+            if self._tlog is not None:
+                self._tlog.flush()
 
-def _round(value: float) -> float:
-    return round(float(value), _DIGITS)
+    def _put(self, topic: str, time: float, message: Message) -> None:
+        self._add(topic, time, message.SerializeToString())
 
+    def _add(self, topic: str, time: float, data: bytes) -> None:
+        nanoseconds = round(time * 1e9)
+        self._writer.add_message(self._channels[topic], nanoseconds, data, nanoseconds, self._count)
 
-def _list(vector: Vector) -> list[float]:
-    return [round(float(a), _DIGITS) for a in vector]
+    def _obstacles_changed(self, out: TickOutputs) -> bool:
+        """Whether what is known of obstacles moved by more than a viewer would show."""
+        new, old = out.obstacles.cylinders, self._obstacles
+        if old is not None and new.shape == old.shape and np.abs(new - old).max(initial=0) < 0.02:
+            return False
+        self._obstacles = new
+        return True
+
+    def _write_events(self, out: TickOutputs) -> bool:
+        """A line for each change of phase, guard reason or goal; whether there was any."""
+        state = {"phase": out.phase.value}
+        if out.verdict is not None:
+            state["guard"] = out.verdict.reason.value
+        if out.progress is not None:
+            state["goal"] = str(out.progress.index)
+        changed = [(k, v) for k, v in state.items() if self._state.get(k) != v]
+        for key, value in changed:
+            text = f"{key}: {self._state.get(key, '-')} -> {value}"
+            self._put("/events", out.time, scene.event(out.time, self._name, text))
+        self._state |= state
+        return bool(changed)
+
+    def _wants_image(self, time: float, happened: bool) -> bool:
+        if self._images == "none" or (self._images == "event" and not happened):
+            return False
+        due = self._images == "event" or time - self._image_time >= _IMAGE_PERIOD
+        if due:
+            self._image_time = time
+        return due
+
+    def _write_image(self, frame: Frame) -> None:
+        image: Image | None = frame.arrays.get("image")
+        if image is not None:
+            data = cv2.imencode(".jpg", image)[1].tobytes()
+            message = CompressedImage(timestamp=scene.stamp(frame.time), frame_id=self._name,
+                                      data=data, format="jpeg")  # fmt: skip
+            self._put("/image", frame.time, message)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import select
 import socket
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Protocol
 
 from mavlink_bridge.bytestream import BAUD_RATES, ByteStream, SerialEndpoint, TcpEndpoint
@@ -141,13 +141,17 @@ def open_serial(device: str, baud: int) -> SerialEndpoint:
 
 
 class Link:
-    """Messages over an endpoint. Counts packets both ways, for who must know all arrived."""
+    """Messages over an endpoint. Counts packets both ways, for who must know all arrived.
+
+    tap: told of each packet, (sent by us, its bytes), for a log.
+    """
 
     def __init__(self, endpoint: Endpoint, codec: Codec) -> None:
         self.endpoint = endpoint
         self.codec = codec
         self.packets_in = 0
         self.packets_out = 0
+        self.tap: Callable[[bool, bytes], None] | None = None
         self._heard: dict[tuple[Source, type], float] = {}
         whole = not isinstance(endpoint, ByteStream)
         self._decode = codec.decode_datagram if whole else codec.decode
@@ -167,6 +171,8 @@ class Link:
         out: list[Received] = []
         for data in self.endpoint.receive():
             self.packets_in += 1
+            if self.tap is not None:
+                self.tap(False, data)
             out += self._decode(data)
         now = time.monotonic()
         for received in out:
@@ -178,6 +184,8 @@ class Link:
         data = self.codec.encode(messages)
         if data and self.endpoint.send(data):
             self.packets_out += 1
+            if self.tap is not None:
+                self.tap(True, data)
 
     def wait(self, timeout: float) -> bool:
         """Block until something arrives or `timeout` [s] has passed; True where it arrived."""

@@ -1,0 +1,35 @@
+"""`companion replay`: a flight log through today's code."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+HELP = "recorded inputs through today's code; exit 1 where a decision or a command differs"
+EXIT_DIFFERS, EXIT_BAD_INPUT = 1, 2
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Its command line."""
+    parser.add_argument("log", type=Path, help="a flight log (MCAP)")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides")
+    parser.add_argument("--json", action="store_true")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Compare, and say where the first difference is."""
+    from companion.logfile import read_log
+    from companion.replay import replay
+    from mavlink_bridge.mcapfile import LogError
+    from mavlink_bridge.settings import SettingsError
+
+    try:
+        outcome = replay(read_log(options.log), options.overrides)
+    except (LogError, SettingsError) as error:
+        print(error, file=sys.stderr)
+        return EXIT_BAD_INPUT
+    print(json.dumps(asdict(outcome), indent=1) if options.json else outcome.text())
+    return 0 if outcome.first is None else EXIT_DIFFERS

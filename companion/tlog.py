@@ -1,0 +1,67 @@
+"""MAVLink traffic as a .tlog, the telemetry log that ground stations open.
+
+Each frame stands behind eight bytes: microseconds, big-endian. The time is the vehicle's
+clock, so that the log lies beside the flight log.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable
+from pathlib import Path
+
+_V1, _V2, _SIGNED = 0xFE, 0xFD, 0x01
+_STAMP = struct.Struct(">Q")
+
+
+class TelemetryLog:
+    """Appends frames to a file; `flush` hands what waits to the system."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("wb")
+        self._rest = {False: b"", True: b""}
+
+    def write(self, time: float, packets: Iterable[tuple[bool, bytes]]) -> None:
+        """Frames of packets (sent by us, bytes), all stamped `time` [s]; any chunking."""
+        stamp = _STAMP.pack(max(round(time * 1e6), 0))
+        out = []
+        for sent, data in packets:
+            whole, self._rest[sent] = frames(self._rest[sent] + data)
+            out += [stamp + frame for frame in whole]
+        self._file.write(b"".join(out))
+
+    def flush(self) -> None:
+        """Nothing written so far is lost when the process is killed."""
+        self._file.flush()
+
+    def close(self) -> None:
+        """End the file."""
+        self._file.close()
+
+
+def frames(data: bytes) -> tuple[list[bytes], bytes]:
+    """Whole MAVLink frames by their length alone, and the beginning of one that is not whole."""
+    found: list[bytes] = []
+    at = 0
+    while at < len(data):
+        end = _end(data, at)
+        if end is None:
+            at += 1
+        elif end > len(data):
+            break
+        else:
+            found.append(data[at:end])
+            at = end
+    return found, data[at:]
+
+
+def _end(data: bytes, at: int) -> int | None:
+    """Where the frame that begins here ends, past the data where that is not all; None: none."""
+    if data[at] not in (_V1, _V2):
+        return None
+    if at + 3 > len(data):
+        return len(data) + 1
+    length = data[at + 1]
+    if data[at] == _V1:
+        return at + length + 8
+    return at + length + (25 if data[at + 2] & _SIGNED else 12)

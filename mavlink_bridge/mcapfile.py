@@ -1,0 +1,126 @@
+"""MCAP files as both sides of the wire read them: whole, cut off, and still growing."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import IO
+
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.records import Channel, Chunk, McapRecord, Message
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import MCAP0_MAGIC
+
+_DAMAGED = (McapError, EOFError, ValueError, KeyError, struct.error)
+_RECORD = struct.Struct("<BQ")  # opcode, length
+_CHANNEL, _CHUNK = 0x04, 0x06
+
+
+class LogError(ValueError):
+    """A file that is no whole flight log; names it, says what is wrong and what helps."""
+
+
+def read_messages(path: Path, topics: Iterable[str]) -> list[tuple[str, Message]]:
+    """(topic, message) of these topics, oldest first.
+
+    Raises:
+        LogError: not there, empty, foreign, or cut off.
+    """
+    check_whole(path)
+    try:
+        with path.open("rb") as file:
+            found = make_reader(file).iter_messages(topics=list(topics))
+            return [(channel.topic, message) for _, channel, message in found]
+    except _DAMAGED as error:
+        raise LogError(f"{path}: damaged: {error}") from error
+
+
+def read_metadata(path: Path) -> dict[str, dict[str, str]]:
+    """The metadata records of a whole file, by name."""
+    with path.open("rb") as file:
+        return {m.name: m.metadata for m in make_reader(file).iter_metadata()}
+
+
+def whole_records(file: IO[bytes]) -> Iterator[McapRecord]:
+    """Records in file order, chunks opened, up to the place where the file was cut."""
+    try:
+        yield from StreamReader(file).records
+    except _DAMAGED:
+        return
+
+
+def salvage(path: Path, topic: str) -> list[Message]:
+    """Messages of one topic that are there, whatever became of the rest; none without a file."""
+    try:
+        with path.open("rb") as file:
+            return list(_of_topic(whole_records(file), topic, set()))
+    except OSError:
+        return []
+
+
+def check_whole(path: Path) -> None:
+    """Raises LogError unless the file begins and ends as a whole MCAP does."""
+    check_begins(path)
+    with path.open("rb") as file:
+        file.seek(-len(MCAP0_MAGIC), 2)
+        if file.tell() == 0 or file.read() != MCAP0_MAGIC:
+            raise LogError(f"{path}: cut off; `companion log recover {path}` saves what it holds")
+
+
+def check_begins(path: Path) -> None:
+    """Raises LogError unless there is a file that begins as an MCAP does."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(len(MCAP0_MAGIC))
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror}") from error
+    if not head:
+        raise LogError(f"{path}: empty")
+    if head != MCAP0_MAGIC:
+        raise LogError(f"{path}: not an MCAP file")
+
+
+class Follower:
+    """Messages of one topic of a file that somebody is still writing."""
+
+    def __init__(self, path: Path, topic: str) -> None:
+        self._path, self._topic = path, topic
+        self._at = len(MCAP0_MAGIC)
+        self._channels: set[int] = set()
+
+    def new(self) -> list[Message]:
+        """What has been completed since the last call; nothing where there is no file yet."""
+        try:
+            with self._path.open("rb") as file:
+                file.seek(self._at)
+                data = file.read()
+        except OSError:
+            return []
+        found: list[Message] = []
+        at = 0
+        while at + _RECORD.size <= len(data):
+            opcode, length = _RECORD.unpack_from(data, at)
+            end = at + _RECORD.size + length
+            if end > len(data):
+                break
+            body = ReadDataStream(BytesIO(data[at + _RECORD.size : end]))
+            if opcode == _CHANNEL:
+                found += _of_topic([Channel.read(body)], self._topic, self._channels)
+            elif opcode == _CHUNK:
+                found += _of_topic(breakup_chunk(Chunk.read(body)), self._topic, self._channels)
+            at = end
+        self._at += at
+        return found
+
+
+def _of_topic(records: Iterable[McapRecord], topic: str, channels: set[int]) -> Iterator[Message]:
+    """The topic's messages; learns its channels on the way."""
+    for record in records:
+        if isinstance(record, Channel) and record.topic == topic:
+            channels.add(record.id)
+        elif isinstance(record, Message) and record.channel_id in channels:
+            yield record
