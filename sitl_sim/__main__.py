@@ -36,8 +36,12 @@ def main(arguments: list[str] | None = None) -> int:
         )
     run.add_argument("--real-time", action="store_true", help="nobody waits for anybody")
     run.add_argument("--json", action="store_true", help="print metrics.json instead of a table")
+    report = commands.add_parser("report", help="one page about a flight")
+    report.add_argument("folder", type=Path, metavar="DIR", help="run folder")
     options = parser.parse_args(arguments)
     try:
+        if options.command == "report":
+            return _report(options)
         return _fly(options, serve=options.command == "serve")
     except _bad_input() as error:
         print(error, file=sys.stderr)
@@ -48,8 +52,17 @@ def _bad_input() -> tuple[type[Exception], ...]:
     from mavlink_bridge.link import EndpointError
     from mavlink_bridge.settings import SettingsError
     from mavlink_bridge.video import VideoError
+    from sitl_sim.runfolder import RunError
 
-    return SettingsError, EndpointError, VideoError
+    return SettingsError, EndpointError, VideoError, RunError
+
+
+def _report(options: argparse.Namespace) -> int:
+    from sitl_sim.report import make_report
+    from sitl_sim.runfolder import load_run
+
+    print(make_report(load_run(options.folder)))
+    return EXIT_OK
 
 
 def _fly(options: argparse.Namespace, serve: bool) -> int:

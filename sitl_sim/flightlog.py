@@ -6,8 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-from sitl_sim.metrics import read_log, safety, timing
-from sitl_sim.report import write_report
+from sitl_sim.metrics import timing
+from sitl_sim.perception import perception, sights
+from sitl_sim.report import summarise, write_report
+from sitl_sim.runfolder import Run, log_path, salvage_ticks
 from sitl_sim.runner import Flight
 
 
@@ -15,9 +17,10 @@ def finish(flight: Flight, setup_seconds: float) -> dict[str, Any]:
     """Write truth.npz, metrics.json and report.html; gives the metrics."""
     folder = flight.folder
     sha = flight.truth.write(folder / "truth.npz")
-    truth = flight.truth.arrays()
-    logs = {n: read_log(folder / "drones" / n / "flight.mcap") for n in flight.names}
-    metrics = safety(truth, flight.world, flight.names) | timing(logs)
+    logs = {n: salvage_ticks(log_path(folder, n)) for n in flight.names}
+    run = Run(folder, flight.scenario, flight.world, flight.truth.arrays(), logs)
+    seen = sights(run.scenario, run.world, run.truth, logs)
+    metrics = summarise(run, seen)
     metrics["real_time_factor"] = metrics["duration_s"] / max(flight.wall_seconds, 1e-9)
     metrics["wall_s"] = {"setup": setup_seconds, "flight": flight.wall_seconds}
     metrics["truth_sha256"] = sha
@@ -26,17 +29,11 @@ def finish(flight: Flight, setup_seconds: float) -> dict[str, Any]:
     codes = flight.exit_codes()
     metrics["per_drone"] = {
         n: {"targets": metrics["targets_reached"][n], "companion_exit": codes[n],
-            **timing({n: logs[n]})}
+            **timing({n: logs[n]}), "perception": perception({n: seen[n]})}
         for n in flight.names
     }  # fmt: skip
-    metrics["ok"] = bool(
-        metrics["mission_complete"]
-        and not metrics["agent_collisions"]
-        and not metrics["obstacle_collisions"]
-        and not metrics["never_flew"]
-    )
     (folder / "metrics.json").write_text(json.dumps(metrics, indent=1), encoding="utf-8")
-    write_report(folder, truth, flight.world, metrics)
+    write_report(run, metrics, seen)
     return metrics
 
 
@@ -58,6 +55,9 @@ def table(m: dict[str, Any], folder: Path) -> str:
         ("order / union / connectivity",
          " / ".join("–" if m[k] is None else f"{m[k]:.2f}"
                     for k in ("order", "union", "connectivity"))),
+        ("recall / precision to 8 m",
+         " / ".join("–" if m["perception"][k] is None else f"{m['perception'][k]:.3f}"
+                    for k in ("recall", "precision"))),
         ("solve, p50 / p99 / max", f"{ms(m['solve_ms'])} ms"),
         ("tick, p50 / p99 / max", f"{ms(m['tick_ms'])} ms"),
         ("deadline misses", f"{m['deadline_misses']} ({m['deadline_miss_rate']:.2%})"),

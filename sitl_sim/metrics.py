@@ -7,12 +7,9 @@ the number of connected groups within `reach`, and the algebraic connectivity ov
 from __future__ import annotations
 
 import itertools
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.reader import make_reader
 from numpy.typing import NDArray
 
 from sitl_sim.world import Vector, surface_distance
@@ -102,13 +99,24 @@ def flocking(
     }
 
 
-def read_log(path: Path) -> list[dict[str, Any]]:
-    """The ticks of a flight log, oldest first; empty where there is no readable log."""
-    if not path.exists() or path.stat().st_size == 0:
-        return []
-    with path.open("rb") as file:
-        reader = make_reader(file)
-        return [json.loads(m.data) for _, _, m in reader.iter_messages(topics=["/tick"])]
+def sanity(truth: dict[str, NDArray[Any]]) -> list[str]:
+    """Faults of the truth itself: a frozen or teleporting world proves nothing."""
+    t = truth["t"]
+    p, v, q = (truth[k].astype(float) for k in ("position", "velocity", "attitude"))
+    names = ("t", "position", "velocity", "attitude")
+    if bad := [n for n, a in zip(names, (t, p, v, q), strict=True) if not np.isfinite(a).all()]:
+        return [f"{n} holds a value that is not finite" for n in bad]
+    faults, dt = [], np.diff(t)
+    if not len(dt) or (dt <= 0).any() or np.median(dt) > 0.021:
+        return ["time does not rise in steps of at most 20 ms"]
+    if np.abs(np.linalg.norm(q, axis=-1) - 1).max() > 1e-3:
+        faults.append("attitude is not a unit quaternion")
+    gap = np.abs(np.diff(p, axis=0) / dt[:, None, None] - (v[1:] + v[:-1]) / 2).max()
+    if gap > 1.0:
+        faults.append(f"position and velocity disagree by {gap:.2f} m/s")
+    if np.linalg.norm(np.diff(v, axis=0), axis=-1).max() / np.median(dt) > 80.0:
+        faults.append("an acceleration beyond 80 m/s²")
+    return faults
 
 
 def timing(logs: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:

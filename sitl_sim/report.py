@@ -1,119 +1,138 @@
-"""report.html of one flight: summary, top view, and the paper's three curves (Fig. 7)."""
+"""report.html: one flight on one self-contained page, its verdict recomputed from the truth."""
 
 from __future__ import annotations
 
-import base64
 import html
-import io
-import itertools
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import matplotlib
-import numpy as np
-from numpy.typing import NDArray
+import plotly.graph_objects as go
+from plotly.offline import get_plotlyjs
 
-from sitl_sim.metrics import AIRBORNE
-from sitl_sim.world import Vector, surface_distance
+from sitl_sim import figures, figures_minds
+from sitl_sim.events import Event, collisions, events
+from sitl_sim.knowledge import Minds
+from sitl_sim.metrics import safety, sanity, timing
+from sitl_sim.perception import Sight, perception, sights
+from sitl_sim.runfolder import Run
 
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Rectangle
-
-_STYLE = """body{font:15px/1.5 system-ui,sans-serif;max-width:72rem;margin:2rem auto;padding:0 1rem}
-table{border-collapse:collapse}td{padding:.15rem .8rem;border-bottom:1px solid #ddd}
-img{max-width:100%}.bad{color:#b00}.good{color:#060}"""
+_STYLE = """body{font:15px/1.5 system-ui,sans-serif;max-width:76rem;margin:2rem auto;padding:0 1rem}
+table{border-collapse:collapse}td,th{padding:.15rem .8rem;border-bottom:1px solid #ddd}
+th,td{text-align:left}.bad{color:#b00}.good{color:#060}section{margin:2rem 0}
+nav a{margin-right:1rem}"""
+_COLLISIONS = 12  # shown one by one; the list of events has them all
+_LEFT_OUT = ("per_drone", "stage_ms", "perception")
 
 
-def write_report(
-    folder: Path, truth: dict[str, NDArray[Any]], world: dict[str, Any], metrics: dict[str, Any]
-) -> None:
-    """Write a self-contained page into the run folder."""
-    figure = top_view(truth, world)
-    figure.savefig(folder / "top_view.png", dpi=110)
-    parts = [_image(figure), _image(curves(truth, world))]
-    verdict = "OK" if metrics["ok"] else "FALLS SHORT"
-    rows = "".join(
-        f"<tr><td>{html.escape(k)}</td><td>{html.escape(_text(v))}</td></tr>"
-        for k, v in metrics.items()
-        if k not in ("per_drone", "stage_ms")
+def summarise(run: Run, seen: dict[str, list[Sight]]) -> dict[str, Any]:
+    """The figures of `metrics.json` that truth and logs give, and the verdict."""
+    summary = safety(run.truth, run.world, run.names) | timing(run.logs)
+    summary["perception"] = perception(seen)
+    summary["faults_in_truth"] = sanity(run.truth)
+    summary["ok"] = bool(
+        summary["mission_complete"]
+        and not summary["agent_collisions"]
+        and not summary["obstacle_collisions"]
+        and not summary["never_flew"]
+        and not summary["faults_in_truth"]
     )
-    title = f"{metrics['scenario']}, seed {metrics['seed']}, {metrics['drones']} drones"
+    return summary
+
+
+def make_report(run: Run) -> Path:
+    """Write `report.html` into the run folder; everything in it is computed anew."""
+    seen = sights(run.scenario, run.world, run.truth, run.logs)
+    return write_report(run, run.metrics | summarise(run, seen), seen)
+
+
+def write_report(run: Run, summary: dict[str, Any], seen: dict[str, list[Sight]]) -> Path:
+    """The page from what is already known."""
+    s = run.scenario
+    title = f"{s.name}, seed {s.seed}, {s.drones.count} drones"
+    parts = list(_sections(run, summary, seen))
+    links = "".join(f"<a href=#s{n}>{html.escape(name)}</a>" for n, (name, _) in enumerate(parts))
+    body = "".join(
+        f"<section id=s{n}><h2>{html.escape(name)}</h2>{content}</section>"
+        for n, (name, content) in enumerate(parts)
+    )
     page = (
-        f"<!doctype html><html lang=en><meta charset=utf-8><title>{html.escape(title)}</title>"
-        f"<style>{_STYLE}</style><h1>{html.escape(title)}</h1>"
-        f"<p class={'good' if metrics['ok'] else 'bad'}><b>{verdict}</b></p>"
-        f"{''.join(parts)}<h2>Figures</h2><table>{rows}</table></html>"
+        f"<!doctype html><html lang=en><head><meta charset=utf-8><title>{html.escape(title)}"
+        f"</title><style>{_STYLE}</style><script>{get_plotlyjs()}</script></head>"
+        f"<body><h1>{html.escape(title)}</h1>{_verdict(summary)}<nav>{links}</nav>{body}"
+        "</body></html>"
     )
-    (folder / "report.html").write_text(page, encoding="utf-8")
+    path = run.folder / "report.html"
+    path.write_text(page, encoding="utf-8")
+    return path
 
 
-def top_view(truth: dict[str, NDArray[Any]], world: dict[str, Any]) -> Figure:
-    """All trajectories from above, with obstacles, starts and targets (Fig. 7a)."""
-    p = truth["position"]
-    figure, ax = plt.subplots(figsize=(9, 9), layout="constrained")
-    for c in world["cylinders"]:
-        ax.add_patch(Circle((c["x"], c["y"]), c["radius"], color="#7a6a55"))
-    for b in world["boxes"]:
-        size = np.array(b["max"]) - np.array(b["min"])
-        ax.add_patch(Rectangle(b["min"][:2], size[0], size[1], color="#999"))
-    for i, name in enumerate(truth["names"]):
-        (line,) = ax.plot(p[:, i, 0], p[:, i, 1], lw=1.1, label=str(name))
-        ax.plot(*p[0, i, :2], "o", ms=4, color=line.get_color())
-    shared = {tuple(t) for targets in world["targets"].values() for t in targets[:-1]}
-    for x, y, _ in sorted(shared):
-        ax.plot(x, y, "^", ms=11, color="#d00")
-        reach = world["target_tolerance"]
-        ax.add_patch(Circle((x, y), reach, fill=False, ls=":", color="#d00"))
-    ax.set(xlabel="x, east [m]", ylabel="y, north [m]", aspect="equal")
-    ax.legend(fontsize=7, ncols=2)
-    ax.grid(alpha=0.3)
-    return figure
+def _sections(
+    run: Run, summary: dict[str, Any], seen: dict[str, list[Sight]]
+) -> Iterator[tuple[str, str]]:
+    """Heading and content of each part of the page."""
+    minds, happened = Minds(run), events(run)
+    yield "Summary", _table(summary)
+    for crash in collisions(run)[:_COLLISIONS]:
+        other = "an obstacle" if crash.other is None else run.names[crash.other]
+        title = f"Before the collision of {run.names[crash.drone]} with {other}, {crash.time:.1f} s"
+        yield title, _draw(figures_minds.collision(run, minds, crash))
+    yield "From above", _draw(figures.top_view(run))
+    yield "Trajectories", _draw(figures.trajectories(run))
+    yield "Distances and speed, mean ± std and least", _draw(figures.curves(run))
+    if times := figures_minds.chosen_times(run):
+        yield "Network of critical neighbours", _draw(figures_minds.network(run, minds, times))
+        yield "Predicted trajectories", _draw(figures_minds.plans(run, minds, times))
+    yield "Solve and tick times", _draw(figures_minds.times(run))
+    if any(seen.values()):
+        yield "Perception against truth", _draw(figures_minds.perception(seen))
+    yield "Events", _draw(figures_minds.timeline(run, happened)) + _list(happened)
 
 
-def curves(truth: dict[str, NDArray[Any]], world: dict[str, Any]) -> Figure:
-    """Mean ± std of distance between drones, to the nearest obstacle, and speed (Fig. 7b-d)."""
-    t, p = truth["t"], truth["position"].astype(float)
-    flying = p[..., 2] > AIRBORNE
-    pairs = list(itertools.combinations(range(p.shape[1]), 2))
-    figure, axes = plt.subplots(3, 1, figsize=(11, 9), sharex=True, layout="constrained")
-    if pairs:
-        apart = np.stack([np.linalg.norm(p[:, i] - p[:, j], axis=-1) for i, j in pairs], axis=1)
-        both = np.stack([flying[:, i] & flying[:, j] for i, j in pairs], axis=1)
-        _band(axes[0], t, apart, both)
-    axes[0].axhline(2 * world["drone_radius"], color="#b00", lw=0.8, ls="--")
-    axes[0].set_ylabel("between drones [m]")
-    _band(axes[1], t, surface_distance(p, world), flying)
-    axes[1].axhline(world["drone_radius"], color="#b00", lw=0.8, ls="--")
-    axes[1].set_ylabel("to nearest obstacle [m]")
-    _band(axes[2], t, np.linalg.norm(truth["velocity"], axis=-1), flying)
-    axes[2].set(ylabel="speed [m/s]", xlabel="time [s]")
-    return figure
+def _verdict(summary: dict[str, Any]) -> str:
+    if summary["ok"]:
+        return "<p class=good><b>OK</b>: all targets reached, nothing touched."
+    return "<p class=bad><b>FALLS SHORT</b>: " + html.escape("; ".join(_shortcomings(summary)))
 
 
-def _band(ax: Axes, t: Vector, values: Vector, valid: NDArray[np.bool_]) -> None:
-    """Mean, std and minimum over the columns that are valid at each time."""
-    some = valid.any(axis=1) & np.isfinite(np.where(valid, values, 0.0)).all(axis=1)
-    masked = np.ma.masked_array(values, ~valid)[some]
-    if not len(masked):
-        return
-    mean, std = masked.mean(axis=1).filled(np.nan), masked.std(axis=1).filled(np.nan)
-    ax.fill_between(t[some], mean - std, mean + std, alpha=0.25)
-    ax.plot(t[some], mean, label="mean ± std")
-    ax.plot(t[some], masked.min(axis=1).filled(np.nan), lw=0.7, label="minimum")
-    ax.grid(alpha=0.3)
-    ax.legend(fontsize=8)
+def _shortcomings(s: dict[str, Any]) -> Iterator[str]:
+    if not s["mission_complete"]:
+        late = [n for n, r in s["targets_reached"].items() if len(set(r.split("/"))) > 1]
+        yield "targets missed by " + ", ".join(late)
+    if s["agent_collisions"]:
+        yield f"{s['agent_collisions']} pair(s) of drones collided"
+    if s["obstacle_collisions"]:
+        yield f"{s['obstacle_collisions']} drone(s) hit an obstacle"
+    if s["never_flew"]:
+        yield "never flew: " + ", ".join(s["never_flew"])
+    yield from s["faults_in_truth"]
 
 
-def _image(figure: Figure) -> str:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=110)
-    plt.close(figure)
-    data = base64.b64encode(buffer.getvalue()).decode()
-    return f'<p><img alt="" src="data:image/png;base64,{data}">'
+def _draw(figure: go.Figure) -> str:
+    return str(figure.to_html(full_html=False, include_plotlyjs=False))
+
+
+def _table(summary: dict[str, Any]) -> str:
+    flat = {k: v for k, v in summary.items() if k not in _LEFT_OUT}
+    flat |= {f"perception: {k}": v for k, v in summary["perception"].items()}
+    rows = (f"<tr><td>{html.escape(k)}<td>{html.escape(_text(v))}" for k, v in flat.items())
+    return f"<table>{''.join(rows)}</table>"
+
+
+def _list(happened: list[Event]) -> str:
+    rows = (
+        f"<tr><td>{e.time:.1f} s<td>{html.escape(e.drone)}<td>{html.escape(e.text)}"
+        for e in happened
+    )
+    table = f"<table>{''.join(rows)}</table>"
+    return f"<details><summary>{len(happened)} events</summary>{table}</details>"
 
 
 def _text(value: Any) -> str:
-    return f"{value:.3f}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return f"{value:.3f}"
+    if isinstance(value, dict):
+        return ", ".join(f"{k} {_text(v)}" for k, v in value.items())
+    if isinstance(value, list):
+        return ", ".join(map(_text, value)) or "–"
+    return "–" if value is None else str(value)

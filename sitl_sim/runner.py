@@ -30,14 +30,12 @@ from sitl_sim import scenario as scenarios
 from sitl_sim import sensing
 from sitl_sim.autopilot import Autopilots
 from sitl_sim.render import Renderer
-from sitl_sim.scenario import Scenario
+from sitl_sim.scenario import QUANTUM_MS, TICK_MS, Scenario
 from sitl_sim.truth import Truth
 from sitl_sim.vehicle import Airframe, Vehicles
 from sitl_sim.world import Occluders, Vector, build
 
-_QUANTUM_MS = 2
 _TELEMETRY_MS = 20
-_TICK_MS = 100
 _CONNECT_TIMEOUT = 60.0
 
 
@@ -81,7 +79,7 @@ class Flight:
         n = scenario.drones.count
         heading = np.full(n, np.radians(scenario.drones.heading_deg))
         self.vehicles = Vehicles(Airframe(), start, heading)
-        phases = [round(i * _TICK_MS / n / _QUANTUM_MS) * _QUANTUM_MS for i in range(n)]
+        phases = scenarios.boot_ms(scenario)
         self._occluders = Occluders(self.world)
         self._autopilots = Autopilots(
             self.vehicles,
@@ -237,7 +235,7 @@ class Flight:
             if boot % _TELEMETRY_MS == 0:
                 self._deliver(drone, drone.ground)
                 self._speak(drone)
-            if boot % _TICK_MS == 0:
+            if boot % TICK_MS == 0:
                 self._show(drone)
         if self._now % _TELEMETRY_MS == 0:
             self.truth.record(self._now / 1e3, self.vehicles, self._autopilots.armed)
@@ -249,7 +247,7 @@ class Flight:
             boot = self._now + drone.boot_ms
             following = min(following, self._now + _TELEMETRY_MS - boot % _TELEMETRY_MS)
             if drone.due_ms is not None:
-                following = min(following, max(drone.due_ms, self._now + _QUANTUM_MS))
+                following = min(following, max(drone.due_ms, self._now + QUANTUM_MS))
         return following
 
     def _speak(self, drone: _Drone) -> None:

@@ -19,6 +19,9 @@ from mavlink_bridge.settings import (
 )
 from sitl_sim.world import Vector, WorldConfig
 
+QUANTUM_MS = 2  # of the simulated time
+TICK_MS = 100  # between frames of a camera
+
 
 class DronesConfig(StrictModel):
     """Who flies, and from where."""
@@ -149,6 +152,12 @@ def frame_yaws(scenario: Scenario) -> Vector:
     if d.frame_yaw_deg == "random":
         return np.random.default_rng([scenario.seed, 3]).uniform(-np.pi, np.pi, d.count)
     return np.full(d.count, np.radians(float(d.frame_yaw_deg)))
+
+
+def boot_ms(scenario: Scenario) -> list[int]:
+    """What each vehicle's clock shows when the flight begins: so they tick at different phases."""
+    n = scenario.drones.count
+    return [round(i * TICK_MS / n / QUANTUM_MS) * QUANTUM_MS for i in range(n)]
 
 
 def targets(scenario: Scenario, start: Vector) -> dict[str, list[list[float]]]:

@@ -27,12 +27,23 @@ def rotation(q: Vector) -> Vector:
     )
 
 
-def _seen(rays_c: Vector, half_view: float, half_height: float) -> NDArray[np.bool_]:
-    """Whether unit directions in the camera frame fall inside an equidistant image."""
-    theta = np.arccos(np.clip(rays_c[:, 2], -1.0, 1.0))
-    rho = np.maximum(np.hypot(rays_c[:, 0], rays_c[:, 1]), 1e-9)
-    u, v = theta * rays_c[:, 0] / rho, theta * rays_c[:, 1] / rho
-    return (np.abs(u) <= half_view) & (np.abs(v) <= half_height)
+def camera_rays(q: Vector, offsets: Vector) -> Vector:
+    """Unit directions (...,n,3), camera frame, of world offsets (...,n,3); q (...,4): the eye."""
+    distance = np.maximum(np.linalg.norm(offsets, axis=-1, keepdims=True), 1e-9)
+    r = np.moveaxis(rotation(np.moveaxis(q, -1, 0)), (0, 1), (-2, -1))
+    rays: Vector = (offsets / distance) @ r @ _R_BC
+    return rays
+
+
+def seen(rays_c: Vector, half_view: float, half_height: float) -> NDArray[np.bool_]:
+    """Whether unit directions (...,3) in the camera frame fall inside an equidistant image."""
+    x, y, z = np.moveaxis(rays_c, -1, 0)
+    theta = np.arccos(np.clip(z, -1.0, 1.0))
+    rho = np.maximum(np.hypot(x, y), 1e-9)
+    inside: NDArray[np.bool_] = (theta * np.abs(x) <= half_view * rho) & (
+        theta * np.abs(y) <= half_height * rho
+    )
+    return inside
 
 
 def neighbours(
@@ -45,10 +56,10 @@ def neighbours(
     """
     d = others - p
     distance = np.maximum(np.linalg.norm(d, axis=1), 1e-9)
-    rays = (d / distance[:, None]) @ rotation(q) @ _R_BC
-    seen = _seen(rays, *fov) & (distance <= range_max) & occluders.free(p, others)
-    n = int(seen.sum())
-    return np.column_stack([rays[seen], distance[seen], np.full(n, 0.005), np.full(n, 0.03)])
+    rays = camera_rays(q, d)
+    visible = seen(rays, *fov) & (distance <= range_max) & occluders.free(p, others)
+    n = int(visible.sum())
+    return np.column_stack([rays[visible], distance[visible], np.full(n, 0.005), np.full(n, 0.03)])
 
 
 def trunks(
@@ -66,8 +77,8 @@ def trunks(
     offsets = np.zeros((len(near), 3, 3))
     offsets[..., :2] = np.stack([d, d + side, d - side], axis=1)
     flat = offsets.reshape(-1, 3)
-    rays = flat / np.maximum(np.linalg.norm(flat, axis=1), 1e-9)[:, None] @ rotation(q) @ _R_BC
-    seen = _seen(rays, *fov) & occluders.free(p, p + flat, np.repeat(near, 3))
+    rays = camera_rays(q, flat)
+    visible = seen(rays, *fov) & occluders.free(p, p + flat, np.repeat(near, 3))
     rows = [rays[::3], distance[:, None], radius[:, None], np.full((len(near), 1), 0.03)]
-    table: Vector = np.hstack(rows)[seen.reshape(-1, 3).any(axis=1)]
+    table: Vector = np.hstack(rows)[visible.reshape(-1, 3).any(axis=1)]
     return table

@@ -98,16 +98,17 @@ class Occluders:
     def free(
         self, eye: Vector, points: Vector, own: NDArray[np.int_] | None = None
     ) -> NDArray[np.bool_]:
-        """(n,) whether the segment from `eye` (3,) to each of `points` (n,3) meets no obstacle.
+        """(n,) whether the segment from `eye` to each of `points` (n,3) meets no obstacle.
 
-        own: (n,) the cylinder that each point belongs to and that does not hide it.
+        eye: (3,), one for all, or (n,3). own: (n,) the cylinder that each point belongs to and
+        that does not hide it.
         """
         d = points - eye
         length2 = np.maximum((d[:, :2] ** 2).sum(axis=1), 1e-9)[:, None]
-        x, y = self.cylinders[:, 0] - eye[0], self.cylinders[:, 1] - eye[1]
+        x, y = self.cylinders[:, 0] - eye[..., :1], self.cylinders[:, 1] - eye[..., 1:2]
         along = np.clip((d[:, :1] * x + d[:, 1:2] * y) / length2, 0.0, 1.0)
         miss2 = (along * d[:, :1] - x) ** 2 + (along * d[:, 1:2] - y) ** 2
-        below = eye[2] + along * d[:, 2:] < self.cylinders[:, 3]
+        below = eye[..., 2:] + along * d[:, 2:] < self.cylinders[:, 3]
         meets = (miss2 < self.cylinders[:, 2] ** 2) & below
         if own is not None:
             meets[np.arange(len(points)), own] = False

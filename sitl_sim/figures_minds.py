@@ -1,0 +1,213 @@
+"""Figures of what the companions knew: network, plans, times, perception, events, collisions."""
+
+from __future__ import annotations
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from sitl_sim.events import Collision, Event
+from sitl_sim.figures import LIMIT, add_map, colours, square, stride
+from sitl_sim.knowledge import Minds
+from sitl_sim.metrics import AIRBORNE
+from sitl_sim.perception import Sight
+from sitl_sim.runfolder import Run
+from sitl_sim.world import Vector
+
+_BEFORE = 10.0  # s shown before a collision
+_AROUND = 6.0  # m shown around it
+_SYMBOLS = {"phase": "circle", "target": "star", "guard": "triangle-up", "deadline": "line-ns-open",
+            "collision": "x"}  # fmt: skip
+
+
+def chosen_times(run: Run) -> list[float]:
+    """Four moments worth a look: a quarter, a half, three quarters, and the closest approach."""
+    t, p = run.truth["t"], run.truth["position"].astype(float)
+    up = np.flatnonzero((p[..., 2] > AIRBORNE).any(axis=1))
+    if not len(up):
+        return []
+    first, last = t[up[0]], t[up[-1]]
+    times = [float(first + s * (last - first)) for s in (0.25, 0.5, 0.75)]
+    flying = p[..., 2] > AIRBORNE
+    apart = np.linalg.norm(p[:, :, None] - p[:, None], axis=-1)
+    apart[~(flying[:, :, None] & flying[:, None])] = np.inf
+    apart[:, *np.diag_indices(p.shape[1])] = np.inf
+    if np.isfinite(apart).any():
+        times.append(float(t[np.unravel_index(int(apart.argmin()), apart.shape)[0]]))
+    return sorted(times)
+
+
+def network(run: Run, minds: Minds, times: list[float]) -> go.Figure:
+    """Who watches whom as critical, the wider the line the greater the threat (Fig. 6c)."""
+    figure, arrows = _panels(run, minds, times), []
+    for panel, time in enumerate(times, start=1):
+        for i in range(len(run.names)):
+            known = minds.at(i, time)
+            a = minds.positions(time)[i]
+            for threat in known.critical if known else []:
+                b, x, y = threat.position, f"x{panel}", f"y{panel}"
+                arrows.append({
+                    "x": b[0], "y": b[1], "ax": a[0], "ay": a[1],
+                    "xref": x, "yref": y, "axref": x, "ayref": y, "showarrow": True,
+                    "arrowhead": 2, "arrowwidth": 1 + 2 * min(threat.value, 1.5), "text": "",
+                    "arrowcolor": "rgba(200,0,0,0.6)", "standoff": 4, "startstandoff": 4,
+                })  # fmt: skip
+    figure.layout.annotations += tuple(map(go.layout.Annotation, arrows))
+    return figure
+
+
+def plans(run: Run, minds: Minds, times: list[float]) -> go.Figure:
+    """The trajectories predicted by every companion (Fig. 6d)."""
+    figure = _panels(run, minds, times)
+    for column, time in enumerate(times):
+        for i, colour in enumerate(colours(len(run.names))):
+            known = minds.at(i, time)
+            if known is not None:
+                figure.add_scatter(x=known.plan[:, 0], y=known.plan[:, 1], mode="lines",
+                                   line_color=colour, row=1, col=column + 1)  # fmt: skip
+    return figure
+
+
+def _panels(run: Run, minds: Minds, times: list[float]) -> go.Figure:
+    """A square map of the swarm at each time."""
+    figure = make_subplots(rows=1, cols=len(times), horizontal_spacing=0.04,
+                           subplot_titles=[f"t = {t:.1f} s" for t in times])  # fmt: skip
+    for column, time in enumerate(times):
+        p = minds.positions(time)
+        numbers = [n.removeprefix("drone") for n in run.names]
+        add_map(figure, run.world, row=1, col=column + 1)
+        figure.add_scatter(
+            x=p[:, 0], y=p[:, 1], mode="markers+text", text=numbers,
+            textposition="top center", row=1, col=column + 1,
+            marker={"color": colours(len(p)), "size": 8},
+        )  # fmt: skip
+        centre = p[:, :2].mean(axis=0)
+        half = float(np.abs(p[:, :2] - centre).max()) + 3.0
+        _window(figure, column + 1, centre, half)
+    figure.update_layout(height=420, margin={"l": 40, "r": 10, "t": 30, "b": 30}, showlegend=False)
+    return figure
+
+
+def _window(figure: go.Figure, column: int, centre: Vector, half: float) -> None:
+    figure.update_xaxes(range=[centre[0] - half, centre[0] + half], row=1, col=column)
+    figure.update_yaxes(range=[centre[1] - half, centre[1] + half], row=1, col=column,
+                        scaleanchor=f"x{column}")  # fmt: skip
+
+
+def times(run: Run) -> go.Figure:
+    """How long solves and ticks took, over all drones."""
+    ticks = [r for log in run.logs.values() for r in log]
+    series = {
+        "solve": [r["solver"]["solve_ms"] for r in ticks if "solver" in r],
+        "tick": [r["stages_ms"]["tick"] for r in ticks if "tick" in r["stages_ms"]],
+    }
+    figure = make_subplots(rows=1, cols=2, subplot_titles=[f"{k} time [ms]" for k in series])
+    for column, values in enumerate(series.values()):
+        counts, edges = np.histogram(values or [0.0], bins=60)
+        figure.add_bar(x=edges[:-1].round(2), y=counts, width=np.diff(edges), offset=0,
+                       row=1, col=column + 1)  # fmt: skip
+    figure.update_yaxes(type="log", title="ticks")
+    figure.update_layout(height=320, margin={"l": 60, "r": 10, "t": 30, "b": 30}, showlegend=False)
+    return figure
+
+
+def perception(sights: dict[str, list[Sight]]) -> go.Figure:
+    """Recall and precision, bearing, range and velocity errors, a point each second."""
+    every = [s for one in sights.values() for s in one]
+    titles = ("share", "bearing [°]", "range [%]", "velocity [m/s]")
+    figure = make_subplots(rows=4, cols=1, shared_xaxes=True, vertical_spacing=0.04)
+    seconds: dict[int, list[Sight]] = {}
+    for s in every:
+        seconds.setdefault(int(s.time), []).append(s)
+    x = sorted(seconds)
+    lines = [
+        (1, "recall", [_ratio(seconds[k], "found", "in_view") for k in x]),
+        (1, "precision", [_ratio(seconds[k], "right", "detections") for k in x]),
+        (2, "bearing, median", [_median([np.degrees(s.bearing) for s in seconds[k]]) for k in x]),
+        (3, "range, median of size",
+         [_median([np.abs(s.range_error) * 100 for s in seconds[k]]) for k in x]),
+        (4, "velocity, rms",
+         [_rms([np.linalg.norm(s.velocity, axis=1) for s in seconds[k]]) for k in x]),
+    ]  # fmt: skip
+    for row, name, values in lines:
+        figure.add_scatter(x=x, y=values, name=name, mode="lines", row=row, col=1)
+    for row, title in enumerate(titles):
+        figure.update_yaxes(title=title, row=row + 1)
+    figure.update_xaxes(title="time [s]", row=4)
+    figure.update_layout(height=640, margin={"l": 60, "r": 10, "t": 10, "b": 40},
+                         legend={"orientation": "h", "y": 1.05})  # fmt: skip
+    return figure
+
+
+def timeline(run: Run, happened: list[Event]) -> go.Figure:
+    """Events on a line for each drone."""
+    figure = go.Figure()
+    for kind, symbol in _SYMBOLS.items():
+        some = [e for e in happened if e.kind == kind]
+        if some:
+            figure.add_scatter(
+                x=[e.time for e in some], y=[e.drone for e in some], mode="markers", name=kind,
+                text=[e.text for e in some], hovertemplate="%{x:.1f} s: %{text}",
+                marker={"symbol": symbol, "size": 9},
+            )  # fmt: skip
+    figure.update_yaxes(categoryorder="array", categoryarray=run.names[::-1])
+    figure.update_xaxes(title="time [s]")
+    figure.update_layout(height=120 + 26 * len(run.names), legend={"orientation": "h"},
+                         margin={"l": 60, "r": 10, "t": 10, "b": 40})  # fmt: skip
+    return figure
+
+
+def collision(run: Run, minds: Minds, crash: Collision) -> go.Figure:
+    """The ten seconds before it: paths from above, distance, and what each knew of the other."""
+    t, p = run.truth["t"], run.truth["position"].astype(float)
+    window = np.flatnonzero((t >= crash.time - _BEFORE) & (t <= crash.time + 1.0))
+    figure = make_subplots(rows=1, cols=2, column_widths=[0.45, 0.55])
+    place = p[np.searchsorted(t, crash.time), crash.drone, :2]
+    palette = colours(len(run.names))
+    drawn = window[:: stride(run.truth)]
+    add_map(figure, run.world, row=1, col=1)
+    for i, name in enumerate(run.names):
+        if np.linalg.norm(p[window, i, :2] - place, axis=1).min() > _AROUND:
+            continue
+        width = 3 if i in (crash.drone, crash.other) else 1
+        figure.add_scatter(x=p[drawn, i, 0], y=p[drawn, i, 1], name=name, mode="lines+markers",
+                           line={"color": palette[i], "width": width}, marker_size=3,
+                           text=[f"{a:.1f} s" for a in t[drawn]], row=1, col=1)  # fmt: skip
+    square(figure, 460)
+    _window(figure, 1, place, _AROUND)
+    if crash.other is not None:
+        apart = np.linalg.norm(p[drawn, crash.drone] - p[drawn, crash.other], axis=1)
+        figure.add_scatter(x=t[drawn], y=apart.round(3), name="distance [m]", row=1, col=2)
+        for me, other in ((crash.drone, crash.other), (crash.other, crash.drone)):
+            error = [_track_error(minds, me, other, float(a)) for a in t[drawn]]
+            title = f"{run.names[me]}'s error about {run.names[other]} [m]"
+            figure.add_scatter(x=t[drawn], y=error, mode="lines", line_dash="dot", name=title,
+                               row=1, col=2)  # fmt: skip
+    figure.update_xaxes(title="time [s]", row=1, col=2)
+    figure.update_yaxes(title="m", scaleanchor=None, range=[0, 5], row=1, col=2)
+    figure.add_vline(crash.time, line={"color": LIMIT, "dash": "dash"}, row=1, col=2)
+    return figure
+
+
+def _track_error(minds: Minds, me: int, other: int, time: float) -> float | None:
+    """How far from the truth the nearest track is; None where that is nobody's (> 3 m)."""
+    known = minds.at(me, time)
+    if known is None or not len(known.tracks):
+        return None
+    gap = float(np.linalg.norm(known.tracks - minds.positions(time)[other], axis=1).min())
+    return round(gap, 3) if gap < 3.0 else None
+
+
+def _ratio(sights: list[Sight], part: str, whole: str) -> float | None:
+    total = sum(getattr(s, whole) for s in sights)
+    return sum(getattr(s, part) for s in sights) / total if total else None
+
+
+def _median(values: list[Vector]) -> float | None:
+    every = np.concatenate(values)
+    return float(np.median(every)) if len(every) else None
+
+
+def _rms(values: list[Vector]) -> float | None:
+    every = np.concatenate(values)
+    return float(np.sqrt((every**2).mean())) if len(every) else None

@@ -1,0 +1,222 @@
+"""How well the companions saw: their logs against truth.
+
+In view is what eq. (6) says: inside the picture, within range, not hidden. A detection is
+right where a drone is near its direction and about as far away; ranges are compared as a
+share of the true one. Detections are judged with the true attitude, tracks relative to the
+drone's own estimate of where it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from sitl_sim.metrics import AIRBORNE
+from sitl_sim.runfolder import OwnFrame, Truth, own_frames
+from sitl_sim.scenario import Scenario
+from sitl_sim.sensing import camera_rays, seen
+from sitl_sim.world import Occluders, Vector
+
+DETECTION_RANGE = 8.0  # m, within which detections are judged
+TRACK_RANGE = 10.0  # m, within which tracks are judged
+_BEARING_GATE = np.radians(3.0)
+_SIZE_GATE = 0.3  # m across the line of sight: near drones fill more than the angle above
+_TRACK_GATE = 1.0  # m
+_FRESH = 0.2  # s since last seen: whose velocity counts
+
+
+@dataclass(frozen=True)
+class Sight:
+    """One frame of one drone against truth.
+
+    time: of the world [s]. in_view, found: drones to see and seen; detections, right: given and
+    true. bearing [rad], range_error (share of the range): of what was right. The same of tracks;
+    velocity (k,3) m/s: errors of the fresh ones.
+    """
+
+    time: float
+    in_view: int
+    found: int
+    detections: int
+    right: int
+    bearing: Vector
+    range_error: Vector
+    tracks_in_view: int
+    tracks_found: int
+    tracks: int
+    tracks_right: int
+    velocity: Vector
+
+
+def perception(seen: dict[str, list[Sight]]) -> dict[str, Any]:
+    """The figures of `metrics.json`, over all drones."""
+    every = [s for one in seen.values() for s in one]
+    bearing = np.concatenate([s.bearing for s in every]) if every else np.zeros(0)
+    ranges = np.concatenate([s.range_error for s in every]) if every else np.zeros(0)
+    velocity = np.concatenate([s.velocity for s in every]) if every else np.zeros((0, 3))
+    return {
+        "recall": _share(every, "found", "in_view"),
+        "precision": _share(every, "right", "detections"),
+        "range_error_median": float(np.median(np.abs(ranges))) if len(ranges) else None,
+        "bearing_error_deg": float(np.degrees(np.median(bearing))) if len(bearing) else None,
+        "velocity_rmse_m_s": (
+            float(np.sqrt((velocity**2).sum(axis=1).mean())) if len(velocity) else None
+        ),
+        "track_recall": _share(every, "tracks_found", "tracks_in_view"),
+        "track_precision": _share(every, "tracks_right", "tracks"),
+        "frames": len(every),
+        "detection_range_m": DETECTION_RANGE,
+        "track_range_m": TRACK_RANGE,
+    }
+
+
+def sights(
+    scenario: Scenario, world: dict[str, Any], truth: Truth, logs: dict[str, list[dict[str, Any]]]
+) -> dict[str, list[Sight]]:
+    """Every frame of every drone in flight, by its name."""
+    judge = _Judge(scenario, world, truth)
+    frames = own_frames(scenario)
+    return {
+        name: list(judge.frames(i, frames[i], log)) for i, (name, log) in enumerate(logs.items())
+    }
+
+
+class _Judge:
+    """Truth, and what can be seen in it."""
+
+    def __init__(self, scenario: Scenario, world: dict[str, Any], truth: Truth) -> None:
+        s = scenario.sensing
+        half = np.radians(s.fov_deg) / 2
+        self._view = (half, half * s.height / s.width)
+        self._occluders = Occluders(world)
+        self._t = truth["t"]
+        self._p, self._v, self._q = (
+            truth[k].astype(float) for k in ("position", "velocity", "attitude")
+        )
+
+    def frames(self, i: int, frame: OwnFrame, log: list[dict[str, Any]]) -> Iterator[Sight]:
+        """Frames that drone i took in flight."""
+        log = [r for r in log if r.get("frame") is not None and "own" in r]
+        times = np.array([r["frame"] for r in log]) - frame.boot
+        flown = (times >= self._t[0]) & (times <= self._t[-1])
+        flown[flown] &= self._at(self._p, times[flown])[:, i, 2] >= AIRBORNE
+        log, times = [r for r, f in zip(log, flown, strict=True) if f], times[flown]
+        if log:
+            seen_of, tracked_of = self._detections(i, times), self._tracked(i, frame, log)
+            for n, record in enumerate(log):
+                yield _sight(times[n], record, frame, seen_of(n), tracked_of(n))
+
+    def _detections(self, i: int, times: Vector) -> Callable[[int], _Others]:
+        """The other drones at each frame: directions, distances, and who is in view."""
+        p = self._at(self._p, times)
+        others = np.delete(np.arange(p.shape[1]), i)
+        q = self._at(self._q, times)[:, i]
+        q /= np.linalg.norm(q, axis=-1, keepdims=True)
+        eye = np.repeat(p[:, i], len(others), axis=0)
+        offsets = p[:, others] - p[:, i : i + 1]
+        rays = camera_rays(q, offsets)
+        free = self._occluders.free(eye, p[:, others].reshape(-1, 3)).reshape(rays.shape[:2])
+        visible = seen(rays, *self._view) & free & (p[:, others, 2] > AIRBORNE)
+        distance = np.maximum(np.linalg.norm(offsets, axis=-1), 1e-9)
+        return lambda n: _Others(rays[n], distance[n], visible[n])
+
+    def _tracked(
+        self, i: int, frame: OwnFrame, log: list[dict[str, Any]]
+    ) -> Callable[[int], tuple[Vector, Vector]]:
+        """The other drones at each tick: offsets and velocities."""
+        times = np.minimum(np.array([r["time"] for r in log]) - frame.boot, self._t[-1])
+        p, v = self._at(self._p, times), self._at(self._v, times)
+        others = np.delete(np.arange(p.shape[1]), i)
+        offsets = p[:, others] - p[:, i : i + 1]
+        return lambda n: (offsets[n], v[n, others])
+
+    def _at(self, series: Vector, times: Vector) -> Vector:
+        """Truth (k,N,…) at times (k,) between its samples."""
+        k = np.clip(np.searchsorted(self._t, times) - 1, 0, len(self._t) - 2)
+        share = ((times - self._t[k]) / (self._t[k + 1] - self._t[k]))[:, None, None]
+        between: Vector = series[k] + share * (series[k + 1] - series[k])
+        return between
+
+
+@dataclass(frozen=True)
+class _Others:
+    """The other drones seen from one: rays (m,3), distance (m,), visible (m,)."""
+
+    rays: Vector
+    distance: Vector
+    visible: NDArray[np.bool_]
+
+
+def _sight(
+    time: float,
+    record: dict[str, Any],
+    frame: OwnFrame,
+    others: _Others,
+    moving: tuple[Vector, Vector],
+) -> Sight:
+    """One frame's detections, and its tick's tracks, matched with the others."""
+    rows = np.array(record["detections"], float).reshape(-1, 5)
+    angle = _angles(rows[:, :3], others.rays)
+    ratio = rows[:, 3:4] / others.distance
+    near = angle < np.maximum(_BEARING_GATE, _SIZE_GATE / others.distance)
+    found, drones = _match(angle, near & (ratio > 0.5) & (ratio < 2.0))
+    wanted = others.visible & (others.distance <= DETECTION_RANGE)
+    given = rows[:, 3] <= DETECTION_RANGE
+    right = given[found]
+    return Sight(
+        float(time),
+        int(wanted.sum()), int(wanted[drones].sum()),
+        int(given.sum()), int(right.sum()),
+        angle[found, drones][right], (ratio[found, drones] - 1.0)[right],
+        *_tracks(record, frame, others.visible & (others.distance <= TRACK_RANGE), *moving),
+    )  # fmt: skip
+
+
+def _tracks(
+    record: dict[str, Any],
+    frame: OwnFrame,
+    wanted: NDArray[np.bool_],
+    true_offsets: Vector,
+    true_v: Vector,
+) -> tuple[int, int, int, int, Vector]:
+    """Tracks at the tick against truth: the last five of `Sight`."""
+    tracks = record["tracks"]
+    own = np.array(record["own"]["p"])
+    offsets = frame.vectors(np.array([t["p"] for t in tracks]).reshape(-1, 3) - own)
+    speeds = frame.vectors(np.array([t["v"] for t in tracks]).reshape(-1, 3))
+    fresh = np.array([t["unseen"] <= _FRESH for t in tracks], bool)
+    close = np.linalg.norm(offsets, axis=1) <= TRACK_RANGE
+    gap = np.linalg.norm(offsets[:, None] - true_offsets[None], axis=-1)
+    found, drones = _match(gap, gap < _TRACK_GATE)
+    counted = fresh[found] & close[found]
+    return (
+        int(wanted.sum()),
+        int(wanted[drones].sum()),
+        int((fresh & close).sum()),
+        int(counted.sum()),
+        (speeds[found] - true_v[drones])[counted],
+    )
+
+
+def _angles(a: Vector, b: Vector) -> Vector:
+    """(n,m) rad between directions a (n,3) and unit b (m,3); exact for small ones too."""
+    a = a / np.maximum(np.linalg.norm(a, axis=1, keepdims=True), 1e-9)
+    half: Vector = np.linalg.norm(a[:, None] - b[None], axis=-1) / 2
+    return 2 * np.arcsin(np.minimum(half, 1.0))
+
+
+def _match(cost: Vector, allowed: NDArray[np.bool_]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """Pairs (row, column) among the allowed ones, as many and as near as can be."""
+    rows, columns = linear_sum_assignment(np.where(allowed, cost, 1e3))
+    good = allowed[rows, columns]
+    return rows[good], columns[good]
+
+
+def _share(sights: list[Sight], part: str, whole: str) -> float | None:
+    total = sum(getattr(s, whole) for s in sights)
+    return sum(getattr(s, part) for s in sights) / total if total else None

@@ -1,0 +1,117 @@
+import json
+import re
+
+import numpy as np
+import pytest
+
+from sitl_sim.__main__ import main
+from sitl_sim.events import collisions, events
+from sitl_sim.knowledge import Minds
+from sitl_sim.metrics import sanity
+from sitl_sim.runfolder import load_run
+from tests.sitl_sim import flights
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return flights.write_run(tmp_path_factory.mktemp("run"))
+
+
+def test_the_page_is_whole_and_says_what_the_truth_says(folder, capsys):
+    assert main(["report", str(folder)]) == 0
+    assert capsys.readouterr().out.strip() == str(folder / "report.html")
+    page = (folder / "report.html").read_text()
+    assert page.count("Plotly.newPlot(") == 8
+    assert "<b>OK</b>" in page
+    assert not re.search(r'<(script|link|img)[^>]+(src|href)="?http', page)
+    for heading in ("From above", "Trajectories", "mean ± std", "Network of critical neighbours",
+                    "Predicted trajectories", "Solve and tick times", "Perception against truth",
+                    "Events"):  # fmt: skip
+        assert heading in page
+    assert (folder / "report.html").stat().st_size < 15e6
+
+
+def test_a_collision_is_shown_with_what_led_to_it(tmp_path):
+    folder = flights.write_run(tmp_path / "crash", gap=0.15)
+    assert main(["report", str(folder)]) == 0
+    page = (folder / "report.html").read_text()
+    assert "FALLS SHORT" in page
+    assert "1 pair(s) of drones collided" in page
+    assert "Before the collision of drone2 with drone3" in page
+    (crash,) = collisions(load_run(folder))
+    assert (crash.drone, crash.other) == (1, 2)
+    assert crash.distance == pytest.approx(0.3)
+
+
+def test_a_verdict_does_not_rest_on_the_programs_own_word(tmp_path):
+    folder = flights.write_run(tmp_path / "crash", gap=0.15)
+    (folder / "metrics.json").write_text(json.dumps({"ok": True, "agent_collisions": 0}))
+    main(["report", str(folder)])
+    assert "FALLS SHORT" in (folder / "report.html").read_text()
+
+
+def test_events_are_those_of_the_logs(folder):
+    found = events(load_run(folder))
+    mine = [(e.kind, e.text) for e in found if e.drone == "drone1"]
+    assert mine[0] == ("phase", "takeoff")
+    assert ("phase", "fly") in mine
+    assert mine.count(("guard", "guard: brake")) == 3
+
+
+def test_logs_meet_truth_in_the_worlds_frame(folder):
+    run = load_run(folder)
+    minds = Minds(run)
+    known = minds.at(0, 8.0)
+    truth = minds.positions(8.0)
+    np.testing.assert_allclose(known.plan[0], truth[0], atol=0.11)
+    np.testing.assert_allclose(known.plan[-1] - known.plan[0], [2.0, 0.0, 0.0], atol=1e-6)
+    assert known.critical[0].drone == 1
+    np.testing.assert_allclose(known.tracks, truth[1:], atol=0.11)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda d: d.rename(d.with_name("gone")), "no such run folder"),
+        (lambda d: (d / "world.json").unlink(), "world.json: cannot be read"),
+        (lambda d: (d / "world.json").write_text("[]"), "world.json: not a world"),
+        (lambda d: (d / "truth.npz").write_bytes(b""), "truth.npz: empty, foreign or cut off"),
+        (lambda d: (d / "truth.npz").write_text("hello"), "truth.npz: empty, foreign or cut off"),
+        (lambda d: cut(d / "truth.npz"), "truth.npz: empty, foreign or cut off"),
+        (lambda d: np.savez(d / "truth.npz", a=1), "truth.npz: lacks"),
+        (lambda d: (d / "scenario.yaml").unlink(), "scenario.yaml: cannot be read"),
+        (lambda d: (d / "drones/drone2/flight.mcap").unlink(), "flight.mcap: cannot be read"),
+        (lambda d: (d / "drones/drone2/flight.mcap").write_text(""), "flight.mcap: empty"),
+        (lambda d: (d / "drones/drone2/flight.mcap").write_text("x"), "flight.mcap: not an MCAP"),
+        (lambda d: cut(d / "drones/drone2/flight.mcap"), "flight.mcap: cut off"),
+    ],
+)
+def test_a_spoilt_folder_is_one_clear_line_and_exit_2(tmp_path, capsys, spoil, words):
+    folder = flights.write_run(tmp_path / "run")
+    spoil(folder)
+    assert main(["report", str(folder)]) == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert words in lines[0]
+
+
+def test_a_folder_without_a_flight_is_refused(tmp_path, capsys):
+    assert main(["report", str(tmp_path)]) == 2
+    assert "world.json: cannot be read" in capsys.readouterr().err
+
+
+def test_truth_that_cannot_be_is_noticed():
+    assert sanity(flights.truth()) == []
+    for spoil, words in [
+        (lambda w: w["position"].__setitem__((300, 0), [9.0, 9.0, 9.0]), "disagree"),
+        (lambda w: w["attitude"].__setitem__((5, 0), [1.0, 1.0, 0.0, 0.0]), "unit quaternion"),
+        (lambda w: w["velocity"].__setitem__((5, 0, 0), np.nan), "not finite"),
+        (lambda w: w["t"].__setitem__(5, 0.0), "time does not rise"),
+    ]:
+        world = flights.truth()
+        spoil(world)
+        assert any(words in fault for fault in sanity(world))
+
+
+def cut(path):
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
