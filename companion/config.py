@@ -21,6 +21,7 @@ from companion.obstacles import ObstacleConfig
 from companion.threat import ThreatConfig
 from companion.track import TrackerConfig
 from companion.types import Vector
+from mavlink_bridge.link import ENDPOINT_FORMS, parse_endpoint
 from mavlink_bridge.settings import (
     Contradiction,
     Document,
@@ -46,10 +47,17 @@ class AirframeConfig(StrictModel):
     )
 
 
+def _well_formed(endpoint: str) -> str:
+    parse_endpoint(endpoint)
+    return endpoint
+
+
 class LinkConfig(StrictModel):
     """The MAVLink link to the autopilot."""
 
-    endpoint: str = Field("udpin:127.0.0.1:14541", description="udpin:HOST:PORT, udpout:…")
+    endpoint: Annotated[str, AfterValidator(_well_formed)] = Field(
+        "udpin:127.0.0.1:14541", description=ENDPOINT_FORMS
+    )
     system_id: int = Field(1, ge=1, le=255, description="Of the vehicle.")
     component_id: int = Field(191, ge=1, le=255, description="Of the companion.")
     autopilot: Literal["px4"] = "px4"

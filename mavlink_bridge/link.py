@@ -106,22 +106,38 @@ def open_endpoint(name: str) -> Endpoint:
     Raises:
         EndpointError: not such a name, the port is taken, no such device.
     """
+    kind, host, number = parse_endpoint(name)
+    if kind == "udpin":
+        return UdpEndpoint(local=(host, number))
+    if kind == "udpout":
+        return UdpEndpoint(remote=(host, number))
+    if kind == "tcp":
+        return TcpEndpoint(host, number)
+    return open_serial(host, number)
+
+
+def parse_endpoint(name: str) -> tuple[str, str, int]:
+    """Kind, host or device, port or baud rate.
+
+    Raises:
+        EndpointError: not such a name.
+    """
     kind, _, address = name.partition(":")
     host, _, number = address.rpartition(":")
     known = kind in ("udpin", "udpout", "tcp", "serial")
-    if not known or not host or not number.isdigit() or not _in_range(kind, int(number)):
+    if not known or not host or not number.isdigit():
         raise EndpointError(f"endpoint {name!r} is none of: {ENDPOINT_FORMS}")
-    if kind == "udpin":
-        return UdpEndpoint(local=(host, int(number)))
-    if kind == "udpout":
-        return UdpEndpoint(remote=(host, int(number)))
-    if kind == "tcp":
-        return TcpEndpoint(host, int(number))
-    return open_serial(host, int(number))
+    if kind == "serial":
+        _check_baud(host, int(number))
+    elif int(number) > 65535:
+        raise EndpointError(f"endpoint {name!r} is none of: {ENDPOINT_FORMS}")
+    return kind, host, int(number)
 
 
-def _in_range(kind: str, number: int) -> bool:
-    return kind == "serial" or number <= 65535
+def _check_baud(device: str, baud: int) -> None:
+    if baud not in BAUD_RATES:
+        valid = ", ".join(str(b) for b in BAUD_RATES)
+        raise EndpointError(f"serial {device}: baud rate {baud} is none of {valid}")
 
 
 def open_serial(device: str, baud: int) -> SerialEndpoint:
@@ -130,9 +146,7 @@ def open_serial(device: str, baud: int) -> SerialEndpoint:
     Raises:
         EndpointError: no such device or baud rate; both are named.
     """
-    if baud not in BAUD_RATES:
-        valid = ", ".join(str(b) for b in BAUD_RATES)
-        raise EndpointError(f"serial {device}: baud rate {baud} is none of {valid}")
+    _check_baud(device, baud)
     endpoint = SerialEndpoint(device, baud)
     if not endpoint.open():
         endpoint.close()

@@ -27,6 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path, nargs="+", help="drones; default.yaml is passed over")
     parser.add_argument("--root", type=Path, metavar="DIR", help="install below DIR: an image")
     parser.add_argument("--host", metavar="USER@HOST", help="default: board.host of each drone")
+    parser.add_argument("--remote-root", type=Path, default=Path("/"), metavar="DIR",
+                        help="install below DIR of the hosts: an image there")  # fmt: skip
     parser.add_argument("--dry-run", action="store_true", help="tell, and change nothing")
     parser.add_argument("--rollback", action="store_true", help="back to the release before")
     parser.add_argument("--wheel", type=Path, help="default: built from this checkout")
@@ -107,8 +109,7 @@ def _deploy(
     from companion.board.bundle import build_wheel, make_bundle
     from companion.board.transport import install_here, install_over_ssh
 
-    arguments = ["--root", str(options.root.resolve() if options.root else "/")]
-    arguments += ["--dry-run"] * options.dry_run + ["--rollback"] * options.rollback
+    flags = ["--dry-run"] * options.dry_run + ["--rollback"] * options.rollback
     shell = shlex.split(options.rsh)
 
     with tempfile.TemporaryDirectory() as folder:
@@ -118,7 +119,8 @@ def _deploy(
             place = Path(tempfile.mkdtemp(dir=folder))
             bundle = make_bundle(place, boards[host], wheel, options.wheelhouse)
             if host is None:
-                return install_here(bundle, arguments)
+                return install_here(bundle, ["--root", str(options.root.resolve()), *flags])
+            arguments = ["--root", str(options.remote_root), *flags]
             return install_over_ssh(bundle, arguments, host, shell)
 
         with ThreadPoolExecutor(max_workers=16) as pool:

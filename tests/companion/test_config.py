@@ -21,6 +21,8 @@ WRONG = [
     ("link:\n  system_id: 012\n", "4:3", "got '012'"),
     ("link: {system_id: 3, system_id: 4}\n", "3:22", "stands twice, first FILE:3:8"),
     ("link:\n  autopilot: px5\n", "4:3", "link.autopilot: must be 'px4'"),
+    ("link:\n  endpoint: tcp:1\n", "4:3", "endpoint 'tcp:1' is none of: udpin:HOST:PORT, "),
+    ("link:\n  endpoint: serial:/dev/ttyACM0:9\n", "4:3", "baud rate 9 is none of 9600"),
     ("link: udp\n", "3:1", "link: must hold `key: value` lines; valid: autopilot, component_id"),
     ("link:\n", "3:1", "link: must hold `key: value` lines"),
     ("name: two\n", "3:1", "name: stands twice, first FILE:2:1"),

@@ -1,0 +1,115 @@
+"""What the tests of deployment share: small wheels, drones' files, an ssh server."""
+
+import os
+import shutil
+import socket
+import subprocess
+import time
+import zipfile
+from pathlib import Path
+
+DRONE = """fileversion: 1
+name: {name}
+link: {{system_id: {i}, endpoint: 'udpin:127.0.0.1:{port}'}}
+camera: {{source: 'sim:127.0.0.1:{frames}'}}
+"""
+
+
+def free_ports(count):
+    """A base so that base … base+count are free for TCP and UDP just now."""
+    for base in range(20000 + os.getpid() % 9000, 60000, count + 1):
+        try:
+            for port in range(base, base + count + 1):
+                for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM):
+                    with socket.socket(socket.AF_INET, kind) as s:
+                        s.bind(("127.0.0.1", port))
+        except OSError:
+            continue
+        return base
+    raise RuntimeError("no free ports")
+
+
+def write_drones(folder, names, more=""):
+    """Drones that differ in all that they must, and a default.yaml below them."""
+    folder.mkdir(exist_ok=True)
+    (folder / "default.yaml").write_text("fileversion: 1\nmission: {tolerance: 2.0}\n")
+    files = []
+    for i, name in enumerate(names, start=1):
+        files.append(folder / f"{name}.yaml")
+        text = DRONE.format(name=name, i=i, port=24000 + i, frames=25000 + i)
+        files[-1].write_text(text + more)
+    return files
+
+
+def small_wheel(folder, version, check=0):
+    """A wheel with the product's name whose `companion` prints its version; exit: `check`."""
+    folder.mkdir(exist_ok=True)
+    path = folder / f"swarm_companion-{version}-py3-none-any.whl"
+    info = f"swarm_companion-{version}.dist-info"
+    files = {
+        "companion/__init__.py": "",
+        "companion/__main__.py": f"import sys\nprint('version {version}')\nsys.exit({check})\n",
+        f"{info}/METADATA": f"Metadata-Version: 2.1\nName: swarm-companion\nVersion: {version}\n",
+        f"{info}/WHEEL": "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\n"
+        "Tag: py3-none-any\n",
+    }
+    record = "".join(f"{name},,\n" for name in [*files, f"{info}/RECORD"])
+    with zipfile.ZipFile(path, "w") as wheel:
+        for name, text in {**files, f"{info}/RECORD": record}.items():
+            wheel.writestr(zipfile.ZipInfo(name), text)
+    return path
+
+
+def launched(root):
+    """What the installed launcher of `root` says."""
+    launcher = root / "opt/swarm-companion/companion"
+    return subprocess.run([launcher, "run"], capture_output=True, text=True).stdout.strip()
+
+
+def contents(root):
+    """Every file below root but the environments, with its bytes, mode and time."""
+    return {
+        str(p.relative_to(root)): (p.lstat().st_mtime_ns, p.lstat().st_mode,
+                                   p.readlink() if p.is_symlink() else p.read_bytes())
+        for p in root.rglob("*")
+        if (p.is_symlink() or p.is_file()) and "releases/" not in str(p) and p.name != ".lock"
+    }  # fmt: skip
+
+
+class SshServer:
+    """A real sshd on a free port of the loopback, with keys of its own."""
+
+    def __init__(self, folder, port):
+        self.folder = folder
+        for key in ("host", "user"):
+            subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", folder / key],
+                           check=True)  # fmt: skip
+        (folder / "authorized").write_bytes((folder / "user.pub").read_bytes())
+        (folder / "sshd_config").write_text(
+            f"ListenAddress 127.0.0.1\nPort {port}\nHostKey {folder}/host\nPidFile none\n"
+            f"AuthorizedKeysFile {folder}/authorized\nStrictModes no\nUsePAM no\n"
+            "PermitRootLogin yes\nPasswordAuthentication no\n"
+        )
+        Path("/run/sshd").mkdir(exist_ok=True)  # where sshd drops its privileges
+        self.log = (folder / "sshd.log").open("wb")
+        self.process = subprocess.Popen(
+            [sshd_path(), "-D", "-e", "-f", folder / "sshd_config"], stderr=self.log
+        )
+        self.shell = (
+            f"ssh -p {port} -i {folder}/user -o BatchMode=yes -o ConnectTimeout=5 "
+            f"-o StrictHostKeyChecking=no -o UserKnownHostsFile={folder}/known -o LogLevel=ERROR"
+        )
+        deadline = time.monotonic() + 10.0
+        while b"Server listening" not in (folder / "sshd.log").read_bytes():
+            assert time.monotonic() < deadline, (folder / "sshd.log").read_text()
+            time.sleep(0.05)
+
+    def close(self):
+        self.process.terminate()
+        self.process.wait()
+        self.log.close()
+
+
+def sshd_path():
+    """sshd must be called by its full path; None where it is not installed."""
+    return shutil.which("sshd", path="/usr/sbin:/usr/local/sbin:/sbin:/usr/bin")

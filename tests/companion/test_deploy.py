@@ -1,0 +1,262 @@
+"""Deployment: idempotent, all or nothing, into roots and over a real ssh connection."""
+
+import getpass
+import json
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+from deployment import (
+    SshServer,
+    contents,
+    free_ports,
+    launched,
+    small_wheel,
+    sshd_path,
+    write_drones,
+)
+
+from companion.__main__ import main
+from companion.board.bundle import make_bundle
+from companion.board.installer import Board, InstallError, Report
+from companion.config import load_config
+
+HOME = "opt/swarm-companion"
+
+
+def deploy(files, wheel, root, *more):
+    return main(["deploy", *map(str, files), "--wheel", str(wheel), "--root", str(root), *more])
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory):
+    """A root with version 1.0 of two drones; copied by the tests that change it."""
+    folder = tmp_path_factory.mktemp("first")
+    files = write_drones(folder / "drones", ["alpha", "beta"])
+    root = folder / "root"
+    root.mkdir()
+    assert deploy(files, small_wheel(folder / "1", "1.0"), root) == 0
+    return folder
+
+
+@pytest.fixture
+def board(first, tmp_path):
+    shutil.copytree(first / "root", tmp_path / "root", symlinks=True)
+    shutil.copytree(first / "drones", tmp_path / "drones")
+    shutil.copytree(first / "1", tmp_path / "1")
+    return tmp_path
+
+
+def files_of(folder):
+    return [folder / "drones" / f"{n}.yaml" for n in ("alpha", "beta")]
+
+
+def test_an_empty_root_gets_everything(first):
+    there = contents(first / "root")
+    for name in ("alpha", "beta"):
+        assert f"etc/swarm-companion/{name}/{name}.yaml" in there
+        assert f"etc/swarm-companion/{name}/default.yaml" in there
+        link = there[f"etc/systemd/system/swarm.target.wants/companion@{name}.service"][2]
+        assert str(link) == "../companion@.service"
+    assert "etc/udev/rules.d/70-swarm-companion.rules" in there
+    assert launched(first / "root") == "version 1.0"
+
+
+def test_units_are_clean_and_hardened(board):
+    if shutil.which("systemd-analyze") is None:
+        pytest.skip("systemd-analyze is not installed (Debian: systemd)")
+    root = board / "root"
+    shutil.copytree("/lib/systemd/system", root / "usr/lib/systemd/system", symlinks=True)
+    units = sorted(p.name for p in (root / "etc/systemd/system").glob("*@.service"))
+    instances = [u.replace("@", "@alpha") for u in units]
+    verified = subprocess.run(
+        ["systemd-analyze", "verify", f"--root={root}", *instances, "swarm.target"],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert (verified.returncode, verified.stderr) == (0, "")
+    for unit in units:
+        rated = subprocess.run(
+            ["systemd-analyze", "security", "--offline=true", "--threshold=20",
+             root / "etc/systemd/system" / unit],
+            capture_output=True, text=True,
+        )  # fmt: skip
+        assert rated.returncode == 0, rated.stdout[-200:]
+
+
+def test_again_changes_nothing(board, capsys):
+    before = contents(board / "root")
+    assert deploy(files_of(board), next((board / "1").iterdir()), board / "root", "--json") == 0
+    outcomes = json.loads(capsys.readouterr().out)
+    assert [o["changed"] for o in outcomes] == [False, False]
+    after = contents(board / "root")
+    del before[f"{HOME}/config.json"], after[f"{HOME}/config.json"]
+    assert after == before
+
+
+def test_dry_run_tells_and_changes_nothing(board, capsys):
+    before = contents(board / "root")
+    wheel = small_wheel(board / "2", "2.0")
+    assert deploy(files_of(board), wheel, board / "root", "--dry-run") == 0
+    assert "release: would change: 2.0-" in capsys.readouterr().out
+    assert contents(board / "root") == before
+    empty = board / "empty"
+    empty.mkdir()
+    assert deploy(files_of(board), wheel, empty, "--dry-run") == 0
+    assert not list(empty.iterdir())
+
+
+def test_upgrade_keeps_what_was_edited_and_rolls_back(board, capsys):
+    root = board / "root"
+    edited = root / "etc/swarm-companion/alpha/alpha.yaml"
+    edited.write_text(edited.read_text() + "gaze: {sigma: 0.3}\n")
+    log = root / "var/log/swarm-companion/alpha/flight-1.mcap"
+    log.parent.mkdir(parents=True)
+    log.write_text("a flight")
+    for file in files_of(board):
+        file.write_text(file.read_text() + "nmpc: {speed: 1.0}\n")
+
+    assert deploy(files_of(board), small_wheel(board / "2", "2.0"), root) == 0
+    assert "alpha.yaml was edited here and is kept; the new one is" in capsys.readouterr().out
+    assert launched(root) == "version 2.0"
+    assert "sigma" in edited.read_text()
+    assert "speed" in (edited.parent / "alpha.yaml.new").read_text()
+    assert "speed" in (root / "etc/swarm-companion/beta/beta.yaml").read_text()
+    assert log.read_text() == "a flight"
+    linked = list((root / HOME / "releases").glob("2.0-*/lib/*/site-packages/pip/__init__.py"))
+    assert linked[0].stat().st_nlink > 1  # an upgrade costs no second copy of what stays
+
+    assert deploy(files_of(board), small_wheel(board / "2", "2.0"), root, "--rollback") == 0
+    assert launched(root) == "version 1.0"
+    assert deploy(files_of(board), small_wheel(board / "3", "3.0"), root) == 0
+    releases = sorted(p.name.split("-")[0] for p in (root / HOME / "releases").iterdir())
+    assert releases == ["1.0", "3.0"]  # the one in use and the one before
+
+
+def test_a_failed_upgrade_leaves_the_old_one(board, capsys):
+    before = contents(board / "root")
+    broken = small_wheel(board / "2", "2.0", check=1)
+    assert deploy(files_of(board), broken, board / "root") == 1
+    assert "version 2.0; nothing was changed" in capsys.readouterr().err
+    assert contents(board / "root") == before
+    assert launched(board / "root") == "version 1.0"
+    assert len(list((board / "root" / HOME / "releases").iterdir())) == 1
+
+
+SYSTEMCTL = """
+import pathlib, sys
+log, state = pathlib.Path(sys.argv[1]), sys.argv[2]
+with log.open("a") as f:
+    f.write(" ".join(sys.argv[3:]) + "\\n")
+if sys.argv[3] == "show":
+    print(state)
+"""
+
+
+def fake_systemctl(folder, state):
+    """A service manager that notes what it is told and answers `show` with `state`."""
+    script = folder / "systemctl.py"
+    script.write_text(SYSTEMCTL)
+    return [sys.executable, str(script), str(folder / "asked"), state]
+
+
+def bundle_of(board, wheel):
+    drones = [(f, load_config(f)) for f in files_of(board)]
+    (board / "bundle").mkdir()
+    return make_bundle(board / "bundle", drones, wheel)
+
+
+def test_daemons_that_stay_up_are_restarted(board):
+    bundle = bundle_of(board, small_wheel(board / "2", "2.0"))
+    asked = fake_systemctl(board, "StatusText=waiting for camera frame")
+    Board(board / "root", Report(False), asked).install(bundle)
+    lines = (board / "asked").read_text().splitlines()
+    assert lines[0] == "daemon-reload"
+    assert [line for line in lines if line.startswith("restart")] == [
+        "restart --no-block companion@alpha.service",
+        "restart --no-block companion@beta.service",
+    ]
+    assert launched(board / "root") == "version 2.0"
+
+
+def test_a_daemon_that_does_not_start_brings_everything_back(board):
+    for file in files_of(board):
+        file.write_text(file.read_text() + "nmpc: {speed: 1.0}\n")
+    bundle = bundle_of(board, small_wheel(board / "2", "2.0"))
+    before = contents(board / "root")
+    asked = fake_systemctl(board, "SubState=auto-restart")
+    with pytest.raises(InstallError, match=r"companion@alpha\.service does not start"):
+        Board(board / "root", Report(False), asked).install(bundle)
+    after = contents(board / "root")
+    assert {k: v[1:] for k, v in after.items()} == {k: v[1:] for k, v in before.items()}
+    assert launched(board / "root") == "version 1.0"
+    assert (board / "asked").read_text().splitlines()[-1] == (
+        "restart --no-block companion@alpha.service"
+    )
+
+
+def test_never_while_armed(board, capsys):
+    run = board / "root/run/swarm-companion/alpha"
+    run.mkdir(parents=True)
+    state = {"pid": os.getpid(), "armed": True, "phase": "fly"}
+    (run / "state.json").write_text(json.dumps(state))
+    wheel = small_wheel(board / "2", "2.0")
+    for more in ([], ["--rollback"], ["--dry-run"]):
+        assert deploy(files_of(board), wheel, board / "root", *more) == 1
+        assert "alpha is armed (fly); nothing was changed" in capsys.readouterr().err
+    (run / "state.json").write_text(json.dumps(state | {"armed": False}))
+    assert deploy(files_of(board), wheel, board / "root") == 0
+
+
+@pytest.mark.parametrize(
+    ("more", "arguments", "what"),
+    [
+        ("mission: {auto: true}\n", ["--root", "/x"], ":5:11: mission.auto: it would arm and take"),
+        ("", [], ": board.host: is missing; or give --host or --root"),
+        ("link: {system_id: 0}\n", ["--root", "/x"], ":5:1: link: stands twice"),
+    ],
+)
+def test_what_is_not_deployed(tmp_path, capsys, more, arguments, what):
+    (file,) = write_drones(tmp_path / "drones", ["alpha"], more)
+    assert main(["deploy", str(file), "--wheel", "none.whl", *arguments]) == 2
+    assert f"{file}{what}" in capsys.readouterr().err
+
+
+@pytest.fixture
+def ssh(tmp_path):
+    if sshd_path() is None or shutil.which("ssh") is None:
+        pytest.skip("sshd is not installed (Debian: openssh-server)")
+    folder = tmp_path / "ssh"
+    folder.mkdir()
+    server = SshServer(folder, free_ports(1))
+    yield server
+    server.close()
+
+
+def test_a_fleet_over_ssh(tmp_path, ssh, capsys):
+    """One board answers, the other is not there: each has its own line, one does not stop both."""
+    user = getpass.getuser()
+    files = write_drones(tmp_path / "drones", ["alpha", "beta"])
+    for file, host in zip(files, ("127.0.0.1", "127.0.0.2"), strict=True):
+        file.write_text(file.read_text() + f"board: {{host: {user}@{host}}}\n")
+    root, wheel = tmp_path / "root", small_wheel(tmp_path / "1", "1.0")
+    root.mkdir()
+    remote = ["--rsh", ssh.shell, "--remote-root", str(root)]
+    arguments = ["deploy", *map(str, files), "--wheel", str(wheel), *remote]
+
+    assert main(arguments) == 1
+    told = capsys.readouterr()
+    assert [line.split()[:3] for line in told.out.splitlines()[:2]] == [
+        ["alpha", f"{user}@127.0.0.1", "done"],
+        ["beta", f"{user}@127.0.0.2", "failed"],
+    ]
+    assert "Connection refused; nothing was changed" in told.err
+    assert launched(root) == "version 1.0"
+    assert not (root / "etc/swarm-companion/beta").exists()
+
+    assert main([*arguments, "--host", f"{user}@127.0.0.1"]) == 0  # both on the board that is there
+    assert (root / "etc/swarm-companion/beta/beta.yaml").exists()
+    assert "unchanged" not in capsys.readouterr().out
+    assert main([*arguments, "--host", f"{user}@127.0.0.1"]) == 0
+    assert capsys.readouterr().out.count("unchanged") == 2
