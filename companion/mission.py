@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,6 +13,11 @@ from companion.types import Vector
 from mavlink_bridge.messages import VehicleState
 from mavlink_bridge.settings import StrictModel
 
+_STRAIGHT = 0.1  # rad, a turn smaller than this has no side
+_U_TURN = 2.8  # rad, nor one larger than this
+_AHEAD = 0.8  # rad along the island that the aim keeps ahead
+_LEAVING = 0.35  # rad before the place to leave at: the next goal is aimed at
+
 
 class MissionConfig(StrictModel):
     """What to fly."""
@@ -20,6 +26,13 @@ class MissionConfig(StrictModel):
         [], description="[x, y, z] m each, own ENU frame (origin: where the vehicle booted)."
     )
     tolerance: float = Field(1.0, gt=0, description="A goal is reached within this [m].")
+    island: float = Field(
+        0.65,
+        ge=0,
+        lt=1,
+        description="A goal on the way is passed as a roundabout: its island has this part of the "
+        "tolerance as radius. Those who come and those who go then never meet head on.",
+    )
     final_tolerance: float = Field(
         0.5, gt=0, description="The last goal is reached within this [m], and slowly."
     )
@@ -48,23 +61,94 @@ class Mission:
         self._goals = [np.array(g, dtype=float) for g in config.goals]
         self._index = 0
         self._complete = not self._goals
+        self._near = False
+        self._turn = 0.0
 
     def update(self, own: VehicleState) -> Progress:
-        """Advance where the present goal is reached; without goals, stay where the drone is."""
-        while not self._complete and self._reached(own):
+        """Advance where the present goal is done; without goals, stay where the drone is."""
+        while not self._complete and self._done(own):
+            self._near = False
+            self._turn = 0.0
             if self._index + 1 < len(self._goals):
                 self._index += 1
             else:
                 self._complete = True
-        goal = self._goals[self._index] if self._goals else own.p
-        return Progress(goal, self._index, self._complete)
+        return Progress(self._aim(own.p), self._index, self._complete)
 
-    def _reached(self, own: VehicleState) -> bool:
-        distance = float(np.linalg.norm(self._goals[self._index] - own.p))
-        if self._index + 1 < len(self._goals):
-            return distance <= self._config.tolerance
-        slow = float(np.linalg.norm(own.v)) <= self._config.final_speed
-        return distance <= self._config.final_tolerance and slow
+    @property
+    def _last(self) -> bool:
+        return self._index + 1 >= len(self._goals)
+
+    def _done(self, own: VehicleState) -> bool:
+        c, goal = self._config, self._goals[self._index]
+        distance = float(np.linalg.norm(goal - own.p))
+        if self._last:
+            slow = float(np.linalg.norm(own.v)) <= c.final_speed
+            return distance <= c.final_tolerance and slow
+        self._near |= distance <= c.tolerance
+        if self._turn == 0.0:
+            before = self._goals[self._index - 1] if self._index else own.p
+            self._turn = turn_side(before, goal, self._goals[self._index + 1])
+        return self._near and self._roundabout().passed(own.p)
+
+    def _aim(self, p: Vector) -> Vector:
+        """Where to fly: the last goal itself, before it the way round the goal."""
+        if not self._goals:
+            return p
+        return self._goals[self._index] if self._last else self._roundabout().aim(p)
+
+    def _roundabout(self) -> Roundabout:
+        radius = self._config.island * self._config.tolerance
+        return Roundabout(
+            self._goals[self._index], radius, self._goals[self._index + 1], self._turn
+        )
+
+
+def turn_side(before: Vector, goal: Vector, following: Vector) -> float:
+    """+1 where the way turns left at `goal`, -1 right; who shares the way, shares the side.
+
+    Straight on and nearly back count as left, so that the smallest difference between two
+    drones' ways does not send them round opposite sides.
+    """
+    a, b = goal[:2] - before[:2], following[:2] - goal[:2]
+    angle = math.atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1])
+    return -1.0 if -_U_TURN < angle < -_STRAIGHT else 1.0
+
+
+@dataclass(frozen=True)
+class Roundabout:
+    """The way past `centre` (3,) to `following` (3,) around an island of `radius` [m].
+
+    side: +1 round it counter-clockwise (the island on the left), -1 clockwise.
+    """
+
+    centre: Vector
+    radius: float
+    following: Vector
+    side: float
+
+    def aim(self, p: Vector) -> Vector:
+        """Where to fly from p (3,): along the tangent to the island, or on around it."""
+        angle, distance = self._polar(p)
+        ahead = max(math.acos(min(self.radius / max(distance, 1e-6), 1.0)), _AHEAD)
+        at = angle + self.side * min(ahead, self._left(angle))
+        x, y = math.cos(at), math.sin(at)
+        return self.centre + self.radius * np.array([x, y, 0.0])
+
+    def passed(self, p: Vector) -> bool:
+        """Whether p is where the straight way to `following` leaves the island, or beyond."""
+        left = self._left(self._polar(p)[0])
+        return left < _LEAVING or left > 1.5 * math.pi
+
+    def _left(self, angle: float) -> float:
+        """Angle [rad], 0…2π, still to go round from the place at `angle`."""
+        towards, distance = self._polar(self.following)
+        leave = towards - self.side * math.acos(min(self.radius / max(distance, 1e-6), 1.0))
+        return (self.side * (leave - angle)) % (2.0 * math.pi)
+
+    def _polar(self, p: Vector) -> tuple[float, float]:
+        d = p[:2] - self.centre[:2]
+        return math.atan2(d[1], d[0]), math.hypot(d[0], d[1])
 
 
 def check_goals(goals: Sequence[Sequence[float]]) -> None:

@@ -16,10 +16,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from companion.config import CompanionConfig
+from companion.forecast import Forecast
 from companion.gaze import Gaze, seen_speed
 from companion.guard import Guard, Verdict
 from companion.mission import Mission, Progress
-from companion.model import predict, yaw_of
+from companion.model import yaw_of
 from companion.nmpc import Instance, Neighbour, Nmpc, Result, make_instance
 from companion.obstacles import ObstacleMap
 from companion.ownstate import OwnState
@@ -30,7 +31,7 @@ from companion.track import Tracker
 from companion.types import Obstacles, Track, Vector
 from mavlink_bridge.messages import Heartbeat, Message, RateSetpoint, Received, Source, VehicleState
 from mavlink_bridge.px4 import Px4
-from mavlink_bridge.thrust import G, HoverThrustEstimator, ThrustMap
+from mavlink_bridge.thrust import HoverThrustEstimator, ThrustMap
 from mavlink_bridge.video import Frame
 
 _HEARTBEAT_PERIOD = 1.0
@@ -91,7 +92,7 @@ class Pipeline:
         self._heartbeat: Heartbeat | None = None
         self._heartbeat_sent = -np.inf
         self._hold: Vector | None = None
-        self._u_last = np.array([G, 0.0, 0.0, 0.0])
+        self._forecast = Forecast(config.timing.delay)
         self._frame_time = -np.inf
 
     def tick(self, inputs: TickInputs) -> TickOutputs:
@@ -166,17 +167,18 @@ class Pipeline:
         if not self._flying:
             return
         delay = config.timing.delay
-        x = np.concatenate([own.p, own.v, own.q_wb])
+        self._forecast.observe(own)
         out.instance = make_instance(
             config.nmpc,
-            x0=predict(x, self._u_last, delay),
-            u_last=self._u_last,
+            x0=self._forecast.ahead(own),
+            u_last=self._forecast.u_last,
             goal=self._goal(out),
             yaw=out.yaw,
             speed=out.speed,
             neighbours=[self._neighbour(t, delay) for t, _ in out.critical],
             cylinders=out.obstacles.cylinders,
             planes=np.vstack([config.altitude_planes(self._goal(out)[2]), out.obstacles.planes]),
+            disturbance=self._forecast.disturbance,
         )
         out.result = self._nmpc.solve(out.instance)
 
@@ -193,7 +195,7 @@ class Pipeline:
         if decision.stream:
             self._stream(out, decision)
         else:
-            self._u_last = np.array([G, 0.0, 0.0, 0.0])
+            self._forecast.forget()
         out.hover_thrust = self._thrust.map.hover_thrust
 
     # --- parts of stages -----------------------------------------------------------------
@@ -233,7 +235,7 @@ class Pipeline:
                 self._config.link.system_id,
             )
         )
-        self._u_last = np.array([command.c, *command.omega])
+        self._forecast.sent(out.time, np.array([command.c, *command.omega]))
 
     def _timed(self, out: TickOutputs, stage: str, run: Callable[..., None], *args: object) -> None:
         """Run a stage and note how long it took, by the stop-watch passed in."""

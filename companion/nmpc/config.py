@@ -77,8 +77,18 @@ class NmpcConfig(StrictModel):
     delta_omega_max: float = Field(1.5, gt=0, description="(34) [rad/s per step], each axis.")
     v_max: float = Field(3.0, gt=0, description="(32) [m/s], soft; the airframe allows more.")
 
+    seen_cone: float = Field(
+        0.5, ge=0, le=1, description="Cosine of the angle off the line of sight flown freely."
+    )
+    v_blind: float = Field(
+        0.2, ge=0, description="Backward speed [m/s] that is free: hovering is never quite still."
+    )
+
     # Weights of (29)
     w_short: float = Field(1.0, ge=0, description="Cohesion and spacing; 1 m off = 1 m/s off.")
+    crowding: float = Field(
+        2.0, ge=1, description="Nearer than d_ref counts as this many times as far off; 1: paper."
+    )
     w_mig: float = Field(1.0, ge=0, description="Migration: sets the scale of all others.")
     w_mig_end: float = Field(
         1.0, ge=0, description="Factor on the migration cost of the last step."
@@ -94,6 +104,9 @@ class NmpcConfig(StrictModel):
         "0.6 rad at 1.5 rad/s is then followed within 15 deg, at no loss of speed.",
     )
     w_v: float = Field(10.0, ge=0, description="Square of what exceeds v_max, (32).")
+    w_blind: float = Field(
+        10.0, ge=0, description="Square of the speed beyond v_blind away from the line of sight."
+    )
     eps_mig: float = Field(
         0.3, gt=0, description="Below this [m/s] the migration norm is a parabola: smooth."
     )

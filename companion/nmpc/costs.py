@@ -42,12 +42,15 @@ def cohesion(p: ca.SX, scene: Scene, w: Weights) -> list[Term]:
     """Short-term action, first sum of (29): keep d_ref to every neighbour.
 
     (29)'s (|d| - d_ref)², not (12), which has no minimum at d_ref. w_short/N_i, and the end of
-    the short horizon, are in scene.cohesion.
+    the short horizon, are in scene.cohesion. Too near counts `crowding` times as far off as too
+    distant: the symmetric cost lets far neighbours press near ones together until none can brake.
     """
     terms = []
     for j in range(scene.neighbours):
         distance = ca.sqrt(ca.sumsqr(scene.neighbour_p[:, j] - p) + 1e-6)
-        terms.append(Term(distance - w["d_ref"], w["w_short"] * scene.cohesion[j]))
+        off = distance - w["d_ref"]
+        kept = ca.fmax(off, 0) + w["crowding"] * ca.fmin(off, 0)
+        terms.append(Term(kept, w["w_short"] * scene.cohesion[j]))
     return terms
 
 
@@ -71,15 +74,24 @@ def speed_excess(v: ca.SX, w: Weights) -> Term:
     return Term(ca.fmax(ca.sqrt(ca.sumsqr(v) + 1e-6) - w["v_max"], 0), w["w_v"])
 
 
+def blind_motion(v: ca.SX, q: ca.SX, w: Weights) -> Term:
+    """Motion out of the cone around the camera's axis: (29) knows no blind side.
+
+    Who backs or slides away from what it sees hits what it does not see. Free: speeds below
+    v_blind against the axis, and directions within the cone whose half-angle has the cosine
+    `seen_cone`.
+    """
+    forward = ca.dot(_x_body(q), v[:2])
+    speed = ca.sqrt(ca.sumsqr(v[:2]) + 1e-4)
+    return Term(ca.fmax(w["seen_cone"] * speed - forward - w["v_blind"], 0), w["w_blind"])
+
+
 def line_of_sight(q: ca.SX, scene: Scene, w: Weights) -> Term:
     """Yaw is not in (29) though omega_z is an input: the body's x axis towards (7).
 
     A norm as the others are: far off, the turn is not to cost more than the flight.
     """
-    x_body = ca.vertcat(
-        q[0] ** 2 + q[1] ** 2 - q[2] ** 2 - q[3] ** 2, 2 * (q[1] * q[2] + q[0] * q[3])
-    )
-    return Term(x_body - scene.sight, w["w_yaw"], w["eps_yaw"])
+    return Term(_x_body(q) - scene.sight, w["w_yaw"], w["eps_yaw"])
 
 
 def state_terms(x: ca.SX, scene: Scene, w: Weights) -> list[Term]:
@@ -89,6 +101,7 @@ def state_terms(x: ca.SX, scene: Scene, w: Weights) -> list[Term]:
         *cohesion(p, scene, w),
         migration(p, v, scene, w),
         speed_excess(v, w),
+        blind_motion(v, q, w),
         line_of_sight(q, scene, w),
     ]
 
@@ -107,3 +120,10 @@ def effort_terms(u: ca.SX, w: Weights) -> list[Term]:
         Term(u[0] - GRAVITY, w["w_c3"], w["eps_c"]),
         Term(u[1:], w["w_c4"], w["eps_omega"]),
     ]
+
+
+def _x_body(q: ca.SX) -> ca.SX:
+    """(2,) horizontal part of the body's x axis, along which the camera looks."""
+    return ca.vertcat(
+        q[0] ** 2 + q[1] ** 2 - q[2] ** 2 - q[3] ** 2, 2 * (q[1] * q[2] + q[0] * q[3])
+    )
