@@ -2,38 +2,53 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import time
-from dataclasses import asdict
-from pathlib import Path
+from dataclasses import asdict, replace
 from types import FrameType
 
 from companion.config import CompanionConfig
+from companion.directories import StateFile, log_path
+from companion.events import Events
 from companion.framesource import open_source
+from companion.journal import event
 from companion.pace import ClockPace, FramePace, Pace
 from companion.phases import Phase
 from companion.pipeline import Pipeline, TickInputs, TickOutputs
 from companion.recorder import Recorder
+from companion.supervisor import Supervisor
+from companion.vehiclelock import VehicleLock
+from companion.vital import Vital
 from mavlink_bridge.codec import Codec
 from mavlink_bridge.link import Link, open_endpoint
+
+_LEAVE_WITHIN = 1.5  # s to wait for the autopilot to hold, of the two that SIGTERM allows
+_STATUS_PERIOD = 5.0  # s between lines to the supervisor while waiting
 
 
 class Daemon:
     """One drone's flight application. Built completely before the first tick.
 
     Raises:
-        EndpointError, VideoError, OSError: what cannot be opened, named.
+        VehicleTaken, EndpointError, VideoError, OSError: what cannot be had, named.
     """
 
     def __init__(self, config: CompanionConfig) -> None:
         self._config = config
         self._stop = False
-        self._pipeline = Pipeline(config, time.perf_counter)
+        self._started = time.monotonic()
+        self._leave_until: float | None = None
+        self._streaming = False
+        self._said = -_STATUS_PERIOD
+        self._ready = False
+        self._lock = VehicleLock(f"{config.link.endpoint}#{config.link.system_id}")
         self._link = Link(
             open_endpoint(config.link.endpoint),
             Codec(config.link.system_id, config.link.component_id),
         )
         self._frames = open_source(config.camera.source)
+        self._pipeline = Pipeline(config, time.perf_counter)
         self._pace: Pace = (
             FramePace(self._link, self._frames)
             if config.timing.pace == "frames"
@@ -42,26 +57,72 @@ class Daemon:
         self._packets: list[tuple[bool, bytes]] = []
         self._recorder: Recorder | None = None
         self._log_cost = 0.0
-        if config.log.path:
-            self._recorder = Recorder(config, Path(config.log.path))
+        path = log_path(config.log.path, os.environ) if config.log.path else None
+        if path is not None:
+            self._recorder = Recorder(config, path)
             self._link.tap = lambda sent, data: self._packets.append((sent, data))
+        self._supervisor = Supervisor(os.environ)
+        self._state = StateFile(os.environ)
+        self._vital = Vital(config.timing.period)
+        self._events = Events()
+        event("start", drone=config.name, system=config.link.system_id,
+              endpoint=config.link.endpoint, camera=config.camera.source, log=path)  # fmt: skip
 
     def run(self) -> None:
         """Tick until told to stop or until there is nobody left to fly for."""
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_signal)
         try:
-            while (inputs := self._pace.next(lambda: self._stop)) is not None:
-                started = time.perf_counter()
-                out = self._pipeline.tick(inputs)
-                self._link.send(out.messages)
-                self._pace.done(inputs, out.phase is Phase.DONE)
-                self._record(inputs, out, time.perf_counter() - started)
+            while (inputs := self._pace.next(self._over)) is not None:
+                self._tick(replace(inputs, leave=self._stop))
         finally:
+            self._supervisor.stopping()
             if self._recorder is not None:
                 self._recorder.close()
             self._link.close()
             self._frames.close()
+            self._lock.close()
+            self._supervisor.close()
+            event("stopped", **self._counters())
+
+    def _tick(self, inputs: TickInputs) -> None:
+        """Compute, publish, then everything that can wait."""
+        started = time.perf_counter()
+        packets = self._link.packets_out
+        out = self._pipeline.tick(inputs)
+        self._link.send(out.messages)
+        self._pace.done(inputs, out.phase is Phase.DONE)
+        self._streaming = out.verdict is not None
+        taken = time.perf_counter() - started
+        self._report(inputs, out, sent=self._link.packets_out > packets)
+        self._record(inputs, out, taken)
+
+    def _report(self, inputs: TickInputs, out: TickOutputs, sent: bool) -> None:
+        """Tell the supervisor and the journal what came of the tick."""
+        if self._vital.judge(out, sent) and self._ready:
+            self._supervisor.alive()
+        armed = out.heartbeat is not None and out.heartbeat.armed
+        if not self._ready and self._vital.ready:
+            self._ready = True
+            self._supervisor.ready(out.phase.value)
+            event("ready", seconds=time.monotonic() - self._started)
+        self._state.write(phase=out.phase.value, armed=armed, ready=self._ready)
+        self._events.tick(inputs, out)
+
+    def _over(self) -> bool:
+        """Whether to stop waiting for a tick; also looks after a start that takes its time."""
+        now = time.monotonic()
+        if not self._ready and now - self._said >= _STATUS_PERIOD:
+            self._said = now
+            self._supervisor.starting(self._vital.missing)
+            event(self._vital.missing)
+        if not self._stop:
+            return False
+        if self._leave_until is None:
+            self._leave_until = now + _LEAVE_WITHIN
+            self._supervisor.stopping()
+            event("stopping", streaming=self._streaming)
+        return not self._streaming or now >= self._leave_until
 
     def _record(self, inputs: TickInputs, out: TickOutputs, taken: float) -> None:
         """Log the tick, once everything has been sent; its own cost shows in the next record."""

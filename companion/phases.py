@@ -14,6 +14,7 @@ from mavlink_bridge.messages import Heartbeat, Message, VehicleState
 from mavlink_bridge.px4 import Px4
 
 _ASK_AGAIN = 1.0  # s between repeated requests
+_ASK_RELEASE = 0.3  # the same while there are only two seconds left
 
 
 class Phase(Enum):
@@ -47,6 +48,11 @@ class Phases:
         self._autopilot = autopilot
         self._asked = -1e9
         self._ground = 0.0
+        self._releasing = False
+
+    def release(self) -> None:
+        """Give control back: the vehicle is to hold (or go on landing), then the stream ends."""
+        self._releasing = True
 
     def update(
         self,
@@ -61,6 +67,8 @@ class Phases:
             return Decision(self.phase)
         mode = self._autopilot.mode(heartbeat)
         self._advance(mode, heartbeat.armed, own, ready, complete)
+        if self._releasing:
+            return self._release(time, mode)
         requests: list[Message] = []
         if time - self._asked >= _ASK_AGAIN and self.phase not in (Phase.DONE, Phase.PASSIVE):
             requests = self._requests(mode)
@@ -98,6 +106,18 @@ class Phases:
             self.phase = Phase.PASSIVE  # disarmed by somebody: never fight it
         if self.phase is not before:
             self._asked = -1e9
+
+    def _release(self, time: float, mode: str) -> Decision:
+        """Stream on until HEARTBEAT shows that the vehicle flies by itself."""
+        if mode != "offboard":
+            self.phase = Phase.PASSIVE
+            return Decision(self.phase)
+        requests: list[Message] = []
+        if time - self._asked >= _ASK_RELEASE:
+            self._asked = time
+            landing = self.phase is Phase.LAND
+            requests = self._autopilot.land() if landing else self._autopilot.hold()
+        return Decision(self.phase, requests, stream=True)
 
     def _is_up(self, mode: str, own: VehicleState) -> bool:
         height = float(own.p[2]) - self._ground

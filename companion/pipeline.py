@@ -47,6 +47,7 @@ class TickInputs:
     time: float
     received: list[Received]
     frame: Frame | None
+    leave: bool = False  # control is to be given back to the autopilot
 
 
 @dataclass
@@ -56,6 +57,7 @@ class TickOutputs:
     time: float
     messages: list[Message] = field(default_factory=list)
     phase: Phase = Phase.WAIT
+    heartbeat: Heartbeat | None = None
     own: VehicleState | None = None
     sighting: Sighting = field(default_factory=Sighting)
     tracks: list[Track] = field(default_factory=list)
@@ -94,6 +96,7 @@ class Pipeline:
         self._hold: Vector | None = None
         self._forecast = Forecast(config.timing.delay)
         self._frame_time = -np.inf
+        self._rehearsed = False
 
     def tick(self, inputs: TickInputs) -> TickOutputs:
         """Decide once. The same inputs in the same order give the same outputs."""
@@ -104,7 +107,7 @@ class Pipeline:
         if out.own is not None:
             self._timed(out, "aim", self._aim, out)
             self._timed(out, "plan", self._plan, out)
-        self._timed(out, "command", self._command, out)
+        self._timed(out, "command", self._command, inputs, out)
         return out
 
     # --- the stages, in order ------------------------------------------------------------
@@ -118,6 +121,7 @@ class Pipeline:
             if isinstance(message, Heartbeat):
                 self._heartbeat = message
         out.own = self._own.at(inputs.time)
+        out.heartbeat = self._heartbeat
 
     def _see(self, inputs: TickInputs, out: TickOutputs) -> None:
         """Neighbours and trunks in the frame, in the camera's frame; each frame once."""
@@ -164,7 +168,7 @@ class Pipeline:
         """Solve eq. (11)–(38) from where the drone will be when the input takes effect."""
         own, config = out.own, self._config
         assert own is not None
-        if not self._flying:
+        if not self._flying and self._rehearsed:
             return
         delay = config.timing.delay
         self._forecast.observe(own)
@@ -181,11 +185,16 @@ class Pipeline:
             disturbance=self._forecast.disturbance,
         )
         out.result = self._nmpc.solve(out.instance)
+        if not self._flying:  # once on the ground: the solver is known to work before take-off
+            self._rehearsed = out.result.usable
+            self._nmpc.reset()
 
-    def _command(self, out: TickOutputs) -> None:
+    def _command(self, inputs: TickInputs, out: TickOutputs) -> None:
         """Requests to the autopilot, and the setpoint where it is ours to send."""
         complete = out.progress is not None and out.progress.complete and self._flying
-        ready = self._frame_time > -np.inf
+        ready = self._frame_time > -np.inf and self._rehearsed
+        if inputs.leave:
+            self._phases.release()
         decision = self._phases.update(out.time, self._heartbeat, out.own, ready, complete)
         out.phase = decision.phase
         out.messages += decision.requests

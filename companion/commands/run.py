@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import sys
+import logging
 from pathlib import Path
 
 HELP = "fly one drone"
@@ -19,24 +19,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Start, tick, stop."""
+    import faulthandler
+
     import cv2
 
+    from companion import journal
     from companion.config import load_config
     from companion.daemon import Daemon
     from mavlink_bridge.link import EndpointError
     from mavlink_bridge.settings import SettingsError
     from mavlink_bridge.video import VideoError
 
+    journal.set_up()
+    faulthandler.enable()  # a hung tick ends by the watchdog's SIGABRT and shows where it hung
     cv2.setNumThreads(1)
     try:
         config = load_config(options.config, options.overrides)
     except SettingsError as error:
-        print(error, file=sys.stderr)
+        for problem in error.problems:
+            journal.log.error(problem)
         return EXIT_BAD_CONFIG
     try:
         daemon = Daemon(config)
-    except (EndpointError, VideoError) as error:
-        print(error, file=sys.stderr)
+    except (EndpointError, VideoError, OSError) as error:
+        journal.event("cannot start", logging.ERROR, reason=error)
         return EXIT_UNAVAILABLE
     daemon.run()
     return 0

@@ -1,0 +1,41 @@
+"""Where a daemon may write: the directories that systemd made for it, or here."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+
+
+def log_path(pattern: str, environment: Mapping[str, str], now: datetime | None = None) -> Path:
+    """The flight log's file: `{time}` filled in (UTC), relative paths in the log directory."""
+    stamp = (now or datetime.now(UTC)).strftime("%Y%m%dT%H%M%SZ")
+    folder = environment.get("LOGS_DIRECTORY", "").split(":")[0]
+    return Path(folder) / pattern.replace("{time}", stamp)
+
+
+class StateFile:
+    """What this daemon is doing, for whoever asks before touching it (deploy, doctor).
+
+    A file in the run directory, written only when something changes; none without systemd.
+    """
+
+    def __init__(self, environment: Mapping[str, str]) -> None:
+        folder = environment.get("RUNTIME_DIRECTORY", "").split(":")[0]
+        self._path = Path(folder) / "state.json" if folder else None
+        self._last: dict[str, object] = {}
+
+    def write(self, **state: object) -> None:
+        """Tell the present state; never fails a flight."""
+        if self._path is None or state == self._last:
+            return
+        self._last = dict(state)
+        text = json.dumps({"pid": os.getpid(), **state})
+        part = self._path.with_suffix(".part")
+        try:
+            part.write_text(text)
+            part.replace(self._path)
+        except OSError:
+            self._path = None

@@ -1,0 +1,41 @@
+"""What is worth a line in the journal: changes from tick to tick, and the vehicle's own words."""
+
+from __future__ import annotations
+
+import logging
+
+from companion.guard import Reason
+from companion.journal import event
+from companion.phases import Phase
+from companion.pipeline import TickInputs, TickOutputs
+from mavlink_bridge.messages import StatusText
+
+_WARNING = 4  # MAV_SEVERITY up to this is worth a warning
+
+
+class Events:
+    """Follows the ticks of one daemon."""
+
+    def __init__(self) -> None:
+        self._phase: Phase | None = None
+        self._reason: Reason | None = None
+        self._armed: bool | None = None
+
+    def tick(self, inputs: TickInputs, out: TickOutputs) -> None:
+        """Log what changed."""
+        for received in inputs.received:
+            if isinstance(received.message, StatusText):
+                text = received.message
+                level = logging.WARNING if text.severity <= _WARNING else logging.INFO
+                event("vehicle says", level, text=text.text, severity=text.severity)
+        if out.phase is not self._phase:
+            event("phase", phase=out.phase.value, time=out.time)
+            self._phase = out.phase
+        armed = out.heartbeat.armed if out.heartbeat else None
+        if armed is not self._armed:
+            event("armed" if armed else "disarmed", time=out.time)
+            self._armed = armed
+        reason = out.verdict.reason if out.verdict else None
+        if reason is not self._reason and Reason.PLAN is not reason is not None:
+            event("guard", logging.WARNING, reason=reason.value, time=out.time)
+        self._reason = reason

@@ -1,0 +1,50 @@
+"""One daemon a vehicle: an abstract socket that dies with its holder, whoever runs it.
+
+A lock file would outlive a crash, and needs a folder that every user may write to.
+"""
+
+from __future__ import annotations
+
+import socket
+import struct
+
+
+class VehicleTaken(OSError):
+    """Another process holds the vehicle; the text says which."""
+
+
+class VehicleLock:
+    """Held from construction to `close`, or to the end of the process.
+
+    vehicle: what two daemons must not share, the endpoint and the system id.
+
+    Raises:
+        VehicleTaken: it is held already.
+    """
+
+    def __init__(self, vehicle: str) -> None:
+        address = f"\0swarm-companion/{vehicle}"
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_CLOEXEC)
+        try:
+            self._socket.bind(address)
+        except OSError:
+            self._socket.close()
+            raise VehicleTaken(
+                f"vehicle {vehicle} is flown by another daemon already{_holder(address)}"
+            ) from None
+        self._socket.listen(1)
+
+    def close(self) -> None:
+        """Let the vehicle go."""
+        self._socket.close()
+
+
+def _holder(address: str) -> str:
+    """`, process 123`, as the kernel knows it; nothing where it has just ended."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        try:
+            probe.connect(address)
+            credentials = probe.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12)
+        except OSError:
+            return ""
+    return f", process {struct.unpack('iii', credentials)[0]}"

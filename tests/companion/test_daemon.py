@@ -1,0 +1,101 @@
+"""The daemon as a service manager sees it: real processes, a real vehicle on the wire."""
+
+import signal
+import subprocess
+import sys
+import time
+
+from mavlink_bridge.codec import Codec
+from mavlink_bridge.link import UdpEndpoint
+from mavlink_bridge.messages import Heartbeat
+from mavlink_bridge.px4 import Px4
+from mavlink_bridge.video import FrameServer
+
+WATCHDOG = 1.0  # s, as in the unit
+
+
+def test_ready_watchdog_and_an_orderly_end_in_flight(world, supervise):
+    ground = UdpEndpoint(local=("127.0.0.1", world.ground_port))
+    daemon = supervise(world.config(1, auto=True))
+    assert daemon.listen(20.0, until="READY=1"), daemon.log()
+    before_ready = [line for _, line in daemon.heard if line.startswith("WATCHDOG")]
+    assert not before_ready[1:], "the watchdog is not fed before READY"
+    daemon.until_phase("fly", 30.0)
+
+    heard = daemon.count("WATCHDOG=1")
+    daemon.listen(2.0)
+    assert daemon.count("WATCHDOG=1") - heard >= 2 * 2 / WATCHDOG  # at least twice its rate
+
+    asked = time.monotonic()
+    daemon.process.send_signal(signal.SIGTERM)
+    assert daemon.listen(2.0, until="STOPPING=1")
+    assert daemon.process.wait(2.0) == 0
+    assert time.monotonic() - asked <= 2.0
+    assert vehicle_mode(ground, 1) == (True, "hold")
+    assert "stopped" in daemon.log()
+    assert len(list(daemon.folder.glob("flight-*.mcap"))) == 1
+    ground.close()
+
+
+def vehicle_mode(ground, system):
+    """(armed, mode) of the latest heartbeat that a ground station hears."""
+    list(ground.receive())  # what waited since the start
+    codec, deadline = Codec(255, 190), time.monotonic() + 3.0
+    while time.monotonic() < deadline:
+        for packet in ground.receive():
+            for received in codec.decode_datagram(packet):
+                if received.source.system == system and isinstance(received.message, Heartbeat):
+                    return received.message.armed, Px4(system).mode(received.message)
+        time.sleep(0.05)
+    raise AssertionError("no heartbeat")
+
+
+def test_a_hung_tick_is_silent_within_one_period(world, supervise):
+    daemon = supervise(world.config(2))
+    assert daemon.listen(20.0, until="READY=1"), daemon.log()
+    daemon.listen(1.0)
+    assert daemon.state()["phase"] == "wait"  # no pilot yet: watched all the same
+    assert daemon.count("WATCHDOG=1") >= 2
+    daemon.process.send_signal(signal.SIGSTOP)
+    daemon.listen(0.15)  # a tick under way
+    heard = daemon.count("WATCHDOG=1")
+    daemon.listen(1.5 * WATCHDOG)
+    assert daemon.count("WATCHDOG=1") == heard
+    daemon.process.send_signal(signal.SIGCONT)
+    assert daemon.listen(1.0, until="WATCHDOG=1")
+    daemon.process.send_signal(signal.SIGTERM)
+    assert daemon.process.wait(2.0) == 0
+
+
+def test_without_an_autopilot_it_waits_and_says_so(world, supervise):
+    frames = FrameServer("127.0.0.1", 0)
+    config = world.config(9, more="board: {}\n")
+    text = config.read_text().replace(str(world.frame_port + 9), str(frames.port))
+    config.write_text(text.replace(f":{world.companion_port + 9}", ":0"))
+    daemon = supervise(config)
+    assert daemon.listen(10.0, until="EXTEND_TIMEOUT_USEC="), daemon.log()
+    assert ("STATUS=waiting for heartbeat and telemetry of the autopilot, camera frame, "
+            "solved plan") in [line for _, line in daemon.heard]  # fmt: skip
+    assert not daemon.listen(1.0, until="READY=1")
+    daemon.process.send_signal(signal.SIGTERM)
+    assert daemon.process.wait(2.0) == 0
+    frames.close()
+
+
+def test_a_second_daemon_for_one_vehicle_is_refused(world, supervise):
+    first = supervise(world.config(3))
+    assert first.listen(20.0, until="READY=1"), first.log()
+    second = supervise(world.config(3))
+    assert second.process.wait(5.0) == 69
+    assert f"flown by another daemon already, process {first.process.pid}" in second.log()
+    assert first.process.poll() is None
+
+
+def test_a_bad_config_ends_with_78_and_its_place(tmp_path):
+    file = tmp_path / "bad.yaml"
+    file.write_text("fileversion: 1\nlink: {system_id: 0}\n")
+    ended = subprocess.run(
+        [sys.executable, "-m", "companion", "run", str(file)], capture_output=True, text=True
+    )
+    assert ended.returncode == 78
+    assert ended.stderr == f"{file}:2:8: link.system_id: must be ≥ 1, ≤ 255, got 0\n"
