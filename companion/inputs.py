@@ -24,7 +24,7 @@ class RecordedInputs:
     """What one tick went by.
 
     time [s] of the tick; datagrams since the tick before; time of the newest frame [s], and
-    what that frame showed where it was new.
+    what that frame showed where it was new; whether control was to be given back.
     """
 
     time: float
@@ -32,6 +32,7 @@ class RecordedInputs:
     frame_time: float | None = None
     drones: list[Detection] = field(default_factory=list)
     trunks: list[Trunk] = field(default_factory=list)
+    leave: bool = False
 
 
 class InputsError(ValueError):
@@ -63,7 +64,11 @@ _COLUMNS = {name: table.names for name, table in _TABLES.items()}
 
 
 def encode(
-    time: float, datagrams: Sequence[bytes], frame_time: float | None, sighting: Sighting
+    time: float,
+    datagrams: Sequence[bytes],
+    frame_time: float | None,
+    sighting: Sighting,
+    leave: bool = False,
 ) -> bytes:
     """One tick's inputs; `sighting` as the tick had it (empty where the frame was not new)."""
     header = {
@@ -72,6 +77,7 @@ def encode(
         "datagrams": [len(d) for d in datagrams],
         "rows": {name: len(getattr(sighting, name)) for name in _TABLES},
         "columns": _COLUMNS,
+        "leave": leave,
     }
     tables = [table.encode(getattr(sighting, name)) for name, table in _TABLES.items()]
     return b"".join([json.dumps(header).encode(), b"\n", *datagrams, *tables])
@@ -98,6 +104,9 @@ def decode(data: bytes) -> RecordedInputs:
             at += size
         if at != len(rest):
             raise ValueError(f"{len(rest) - at} bytes too many")
-        return RecordedInputs(float(header["time"]), datagrams, header["frame"], **tables)
+        leave = bool(header.get("leave"))
+        return RecordedInputs(
+            float(header["time"]), datagrams, header["frame"], **tables, leave=leave
+        )
     except (ValueError, TypeError, KeyError) as error:
         raise InputsError(f"not a tick's inputs: {error}") from error

@@ -58,6 +58,7 @@ class TickOutputs:
     messages: list[Message] = field(default_factory=list)
     phase: Phase = Phase.WAIT
     heartbeat: Heartbeat | None = None
+    rehearsed: bool = False
     own: VehicleState | None = None
     sighting: Sighting = field(default_factory=Sighting)
     tracks: list[Track] = field(default_factory=list)
@@ -168,7 +169,8 @@ class Pipeline:
         """Solve eq. (11)–(38) from where the drone will be when the input takes effect."""
         own, config = out.own, self._config
         assert own is not None
-        if not self._flying and self._rehearsed:
+        if not self._flying:
+            self._rehearsed = out.rehearsed = self._rehearsed or self._rehearse(own)
             return
         delay = config.timing.delay
         self._forecast.observe(own)
@@ -185,9 +187,6 @@ class Pipeline:
             disturbance=self._forecast.disturbance,
         )
         out.result = self._nmpc.solve(out.instance)
-        if not self._flying:  # once on the ground: the solver is known to work before take-off
-            self._rehearsed = out.result.usable
-            self._nmpc.reset()
 
     def _command(self, inputs: TickInputs, out: TickOutputs) -> None:
         """Requests to the autopilot, and the setpoint where it is ours to send."""
@@ -208,6 +207,19 @@ class Pipeline:
         out.hover_thrust = self._thrust.map.hover_thrust
 
     # --- parts of stages -----------------------------------------------------------------
+
+    def _rehearse(self, own: VehicleState) -> bool:
+        """Whether the solver works, before anything depends on it: to stay here, all clear."""
+        instance = make_instance(
+            self._config.nmpc,
+            x0=np.concatenate([own.p, own.v, own.q_wb]),
+            u_last=np.array([G, 0.0, 0.0, 0.0]),
+            goal=own.p,
+            yaw=yaw_of(own.q_wb),
+        )
+        usable = self._nmpc.solve(instance).usable
+        self._nmpc.reset()
+        return usable
 
     @property
     def _flying(self) -> bool:

@@ -114,7 +114,8 @@ class Recorder:
     ) -> None:
         frame_time = inputs.frame.time if inputs.frame is not None else None
         came = [data for sent, data in packets if not sent]
-        self._add("/inputs", out.time, recorded.encode(out.time, came, frame_time, out.sighting))
+        data = recorded.encode(out.time, came, frame_time, out.sighting, inputs.leave)
+        self._add("/inputs", out.time, data)
         self._add("/tick", out.time, records.encode(out, counters))
         if out.own is not None:
             self._put("/pose", out.time, scene.pose(out.own))

@@ -112,7 +112,7 @@ def _fly(config: CompanionConfig, log: FlightLog) -> Iterator[dict[str, Any]]:
     take = codec.decode_datagram if whole else codec.decode
     for inputs in log.inputs:
         received = [r for d in inputs.datagrams for r in take(d)]
-        out = pipeline.tick(TickInputs(inputs.time, received, _frame(inputs)))
+        out = pipeline.tick(TickInputs(inputs.time, received, _frame(inputs), inputs.leave))
         yield orjson.loads(records.encode(out, {}))
 
 

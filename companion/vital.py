@@ -26,7 +26,7 @@ class Vital:
         """True where this tick did its work; sent: its messages left the process."""
         self._heard |= out.heartbeat is not None
         self._seen |= out.sighting.own is not None
-        self._solved |= out.result is not None and out.result.usable
+        self._solved |= out.rehearsed or (out.result is not None and out.result.usable)
         if out.verdict is None:
             return True
         planned = out.verdict.reason is Reason.PLAN

@@ -11,7 +11,6 @@ import pytest
 from companion import journal
 from companion.directories import StateFile, log_path
 from companion.guard import Reason, Verdict
-from companion.nmpc import Status
 from companion.pipeline import TickOutputs
 from companion.sight import Sighting
 from companion.supervisor import Supervisor
@@ -21,13 +20,6 @@ from mavlink_bridge.messages import Heartbeat, RateCommand, VehicleState
 
 OWN = VehicleState(0.0, np.zeros(3), np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3))
 HEARTBEAT = Heartbeat(12, 2, False, 0, 3)
-
-
-class Solved:
-    """As much of a result as is looked at."""
-
-    usable = True
-    status = Status.SOLVED
 
 
 def verdict(reason, bad_ticks=0):
@@ -66,7 +58,7 @@ def test_ready_needs_heartbeat_frame_and_plan():
     vital.judge(TickOutputs(0.2, sighting=Sighting(0.2, OWN)), sent=False)
     assert not vital.ready
     assert vital.missing == "waiting for solved plan"
-    vital.judge(TickOutputs(0.3, result=Solved()), sent=False)
+    vital.judge(TickOutputs(0.3, rehearsed=True), sent=False)
     assert vital.ready
 
 
