@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -149,14 +148,3 @@ class Roundabout:
     def _polar(self, p: Vector) -> tuple[float, float]:
         d = p[:2] - self.centre[:2]
         return math.atan2(d[1], d[0]), math.hypot(d[0], d[1])
-
-
-def check_goals(goals: Sequence[Sequence[float]]) -> None:
-    """Refuse goals that are not [x, y, z].
-
-    Raises:
-        ValueError: naming the first bad one.
-    """
-    for n, goal in enumerate(goals):
-        if len(goal) != 3:
-            raise ValueError(f"goals.{n}: must be [x, y, z], got {len(goal)} numbers")

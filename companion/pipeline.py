@@ -31,7 +31,7 @@ from companion.track import Tracker
 from companion.types import Obstacles, Track, Vector
 from mavlink_bridge.messages import Heartbeat, Message, RateSetpoint, Received, Source, VehicleState
 from mavlink_bridge.px4 import Px4
-from mavlink_bridge.thrust import HoverThrustEstimator, ThrustMap
+from mavlink_bridge.thrust import G, HoverThrustEstimator, ThrustMap
 from mavlink_bridge.video import Frame
 
 _HEARTBEAT_PERIOD = 1.0
