@@ -133,7 +133,7 @@ def supervise(tmp_path):
     """Start `companion run` under a fake service manager."""
     running = []
 
-    def start(config, python=sys.executable, options=("-m", "companion"), cwd=None):
+    def start(config, command=(sys.executable, "-m", "companion"), cwd=None):
         folder = tmp_path / f"run{len(running)}"
         folder.mkdir()
         listener = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -146,7 +146,7 @@ def supervise(tmp_path):
         }
         with (folder / "stderr.log").open("wb") as log:
             process = subprocess.Popen(
-                [str(python), *options, "run", str(config)],
+                [*map(str, command), "run", str(config)],
                 env=environment, stdout=log, stderr=log, cwd=cwd,
             )  # fmt: skip
         running.append(Supervised(process, listener, folder, time.monotonic()))
