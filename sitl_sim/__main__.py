@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import os
 import shutil
 import sys
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +18,7 @@ for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
 if TYPE_CHECKING:
+    from sitl_sim.runner import Flight
     from sitl_sim.scenario import Scenario
 
 EXIT_OK, EXIT_FELL_SHORT, EXIT_BAD_INPUT = 0, 1, 2
@@ -38,10 +42,17 @@ def main(arguments: list[str] | None = None) -> int:
     run.add_argument("--json", action="store_true", help="print metrics.json instead of a table")
     report = commands.add_parser("report", help="one page about a flight")
     report.add_argument("folder", type=Path, metavar="DIR", help="run folder")
+    view = commands.add_parser("view", help="replay a flight in the browser")
+    view.add_argument("folder", type=Path, metavar="DIR", help="run folder")
+    run.add_argument("--view", action="store_true", help="show the flight in the browser, live")
+    for command in (run, view):
+        command.add_argument("--port", type=int, default=8080, help="of the page (8080)")
     options = parser.parse_args(arguments)
     try:
         if options.command == "report":
             return _report(options)
+        if options.command == "view":
+            return _view(options)
         return _fly(options, serve=options.command == "serve")
     except _bad_input() as error:
         print(error, file=sys.stderr)
@@ -55,6 +66,60 @@ def _bad_input() -> tuple[type[Exception], ...]:
     from sitl_sim.runfolder import RunError
 
     return SettingsError, EndpointError, VideoError, RunError
+
+
+def _view(options: argparse.Namespace) -> int:
+    from sitl_sim.runfolder import load_run
+
+    _need_viser()
+    run = load_run(options.folder)
+    from sitl_sim.viewer import Page, Replay
+
+    page = Page(Replay(run), port=options.port)
+    print(f"{page.url}  (Ctrl-C ends it)", flush=True)
+    try:
+        page.run()
+    except KeyboardInterrupt:
+        page.close()
+    return EXIT_OK
+
+
+@contextmanager
+def _live_page(f: Flight, options: argparse.Namespace) -> Iterator[Callable[[float], None]]:
+    """What to call with each simulated time; shows the flight in the browser where wanted."""
+    if not getattr(options, "view", False):
+        yield lambda t: None
+        return
+    from sitl_sim.viewer import Live, Page
+
+    live = Live(f.scenario, f.world, f.folder)
+    page = Page(live, port=options.port)
+    print(f"live: {page.url}", file=sys.stderr, flush=True)
+    page.start()
+    try:
+        yield lambda t: live.update(t, f.vehicles.p, f.vehicles.q)
+    finally:
+        page.close()
+
+
+def _both(
+    first: Callable[[float], None], second: Callable[[float], None]
+) -> Callable[[float], None]:
+    """One callback that calls two."""
+
+    def call(t: float) -> None:
+        first(t)
+        second(t)
+
+    return call
+
+
+def _need_viser() -> None:
+    """Viewing is an extra; say so at once."""
+    from mavlink_bridge.settings import SettingsError
+
+    if importlib.util.find_spec("viser") is None:
+        raise SettingsError(["viewing needs viser: pip install 'swarm-companion[view]'"])
 
 
 def _report(options: argparse.Namespace) -> int:
@@ -73,6 +138,8 @@ def _fly(options: argparse.Namespace, serve: bool) -> int:
     from sitl_sim.runner import flight
 
     cv2.setNumThreads(1)
+    if getattr(options, "view", False):
+        _need_viser()
     overrides = list(options.overrides)
     if options.drones is not None:
         overrides.append(f"drones.count={options.drones}")
@@ -93,8 +160,11 @@ def _fly(options: argparse.Namespace, serve: bool) -> int:
                 return EXIT_FELL_SHORT
         ready = time.monotonic() - started
         try:
-            with progress_bar(scenario.mission.time_limit) as advance:
-                f.run(advance)
+            with (
+                progress_bar(scenario.mission.time_limit) as advance,
+                _live_page(f, options) as show,
+            ):
+                f.run(_both(advance, show))
         except KeyboardInterrupt:
             print("interrupted: what was flown is kept", file=sys.stderr)
     metrics = finish(f, ready)

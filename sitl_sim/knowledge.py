@@ -56,27 +56,19 @@ class Minds:
         if k < 0:
             return None
         record = self._run.logs[self._run.names[drone]][k]
-        frame = self._frames[drone]
-        tracks = frame.points(np.array([t["p"] for t in record["tracks"]]).reshape(-1, 3))
-        return Knowledge(
-            record,
-            frame.points(np.array(record.get("plan", [])).reshape(-1, 3)),
-            tracks,
-            self._critical(record, frame, drone, time),
-        )
+        return know(record, self._frames[drone], drone, self.positions(time))
 
-    def _critical(
-        self, record: dict[str, Any], frame: OwnFrame, drone: int, time: float
-    ) -> list[Threat]:
-        if not record["critical"]:
-            return []
-        place = {t["id"]: t["p"] for t in record["tracks"]}
-        truth = self.positions(time)
-        truth[drone] = np.inf
-        found = []
-        for number, value in record["critical"]:
-            position = frame.points(place[number])
-            gaps = np.linalg.norm(truth - position, axis=1)
-            near = int(gaps.argmin())
-            found.append(Threat(position, value, near if gaps[near] < _SAME else None))
-        return found
+
+def know(record: dict[str, Any], frame: OwnFrame, drone: int, truth: Vector) -> Knowledge:
+    """One record of drone i in the world's frame; truth (N,3) m says who its tracks are."""
+    tracks = frame.points(np.array([t["p"] for t in record["tracks"]]).reshape(-1, 3))
+    place = {t["id"]: p for t, p in zip(record["tracks"], tracks, strict=True)}
+    others = truth.copy()
+    others[drone] = np.inf
+    critical = []
+    for number, value in record["critical"]:
+        gaps = np.linalg.norm(others - place[number], axis=1)
+        near = int(gaps.argmin())
+        critical.append(Threat(place[number], value, near if gaps[near] < _SAME else None))
+    plan = frame.points(np.array(record.get("plan", [])).reshape(-1, 3))
+    return Knowledge(record, plan, tracks, critical)

@@ -1,0 +1,41 @@
+"""`companion status`: what a running daemon is doing, from the end of its flight log."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+HELP = "show a running daemon: state, stage times, tracks, guard reason"
+EXIT_BAD_INPUT = 2
+_PERIOD = 0.5  # s between looks: as often as the log grows
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Its command line."""
+    parser.add_argument("config", type=Path, help="the drone's YAML file, or its flight log")
+    parser.add_argument("--json", action="store_true", help="the last tick's whole record")
+    parser.add_argument("--watch", action="store_true", help="again and again, until Ctrl-C")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Follow the log; show its last tick."""
+    from companion.status import NoStatus, Status
+    from mavlink_bridge.mcapfile import LogError
+    from mavlink_bridge.settings import SettingsError
+
+    try:
+        status = Status(options.config)
+        while True:
+            status.update()
+            print(json.dumps(status.record) if options.json else status.text(), flush=True)
+            if not options.watch:
+                return 0
+            time.sleep(_PERIOD)
+    except (SettingsError, LogError, NoStatus) as error:
+        print(error, file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except KeyboardInterrupt:
+        return 0

@@ -1,0 +1,174 @@
+"""The page: scene, time slider, follow camera, one drone's picture and state."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+import numpy as np
+import viser
+
+from sitl_sim.knowledge import Knowledge
+from sitl_sim.viewer.picture import Pictures
+from sitl_sim.viewer.scene import Scene
+from sitl_sim.viewer.sources import Moment, Source
+
+_RATE = 20.0  # Hz, of the scene
+_PICTURE_PERIOD = 0.25  # s
+_STEP = 0.1  # s
+_SPEEDS = ("0.25", "0.5", "1", "2", "4")
+_NOBODY = "nobody"
+
+
+class Page:
+    """A web server with one flight on it; every browser that connects sees the same moment."""
+
+    def __init__(self, source: Source, host: str = "127.0.0.1", port: int = 8080) -> None:
+        self._source = source
+        self.server = viser.ViserServer(host, port, label=source.scenario.name, verbose=False)
+        self.scene = Scene(self.server, source.scenario, source.world, source.names)
+        self._pictures = Pictures(source.scenario, source.world)
+        self._picture_time = -np.inf
+        self._shown: tuple[float, str] | None = None
+        self._stop = threading.Event()
+        self._lock = threading.RLock()
+        self._controls()
+        self.server.on_client_connect(self._on_connect)
+        self.show(0.0)
+
+    @property
+    def url(self) -> str:
+        """Where to look."""
+        return f"http://{self.server.get_host()}:{self.server.get_port()}"
+
+    def run(self) -> None:
+        """Keep the page moving until `close`."""
+        last = time.monotonic()
+        while not self._stop.wait(1 / _RATE):
+            now = time.monotonic()
+            if self._source.live:
+                self._show_live()
+            elif self.play.value:
+                self._advance((now - last) * float(self.speed.value))
+            last = now
+
+    def start(self) -> None:
+        """As `run`, in the background."""
+        threading.Thread(target=self.run, daemon=True).start()
+
+    def close(self) -> None:
+        """Stop serving."""
+        self._stop.set()
+        self.server.stop()
+
+    def show(self, moment: float) -> None:
+        """Draw the flight at that time [s]."""
+        with self._lock:  # browsers' wishes come on other threads
+            now = self._source.moment(moment)
+            minds = [self._source.knowledge(i, now.time) for i in range(len(self._source.names))]
+            with self.server.atomic():
+                self.scene.show(now, minds)
+                self._follow(now)
+            self._show_drone(now, minds)
+
+    # --- parts ---------------------------------------------------------------------------
+
+    def _controls(self) -> None:
+        gui, names, replay = self.server.gui, tuple(self._source.names), not self._source.live
+        gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
+        end = max(self._source.duration, _STEP)
+        self.slider = gui.add_slider("time [s]", 0.0, end, _STEP, 0.0, disabled=not replay)
+        self.play = gui.add_checkbox("play", False, visible=replay)
+        self.speed = gui.add_dropdown("speed", _SPEEDS, initial_value="1", visible=replay)
+        self.follow = gui.add_dropdown("follow", (_NOBODY, *names))
+        self.camera = gui.add_dropdown("camera of", names)
+        for layer in self.scene.layers:
+            self._toggle(layer)
+        s = self._source.scenario.sensing
+        blank = np.zeros((s.height, s.width, 3), np.uint8)
+        self.picture = gui.add_image(blank, label="camera", format="jpeg")
+        self.state = gui.add_markdown("")
+        self.slider.on_update(self._on_seek)
+        self.camera.on_update(lambda _: self._redraw())
+        self.follow.on_update(lambda _: self._redraw())
+
+    def _toggle(self, layer: str) -> None:
+        box = self.server.gui.add_checkbox(layer, True)
+
+        def switch(_: object) -> None:
+            self.scene.layers[layer] = box.value
+            self._redraw()
+
+        box.on_update(switch)
+
+    def _on_seek(self, event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
+        """A person moved the slider; our own moves come without a client."""
+        if event.client is not None:
+            self.show(event.target.value)
+
+    def _redraw(self) -> None:
+        self.show(self.slider.value)
+
+    def _on_connect(self, client: viser.ClientHandle) -> None:
+        p = self._source.moment(0.0).p.mean(axis=0)
+        client.camera.up_direction = (0.0, 0.0, 1.0)
+        client.camera.position = p + np.array([0.0, -12.0, 10.0])
+        client.camera.look_at = p + np.array([0.0, 4.0, 1.0])
+
+    def _advance(self, seconds: float) -> None:
+        moment = self.slider.value + seconds
+        if moment >= self._source.duration:
+            moment = self._source.duration
+            _set(self.play, False)
+        _set(self.slider, moment)
+        self.show(moment)
+
+    def _show_live(self) -> None:
+        self.slider.max = max(self._source.duration, 0.1)
+        _set(self.slider, self._source.duration)
+        self.show(self._source.duration)
+
+    def _follow(self, now: Moment) -> None:
+        """Put every browser's camera behind the drone that is followed."""
+        if self.follow.value == _NOBODY:
+            return
+        p = now.p[self._source.names.index(self.follow.value)]
+        w, x, y, z = now.q[self._source.names.index(self.follow.value)]
+        yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        behind = np.array([-3.5 * np.cos(yaw), -3.5 * np.sin(yaw), 1.5])
+        for client in self.server.get_clients().values():
+            client.camera.position = p + behind
+            client.camera.look_at = p
+
+    def _show_drone(self, now: Moment, minds: list[Knowledge | None]) -> None:
+        """Picture and state of the chosen drone; the picture a few times a second."""
+        i = self._source.names.index(self.camera.value)
+        self.state.content = _describe(minds[i])
+        wall, wanted = time.monotonic(), (now.time, self.camera.value)
+        if wanted != self._shown and wall - self._picture_time >= _PICTURE_PERIOD:
+            self.picture.image = self._pictures.take(now, i, minds[i])
+            self._picture_time, self._shown = wall, wanted
+
+
+def _set(handle: viser.GuiInputHandle[Any], value: object) -> None:
+    """Change a control from our side."""
+    handle.value = value  # type: ignore[misc]  # viser hides its setter from type checkers
+
+
+def _describe(known: Knowledge | None) -> str:
+    """A drone's state in a few lines of Markdown."""
+    if known is None:
+        return "no log yet"
+    r = known.record
+    command, goal = r.get("command", {}), r.get("goal", {})
+    return "\n\n".join(
+        [
+            f"**{r['phase']}**, target {goal.get('index', 0) + 1}, "
+            f"guard: {command.get('reason', '–')}",
+            f"{len(r['detections'])} detections, {len(r['tracks'])} tracks, "
+            f"{len(known.critical)} critical",
+            f"tick {r['stages_ms'].get('tick', 0.0):.1f} ms, "
+            f"solve {r.get('solver', {}).get('solve_ms', 0.0):.1f} ms",
+        ]
+    )

@@ -1,0 +1,51 @@
+"""What one drone's camera sees, rendered from the truth, with what its companion found in it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+
+from sitl_sim.knowledge import Knowledge
+from sitl_sim.render import Renderer
+from sitl_sim.scenario import Scenario
+from sitl_sim.viewer.sources import Moment
+from sitl_sim.world import Vector
+
+_GREEN, _BROWN = (80, 255, 80), (60, 150, 255)  # BGR
+
+
+class Pictures:
+    """Renders and annotates."""
+
+    def __init__(self, scenario: Scenario, world: dict[str, Any]) -> None:
+        s = scenario.sensing
+        self._focal = s.width / np.radians(s.fov_deg)  # px per rad, equidistant
+        self._centre = (s.width / 2, s.height / 2)
+        self._radius = world["drone_radius"]
+        self._renderer = Renderer(world, s.width, s.height, s.fov_deg, seed=scenario.seed)
+
+    def take(self, moment: Moment, drone: int, known: Knowledge | None) -> Any:
+        """(H,W,3) uint8 RGB."""
+        image = self._renderer.render(moment.p[drone], moment.q[drone], moment.p, moment.q)
+        if known is not None:
+            for *direction, distance, _ in known.record["trunks"]:
+                self._mark(image, np.array(direction), 0.3, f"{distance:.1f}", _BROWN)
+            for *direction, distance, _ in known.record["detections"]:
+                size = self._radius / max(distance, self._radius)
+                self._mark(image, np.array(direction), size, f"{distance:.1f}", _GREEN)
+        return image[..., ::-1]
+
+    def _mark(
+        self, image: Any, direction: Vector, size: float, text: str, colour: tuple[int, int, int]
+    ) -> None:
+        """A ring of angular radius `size` [rad] around a direction in the camera frame."""
+        x, y, z = direction / max(float(np.linalg.norm(direction)), 1e-9)
+        theta, rho = np.arctan2(np.hypot(x, y), z), max(float(np.hypot(x, y)), 1e-9)
+        u = round(self._centre[0] + self._focal * theta * x / rho)
+        v = round(self._centre[1] + self._focal * theta * y / rho)
+        radius = max(round(size * self._focal), 4)
+        cv2.circle(image, (u, v), radius, colour, 1, cv2.LINE_AA)
+        cv2.putText(image, text, (u + radius, v), cv2.FONT_HERSHEY_PLAIN, 0.9, colour, 1,
+                    cv2.LINE_AA)  # fmt: skip
