@@ -1,7 +1,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup sitl test test-long lint bench clean
+.PHONY: setup sitl test test-long renew-flight lint bench clean
 
 setup: .venv/.ready
 
@@ -28,6 +28,10 @@ test: lint
 
 test-long: setup
 	$(BIN)/pytest -m slow
+
+# After a wanted change of behaviour: tests/replay/flight.mcap as today's code flies it.
+renew-flight: setup
+	$(BIN)/python -m pytest tests/replay --renew-flight
 
 clean:
 	rm -rf .venv build dist runs

@@ -8,7 +8,7 @@ is not simulated: each tick's inputs are the recorded ones, whatever today's cod
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -77,7 +77,9 @@ def replay(log: FlightLog, overrides: list[str] | None = None) -> Outcome:
     document = merge([Document(log.config, {}), assignments(overrides or [])])
     config = validate(CompanionConfig, document, "the log's configuration")
     differing, first, omega, c = 0, None, 0.0, 0.0
-    for number, (today, recorded) in enumerate(zip(_fly(config, log), log.ticks, strict=True)):
+    for number, (today, recorded) in enumerate(
+        zip(rerun(config, log.inputs), log.ticks, strict=True)
+    ):
         found = list(differences(number, recorded, today))
         differing += bool(found)
         first = first or next(iter(found), None)
@@ -104,13 +106,13 @@ def differences(
             )  # fmt: skip
 
 
-def _fly(config: CompanionConfig, log: FlightLog) -> Iterator[dict[str, Any]]:
+def rerun(config: CompanionConfig, recorded: Iterable[RecordedInputs]) -> Iterator[dict[str, Any]]:
     """Today's record of each tick."""
     pipeline = Pipeline(_sighted(config), time.perf_counter)
     codec = Codec(config.link.system_id, config.link.component_id)
     whole = config.link.endpoint.startswith("udp")  # as opposed to a stream, cut anywhere
     take = codec.decode_datagram if whole else codec.decode
-    for inputs in log.inputs:
+    for inputs in recorded:
         received = [r for d in inputs.datagrams for r in take(d)]
         out = pipeline.tick(TickInputs(inputs.time, received, _frame(inputs), inputs.leave))
         yield orjson.loads(records.encode(out, {}))

@@ -11,6 +11,7 @@ import orjson
 from companion.config import load_config
 from mavlink_bridge.mcapfile import Follower, check_begins
 
+_SERVICE_LOGS = Path("/var/log/swarm-companion")  # LogsDirectory of the systemd unit
 _STALE = 2.0  # s without a new record: the daemon does not run
 
 
@@ -65,10 +66,21 @@ class Status:
 
 
 def _log_of(config: Path) -> Path:
-    path = load_config(config).log.path
-    if path is None:
+    """The newest log that this configuration makes, here or where the service writes it."""
+    settings = load_config(config)
+    if settings.log.path is None:
         raise NoStatus(f"{config}: log.path: not set, and the status comes from the flight log")
-    return Path(path)
+    pattern = settings.log.path.replace("{time}", "*")
+    folders = [Path(), _SERVICE_LOGS / settings.name]
+    found = [log for folder in folders for log in _matching(folder / pattern)]
+    if not found:
+        places = " or ".join(str(folder / pattern) for folder in folders)
+        raise NoStatus(f"{config}: no flight log at {places}")
+    return max(found, key=lambda log: log.stat().st_mtime)
+
+
+def _matching(pattern: Path) -> list[Path]:
+    return list(pattern.parent.glob(pattern.name))
 
 
 def _distance(track: dict[str, Any], record: dict[str, Any]) -> float:

@@ -27,7 +27,7 @@ def flight(request, tmp_path_factory):
     if request.config.getoption("--renew-flight", default=False):
         out = tmp_path_factory.mktemp("flight")
         main(["run", str(HERE / "flight.yaml"), "--out", str(out)])
-        keep(out / "drones" / "drone2" / "flight.mcap", FLIGHT)
+        keep(out / "drones" / "drone5" / "flight.mcap", FLIGHT)
     return FLIGHT
 
 
