@@ -113,8 +113,8 @@ class Page:
     def _on_connect(self, client: viser.ClientHandle) -> None:
         p = self._source.moment(0.0).p.mean(axis=0)
         client.camera.up_direction = (0.0, 0.0, 1.0)
-        client.camera.position = p + np.array([0.0, -12.0, 10.0])
-        client.camera.look_at = p + np.array([0.0, 4.0, 1.0])
+        client.camera.position = p + np.array([0.0, -9.0, 7.0])
+        client.camera.look_at = p + np.array([0.0, 4.0, 0.0])
 
     def _advance(self, seconds: float) -> None:
         moment = self.slider.value + seconds
