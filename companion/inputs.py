@@ -7,13 +7,13 @@ datagram, and the columns of the sighting's tables; behind it the datagrams and 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from operator import attrgetter
 from typing import Any
 
 import numpy as np
+import orjson
 
 from companion.sight import Sighting
 from companion.types import Detection, Trunk
@@ -80,7 +80,7 @@ def encode(
         "leave": leave,
     }
     tables = [table.encode(getattr(sighting, name)) for name, table in _TABLES.items()]
-    return b"".join([json.dumps(header).encode(), b"\n", *datagrams, *tables])
+    return b"".join([orjson.dumps(header), b"\n", *datagrams, *tables])
 
 
 def decode(data: bytes) -> RecordedInputs:
@@ -91,7 +91,7 @@ def decode(data: bytes) -> RecordedInputs:
     """
     line, _, rest = data.partition(b"\n")
     try:
-        header = json.loads(line)
+        header = orjson.loads(line)
         datagrams, at = [], 0
         for length in header["datagrams"]:
             datagrams.append(rest[at : at + length])

@@ -33,12 +33,14 @@ from companion import records, scene
 from companion.config import CompanionConfig
 from companion.pipeline import TickInputs, TickOutputs
 from companion.tlog import TelemetryLog
-from companion.types import Image, Vector
+from companion.types import Image
 from mavlink_bridge.video import Frame
 
 CONFIG = "config"  # name of the metadata record that holds the drone's configuration
 _CHUNK = 256 * 1000  # bytes, most that one chunk holds
 _TICKS_A_CHUNK = 5
+_TICKS_A_SCENE = 2  # for eyes; all ticks are in /tick
+_TICKS_A_MAP = 10  # obstacles change slowly, and a viewer keeps them
 _IMAGE_PERIOD = 1.0  # s
 _PROTOBUF = {"/pose": PoseInFrame, "/tf": FrameTransform, "/scene": SceneUpdate, "/events": Log,
              "/image": CompressedImage}  # fmt: skip
@@ -64,7 +66,6 @@ class Recorder:
         self._file.flush()
         self._count = 0
         self._state: dict[str, str] = {}
-        self._obstacles: Vector | None = None
         self._image_time = -np.inf
 
     def write(
@@ -120,7 +121,9 @@ class Recorder:
         if out.own is not None:
             self._put("/pose", out.time, scene.pose(out.own))
             self._put("/tf", out.time, scene.transform(out.own, self._name))
-        self._put("/scene", out.time, scene.scene(out, self._obstacles_changed(out)))
+        if self._count % _TICKS_A_SCENE == 0:
+            obstacles = self._count % _TICKS_A_MAP == 0
+            self._put("/scene", out.time, scene.scene(out, obstacles))
         happened = self._write_events(out)
         if inputs.frame is not None and self._wants_image(out.time, happened):
             self._write_image(inputs.frame)
@@ -138,14 +141,6 @@ class Recorder:
     def _add(self, topic: str, time: float, data: bytes) -> None:
         nanoseconds = round(time * 1e9)
         self._writer.add_message(self._channels[topic], nanoseconds, data, nanoseconds, self._count)
-
-    def _obstacles_changed(self, out: TickOutputs) -> bool:
-        """Whether what is known of obstacles moved by more than a viewer would show."""
-        new, old = out.obstacles.cylinders, self._obstacles
-        if old is not None and new.shape == old.shape and np.abs(new - old).max(initial=0) < 0.02:
-            return False
-        self._obstacles = new
-        return True
 
     def _write_events(self, out: TickOutputs) -> bool:
         """A line for each change of phase, guard reason or goal; whether there was any."""

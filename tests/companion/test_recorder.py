@@ -62,7 +62,8 @@ def test_any_viewer_finds_foxgloves_types(whole):
     p = tick(3)[1].own.p
     assert (pose.position.x, pose.position.y, pose.position.z) == tuple(p)
     assert (transform.parent_frame_id, transform.child_frame_id) == ("world", "tester")
-    entities = {e.id: e for e in messages(whole, "/scene")[3].entities}
+    entities = {e.id: e for e in messages(whole, "/scene")[5].entities}
+    assert len(messages(whole, "/scene")) == 20
     assert len(entities["plan"].lines[0].points) == 21
     assert len(entities["tracks"].spheres) == 6
     assert [t.text for t in entities["critical"].texts] == ["0: 0.50", "1: 0.50", "2: 0.50"]
