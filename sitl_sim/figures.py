@@ -94,6 +94,13 @@ def square(figure: go.Figure, height: int) -> go.Figure:
     return figure
 
 
+def window(figure: go.Figure, column: int, centre: Vector, half: float) -> None:
+    """Show `half` [m] around `centre` in one subplot of a row."""
+    figure.update_xaxes(range=[centre[0] - half, centre[0] + half], row=1, col=column)
+    figure.update_yaxes(range=[centre[1] - half, centre[1] + half], row=1, col=column,
+                        scaleanchor=f"x{column}")  # fmt: skip
+
+
 def trajectories(run: Run) -> go.Figure:
     """The flight in three dimensions (Fig. 6a)."""
     figure = go.Figure()

@@ -6,16 +6,14 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from sitl_sim.events import Collision, Event
-from sitl_sim.figures import LIMIT, add_map, colours, square, stride
+from sitl_sim.events import Event
+from sitl_sim.figures import add_map, colours, window
 from sitl_sim.knowledge import Minds
 from sitl_sim.metrics import AIRBORNE
 from sitl_sim.perception import Sight
 from sitl_sim.runfolder import Run
 from sitl_sim.world import Vector
 
-_BEFORE = 10.0  # s shown before a collision
-_AROUND = 6.0  # m shown around it
 _SYMBOLS = {"phase": "circle", "target": "star", "guard": "triangle-up", "deadline": "line-ns-open",
             "collision": "x"}  # fmt: skip
 
@@ -83,15 +81,9 @@ def _panels(run: Run, minds: Minds, times: list[float]) -> go.Figure:
         )  # fmt: skip
         centre = p[:, :2].mean(axis=0)
         half = float(np.abs(p[:, :2] - centre).max()) + 3.0
-        _window(figure, column + 1, centre, half)
+        window(figure, column + 1, centre, half)
     figure.update_layout(height=420, margin={"l": 40, "r": 10, "t": 30, "b": 30}, showlegend=False)
     return figure
-
-
-def _window(figure: go.Figure, column: int, centre: Vector, half: float) -> None:
-    figure.update_xaxes(range=[centre[0] - half, centre[0] + half], row=1, col=column)
-    figure.update_yaxes(range=[centre[1] - half, centre[1] + half], row=1, col=column,
-                        scaleanchor=f"x{column}")  # fmt: skip
 
 
 def times(run: Run) -> go.Figure:
@@ -155,47 +147,6 @@ def timeline(run: Run, happened: list[Event]) -> go.Figure:
     figure.update_layout(height=120 + 26 * len(run.names), legend={"orientation": "h"},
                          margin={"l": 60, "r": 10, "t": 10, "b": 40})  # fmt: skip
     return figure
-
-
-def collision(run: Run, minds: Minds, crash: Collision) -> go.Figure:
-    """The ten seconds before it: paths from above, distance, and what each knew of the other."""
-    t, p = run.truth["t"], run.truth["position"].astype(float)
-    window = np.flatnonzero((t >= crash.time - _BEFORE) & (t <= crash.time + 1.0))
-    figure = make_subplots(rows=1, cols=2, column_widths=[0.45, 0.55])
-    place = p[np.searchsorted(t, crash.time), crash.drone, :2]
-    palette = colours(len(run.names))
-    drawn = window[:: stride(run.truth)]
-    add_map(figure, run.world, row=1, col=1)
-    for i, name in enumerate(run.names):
-        if np.linalg.norm(p[window, i, :2] - place, axis=1).min() > _AROUND:
-            continue
-        width = 3 if i in (crash.drone, crash.other) else 1
-        figure.add_scatter(x=p[drawn, i, 0], y=p[drawn, i, 1], name=name, mode="lines+markers",
-                           line={"color": palette[i], "width": width}, marker_size=3,
-                           text=[f"{a:.1f} s" for a in t[drawn]], row=1, col=1)  # fmt: skip
-    square(figure, 460)
-    _window(figure, 1, place, _AROUND)
-    if crash.other is not None:
-        apart = np.linalg.norm(p[drawn, crash.drone] - p[drawn, crash.other], axis=1)
-        figure.add_scatter(x=t[drawn], y=apart.round(3), name="distance [m]", row=1, col=2)
-        for me, other in ((crash.drone, crash.other), (crash.other, crash.drone)):
-            error = [_track_error(minds, me, other, float(a)) for a in t[drawn]]
-            title = f"{run.names[me]}'s error about {run.names[other]} [m]"
-            figure.add_scatter(x=t[drawn], y=error, mode="lines", line_dash="dot", name=title,
-                               row=1, col=2)  # fmt: skip
-    figure.update_xaxes(title="time [s]", row=1, col=2)
-    figure.update_yaxes(title="m", scaleanchor=None, range=[0, 5], row=1, col=2)
-    figure.add_vline(crash.time, line={"color": LIMIT, "dash": "dash"}, row=1, col=2)
-    return figure
-
-
-def _track_error(minds: Minds, me: int, other: int, time: float) -> float | None:
-    """How far from the truth the nearest track is; None where that is nobody's (> 3 m)."""
-    known = minds.at(me, time)
-    if known is None or not len(known.tracks):
-        return None
-    gap = float(np.linalg.norm(known.tracks - minds.positions(time)[other], axis=1).min())
-    return round(gap, 3) if gap < 3.0 else None
 
 
 def _ratio(sights: list[Sight], part: str, whole: str) -> float | None:

@@ -11,7 +11,8 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
 from sitl_sim import figures, figures_minds
-from sitl_sim.events import Event, collisions, events
+from sitl_sim.collision import collision
+from sitl_sim.events import Collision, Event, collisions, events
 from sitl_sim.knowledge import Minds
 from sitl_sim.metrics import safety, sanity, timing
 from sitl_sim.perception import Sight, perception, sights
@@ -21,7 +22,7 @@ _STYLE = """body{font:15px/1.5 system-ui,sans-serif;max-width:76rem;margin:2rem 
 table{border-collapse:collapse}td,th{padding:.15rem .8rem;border-bottom:1px solid #ddd}
 th,td{text-align:left}.bad{color:#b00}.good{color:#060}section{margin:2rem 0}
 nav a{margin-right:1rem}"""
-_COLLISIONS = 12  # shown one by one; the list of events has them all
+_COLLISIONS = 8
 _LEFT_OUT = ("per_drone", "stage_ms", "perception")
 
 
@@ -73,11 +74,9 @@ def _sections(
     """Heading and content of each part of the page."""
     minds, happened = Minds(run), events(run)
     yield "Summary", _table(summary)
-    for crash in collisions(run)[:_COLLISIONS]:
-        other = "an obstacle" if crash.other is None else run.names[crash.other]
-        title = f"Before the collision of {run.names[crash.drone]} with {other}, {crash.time:.1f} s"
-        yield title, _draw(figures_minds.collision(run, minds, crash))
     yield "From above", _draw(figures.top_view(run))
+    if crashes := collisions(run):
+        yield "Ten seconds before each collision", _collisions(run, minds, crashes)
     yield "Trajectories", _draw(figures.trajectories(run))
     yield "Distances and speed, mean ± std and least", _draw(figures.curves(run))
     if times := figures_minds.chosen_times(run):
@@ -87,6 +86,16 @@ def _sections(
     if any(seen.values()):
         yield "Perception against truth", _draw(figures_minds.perception(seen))
     yield "Events", _draw(figures_minds.timeline(run, happened)) + _list(happened)
+
+
+def _collisions(run: Run, minds: Minds, crashes: list[Collision]) -> str:
+    """The first ones, one by one; the list of events has them all."""
+    parts = []
+    for crash in crashes[:_COLLISIONS]:
+        other = "an obstacle" if crash.other is None else run.names[crash.other]
+        title = f"{run.names[crash.drone]} with {other}, {crash.time:.1f} s, {crash.distance:.2f} m"
+        parts.append(f"<h3>{html.escape(title)}</h3>{_draw(collision(run, minds, crash))}")
+    return "".join(parts)
 
 
 def _verdict(summary: dict[str, Any]) -> str:

@@ -37,7 +37,8 @@ def test_a_collision_is_shown_with_what_led_to_it(tmp_path):
     page = (folder / "report.html").read_text()
     assert "FALLS SHORT" in page
     assert "1 pair(s) of drones collided" in page
-    assert "Before the collision of drone2 with drone3" in page
+    assert "<h3>drone2 with drone3, " in page
+    assert "drone2's error about drone3" in page
     (crash,) = collisions(load_run(folder))
     assert (crash.drone, crash.other) == (1, 2)
     assert crash.distance == pytest.approx(0.3)
