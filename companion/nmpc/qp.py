@@ -11,9 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import piqp
 from numpy.typing import NDArray
-from scipy import sparse
 
 from companion.model import NU, NX, Vector
 from companion.nmpc.config import NmpcConfig
@@ -110,6 +108,8 @@ class Matrix:
     """A CSC matrix of fixed structure, refilled from the source array."""
 
     def __init__(self, shape: tuple[int, int], entries: list[Entries]) -> None:
+        from scipy import sparse  # 50 MB, for boards without a C compiler alone
+
         rows, columns, sources = (np.concatenate(part) for part in zip(*entries, strict=True))
         keys = columns * shape[0] + rows
         unique, places = np.unique(keys, return_inverse=True)
@@ -128,6 +128,8 @@ class Program:
     """The quadratic program: structure made once, numbers filled in, solved in place."""
 
     def __init__(self, config: NmpcConfig, stage: Stage) -> None:
+        import piqp
+
         self.config = config
         N = config.N
         self.where = layout(N)
@@ -140,7 +142,7 @@ class Program:
         self._equalities(stage)
         self._inequalities(stage)
         self._bounds()
-        self.solver = piqp.SparseSolver()
+        self.solver, self._solved = piqp.SparseSolver(), piqp.PIQP_SOLVED
         settings = self.solver.settings
         settings.kkt_solver = piqp.KKTSolver.sparse_multistage
         settings.max_iter = 60
@@ -264,7 +266,7 @@ class Program:
         else:
             self.solver.setup(*data, *sides)
             self._ready = True
-        if self.solver.solve() != piqp.PIQP_SOLVED:
+        if self.solver.solve() != self._solved:
             return None
         step = self.solver.result.x
         return step[self.where.x], step[self.where.u]
