@@ -106,7 +106,7 @@ class FenceConfig(StrictModel):
     altitude_min: float = Field(0.8, description="Not below, once in flight.")
     altitude_max: float = Field(5.0, gt=1, description="Not above.")
     altitude_band: float = Field(
-        0.3,
+        1.0,
         gt=0,
         description="Around the goal's height: who evades up or down leaves the others' view.",
     )

@@ -21,14 +21,14 @@ class GazeConfig(StrictModel):
     """The sweep of eq. (7)."""
 
     mean: float = Field(0.0, description="μ [rad].")
-    sigma: float = Field(0.45, ge=0, description="σ [rad]; 0 switches the sweep off.")
+    sigma: float = Field(0.6, ge=0, description="σ [rad]; 0 switches the sweep off.")
     limit: float = Field(
         0.8, gt=0, description="Most |ε| [rad]: what lies ahead stays inside ±80° of view."
     )
     half_view: float = Field(
         1.2, gt=0, description="A neighbour this far [rad] off the line of sight is in view."
     )
-    half_period: float = Field(1.2, gt=0, description="Time [s] of one swing to one side.")
+    half_period: float = Field(0.9, gt=0, description="Time [s] of one swing to one side.")
     slew: float = Field(2.0, gt=0, description="Fastest turn of the reference [rad/s].")
     speed_min: float = Field(
         0.3, ge=0, description="Below this [m/s] atan2 says nothing: keep looking there."

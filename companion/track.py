@@ -34,8 +34,8 @@ class TrackerConfig(StrictModel):
     gate: float = Field(16.3, gt=0, description="Mahalanobis² gate: 99.9 % of chi² with 3 dof.")
     hits_to_confirm: int = Field(2, ge=1, description="Looks before a neighbour counts.")
     tentative_unseen: float = Field(0.3, gt=0, description="Life [s] of an unconfirmed one.")
-    visible_unseen: float = Field(
-        0.8, gt=0, description="Life [s] of one that should be in view but is not seen."
+    misses_to_drop: int = Field(
+        4, ge=1, description="Looks in a row at its place without seeing it that end a neighbour."
     )
     unseen_max: float = Field(4.0, gt=0, description="Longest memory [s] out of view.")
     sigma_max: float = Field(3.0, gt=0, description="Std of position [m] that says nothing.")
@@ -57,6 +57,7 @@ class Tracker:
         self._born: Vector = np.zeros(0)
         self._seen: Vector = np.zeros(0)
         self._hits = np.zeros(0, dtype=int)
+        self._misses = np.zeros(0, dtype=int)
 
     def update(
         self,
@@ -74,12 +75,15 @@ class Tracker:
         self.predict(time)
         z, r = self._measurements(detections, own, q_bc)
         assigned = self._associate(z, r)
+        if in_view is not None:
+            self._misses += np.asarray(in_view, bool)
         for track, detection in assigned:
             self._correct(track, z[detection], r[detection])
             self._seen[track] = time
             self._hits[track] += 1
+            self._misses[track] = 0
         fresh = sorted(set(range(len(z))) - {d for _, d in assigned})
-        self._bury(time, in_view)
+        self._bury(time)
         for detection in fresh:
             self._bear(time, z[detection], r[detection])
 
@@ -169,16 +173,16 @@ class Tracker:
         self._born = np.append(self._born, time)
         self._seen = np.append(self._seen, time)
         self._hits = np.append(self._hits, 1)
+        self._misses = np.append(self._misses, 0)
         self._next_id += 1
 
-    def _bury(self, time: float, in_view: Sequence[bool] | None) -> None:
+    def _bury(self, time: float) -> None:
         c = self._config
-        unseen = time - self._seen
-        visible = np.zeros(len(unseen), bool) if in_view is None else np.asarray(in_view, bool)
         sigma = np.sqrt(np.trace(self._covariance[:, :3, :3], axis1=1, axis2=2))
-        life = np.where(visible, c.visible_unseen, c.unseen_max)
-        life = np.where(self._hits < c.hits_to_confirm, c.tentative_unseen, life)
-        keep = (unseen <= life) & (sigma < c.sigma_max)
+        life = np.where(self._hits < c.hits_to_confirm, c.tentative_unseen, c.unseen_max)
+        young = (time - self._seen <= life) & (self._misses < c.misses_to_drop)
+        keep = young & (sigma < c.sigma_max)
         self._mean, self._covariance = self._mean[keep], self._covariance[keep]
         self._ids, self._born = self._ids[keep], self._born[keep]
         self._seen, self._hits = self._seen[keep], self._hits[keep]
+        self._misses = self._misses[keep]

@@ -12,7 +12,7 @@ import numpy as np
 from companion.model import NU, NX, Vector, normalise
 from companion.nmpc.config import NmpcConfig
 from companion.nmpc.instance import Instance
-from companion.nmpc.outcome import Plan, cold_guess, failed, hover, judged, shifted
+from companion.nmpc.outcome import Plan, cold_guess, failed, hover, judged, penalised, shifted
 from companion.nmpc.parameters import Numbers, weight_numbers
 from companion.nmpc.problem import build_stage
 from companion.nmpc.result import Result, Status
@@ -168,7 +168,8 @@ class IpoptNmpc:
         shared = [np.tile(c[:, None], N) for c in (scene, self._weights)]
         columns = (x[:-1].T, before.T, u.T, x[1:].T, stages, *shared)
         _, costs, margins = self._stage.evaluate.map(N)(*columns)
-        return float(costs.full().sum()), margins.full().T
+        margins = margins.full().T
+        return float(costs.full().sum()) + penalised(self.config, margins), margins
 
     def _failure(
         self, instance: Instance, status: Status, iterations: int, started: float

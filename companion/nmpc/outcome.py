@@ -17,6 +17,9 @@ Plan = tuple[Vector, Vector]
 # A constraint nearer than this to its bound is named in Result.active.
 ACTIVE = 1e-3
 
+# Deceleration [m/s²] of the guess that brakes.
+_BRAKING = 3.0
+
 
 def shifted(plan: Plan, steps: int, dt: float) -> Plan:
     """The plan as seen `steps` ticks later; the last input is held.
@@ -76,6 +79,20 @@ def cold_guess(config: NmpcConfig, instance: Instance, x0: Vector) -> Plan:
     return x, np.tile(HOVER, (config.N, 1))
 
 
+def brake_guess(config: NmpcConfig, x0: Vector) -> Plan:
+    """Straight on to a halt at `_BRAKING`, level: the other way out where a plan is stuck."""
+    k = np.arange(config.N + 1)[:, None] * config.dt
+    speed = max(float(np.linalg.norm(x0[3:6])), 1e-6)
+    left = np.maximum(1.0 - _BRAKING / speed * k, 0.0)
+    v = x0[3:6] * left
+    p = x0[:3] + np.concatenate([np.zeros((1, 3)), np.cumsum(v[:-1], axis=0) * config.dt])
+    q = yaw_quaternion(yaw_of(x0[6:10]))
+    q = q if float(q @ x0[6:10]) >= 0.0 else -q
+    x = np.concatenate([p, v, np.tile(q, (config.N + 1, 1))], axis=1)
+    x[0] = x0
+    return x, np.tile(HOVER, (config.N, 1))
+
+
 def penalised(config: NmpcConfig, margins: Vector) -> float:
     """Penalty of the deepest intrusion [m] per stage and kind; margins as for `judged`."""
     J = config.neighbours
@@ -98,14 +115,12 @@ def judged(
 ) -> Result:
     """Result of a usable plan. margins (N, rows): agents, cylinders, planes at 1…N.
 
-    A neighbour's margin beyond M_constraint is that of a row switched off.
+    cost: (29) with the penalties. A neighbour's margin beyond M_constraint is that of a row switched off.
     """
     J, K = config.neighbours, config.neighbours + config.cylinders
     rows = margins.min(axis=0).tolist()
     nearest = [min(part, default=math.inf) for part in (rows[:J], rows[J:K], rows[K:])]
     names = [n for n, m in zip(("agent", "cylinder", "plane"), nearest, strict=True) if m < ACTIVE]
-    if min(nearest) < 0.0:
-        cost += penalised(config, margins)
     x, u = plan
     return Result(
         x=x,

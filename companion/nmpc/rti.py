@@ -1,5 +1,8 @@
 """The real-time solver: a few full SQP steps from the shifted previous plan.
 
+A plan that intrudes on others may be no more than a bad local minimum: it is then compared
+with what follows from braking to a halt, and the cheaper of the two flies.
+
 Everything iterates by count, never by the clock: the same instances give the same bytes.
 """
 
@@ -8,6 +11,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,7 +19,16 @@ from companion.model import Vector
 from companion.nmpc.compiled import CompiledProgram, library
 from companion.nmpc.config import NmpcConfig
 from companion.nmpc.instance import Instance
-from companion.nmpc.outcome import Plan, cold_guess, failed, hover, judged, shifted
+from companion.nmpc.outcome import (
+    Plan,
+    brake_guess,
+    cold_guess,
+    failed,
+    hover,
+    judged,
+    penalised,
+    shifted,
+)
 from companion.nmpc.problem import build_stage
 from companion.nmpc.qp import Program
 from companion.nmpc.result import Result, Status
@@ -23,6 +36,27 @@ from companion.nmpc.stages import Stages
 
 # Length below which a quaternion says nothing.
 SMALLEST = 1e-3
+
+
+@dataclass(frozen=True)
+class _Descent:
+    """Where the steps from one guess ended. cost: with penalties; gap: left open in (31)."""
+
+    plan: Plan
+    cost: float
+    gap: float
+    margins: Vector
+    iterations: int
+    step_norm: float
+
+    @property
+    def intrusion(self) -> float:
+        """Deepest [m] into what (37), (38) keep free."""
+        return -min(float(self.margins.min()), 0.0)
+
+    def merit(self, config: NmpcConfig) -> float:
+        """What two descents are compared by: a plan that cannot be flown as it stands is dear."""
+        return self.cost + config.penalty * self.gap
 
 
 class Nmpc:
@@ -67,7 +101,6 @@ class Nmpc:
 
     def _solve(self, instance: Instance, steps: int, started: float) -> Result:
         config, stages, program = self.config, self._stages, self._program
-        cold = self._plan is None
         if self._plan is not None:
             self._plan = shifted(self._plan, steps, config.dt)
         u_last = np.clip(instance.u_last, program.u_min, program.u_max)
@@ -77,47 +110,67 @@ class Nmpc:
         if not (stages.place(instance, u_last) and attitude > SMALLEST and math.isfinite(x0.sum())):
             return self._failure(instance, Status.NOT_FINITE, 0, started)
         x0[6:10] /= attitude
-        guess = self._plan if self._plan is not None else cold_guess(config, instance, x0)
-        self._start_from(guess, x0)
+        cold_most, most = config.sqp_iterations_cold, config.sqp_iterations_max
+        if self._plan is None:
+            best = self._descend(cold_guess(config, instance, x0), x0, u_last, cold_most)
+        else:
+            best = self._descend(self._plan, x0, u_last, most)
+        if best is None or best.intrusion > config.rescue_slack:
+            other = self._descend(brake_guess(config, x0), x0, u_last, cold_most)
+            if best is None or (other is not None and other.merit(config) < best.merit(config)):
+                best = other
+        if best is None:
+            return self._failure(instance, Status.QP_FAILED, 0, started)
+        self._plan = best.plan
+        converged = best.step_norm <= config.step_tolerance
+        return judged(
+            config,
+            instance,
+            best.plan,
+            best.cost,
+            best.margins,
+            status=Status.SOLVED if converged else Status.MAX_ITERATIONS,
+            iterations=best.iterations,
+            step_norm=best.step_norm,
+            elapsed=lambda: self._clock() - started,
+        )
 
-        least = config.sqp_iterations
-        most = config.sqp_iterations_cold if cold else config.sqp_iterations_max
+    def _descend(self, guess: Plan, x0: Vector, u_last: Vector, most: int) -> _Descent | None:
+        """At least `sqp_iterations`, at most `most` full steps from a guess; None: found nothing.
+
+        What an earlier iteration found still stands when a later one finds nothing.
+        """
+        config, stages = self.config, self._stages
+        self._start_from(guess, x0)
         iterations, step_norm = 0, math.inf
-        while iterations < least or (iterations < most and step_norm > config.step_tolerance):
+        while iterations < config.sqp_iterations or (
+            iterations < most and step_norm > config.step_tolerance
+        ):
             stages.linearise()
-            found = program.solve(stages.u, u_last)
+            found = self._program.solve(stages.u, u_last)
             if found is None:
+                step_norm = math.inf
                 break
             dx, du = found
             largest = float(np.abs(dx).max()), float(np.abs(du).max())
             if not math.isfinite(sum(largest)):
+                step_norm = math.inf
                 break
             stages.x[1:] += dx
             stages.u += du
             step_norm = max(largest)
             iterations += 1
         stages.evaluate()
-        cost = float(stages.costs.sum())
-        # What an earlier iteration found still stands when a later one finds nothing.
+        cost = float(stages.costs.sum()) + penalised(config, stages.margins)
         if iterations == 0 or not math.isfinite(cost):
-            return self._failure(instance, Status.QP_FAILED, iterations, started)
-
-        x, u = stages.x.copy(), stages.u.copy()
+            return None
+        gap = float(np.abs(stages.reached - stages.x[1:]).sum())
+        x = stages.x.copy()
         x[:, :3] += x0[:3]
         q = x[:, 6:10]
         q /= np.sqrt((q * q).sum(axis=1))[:, None]
-        self._plan = x, u
-        converged = found is not None and step_norm <= config.step_tolerance
-        return judged(
-            config,
-            instance,
-            self._plan,
-            cost,
-            stages.margins,
-            status=Status.SOLVED if converged else Status.MAX_ITERATIONS,
-            iterations=iterations,
-            step_norm=step_norm,
-            elapsed=lambda: self._clock() - started,
+        return _Descent(
+            (x, stages.u.copy()), cost, gap, stages.margins.copy(), iterations, min(step_norm, 1e9)
         )
 
     def _start_from(self, guess: Plan, x0: Vector) -> None:
