@@ -40,8 +40,10 @@ def main(arguments: list[str] | None = None) -> int:
         )
     run.add_argument("--real-time", action="store_true", help="nobody waits for anybody")
     run.add_argument("--json", action="store_true", help="print metrics.json instead of a table")
-    report = commands.add_parser("report", help="one page about a flight")
-    report.add_argument("folder", type=Path, metavar="DIR", help="run folder")
+    report = commands.add_parser(
+        "report", help="one page about a flight, or about a folder of flights"
+    )
+    report.add_argument("folder", type=Path, metavar="DIR", help="run folder, or folder of them")
     view = commands.add_parser("view", help="replay a flight in the browser")
     view.add_argument("folder", type=Path, metavar="DIR", help="run folder")
     run.add_argument("--view", action="store_true", help="show the flight in the browser, live")
@@ -123,10 +125,14 @@ def _need_viser() -> None:
 
 
 def _report(options: argparse.Namespace) -> int:
+    from sitl_sim.campaign_report import is_campaign, make_campaign_report
     from sitl_sim.report import make_report
     from sitl_sim.runfolder import load_run
 
-    print(make_report(load_run(options.folder)))
+    if is_campaign(options.folder):
+        print(make_campaign_report(options.folder))
+    else:
+        print(make_report(load_run(options.folder)))
     return EXIT_OK
 
 

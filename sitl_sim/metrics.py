@@ -138,6 +138,16 @@ def timing(logs: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
     }
 
 
+def wilson(successes: int, runs: int, z: float = 1.96) -> tuple[float, float]:
+    """Wilson score interval of a success rate; z = 1.96: 95 %."""
+    if runs == 0:
+        return 0.0, 1.0
+    rate, z2 = successes / runs, z * z
+    centre = (rate + z2 / (2 * runs)) / (1 + z2 / runs)
+    half = z / (1 + z2 / runs) * ((rate * (1 - rate) / runs + z2 / (4 * runs * runs)) ** 0.5)
+    return max(centre - half, 0.0), min(centre + half, 1.0)
+
+
 def quantiles(values: list[float]) -> dict[str, float | None]:
     """p50, p99 and max."""
     if not values:

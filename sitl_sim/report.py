@@ -7,21 +7,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import plotly.graph_objects as go
-from plotly.offline import get_plotlyjs
-
 from sitl_sim import figures, figures_minds
 from sitl_sim.collision import collision
 from sitl_sim.events import Collision, Event, collisions, events
 from sitl_sim.knowledge import Minds
 from sitl_sim.metrics import safety, sanity, timing
+from sitl_sim.page import draw, page
 from sitl_sim.perception import Sight, perception, sights
 from sitl_sim.runfolder import Run
 
-_STYLE = """body{font:15px/1.5 system-ui,sans-serif;max-width:76rem;margin:2rem auto;padding:0 1rem}
-table{border-collapse:collapse}td,th{padding:.15rem .8rem;border-bottom:1px solid #ddd}
-th,td{text-align:left}.bad{color:#b00}.good{color:#060}section{margin:2rem 0}
-nav a{margin-right:1rem}"""
 _COLLISIONS = 8
 _LEFT_OUT = ("per_drone", "stage_ms", "perception")
 
@@ -51,20 +45,9 @@ def write_report(run: Run, summary: dict[str, Any], seen: dict[str, list[Sight]]
     """The page from what is already known."""
     s = run.scenario
     title = f"{s.name}, seed {s.seed}, {s.drones.count} drones"
-    parts = list(_sections(run, summary, seen))
-    links = "".join(f"<a href=#s{n}>{html.escape(name)}</a>" for n, (name, _) in enumerate(parts))
-    body = "".join(
-        f"<section id=s{n}><h2>{html.escape(name)}</h2>{content}</section>"
-        for n, (name, content) in enumerate(parts)
-    )
-    page = (
-        f"<!doctype html><html lang=en><head><meta charset=utf-8><title>{html.escape(title)}"
-        f"</title><style>{_STYLE}</style><script>{get_plotlyjs()}</script></head>"
-        f"<body><h1>{html.escape(title)}</h1>{_verdict(summary)}<nav>{links}</nav>{body}"
-        "</body></html>"
-    )
     path = run.folder / "report.html"
-    path.write_text(page, encoding="utf-8")
+    text = page(title, _verdict(summary), _sections(run, summary, seen))
+    path.write_text(text, encoding="utf-8")
     return path
 
 
@@ -74,18 +57,18 @@ def _sections(
     """Heading and content of each part of the page."""
     minds, happened = Minds(run), events(run)
     yield "Summary", _table(summary)
-    yield "From above", _draw(figures.top_view(run))
+    yield "From above", draw(figures.top_view(run))
     if crashes := collisions(run):
         yield "Ten seconds before each collision", _collisions(run, minds, crashes)
-    yield "Trajectories", _draw(figures.trajectories(run))
-    yield "Distances and speed, mean ± std and least", _draw(figures.curves(run))
+    yield "Trajectories", draw(figures.trajectories(run))
+    yield "Distances and speed, mean ± std and least", draw(figures.curves(run))
     if times := figures_minds.chosen_times(run):
-        yield "Network of critical neighbours", _draw(figures_minds.network(run, minds, times))
-        yield "Predicted trajectories", _draw(figures_minds.plans(run, minds, times))
-    yield "Solve and tick times", _draw(figures_minds.times(run))
+        yield "Network of critical neighbours", draw(figures_minds.network(run, minds, times))
+        yield "Predicted trajectories", draw(figures_minds.plans(run, minds, times))
+    yield "Solve and tick times", draw(figures_minds.times(run))
     if any(seen.values()):
-        yield "Perception against truth", _draw(figures_minds.perception(seen))
-    yield "Events", _draw(figures_minds.timeline(run, happened)) + _list(happened)
+        yield "Perception against truth", draw(figures_minds.perception(seen))
+    yield "Events", draw(figures_minds.timeline(run, happened)) + _list(happened)
 
 
 def _collisions(run: Run, minds: Minds, crashes: list[Collision]) -> str:
@@ -94,7 +77,7 @@ def _collisions(run: Run, minds: Minds, crashes: list[Collision]) -> str:
     for crash in crashes[:_COLLISIONS]:
         other = "an obstacle" if crash.other is None else run.names[crash.other]
         title = f"{run.names[crash.drone]} with {other}, {crash.time:.1f} s, {crash.distance:.2f} m"
-        parts.append(f"<h3>{html.escape(title)}</h3>{_draw(collision(run, minds, crash))}")
+        parts.append(f"<h3>{html.escape(title)}</h3>{draw(collision(run, minds, crash))}")
     return "".join(parts)
 
 
@@ -115,10 +98,6 @@ def _shortcomings(s: dict[str, Any]) -> Iterator[str]:
     if s["never_flew"]:
         yield "never flew: " + ", ".join(s["never_flew"])
     yield from s["faults_in_truth"]
-
-
-def _draw(figure: go.Figure) -> str:
-    return str(figure.to_html(full_html=False, include_plotlyjs=False))
 
 
 def _table(summary: dict[str, Any]) -> str:

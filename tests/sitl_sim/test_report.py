@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import re
 
@@ -8,7 +9,9 @@ from sitl_sim.__main__ import main
 from sitl_sim.events import collisions, events
 from sitl_sim.knowledge import Minds
 from sitl_sim.metrics import sanity
-from sitl_sim.runfolder import load_run
+from sitl_sim.perception import sights
+from sitl_sim.report import summarise, write_report
+from sitl_sim.runfolder import load_run, log_path, salvage_ticks
 from tests.sitl_sim import flights
 
 
@@ -99,6 +102,21 @@ def test_a_spoilt_folder_is_one_clear_line_and_exit_2(tmp_path, capsys, spoil, w
 def test_a_folder_without_a_flight_is_refused(tmp_path, capsys):
     assert main(["report", str(tmp_path)]) == 2
     assert "world.json: cannot be read" in capsys.readouterr().err
+
+
+def test_after_the_flight_a_killed_companions_log_still_counts(tmp_path):
+    folder = flights.write_run(tmp_path / "run")
+    log = log_path(folder, "drone2")
+    assert len(salvage_ticks(log)) == 116
+    log.write_bytes(log.read_bytes()[:-600])
+    run = load_run(flights.write_run(tmp_path / "whole"))
+    logs = run.logs | {"drone2": salvage_ticks(log), "drone3": salvage_ticks(tmp_path / "none")}
+    assert logs["drone3"] == []
+    cut_short = dataclasses.replace(run, logs=logs)
+    seen = sights(run.scenario, run.world, run.truth, logs)
+    summary = summarise(cut_short, seen)
+    assert summary["ok"]
+    assert write_report(cut_short, summary, seen).stat().st_size > 1e6
 
 
 def test_truth_that_cannot_be_is_noticed():
