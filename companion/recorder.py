@@ -36,6 +36,7 @@ from companion.tlog import TelemetryLog
 from companion.types import Image
 from mavlink_bridge.video import Frame
 
+Packets = Sequence[tuple[bool, bytes]]  # (sent by us, datagram)
 CONFIG = "config"  # name of the metadata record that holds the drone's configuration
 _CHUNK = 256 * 1000  # bytes, most that one chunk holds
 _TICKS_A_CHUNK = 5
@@ -69,13 +70,9 @@ class Recorder:
         self._image_time = -np.inf
 
     def write(
-        self,
-        inputs: TickInputs,
-        out: TickOutputs,
-        packets: Sequence[tuple[bool, bytes]],
-        counters: dict[str, Any],
+        self, inputs: TickInputs, out: TickOutputs, packets: Packets, counters: dict[str, Any]
     ) -> None:
-        """Append a tick. packets: (sent by us, datagram) since the tick before, in order."""
+        """Append a tick. packets: since the tick before, in order. counters: so far."""
         if self.failed is not None:
             return
         try:
@@ -107,11 +104,7 @@ class Recorder:
         return channels
 
     def _write(
-        self,
-        inputs: TickInputs,
-        out: TickOutputs,
-        packets: Sequence[tuple[bool, bytes]],
-        counters: dict[str, Any],
+        self, inputs: TickInputs, out: TickOutputs, packets: Packets, counters: dict[str, Any]
     ) -> None:
         frame_time = inputs.frame.time if inputs.frame is not None else None
         came = [data for sent, data in packets if not sent]
