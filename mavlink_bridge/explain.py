@@ -50,7 +50,7 @@ def explain(
 def _location(places: Mapping[Key, str], error: dict[str, Any]) -> Key:
     """The key path that is wrong, without what pydantic adds for members of unions."""
     location: Key = tuple(error["loc"])
-    if error["type"] == "missing":
+    if error["type"] in ("missing", "extra_forbidden"):
         return location
     while location and location not in places:
         location = location[:-1]

@@ -4,6 +4,7 @@ import pytest
 from pydantic import Field
 
 from mavlink_bridge.settings import (
+    Document,
     SettingsError,
     StrictModel,
     assignments,
@@ -68,3 +69,8 @@ def test_layers_and_assignments():
         validate(Outer, merge([base, assignments(["sizes=3"])]), "base")
     with pytest.raises(SettingsError, match=r"must be path\.to\.key=value"):
         assignments(["sizes"])
+
+
+def test_data_without_places_is_explained_too():
+    with pytest.raises(SettingsError, match=r"^f: inner\.rate: unknown key; did you mean"):
+        validate(Outer, Document({"name": "a", "inner": {"rate": 1}}), "f")
