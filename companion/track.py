@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from pydantic import Field
-from scipy.optimize import linear_sum_assignment
 
+from companion.assignment import assign
 from companion.types import Detection, Track, Vector
 from mavlink_bridge.frames import rotation_matrix
 from mavlink_bridge.messages import VehicleState
@@ -151,8 +151,7 @@ class Tracker:
         cost = np.einsum("tdi,tdi->td", residual, solved)
         score = cost + np.linalg.slogdet(s)[1]
         score = np.where(cost < self._config.gate, score, 1e3)
-        rows, columns = linear_sum_assignment(score)
-        return [(int(t), int(d)) for t, d in zip(rows, columns, strict=True) if score[t, d] < 1e3]
+        return [pair for pair in assign(score) if score[pair] < 1e3]
 
     def _correct(self, n: int, z: Vector, r: Vector) -> None:
         """Kalman update of track n (Joseph form stays symmetric and positive)."""
