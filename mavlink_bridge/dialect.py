@@ -124,6 +124,14 @@ def _gps(g: m.GpsRaw) -> Any:
     )  # fmt: skip
 
 
+def _gps_input(g: m.GpsInput) -> Any:
+    return mavlink.MAVLink_gps_input_message(
+        round(g.time * 1e6), 0, 0, 0, 0, g.fix_type, round(g.latitude_deg * 1e7),
+        round(g.longitude_deg * 1e7), g.altitude, 0.8, 1.2, *enu_ned(*(float(a) for a in g.v)),
+        0.1, 0.5, 0.8, g.satellites,
+    )  # fmt: skip
+
+
 def _estimator(e: m.EstimatorStatus) -> Any:
     return mavlink.MAVLink_estimator_status_message(
         round(e.time * 1e6), e.flags, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1,
@@ -166,6 +174,7 @@ TO_WIRE: dict[type, Callable[[Any], Any]] = {
     m.BatteryStatus: _battery,
     m.HomePosition: _home,
     m.GpsRaw: _gps,
+    m.GpsInput: _gps_input,
     m.EstimatorStatus: _estimator,
     m.AutopilotVersion: _autopilot_version,
     m.StatusText: _statustext,
@@ -310,6 +319,10 @@ FROM_WIRE: dict[int, Callable[[Any], m.Message]] = {
     mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: lambda w: m.GpsRaw(
         w.time_usec / 1e6, w.fix_type, w.lat / 1e7, w.lon / 1e7, w.alt / 1e3,
         w.satellites_visible, w.vel / 100, yaw_from_heading(math.radians(w.cog / 100)),
+    ),
+    mavlink.MAVLINK_MSG_ID_GPS_INPUT: lambda w: m.GpsInput(
+        w.time_usec / 1e6, w.fix_type, w.lat / 1e7, w.lon / 1e7, w.alt,
+        _array(*enu_ned(w.vn, w.ve, w.vd)), w.satellites_visible,
     ),
     mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: lambda w: m.EstimatorStatus(
         w.time_usec / 1e6, w.flags, w.pos_horiz_accuracy, w.pos_vert_accuracy

@@ -227,6 +227,19 @@ class GpsRaw:
 
 
 @dataclass(frozen=True)
+class GpsInput:
+    """GPS_INPUT: what a receiver tells an autopilot; degrees, m, v (3,) m/s ENU."""
+
+    time: float
+    fix_type: int
+    latitude_deg: float
+    longitude_deg: float
+    altitude: float
+    v: Vector
+    satellites: int = 12
+
+
+@dataclass(frozen=True)
 class EstimatorStatus:
     """ESTIMATOR_STATUS: flags bits, position accuracies in metres."""
 
@@ -426,6 +439,7 @@ Message = (
     | ExtendedSystemState
     | HomePosition
     | GpsRaw
+    | GpsInput
     | EstimatorStatus
     | AutopilotVersion
     | TimeSync

@@ -1,0 +1,320 @@
+"""A Betaflight over MSP on one side, a MAVLink vehicle on the other; no sockets, no clock.
+
+`read` takes the controller's answers, `receive` the companion's messages, `cycle` says what
+goes out to both. Watchdog: setpoints that stop mean level sticks at once; where a pilot stands
+by, the link is released to him, and where nobody does, the vehicle stays, then lands.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mavlink_bridge import msp
+from mavlink_bridge.betaflight import GENERIC, MODES, PILOT
+from mavlink_bridge.coarse_state import CoarseState
+from mavlink_bridge.controller import Controller
+from mavlink_bridge.level_flight import LevelFlight
+from mavlink_bridge.messages import (
+    Attitude,
+    AutopilotVersion,
+    BatteryStatus,
+    Command,
+    CommandAck,
+    CommandId,
+    CommandResult,
+    GpsInput,
+    Heartbeat,
+    LocalPosition,
+    Message,
+    RateSetpoint,
+    Received,
+    StatusText,
+    TimeSync,
+)
+from mavlink_bridge.msp import Msp, Reply
+from mavlink_bridge.thrust import ThrustMap
+
+POLLED = [Msp.ATTITUDE, Msp.RAW_IMU, Msp.ALTITUDE, Msp.RAW_GPS, Msp.STATUS_EX, Msp.ANALOG]
+_RATES_AND_THRUST = 128
+_QUADROTOR = 2
+_STANDBY, _ACTIVE, _CRITICAL = 3, 4, 5
+_ERROR, _INFO = 3, 6
+_FIX_3D = 3
+_FORCE = 21196.0
+_NAMES = {number: name for name, number in MODES.items()}
+
+
+@dataclass(frozen=True)
+class BridgeTimes:
+    """Seconds. setpoint: silence that ends offboard. release: from the last setpoint until the
+    pilot has the sticks. land: from there to landing where there is no pilot. arm: patience with
+    the arming switch. silent: without answers the controller counts as lost.
+    """
+
+    setpoint: float = 0.2
+    release: float = 0.3
+    land: float = 5.0
+    arm: float = 1.5
+    silent: float = 0.5
+    heartbeat: float = 0.5
+
+
+@dataclass
+class Output:
+    """What one cycle sends: an RC frame (or none: released), and messages to the companion."""
+
+    rc: bytes = b""
+    messages: list[Message] = field(default_factory=list)
+
+
+class BetaflightBridge:
+    """One bridged vehicle. Times are CLOCK_MONOTONIC seconds, which are its boot clock too."""
+
+    def __init__(
+        self,
+        system: int,
+        controller: Controller,
+        thrust: ThrustMap,
+        angle_limit: float,
+        times: BridgeTimes | None = None,
+    ) -> None:
+        """angle_limit: lean at full stick in ANGLE mode [rad]."""
+        self.mode = "hold" if controller.sole else "pilot"
+        self.armed = False
+        self._system, self._controller, self._limit = system, controller, angle_limit
+        self._times = times or BridgeTimes()
+        self._state = CoarseState()
+        self._level = LevelFlight(thrust)
+        self._arm_switch = False
+        self._arm_asked: float | None = None
+        self._reasons = 0
+        self._overridden = controller.sole
+        self._setpoint: RateSetpoint | None = None
+        self._setpoint_at = -math.inf
+        self._lost_at: float | None = None
+        self._answered = self._cycled = -math.inf
+        self._heartbeat_at = -math.inf
+        self._gps: tuple[float, ...] = ()
+        self._battery = (0.0, 0.0)
+        self._outbox: list[Message] = []
+
+    # --- from the controller -------------------------------------------------------------
+
+    def read(self, time: float, reply: Reply) -> None:
+        """An answer of the controller, at `time` [s]."""
+        if reply.command != Msp.MULTIPLE_MSP or reply.refused:
+            return
+        parts = msp.split(POLLED, reply.payload)
+        if len(parts) < len(POLLED):
+            return
+        self._answered = time
+        self._read_status(time, msp.status(parts[Msp.STATUS_EX]))
+        self._read_motion(time, parts)
+        self._battery = msp.battery(parts[Msp.ANALOG])
+        state = self._state.at(time)
+        if state is not None:
+            self._outbox += [
+                Attitude(time, state.q_wb, state.omega),
+                LocalPosition(time, state.p, state.v),
+            ]
+
+    def _read_motion(self, time: float, parts: dict[Msp, bytes]) -> None:
+        s, imu, resting = self._state, msp.raw_imu(parts[Msp.RAW_IMU]), not self.armed
+        s.advance(time)
+        s.gyro(imu.omega)
+        roll, pitch, heading = msp.attitude(parts[Msp.ATTITUDE])
+        # Whole degrees were cut off, not rounded.
+        s.angles(roll, pitch, math.pi / 2 - heading - math.radians(0.5))
+        s.force(imu.force, resting)
+        s.height(*msp.altitude(parts[Msp.ALTITUDE]), resting)
+        if not parts[Msp.RAW_GPS]:
+            return  # firmware built without GPS: then GPS_INPUT has to do
+        gps = msp.raw_gps(parts[Msp.RAW_GPS])
+        now = (gps.latitude_deg, gps.longitude_deg, *gps.v)
+        if gps.fix and now != self._gps:
+            self._gps = now
+            s.gps(gps.latitude_deg, gps.longitude_deg, gps.v)
+
+    def _read_status(self, time: float, status: msp.Status) -> None:
+        armed = bool(status.modes >> self._controller.arm_bit & 1)
+        self._reasons = status.arming_disabled
+        if self.armed and not armed:
+            self._arm_switch = False
+            self._say(_INFO, "Disarmed")
+            self._enter("hold" if self._controller.sole else "pilot")
+        elif armed and not self.armed:
+            self._say(_INFO, "Armed")
+        self.armed = armed
+        if self._controller.override_bit is not None:
+            self._watch_override(bool(status.modes >> self._controller.override_bit & 1))
+        if self._arm_asked is not None and (armed or time - self._arm_asked > self._times.arm):
+            if not armed:
+                self._arm_switch = False
+                self._say(_ERROR, "Arming denied: " + self._why())
+            self._arm_asked = None
+
+    def _watch_override(self, on: bool) -> None:
+        """The pilot hands over and takes back by his switch."""
+        if self._overridden and not on:
+            self._enter("pilot")
+        elif on and not self._overridden:
+            self._enter("hold")
+            self._level.stay(self._state.at(self._cycled))
+        self._overridden = on
+
+    def _why(self) -> str:
+        names = [n for n in msp.arming_reasons(self._reasons) if n != "ARM_SWITCH"]
+        return " ".join(names) or "no reason given"
+
+    # --- from the companion --------------------------------------------------------------
+
+    def receive(self, time: float, received: Received) -> None:
+        """A message of the companion or a ground station, at `time` [s]."""
+        m = received.message
+        if isinstance(m, RateSetpoint):
+            self._follow(time, m)
+        elif isinstance(m, Command) and m.target_system in (0, self._system):
+            result = self._command(time, m)
+            source = received.source
+            self._outbox.append(CommandAck(m.command, result, source.system, source.component))
+        elif isinstance(m, GpsInput) and m.fix_type >= _FIX_3D:
+            self._state.gps(m.latitude_deg, m.longitude_deg, m.v)
+        elif isinstance(m, TimeSync) and m.tc1 == 0:
+            self._outbox.append(TimeSync(round(time * 1e9), m.ts1))
+
+    def _follow(self, time: float, m: RateSetpoint) -> None:
+        sane = bool(np.isfinite(m.omega).all()) and math.isfinite(m.thrust)
+        if m.type_mask == _RATES_AND_THRUST and sane and m.target_system in (0, self._system):
+            self._setpoint, self._setpoint_at = m, time
+
+    def _command(self, time: float, m: Command) -> int:
+        if m.command == CommandId.COMPONENT_ARM_DISARM:
+            return self._arm(time, m.params[0] == 1.0, m.params[1] == _FORCE)
+        if m.command == CommandId.REQUEST_MESSAGE and m.params[0] == 148.0:
+            self._outbox.append(AutopilotVersion(0x40 | 0x2000, self._version(), self._system))
+            return CommandResult.ACCEPTED
+        if m.command == CommandId.NAV_TAKEOFF:
+            return self._take_off(time, m.params[6])
+        names = {CommandId.NAV_LAND: MODES["land"], CommandId.DO_SET_MODE: m.params[1]}
+        if m.command not in names:
+            return CommandResult.UNSUPPORTED
+        mode = _NAMES.get(int(names[CommandId(m.command)]))
+        if mode not in ("hold", "land", "offboard"):
+            return CommandResult.DENIED
+        return self._change(time, mode)
+
+    def _version(self) -> int:
+        major, minor, patch = (int(n) for n in self._controller.version.split("."))
+        return major << 24 | minor << 16 | patch << 8 | 0xFF
+
+    def _arm(self, time: float, wanted: bool, force: bool) -> int:
+        if not wanted:
+            if self.armed and self.mode != "hold" and not force and not self._level.grounded:
+                self._say(_ERROR, "Disarming denied: in flight")
+                return CommandResult.DENIED
+            self._arm_switch = False
+            return CommandResult.ACCEPTED
+        reasons = [n for n in msp.arming_reasons(self._reasons) if n != "ARM_SWITCH"]
+        if self.armed or self._arm_asked is not None:
+            return CommandResult.ACCEPTED
+        if reasons or not self._overridden or self._state.at(time) is None:
+            why = self._why() if reasons else "no position" if self._overridden else "pilot flies"
+            self._say(_ERROR, "Arming denied: " + why)
+            return CommandResult.TEMPORARILY_REJECTED
+        self._arm_switch, self._arm_asked = True, time
+        return CommandResult.ACCEPTED
+
+    def _take_off(self, time: float, height: float) -> int:
+        state = self._state.at(time)
+        if not self.armed or state is None or not height > 0.0:
+            return CommandResult.DENIED
+        if self.mode != "takeoff":
+            self._enter("takeoff")
+            self._level.stay(state, float(state.p[2]) + height)
+        return CommandResult.ACCEPTED
+
+    def _change(self, time: float, mode: str) -> int:
+        if not self._overridden:
+            self._say(_ERROR, "Mode refused: the pilot flies")
+            return CommandResult.TEMPORARILY_REJECTED
+        if mode == "offboard" and time - self._setpoint_at > self._times.setpoint:
+            self._say(_ERROR, "Offboard refused: no setpoints")
+            return CommandResult.TEMPORARILY_REJECTED
+        if mode != self.mode:
+            self._enter(mode)
+            self._level.stay(self._state.at(time))
+        return CommandResult.ACCEPTED
+
+    def _enter(self, mode: str) -> None:
+        self.mode = mode
+        self._lost_at = None
+
+    # --- out -----------------------------------------------------------------------------
+
+    def cycle(self, time: float) -> Output:
+        """One cycle at `time` [s]: 50 Hz or more."""
+        dt = min(time - self._cycled, 0.1) if math.isfinite(self._cycled) else 0.0
+        self._cycled = time
+        self._watch(time)
+        out = Output(self._rc(time, dt))
+        if time - self._heartbeat_at >= self._times.heartbeat:
+            self._heartbeat_at = time
+            self._outbox += [self._heartbeat(time), BatteryStatus(*self._battery, -0.01)]
+        out.messages, self._outbox = self._outbox, []
+        return out
+
+    def _watch(self, time: float) -> None:
+        """Modes that end by themselves."""
+        state = self._state.at(time)
+        if self.mode == "offboard" and time - self._setpoint_at > self._times.setpoint:
+            self._say(_ERROR, "Setpoints stopped: level")
+            self._enter("hold")
+            self._level.stay(state)
+            self._lost_at = self._setpoint_at
+        elif self.mode == "takeoff" and state is not None and self._level.reached(state):
+            self._enter("hold")
+        elif self.mode == "land" and self.armed and self._level.grounded:
+            self._arm_switch = False
+        if self._lost_at is None or not self.armed:
+            return
+        if self._controller.sole:
+            if time - self._lost_at > self._times.land:
+                self._change(time, "land")
+        elif time - self._lost_at > self._times.release:
+            self._say(_ERROR, "Released to the pilot")
+            self._enter("pilot")
+
+    def _rc(self, time: float, dt: float) -> bytes:
+        """The RC frame; none where the pilot flies."""
+        if self.mode == "pilot":
+            return b""
+        controller, setpoint = self._controller, self._setpoint
+        if not self.armed:
+            channels = controller.channels(np.zeros(3), 0.0, self._arm_switch, True)
+        elif self.mode == "offboard" and setpoint is not None:
+            sticks = np.array(controller.rate_sticks(setpoint.omega))
+            channels = controller.channels(sticks, setpoint.thrust, True, False)
+        elif self.mode == "hold" and self._lost_at is None and self._idle(time):
+            channels = controller.channels(np.zeros(3), 0.0, self._arm_switch, True)
+        else:
+            lean = self._level.step(self._state.at(time), dt, self.mode == "land")
+            sticks = np.array([lean.right, lean.forward, 0.0]) / self._limit
+            channels = controller.channels(sticks, lean.thrust, self._arm_switch, True)
+        return msp.raw_rc(channels)
+
+    def _idle(self, time: float) -> bool:
+        """Armed, and not yet off the ground."""
+        state = self._state.at(time)
+        return state is None or (float(state.p[2]) < 0.15 and abs(float(state.v[2])) < 0.3)
+
+    def _heartbeat(self, time: float) -> Heartbeat:
+        silent = time - self._answered > self._times.silent
+        lost = silent or self._lost_at is not None
+        status = _CRITICAL if lost else _ACTIVE if self.armed else _STANDBY
+        return Heartbeat(GENERIC, _QUADROTOR, self.armed, MODES.get(self.mode, PILOT), status, 1)
+
+    def _say(self, severity: int, text: str) -> None:
+        self._outbox.append(StatusText(severity, text[:50]))

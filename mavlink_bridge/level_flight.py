@@ -1,0 +1,86 @@
+"""Hold, take-off and landing of a bridged Betaflight: sticks in ANGLE mode, throttle by climb rate.
+
+Where the companion does not fly: the controller keeps the frame level by itself, the bridge
+leans it gently against the drift and sees to the height.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mavlink_bridge.frames import euler_from_quaternion
+from mavlink_bridge.messages import Vector, VehicleState
+from mavlink_bridge.thrust import G, ThrustMap
+
+_POSITION_GAIN, _VELOCITY_GAIN = 0.7, 1.6  # 1/s
+_SPEED_MAX, _LEAN_MAX = 1.5, math.radians(15.0)
+_CLIMB_GAIN, _HEIGHT_GAIN, _INTEGRAL_GAIN = 3.0, 1.0, 1.2  # 1/s, 1/s, 1/s²
+_INTEGRAL_MAX = 4.0  # m/s²
+_CLIMB_MAX, _SINK_MAX = 1.0, 0.7  # m/s
+_SLOW_BELOW, _SINK_SLOW = 1.0, 0.35  # m, m/s
+
+
+@dataclass(frozen=True)
+class Lean:
+    """Lean to the right and nose down [rad], and thrust 0…1."""
+
+    right: float
+    forward: float
+    thrust: float
+
+
+class LevelFlight:
+    """The loop; one call per cycle."""
+
+    def __init__(self, thrust: ThrustMap) -> None:
+        self._thrust = thrust
+        self._place: Vector | None = None
+        self._height = 0.0
+        self._integral = 0.0
+
+    def stay(self, state: VehicleState | None, height: float | None = None) -> None:
+        """From now on stay at this place, at `height` [m] or the present one."""
+        self._integral = 0.0
+        if state is not None:
+            self._place = state.p.copy()
+            self._height = float(state.p[2]) if height is None else height
+
+    def reached(self, state: VehicleState) -> bool:
+        """Whether the height is reached."""
+        return float(state.p[2]) > self._height - 0.2
+
+    @property
+    def grounded(self) -> bool:
+        """Whether sinking was asked for and nothing gave way for long."""
+        return self._integral <= -0.9 * _INTEGRAL_MAX
+
+    def step(self, state: VehicleState | None, dt: float, sink: bool = False) -> Lean:
+        """Sticks now; without a state: level and at hover thrust."""
+        if state is None or self._place is None:
+            return Lean(0.0, 0.0, self._thrust.hover_thrust)
+        wanted = _POSITION_GAIN * (self._place[:2] - state.p[:2])
+        wanted *= min(1.0, _SPEED_MAX / max(float(np.linalg.norm(wanted)), 1e-6))
+        east, north = _VELOCITY_GAIN * (wanted - state.v[:2]) / G
+        _, _, yaw = euler_from_quaternion(state.q_wb)
+        forward = math.cos(yaw) * east + math.sin(yaw) * north
+        left = math.cos(yaw) * north - math.sin(yaw) * east
+        return Lean(_lean(-left), _lean(forward), self._lift(state, dt, sink))
+
+    def _lift(self, state: VehicleState, dt: float, sink: bool) -> float:
+        height = float(state.p[2])
+        if sink:
+            climb = -(_SINK_SLOW if height < _SLOW_BELOW else _SINK_MAX)
+        else:
+            climb = _HEIGHT_GAIN * (self._height - height)
+            climb = min(max(climb, -_SINK_MAX), _CLIMB_MAX)
+        error = climb - float(state.v[2])
+        self._integral += _INTEGRAL_GAIN * error * dt
+        self._integral = min(max(self._integral, -_INTEGRAL_MAX), _INTEGRAL_MAX)
+        return self._thrust.to_thrust(G + _CLIMB_GAIN * error + self._integral)
+
+
+def _lean(angle: float) -> float:
+    return min(max(angle, -_LEAN_MAX), _LEAN_MAX)
