@@ -34,7 +34,10 @@ class DronesConfig(StrictModel):
     starts: list[list[float]] = Field([], description="[x, y] each, instead of a formation.")
     jitter: float = Field(0.1, ge=0, description="Each start is moved up to this [m].")
     radius: float = Field(0.2, gt=0, description="Of the sphere around a drone [m].")
-    autopilot: Literal["px4", "ardupilot"] = "px4"
+    autopilot: Literal["px4", "ardupilot", "betaflight"] = Field(
+        "px4",
+        description="px4, ardupilot: emulated; betaflight: the real SITL, in real time.",
+    )
     frame_yaw_deg: float | Literal["random"] = Field(
         0.0, description="Yaw of each vehicle's own frame in the world: no frame is shared."
     )

@@ -1,0 +1,209 @@
+"""Real Betaflights flying our vehicles: physics in real time, a SITL process and a bridge each.
+
+Has what a flight wants of `Autopilots`; the vehicles' telemetry goes from the bridges straight
+to the companions. Betaflight keeps its own time, so physics follows CLOCK_MONOTONIC: a step is
+as long as what has passed, and a pause of the machine is one long step, never a burst.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import ArrayLike, NDArray
+
+from mavlink_bridge.codec import Codec
+from mavlink_bridge.link import Link, UdpEndpoint
+from mavlink_bridge.messages import GpsInput, Message, Received
+from sitl_sim.betaflight_sitl import BetaflightError, BetaflightSitl
+from sitl_sim.geodesy import GeoReference, LocalFrame
+from sitl_sim.namespace import Host, Namespace
+from sitl_sim.vehicle import Vehicles
+
+_STEP = 0.002  # s between exchanges: 500 Hz
+_SUBSTEP = 0.001
+_GPS_PERIOD = 0.1
+_GPS_NOISE, _GPS_SPEED_NOISE = 0.01, 0.02  # m, m/s
+_TURNING = 0.1  # of full speed: a motor that turns faster than idling
+HOVER, EXPONENT = 0.545, 1.75
+"""Throttle that holds the default airframe (with 7 % idle), and how force goes with it there."""
+
+
+@dataclass(frozen=True)
+class Wire:
+    """Where a vehicle's companion and ground stations listen."""
+
+    host: str
+    companion: int
+    ground: int
+
+
+class RealFleet:
+    """n Betaflights. Each index i is the vehicle's; system ids are given.
+
+    Raises:
+        BetaflightError, NamespaceError: one line: what is missing.
+    """
+
+    def __init__(
+        self,
+        vehicles: Vehicles,
+        system_ids: Sequence[int],
+        folders: Sequence[Path],
+        wires: Sequence[Wire],
+        *,
+        origin: NDArray[np.float64],
+        yaw_offset: NDArray[np.float64],
+        seed: int = 0,
+        settings: Sequence[str] = (),
+    ) -> None:
+        """origin (n,3) m, yaw_offset (n,) rad: each vehicle's own frame. settings: CLI lines."""
+        self.vehicles = vehicles
+        self._frames = [LocalFrame(o.copy(), float(y), GeoReference())
+                        for o, y in zip(origin, yaw_offset, strict=True)]  # fmt: skip
+        self._rngs = [np.random.default_rng([seed, 0x6B5, s]) for s in system_ids]
+        self._sitls: list[BetaflightSitl] = []
+        self._bridges: list[subprocess.Popen[bytes]] = []
+        self._gps: list[Link] = []
+        self._wind = np.zeros_like(vehicles.p)
+        self._started: float | None = None
+        self._stop = threading.Event()
+        self._lock = threading.Lock()
+        self._physics = threading.Thread(target=self._spin, daemon=True)
+        self.longest_pause = 0.0
+        sys.setswitchinterval(0.0005)  # the physics must not wait for the rest of the process
+        try:
+            for folder in folders:
+                network = Namespace() if len(folders) > 1 else Host()
+                self._sitls.append(BetaflightSitl(folder / "betaflight", network, list(settings)))
+            self._physics.start()
+            for i, system in enumerate(system_ids):
+                self._bridge(i, system, folders[i], wires[i])
+        except BaseException:
+            self.close()
+            raise
+
+    def _bridge(self, i: int, system: int, folder: Path, wire: Wire) -> None:
+        """Start the bridge of vehicle i."""
+        probe = UdpEndpoint(local=("127.0.0.1", 0))
+        port = probe.port
+        probe.close()
+        config = {
+            "fileversion": 1,
+            "controller": f"tcp:127.0.0.1:{self._sitls[i].msp_port}",
+            "link": {
+                "endpoint": f"udpout:{wire.host}:{wire.companion}",
+                "ground": f"udpout:{wire.host}:{wire.ground}",
+                "gps": f"udpin:127.0.0.1:{port}",
+                "system_id": system,
+            },
+            "throttle": {"hover": HOVER, "exponent": EXPONENT},
+        }
+        file = folder / "bridge.yaml"
+        file.write_text(yaml.safe_dump(config, sort_keys=False), encoding="utf-8")
+        with (folder / "bridge.log").open("wb") as log:
+            self._bridges.append(subprocess.Popen(
+                [sys.executable, "-m", "mavlink_bridge", "betaflight", str(file)],
+                stdin=subprocess.DEVNULL, stdout=log, stderr=log,
+            ))  # fmt: skip
+        self._gps.append(Link(UdpEndpoint(remote=("127.0.0.1", port)), Codec(system, 220)))
+
+    # --- what a flight wants of autopilots -----------------------------------------------
+
+    @property
+    def t(self) -> float:
+        """Seconds since the flight began."""
+        return 0.0 if self._started is None else time.monotonic() - self._started
+
+    @property
+    def armed(self) -> NDArray[np.bool_]:
+        """(n,) motors turn."""
+        return np.array([bool((s.command > _TURNING).any()) for s in self._sitls])
+
+    def begin(self, started: float) -> None:
+        """The flight begins at `started` [CLOCK_MONOTONIC]."""
+        self._started = started
+
+    def advance(self, t_end: float, wind: ArrayLike = 0.0) -> None:
+        """Wait until t_end [s]; wind: (3,) or (n,3) m/s, world.
+
+        Raises:
+            BetaflightError: a process ended.
+        """
+        self._wind = np.ascontiguousarray(
+            np.broadcast_to(np.asarray(wind, dtype=np.float64), self.vehicles.p.shape)
+        )
+        dead = [i + 1 for i, s in enumerate(self._sitls) if not s.alive]
+        dead += [i + 1 for i, b in enumerate(self._bridges) if b.poll() is not None]
+        if dead:
+            raise BetaflightError(f"Betaflight or bridge of vehicle {dead[0]} ended; see its logs")
+        assert self._started is not None
+        time.sleep(max(self._started + t_end - time.monotonic(), 0.0))
+
+    def telemetry(self, i: int, link: str) -> list[Message]:
+        """Nothing: the bridges speak."""
+        return []
+
+    def receive(self, i: int, received: Received, link: str | None = None) -> list[Message]:
+        """Nothing: the bridges listen."""
+        return []
+
+    def close(self) -> None:
+        """End the bridges, then the SITL processes."""
+        for bridge in self._bridges:
+            bridge.terminate()
+        for bridge in self._bridges:
+            with suppress(subprocess.TimeoutExpired):
+                bridge.wait(timeout=5.0)
+            bridge.kill()
+            bridge.wait()
+        self._stop.set()
+        if self._physics.is_alive():
+            self._physics.join()
+        for sitl in self._sitls:
+            sitl.close()
+        for link in self._gps:
+            link.close()
+
+    # --- the physics thread --------------------------------------------------------------
+
+    def _spin(self) -> None:
+        """Step, exchange, sleep, until closed."""
+        begun = time.monotonic()
+        flown = 0  # substeps
+        fix_at = 0.0
+        while not self._stop.is_set():
+            now = time.monotonic() - begun
+            count = int(now / _SUBSTEP) - flown
+            if count > 0:
+                self.longest_pause = max(self.longest_pause, count * _SUBSTEP)
+                self._exchange(begun + now, count)
+                flown += count
+            if now >= fix_at:
+                fix_at = now + _GPS_PERIOD
+                self._fix(begun + now)
+            time.sleep(max(begun + (flown * _SUBSTEP) + _STEP - time.monotonic(), 0.0))
+
+    def _exchange(self, t: float, count: int) -> None:
+        commands = np.array([
+            s.exchange(t, i, self.vehicles.state, self._frames[i])
+            for i, s in enumerate(self._sitls)
+        ])  # fmt: skip
+        with self._lock:
+            self.vehicles.step(count * _SUBSTEP, commands, self._wind, count)
+
+    def _fix(self, t: float) -> None:
+        """What a receiver on each board tells its bridge."""
+        for i, link in enumerate(self._gps):
+            rng, frame = self._rngs[i], self._frames[i]
+            p = self.vehicles.p[i] + _GPS_NOISE * rng.standard_normal(3)
+            v = frame.vector(self.vehicles.v[i]) + _GPS_SPEED_NOISE * rng.standard_normal(3)
+            link.send([GpsInput(t, 3, *frame.to_geo(p), v)])
