@@ -21,6 +21,7 @@ from companion.obstacles import ObstacleConfig
 from companion.threat import ThreatConfig
 from companion.track import TrackerConfig
 from companion.types import Vector
+from mavlink_bridge.autopilots import AutopilotName
 from mavlink_bridge.link import ENDPOINT_FORMS, parse_endpoint
 from mavlink_bridge.settings import (
     Contradiction,
@@ -60,7 +61,7 @@ class LinkConfig(StrictModel):
     )
     system_id: int = Field(1, ge=1, le=255, description="Of the vehicle.")
     component_id: int = Field(191, ge=1, le=255, description="Of the companion.")
-    autopilot: Literal["px4"] = "px4"
+    autopilot: AutopilotName = "px4"
 
 
 class CameraConfig(StrictModel):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import time
 from dataclasses import asdict, replace
 from types import FrameType
@@ -42,6 +43,7 @@ class Daemon:
         self._streaming = False
         self._said = -_STATUS_PERIOD
         self._ready = False
+        self._told = ""
         self._lock = VehicleLock(f"{config.link.endpoint}#{config.link.system_id}")
         self._link = Link(
             open_endpoint(config.link.endpoint),
@@ -94,6 +96,7 @@ class Daemon:
         self._pace.done(inputs, out.phase is Phase.DONE)
         self._streaming = out.verdict is not None
         taken = time.perf_counter() - started
+        self._tell(out.objection)
         self._report(inputs, out, sent=self._link.packets_out > packets)
         self._record(inputs, out, taken)
 
@@ -123,6 +126,13 @@ class Daemon:
             self._supervisor.stopping()
             event("stopping", streaming=self._streaming)
         return not self._streaming or now >= self._leave_until
+
+    def _tell(self, objection: str) -> None:
+        """What keeps the vehicle on the ground, one line each time it changes."""
+        if objection != self._told:
+            self._told = objection
+            if objection:
+                print(objection, file=sys.stderr, flush=True)
 
     def _record(self, inputs: TickInputs, out: TickOutputs, taken: float) -> None:
         """Log the tick, once everything has been sent; its own cost shows in the next record."""

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from companion.mission import MissionConfig
+from mavlink_bridge.autopilots import Autopilot
 from mavlink_bridge.messages import Heartbeat, Message, VehicleState
-from mavlink_bridge.px4 import Px4
 
 _ASK_AGAIN = 1.0  # s between repeated requests
 _ASK_RELEASE = 0.3  # the same while there are only two seconds left
@@ -42,7 +42,7 @@ class Decision:
 class Phases:
     """The state machine; one call a tick."""
 
-    def __init__(self, config: MissionConfig, autopilot: Px4) -> None:
+    def __init__(self, config: MissionConfig, autopilot: Autopilot) -> None:
         self.phase = Phase.WAIT
         self._config = config
         self._autopilot = autopilot
@@ -63,21 +63,28 @@ class Phases:
         complete: bool,
     ) -> Decision:
         """One tick at `time` [s]; ready: a frame was seen and a plan solved; complete: mission."""
-        if heartbeat is None or own is None:
+        if heartbeat is None:
             return Decision(self.phase)
         mode = self._autopilot.mode(heartbeat)
+        if own is None:  # ArduPilot tells nothing before it is asked
+            return Decision(self.phase, self._ask(time, mode) if self.phase is Phase.WAIT else [])
         self._advance(mode, heartbeat.armed, own, ready, complete)
         if self._releasing:
             return self._release(time, mode)
-        requests: list[Message] = []
-        if time - self._asked >= _ASK_AGAIN and self.phase not in (Phase.DONE, Phase.PASSIVE):
-            requests = self._requests(mode)
-            if requests:
-                self._asked = time
+        requests = self._ask(time, mode)
         stream = self.phase in (Phase.ENGAGE, Phase.FLY) or (
             self.phase is Phase.LAND and mode == "offboard"
         )
         return Decision(self.phase, requests, stream)
+
+    def _ask(self, time: float, mode: str) -> list[Message]:
+        """Requests, where they are due."""
+        if time - self._asked < _ASK_AGAIN or self.phase in (Phase.DONE, Phase.PASSIVE):
+            return []
+        requests = self._requests(mode)
+        if requests:
+            self._asked = time
+        return requests
 
     def _advance(
         self, mode: str, armed: bool, own: VehicleState, ready: bool, complete: bool
@@ -121,7 +128,7 @@ class Phases:
 
     def _is_up(self, mode: str, own: VehicleState) -> bool:
         height = float(own.p[2]) - self._ground
-        return mode == "hold" and height > 0.8 * self._config.takeoff_altitude
+        return mode == self._autopilot.up_in and height > 0.8 * self._config.takeoff_altitude
 
     def _requests(self, mode: str) -> list[Message]:
         """What to ask of the autopilot now, again each second until HEARTBEAT shows it."""

@@ -19,6 +19,7 @@ from companion.config import CompanionConfig
 from companion.forecast import Forecast
 from companion.gaze import Gaze, seen_speed
 from companion.guard import Guard, Verdict
+from companion.lift import Lift
 from companion.mission import Mission, Progress
 from companion.model import yaw_of
 from companion.nmpc import Instance, Neighbour, Nmpc, Result, make_instance
@@ -29,9 +30,9 @@ from companion.sight import Sight, Sighting
 from companion.threat import critical_neighbours
 from companion.track import Tracker
 from companion.types import Obstacles, Track, Vector
+from mavlink_bridge.autopilots import Identity, adapter
 from mavlink_bridge.messages import Heartbeat, Message, RateSetpoint, Received, Source, VehicleState
-from mavlink_bridge.px4 import Px4
-from mavlink_bridge.thrust import G, HoverThrustEstimator, ThrustMap
+from mavlink_bridge.thrust import ThrustMap
 from mavlink_bridge.video import Frame
 
 _HEARTBEAT_PERIOD = 1.0
@@ -71,6 +72,7 @@ class TickOutputs:
     result: Result | None = None
     verdict: Verdict | None = None
     hover_thrust: float = 0.0
+    objection: str = ""  # why this vehicle is not to be flown, one line
     stages: dict[str, float] = field(default_factory=dict)
 
 
@@ -86,13 +88,15 @@ class Pipeline:
         self._map = ObstacleMap(config.obstacles)
         self._gaze = Gaze(config.gaze)
         self._mission = Mission(config.mission)
-        self._phases = Phases(config.mission, Px4(config.link.system_id))
+        link = config.link
+        self._identity = Identity(link.autopilot, link.system_id)
+        self._phases = Phases(config.mission, adapter(link.autopilot, link.system_id))
         self._nmpc = Nmpc(config.nmpc, stopwatch)
         self._guard = Guard(config.guard)
-        self._thrust = HoverThrustEstimator(
-            ThrustMap(config.airframe.hover_thrust, config.airframe.thrust_exponent)
+        self._lift = Lift(
+            ThrustMap(config.airframe.hover_thrust, config.airframe.thrust_exponent),
+            config.timing.delay,
         )
-        self._heartbeat: Heartbeat | None = None
         self._heartbeat_sent = -np.inf
         self._hold: Vector | None = None
         self._forecast = Forecast(config.timing.delay)
@@ -118,11 +122,10 @@ class Pipeline:
         autopilot = Source(self._config.link.system_id, 1)
         mine = [r.message for r in inputs.received if r.source == autopilot]
         self._own.add(mine)
-        for message in mine:
-            if isinstance(message, Heartbeat):
-                self._heartbeat = message
+        self._identity.hear(mine)
+        out.objection = self._identity.objection()
         out.own = self._own.at(inputs.time)
-        out.heartbeat = self._heartbeat
+        out.heartbeat = self._identity.heartbeat
 
     def _see(self, inputs: TickInputs, out: TickOutputs) -> None:
         """Neighbours and trunks in the frame, in the camera's frame; each frame once."""
@@ -174,6 +177,7 @@ class Pipeline:
             return
         delay = config.timing.delay
         self._forecast.observe(own)
+        self._lift.observe(own)
         out.instance = make_instance(
             config.nmpc,
             x0=self._forecast.ahead(own),
@@ -191,10 +195,11 @@ class Pipeline:
     def _command(self, inputs: TickInputs, out: TickOutputs) -> None:
         """Requests to the autopilot, and the setpoint where it is ours to send."""
         complete = out.progress is not None and out.progress.complete and self._flying
-        ready = self._frame_time > -np.inf and self._rehearsed
+        ready = self._frame_time > -np.inf and self._rehearsed and not out.objection
         if inputs.leave:
             self._phases.release()
-        decision = self._phases.update(out.time, self._heartbeat, out.own, ready, complete)
+        heartbeat = self._identity.heartbeat
+        decision = self._phases.update(out.time, heartbeat, out.own, ready, complete)
         out.phase = decision.phase
         out.messages += decision.requests
         if out.time - self._heartbeat_sent >= _HEARTBEAT_PERIOD:
@@ -204,7 +209,8 @@ class Pipeline:
             self._stream(out, decision)
         else:
             self._forecast.forget()
-        out.hover_thrust = self._thrust.map.hover_thrust
+            self._lift.forget()
+        out.hover_thrust = self._lift.map.hover_thrust
 
     # --- parts of stages -----------------------------------------------------------------
 
@@ -248,14 +254,11 @@ class Pipeline:
         """The guarded command as a setpoint; remembered as the input in flight."""
         out.verdict = self._guard.judge(out.result, out.own, self._own.age(out.time))
         command = out.verdict.command
+        thrust = self._lift.map.to_thrust(command.c)
         out.messages.append(
-            RateSetpoint(
-                out.time,
-                command.omega,
-                self._thrust.map.to_thrust(command.c),
-                self._config.link.system_id,
-            )
+            RateSetpoint(out.time, command.omega, thrust, self._config.link.system_id)
         )
+        self._lift.sent(out.time, thrust)
         self._forecast.sent(out.time, np.array([command.c, *command.omega]))
 
     def _timed(self, out: TickOutputs, stage: str, run: Callable[..., None], *args: object) -> None:

@@ -29,9 +29,11 @@ class Betaflight:
         """Nothing: the bridge sends attitude and position at 50 Hz by itself."""
         return []
 
-    def objection(self, parameters: dict[str, float]) -> str:
+    def objection(self, heartbeat: Heartbeat, parameters: dict[str, float]) -> str:
         """Why it cannot be flown as it is set up; empty where it can."""
-        return ""
+        if heartbeat.custom_mode in (PILOT, *MODES.values()):
+            return ""
+        return "plain Betaflight telemetry takes no setpoints; start mavlink-bridge betaflight"
 
     def arm(self) -> list[Message]:
         """Arm by the AUX channel; refused with STATUSTEXT where the controller says no."""

@@ -49,9 +49,11 @@ _NAMES = {number: name for name, number in MODES.items()}
 
 @dataclass(frozen=True)
 class BridgeTimes:
-    """Seconds. setpoint: silence that ends offboard. release: from the last setpoint until the
-    pilot has the sticks. land: from there to landing where there is no pilot. arm: patience with
-    the arming switch. silent: without answers the controller counts as lost.
+    """When the bridge acts by itself [s].
+
+    setpoint: silence that ends offboard. release: from the last setpoint until the pilot has the
+    sticks. land: from there to landing where there is no pilot. arm: patience with the arming
+    switch. silent: without answers the controller counts as lost.
     """
 
     setpoint: float = 0.2

@@ -138,7 +138,7 @@ class CoarseState:
 
 
 def _turned(q: Vector, rotation: Vector) -> Vector:
-    """q turned by a small rotation vector (3,) rad in its own body axes."""
+    """Q turned by a small rotation vector (3,) rad in its own body axes."""
     angle = float(np.linalg.norm(rotation))
     if angle < 1e-9:
         return q

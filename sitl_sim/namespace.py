@@ -22,8 +22,9 @@ class NamespaceError(RuntimeError):
 
 
 class Namespace:
-    """A network namespace with a loopback of its own; sockets and processes made by `run` live
-    in it, wherever they are used from.
+    """A network namespace with a loopback of its own.
+
+    Sockets and processes made by `run` live in it, wherever they are used from.
     """
 
     def __init__(self) -> None:

@@ -65,7 +65,7 @@ class RealFleet:
         seed: int = 0,
         settings: Sequence[str] = (),
     ) -> None:
-        """origin (n,3) m, yaw_offset (n,) rad: each vehicle's own frame. settings: CLI lines."""
+        """Origin (n,3) m, yaw_offset (n,) rad: each vehicle's own frame. settings: CLI lines."""
         self.vehicles = vehicles
         self._frames = [LocalFrame(o.copy(), float(y), GeoReference())
                         for o, y in zip(origin, yaw_offset, strict=True)]  # fmt: skip

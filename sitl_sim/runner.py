@@ -29,6 +29,7 @@ from mavlink_bridge.video import Frame, FrameServer
 from sitl_sim import scenario as scenarios
 from sitl_sim import sensing
 from sitl_sim.autopilot import Autopilots
+from sitl_sim.real_fleet import EXPONENT, HOVER, RealFleet, Wire
 from sitl_sim.render import Renderer
 from sitl_sim.scenario import QUANTUM_MS, TICK_MS, Scenario
 from sitl_sim.truth import Truth
@@ -37,6 +38,8 @@ from sitl_sim.world import Occluders, Vector, build
 
 _TELEMETRY_MS = 20
 _CONNECT_TIMEOUT = 60.0
+# What a companion's pilot would set before it may fly that autopilot.
+AUTOPILOT_PARAMETERS = {"ardupilot": {"GUID_OPTIONS": 8.0}}
 
 
 @dataclass
@@ -81,18 +84,9 @@ class Flight:
         self.vehicles = Vehicles(Airframe(), start, heading)
         phases = scenarios.boot_ms(scenario)
         self._occluders = Occluders(self.world)
-        self._autopilots = Autopilots(
-            self.vehicles,
-            list(range(1, n + 1)),
-            scenario.drones.autopilot,
-            origin=start,
-            yaw_offset=self._yaws,
-            boot_offset=np.array(phases) / 1e3,
-            seed=scenario.seed,
-            parameters=scenario.drones.parameters,
-        )
         self._start = start
-        self._real_time = real_time
+        self._autopilots = self._switch_on(phases)
+        self._real_time = real_time or isinstance(self._autopilots, RealFleet)
         self._renderer: Renderer | None = None
         if "camera" in (scenario.sensing.neighbours, scenario.sensing.obstacles):
             s = scenario.sensing
@@ -106,6 +100,31 @@ class Flight:
         self._now = 0
 
     # --- setting up ----------------------------------------------------------------------
+
+    def _switch_on(self, phases: list[int]) -> Autopilots | RealFleet:
+        """The vehicles' autopilots: emulated, or real ones on our physics."""
+        s, systems = self.scenario, list(range(1, len(self.names) + 1))
+        if s.drones.autopilot == "betaflight":
+            w = s.wire
+            return RealFleet(
+                self.vehicles,
+                systems,
+                [self.folder / "drones" / name for name in self.names],
+                [Wire(w.host, w.companion_port + k, w.gcs_port) for k in systems],
+                origin=self._start,
+                yaw_offset=self._yaws,
+                seed=s.seed,
+            )
+        return Autopilots(
+            self.vehicles,
+            systems,
+            s.drones.autopilot,
+            origin=self._start,
+            yaw_offset=self._yaws,
+            boot_offset=np.array(phases) / 1e3,
+            seed=s.seed,
+            parameters=AUTOPILOT_PARAMETERS.get(s.drones.autopilot, {}) | s.drones.parameters,
+        )
 
     def _open(self, i: int, name: str, boot_ms: int) -> _Drone:
         wire, system = self.scenario.wire, i + 1
@@ -155,6 +174,7 @@ class Flight:
             "link": {
                 "endpoint": f"udpin:{wire.host}:{wire.companion_port + i + 1}",
                 "system_id": i + 1,
+                "autopilot": s.drones.autopilot,
             },
             "camera": {
                 "source": f"sim:{wire.host}:{wire.frame_port + i + 1}",
@@ -173,6 +193,8 @@ class Flight:
             },
             "log": {"path": str((self.folder / "drones" / name / "flight.mcap").resolve())},
         }
+        if s.drones.autopilot == "betaflight":
+            config["airframe"] = {"hover_thrust": HOVER, "thrust_exponent": EXPONENT}
         return _overlay(config, s.companion)
 
     def launch(self) -> None:
@@ -208,6 +230,10 @@ class Flight:
         """Fly until every companion has landed, or the time limit."""
         limit = round(self.scenario.mission.time_limit * 1e3)
         started = time.monotonic()
+        if isinstance(self._autopilots, RealFleet):
+            self._autopilots.begin(started)
+            for drone in self._drones:  # their clock is CLOCK_MONOTONIC
+                drone.boot_ms = round(started * 1e3)
         while self._now < limit and not self._over():
             if self._real_time:
                 self._idle_until(started + self._now / 1e3)
@@ -336,6 +362,9 @@ class Flight:
 
     def close(self) -> None:
         """End the companions, release the ports."""
+        fleet = getattr(self, "_autopilots", None)
+        if isinstance(fleet, RealFleet):
+            fleet.close()
         for drone in getattr(self, "_drones", []):
             drone.frames.close()
             drone.companion.close()
