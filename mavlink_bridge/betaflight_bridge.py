@@ -53,13 +53,14 @@ class BridgeTimes:
 
     setpoint: silence that ends offboard. release: from the last setpoint until the pilot has the
     sticks. land: from there to landing where there is no pilot. arm: patience with the arming
-    switch. silent: without answers the controller counts as lost.
+    switch. settle: Betaflight zeroes its height at arming; no take-off before. silent: without answers the controller counts as lost.
     """
 
     setpoint: float = 0.2
     release: float = 0.3
     land: float = 5.0
     arm: float = 1.5
+    settle: float = 1.0
     silent: float = 0.5
     heartbeat: float = 0.5
 
@@ -90,6 +91,8 @@ class BetaflightBridge:
         self._times = times or BridgeTimes()
         self._state = CoarseState()
         self._level = LevelFlight(thrust)
+        self._lifted = False  # since arming, throttle was given
+        self._armed_at = -math.inf
         self._arm_switch = False
         self._arm_asked: float | None = None
         self._reasons = 0
@@ -124,7 +127,7 @@ class BetaflightBridge:
             ]
 
     def _read_motion(self, time: float, parts: dict[Msp, bytes]) -> None:
-        s, imu, resting = self._state, msp.raw_imu(parts[Msp.RAW_IMU]), not self.armed
+        s, imu, resting = self._state, msp.raw_imu(parts[Msp.RAW_IMU]), not self._lifted
         s.advance(time)
         s.gyro(imu.omega)
         roll, pitch, heading = msp.attitude(parts[Msp.ATTITUDE])
@@ -144,10 +147,11 @@ class BetaflightBridge:
         armed = bool(status.modes >> self._controller.arm_bit & 1)
         self._reasons = status.arming_disabled
         if self.armed and not armed:
-            self._arm_switch = False
+            self._arm_switch = self._lifted = False
             self._say(_INFO, "Disarmed")
             self._enter("hold" if self._controller.sole else "pilot")
         elif armed and not self.armed:
+            self._armed_at = time
             self._say(_INFO, "Armed")
         self.armed = armed
         if self._controller.override_bit is not None:
@@ -233,8 +237,11 @@ class BetaflightBridge:
         state = self._state.at(time)
         if not self.armed or state is None or not height > 0.0:
             return CommandResult.DENIED
+        if time - self._armed_at < self._times.settle:
+            return CommandResult.TEMPORARILY_REJECTED
         if self.mode != "takeoff":
             self._enter("takeoff")
+            self._lifted = True
             self._level.stay(state, float(state.p[2]) + height)
         return CommandResult.ACCEPTED
 
@@ -297,20 +304,16 @@ class BetaflightBridge:
         if not self.armed:
             channels = controller.channels(np.zeros(3), 0.0, self._arm_switch, True)
         elif self.mode == "offboard" and setpoint is not None:
+            self._lifted = True
             sticks = np.array(controller.rate_sticks(setpoint.omega))
             channels = controller.channels(sticks, setpoint.thrust, True, False)
-        elif self.mode == "hold" and self._lost_at is None and self._idle(time):
+        elif not self._lifted:
             channels = controller.channels(np.zeros(3), 0.0, self._arm_switch, True)
         else:
             lean = self._level.step(self._state.at(time), dt, self.mode == "land")
             sticks = np.array([lean.right, lean.forward, 0.0]) / self._limit
             channels = controller.channels(sticks, lean.thrust, self._arm_switch, True)
         return msp.raw_rc(channels)
-
-    def _idle(self, time: float) -> bool:
-        """Armed, and not yet off the ground."""
-        state = self._state.at(time)
-        return state is None or (float(state.p[2]) < 0.15 and abs(float(state.v[2])) < 0.3)
 
     def _heartbeat(self, time: float) -> Heartbeat:
         silent = time - self._answered > self._times.silent

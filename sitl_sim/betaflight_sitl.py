@@ -30,6 +30,9 @@ _MSP, _MOTORS, _MOTION = ("127.0.0.1", 5761), ("127.0.0.1", 9002), ("127.0.0.1",
 _MOTION_PACKET = struct.Struct("<d3d3d4d3d3dd")
 _MOTOR_PACKET = struct.Struct("<4f")
 _MOTOR_ORDER = [3, 0, 1, 2]  # place of motors 1…4 in the packet
+# It scales its own clock by stamps against arrivals: on a loaded machine jitter would make that
+# clock race and its receiver time out. Stamps that stand still leave it at real time.
+_NO_TIME = 0.0
 _PATIENCE = 20.0  # s for the process to listen and to answer a line
 
 SET_UP = """
@@ -103,9 +106,9 @@ class BetaflightSitl:
         """Whether the process runs."""
         return self._process.poll() is None
 
-    def exchange(self, t: float, i: int, state: State, frame: LocalFrame) -> NDArray[np.float64]:
-        """Give the motion of vehicle i at `t` [s], take its newest motor commands (4,) 0…1."""
-        self._motion.sendto(motion_packet(t, i, state, frame), _MOTION)
+    def exchange(self, i: int, state: State, frame: LocalFrame) -> NDArray[np.float64]:
+        """Give the motion of vehicle i now, take its newest motor commands (4,) 0…1."""
+        self._motion.sendto(motion_packet(i, state, frame), _MOTION)
         while True:
             try:
                 data = self._motors.recv(256)
@@ -186,7 +189,7 @@ def _listen(address: tuple[str, int]) -> socket.socket:
     return s
 
 
-def motion_packet(t: float, i: int, state: State, frame: LocalFrame) -> bytes:
+def motion_packet(i: int, state: State, frame: LocalFrame) -> bytes:
     """Motion of vehicle i as the simulator link wants it.
 
     Rates FRD [rad/s], specific force FLU turned round [m/s²], attitude FRD → NED,
@@ -198,7 +201,7 @@ def motion_packet(t: float, i: int, state: State, frame: LocalFrame) -> bytes:
     latitude, longitude, altitude = frame.to_geo(state.p[i])
     v = frame.vector(state.v[i])
     pressure = 101325.0 * (1.0 - 2.25577e-5 * altitude) ** 5.25588
-    return _MOTION_PACKET.pack(t, *omega, *force, *q, longitude, latitude, altitude, *v, pressure)
+    return _MOTION_PACKET.pack(_NO_TIME, *omega, *force, *q, longitude, latitude, altitude, *v, pressure)
 
 
 class Relay:

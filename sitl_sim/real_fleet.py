@@ -185,16 +185,16 @@ class RealFleet:
             count = int(now / _SUBSTEP) - flown
             if count > 0:
                 self.longest_pause = max(self.longest_pause, count * _SUBSTEP)
-                self._exchange(begun + now, count)
+                self._exchange(count)
                 flown += count
             if now >= fix_at:
                 fix_at = now + _GPS_PERIOD
                 self._fix(begun + now)
             time.sleep(max(begun + (flown * _SUBSTEP) + _STEP - time.monotonic(), 0.0))
 
-    def _exchange(self, t: float, count: int) -> None:
+    def _exchange(self, count: int) -> None:
         commands = np.array([
-            s.exchange(t, i, self.vehicles.state, self._frames[i])
+            s.exchange(i, self.vehicles.state, self._frames[i])
             for i, s in enumerate(self._sitls)
         ])  # fmt: skip
         with self._lock:
