@@ -51,6 +51,15 @@ set yaw_srate = 40
 set roll_expo = 0
 set pitch_expo = 0
 set yaw_expo = 0
+set rc_smoothing = OFF
+set iterm_relax = RPY
+set p_roll = 80
+set p_pitch = 80
+set f_roll = 40
+set f_pitch = 40
+set p_yaw = 170
+set i_yaw = 20
+set f_yaw = 20
 """
 
 

@@ -29,7 +29,7 @@ from mavlink_bridge.video import Frame, FrameServer
 from sitl_sim import scenario as scenarios
 from sitl_sim import sensing
 from sitl_sim.autopilot import Autopilots
-from sitl_sim.real_fleet import EXPONENT, HOVER, RealFleet, Wire
+from sitl_sim.real_fleet import BRIDGE_DELAY, EXPONENT, HOVER, RealFleet, Wire
 from sitl_sim.render import Renderer
 from sitl_sim.scenario import QUANTUM_MS, TICK_MS, Scenario
 from sitl_sim.truth import Truth
@@ -195,6 +195,7 @@ class Flight:
         }
         if s.drones.autopilot == "betaflight":
             config["airframe"] = {"hover_thrust": HOVER, "thrust_exponent": EXPONENT}
+            config["timing"]["delay"] = BRIDGE_DELAY
         return _overlay(config, s.companion)
 
     def launch(self) -> None:

@@ -1,0 +1,188 @@
+"""Step responses of the rate loop: the emulated vehicle's, and a real Betaflight's, same physics.
+
+A vehicle hovers in place (position and velocity are held, rotation is free), and one body rate
+is asked for, then none again. Rise time is from 10 to 90 % of the step, overshoot what exceeds
+it, both of the mean of several steps.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavlink_bridge import msp
+from mavlink_bridge.bridge_loop import MspLine, meet, open_controller
+from mavlink_bridge.controller import Controller
+from mavlink_bridge.messages import Command, RateSetpoint, Received, Source
+from sitl_sim.autopilot import Autopilots
+from sitl_sim.betaflight_sitl import BetaflightSitl
+from sitl_sim.estimator import SensorNoise
+from sitl_sim.geodesy import GeoReference, LocalFrame
+from sitl_sim.namespace import Host
+from sitl_sim.vehicle import Airframe, Vehicles
+
+Floats = NDArray[np.float64]
+
+AXES = ("roll", "pitch", "yaw")
+STEPS_DEG = (40.0, 80.0, 200.0)
+BEFORE, AFTER = 0.1, 0.4  # s of a recording around the step
+PERIOD = 0.002  # s between samples
+_SETTLE = 0.6  # s between steps
+_RC_PERIOD = 0.005
+HOVER_THROTTLE = 0.545
+
+
+@dataclass(frozen=True)
+class Response:
+    """One axis's answer: times (k,) s from the step, rate (k,) rad/s, the step asked for."""
+
+    axis: str
+    asked: float
+    t: Floats
+    rate: Floats
+
+    @property
+    def rise_time(self) -> float:
+        """From 10 to 90 % of the step [s]."""
+        return self._crossing(0.9) - self._crossing(0.1)
+
+    @property
+    def delay(self) -> float:
+        """From the step to half of it [s]."""
+        return self._crossing(0.5)
+
+    @property
+    def overshoot(self) -> float:
+        """What exceeds the step, as a share of it."""
+        return max(float(self.rate.max()) / self.asked - 1.0, 0.0)
+
+    def _crossing(self, share: float) -> float:
+        level = share * self.asked
+        above = np.flatnonzero(self.rate >= level)
+        if not len(above) or above[0] == 0:
+            return math.nan
+        k = above[0]
+        a, b = self.rate[k - 1], self.rate[k]
+        return float(self.t[k - 1] + (level - a) / (b - a) * (self.t[k] - self.t[k - 1]))
+
+
+def mean(responses: list[Response]) -> Response:
+    """The mean of responses to the same step."""
+    first = responses[0]
+    rate = np.mean([r.rate for r in responses], axis=0)
+    return Response(first.axis, first.asked, first.t, rate)
+
+
+def hold_in_place(vehicles: Vehicles, level: bool) -> None:
+    """Take away where it went; `level`: and how it turned."""
+    s = vehicles.state
+    s.p[:], s.v[:] = [0.0, 0.0, 10.0], 0.0
+    s.contact[:] = False
+    if level:
+        s.q[:] = [1.0, 0.0, 0.0, 0.0]
+
+
+def omega_of(axis: str, rate_deg: float) -> Floats:
+    """Body rates (3,) rad/s with one axis turning."""
+    omega = np.zeros(3)
+    omega[AXES.index(axis)] = math.radians(rate_deg)
+    return omega
+
+
+def emulated(axis: str, rate_deg: float) -> Response:
+    """The emulated vehicle's answer, in simulated time."""
+    vehicles = Vehicles(Airframe(), [[0.0, 0.0, 0.0]], 0.0)
+    autopilots = Autopilots(vehicles, [1], "px4", noise=SensorNoise.none())
+    companion = Source(1, 191)
+    hover = Airframe().hover_thrust
+
+    def ask(omega: Floats) -> None:
+        autopilots.receive(0, Received(companion, RateSetpoint(0.0, omega, hover, 1)))
+
+    def fly(seconds: float, omega: Floats) -> list[float]:
+        out = []
+        for k in range(round(seconds / PERIOD)):
+            if k % 5 == 0:
+                ask(omega)
+            hold_in_place(vehicles, not omega.any())
+            autopilots.advance(autopilots.t + PERIOD)
+            out.append(float(vehicles.omega[0, AXES.index(axis)]))
+        return out
+
+    ask(np.zeros(3))
+    for command, first in ((400, 1.0), (176, 1.0)):
+        params = (first, 6.0 if command == 176 else 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        fly(0.1, np.zeros(3))
+        autopilots.receive(0, Received(companion, Command(command, params, 1)))
+    fly(1.5, np.zeros(3))
+    rate = fly(BEFORE, np.zeros(3)) + fly(AFTER, omega_of(axis, rate_deg))
+    t = PERIOD * (np.arange(len(rate)) + 1) - BEFORE
+    return Response(axis, math.radians(rate_deg), t, np.array(rate))
+
+
+class RealRates:
+    """A real Betaflight held in place: asks for rates, records what it does."""
+
+    def __init__(self, folder: Path, settings: list[str]) -> None:
+        self._vehicles = Vehicles(Airframe(), [[0.0, 0.0, 0.0]], 0.0)
+        self._sitl = BetaflightSitl(folder, Host(), settings)
+        self._frame = LocalFrame(np.zeros(3), 0.0, GeoReference())
+        self._line = open_controller(f"tcp:127.0.0.1:{self._sitl.msp_port}")
+        self._last = time.monotonic()
+        self._rc_at = 0.0
+        self._controller = self._meet()
+        self._run(7.0, np.zeros(3), 0.0, armed=False)
+        self._run(1.0, np.zeros(3), 0.0)
+        self._run(1.5, np.zeros(3), HOVER_THROTTLE, held=True)
+
+    def _meet(self) -> Controller:
+        return meet(MspLine(self._line.stream))
+
+    def step(self, axis: str, rate_deg: float) -> Response:
+        """One step; the time of its sending is its beginning."""
+        self._run(_SETTLE, np.zeros(3), HOVER_THROTTLE, held=True)
+        omega, samples = omega_of(axis, rate_deg), []
+        self._run(BEFORE, np.zeros(3), HOVER_THROTTLE, held=True, note=samples.append)
+        begun = time.monotonic()
+        self._rc_at = 0.0
+        self._run(AFTER, omega, HOVER_THROTTLE, held=True, turning=True, note=samples.append)
+        k = AXES.index(axis)
+        t = np.array([when - begun for when, _ in samples])
+        rate = np.array([o[k] for _, o in samples])
+        grid = PERIOD * (np.arange(round((BEFORE + AFTER) / PERIOD)) + 1) - BEFORE
+        return Response(axis, math.radians(rate_deg), grid, np.interp(grid, t, rate))
+
+    def close(self) -> None:
+        """End the process."""
+        self._line.stream.close()
+        self._sitl.close()
+
+    def _run(
+        self, seconds: float, omega: Floats, throttle: float, *, armed: bool = True,
+        held: bool = False, turning: bool = False,
+        note: Callable[[tuple[float, Floats]], None] = lambda sample: None,
+    ) -> None:  # fmt: skip
+        end = time.monotonic() + seconds
+        sticks = np.array(self._controller.rate_sticks(omega))
+        frame = msp.raw_rc(self._controller.channels(sticks, throttle, armed, False))
+        while (now := time.monotonic()) < end:
+            if now - self._rc_at >= _RC_PERIOD * 2:
+                self._rc_at = now
+                self._line.stream.send(frame)
+                for _ in self._line.stream.receive():
+                    pass
+            command = self._sitl.exchange(0, self._vehicles.state, self._frame)
+            count = int((now - self._last) / 0.001)
+            if count:
+                self._last += count * 0.001
+                self._vehicles.step(count * 0.001, command[None], 0.0, count)
+            if held:
+                hold_in_place(self._vehicles, not turning)
+            note((now, self._vehicles.omega[0].copy()))
+            time.sleep(PERIOD / 2)
