@@ -53,7 +53,8 @@ class BridgeTimes:
 
     setpoint: silence that ends offboard. release: from the last setpoint until the pilot has the
     sticks. land: from there to landing where there is no pilot. arm: patience with the arming
-    switch. settle: Betaflight zeroes its height at arming; no take-off before. silent: without answers the controller counts as lost.
+    switch. settle: Betaflight zeroes its height at arming; no take-off before. silent: without
+    answers the controller counts as lost.
     """
 
     setpoint: float = 0.2

@@ -20,6 +20,7 @@ _SPEED_MAX, _LEAN_MAX = 1.5, math.radians(15.0)
 _CLIMB_GAIN, _HEIGHT_GAIN, _INTEGRAL_GAIN = 3.0, 1.0, 1.2  # 1/s, 1/s, 1/s²
 _INTEGRAL_MAX = 4.0  # m/s²
 _CLIMB_MAX, _SINK_MAX = 1.0, 0.7  # m/s
+_STUCK = 1.2  # s
 _SLOW_BELOW, _SINK_SLOW = 1.0, 0.35  # m, m/s
 
 
@@ -40,10 +41,11 @@ class LevelFlight:
         self._place: Vector | None = None
         self._height = 0.0
         self._integral = 0.0
+        self._stuck = 0.0  # s without sinking
 
     def stay(self, state: VehicleState | None, height: float | None = None) -> None:
         """From now on stay at this place, at `height` [m] or the present one."""
-        self._integral = 0.0
+        self._integral = self._stuck = 0.0
         if state is not None:
             self._place = state.p.copy()
             self._height = float(state.p[2]) if height is None else height
@@ -55,7 +57,7 @@ class LevelFlight:
     @property
     def grounded(self) -> bool:
         """Whether sinking was asked for and nothing gave way for long."""
-        return self._integral <= -0.9 * _INTEGRAL_MAX
+        return self._stuck > _STUCK
 
     def step(self, state: VehicleState | None, dt: float, sink: bool = False) -> Lean:
         """Sticks now; without a state: level and at hover thrust."""
@@ -77,6 +79,7 @@ class LevelFlight:
             climb = _HEIGHT_GAIN * (self._height - height)
             climb = min(max(climb, -_SINK_MAX), _CLIMB_MAX)
         error = climb - float(state.v[2])
+        self._stuck = self._stuck + dt if sink and error < 0.5 * climb else 0.0
         self._integral += _INTEGRAL_GAIN * error * dt
         self._integral = min(max(self._integral, -_INTEGRAL_MAX), _INTEGRAL_MAX)
         return self._thrust.to_thrust(G + _CLIMB_GAIN * error + self._integral)

@@ -210,7 +210,9 @@ def motion_packet(i: int, state: State, frame: LocalFrame) -> bytes:
     latitude, longitude, altitude = frame.to_geo(state.p[i])
     v = frame.vector(state.v[i])
     pressure = 101325.0 * (1.0 - 2.25577e-5 * altitude) ** 5.25588
-    return _MOTION_PACKET.pack(_NO_TIME, *omega, *force, *q, longitude, latitude, altitude, *v, pressure)
+    return _MOTION_PACKET.pack(
+        _NO_TIME, *omega, *force, *q, longitude, latitude, altitude, *v, pressure
+    )
 
 
 class Relay:

@@ -7,10 +7,12 @@ as long as what has passed, and a pause of the machine is one long step, never a
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -26,10 +28,11 @@ from mavlink_bridge.messages import GpsInput, Message, Received
 from sitl_sim.betaflight_sitl import BetaflightError, BetaflightSitl
 from sitl_sim.geodesy import GeoReference, LocalFrame
 from sitl_sim.namespace import Host, Namespace
-from sitl_sim.vehicle import Vehicles
+from sitl_sim.vehicle import State, Vehicles
 
 _STEP = 0.002  # s between exchanges: 500 Hz
-_SUBSTEP = 0.001
+_SUBSTEP, _CHUNK = 0.001, 2  # s, and how many make a step
+_KEPT = 2.0  # s of states that are kept for a flight that looks late
 _GPS_PERIOD = 0.1
 _GPS_NOISE, _GPS_SPEED_NOISE = 0.01, 0.02  # m, m/s
 _TURNING = 0.1  # of full speed: a motor that turns faster than idling
@@ -68,7 +71,12 @@ class RealFleet:
         settings: Sequence[str] = (),
     ) -> None:
         """Origin (n,3) m, yaw_offset (n,) rad: each vehicle's own frame. settings: CLI lines."""
-        self.vehicles = vehicles
+        self.vehicles = vehicles  # as they are at the time of the flight; see `advance`
+        self._flown = 0  # substeps
+        self._first = 0  # the substep at which the flight began
+        self._states: deque[tuple[int, State]] = deque(maxlen=round(_KEPT / _STEP))
+        heading = np.array([2.0 * math.atan2(q[3], q[0]) for q in vehicles.q])
+        self._moving = Vehicles(vehicles.airframes, vehicles.p, heading)
         self._frames = [LocalFrame(o.copy(), float(y), GeoReference())
                         for o, y in zip(origin, yaw_offset, strict=True)]  # fmt: skip
         self._rngs = [np.random.default_rng([seed, 0x6B5, s]) for s in system_ids]
@@ -76,9 +84,8 @@ class RealFleet:
         self._bridges: list[subprocess.Popen[bytes]] = []
         self._gps: list[Link] = []
         self._wind = np.zeros_like(vehicles.p)
-        self._started: float | None = None
+        self._begun = time.monotonic()
         self._stop = threading.Event()
-        self._lock = threading.Lock()
         self._physics = threading.Thread(target=self._spin, daemon=True)
         self.longest_pause = 0.0
         sys.setswitchinterval(0.0005)  # the physics must not wait for the rest of the process
@@ -123,7 +130,7 @@ class RealFleet:
     @property
     def t(self) -> float:
         """Seconds since the flight began."""
-        return 0.0 if self._started is None else time.monotonic() - self._started
+        return (self._flown - self._first) * _SUBSTEP
 
     @property
     def armed(self) -> NDArray[np.bool_]:
@@ -132,10 +139,12 @@ class RealFleet:
 
     def begin(self, started: float) -> None:
         """The flight begins at `started` [CLOCK_MONOTONIC]."""
-        self._started = started
+        self._first = round((started - self._begun) / _STEP) * _CHUNK
 
     def advance(self, t_end: float, wind: ArrayLike = 0.0) -> None:
-        """Wait until t_end [s]; wind: (3,) or (n,3) m/s, world.
+        """Wait until t_end [s], a multiple of 2 ms; `vehicles` are then as they were at it.
+
+        wind: (3,) or (n,3) m/s, world.
 
         Raises:
             BetaflightError: a process ended.
@@ -147,8 +156,13 @@ class RealFleet:
         dead += [i + 1 for i, b in enumerate(self._bridges) if b.poll() is not None]
         if dead:
             raise BetaflightError(f"Betaflight or bridge of vehicle {dead[0]} ended; see its logs")
-        assert self._started is not None
-        time.sleep(max(self._started + t_end - time.monotonic(), 0.0))
+        wanted = self._first + round(t_end / _SUBSTEP)
+        while self._flown < wanted:
+            time.sleep(max((wanted - self._flown) * _SUBSTEP, 0.0005))
+        kept = list(self._states)  # in one go: the other thread goes on
+        _, state = next((k, s) for k, s in kept if k >= wanted)
+        for mine, then in zip(self.vehicles.state, state, strict=True):
+            mine[:] = then
 
     def telemetry(self, i: int, link: str) -> list[Message]:
         """Nothing: the bridges speak."""
@@ -179,33 +193,40 @@ class RealFleet:
 
     def _spin(self) -> None:
         """Step, exchange, sleep, until closed."""
-        begun = time.monotonic()
-        flown = 0  # substeps
         fix_at = 0.0
         while not self._stop.is_set():
-            now = time.monotonic() - begun
-            count = int(now / _SUBSTEP) - flown
-            if count > 0:
-                self.longest_pause = max(self.longest_pause, count * _SUBSTEP)
-                self._exchange(count)
-                flown += count
+            now = time.monotonic() - self._begun
+            chunks = int(now / _STEP) - self._flown // _CHUNK
+            if chunks > 0:
+                self.longest_pause = max(self.longest_pause, chunks * _STEP)
+                self._exchange(chunks)
             if now >= fix_at:
                 fix_at = now + _GPS_PERIOD
-                self._fix(begun + now)
-            time.sleep(max(begun + (flown * _SUBSTEP) + _STEP - time.monotonic(), 0.0))
+                self._fix(self._begun + now)
+            due = self._begun + self._flown * _SUBSTEP + _STEP
+            time.sleep(max(due - time.monotonic(), 0.0))
 
-    def _exchange(self, count: int) -> None:
+    def _exchange(self, chunks: int) -> None:
         commands = np.array([
-            s.exchange(i, self.vehicles.state, self._frames[i])
+            s.exchange(i, self._moving.state, self._frames[i])
             for i, s in enumerate(self._sitls)
         ])  # fmt: skip
-        with self._lock:
-            self.vehicles.step(count * _SUBSTEP, commands, self._wind, count)
+        for _ in range(chunks):
+            self._moving.step(_STEP, commands, self._wind, _CHUNK)
+            self._flown += _CHUNK
+            self._states.append((self._flown, _copied(self._moving.state)))
 
     def _fix(self, t: float) -> None:
         """What a receiver on each board tells its bridge."""
         for i, link in enumerate(self._gps):
             rng, frame = self._rngs[i], self._frames[i]
-            p = self.vehicles.p[i] + _GPS_NOISE * rng.standard_normal(3)
-            v = frame.vector(self.vehicles.v[i]) + _GPS_SPEED_NOISE * rng.standard_normal(3)
+            p = self._moving.p[i] + _GPS_NOISE * rng.standard_normal(3)
+            v = frame.vector(self._moving.v[i]) + _GPS_SPEED_NOISE * rng.standard_normal(3)
             link.send([GpsInput(t, 3, *frame.to_geo(p), v)])
+
+
+def _copied(s: State) -> State:
+    return State(
+        s.p.copy(), s.v.copy(), s.q.copy(), s.omega.copy(), s.motor.copy(),
+        s.specific_force.copy(), s.contact.copy(),
+    )  # fmt: skip

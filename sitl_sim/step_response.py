@@ -75,7 +75,7 @@ class Response:
 def mean(responses: list[Response]) -> Response:
     """The mean of responses to the same step."""
     first = responses[0]
-    rate = np.mean([r.rate for r in responses], axis=0)
+    rate: Floats = np.array([r.rate for r in responses]).mean(axis=0)
     return Response(first.axis, first.asked, first.t, rate)
 
 
@@ -122,7 +122,7 @@ def emulated(axis: str, rate_deg: float) -> Response:
         autopilots.receive(0, Received(companion, Command(command, params, 1)))
     fly(1.5, np.zeros(3))
     rate = fly(BEFORE, np.zeros(3)) + fly(AFTER, omega_of(axis, rate_deg))
-    t = PERIOD * (np.arange(len(rate)) + 1) - BEFORE
+    t = np.array([PERIOD * (k + 1) - BEFORE for k in range(len(rate))])
     return Response(axis, math.radians(rate_deg), t, np.array(rate))
 
 
@@ -147,7 +147,8 @@ class RealRates:
     def step(self, axis: str, rate_deg: float) -> Response:
         """One step; the time of its sending is its beginning."""
         self._run(_SETTLE, np.zeros(3), HOVER_THROTTLE, held=True)
-        omega, samples = omega_of(axis, rate_deg), []
+        omega = omega_of(axis, rate_deg)
+        samples: list[tuple[float, Floats]] = []
         self._run(BEFORE, np.zeros(3), HOVER_THROTTLE, held=True, note=samples.append)
         begun = time.monotonic()
         self._rc_at = 0.0
@@ -155,7 +156,8 @@ class RealRates:
         k = AXES.index(axis)
         t = np.array([when - begun for when, _ in samples])
         rate = np.array([o[k] for _, o in samples])
-        grid = PERIOD * (np.arange(round((BEFORE + AFTER) / PERIOD)) + 1) - BEFORE
+        steps = round((BEFORE + AFTER) / PERIOD)
+        grid = np.array([PERIOD * (n + 1) - BEFORE for n in range(steps)])
         return Response(axis, math.radians(rate_deg), grid, np.interp(grid, t, rate))
 
     def close(self) -> None:
