@@ -135,7 +135,8 @@ class BetaflightBridge:
         # Whole degrees were cut off, not rounded.
         s.angles(roll, pitch, math.pi / 2 - heading - math.radians(0.5))
         s.force(imu.force, resting)
-        s.height(*msp.altitude(parts[Msp.ALTITUDE]), resting)
+        height, _ = msp.altitude(parts[Msp.ALTITUDE])  # its climb rate lags by 0.3 s
+        s.height(height, resting)
         if not parts[Msp.RAW_GPS]:
             return  # firmware built without GPS: then GPS_INPUT has to do
         gps = msp.raw_gps(parts[Msp.RAW_GPS])
@@ -188,7 +189,7 @@ class BetaflightBridge:
             source = received.source
             self._outbox.append(CommandAck(m.command, result, source.system, source.component))
         elif isinstance(m, GpsInput) and m.fix_type >= _FIX_3D:
-            self._state.gps(m.latitude_deg, m.longitude_deg, m.v)
+            self._state.gps(m.latitude_deg, m.longitude_deg, m.v, age=0.0)
         elif isinstance(m, TimeSync) and m.tc1 == 0:
             self._outbox.append(TimeSync(round(time * 1e9), m.ts1))
 

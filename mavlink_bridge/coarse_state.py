@@ -34,8 +34,8 @@ class CoarseGains:
     rate: float = 0.35  # where there is no gyro: slope from successive angles
     position: float = 0.35
     velocity: float = 0.4
-    height: float = 0.06
-    climb: float = 0.03
+    height: float = 0.03
+    climb: float = 0.02  # 1/s, per height error
     gps_age: float = 0.06
     baro_age: float = 0.12
 
@@ -105,28 +105,30 @@ class CoarseState:
         world = rotation_matrix(self._q) @ (force * self._force_scale)
         self._acceleration = world - np.array([0.0, 0.0, G])
 
-    def gps(self, latitude_deg: float, longitude_deg: float, v: Vector) -> None:
-        """A new fix: degrees, and velocity (2,) m/s east and north."""
+    def gps(
+        self, latitude_deg: float, longitude_deg: float, v: Vector, age: float | None = None
+    ) -> None:
+        """A new fix: degrees, velocity (2,) or (3,) m/s ENU; age [s], where it is known."""
         if self._origin is None:
             self._origin = (latitude_deg, longitude_deg)
         lat0, lon0 = self._origin
         east = math.radians(longitude_deg - lon0) * _EARTH * math.cos(math.radians(lat0))
         north = math.radians(latitude_deg - lat0) * _EARTH
-        p, v_then = self._then(self._g.gps_age)
+        p, v_then = self._then(self._g.gps_age if age is None else age)
         self._p[:2] += self._g.position * (np.array([east, north]) - p[:2])
-        self._v[:2] += self._g.velocity * (v[:2] - v_then[:2])
+        k = len(v)
+        self._v[:k] += self._g.velocity * (v - v_then[:k])
 
-    def height(self, height: float, climb: float, resting: bool) -> None:
-        """Barometer: m above anything, m/s; where the vehicle rests is the ground."""
+    def height(self, height: float, resting: bool) -> None:
+        """Barometer: m above anything; where the vehicle rests is the ground."""
         if resting or self._ground is None:
             self._ground = height
             self._p[2] = self._v[2] = 0.0
             return
-        p, v = self._then(self._g.baro_age)
-        self._p[2] += self._g.height * (height - self._ground - p[2])
-        self._v[2] += self._g.climb * (climb - v[2]) + self._g.height * (
-            height - self._ground - p[2]
-        )
+        p, _ = self._then(self._g.baro_age)
+        error = height - self._ground - p[2]
+        self._p[2] += self._g.height * error
+        self._v[2] += self._g.climb * error
 
     def _then(self, age: float) -> tuple[Vector, Vector]:
         """Position and velocity believed `age` seconds ago."""

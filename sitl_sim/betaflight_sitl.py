@@ -21,7 +21,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mavlink_bridge import msp
 from mavlink_bridge.frames import flu_frd, quaternion_enu_ned
+from mavlink_bridge.msp import MspDecoder
 from sitl_sim.geodesy import LocalFrame
 from sitl_sim.namespace import Host, Namespace
 from sitl_sim.vehicle import State
@@ -33,6 +35,8 @@ _MOTOR_ORDER = [3, 0, 1, 2]  # place of motors 1…4 in the packet
 # It scales its own clock by stamps against arrivals: on a loaded machine jitter would make that
 # clock race and its receiver time out. Stamps that stand still leave it at real time.
 _NO_TIME = 0.0
+_BOOT, _ATTEMPTS = 12.0, 3  # s
+_STICKS_DOWN = [1500, 1500, 1000, 1500] + [1000] * 12
 _PATIENCE = 20.0  # s for the process to listen and to answer a line
 
 SET_UP = """
@@ -104,6 +108,41 @@ class BetaflightSitl:
         self._process = self._start()
         self._connect().close()
         self._relay = Relay(self._connect)
+
+    def await_boot(self) -> None:
+        """Until it could be armed; motion must already be given.
+
+        Betaflight's SITL reads its clock from several threads without a lock, and now and then
+        its time stands still: start anew.
+
+        Raises:
+            BetaflightError: not after several attempts.
+        """
+        for _ in range(_ATTEMPTS):
+            if self._boots():
+                return
+            self._process.kill()
+            self._process.wait()
+            self._process = self._start()
+        raise BetaflightError(f"Betaflight SITL does not come up; see {self._folder}/output.log")
+
+    def _boots(self) -> bool:
+        decoder, end = MspDecoder(), time.monotonic() + _BOOT
+        with self._connect() as line:
+            line.settimeout(1.0)
+            while time.monotonic() < end:
+                line.sendall(msp.raw_rc(_STICKS_DOWN) + msp.encode(msp.Msp.STATUS_EX))
+                try:
+                    replies = decoder.decode(line.recv(4096))
+                except OSError:
+                    return False
+                for reply in replies:
+                    if reply.command == msp.Msp.STATUS_EX:
+                        reasons = msp.arming_reasons(msp.status(reply.payload).arming_disabled)
+                        if not {"BOOTGRACE", "CALIB"} & set(reasons):
+                            return True
+                time.sleep(0.05)
+        return False
 
     @property
     def msp_port(self) -> int:

@@ -94,6 +94,8 @@ class RealFleet:
                 network = Namespace() if len(folders) > 1 else Host()
                 self._sitls.append(BetaflightSitl(folder / "betaflight", network, list(settings)))
             self._physics.start()
+            for sitl in self._sitls:
+                sitl.await_boot()
             for i, system in enumerate(system_ids):
                 self._bridge(i, system, folders[i], wires[i])
         except BaseException:
