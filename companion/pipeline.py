@@ -32,7 +32,7 @@ from companion.track import Tracker
 from companion.types import Obstacles, Track, Vector
 from mavlink_bridge.autopilots import Identity, adapter
 from mavlink_bridge.messages import Heartbeat, Message, RateSetpoint, Received, Source, VehicleState
-from mavlink_bridge.thrust import ThrustMap
+from mavlink_bridge.thrust import G, ThrustMap
 from mavlink_bridge.video import Frame
 
 _HEARTBEAT_PERIOD = 1.0

@@ -215,8 +215,9 @@ class RealFleet:
         ])  # fmt: skip
         for _ in range(chunks):
             self._moving.step(_STEP, commands, self._wind, _CHUNK)
-            self._flown += _CHUNK
-            self._states.append((self._flown, _copied(self._moving.state)))
+            flown = self._flown + _CHUNK
+            self._states.append((flown, _copied(self._moving.state)))
+            self._flown = flown  # last: who waits for it finds the state
 
     def _fix(self, t: float) -> None:
         """What a receiver on each board tells its bridge."""
