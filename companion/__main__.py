@@ -11,7 +11,18 @@ import sys
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
-COMMANDS = ("run", "check", "schema", "config", "deploy", "replay", "log", "status")
+COMMANDS = (
+    "run",
+    "check",
+    "schema",
+    "config",
+    "deploy",
+    "doctor",
+    "fleet",
+    "replay",
+    "log",
+    "status",
+)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from companion.config import CompanionConfig
-from mavlink_bridge.settings import Document
+from companion.config import CompanionConfig, is_layer, resolve
+from mavlink_bridge.settings import Document, SettingsError, validate
 
 
 @dataclass(frozen=True)
@@ -21,6 +21,19 @@ class Drone:
     def place(self, key: str) -> str:
         """Where it says `key`; its file where that is the built-in default."""
         return self.document.places.get(tuple(key.split(".")), str(self.path))
+
+
+def read_drones(paths: Iterable[Path]) -> tuple[list[Drone], list[str]]:
+    """Every drone among the files (layers are passed over), and what is wrong with the rest."""
+    drones: list[Drone] = []
+    problems: list[str] = []
+    for path in dict.fromkeys(p for p in paths if not is_layer(p)):
+        try:
+            document = resolve(path)
+            drones.append(Drone(path, document, validate(CompanionConfig, document, str(path))))
+        except SettingsError as error:
+            problems += error.problems
+    return drones, problems
 
 
 def conflicts(drones: Iterable[Drone]) -> list[str]:

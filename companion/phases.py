@@ -116,7 +116,8 @@ class Phases:
 
     def _release(self, time: float, mode: str) -> Decision:
         """Stream on until HEARTBEAT shows that the vehicle flies by itself."""
-        if mode != "offboard":
+        ours = self.phase in (Phase.ENGAGE, Phase.FLY, Phase.LAND)
+        if mode != "offboard" or not ours:
             self.phase = Phase.PASSIVE
             return Decision(self.phase)
         requests: list[Message] = []

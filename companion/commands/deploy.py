@@ -66,21 +66,11 @@ def _boards(options: argparse.Namespace) -> dict[str | None, Drones]:
     Raises:
         SettingsError: whatever must not be deployed.
     """
-    from companion.config import CompanionConfig, is_layer, resolve
-    from companion.conflicts import Drone, conflicts
-    from mavlink_bridge.settings import SettingsError, validate
+    from companion.conflicts import conflicts, read_drones
+    from mavlink_bridge.settings import SettingsError
 
-    drones: list[Drone] = []
-    problems: list[str] = []
-    for path in dict.fromkeys(p for p in options.config if not is_layer(p)):
-        try:
-            document = resolve(path)
-            config = validate(CompanionConfig, document, str(path))
-        except SettingsError as error:
-            problems += error.problems
-            continue
-        drones.append(Drone(path, document, config))
-        problems += _unfit(drones[-1], options)
+    drones, problems = read_drones(options.config)
+    problems += [p for drone in drones for p in _unfit(drone, options)]
     problems += conflicts(drones)
     if problems or not drones:
         raise SettingsError(problems or ["no drone among these files"])

@@ -1,0 +1,95 @@
+"""`companion fleet`: actions on the vehicles of a folder of drones, from a ground station."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from companion.config import CompanionConfig
+    from companion.fleet import Row
+
+HELP = "arm, take off, start, hold, land: many vehicles at once"
+EXIT_FAILED, EXIT_BAD_INPUT = 1, 2
+ACTIONS = {
+    "arm": "arm",
+    "takeoff": "climb to mission.takeoff_altitude and hold there",
+    "start": "hand over to the companions (offboard); they must be running",
+    "hold": "stop and stay; takes control from the companions",
+    "land": "land where they are",
+    "status": "only look",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Its command line."""
+    parser.add_argument(
+        "action", choices=ACTIONS, help="; ".join(f"{a}: {h}" for a, h in ACTIONS.items())
+    )
+    who = parser.add_mutually_exclusive_group(required=True)
+    who.add_argument("--all", action="store_true", help="every drone of the folder")
+    who.add_argument("--only", nargs="+", metavar="NAME", help="these drones")
+    parser.add_argument("--drones", type=Path, default=Path("configs/drones"), metavar="DIR")
+    parser.add_argument("--url", default="udpin://0.0.0.0:14550",
+                        help="where the vehicles speak to ground stations")  # fmt: skip
+    parser.add_argument("--patience", type=float, default=5.0, metavar="S",
+                        help="for vehicles to appear")  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="for machines")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do it with all at once; 1 where any did not."""
+    from mavlink_bridge.settings import SettingsError
+
+    try:
+        drones = _drones(options.drones, None if options.all else options.only)
+        from companion.fleet import act
+    except SettingsError as error:
+        print(error, file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except ModuleNotFoundError:
+        print("MAVSDK is not installed: pip install 'swarm-companion[fleet]'", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    rows = asyncio.run(act(options.action, drones, options.url, options.patience))
+    if options.json:
+        print(json.dumps([asdict(row) for row in rows], indent=1))
+    else:
+        _print(rows)
+    return 0 if all(row.ok for row in rows) else EXIT_FAILED
+
+
+def _drones(folder: Path, names: list[str] | None) -> list[CompanionConfig]:
+    """The drones of a folder, all or those named.
+
+    Raises:
+        SettingsError: a bad file, a name that is not there, two with one system id.
+    """
+    from companion.conflicts import conflicts, read_drones
+    from mavlink_bridge.settings import SettingsError
+
+    drones, problems = read_drones(sorted(folder.glob("*.yaml")))
+    problems += conflicts(drones)
+    known = {d.config.name: d.config for d in drones}
+    for name in names or []:
+        if name not in known:
+            problems.append(f"{folder}: no drone {name!r}; valid: {', '.join(known)}")
+    if problems or not drones:
+        raise SettingsError(problems or [f"{folder}: no drone there"])
+    return [known[n] for n in (names if names is not None else known)]
+
+
+def _print(rows: list[Row]) -> None:
+    """The table of states."""
+    width = max(5, *(len(row.drone) for row in rows))
+    print(f"{'drone':<{width}}  system  armed  {'mode':<10}  height  battery  result")
+    for row in rows:
+        armed = {True: "yes", False: "no", None: "-"}[row.armed]
+        height = "-" if row.height is None else f"{row.height:.1f} m"
+        battery = "-" if row.battery_percent is None else f"{row.battery_percent:.0f} %"
+        print(f"{row.drone:<{width}}  {row.system:>6}  {armed:<5}  {row.mode or '-':<10}  "
+              f"{height:>6}  {battery:>7}  {row.result}")  # fmt: skip

@@ -1,0 +1,102 @@
+"""The board itself: software, speed, disk, permissions."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import time
+from collections.abc import Iterator
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from companion.config import CompanionConfig
+from companion.directories import log_path
+from companion.doctor.finding import Finding, Level, either, rated
+from companion.nmpc import Nmpc
+from companion.nmpc.bench import load, stored
+from companion.sight import Sight
+from mavlink_bridge.link import parse_endpoint
+from mavlink_bridge.messages import VehicleState
+from mavlink_bridge.video import Frame
+
+LIBRARIES = ("numpy", "casadi", "opencv-python-headless", "pymavlink", "scipy")
+_SOLVES, _LOOKS = 100, 10
+_LOG_PER_HOUR = 200e6  # bytes, flight log and .tlog
+_GOVERNOR = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
+
+
+def examine(config: CompanionConfig) -> Iterator[Finding]:
+    """All findings about this machine."""
+    yield _software()
+    yield from _speed(config)
+    yield from _governor()
+    yield _logs(config)
+    yield from _serial_port(config)
+
+
+def _software() -> Finding:
+    said = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
+    return Finding("software", Level.GREEN, f"Python {platform.python_version()}, {said}")
+
+
+def _speed(config: CompanionConfig) -> Iterator[Finding]:
+    """A short bench: recorded instances through the solver, noise through the detectors."""
+    nmpc = Nmpc(config.nmpc)
+    todo = "install gcc: the first start compiles the solver's kernel, once"
+    yield either("solver", nmpc.backend == "compiled", nmpc.backend, todo, Level.AMBER)
+    instances = [i for run in load(stored(), config.nmpc) for i in run.instances][:_SOLVES]
+    solve = float(np.percentile([nmpc.solve(i).solve_time for i in instances], 99))
+    tick = solve + _look(config)
+    text = f"{tick * 1e3:.0f} ms a tick (solver p99 {solve * 1e3:.1f} ms) of {config.timing.period * 1e3:.0f} ms"  # noqa: E501
+    limits = (0.5 * config.timing.period, 0.8 * config.timing.period)
+    yield rated("speed", tick, limits, text, "faster board, smaller camera frames, fewer processes")
+
+
+def _look(config: CompanionConfig) -> float:
+    """Seconds that the detectors take on a frame of coloured noise, which is a hard one."""
+    sight = Sight(config.camera, config.sensing)
+    shape = (config.camera.height, config.camera.width, 3)
+    image = np.random.default_rng(0).integers(0, 255, shape, dtype=np.uint8)
+    own = VehicleState(0.0, np.array([0, 0, 2.0]), np.zeros(3), np.array([1.0, 0, 0, 0]),
+                       np.zeros(3))  # fmt: skip
+    taken = []
+    for n in range(_LOOKS):
+        started = time.perf_counter()
+        sight.see(Frame(float(n), {"image": image}), own)
+        taken.append(time.perf_counter() - started)
+    return float(np.median(taken))
+
+
+def _governor() -> Iterator[Finding]:
+    if _GOVERNOR.exists():
+        governor = _GOVERNOR.read_text().strip()
+        todo = "echo performance into scaling_governor of every CPU: clocks that follow load lag"
+        yield either("cpu governor", governor == "performance", governor, todo, Level.AMBER)
+
+
+def _logs(config: CompanionConfig) -> Finding:
+    if config.log.path is None:
+        return Finding("log", Level.AMBER, "no flight log", "give log.path")
+    folder = log_path(config.log.path, os.environ).resolve().parent
+    if not folder.is_dir() or not os.access(folder, os.W_OK):
+        return Finding("log", Level.RED, f"{folder} cannot be written to", "make it, or chown it")
+    hours = shutil.disk_usage(folder).free / _LOG_PER_HOUR
+    text = f"{folder}: room for {hours:.0f} h of flight"
+    return rated("log", -hours, (-4.0, -1.0), text, "remove old flight logs")
+
+
+def _serial_port(config: CompanionConfig) -> Iterator[Finding]:
+    kind, device, _ = parse_endpoint(config.link.endpoint)
+    if kind != "serial":
+        return
+    path = Path(device)
+    if not path.exists():
+        todo = "plug the autopilot in; `ls /dev/serial/by-id` shows what is there"
+        yield Finding("serial port", Level.RED, f"{device} is not there", todo)
+    else:
+        todo = f"sudo usermod -a -G {path.group()} {os.environ.get('USER', 'USER')}; log in again"
+        allowed = os.access(path, os.R_OK | os.W_OK)
+        yield either("serial port", allowed, f"{device} of group {path.group()}", todo)

@@ -1,0 +1,175 @@
+"""The vehicle on the line: who it is, what it sends, its clock, the parameters that matter."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from companion.config import CompanionConfig
+from companion.doctor.finding import Finding, Level, either, rated
+from mavlink_bridge.codec import Codec
+from mavlink_bridge.link import EndpointError, Link, open_endpoint
+from mavlink_bridge.messages import (
+    Attitude,
+    AutopilotVersion,
+    Command,
+    CommandId,
+    Heartbeat,
+    LocalPosition,
+    Message,
+    ParamRequestRead,
+    ParamValue,
+)
+from mavlink_bridge.px4 import Px4
+
+_LISTEN, _SETTLE = 4.0, 1.5  # s on the line; of them until asked-for streams run
+_STREAM_MIN = 20.0  # Hz of attitude and of position
+_JITTER = (0.02, 0.06)  # s, spread of the delay of telemetry: green, amber
+_VERSION, _INT32 = 148.0, 6
+_COMPANION = Heartbeat(autopilot=8, vehicle_type=18, armed=False, custom_mode=0, system_status=3)
+_KINDS = {12: "px4", 3: "ardupilot", 0: "betaflight"}  # MAV_AUTOPILOT
+_HOVER = {"px4": "MPC_THR_HOVER", "ardupilot": "MOT_THST_HOVER"}
+# Parameter: the most it may be [s], and what it does.
+_TIMEOUTS = {
+    "px4": ("COM_OF_LOSS_T", 1.0),
+    "ardupilot": ("GUID_TIMEOUT", 3.0),
+}
+
+
+@dataclass
+class Heard:
+    """Everything that the vehicle said, and when (CLOCK_MONOTONIC)."""
+
+    messages: list[tuple[float, Message]] = field(default_factory=list)
+
+    def of(self, kind: type, since: float = 0.0) -> list[tuple[float, Message]]:
+        """Messages of one kind from `since` on."""
+        return [(at, m) for at, m in self.messages if isinstance(m, kind) and at >= since]
+
+    def parameter(self, name: str) -> float | None:
+        """A parameter's value; PX4 sends whole numbers bytewise inside the float."""
+        for _, m in self.messages:
+            if isinstance(m, ParamValue) and m.name == name:
+                bytewise = m.param_type == _INT32 and abs(m.value) < 1e-30
+                raw = struct.pack("<f", m.value)
+                return float(struct.unpack("<i", raw)[0]) if bytewise else m.value
+        return None
+
+
+def examine(config: CompanionConfig, hover_known: bool) -> Iterator[Finding]:
+    """All findings about the vehicle; hover_known: a file says its hover thrust."""
+    try:
+        link = Link(
+            open_endpoint(config.link.endpoint),
+            Codec(config.link.system_id, config.link.component_id),
+        )
+    except EndpointError as error:
+        todo = f"is the daemon running? systemctl stop companion@{config.name}"
+        yield Finding("link", Level.RED, str(error), todo)
+        return
+    try:
+        started = time.monotonic()
+        heard = _listen(link, config)
+    finally:
+        link.close()
+    if not heard.of(Heartbeat):
+        todo = "power, wiring, baud rate; the autopilot's port must speak MAVLink 2"
+        text = f"no heartbeat of system {config.link.system_id} on {config.link.endpoint}"
+        yield Finding("link", Level.RED, text, todo)
+        return
+    yield _identity(config, heard)
+    yield from _telemetry(heard, started + _SETTLE)
+    yield from _parameters(config, heard)
+    yield _hover(config, heard, hover_known)
+
+
+def _listen(link: Link, config: CompanionConfig) -> Heard:
+    """Say hello, ask for all that is looked at, and gather what comes."""
+    system, heard = config.link.system_id, Heard()
+    asked = [p for p in (_HOVER.get(config.link.autopilot),
+                         _TIMEOUTS.get(config.link.autopilot, ("", 0.0))[0]) if p]  # fmt: skip
+    version = Command(CommandId.REQUEST_MESSAGE, (_VERSION, 0, 0, 0, 0, 0, 0), system)
+    requests: list[Message] = [
+        _COMPANION, *Px4(system).request_streams(), version,
+        *(ParamRequestRead(system, 1, name, -1) for name in asked),
+    ]  # fmt: skip
+    deadline, ask = time.monotonic() + _LISTEN, 0.0
+    while (now := time.monotonic()) < deadline:
+        if now >= ask:
+            link.send(requests)
+            ask = now + 1.0
+        link.wait(0.05)
+        heard.messages += [
+            (time.monotonic(), r.message)
+            for r in link.receive()
+            if (r.source.system, r.source.component) == (system, 1)
+        ]
+    return heard
+
+
+def _identity(config: CompanionConfig, heard: Heard) -> Finding:
+    """The one that the config expects?"""
+    kind = next(m.autopilot for _, m in heard.messages if isinstance(m, Heartbeat))
+    versions = [m.flight_sw_version for _, m in heard.messages if isinstance(m, AutopilotVersion)]
+    name = _KINDS.get(kind, f"MAV_AUTOPILOT {kind}")
+    text = (
+        f"{name} {'.'.join(str(versions[0] >> b & 0xFF) for b in (24, 16, 8))}"
+        if versions
+        else name
+    )
+    return either("vehicle", name == config.link.autopilot, text,
+                  f"link.autopilot is {config.link.autopilot}: set it, or the vehicle, right")  # fmt: skip
+
+
+def _telemetry(heard: Heard, since: float) -> Iterator[Finding]:
+    """Rates, and how evenly the vehicle's clock arrives here."""
+    span = _LISTEN - _SETTLE
+    for kind, name in ((Attitude, "attitude"), (LocalPosition, "position")):
+        rate = len(heard.of(kind, since)) / span
+        todo = (
+            "no estimate yet: wait for GPS or flow" if not rate else "a faster link, fewer streams"
+        )
+        text = f"{rate:.0f} Hz, {_STREAM_MIN:.0f} wanted"
+        yield rated(f"{name} rate", -rate, (-_STREAM_MIN, -10.0), text, todo)
+    delays = np.array([at - m.time for at, m in heard.of(Attitude, since)
+                       if isinstance(m, Attitude)])  # fmt: skip
+    if len(delays) > 1:
+        jitter = float(np.percentile(delays, 95) - delays.min())
+        text = f"{delays.min():.3f} s behind this board's, within {jitter * 1e3:.0f} ms (95 %)"
+        yield rated("clock", jitter, _JITTER, text, "a faster link, or a less busy board")
+
+
+def _parameters(config: CompanionConfig, heard: Heard) -> Iterator[Finding]:
+    """What the vehicle does when the companion falls silent."""
+    if config.link.autopilot not in _TIMEOUTS:
+        text = (
+            "a controller's failsafe and override are told by `mavlink-bridge betaflight --check`"
+        )
+        yield Finding("silence", Level.AMBER, text, "run it")
+        return
+    name, most = _TIMEOUTS[config.link.autopilot]
+    value = heard.parameter(name)
+    if value is None:
+        yield Finding(
+            "silence", Level.AMBER, f"{name} was not told", f"check that {name} ≤ {most:g}"
+        )
+        return
+    todo = f"set {name} to {most:g} or less: a vehicle whose companion died flies on that long"
+    yield rated("silence", value, (most, 2 * most), f"{name} is {value:g} s", todo)
+
+
+def _hover(config: CompanionConfig, heard: Heard, known: bool) -> Finding:
+    """Thrust that holds the vehicle: from a file, and not far from the autopilot's own."""
+    mine = config.airframe.hover_thrust
+    theirs = heard.parameter(_HOVER.get(config.link.autopilot, ""))
+    todo = "hover in altitude hold, read the thrust off, write it to airframe.hover_thrust"
+    if not known:
+        return Finding("hover thrust", Level.AMBER, f"{mine:g} is the built-in guess", todo)
+    if theirs is None:
+        return Finding("hover thrust", Level.GREEN, f"{mine:g}")
+    text = f"{mine:g}; the autopilot says {theirs:g}"
+    return rated("hover thrust", abs(mine - theirs), (0.08, 0.2), text, todo)
