@@ -117,6 +117,7 @@ class RealFleet:
                 "system_id": system,
             },
             "throttle": {"hover": HOVER, "exponent": EXPONENT},
+            "setpoint_timeout": 0.25,  # the most: a busy machine ticks late
         }
         file = folder / "bridge.yaml"
         file.write_text(yaml.safe_dump(config, sort_keys=False), encoding="utf-8")

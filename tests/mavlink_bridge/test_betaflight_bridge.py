@@ -1,0 +1,202 @@
+"""The bridge against a controller that answers and does not fly: modes, arming, watchdog."""
+
+import math
+import struct
+
+import numpy as np
+import pytest
+from fake_controller import FakeController
+
+from mavlink_bridge.betaflight import MODES, PILOT, Betaflight
+from mavlink_bridge.betaflight_bridge import POLLED, BetaflightBridge
+from mavlink_bridge.controller import interview
+from mavlink_bridge.frames import euler_from_quaternion
+from mavlink_bridge.messages import (
+    Attitude,
+    CommandAck,
+    Heartbeat,
+    LocalPosition,
+    RateSetpoint,
+    Received,
+    Source,
+    StatusText,
+)
+from mavlink_bridge.thrust import ThrustMap
+
+COMPANION = Source(1, 191)
+STEP = 0.02
+
+
+class Bench:
+    """A bridge, its controller, and simulated time."""
+
+    def __init__(self, sole=True):
+        self.fc = FakeController(sole)
+        self.bridge = BetaflightBridge(
+            1, interview(self.fc.answer), ThrustMap(0.5, 1.75), math.radians(60)
+        )
+        self.ask = Betaflight(1)
+        self.t = 100.0
+        self.heard, self.rc, self.rc_at = [], None, -math.inf
+        self.setpoint = None
+        self.run(0.5)
+
+    def send(self, messages):
+        for m in messages:
+            self.bridge.receive(self.t, Received(COMPANION, m))
+
+    def run(self, seconds):
+        for _ in range(round(seconds / STEP)):
+            self.t += STEP
+            self.bridge.read(self.t, self.fc.several(POLLED))
+            if self.setpoint is not None:
+                self.send([self.setpoint])
+            out = self.bridge.cycle(self.t)
+            self.heard += out.messages
+            self.rc = struct.unpack("<16H", out.rc[5:-1]) if out.rc else None
+            if self.rc:
+                self.rc_at = self.t
+                # The controller's switches follow the channels.
+                self.fc.armed = self.rc[4] > 1700 and not self.fc.reasons & ~(1 << 28)
+
+    def last(self, kind):
+        return [m for m in self.heard if isinstance(m, kind)][-1]
+
+    def texts(self):
+        return [m.text for m in self.heard if isinstance(m, StatusText)]
+
+    def fly(self, omega=(0.0, 0.0, 0.0), thrust=0.5):
+        """In offboard, with setpoints at every cycle."""
+        if not self.fc.armed:
+            self.send(self.ask.arm())
+            self.run(1.2)
+        self.setpoint = RateSetpoint(0.0, np.array(omega), thrust, 1)
+        self.run(0.1)
+        self.send(self.ask.offboard())
+        self.run(0.5)
+        assert self.bridge.mode == "offboard"
+
+
+def test_telemetry_at_50_hz_with_body_rates():
+    b = Bench()
+    b.fc.gyro = (164, 0, -328)  # 10 and −20 °/s
+    b.heard.clear()
+    b.run(1.0)
+    attitudes = [m for m in b.heard if isinstance(m, Attitude)]
+    assert len(attitudes) >= 50
+    assert len([m for m in b.heard if isinstance(m, LocalPosition)]) >= 50
+    assert np.degrees(attitudes[-1].omega) == pytest.approx([10, 0, -20], abs=0.1)
+
+
+def test_attitude_is_enu_and_flu():
+    b = Bench()
+    b.fc.attitude = (100, 50, 90)  # right, nose down, east
+    b.run(3.0)
+    roll, pitch, yaw = np.degrees(euler_from_quaternion(b.last(Attitude).q_wb))
+    assert (roll, pitch) == pytest.approx((10, 5), abs=0.2)
+    assert yaw == pytest.approx(-0.5, abs=0.6)
+
+
+def test_arms_by_the_switch_and_says_why_not():
+    b = Bench()
+    b.fc.reasons = 1 << 2 | 1 << 12
+    b.run(0.1)
+    b.send(b.ask.arm())
+    b.run(0.1)
+    assert b.last(CommandAck).result == 1
+    assert b.texts() == ["Arming denied: RXLOSS CALIB"]
+    assert b.rc[4] == 1000
+    b.fc.reasons = 0
+    b.run(0.1)
+    b.send(b.ask.arm())
+    b.run(1.0)
+    assert b.last(CommandAck).result == 0
+    assert b.last(Heartbeat).armed
+    assert b.rc[2] == 1000  # throttle stays down
+
+
+def test_setpoints_become_sticks():
+    b = Bench()
+    b.fly(np.radians([40.0, -80.0, 20.0]), 0.6)
+    assert b.rc[:6] == (1550, 1400, 1600, 1475, 1900, 1000)
+    assert b.last(Heartbeat).custom_mode == MODES["offboard"]
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_a_setpoint_that_is_not_finite_is_none(bad):
+    b = Bench()
+    b.fly()
+    b.setpoint = RateSetpoint(0.0, np.array([bad, 0, 0]), 0.5, 1)
+    b.run(0.5)
+    assert b.bridge.mode == "hold"
+
+
+def test_offboard_wants_a_stream_first():
+    b = Bench()
+    b.send(b.ask.offboard())
+    b.run(0.1)
+    assert b.last(CommandAck).result == 1
+    assert b.bridge.mode == "hold"
+
+
+def test_watchdog_levels_at_once_and_lands_where_no_pilot_stands_by():
+    b = Bench()
+    b.fly(np.radians([200.0, 0.0, 0.0]), 0.6)
+    b.setpoint, stopped = None, b.t
+    while b.bridge.mode == "offboard":
+        b.run(STEP)
+    assert b.t - stopped <= 0.3
+    assert b.rc[5] > 1700  # ANGLE
+    assert abs(b.rc[0] - 1500) < 130  # no more than a gentle lean
+    assert b.rc[3] == 1500
+    assert "Setpoints stopped: level" in b.texts()
+    b.run(8.0)  # this one stands on the ground, so landing ends at once
+    beats = [m for m in b.heard if isinstance(m, Heartbeat)]
+    assert MODES["land"] in {m.custom_mode for m in beats}
+    assert 5 in {m.system_status for m in beats}
+    assert not beats[-1].armed
+
+
+def test_watchdog_releases_to_the_pilot_within_300_ms():
+    b = Bench(sole=False)
+    assert b.rc is None  # the pilot flies
+    b.fc.override = True
+    b.run(0.2)
+    b.fly(np.radians([100.0, 0.0, 0.0]))
+    b.setpoint, stopped = None, b.t
+    b.run(1.0)
+    assert b.rc_at - stopped <= 0.3
+    assert b.rc is None
+    assert b.last(Heartbeat).custom_mode == PILOT
+    # Setpoints that come back take nothing: only the pilot's switch gives control again.
+    b.setpoint = RateSetpoint(0.0, np.zeros(3), 0.5, 1)
+    b.run(0.5)
+    assert b.rc is None
+
+
+def test_the_pilots_switch_wins_at_once():
+    b = Bench(sole=False)
+    b.fc.override = True
+    b.run(0.2)
+    b.fly()
+    b.fc.override = False
+    b.run(2 * STEP)
+    assert b.rc is None
+    b.send(b.ask.offboard())
+    b.run(0.1)
+    assert b.bridge.mode == "pilot"
+
+
+def test_take_off_climbs_and_never_in_the_first_second():
+    b = Bench()
+    b.send(b.ask.arm())
+    b.run(0.3)
+    b.send(b.ask.takeoff(2.0))
+    b.run(0.1)
+    assert b.last(CommandAck).result == 1
+    b.run(1.0)
+    b.send(b.ask.takeoff(2.0))
+    b.run(0.5)
+    assert b.bridge.mode == "takeoff"
+    assert b.rc[2] > 1500
+    assert b.rc[5] > 1700

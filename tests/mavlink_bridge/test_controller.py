@@ -1,0 +1,59 @@
+"""What a flight controller must be to be flown; one clear line where it is not."""
+
+import numpy as np
+import pytest
+from fake_controller import FakeController
+
+from mavlink_bridge.controller import interview
+from mavlink_bridge.msp import MspError
+
+
+def test_a_fit_controller_is_read():
+    c = interview(FakeController().answer)
+    assert (c.version, c.api, c.sole, c.arm_bit) == ("4.6.0", (1, 47), True, 0)
+    assert "Betaflight 4.6.0, MSP API 1.47" in c.report()
+
+
+def test_channels_are_in_the_receivers_order():
+    c = interview(FakeController().answer)
+    channels = c.channels(np.array([0.2, -0.4, 1.0]), 0.5, armed=True, level=False)
+    assert channels[:6] == [1600, 1300, 1500, 2000, 1900, 1000]  # A E T R AUX1 AUX2
+    assert c.channels(np.zeros(3), 0.0, armed=False, level=True)[:6] == [
+        1500, 1500, 1000, 1500, 1000, 1900,
+    ]  # fmt: skip
+
+
+def test_body_rates_flu_become_sticks():
+    c = interview(FakeController().answer)
+    sticks = c.rate_sticks(np.radians([40.0, 80.0, 120.0]))
+    assert sticks == pytest.approx((0.1, 0.2, -0.3), abs=1e-4)  # turning left is stick left
+
+
+def test_the_pilots_receiver_wants_the_mask_told():
+    report = "\n".join(interview(FakeController(sole=False).answer).report())
+    assert "msp_override_channels_mask = 63" in report
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"variant": b"INAV"}, "flight controller runs 'INAV', not Betaflight ('BTFL')"),
+        ({"api": (1, 41)}, "MSP API 1.41 is too old: needs 1.43 (Betaflight 4.2) or newer"),
+        ({"features": 0}, "no way in: neither feature RX_MSP nor a switch for mode MSP OVERRIDE"),
+        ({"ranges": [(1, 1, 32, 48)]}, "no switch for mode ARM; CLI: aux 0 0 0 1700 2100 0 0"),
+        ({"ranges": [(0, 0, 32, 48)]}, "no switch for mode ANGLE; CLI: aux 1 1 1 1700 2100 0 0"),
+    ],
+)
+def test_an_unfit_controller_is_one_clear_line(change, words):
+    fake = FakeController()
+    for name, value in change.items():
+        setattr(fake, name, value)
+    with pytest.raises(MspError) as error:
+        interview(fake.answer)
+    assert words in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_silent_controller_is_one_clear_line():
+    with pytest.raises(MspError, match="does not answer MSP_API_VERSION"):
+        interview(lambda command: None)
