@@ -22,7 +22,7 @@ class ThreatConfig(StrictModel):
 
     d_ref: float = Field(1.5, gt=0, description="Reference distance [m] of eq. (9).")
     closing_floor: float = Field(
-        0.2, gt=0, description="Least closing speed [m/s]: who recedes slowly still counts."
+        0.6, gt=0, description="Least closing speed [m/s]: who is near counts, closing or not."
     )
     critical: int = Field(3, ge=1, le=12, description="Most neighbours taken (out-degree < 4).")
     range_max: float = Field(10.0, gt=0, description="R of eq. (6) [m]: farther is ignored.")
