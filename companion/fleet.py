@@ -23,8 +23,8 @@ from mavsdk.logging import log_subscribe
 from mavsdk.plugins.mavlink_direct import MavlinkMessage
 
 from companion.config import CompanionConfig
+from mavlink_bridge.autopilots import adapter
 from mavlink_bridge.messages import Command
-from mavlink_bridge.px4 import Px4
 
 _TELL = 2.0  # s for the first word of each telemetry stream
 _ACCEPTED = 0
@@ -108,7 +108,7 @@ async def _do(action: str, drone: CompanionConfig, system: System) -> None:
 async def _set_offboard(drone: CompanionConfig, system: System) -> None:
     """Let the companion fly: the mode alone; the setpoints are its own and already there."""
     direct = MavlinkDirectAsync(system)
-    for request in Px4(drone.link.system_id).offboard():
+    for request in adapter(drone.link.autopilot, drone.link.system_id).offboard():
         if not isinstance(request, Command):
             continue
         fields: dict[str, Any] = {f"param{n}": p for n, p in enumerate(request.params, start=1)}

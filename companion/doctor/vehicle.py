@@ -11,11 +11,11 @@ import numpy as np
 
 from companion.config import CompanionConfig
 from companion.doctor.finding import Finding, Level, either, rated
+from mavlink_bridge.autopilots import Identity, adapter
 from mavlink_bridge.codec import Codec
 from mavlink_bridge.link import EndpointError, Link, open_endpoint
 from mavlink_bridge.messages import (
     Attitude,
-    AutopilotVersion,
     Command,
     CommandId,
     Heartbeat,
@@ -24,14 +24,12 @@ from mavlink_bridge.messages import (
     ParamRequestRead,
     ParamValue,
 )
-from mavlink_bridge.px4 import Px4
 
 _LISTEN, _SETTLE = 4.0, 1.5  # s on the line; of them until asked-for streams run
 _STREAM_MIN = 20.0  # Hz of attitude and of position
 _JITTER = (0.02, 0.06)  # s, spread of the delay of telemetry: green, amber
 _VERSION, _INT32 = 148.0, 6
 _COMPANION = Heartbeat(autopilot=8, vehicle_type=18, armed=False, custom_mode=0, system_status=3)
-_KINDS = {12: "px4", 3: "ardupilot", 0: "betaflight"}  # MAV_AUTOPILOT
 _HOVER = {"px4": "MPC_THR_HOVER", "ardupilot": "MOT_THST_HOVER"}
 # Parameter: the most it may be [s], and what it does.
 _TIMEOUTS = {
@@ -94,7 +92,7 @@ def _listen(link: Link, config: CompanionConfig) -> Heard:
                          _TIMEOUTS.get(config.link.autopilot, ("", 0.0))[0]) if p]  # fmt: skip
     version = Command(CommandId.REQUEST_MESSAGE, (_VERSION, 0, 0, 0, 0, 0, 0), system)
     requests: list[Message] = [
-        _COMPANION, *Px4(system).request_streams(), version,
+        _COMPANION, *adapter(config.link.autopilot, system).request_streams(), version,
         *(ParamRequestRead(system, 1, name, -1) for name in asked),
     ]  # fmt: skip
     deadline, ask = time.monotonic() + _LISTEN, 0.0
@@ -112,17 +110,12 @@ def _listen(link: Link, config: CompanionConfig) -> Heard:
 
 
 def _identity(config: CompanionConfig, heard: Heard) -> Finding:
-    """The one that the config expects?"""
-    kind = next(m.autopilot for _, m in heard.messages if isinstance(m, Heartbeat))
-    versions = [m.flight_sw_version for _, m in heard.messages if isinstance(m, AutopilotVersion)]
-    name = _KINDS.get(kind, f"MAV_AUTOPILOT {kind}")
-    text = (
-        f"{name} {'.'.join(str(versions[0] >> b & 0xFF) for b in (24, 16, 8))}"
-        if versions
-        else name
-    )
-    return either("vehicle", name == config.link.autopilot, text,
-                  f"link.autopilot is {config.link.autopilot}: set it, or the vehicle, right")  # fmt: skip
+    """The one that the config expects, set up so that it can be flown?"""
+    identity = Identity(config.link.autopilot, config.link.system_id)
+    identity.hear(m for _, m in heard.messages)
+    wrong = identity.objection()
+    told = f"{config.link.autopilot} {identity.version or '(no version told)'}"
+    return either("vehicle", not wrong, wrong or told, "set link.autopilot, or the vehicle, right")
 
 
 def _telemetry(heard: Heard, since: float) -> Iterator[Finding]:

@@ -115,7 +115,8 @@ def judged(
 ) -> Result:
     """Result of a usable plan. margins (N, rows): agents, cylinders, planes at 1…N.
 
-    cost: (29) with the penalties. A neighbour's margin beyond M_constraint is that of a row switched off.
+    cost: (29) with the penalties. A neighbour's margin beyond M_constraint is that of a row
+    switched off.
     """
     J, K = config.neighbours, config.neighbours + config.cylinders
     rows = margins.min(axis=0).tolist()

@@ -19,19 +19,21 @@ def test_a_good_board(world, capsys):
     assert main(["doctor", "--json", str(config), "--set", f"log.path={world.folder}/a.mcap"]) == 0
     report = json.loads(capsys.readouterr().out)
     levels = {f["name"]: f["level"] for f in report["findings"]}
-    for name in ("config", "software", "speed", "log", "frame rate", "vehicle", "attitude rate",
-                 "position rate", "clock", "silence", "hover thrust"):  # fmt: skip
+    for name in ("config", "software", "log", "vehicle", "silence", "hover thrust"):
         assert levels[name] == "green", report
+    for name in ("speed", "frame rate", "attitude rate", "position rate", "clock"):
+        assert levels[name] != "red", report  # of a machine that runs other tests beside
     assert all(f["todo"] for f in report["findings"] if f["level"] != "green")
 
 
 def test_red_is_an_exit_status_and_says_what_to_do(world, capsys):
     config = world.config(1)
-    arguments = ["doctor", str(config), "--set", "camera.source=sim:127.0.0.1:1"]
+    arguments = ["doctor", str(config), "--set", "link.autopilot=ardupilot"]
     assert main([*arguments, "--set", f"log.path={world.folder}/a.mcap"]) == 1
     told = capsys.readouterr().out
-    assert "red    camera" in told
-    assert "→ is it plugged in, and used by nobody else?" in told
+    assert "red    vehicle" in told
+    assert "vehicle 1 is px4" in told
+    assert "→ set link.autopilot, or the vehicle, right" in told
 
 
 def test_a_vehicle_that_is_not_there(world):
