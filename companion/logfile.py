@@ -23,7 +23,7 @@ from mavlink_bridge.mcapfile import (
 
 @dataclass(frozen=True)
 class FlightLog:
-    """One drone's flight: its configuration as it was flown, and each tick's inputs and record."""
+    """One drone's flight: what its configuration set, and each tick's inputs and record."""
 
     config: dict[str, Any]
     inputs: list[RecordedInputs]
@@ -40,7 +40,7 @@ def read_log(path: Path) -> FlightLog:
     try:
         inputs = [decode(m.data) for topic, m in messages if topic == "/inputs"]
         ticks = [json.loads(m.data) for topic, m in messages if topic == "/tick"]
-        config = json.loads(read_metadata(path)[CONFIG]["json"])
+        config = json.loads(read_metadata(path)[CONFIG]["set"])
     except (InputsError, ValueError, KeyError) as error:
         raise LogError(f"{path}: not a flight log of a companion: {error}") from error
     if not ticks or len(inputs) != len(ticks):

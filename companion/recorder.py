@@ -62,7 +62,7 @@ class Recorder:
         self._tlog = TelemetryLog(path.with_suffix(".tlog")) if config.log.tlog else None
         self._writer = Writer(self._file, chunk_size=_CHUNK, compression=CompressionType.ZSTD)
         self._writer.start(profile="swarm-companion", library="swarm-companion")
-        self._writer.add_metadata(CONFIG, {"name": config.name, "json": config.model_dump_json()})
+        self._writer.add_metadata(CONFIG, _configuration(config))
         self._channels = self._register()
         self._file.flush()
         self._count = 0
@@ -164,3 +164,12 @@ class Recorder:
             message = CompressedImage(timestamp=scene.stamp(frame.time), frame_id=self._name,
                                       data=data, format="jpeg")  # fmt: skip
             self._put("/image", frame.time, message)
+
+
+def _configuration(config: CompanionConfig) -> dict[str, str]:
+    """What was set, for a replay with today's defaults, and all that held, for people."""
+    return {
+        "name": config.name,
+        "set": config.model_dump_json(exclude_unset=True),
+        "resolved": config.model_dump_json(),
+    }

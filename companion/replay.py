@@ -7,6 +7,7 @@ is not simulated: each tick's inputs are the recorded ones, whatever today's cod
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -21,10 +22,11 @@ from companion.inputs import RecordedInputs
 from companion.logfile import FlightLog
 from companion.pipeline import Pipeline, TickInputs
 from mavlink_bridge.codec import Codec
-from mavlink_bridge.settings import Document, assignments, merge, validate
+from mavlink_bridge.settings import assignments, merge, parse_yaml, validate
 from mavlink_bridge.video import Frame
 
 COMMAND_TOLERANCE = 1e-3  # rad/s and m/s²: ten times the log's last digit
+_NAME = "the log's configuration"
 _DECISIONS = ("phase", "goal.index", "command.reason", "solver.usable", "solver.active")
 
 
@@ -69,13 +71,15 @@ class Outcome:
 
 
 def replay(log: FlightLog, overrides: list[str] | None = None) -> Outcome:
-    """Fly the log again; overrides change its configuration (path.to.key=value).
+    """Fly the log again, with what its configuration set and today's defaults.
+
+    overrides change the configuration (path.to.key=value).
 
     Raises:
         SettingsError: today's code does not accept the recorded configuration.
     """
-    document = merge([Document(log.config, {}), assignments(overrides or [])])
-    config = validate(CompanionConfig, document, "the log's configuration")
+    document = merge([parse_yaml(json.dumps(log.config), _NAME), assignments(overrides or [])])
+    config = validate(CompanionConfig, document, _NAME)
     differing, first, omega, c = 0, None, 0.0, 0.0
     for number, (today, recorded) in enumerate(
         zip(rerun(config, log.inputs), log.ticks, strict=True)

@@ -42,7 +42,7 @@ def messages(path, topic):
 
 def test_what_is_read_is_what_was_written(whole):
     log = read_log(whole)
-    assert log.config["name"] == "tester"
+    assert log.config == {"name": "tester", "log": {"path": str(whole)}}  # what was set
     assert len(log.ticks) == len(log.inputs) == 40
     inputs, out = tick(7)
     read = log.inputs[7]

@@ -13,6 +13,7 @@ from companion.__main__ import main
 from companion.config import CompanionConfig
 from companion.logfile import read_log
 from companion.replay import replay, rerun
+from mavlink_bridge.settings import SettingsError
 
 
 @pytest.fixture(scope="module")
@@ -62,3 +63,15 @@ def test_from_the_command_line(flight, capsys):
 def test_a_config_of_another_time_is_one_clear_error(flight, capsys):
     assert main(["replay", str(flight), "--set", "nmpc.no_such=1"]) == 2
     assert "nmpc.no_such: unknown key" in capsys.readouterr().err
+
+
+def test_a_key_that_is_gone_is_one_clear_error(log):
+    config = log.config | {"tracker": {"gone": 1.0}}
+    with pytest.raises(
+        SettingsError, match=r"the log's configuration:1:\d+: tracker.gone: unknown"
+    ):
+        replay(dataclasses.replace(log, config=config))
+
+
+def test_defaults_are_todays(log):
+    assert "nmpc" not in log.config
