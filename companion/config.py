@@ -34,7 +34,7 @@ from mavlink_bridge.settings import (
 )
 
 FILEVERSION = 1
-DEFAULT, AIRFRAMES = "default.yaml", "airframes"
+DEFAULT, AIRFRAMES, BRIDGES = "default.yaml", "airframes", "bridges"
 
 
 class AirframeConfig(StrictModel):
@@ -202,6 +202,16 @@ def resolve(path: Path, overrides: list[str] | None = None) -> Document:
 def is_layer(path: Path) -> bool:
     """Whether a file is no drone but what lies below drones: default.yaml, airframes/*.yaml."""
     return path.name == DEFAULT or path.parent.name == AIRFRAMES
+
+
+def is_bridge(path: Path) -> bool:
+    """Whether a file configures a drone's `mavlink-bridge`: bridges/ beside the drones."""
+    return path.parent.name == BRIDGES
+
+
+def bridge_of(path: Path) -> Path:
+    """Where the bridge of a drone's file is configured, if it has one: under the same name."""
+    return path.parent / BRIDGES / path.name
 
 
 def layers_of(path: Path) -> list[Path]:

@@ -6,8 +6,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from companion.config import CompanionConfig, is_layer, resolve
-from mavlink_bridge.settings import Document, SettingsError, validate
+from companion.config import CompanionConfig, bridge_of, is_bridge, is_layer, resolve
+from mavlink_bridge.bridge_config import BridgeConfig
+from mavlink_bridge.link import EndpointError, parse_endpoint
+from mavlink_bridge.settings import Document, SettingsError, load_yaml, validate
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ def read_drones(paths: Iterable[Path]) -> tuple[list[Drone], list[str]]:
     """Every drone among the files (layers are passed over), and what is wrong with the rest."""
     drones: list[Drone] = []
     problems: list[str] = []
-    for path in dict.fromkeys(p for p in paths if not is_layer(p)):
+    for path in dict.fromkeys(p for p in paths if not (is_layer(p) or is_bridge(p))):
         try:
             document = resolve(path)
             drones.append(Drone(path, document, validate(CompanionConfig, document, str(path))))
@@ -48,6 +50,33 @@ def conflicts(drones: Iterable[Drone]) -> list[str]:
                 problems.append(
                     f"{place}: {key}: {text} is taken by {other[0].config.name} ({other[1]})"
                 )
+    return problems
+
+
+def bridge_problems(drone: Drone) -> list[str]:
+    """Where a drone's bridge is not the other end of it; nothing for a drone without one."""
+    path = bridge_of(drone.path)
+    if not path.exists():
+        return []
+    try:
+        document = load_yaml(path)
+        bridge = validate(BridgeConfig, document, str(path))
+        kind, _, port = parse_endpoint(bridge.link.endpoint)
+    except SettingsError as error:
+        return error.problems
+    except EndpointError as error:
+        return [f"{document.places.get(('link', 'endpoint'), path)}: link.endpoint: {error}"]
+    problems = []
+    link = drone.config.link
+    if bridge.link.system_id != link.system_id:
+        place = document.places.get(("link", "system_id"), path)
+        problems.append(f"{place}: link.system_id: is {bridge.link.system_id}, "
+                        f"that of {drone.config.name} {link.system_id}")  # fmt: skip
+    mine, _, there = parse_endpoint(link.endpoint)
+    if (kind, mine) == ("udpout", "udpin") and port != there:
+        place = document.places.get(("link", "endpoint"), path)
+        problems.append(f"{place}: link.endpoint: port {port}, {drone.config.name} "
+                        f"listens on {there}")  # fmt: skip
     return problems
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import companion
 from companion.board import installer
-from companion.config import CompanionConfig, layers_of
+from companion.config import CompanionConfig, bridge_of, layers_of
 from companion.packaged import data_folder
 
 UNITS = "etc/systemd/system"
@@ -74,14 +74,16 @@ def make_bundle(
         _put_drone(folder, path, config)
     plan = {
         "release": release_name(wheel),
-        "drones": [{"name": c.name, "units": _units_of(c)} for _, c in drones],
+        "drones": [{"name": c.name, "units": _units_of(p)} for p, c in drones],
     }
     (folder / "plan.json").write_text(json.dumps(plan, indent=1))
     return folder
 
 
-def _units_of(config: CompanionConfig) -> list[str]:
-    return ["companion@.service"]
+def _units_of(path: Path) -> list[str]:
+    """The bridge first: the companion listens to it."""
+    bridge = ["mavlink-bridge@.service"] if bridge_of(path).exists() else []
+    return [*bridge, "companion@.service"]
 
 
 def _put_units(owned: Path) -> None:
@@ -99,6 +101,8 @@ def _put_drone(folder: Path, path: Path, config: CompanionConfig) -> None:
     """A folder of its own in /etc for each drone: its file, the layers below, the calibration."""
     home = folder / "config" / config.name
     _copy(path, home / f"{config.name}.yaml")
+    if bridge_of(path).exists():
+        _copy(bridge_of(path), home / "bridge.yaml")
     needed = layers_of(path)
     if config.camera.calibration is not None:
         needed.append(Path(config.camera.calibration))

@@ -203,7 +203,8 @@ class Board:
 
     def _try(self, release: Path, bundle: Path) -> None:
         """The new release must understand the configurations that it is going to run."""
-        configs = sorted(str(p) for p in (bundle / "config").glob("*/*.yaml"))
+        folders = sorted((bundle / "config").iterdir())
+        configs = [str(folder / f"{folder.name}.yaml") for folder in folders]
         _run([str(release / "bin/python"), "-I", "-m", "companion", "check", *configs])
 
     def _put_files(self, bundle: Path) -> None:

@@ -25,13 +25,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Tell every mistake; 0 only where there is none."""
-    from companion.conflicts import conflicts
+    from companion.config import is_bridge
+    from companion.conflicts import bridge_problems, conflicts
 
     problems: dict[Path, list[str]] = {}
     drones: list[Drone] = []
-    for path in dict.fromkeys(options.config):
+    for path in dict.fromkeys(p for p in options.config if not is_bridge(p)):
         problems[path] = _check(path, drones)
-    together = conflicts(drones)
+    together = [*conflicts(drones), *(p for d in drones for p in bridge_problems(d))]
     if options.json:
         print(json.dumps(_report(problems, together), indent=1))
     else:

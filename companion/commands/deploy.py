@@ -66,11 +66,12 @@ def _boards(options: argparse.Namespace) -> dict[str | None, Drones]:
     Raises:
         SettingsError: whatever must not be deployed.
     """
-    from companion.conflicts import conflicts, read_drones
+    from companion.conflicts import bridge_problems, conflicts, read_drones
     from mavlink_bridge.settings import SettingsError
 
     drones, problems = read_drones(options.config)
     problems += [p for drone in drones for p in _unfit(drone, options)]
+    problems += [p for drone in drones for p in bridge_problems(drone)]
     problems += conflicts(drones)
     if problems or not drones:
         raise SettingsError(problems or ["no drone among these files"])

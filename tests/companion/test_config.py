@@ -151,6 +151,27 @@ def test_two_drones_that_want_the_same(folder, capsys, other, key, what):
     assert f"is taken by one ({folder / 'one.yaml'}" in lines[0]
 
 
+@pytest.mark.parametrize(
+    ("bridge", "what"),
+    [
+        ("link: {system_id: 7}\n", ":2:8: link.system_id: is 7, that of one 1"),
+        ("link: {endpoint: 'udpout:127.0.0.1:9'}\n", ":2:8: link.endpoint: port 9, one listens on"),
+        ("link: {endpoint: somewhere}\n", ":2:8: link.endpoint: endpoint 'somewhere' is none of"),
+        ("controler: x\n", ":2:1: controler: unknown key; did you mean 'controller'?"),
+        ("link: {system_id: 1}\n", None),
+    ],
+)
+def test_a_bridge_must_be_the_other_end(folder, capsys, bridge, what):
+    (folder / "bridges").mkdir()
+    (folder / "bridges" / "one.yaml").write_text(f"fileversion: 1\n{bridge}")
+    (folder / "one.yaml").write_text(HEAD)
+    status = main(["check", str(folder / "one.yaml"), str(folder / "bridges" / "one.yaml")])
+    said = capsys.readouterr().err
+    assert status == (2 if what else 0)
+    assert said.startswith(f"{folder}/bridges/one.yaml{what}" if what else "")
+    assert len(said.splitlines()) == bool(what)
+
+
 def test_boards_have_ports_of_their_own(folder):
     drone = "fileversion: 1\nname: {n}\nlink: {{system_id: {n}}}\nboard: {{host: pi@drone{n}}}\n"
     for n in (1, 2):

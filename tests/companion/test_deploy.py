@@ -22,6 +22,7 @@ from companion.__main__ import main
 from companion.board.bundle import make_bundle
 from companion.board.installer import Board, InstallError, Report
 from companion.config import load_config
+from companion.packaged import data_folder
 
 HOME = "opt/swarm-companion"
 
@@ -62,6 +63,19 @@ def test_an_empty_root_gets_everything(first):
         assert str(link) == "../companion@.service"
     assert "etc/udev/rules.d/70-swarm-companion.rules" in there
     assert launched(first / "root") == "version 1.0"
+
+
+def test_a_bridge_comes_with_its_drone(first, tmp_path):
+    root = tmp_path / "root"
+    shutil.copytree(first / "root", root, symlinks=True)
+    example = data_folder("configs/drones") / "betaflight.yaml"
+    assert deploy([example], next((first / "1").iterdir()), root) == 0
+    there = contents(root)
+    assert "etc/swarm-companion/betaflight/bridge.yaml" in there
+    link = there["etc/systemd/system/swarm.target.wants/mavlink-bridge@betaflight.service"][2]
+    assert str(link) == "../mavlink-bridge@.service"
+    drop_in = there["etc/systemd/system/companion@betaflight.service.d/board.conf"][2]
+    assert b"CPUAffinity=2-3\n" in drop_in
 
 
 def test_units_are_clean_and_hardened(board):
