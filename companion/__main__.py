@@ -6,6 +6,7 @@ import argparse
 import importlib
 import os
 import sys
+from importlib.metadata import version
 
 # One drone, one core: BLAS threads would only fight the other processes of the board.
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -28,6 +29,7 @@ COMMANDS = (
 def main(arguments: list[str] | None = None) -> int:
     """Entry point of `companion`."""
     parser = argparse.ArgumentParser(prog="companion", description="Per-drone flight application.")
+    parser.add_argument("--version", action="version", version=version("swarm-companion"))
     commands = parser.add_subparsers(dest="command", required=True)
     for name in COMMANDS:
         module = importlib.import_module(f"companion.commands.{name}")

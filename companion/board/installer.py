@@ -120,6 +120,7 @@ class Board:
         self.refuse_while_armed()
         with self._locked():
             self._make_release(bundle, plan)
+            self.refuse_while_armed()  # that took a minute
             try:
                 self._put_files(bundle)
                 self._enable(plan["drones"])
@@ -269,6 +270,7 @@ class Board:
         if not self.report.changed or self.report.dry_run:
             return
         self._ask("daemon-reload")
+        self._reload_rules()
         for drone in drones:
             for template in drone["units"]:
                 unit = template.replace("@", f"@{drone['name']}")
@@ -276,6 +278,13 @@ class Board:
                 self._ask("restart", "--no-block", unit)
                 self._stays_up(unit)
                 self.report.add("restart", unit)
+
+    def _reload_rules(self) -> None:
+        """The udev rule holds for what is plugged in already, too."""
+        udevadm = shutil.which("udevadm")
+        if udevadm is not None and self.root == Path("/"):
+            _run([udevadm, "control", "--reload"])
+            _run([udevadm, "trigger", "--subsystem-match=tty"])
 
     def _stays_up(self, unit: str) -> None:
         deadline = time.monotonic() + START_WITHIN
@@ -377,6 +386,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--dry-run", action="store_true")
     parser.add_argument("--rollback", action="store_true")
     options = parser.parse_args(arguments)
+    os.umask(0o022)  # the daemon is not the user who installs it
     started = time.monotonic()
     report = Report(options.dry_run)
     live = options.root == Path("/") and Path("/run/systemd/system").is_dir()
