@@ -17,6 +17,8 @@ from companion.packaged import data_folder
 
 UNITS = "etc/systemd/system"
 RULES = "etc/udev/rules.d"
+# `python3 BUNDLE` is the installer, on whatever board the folder lies.
+_MAIN = "import sys\n\nfrom board.installer import main\n\nsys.exit(main())\n"
 # By its real path: a daemon that runs must not see an upgrade.
 _LAUNCHER = """#!/bin/sh
 home=$(dirname "$(readlink -f "$0")")
@@ -65,7 +67,9 @@ def make_bundle(
     Raises:
         BundleError: a calibration that lies elsewhere.
     """
-    _copy(Path(installer.__file__), folder / "installer.py")
+    for name in ("__init__.py", "changes.py", "installer.py"):
+        _copy(Path(installer.__file__).with_name(name), folder / "board" / name)
+    (folder / "__main__.py").write_text(_MAIN)
     _copy(wheel, folder / "wheel" / wheel.name)
     if wheelhouse is not None:
         shutil.copytree(wheelhouse, folder / "wheelhouse")

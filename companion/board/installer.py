@@ -1,6 +1,6 @@
 """Installs a bundle below a root directory; runs on the board, needs only Python itself.
 
-    python3 installer.py BUNDLE --root / [--dry-run] [--rollback]
+    python3 BUNDLE BUNDLE --root / [--dry-run] [--rollback]
 
 Releases lie side by side, `current` is a link: an upgrade that fails changes nothing, the old
 release goes on running, and the one before stays for `--rollback`. Configuration that was
@@ -12,15 +12,15 @@ from __future__ import annotations
 import argparse
 import contextlib
 import fcntl
-import hashlib
 import json
 import os
 import shutil
-import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+
+from .changes import Changes, InstallError, Report, existing, link_target, run, sha256
 
 HOME = "opt/swarm-companion"
 CONFIG = "etc/swarm-companion"
@@ -28,70 +28,6 @@ RUN = "run/swarm-companion"
 WANTS = "etc/systemd/system/swarm.target.wants"
 SPACE = 1_000_000_000  # bytes that a release and its download need
 START_WITHIN = 20.0  # s to see whether a restarted daemon stays up
-
-
-class InstallError(Exception):
-    """Why nothing was changed, or everything put back."""
-
-
-class Report:
-    """What was done (or would be), step by step."""
-
-    def __init__(self, dry_run: bool) -> None:
-        self.dry_run = dry_run
-        self.steps: list[dict[str, str]] = []
-        self.changed = False
-
-    def add(self, step: str, what: str, changed: bool = True) -> bool:
-        """Note a step; True where it is really to be done now."""
-        word = "unchanged" if not changed else "would change" if self.dry_run else "changed"
-        self.steps.append({"step": step, "result": word, "detail": what})
-        self.changed |= changed
-        return changed and not self.dry_run
-
-    def note(self, step: str, what: str) -> None:
-        """Something to know that changes nothing."""
-        self.steps.append({"step": step, "result": "note", "detail": what})
-
-
-class Changes:
-    """Files and links changed, so that all of them can be put back."""
-
-    def __init__(self) -> None:
-        self._before: list[tuple[Path, bytes | None, str | None]] = []
-
-    def write(self, path: Path, data: bytes, mode: int = 0o644) -> None:
-        """Replace a file in one step."""
-        self._remember(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(f".{path.name}.part")
-        part.write_bytes(data)
-        part.chmod(mode)
-        part.replace(path)
-
-    def link(self, path: Path, target: str) -> None:
-        """Point a link elsewhere in one step."""
-        self._remember(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(f".{path.name}.part")
-        part.unlink(missing_ok=True)
-        part.symlink_to(target)
-        part.replace(path)
-
-    def undo(self) -> None:
-        """Put everything back, last first."""
-        for path, data, target in reversed(self._before):
-            path.unlink(missing_ok=True)
-            if target is not None:
-                path.symlink_to(target)
-            elif data is not None:
-                path.write_bytes(data)
-        self._before.clear()
-
-    def _remember(self, path: Path) -> None:
-        target = str(path.readlink()) if path.is_symlink() else None
-        data = path.read_bytes() if target is None and path.exists() else None
-        self._before.append((path, data, target))
 
 
 class Board:
@@ -139,7 +75,7 @@ class Board:
         """
         plan = json.loads((bundle / "plan.json").read_text())
         self.refuse_while_armed()
-        previous = _target(self.home / "previous")
+        previous = link_target(self.home / "previous")
         if previous is None:
             raise InstallError("there is no release before this one")
         with self._locked():
@@ -173,8 +109,8 @@ class Board:
             try:
                 self._make_environment(release)
                 python = str(release / "bin/python")
-                _run([python, *_pip(bundle), "--force-reinstall", "--no-deps"])
-                _run([python, *_pip(bundle)])  # what it depends on and is not there yet
+                run([python, *_pip(bundle), "--force-reinstall", "--no-deps"])
+                run([python, *_pip(bundle)])  # what it depends on and is not there yet
                 self._try(release, bundle)
             except BaseException:
                 shutil.rmtree(release, ignore_errors=True)
@@ -191,22 +127,22 @@ class Board:
         before = list((self.home / "current").glob("lib/python3*/site-packages"))
         version = f"python{sys.version_info.major}.{sys.version_info.minor}"
         if len(before) == 1 and before[0].parent.name == version:
-            _run([sys.executable, "-m", "venv", "--without-pip", str(release)])
+            run([sys.executable, "-m", "venv", "--without-pip", str(release)])
             packages = release / "lib" / version / "site-packages"
             with contextlib.suppress(OSError):  # a file system without links: made anew
                 shutil.copytree(before[0], packages, copy_function=os.link, dirs_exist_ok=True)
                 return
             shutil.rmtree(release)
-        free = shutil.disk_usage(_existing(self.home)).free
+        free = shutil.disk_usage(existing(self.home)).free
         if free < SPACE:
             raise InstallError(f"{free / 1e6:.0f} MB free, {SPACE / 1e6:.0f} MB needed")
-        _run([sys.executable, "-m", "venv", str(release)])
+        run([sys.executable, "-m", "venv", str(release)])
 
     def _try(self, release: Path, bundle: Path) -> None:
         """The new release must understand the configurations that it is going to run."""
         folders = sorted((bundle / "config").iterdir())
         configs = [str(folder / f"{folder.name}.yaml") for folder in folders]
-        _run([str(release / "bin/python"), "-I", "-m", "companion", "check", *configs])
+        run([str(release / "bin/python"), "-I", "-m", "companion", "check", *configs])
 
     def _put_files(self, bundle: Path) -> None:
         """Units, rule and launchers are ours; configuration belongs to whoever edits it."""
@@ -226,11 +162,11 @@ class Board:
         """Replace what was deployed before; lay the new beside what was edited since."""
         path, data = self.root / CONFIG / relative, source.read_bytes()
         there = path.read_bytes() if path.exists() else None
-        edited = there is not None and known.get(str(relative)) != _sha(there)
+        edited = there is not None and known.get(str(relative)) != sha256(there)
         if there == data or there is None or not edited:
             if self.report.add("config", f"/{CONFIG}/{relative}", there != data):
                 self._changes.write(path, data)
-            known[str(relative)] = _sha(data)
+            known[str(relative)] = sha256(data)
             return
         beside = path.with_name(path.name + ".new")
         self.report.note("config", f"/{CONFIG}/{relative} was edited here and is kept; "
@@ -247,12 +183,12 @@ class Board:
                 links[f"{WANTS}/{unit}"] = f"../{template}"
         for name, target in links.items():
             path = self.root / name
-            if self.report.add("enable", path.name, _target(path, whole=True) != target):
+            if self.report.add("enable", path.name, link_target(path, whole=True) != target):
                 self._changes.link(path, target)
 
     def _switch(self, release: str) -> None:
         """From here on a start uses the new release."""
-        before = _target(self.home / "current")
+        before = link_target(self.home / "current")
         if self.report.add("current", release, before != release):
             if before is not None:
                 self._changes.link(self.home / "previous", f"releases/{before}")
@@ -283,8 +219,8 @@ class Board:
         """The udev rule holds for what is plugged in already, too."""
         udevadm = shutil.which("udevadm")
         if udevadm is not None and self.root == Path("/"):
-            _run([udevadm, "control", "--reload"])
-            _run([udevadm, "trigger", "--subsystem-match=tty"])
+            run([udevadm, "control", "--reload"])
+            run([udevadm, "trigger", "--subsystem-match=tty"])
 
     def _stays_up(self, unit: str) -> None:
         deadline = time.monotonic() + START_WITHIN
@@ -300,7 +236,7 @@ class Board:
 
     def _prune(self) -> None:
         """Keep the release in use and the one before."""
-        keep = {_target(self.home / "current"), _target(self.home / "previous")}
+        keep = {link_target(self.home / "current"), link_target(self.home / "previous")}
         for release in sorted((self.home / "releases").glob("*")):
             if release.name not in keep and self.report.add("remove", release.name):
                 shutil.rmtree(release, ignore_errors=True)
@@ -316,7 +252,7 @@ class Board:
 
     def _ask(self, *arguments: str) -> str:
         assert self._systemctl is not None
-        return _run([*self._systemctl, *arguments])
+        return run([*self._systemctl, *arguments])
 
     def _known(self) -> dict[str, str]:
         """Hash of every configuration file as it was deployed."""
@@ -345,37 +281,6 @@ def _pip(bundle: Path) -> list[str]:
     source = ["--no-index", "--find-links", str(house)] if house.exists() else []
     return ["-m", "pip", "install", "--quiet", "--disable-pip-version-check",
             "--no-input", *source, *wheels]  # fmt: skip
-
-
-def _run(command: list[str]) -> str:
-    """Standard output of a command.
-
-    Raises:
-        InstallError: it failed; with the end of what it said.
-    """
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
-    done = subprocess.run(command, capture_output=True, text=True, env=environment)
-    if done.returncode:
-        said = (done.stderr or done.stdout).strip().splitlines()[-3:]
-        raise InstallError(f"{Path(command[0]).name} {' '.join(command[1:4])}: {' | '.join(said)}")
-    return done.stdout
-
-
-def _target(link: Path, whole: bool = False) -> str | None:
-    """Where a link points (its last part); None where there is no link."""
-    if not link.is_symlink():
-        return None
-    target = str(link.readlink())
-    return target if whole else Path(target).name
-
-
-def _existing(path: Path) -> Path:
-    """The nearest folder above that exists."""
-    return path if path.exists() else _existing(path.parent)
-
-
-def _sha(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()
 
 
 def main(arguments: list[str] | None = None) -> int:

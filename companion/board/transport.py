@@ -24,13 +24,13 @@ d=$(mktemp -d)
 trap 'rm -rf "$d"' EXIT
 tar -xf - -C "$d"
 if [ "$(id -u)" = 0 ]; then s=; else s='sudo -n'; fi
-$s python3 "$d/installer.py" "$d" {arguments}
+$s python3 "$d" "$d" {arguments}
 """
 
 
 def install_here(bundle: Path, arguments: Sequence[str]) -> Outcome:
     """Run the installer on this machine."""
-    command = [sys.executable, str(bundle / "installer.py"), str(bundle), *arguments]
+    command = [sys.executable, str(bundle), str(bundle), *arguments]
     done = subprocess.run(command, capture_output=True, text=True)
     return _outcome(done.stdout, done.stderr)
 

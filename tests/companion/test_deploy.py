@@ -20,7 +20,8 @@ from deployment import (
 
 from companion.__main__ import main
 from companion.board.bundle import make_bundle
-from companion.board.installer import Board, InstallError, Report
+from companion.board.changes import InstallError, Report
+from companion.board.installer import Board
 from companion.config import load_config
 from companion.packaged import data_folder
 

@@ -1,0 +1,107 @@
+"""What an installation changes, how it is told, and how it is put back.
+
+Like `installer.py` it runs on the board, and needs only Python itself.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+from pathlib import Path
+
+
+class InstallError(Exception):
+    """Why nothing was changed, or everything put back."""
+
+
+class Report:
+    """What was done (or would be), step by step."""
+
+    def __init__(self, dry_run: bool) -> None:
+        self.dry_run = dry_run
+        self.steps: list[dict[str, str]] = []
+        self.changed = False
+
+    def add(self, step: str, what: str, changed: bool = True) -> bool:
+        """Note a step; True where it is really to be done now."""
+        word = "unchanged" if not changed else "would change" if self.dry_run else "changed"
+        self.steps.append({"step": step, "result": word, "detail": what})
+        self.changed |= changed
+        return changed and not self.dry_run
+
+    def note(self, step: str, what: str) -> None:
+        """Something to know that changes nothing."""
+        self.steps.append({"step": step, "result": "note", "detail": what})
+
+
+class Changes:
+    """Files and links changed, so that all of them can be put back."""
+
+    def __init__(self) -> None:
+        self._before: list[tuple[Path, bytes | None, str | None]] = []
+
+    def write(self, path: Path, data: bytes, mode: int = 0o644) -> None:
+        """Replace a file in one step."""
+        self._remember(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_name(f".{path.name}.part")
+        part.write_bytes(data)
+        part.chmod(mode)
+        part.replace(path)
+
+    def link(self, path: Path, target: str) -> None:
+        """Point a link elsewhere in one step."""
+        self._remember(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_name(f".{path.name}.part")
+        part.unlink(missing_ok=True)
+        part.symlink_to(target)
+        part.replace(path)
+
+    def undo(self) -> None:
+        """Put everything back, last first."""
+        for path, data, target in reversed(self._before):
+            path.unlink(missing_ok=True)
+            if target is not None:
+                path.symlink_to(target)
+            elif data is not None:
+                path.write_bytes(data)
+        self._before.clear()
+
+    def _remember(self, path: Path) -> None:
+        target = str(path.readlink()) if path.is_symlink() else None
+        data = path.read_bytes() if target is None and path.exists() else None
+        self._before.append((path, data, target))
+
+
+def run(command: list[str]) -> str:
+    """Standard output of a command.
+
+    Raises:
+        InstallError: it failed; with the end of what it said.
+    """
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    if done.returncode:
+        said = (done.stderr or done.stdout).strip().splitlines()[-3:]
+        raise InstallError(f"{Path(command[0]).name} {' '.join(command[1:4])}: {' | '.join(said)}")
+    return done.stdout
+
+
+def link_target(link: Path, whole: bool = False) -> str | None:
+    """Where a link points (its last part); None where there is no link."""
+    if not link.is_symlink():
+        return None
+    target = str(link.readlink())
+    return target if whole else Path(target).name
+
+
+def existing(path: Path) -> Path:
+    """The nearest folder above that exists."""
+    return path if path.exists() else existing(path.parent)
+
+
+def sha256(data: bytes) -> str:
+    """The hash of a file's content."""
+    return hashlib.sha256(data).hexdigest()
