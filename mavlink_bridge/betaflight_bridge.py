@@ -103,6 +103,7 @@ class BetaflightBridge:
         self._lost_at: float | None = None
         self._answered = self._cycled = -math.inf
         self._heartbeat_at = -math.inf
+        self._told = ("", False)
         self._gps: tuple[float, ...] = ()
         self._battery = (0.0, 0.0)
         self._outbox: list[Message] = []
@@ -271,8 +272,9 @@ class BetaflightBridge:
         self._cycled = time
         self._watch(time)
         out = Output(self._rc(time, dt))
-        if time - self._heartbeat_at >= self._times.heartbeat:
-            self._heartbeat_at = time
+        news = (self.mode, self.armed)
+        if time - self._heartbeat_at >= self._times.heartbeat or news != self._told:
+            self._heartbeat_at, self._told = time, news
             self._outbox += [self._heartbeat(time), BatteryStatus(*self._battery, -0.01)]
         out.messages, self._outbox = self._outbox, []
         return out

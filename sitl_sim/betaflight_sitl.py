@@ -35,7 +35,7 @@ _MOTOR_ORDER = [3, 0, 1, 2]  # place of motors 1…4 in the packet
 # It scales its own clock by stamps against arrivals: on a loaded machine jitter would make that
 # clock race and its receiver time out. Stamps that stand still leave it at real time.
 _NO_TIME = 0.0
-_BOOT, _ATTEMPTS = 12.0, 3  # s
+_BOOT, _ATTEMPTS = 15.0, 3  # s
 _STICKS_DOWN = [1500, 1500, 1000, 1500] + [1000] * 12
 _PATIENCE = 20.0  # s for the process to listen and to answer a line
 
@@ -103,10 +103,14 @@ class BetaflightSitl:
         self._motion = network.run(lambda: socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         self.command = np.zeros(4)
         self._process = self._start()
-        self._set_up([*SET_UP.strip().splitlines(), *extra])
-        self._process.wait(timeout=_PATIENCE)  # `save` ends it
-        self._process = self._start()
-        self._connect().close()
+        try:
+            self._set_up([*SET_UP.strip().splitlines(), *extra])
+            self._process.wait(timeout=_PATIENCE)  # `save` ends it
+            self._process = self._start()
+            self._connect().close()
+        except BaseException:
+            self.close()
+            raise
         self._relay = Relay(self._connect)
 
     def await_boot(self) -> None:
@@ -134,6 +138,8 @@ class BetaflightSitl:
                 line.sendall(msp.raw_rc(_STICKS_DOWN) + msp.encode(msp.Msp.STATUS_EX))
                 try:
                     replies = decoder.decode(line.recv(4096))
+                except TimeoutError:
+                    continue  # a busy machine starves its MSP
                 except OSError:
                     return False
                 for reply in replies:
