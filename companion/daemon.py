@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
-import sys
 import time
 from dataclasses import asdict, replace
 from types import FrameType
@@ -23,6 +23,7 @@ from companion.vehiclelock import VehicleLock
 from companion.vital import Vital
 from mavlink_bridge.codec import Codec
 from mavlink_bridge.link import Link, open_endpoint
+from mavlink_bridge.messages import Heartbeat, Source
 
 _LEAVE_WITHIN = 1.5  # s to wait for the autopilot to hold, of the two that SIGTERM allows
 _STATUS_PERIOD = 5.0  # s between lines to the supervisor while waiting
@@ -43,7 +44,7 @@ class Daemon:
         self._streaming = False
         self._said = -_STATUS_PERIOD
         self._ready = False
-        self._told = ""
+        self._twin = False
         self._lock = VehicleLock(f"{config.link.endpoint}#{config.link.system_id}")
         self._link = Link(
             open_endpoint(config.link.endpoint),
@@ -70,12 +71,16 @@ class Daemon:
         event("start", drone=config.name, system=config.link.system_id,
               endpoint=config.link.endpoint, camera=config.camera.source, log=path)  # fmt: skip
 
-    def run(self) -> None:
-        """Tick until told to stop or until there is nobody left to fly for."""
+    def run(self) -> bool:
+        """Tick until told to stop or until there is nobody left to fly for.
+
+        False where another companion turned out to fly this vehicle.
+        """
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_signal)
         try:
             while (inputs := self._pace.next(self._over)) is not None:
+                self._look_for_twin(inputs)
                 self._tick(replace(inputs, leave=self._stop))
         finally:
             self._supervisor.stopping()
@@ -86,6 +91,20 @@ class Daemon:
             self._lock.close()
             self._supervisor.close()
             event("stopped", **self._counters())
+        return not self._twin
+
+    def _look_for_twin(self, inputs: TickInputs) -> None:
+        """Two companions on one vehicle: whoever hears the other gives control back and ends.
+
+        The lock keeps a second one off this machine; another machine's is heard where the
+        autopilot passes it on.
+        """
+        me = Source(self._config.link.system_id, self._config.link.component_id)
+        if not self._twin and any(
+            r.source == me and isinstance(r.message, Heartbeat) for r in inputs.received
+        ):
+            self._twin = self._stop = True
+            event("another companion", logging.ERROR, system=me.system, component=me.component)
 
     def _tick(self, inputs: TickInputs) -> None:
         """Compute, publish, then everything that can wait."""
@@ -96,7 +115,6 @@ class Daemon:
         self._pace.done(inputs, out.phase is Phase.DONE)
         self._streaming = out.verdict is not None
         taken = time.perf_counter() - started
-        self._tell(out.objection)
         self._report(inputs, out, sent=self._link.packets_out > packets)
         self._record(inputs, out, taken)
 
@@ -109,7 +127,9 @@ class Daemon:
             self._ready = True
             self._supervisor.ready(out.phase.value)
             event("ready", seconds=time.monotonic() - self._started)
-        self._state.write(phase=out.phase.value, armed=armed, ready=self._ready)
+        state = {"phase": out.phase.value, "armed": armed, "ready": self._ready}
+        if self._state.write(**state, objection=out.objection) and self._ready:
+            self._supervisor.status(out.objection or out.phase.value + ", armed" * armed)
         self._events.tick(inputs, out)
 
     def _over(self) -> bool:
@@ -126,13 +146,6 @@ class Daemon:
             self._supervisor.stopping()
             event("stopping", streaming=self._streaming)
         return not self._streaming or now >= self._leave_until
-
-    def _tell(self, objection: str) -> None:
-        """What keeps the vehicle on the ground, one line each time it changes."""
-        if objection != self._told:
-            self._told = objection
-            if objection:
-                print(objection, file=sys.stderr, flush=True)
 
     def _record(self, inputs: TickInputs, out: TickOutputs, taken: float) -> None:
         """Log the tick, once everything has been sent; its own cost shows in the next record."""

@@ -27,15 +27,20 @@ class StateFile:
         self._path = Path(folder) / "state.json" if folder else None
         self._last: dict[str, object] = {}
 
-    def write(self, **state: object) -> None:
-        """Tell the present state; never fails a flight."""
-        if self._path is None or state == self._last:
-            return
+    def write(self, **state: object) -> bool:
+        """Tell the present state; True where it is a new one. Never fails a flight."""
+        if state == self._last:
+            return False
         self._last = dict(state)
-        text = json.dumps({"pid": os.getpid(), **state})
-        part = self._path.with_suffix(".part")
+        if self._path is not None:
+            self._replace(self._path)
+        return True
+
+    def _replace(self, path: Path) -> None:
+        text = json.dumps({"pid": os.getpid(), **self._last})
+        part = path.with_suffix(".part")
         try:
             part.write_text(text)
-            part.replace(self._path)
+            part.replace(path)
         except OSError:
             self._path = None

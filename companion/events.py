@@ -20,6 +20,7 @@ class Events:
         self._phase: Phase | None = None
         self._reason: Reason | None = None
         self._armed: bool | None = None
+        self._objection = ""
 
     def tick(self, inputs: TickInputs, out: TickOutputs) -> None:
         """Log what changed."""
@@ -35,6 +36,9 @@ class Events:
         if armed is not self._armed:
             event("armed" if armed else "disarmed", time=out.time)
             self._armed = armed
+        if out.objection != self._objection and out.objection:
+            event("objection", logging.WARNING, text=out.objection)
+        self._objection = out.objection
         reason = out.verdict.reason if out.verdict else None
         if reason is not self._reason and Reason.PLAN is not reason is not None:
             event("guard", logging.WARNING, reason=reason.value, time=out.time)

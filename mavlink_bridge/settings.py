@@ -67,6 +67,14 @@ class _StrictLoader(yaml.SafeLoader):
             raise yaml.MarkedYAMLError(problem="aliases are not used here", problem_mark=mark)
         return super().compose_node(parent, index)
 
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        """Values that their own tag does not fit (`!!int x`) have a place too."""
+        try:
+            return super().construct_object(node, deep)
+        except ValueError as error:
+            text = str(error)
+            raise yaml.MarkedYAMLError(problem=text, problem_mark=node.start_mark) from error
+
 
 _StrictLoader.yaml_implicit_resolvers = {}
 for _tag, _pattern, _first in (
@@ -100,7 +108,12 @@ def load_yaml(path: Path) -> Document:
 
 def parse_yaml(text: str, name: str) -> Document:
     """As `load_yaml`, for text; `name` stands in messages for the file."""
-    loader = _StrictLoader(text)
+    try:
+        loader = _StrictLoader(text)
+    except yaml.reader.ReaderError as error:
+        before = text[: error.position]
+        at = f"{name}:{before.count(chr(10)) + 1}:{len(before) - before.rfind(chr(10))}"
+        raise SettingsError([f"{at}: not YAML: {error.reason}"]) from error
     try:
         root = loader.get_single_node()
         if root is None:

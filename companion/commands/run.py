@@ -44,5 +44,4 @@ def run(options: argparse.Namespace) -> int:
     except (EndpointError, VideoError, OSError) as error:
         journal.event("cannot start", logging.ERROR, reason=error)
         return EXIT_UNAVAILABLE
-    daemon.run()
-    return 0
+    return 0 if daemon.run() else EXIT_UNAVAILABLE

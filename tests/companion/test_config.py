@@ -57,6 +57,9 @@ WRONG = [
     ("fence: &f {}\nlog: *f\n", "4:6", "aliases are not used here"),
     ("1: 2\n", "3:1", "a key must be a word"),
     ("log: !!python/object:os.system {}\n", "3:6", "not YAML: could not determine a constructor"),
+    ("log: {path: !!int x}\n", "3:13", "not YAML: invalid literal for int()"),
+    ("log: {path: \x00}\n", "3:13", "not YAML: special characters are not allowed"),
+    ("nmpc: {N: %s}\n" % ("9" * 5000), "3:11", "not YAML: Exceeds the limit"),
     ("board: {host: 'a b'}\n", "3:9", "board.host: "),
     ("log: {path: 3}\n", "3:7", "log.path: must be text"),
 ]

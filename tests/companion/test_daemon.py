@@ -1,10 +1,13 @@
 """The daemon as a service manager sees it: real processes, a real vehicle on the wire."""
 
+import os
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
+from companion.logfile import read_log
 from mavlink_bridge.codec import Codec
 from mavlink_bridge.link import UdpEndpoint
 from mavlink_bridge.messages import Heartbeat
@@ -89,6 +92,39 @@ def test_a_second_daemon_for_one_vehicle_is_refused(world, supervise):
     assert second.process.wait(5.0) == 69
     assert f"flown by another daemon already, process {first.process.pid}" in second.log()
     assert first.process.poll() is None
+
+
+def test_another_companion_on_the_wire_ends_it(world, supervise):
+    daemon = supervise(world.config(3))
+    assert daemon.listen(20.0, until="READY=1"), daemon.log()
+    twin, codec = UdpEndpoint(remote=("127.0.0.1", world.companion_port + 3)), Codec(3, 191)
+    twin.send(codec.encode([Heartbeat(8, 18, False, 0, 4)]))
+    assert daemon.process.wait(3.0) == 69
+    assert "another companion system=3 component=191" in daemon.log()
+    twin.close()
+
+
+def test_what_a_waiting_daemon_costs(world, supervise):
+    daemon = supervise(world.config(2))
+    assert daemon.listen(20.0, until="READY=1"), daemon.log()
+    assert cpu_seconds(daemon.process.pid) <= 3.0  # of a core, so however loaded the machine
+    before = cpu_seconds(daemon.process.pid)
+    daemon.listen(5.0)
+    used = (cpu_seconds(daemon.process.pid) - before) / 5.0
+    status = Path(f"/proc/{daemon.process.pid}/status").read_text()
+    assert int(status.split("VmHWM:")[1].split()[0]) <= 150_000  # kB
+    daemon.process.send_signal(signal.SIGTERM)
+    assert daemon.process.wait(2.0) == 0
+    ticks = read_log(next(daemon.folder.glob("flight-*.mcap"))).ticks[-50:]
+    stages = [t["stages_ms"] for t in ticks]
+    in_ticks = sum(s["tick"] + s["log"] for s in stages) / 1e3 / 5.0
+    assert used - in_ticks <= 0.03
+
+
+def cpu_seconds(pid):
+    """User and system time of a process so far."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def test_a_bad_config_ends_with_78_and_its_place(tmp_path):

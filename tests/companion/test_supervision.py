@@ -129,10 +129,10 @@ def test_where_the_log_goes():
 
 def test_the_state_file(tmp_path):
     state = StateFile({"RUNTIME_DIRECTORY": str(tmp_path)})
-    state.write(phase="fly", armed=True)
+    assert state.write(phase="fly", armed=True)
     file = tmp_path / "state.json"
     assert '"armed": true' in file.read_text()
     first = file.stat().st_mtime_ns
-    state.write(phase="fly", armed=True)
+    assert not state.write(phase="fly", armed=True)
     assert file.stat().st_mtime_ns == first
     StateFile({"RUNTIME_DIRECTORY": str(tmp_path / "gone")}).write(phase="fly")  # and no error

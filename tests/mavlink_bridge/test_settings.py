@@ -1,6 +1,8 @@
 """Strict YAML: each mistake is named with its place."""
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from pydantic import Field
 
 from mavlink_bridge.settings import (
@@ -74,3 +76,13 @@ def test_layers_and_assignments():
 def test_data_without_places_is_explained_too():
     with pytest.raises(SettingsError, match=r"^f: inner\.rate: unknown key; did you mean"):
         validate(Outer, Document({"name": "a", "inner": {"rate": 1}}), "f")
+
+
+@given(st.text(st.sampled_from("abN:-[]{}!&*?|>#%@,'\"\\ \t\n0.1e+~_"), max_size=60))
+def test_any_text_is_a_document_or_errors_with_their_place(text):
+    problems = []
+    try:
+        problems += parse_yaml(text, "f").problems
+    except SettingsError as error:
+        problems += error.problems
+    assert all(p.startswith("f:") for p in problems)
