@@ -87,7 +87,7 @@ class Scene:
     def _surroundings(self, world: dict[str, Any]) -> None:
         """Ground, obstacles and targets."""
         self._scene.set_up_direction("+z")
-        self._scene.configure_environment_map("studio", environment_intensity=0.35)
+        self._scene.configure_environment_map("studio", environment_intensity=0.12)
         self._scene.configure_default_lights(True)
         places = [(c["x"], c["y"]) for c in world["cylinders"]]
         places += [b[k][:2] for b in world["boxes"] for k in ("min", "max")]
