@@ -51,18 +51,22 @@ def read_log(path: Path) -> FlightLog:
 def recover(path: Path, to: Path) -> int:
     """Write what `path` still holds as a whole log to `to`; gives the number of messages.
 
+    `to` may be `path` itself: it is replaced when all is saved.
+
     Raises:
         LogError: `path` is no MCAP file, or holds nothing.
     """
     check_begins(path)
-    with path.open("rb") as source, to.open("wb") as file:
+    part = to.with_name(f"{to.name}.part")
+    with path.open("rb") as source, part.open("wb") as file:
         copy = _Copy(Writer(file, compression=CompressionType.ZSTD))
         for record in whole_records(source):
             copy.add(record)
         copy.writer.finish()  # type: ignore[no-untyped-call]
     if not copy.count:
-        to.unlink()
+        part.unlink()
         raise LogError(f"{path}: holds no whole chunk: nothing to recover")
+    part.replace(to)
     return copy.count
 
 

@@ -15,7 +15,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", required=True)
     recover = actions.add_parser("recover", help="save what a cut-off log still holds")
     recover.add_argument("log", type=Path, help="the cut-off MCAP file")
-    recover.add_argument("--out", type=Path, help="default: NAME.recovered.mcap beside it")
+    recover.add_argument(
+        "--out", type=Path, help="default: NAME.recovered.mcap beside it; may be the file itself"
+    )
 
 
 def run(options: argparse.Namespace) -> int:

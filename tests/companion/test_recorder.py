@@ -180,7 +180,10 @@ def test_recover_from_the_command_line(whole, tmp_path, capsys):
     assert main(["log", "recover", str(cut)]) == 0
     saved = tmp_path / "flight.recovered.mcap"
     assert str(saved) in capsys.readouterr().out
-    assert read_log(saved).ticks
+    ticks = read_log(saved).ticks
+    assert main(["log", "recover", str(cut), "--out", str(cut)]) == 0
+    assert read_log(cut).ticks == ticks
+    assert not list(tmp_path.glob("*.part"))
     cut.write_bytes(b"\x89MCAP0\r\n" + b"\x01" * 40)
     assert main(["log", "recover", str(cut)]) == 2
     assert "nothing to recover" in capsys.readouterr().err
