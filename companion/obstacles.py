@@ -33,11 +33,14 @@ class ObstacleConfig(StrictModel):
     sigma_floor: float = Field(0.03, gt=0, description="Least std [m] of a place.")
 
 
+_Place = tuple[float, float]
+
+
 @dataclass
 class _Known:
-    """One trunk: axis (2,) m, radius, variance, looks that saw it and that did not."""
+    """One trunk: axis (x, y) m, radius, variance, looks that saw it and that did not."""
 
-    axis: Vector
+    axis: _Place
     radius: float
     variance: float
     hits: int = 1
@@ -63,17 +66,18 @@ class ObstacleMap:
         seen: set[int] = set()
         for trunk in trunks:
             ray = r_wc @ trunk.direction
-            flat = ray[:2] / max(float(np.hypot(ray[0], ray[1])), 1e-6)
-            axis = own.p[:2] + flat * trunk.distance
+            scale = trunk.distance / max(math.hypot(ray[0], ray[1]), 1e-6)
+            axis = (float(own.p[0] + ray[0] * scale), float(own.p[1] + ray[1] * scale))
             seen.add(self._merge(axis, trunk.radius, trunk.sigma**2))
-        forward = r_wc[:2, 2] / max(float(np.hypot(*r_wc[:2, 2])), 1e-6)
-        self._forget(seen, own.p[:2], forward, half_view)
+        forward = (float(r_wc[0, 2]), float(r_wc[1, 2]))
+        self._forget(seen, (float(own.p[0]), float(own.p[1])), forward, half_view)
 
     def obstacles(self, p: Vector) -> Obstacles:
         """Confirmed trunks, nearest surface to p (3,) first."""
         sure = [k for k in self._known if k.hits >= self._config.hits_to_confirm]
-        sure.sort(key=lambda k: float(np.hypot(*(k.axis - p[:2]))) - k.radius)
-        cylinders = np.array([[k.axis[0], k.axis[1], k.radius] for k in sure]).reshape(-1, 3)
+        here = (float(p[0]), float(p[1]))
+        sure.sort(key=lambda k: math.dist(k.axis, here) - k.radius)
+        cylinders = np.array([[*k.axis, k.radius] for k in sure]).reshape(-1, 3)
         return Obstacles(cylinders, np.zeros((0, 4)), np.zeros((0, 3)))
 
     def hidden(self, eye: Vector, points: Vector) -> list[bool]:
@@ -88,13 +92,14 @@ class ObstacleMap:
         miss = along[..., None] * d - axes
         return [bool(h) for h in ((miss**2).sum(axis=-1) < radii**2).any(axis=1)]
 
-    def _merge(self, axis: Vector, radius: float, variance: float) -> int:
+    def _merge(self, axis: _Place, radius: float, variance: float) -> int:
         distances = [math.dist(k.axis, axis) for k in self._known]
         if distances and min(distances) < self._config.associate:
-            n = int(np.argmin(distances))
+            n = distances.index(min(distances))
             k = self._known[n]
             gain = k.variance / (k.variance + variance)
-            k.axis = k.axis + gain * (axis - k.axis)
+            (x, y), (to_x, to_y) = k.axis, axis
+            k.axis = (x + gain * (to_x - x), y + gain * (to_y - y))
             k.radius += gain * (radius - k.radius)
             k.variance = max((1 - gain) * k.variance, self._config.sigma_floor**2)
             k.hits, k.misses = k.hits + 1, 0
@@ -102,11 +107,11 @@ class ObstacleMap:
         self._known.append(_Known(axis, radius, variance))
         return len(self._known) - 1
 
-    def _forget(self, seen: set[int], p: Vector, forward: Vector, half_view: float) -> None:
+    def _forget(self, seen: set[int], p: _Place, forward: _Place, half_view: float) -> None:
         c = self._config
         kept = []
         for n, k in enumerate(self._known):
-            offset = k.axis - p
+            offset = (k.axis[0] - p[0], k.axis[1] - p[1])
             distance = math.hypot(*offset)
             bearing = _angle(forward, offset)
             in_view = bearing < half_view - 0.2 and k.radius + 0.3 < distance < c.view_range
@@ -116,13 +121,13 @@ class ObstacleMap:
                 kept.append(k)
         self._known = kept
 
-    def _shadowed(self, n: int, p: Vector) -> bool:
+    def _shadowed(self, n: int, p: _Place) -> bool:
         """Whether another, nearer trunk covers part of trunk n as seen from p."""
         target = self._known[n]
-        offset = target.axis - p
+        offset = (target.axis[0] - p[0], target.axis[1] - p[1])
         distance = math.hypot(*offset)
         for m, k in enumerate(self._known):
-            other = k.axis - p
+            other = (k.axis[0] - p[0], k.axis[1] - p[1])
             d = math.hypot(*other)
             if m == n or d >= distance:
                 continue
@@ -132,6 +137,6 @@ class ObstacleMap:
         return False
 
 
-def _angle(a: Vector, b: Vector) -> float:
+def _angle(a: _Place, b: _Place) -> float:
     """Between two vectors (2,) [rad], 0…π."""
     return abs(math.atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1]))

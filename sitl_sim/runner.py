@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from mavlink_bridge.codec import Codec
 from mavlink_bridge.link import Link, UdpEndpoint
+from mavlink_bridge.messages import Heartbeat
 from mavlink_bridge.video import Frame, FrameServer
 from sitl_sim import scenario as scenarios
 from sitl_sim import sensing
@@ -187,7 +188,7 @@ class Flight:
             "gaze": {"seed": int(np.random.SeedSequence([s.seed, i]).generate_state(1)[0])},
             "mission": {
                 "goals": [[round(float(a), 4) for a in g] for g in goals],
-                "tolerance": round(s.mission.tolerance * 0.8, 4),
+                "tolerance": round(s.mission.tolerance * 0.9, 4),
                 "takeoff_altitude": s.mission.altitude,
                 "auto": True,
             },
@@ -280,7 +281,10 @@ class Flight:
     def _speak(self, drone: _Drone) -> None:
         """Telemetry that is due, on both links."""
         drone.companion.send(self._autopilots.telemetry(drone.index, "companion"))
-        drone.ground.send(self._autopilots.telemetry(drone.index, "gcs"))
+        messages = self._autopilots.telemetry(drone.index, "gcs")
+        if not drone.ground.packets_in:  # nobody there yet: no more than a sign of life
+            messages = [m for m in messages if isinstance(m, Heartbeat)]
+        drone.ground.send(messages)
 
     def _deliver(self, drone: _Drone, link: Link) -> None:
         """Messages that wait on a link, to the vehicle; its replies back at once."""

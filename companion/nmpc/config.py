@@ -32,7 +32,11 @@ class NmpcConfig(StrictModel):
     planes: int = Field(6, ge=0, le=64, description="Nearest half-spaces taken: walls, fence.")
 
     # What is wanted
-    speed: float = Field(1.5, gt=0, description="Cruise speed C [m/s], (18); the paper's.")
+    speed: float = Field(
+        1.65,
+        gt=0,
+        description="Cruise speed C [m/s], (18): the paper's mean of 1.5 includes slowing down.",
+    )
     climb_speed: float = Field(
         0.8,
         gt=0,
@@ -81,7 +85,7 @@ class NmpcConfig(StrictModel):
     delta_c_max: float = Field(4.0, gt=0, description="(33) [m/s² per step], both ways.")
     delta_omega_max: float = Field(1.5, gt=0, description="(34) [rad/s per step], each axis.")
     v_max: float = Field(
-        1.7, gt=0, description="(32) [m/s], soft; evasions above it only hit somebody else."
+        1.85, gt=0, description="(32) [m/s], soft; evasions above it only hit somebody else."
     )
 
     seen_cone: float = Field(
