@@ -12,12 +12,14 @@ from sitl_sim.metrics import AIRBORNE
 from sitl_sim.runfolder import Run, own_frames
 from sitl_sim.world import surface_distance
 
+_SILENCE = 1.0  # s without a tick
+
 
 @dataclass(frozen=True)
 class Event:
     """Something that began at `time` [s, world] on a drone.
 
-    kind: phase, target, guard, deadline or collision.
+    kind: phase, target, guard, deadline, silence, vehicle or collision.
     """
 
     time: float
@@ -39,6 +41,7 @@ class Collision:
 def events(run: Run) -> list[Event]:
     """Everything that deserves a mark on the time line, in order."""
     found = [e for i, name in enumerate(run.names) for e in _of_drone(run, i, name)]
+    found += [e for i, name in enumerate(run.names) for e in _of_vehicle(run, i, name)]
     for c in collisions(run):
         with_ = "an obstacle" if c.other is None else run.names[c.other]
         found.append(Event(c.time, run.names[c.drone], "collision",
@@ -63,6 +66,33 @@ def _of_drone(run: Run, i: int, name: str) -> list[Event]:
         missed = _misses(now) - _misses(before)
         if before and missed:
             found.append(Event(time, name, "deadline", f"{missed} deadline(s) missed"))
+        pause = now["time"] - before["time"] if before else 0.0
+        if pause > _SILENCE:
+            found.append(Event(time - pause, name, "silence", f"no tick for {pause:.1f} s"))
+    return found + _last_words(run, name, boot)
+
+
+def _last_words(run: Run, name: str, boot: float) -> list[Event]:
+    """A companion that fell silent before the end, unless its flight was over."""
+    if not run.logs[name]:
+        return [Event(0.0, name, "silence", "no log")]
+    last = run.logs[name][-1]
+    if last["phase"] == "done" or last["time"] - boot > run.truth["t"][-1] - _SILENCE:
+        return []
+    return [Event(last["time"] - boot, name, "silence", "the log ends here")]
+
+
+def _of_vehicle(run: Run, i: int, name: str) -> list[Event]:
+    """Arming and disarming as it truly was."""
+    t, armed = run.truth["t"], run.truth.get("armed")
+    if armed is None:
+        return []
+    height = run.truth["position"][:, i, 2]
+    found = []
+    for k in np.flatnonzero(np.diff(armed[:, i].astype(int))) + 1:
+        where = f" at {height[k]:.1f} m" if height[k] > AIRBORNE else ""
+        text = "armed" if armed[k, i] else f"disarmed{where}"
+        found.append(Event(float(t[k]), name, "vehicle", text))
     return found
 
 

@@ -15,7 +15,7 @@ from sitl_sim.runfolder import Run
 from sitl_sim.world import Vector
 
 _SYMBOLS = {"phase": "circle", "target": "star", "guard": "triangle-up", "deadline": "line-ns-open",
-            "collision": "x"}  # fmt: skip
+            "silence": "square", "vehicle": "diamond-open", "collision": "x"}  # fmt: skip
 
 
 def chosen_times(run: Run) -> list[float]:

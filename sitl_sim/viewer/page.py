@@ -68,9 +68,14 @@ class Page:
             now = self._source.moment(moment)
             minds = [self._source.knowledge(i, now.time) for i in range(len(self._source.names))]
             with self.server.atomic():
-                self.scene.show(now, minds)
+                self.scene.show(now, minds, self._chosen)
                 self._follow(now)
             self._show_drone(now, minds)
+
+    @property
+    def _chosen(self) -> int:
+        """The drone whose picture, state and tracks are shown."""
+        return self._source.names.index(self.camera.value)
 
     # --- parts ---------------------------------------------------------------------------
 
@@ -143,7 +148,7 @@ class Page:
 
     def _show_drone(self, now: Moment, minds: list[Knowledge | None]) -> None:
         """Picture and state of the chosen drone; the picture a few times a second."""
-        i = self._source.names.index(self.camera.value)
+        i = self._chosen
         self.state.content = _describe(minds[i])
         wall, wanted = time.monotonic(), (now.time, self.camera.value)
         if wanted != self._shown and wall - self._picture_time >= _PICTURE_PERIOD:

@@ -26,7 +26,9 @@ class Scene:
         self, server: viser.ViserServer, scenario: Scenario, world: dict[str, Any], names: list[str]
     ) -> None:
         self._scene = server.scene
-        self.layers = dict.fromkeys(("fields of view", "plans", "threats", "trails"), True)
+        self.layers = dict.fromkeys(
+            ("fields of view", "plans", "threats", "tracks", "trails"), True
+        )
         self.colours = np.array([_rgb(c) for c in colours(len(names))], np.uint8)
         self._surroundings(world)
         n = len(names)
@@ -47,9 +49,13 @@ class Scene:
         self.trails = self._lines("/trails", 0.02)
         self.plans = self._lines("/plans", 0.03)
         self.threats = self._lines("/threats", 0.03)
+        nowhere = np.zeros((1, 3), np.float32)
+        self.tracks = self._scene.add_point_cloud(
+            "/tracks", nowhere, _THREAT, point_size=0.15, point_shape="circle", visible=False
+        )
 
-    def show(self, moment: Moment, minds: list[Knowledge | None]) -> None:
-        """Draw truth and what each drone knows."""
+    def show(self, moment: Moment, minds: list[Knowledge | None], chosen: int) -> None:
+        """Draw truth and what each drone knows, and all tracks of the chosen one."""
         p, q = moment.p.astype(np.float32), moment.q.astype(np.float32)
         for group in (self.drones, self.views):
             group.batched_positions, group.batched_wxyzs = p, q
@@ -59,6 +65,11 @@ class Scene:
         self._draw("trails", self.trails, list(_segments(moment.trail)), 0.5)
         self._draw("plans", self.plans, [_segments(m.plan[None])[0] if m and len(m.plan) else _NONE
                                 for m in minds], 1.0)  # fmt: skip
+        known = minds[chosen]
+        self.tracks.visible = self.layers["tracks"] and known is not None and len(known.tracks) > 0
+        if known is not None and len(known.tracks):
+            self.tracks.points = known.tracks.astype(np.float32)
+            self.tracks.colors = np.tile(self.colours[chosen], (len(known.tracks), 1))
         edges = [(at, t.position) for at, m in zip(moment.p, minds, strict=True) if m
                  for t in m.critical]  # fmt: skip
         points = np.array(edges, np.float32).reshape(-1, 2, 3)

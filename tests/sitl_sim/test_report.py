@@ -62,6 +62,21 @@ def test_events_are_those_of_the_logs(folder):
     assert mine.count(("guard", "guard: brake")) == 3
 
 
+def test_silence_and_disarming_are_events(folder):
+    run = load_run(folder)
+    log = run.logs["drone1"]
+    run.truth["armed"][300:, 1] = False
+    logs = {"drone1": log[:50] + log[80:], "drone2": log[:60], "drone3": []}
+    found = events(dataclasses.replace(run, logs=logs))
+    odd = [(e.drone, e.kind, e.text) for e in found if e.kind in ("silence", "vehicle")]
+    assert sorted(odd) == [
+        ("drone1", "silence", "no tick for 3.1 s"),
+        ("drone2", "silence", "the log ends here"),
+        ("drone2", "vehicle", "disarmed at 2.0 m"),
+        ("drone3", "silence", "no log"),
+    ]
+
+
 def test_logs_meet_truth_in_the_worlds_frame(folder):
     run = load_run(folder)
     minds = Minds(run)

@@ -55,6 +55,7 @@ def test_what_is_drawn_is_what_truth_and_logs_say(run, page):
     edges = page.scene.threats.points
     np.testing.assert_allclose(edges[:, 0], p, atol=1e-5)
     np.testing.assert_allclose(edges[:, 1], p[[1, 0, 0]], atol=0.11)
+    np.testing.assert_allclose(page.scene.tracks.points, p[1:], atol=0.11)  # of drone 1
     assert "**fly**" in page.state.content
     assert page.picture.image.std() > 10  # something is in the picture
 
@@ -154,7 +155,7 @@ def test_in_a_browser_without_a_network(run, page, browser):
     assert all(url.startswith((page.url, "data:", "blob:")) for url in asked)
 
 
-def until(condition, tab, seconds=20.0):
+def until(condition, tab, seconds=60.0):
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline
