@@ -7,6 +7,7 @@ own, from a thread that goes on while everything else hangs.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import time
 from collections.abc import AsyncIterator, Sequence
@@ -27,6 +28,7 @@ from mavlink_bridge.autopilots import adapter
 from mavlink_bridge.messages import Command
 
 _TELL = 2.0  # s for the first word of each telemetry stream
+_RATE = 2.0  # Hz
 _ACCEPTED = 0
 _Value = TypeVar("_Value")
 
@@ -95,6 +97,8 @@ async def _do(action: str, drone: CompanionConfig, system: System) -> None:
     if action == "arm":
         await actions.arm()
     elif action == "takeoff":
+        if adapter(drone.link.autopilot, drone.link.system_id).up_in == "offboard":
+            await _set_offboard(drone, system)  # ArduPilot takes off in guided mode alone
         await actions.set_takeoff_altitude(drone.mission.takeoff_altitude)
         await actions.takeoff()
     elif action == "start":
@@ -125,6 +129,9 @@ async def _set_offboard(drone: CompanionConfig, system: System) -> None:
 async def _state(row: Row, system: System) -> None:
     """What the vehicle says of itself now."""
     telemetry = TelemetryAsync(system)
+    for ask in (telemetry.set_rate_position, telemetry.set_rate_battery):
+        with contextlib.suppress(MavsdkError):  # ArduPilot sends them only when asked
+            await ask(_RATE)
     armed, mode, position, battery = await asyncio.gather(
         _first(telemetry.subscribe_armed()),
         _first(telemetry.subscribe_flight_mode()),

@@ -68,9 +68,9 @@ class Phases:
         mode = self._autopilot.mode(heartbeat)
         if own is None:  # ArduPilot tells nothing before it is asked
             return Decision(self.phase, self._ask(time, mode) if self.phase is Phase.WAIT else [])
-        self._advance(mode, heartbeat.armed, own, ready, complete)
         if self._releasing:
             return self._release(time, mode)
+        self._advance(mode, heartbeat.armed, own, ready, complete)
         requests = self._ask(time, mode)
         stream = self.phase in (Phase.ENGAGE, Phase.FLY) or (
             self.phase is Phase.LAND and mode == "offboard"
@@ -90,11 +90,12 @@ class Phases:
         self, mode: str, armed: bool, own: VehicleState, ready: bool, complete: bool
     ) -> None:
         before = self.phase
+        if not armed:
+            self._ground = float(own.p[2])
         if before is Phase.WAIT and ready:
             if self._config.auto and not armed:
-                self._ground = float(own.p[2])
                 self.phase = Phase.ARM
-            elif not self._config.auto and armed and mode in ("hold", "offboard"):
+            elif not self._config.auto and armed and self._may_engage(mode, own):
                 self.phase = Phase.ENGAGE
         elif before is Phase.ARM and armed:
             self.phase = Phase.TAKEOFF
@@ -113,6 +114,16 @@ class Phases:
             self.phase = Phase.PASSIVE  # disarmed by somebody: never fight it
         if self.phase is not before:
             self._asked = -1e9
+
+    def _may_engage(self, mode: str, own: VehicleState) -> bool:
+        """Whether setpoints disturb nothing.
+
+        ArduPilot takes them in the very mode in which it takes off: not before it is up. Others
+        ignore them until they are in offboard.
+        """
+        if self._autopilot.up_in == "offboard":
+            return self._is_up(mode, own)
+        return mode in ("hold", "offboard")
 
     def _release(self, time: float, mode: str) -> Decision:
         """Stream on until HEARTBEAT shows that the vehicle flies by itself."""
