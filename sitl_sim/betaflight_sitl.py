@@ -44,6 +44,7 @@ set serial_update_rate_hz = 500
 aux 0 0 0 1700 2100 0 0
 aux 1 1 1 1700 2100 0 0
 set small_angle = 180
+set pwr_on_arm_grace = 0
 set acc_calibration = 0,0,0,1
 set rates_type = ACTUAL
 set roll_rc_rate = 40
@@ -99,6 +100,7 @@ class BetaflightSitl:
         self._folder, self._network = folder, network
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "eeprom.bin").unlink(missing_ok=True)
+        network.run(_check_free)
         self._motors = network.run(lambda: _listen(_MOTORS))
         self._motion = network.run(lambda: socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         self.command = np.zeros(4)
@@ -241,6 +243,16 @@ def _listen(address: tuple[str, int]) -> socket.socket:
         s.close()
         raise BetaflightError(f"UDP {address[1]}: {error.strerror}; another SITL?") from error
     return s
+
+
+def _check_free() -> None:
+    """A left-over process would take our settings and fly with our motors."""
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as s:
+        s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            s.bind(_MSP)
+        except OSError as error:
+            raise BetaflightError(f"TCP {_MSP[1]}: {error.strerror}; another SITL?") from error
 
 
 def motion_packet(i: int, state: State, frame: LocalFrame) -> bytes:

@@ -184,4 +184,4 @@ def test_a_second_sitl_on_one_host_is_one_clear_line(tmp_path):
             Vehicles(Airframe(), [[0.0, 0.0, 0.0]], 0.0), [2], [tmp_path / "drone2"],
             [Wire("127.0.0.1", 1, 1)], origin=np.zeros((1, 3)), yaw_offset=np.zeros(1),
         )  # fmt: skip
-    assert str(error.value) == "UDP 9002: Address already in use; another SITL?"
+    assert str(error.value) == "TCP 5761: Address already in use; another SITL?"

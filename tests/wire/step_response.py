@@ -2,7 +2,7 @@
 
 A vehicle hovers in place (position and velocity are held, rotation is free), and one body rate
 is asked for, then none again. Rise time is from 10 to 90 % of the step, overshoot what exceeds
-it, both of the mean of several steps.
+it, both of the median of several steps.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mavlink_bridge.bridge_loop import MspLine, meet, open_controller
 from mavlink_bridge.controller import Controller
 from mavlink_bridge.messages import Command, RateSetpoint, Received, Source
 from sitl_sim.autopilot import Autopilots
-from sitl_sim.betaflight_sitl import BetaflightSitl
+from sitl_sim.betaflight_sitl import BetaflightError, BetaflightSitl
 from sitl_sim.estimator import SensorNoise
 from sitl_sim.geodesy import GeoReference, LocalFrame
 from sitl_sim.namespace import Host
@@ -34,8 +34,11 @@ STEPS_DEG = (40.0, 80.0, 200.0)
 BEFORE, AFTER = 0.1, 0.4  # s of a recording around the step
 PERIOD = 0.002  # s between samples
 _SETTLE = 0.6  # s between steps
-_RC_PERIOD = 0.005
-HOVER_THROTTLE = 0.545
+_RC_PERIOD = 0.01
+_GAP_MAX = 0.012  # s
+_TRIES = 30
+_TURNING = 0.3  # of full speed
+HOVER_THROTTLE = 0.575
 
 
 @dataclass(frozen=True)
@@ -72,11 +75,15 @@ class Response:
         return float(self.t[k - 1] + (level - a) / (b - a) * (self.t[k] - self.t[k - 1]))
 
 
-def mean(responses: list[Response]) -> Response:
-    """The mean of responses to the same step."""
+def typical(responses: list[Response]) -> Response:
+    """The median, point by point, of responses to one step, each moved to its own half rise.
+
+    What lies between sending and arriving is transport, and of a busy machine: it is taken out.
+    """
     first = responses[0]
-    rate: Floats = np.array([r.rate for r in responses]).mean(axis=0)
-    return Response(first.axis, first.asked, first.t, rate)
+    delay = float(np.median([r.delay for r in responses]))
+    moved = [np.interp(r.t + r.delay - delay, r.t, r.rate) for r in responses]
+    return Response(first.axis, first.asked, first.t, np.median(np.array(moved), axis=0))
 
 
 def hold_in_place(vehicles: Vehicles, level: bool) -> None:
@@ -135,23 +142,43 @@ class RealRates:
         self._frame = LocalFrame(np.zeros(3), 0.0, GeoReference())
         self._line = open_controller(f"tcp:127.0.0.1:{self._sitl.msp_port}")
         self._last = time.monotonic()
-        self._rc_at = 0.0
+        self._rc_at = self._gap = 0.0  # longest time between two exchanges
         self._controller = self._meet()
         self._run(7.0, np.zeros(3), 0.0, armed=False)
         self._run(1.0, np.zeros(3), 0.0)
         self._run(1.5, np.zeros(3), HOVER_THROTTLE, held=True)
+        if not (self._sitl.command > _TURNING).all():
+            self.close()
+            raise BetaflightError("Betaflight does not arm: the machine is too busy")
 
     def _meet(self) -> Controller:
         return meet(MspLine(self._line.stream))
 
-    def step(self, axis: str, rate_deg: float) -> Response:
+    def steps(self, axis: str, rate_deg: float, count: int = 5) -> list[Response]:
+        """Steps during which neither this process nor Betaflight was kept waiting.
+
+        Raises:
+            BetaflightError: the machine is too busy for any.
+        """
+        good: list[Response] = []
+        for _ in range(_TRIES):
+            response = self._step(axis, rate_deg)
+            before = response.rate[response.t < 0.0]
+            at_rest = float(np.abs(before).max()) < 0.1 * response.asked
+            if self._gap < _GAP_MAX and at_rest and math.isfinite(response.delay):
+                good.append(response)
+            if len(good) == count:
+                return good
+        raise BetaflightError(f"{len(good)} of {count} steps undisturbed: the machine is too busy")
+
+    def _step(self, axis: str, rate_deg: float) -> Response:
         """One step; the time of its sending is its beginning."""
         self._run(_SETTLE, np.zeros(3), HOVER_THROTTLE, held=True)
         omega = omega_of(axis, rate_deg)
         samples: list[tuple[float, Floats]] = []
         self._run(BEFORE, np.zeros(3), HOVER_THROTTLE, held=True, note=samples.append)
         begun = time.monotonic()
-        self._rc_at = 0.0
+        self._rc_at = self._gap = 0.0
         self._run(AFTER, omega, HOVER_THROTTLE, held=True, turning=True, note=samples.append)
         k = AXES.index(axis)
         t = np.array([when - begun for when, _ in samples])
@@ -173,8 +200,10 @@ class RealRates:
         end = time.monotonic() + seconds
         sticks = np.array(self._controller.rate_sticks(omega))
         frame = msp.raw_rc(self._controller.channels(sticks, throttle, armed, False))
+        before = time.monotonic()
         while (now := time.monotonic()) < end:
-            if now - self._rc_at >= _RC_PERIOD * 2:
+            self._gap, before = max(self._gap, now - before), now
+            if now - self._rc_at >= _RC_PERIOD:
                 self._rc_at = now
                 self._line.stream.send(frame)
                 for _ in self._line.stream.receive():
