@@ -13,6 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from companion.coarse import CoarseTelemetry
 from companion.types import Vector
 from mavlink_bridge.frames import multiply
 from mavlink_bridge.messages import (
@@ -38,10 +39,15 @@ class OwnStateCounters:
 
 
 class OwnState:
-    """The drone's own state in its own ENU frame, from Attitude and LocalPosition messages."""
+    """The drone's own state in its own ENU frame, from Attitude and LocalPosition messages.
+
+    Where a vehicle sends neither, from its coarse ones: see `coarse.py`.
+    """
 
     def __init__(self) -> None:
         self.counters = OwnStateCounters()
+        # Until the vehicle shows that it sends LOCAL_POSITION_NED or ATTITUDE_QUATERNION.
+        self._coarse: CoarseTelemetry | None = CoarseTelemetry()
         self._attitudes: deque[Attitude] = deque(maxlen=_HISTORY)
         self._positions: deque[LocalPosition] = deque(maxlen=_HISTORY)
 
@@ -49,15 +55,26 @@ class OwnState:
         """Forget everything: the autopilot has rebooted."""
         self._attitudes.clear()
         self._positions.clear()
+        self._coarse = CoarseTelemetry()
 
     def add(self, messages: Iterable[Message]) -> None:
         """Take what is telemetry of this kind; the rest is not for here."""
-        for message in messages:
+        for message in self._refined(messages):
             if isinstance(message, Attitude):
                 if not self._repeats(message) and self._sane_attitude(message):
                     self._attitudes.append(message)
             elif isinstance(message, LocalPosition) and self._sane_position(message):
                 self._positions.append(message)
+
+    def _refined(self, messages: Iterable[Message]) -> Iterable[Message]:
+        """The messages; where they are all coarse ones, what can be made of them."""
+        for message in messages:
+            if isinstance(message, LocalPosition) or type(message) is Attitude:
+                self._coarse = None  # this vehicle can do better
+            if self._coarse is None:
+                yield message
+            else:
+                yield from self._coarse.add(message)
 
     def age(self, time: float) -> float:
         """Seconds since the older of the two streams last spoke; infinite before both did."""

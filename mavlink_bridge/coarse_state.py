@@ -34,6 +34,7 @@ class CoarseGains:
     rate: float = 0.35  # where there is no gyro: slope from successive angles
     position: float = 0.35
     velocity: float = 0.4
+    slope: float = 1.0  # 1/s, per error of a position that comes without velocity
     height: float = 0.03
     climb: float = 0.02  # 1/s, per height error
     gps_age: float = 0.06
@@ -106,16 +107,21 @@ class CoarseState:
         self._acceleration = world - np.array([0.0, 0.0, G])
 
     def gps(
-        self, latitude_deg: float, longitude_deg: float, v: Vector, age: float | None = None
-    ) -> None:
-        """A new fix: degrees, velocity (2,) or (3,) m/s ENU; age [s], where it is known."""
+        self, latitude_deg: float, longitude_deg: float, v: Vector | None,
+        age: float | None = None,
+    ) -> None:  # fmt: skip
+        """A new fix: degrees, velocity (2,) or (3,) m/s ENU, or none; age [s], where known."""
         if self._origin is None:
             self._origin = (latitude_deg, longitude_deg)
         lat0, lon0 = self._origin
         east = math.radians(longitude_deg - lon0) * _EARTH * math.cos(math.radians(lat0))
         north = math.radians(latitude_deg - lat0) * _EARTH
         p, v_then = self._then(self._g.gps_age if age is None else age)
-        self._p[:2] += self._g.position * (np.array([east, north]) - p[:2])
+        error = np.array([east, north]) - p[:2]
+        self._p[:2] += self._g.position * error
+        if v is None:
+            self._v[:2] += self._g.slope * error
+            return
         k = len(v)
         self._v[:k] += self._g.velocity * (v - v_then[:k])
 

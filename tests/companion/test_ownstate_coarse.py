@@ -1,0 +1,65 @@
+"""Own state from plain Betaflight telemetry, and that finer telemetry is not touched by it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from companion.ownstate import OwnState
+from mavlink_bridge.frames import euler_from_quaternion, quaternion_from_euler
+from mavlink_bridge.messages import Attitude, EulerAttitude, GlobalPosition, LocalPosition
+
+STEP = math.radians(0.1)
+METRE = math.degrees(1 / 6371008.8)
+
+
+def stepped(*angles):
+    return quaternion_from_euler(*(round(a / STEP) * STEP for a in angles))
+
+
+def truth(t):
+    """Place, velocity, roll and its rate of a gentle weave."""
+    p = np.array([1.2 * t, 0.8 * math.sin(t), 2.0])
+    v = np.array([1.2, 0.8 * math.cos(t), 0.0])
+    return p, v, 0.15 * math.sin(1.5 * t), 0.225 * math.cos(1.5 * t)
+
+
+def telemetry(t, velocity):
+    """ATTITUDE at 50 Hz and GLOBAL_POSITION_INT at 10 Hz, as Betaflight sends them."""
+    p, v, roll, _ = truth(t)
+    yield EulerAttitude(t, stepped(roll, 0.0, 0.5), np.zeros(3))
+    if round(t * 50) % 5 == 0:
+        lat, lon = p[1] * METRE, p[0] * METRE  # at the equator
+        speed = np.append(np.round(v[:2], 2), 0.0) if velocity else np.zeros(3)
+        yield GlobalPosition(t * 1e3, lat, lon, 100.0 + p[2], 0.0, speed)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "position_rms", "speed_rms"), [(True, 0.1, 0.15), (False, 0.15, 0.3)]
+)
+def test_a_weave_is_followed(velocity, position_rms, speed_rms):
+    own, squares, begin = OwnState(), [], truth(0.0)[0]
+    for k in range(1000):
+        t = k / 50
+        own.add(telemetry(t, velocity))
+        if t > 5.0:
+            p, v, roll, rate = truth(t)
+            now = own.at(t)
+            believed = euler_from_quaternion(now.q_wb)[0]
+            squares.append([np.sum((now.p - p + begin)[:2] ** 2), np.sum((now.v - v)[:2] ** 2),
+                            (believed - roll) ** 2, (now.omega[0] - rate) ** 2])  # fmt: skip
+    p_error, v_error, roll_error, rate_error = np.sqrt(np.mean(squares, axis=0))
+    assert p_error < position_rms
+    assert v_error < speed_rms
+    assert math.degrees(roll_error) < 0.3
+    assert rate_error < 0.06
+
+
+def test_fine_telemetry_passes_as_it_is():
+    own = OwnState()
+    q = quaternion_from_euler(0.1, 0.2, 0.3)
+    own.add(telemetry(0.0, True))
+    own.add([Attitude(1.0, q, np.zeros(3)), LocalPosition(1.0, np.ones(3), np.zeros(3))])
+    own.add(telemetry(1.02, True))  # PX4 sends these besides
+    assert own.at(1.0).p == pytest.approx(np.ones(3))
+    assert own.at(1.0).q_wb == pytest.approx(q)
