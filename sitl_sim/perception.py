@@ -1,6 +1,7 @@
 """How well the companions saw: their logs against truth.
 
-In view is what eq. (6) says: inside the picture, within range, not hidden. A detection is
+In view is what eq. (6) says: inside the picture, within range, not hidden, here by an obstacle or
+by another drone, to 35 % at least. A detection is
 right where a drone is near its direction and about as far away; ranges are compared as a
 share of the true one. Detections are judged with the true attitude, tracks relative to the
 drone's own estimate of where it is.
@@ -24,6 +25,9 @@ from sitl_sim.world import Occluders, Vector
 
 DETECTION_RANGE = 8.0  # m, within which detections are judged
 TRACK_RANGE = 10.0  # m, within which tracks are judged
+VISIBLE = 0.35  # share of a drone's core that must be visible for it to count as in view
+_CORE = 0.5  # of a drone's radius: hull and marker; arms and propellers hide nothing
+_BLOCK = 2048  # sight lines at a time: what the processor's cache holds
 _BEARING_GATE = np.radians(3.0)
 _SIZE_GATE = 0.3  # m across the line of sight: near drones fill more than the angle above
 _TRACK_GATE = 1.0  # m
@@ -63,10 +67,8 @@ def perception(seen: dict[str, list[Sight]]) -> dict[str, Any]:
         "recall": _share(every, "found", "in_view"),
         "precision": _share(every, "right", "detections"),
         "range_error_median": float(np.median(np.abs(ranges))) if len(ranges) else None,
-        "bearing_error_deg": float(np.degrees(np.median(bearing))) if len(bearing) else None,
-        "velocity_rmse_m_s": (
-            float(np.sqrt((velocity**2).sum(axis=1).mean())) if len(velocity) else None
-        ),
+        "bearing_error_deg": _rms(np.degrees(bearing)),
+        "velocity_rmse_m_s": _rms(np.linalg.norm(velocity, axis=1)),
         "track_recall": _share(every, "tracks_found", "tracks_in_view"),
         "track_precision": _share(every, "tracks_right", "tracks"),
         "frames": len(every),
@@ -94,6 +96,7 @@ class _Judge:
         half = np.radians(s.fov_deg) / 2
         self._view = (half, half * s.height / s.width)
         self._occluders = Occluders(world)
+        self._radius = float(world["drone_radius"])
         self._t = truth["t"]
         self._p, self._v, self._q = (
             truth[k].astype(float) for k in ("position", "velocity", "attitude")
@@ -113,17 +116,40 @@ class _Judge:
 
     def _detections(self, i: int, times: Vector) -> Callable[[int], _Others]:
         """The other drones at each frame: directions, distances, and who is in view."""
-        p = self._at(self._p, times)
-        others = np.delete(np.arange(p.shape[1]), i)
-        q = self._at(self._q, times)[:, i]
+        p, q = self._at(self._p, times), self._at(self._q, times)[:, i]
         q /= np.linalg.norm(q, axis=-1, keepdims=True)
-        eye = np.repeat(p[:, i], len(others), axis=0)
+        others = np.delete(np.arange(p.shape[1]), i)
         offsets = p[:, others] - p[:, i : i + 1]
-        rays = camera_rays(q, offsets)
-        free = self._occluders.free(eye, p[:, others].reshape(-1, 3)).reshape(rays.shape[:2])
-        visible = seen(rays, *self._view) & free & (p[:, others, 2] > AIRBORNE)
-        distance = np.maximum(np.linalg.norm(offsets, axis=-1), 1e-9)
-        return lambda n: _Others(rays[n], distance[n], visible[n])
+        rays, distance = camera_rays(q, offsets), np.linalg.norm(offsets, axis=-1)
+        asked = (distance <= TRACK_RANGE) & (rays[..., 2] > 0.0) & (p[:, others, 2] > AIRBORNE)
+        visible = np.zeros(asked.shape, bool)
+        visible[asked] = self._shares(p[:, i], q, offsets, asked) >= VISIBLE
+        return lambda n: _Others(rays[n], np.maximum(distance[n], 1e-9), visible[n])
+
+    def _shares(self, eye: Vector, q: Vector, offsets: Vector, asked: NDArray[np.bool_]) -> Vector:
+        """(k,) visible share of each drone that is asked for: frames × drones, row by row.
+
+        Points on its core must be in the picture and neither behind an obstacle nor behind
+        the core of a nearer drone.
+        """
+        frame, drone = np.nonzero(asked)
+        offset = offsets[frame, drone]
+        points = offset[:, None] + _CORE * self._radius * _disc(offset)
+        ends = (points + eye[frame][:, None]).reshape(-1, 3)
+        eyes = np.repeat(eye[frame], points.shape[1], axis=0)
+        blocks = [slice(at, at + _BLOCK) for at in range(0, len(ends), _BLOCK)]
+        rows = [self._occluders.free(eyes[b], ends[b]) for b in blocks]
+        free = np.concatenate([*rows, np.zeros(0, bool)]).reshape(points.shape[:2])
+        free &= seen(camera_rays(q[frame], points), *self._view)
+        distance = np.linalg.norm(points, axis=-1)
+        for k in range(offsets.shape[1]):
+            other = offsets[frame, k][:, None]
+            along = (points * other).sum(axis=-1) / distance  # of the other, on the sight line
+            miss2 = (other**2).sum(axis=-1) - along**2
+            nearer = (along > 0.0) & (along < distance - self._radius) & (drone != k)[:, None]
+            free &= ~(nearer & (miss2 < (_CORE * self._radius) ** 2))
+        share: Vector = free.mean(axis=1)
+        return share
 
     def _tracked(
         self, i: int, frame: OwnFrame, log: list[dict[str, Any]]
@@ -203,6 +229,18 @@ def _tracks(
     )
 
 
+def _disc(offsets: Vector) -> Vector:
+    """(n,8,3) the middle and a ring on a disc of radius 1 that faces each of `offsets` (n,3)."""
+    ray = offsets / np.maximum(np.linalg.norm(offsets, axis=1, keepdims=True), 1e-9)
+    side = np.cross(ray, [0.0, 0.0, 1.0])
+    side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-9)
+    up = np.cross(side, ray)
+    angle = np.linspace(0.0, 2 * np.pi, 7, endpoint=False)[:, None]
+    ring = 0.75 * (np.cos(angle) * side[:, None] + np.sin(angle) * up[:, None])
+    disc: Vector = np.concatenate([np.zeros((len(offsets), 1, 3)), ring], axis=1)
+    return disc
+
+
 def _angles(a: Vector, b: Vector) -> Vector:
     """(n,m) rad between directions a (n,3) and unit b (m,3); exact for small ones too."""
     a = a / np.maximum(np.linalg.norm(a, axis=1, keepdims=True), 1e-9)
@@ -215,6 +253,10 @@ def _match(cost: Vector, allowed: NDArray[np.bool_]) -> tuple[NDArray[np.int_], 
     rows, columns = linear_sum_assignment(np.where(allowed, cost, 1e3))
     good = allowed[rows, columns]
     return rows[good], columns[good]
+
+
+def _rms(values: Vector) -> float | None:
+    return float(np.sqrt((values**2).mean())) if len(values) else None
 
 
 def _share(sights: list[Sight], part: str, whole: str) -> float | None:

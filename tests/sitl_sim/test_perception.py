@@ -54,6 +54,17 @@ def test_what_a_trunk_hides_need_not_be_seen():
     assert hidden[-1] == 2
 
 
+def test_who_flies_behind_another_drone_need_not_be_seen():
+    truth = flights.truth(gap=0.0)
+    truth["position"][:, 2] += [3.0, 0.0, 0.0]  # drone 3 behind drone 2, seen from drone 1
+    logs = {n: flights.log(i, truth) for i, n in enumerate(flights.NAMES)}
+    seen_by = sights(flights.scenario(), flights.WORLD, truth, logs)["drone1"]
+    assert {s.in_view for s in seen_by if s.time > 3.0} == {1}
+    truth["position"][:, 2] += [0.0, 1.0, 0.0]
+    seen_by = sights(flights.scenario(), flights.WORLD, truth, logs)["drone1"]
+    assert {s.in_view for s in seen_by if s.time > 3.0} == {2}
+
+
 def test_without_frames_there_are_no_figures():
     f = perception({"drone1": []})
     assert f["recall"] is None
