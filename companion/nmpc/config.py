@@ -118,6 +118,9 @@ class NmpcConfig(StrictModel):
     w_blind: float = Field(
         50.0, ge=0, description="Square of the speed beyond v_blind away from the line of sight."
     )
+    eps_cohesion: float = Field(
+        1.0, gt=0, description="Beyond d_ref by more than this [m], cohesion pulls no harder."
+    )
     eps_mig: float = Field(
         0.3, gt=0, description="Below this [m/s] the migration norm is a parabola: smooth."
     )

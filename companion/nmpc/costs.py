@@ -43,14 +43,16 @@ def cohesion(p: ca.SX, scene: Scene, w: Weights) -> list[Term]:
 
     (29)'s (|d| - d_ref)², not (12), which has no minimum at d_ref. w_short/N_i, and the end of
     the short horizon, are in scene.cohesion. Too near counts `crowding` times as far off as too
-    distant: the symmetric cost lets far neighbours press near ones together until none can brake.
+    distant, and too distant only as a norm: the symmetric square lets far neighbours press near
+    ones together until none can brake, and draws who lost the swarm across its way at full speed.
     """
     terms = []
     for j in range(scene.neighbours):
         distance = ca.sqrt(ca.sumsqr(scene.neighbour_p[:, j] - p) + 1e-6)
         off = distance - w["d_ref"]
-        kept = ca.fmax(off, 0) + w["crowding"] * ca.fmin(off, 0)
-        terms.append(Term(kept, w["w_short"] * scene.cohesion[j]))
+        weight = w["w_short"] * scene.cohesion[j]
+        terms.append(Term(w["crowding"] * ca.fmin(off, 0), weight))
+        terms.append(Term(ca.fmax(off, 0), weight, w["eps_cohesion"]))
     return terms
 
 

@@ -37,6 +37,7 @@ WEIGHTS = (
     "w_yaw",
     "w_v",
     "w_blind",
+    "eps_cohesion",
     "eps_mig",
     "eps_c",
     "eps_yaw",

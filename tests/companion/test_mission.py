@@ -1,0 +1,79 @@
+import math
+
+import numpy as np
+import pytest
+
+from companion.mission import Mission, MissionConfig, Roundabout, turn_side
+from mavlink_bridge.messages import VehicleState
+
+GOALS = [[0.0, 20.0, 2.0], [15.0, 20.0, 2.0], [15.0, 0.0, 2.0]]
+
+
+def at(p, v=(0.0, 0.0, 0.0)):
+    return VehicleState(0.0, np.array(p, float), np.array(v, float), np.array([1.0, 0, 0, 0]),
+                        np.zeros(3))  # fmt: skip
+
+
+def walk(mission, p, step=0.1, most=2000):
+    """A point that goes where it is told; the places it came through."""
+    path = [np.array(p, float)]
+    for _ in range(most):
+        progress = mission.update(at(path[-1]))
+        if progress.complete:
+            break
+        d = progress.goal - path[-1]
+        path.append(path[-1] + d * min(step / max(np.linalg.norm(d), 1e-9), 1.0))
+    return np.array(path), progress
+
+
+def test_goals_are_reached_in_order_within_the_tolerance():
+    config = MissionConfig(goals=GOALS, tolerance=3.0)
+    path, progress = walk(Mission(config), [0.0, 0.0, 2.0])
+    assert progress.complete
+    nearest = [int(np.linalg.norm(path - g, axis=1).argmin()) for g in GOALS]
+    assert nearest == sorted(nearest)
+    for goal in GOALS[:2]:
+        assert np.linalg.norm(path - goal, axis=1).min() < 3.0
+    assert np.linalg.norm(path[-1] - GOALS[-1]) <= config.final_tolerance
+
+
+def test_the_way_keeps_clear_of_the_island_and_on_its_outer_side():
+    config = MissionConfig(goals=GOALS, tolerance=3.0)
+    path, _ = walk(Mission(config), [0.0, 0.0, 2.0])
+    radius = config.island * config.tolerance
+    corner = np.array(GOALS[0])
+    near = path[np.linalg.norm(path - corner, axis=1) < 3.0]
+    assert np.linalg.norm(near - corner, axis=1).min() > 0.9 * radius
+    # The way turns right at (0, 20): the island stays on the right, so the path is north-west.
+    outer = near[np.linalg.norm(near - corner, axis=1).argmin()]
+    assert (outer - corner)[:2] @ np.array([-1.0, 1.0]) > 0
+
+
+@pytest.mark.parametrize(("following", "side"), [([10, 10], 1), ([10, -10], -1), ([20, 0], 1),
+                                                 ([0, 0.1], 1), ([0, -0.1], 1)])  # fmt: skip
+def test_turn_side(following, side):
+    a, b = np.zeros(3), np.array([10.0, 0.0, 0.0])
+    assert turn_side(a, b, np.array([*following, 0.0])) == side
+
+
+def test_those_who_come_and_those_who_go_keep_apart():
+    """At a sharp turn the two lanes run on opposite sides of the island."""
+    r = Roundabout(np.zeros(3), 1.8, np.array([7.0, -21.0, 0.0]), -1.0)
+    coming = r.aim(np.array([-7.0, -12.0, 0.0]))
+    towards = math.atan2(-21.0, 7.0)
+    leaving = 1.8 * np.array([math.cos(towards + 1.49), math.sin(towards + 1.49)])
+    assert r.passed(np.array([*leaving, 0.0]))
+    assert np.linalg.norm(coming[:2] - leaving) > 3.0
+    assert not r.passed(coming)
+
+
+def test_without_goals_the_drone_stays():
+    progress = Mission(MissionConfig()).update(at([1.0, 2.0, 3.0]))
+    assert progress.complete
+    assert np.array_equal(progress.goal, [1.0, 2.0, 3.0])
+
+
+def test_the_last_goal_wants_a_slow_drone():
+    mission = Mission(MissionConfig(goals=[[5.0, 0.0, 2.0]], final_speed=0.4))
+    assert not mission.update(at([5.0, 0.0, 2.0], v=[1.0, 0.0, 0.0])).complete
+    assert mission.update(at([5.0, 0.1, 2.0])).complete

@@ -1,0 +1,45 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.threat import ThreatConfig, critical_neighbours, threat
+from companion.types import Track
+from mavlink_bridge.messages import VehicleState
+
+OWN = VehicleState(0.0, np.zeros(3), np.array([1.5, 0, 0]), np.array([1.0, 0, 0, 0]), np.zeros(3))
+CONFIG = ThreatConfig()
+NUMBER = st.floats(-12, 12)
+
+
+def track(n, p, v=(0.0, 0.0, 0.0)):
+    return Track(n, np.array(p, float), np.array(v, float), np.eye(6), 1.0, 0.0)
+
+
+def rated(p, v=(0.0, 0.0, 0.0)):
+    return threat(OWN, np.array(p, float), np.array(v, float), CONFIG)
+
+
+def test_nearer_and_faster_closing_are_worse():
+    assert rated([2, 0, 0]) > rated([3, 0, 0])
+    assert rated([3, 0, 0], [-1, 0, 0]) > rated([3, 0, 0], [1, 0, 0])
+
+
+def test_one_who_flies_along_close_by_is_worse_than_one_who_closes_from_afar():
+    assert rated([0, 0.8, 0], [1.5, 0, 0]) > rated([3.0, 0, 0])
+
+
+def test_on_top_of_us_is_finite():
+    assert np.isfinite(rated([0, 0, 0]))
+
+
+@given(st.lists(st.tuples(NUMBER, NUMBER, NUMBER, NUMBER, NUMBER), max_size=9), st.randoms())
+def test_never_more_than_three_and_the_order_does_not_matter(places, random):
+    tracks = [track(n, p[:3], [p[3], p[4], 0.0]) for n, p in enumerate(places)]
+    worst = critical_neighbours(OWN, tracks, CONFIG)
+    shuffled = list(tracks)
+    random.shuffle(shuffled)
+    assert [t.id for t, _ in critical_neighbours(OWN, shuffled, CONFIG)] == [t.id for t, _ in worst]
+    assert len(worst) <= 3
+    assert all(np.linalg.norm(t.p) <= CONFIG.range_max for t, _ in worst)
+    values = [value for _, value in worst]
+    assert values == sorted(values, reverse=True)
