@@ -14,7 +14,7 @@ from mavlink_bridge.settings import StrictModel
 
 _STRAIGHT = 0.1  # rad, a turn smaller than this has no side
 _U_TURN = 2.8  # rad, nor one larger than this
-_AHEAD = 0.8  # rad along the island that the aim keeps ahead
+_AHEAD = 0.8  # rad round the island that the aim keeps ahead
 _LEAVING = 0.35  # rad before the place to leave at: the next goal is aimed at
 
 
@@ -127,12 +127,17 @@ class Roundabout:
     side: float
 
     def aim(self, p: Vector) -> Vector:
-        """Where to fly from p (3,): along the tangent to the island, or on around it."""
+        """Where to fly from p (3,): along the tangent to the island, or on around it.
+
+        On the rim the aim lies on the tangent ahead, `_AHEAD` round the island and so a little
+        off it: who flies there keeps its distance, who is too far out or in comes back.
+        """
         angle, distance = self._polar(p)
-        ahead = max(math.acos(min(self.radius / max(distance, 1e-6), 1.0)), _AHEAD)
-        at = angle + self.side * min(ahead, self._left(angle))
-        x, y = math.cos(at), math.sin(at)
-        return self.centre + self.radius * np.array([x, y, 0.0])
+        touch = math.acos(min(self.radius / max(distance, 1e-6), 1.0))
+        ahead = min(max(touch, _AHEAD), max(self._left(angle), _LEAVING))
+        radius = self.radius if touch > _AHEAD else self.radius / math.cos(ahead)
+        at = angle + self.side * ahead
+        return self.centre + radius * np.array([math.cos(at), math.sin(at), 0.0])
 
     def passed(self, p: Vector) -> bool:
         """Whether p is where the straight way to `following` leaves the island, or beyond."""

@@ -379,6 +379,11 @@ class Flight:
         if hasattr(self, "_pool"):
             self._pool.shutdown(wait=True, cancel_futures=True)
 
+    @property
+    def processes(self) -> dict[str, subprocess.Popen[bytes]]:
+        """The companions launched, by drone."""
+        return {d.name: d.process for d in self._drones if d.process is not None}
+
     def exit_codes(self) -> dict[str, int | None]:
         """How each companion ended; negative: by that signal."""
         return {d.name: d.process.returncode if d.process else None for d in self._drones}
