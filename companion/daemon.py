@@ -131,6 +131,7 @@ class Daemon:
         if self._state.write(**state, objection=out.objection) and self._ready:
             self._supervisor.status(out.objection or out.phase.value + ", armed" * armed)
         self._events.tick(inputs, out)
+        self._events.link(self._link.problem)
 
     def _over(self) -> bool:
         """Whether to stop waiting for a tick; also looks after a start that takes its time."""

@@ -21,6 +21,13 @@ class Events:
         self._reason: Reason | None = None
         self._armed: bool | None = None
         self._objection = ""
+        self._problem = ""
+
+    def link(self, problem: str) -> None:
+        """Log why the line to the vehicle is down, and that it is back."""
+        if problem != self._problem:
+            event("link", logging.WARNING, text=problem or "back")
+        self._problem = problem
 
     def tick(self, inputs: TickInputs, out: TickOutputs) -> None:
         """Log what changed."""

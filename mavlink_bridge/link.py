@@ -14,8 +14,10 @@ from typing import Protocol
 
 from mavlink_bridge.bytestream import BAUD_RATES, ByteStream, SerialEndpoint, TcpEndpoint
 from mavlink_bridge.codec import Codec
-from mavlink_bridge.messages import Message, Received, Source
+from mavlink_bridge.messages import Heartbeat, Message, Received, Source
 
+_AUTOPILOT = 1  # MAV_COMP_ID
+_RIVAL_MEMORY = 3.0  # s; a vehicle that starts again may have another port
 _RECEIVE_BUFFER = 4 << 20  # a second of telemetry, so that a slow tick loses nothing
 ENDPOINT_FORMS = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, serial:DEVICE:BAUD"
 
@@ -54,6 +56,7 @@ class UdpEndpoint:
         self, local: tuple[str, int] | None = None, remote: tuple[str, int] | None = None
     ) -> None:
         self.remote = remote
+        self.sender: tuple[str, int] | None = None  # of the latest datagram
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
@@ -77,6 +80,7 @@ class UdpEndpoint:
                 data, sender = self._socket.recvfrom(65535)
             except (BlockingIOError, ConnectionError):
                 return
+            self.sender = sender
             if not self._fixed:
                 self.remote = sender
             yield data
@@ -167,13 +171,30 @@ class Link:
         self.packets_out = 0
         self.tap: Callable[[bool, bytes], None] | None = None
         self._heard: dict[tuple[Source, type], float] = {}
+        self._senders: dict[int, dict[tuple[str, int], float]] = {}
         whole = not isinstance(endpoint, ByteStream)
         self._decode = codec.decode_datagram if whole else codec.decode
 
     @property
     def problem(self) -> str:
-        """Why the line is down; empty while it is up."""
-        return self.endpoint.problem if isinstance(self.endpoint, ByteStream) else ""
+        """Why the line is down, or that two vehicles claim one id; empty while all is well."""
+        if isinstance(self.endpoint, ByteStream):
+            return self.endpoint.problem
+        recent = time.monotonic() - _RIVAL_MEMORY
+        for system, senders in self._senders.items():
+            places = [f"{host}:{port}" for (host, port), at in senders.items() if at > recent]
+            if len(places) > 1:
+                return f"two vehicles with system id {system}: {' and '.join(sorted(places))}"
+        return ""
+
+    def _note_sender(self, received: list[Received]) -> None:
+        """Remember from where each vehicle's heartbeats come."""
+        if not isinstance(self.endpoint, UdpEndpoint) or self.endpoint.sender is None:
+            return
+        for r in received:
+            if isinstance(r.message, Heartbeat) and r.source.component == _AUTOPILOT:
+                senders = self._senders.setdefault(r.source.system, {})
+                senders[self.endpoint.sender] = time.monotonic()
 
     def age(self, kind: type, system: int, component: int = 1) -> float:
         """Seconds (CLOCK_MONOTONIC) since that sender's last message of this kind, or infinity."""
@@ -187,10 +208,12 @@ class Link:
             self.packets_in += 1
             if self.tap is not None:
                 self.tap(False, data)
-            out += self._decode(data)
+            received = self._decode(data)
+            self._note_sender(received)
+            out += received
         now = time.monotonic()
-        for received in out:
-            self._heard[received.source, type(received.message)] = now
+        for r in out:
+            self._heard[r.source, type(r.message)] = now
         return out
 
     def send(self, messages: Iterable[Message]) -> None:

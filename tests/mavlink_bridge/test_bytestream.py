@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from mavlink_bridge.codec import Codec
-from mavlink_bridge.link import EndpointError, Link, open_endpoint
+from mavlink_bridge.link import EndpointError, Link, UdpEndpoint, open_endpoint
 from mavlink_bridge.messages import Attitude, Heartbeat
 
 BAUD = 921600
@@ -151,3 +151,18 @@ def test_a_bad_endpoint_is_one_clear_line(name, words):
         open_endpoint(name)
     assert words in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_two_vehicles_with_one_system_id_are_one_clear_line():
+    link = Link(UdpEndpoint(local=("127.0.0.1", 0)), Codec(1, 191))
+    vehicles = [Link(UdpEndpoint(remote=("127.0.0.1", link.endpoint.port)), Codec(7, 1))
+                for _ in range(2)]  # fmt: skip
+    vehicles[0].send([HEARTBEAT])
+    heard(link, 1)
+    assert link.problem == ""
+    vehicles[1].send([HEARTBEAT])
+    heard(link, 1)
+    ports = sorted(f"127.0.0.1:{v.endpoint.port}" for v in vehicles)
+    assert link.problem == f"two vehicles with system id 7: {' and '.join(ports)}"
+    for each in (link, *vehicles):
+        each.close()
