@@ -26,7 +26,14 @@ class ObstacleConfig(StrictModel):
     associate: float = Field(
         1.2, gt=0, description="Two looks this near [m] are the same trunk; trunks stand apart."
     )
-    hits_to_confirm: int = Field(2, ge=1, description="Looks before a trunk counts.")
+    overlap: float = Field(
+        0.7, ge=0, description="So are two nearer than this part of the sum of their radii."
+    )
+    hits_to_confirm: int = Field(3, ge=1, description="Looks before a trunk counts.")
+    hits_to_keep: int = Field(
+        10, ge=1, description="Looks before it is remembered for good; ghosts do not last so long."
+    )
+    doubtful_unseen: float = Field(1.5, gt=0, description="Life [s] unseen of any other.")
     misses_to_forget: int = Field(6, ge=1, description="Looks at its place without seeing it.")
     keep_range: float = Field(20.0, gt=0, description="Farther than this [m] is forgotten.")
     view_range: float = Field(6.0, gt=0, description="Nearer than this [m] it must be seen.")
@@ -43,6 +50,7 @@ class _Known:
     axis: _Place
     radius: float
     variance: float
+    seen: float
     hits: int = 1
     misses: int = 0
 
@@ -68,9 +76,9 @@ class ObstacleMap:
             ray = r_wc @ trunk.direction
             scale = trunk.distance / max(math.hypot(ray[0], ray[1]), 1e-6)
             axis = (float(own.p[0] + ray[0] * scale), float(own.p[1] + ray[1] * scale))
-            seen.add(self._merge(axis, trunk.radius, trunk.sigma**2))
+            seen.add(self._merge(axis, trunk, own.time))
         forward = (float(r_wc[0, 2]), float(r_wc[1, 2]))
-        self._forget(seen, (float(own.p[0]), float(own.p[1])), forward, half_view)
+        self._forget(seen, own, forward, half_view)
 
     def obstacles(self, p: Vector) -> Obstacles:
         """Confirmed trunks, nearest surface to p (3,) first."""
@@ -92,23 +100,32 @@ class ObstacleMap:
         miss = along[..., None] * d - axes
         return [bool(h) for h in ((miss**2).sum(axis=-1) < radii**2).any(axis=1)]
 
-    def _merge(self, axis: _Place, radius: float, variance: float) -> int:
-        distances = [math.dist(k.axis, axis) for k in self._known]
-        if distances and min(distances) < self._config.associate:
-            n = distances.index(min(distances))
-            k = self._known[n]
-            gain = k.variance / (k.variance + variance)
-            (x, y), (to_x, to_y) = k.axis, axis
-            k.axis = (x + gain * (to_x - x), y + gain * (to_y - y))
-            k.radius += gain * (radius - k.radius)
-            k.variance = max((1 - gain) * k.variance, self._config.sigma_floor**2)
-            k.hits, k.misses = k.hits + 1, 0
-            return n
-        self._known.append(_Known(axis, radius, variance))
-        return len(self._known) - 1
+    def _merge(self, axis: _Place, trunk: Trunk, time: float) -> int:
+        variance = trunk.sigma**2
+        n = self._same(axis, trunk.radius)
+        if n is None:
+            self._known.append(_Known(axis, trunk.radius, variance, time))
+            return len(self._known) - 1
+        k = self._known[n]
+        gain = k.variance / (k.variance + variance)
+        (x, y), (to_x, to_y) = k.axis, axis
+        k.axis = (x + gain * (to_x - x), y + gain * (to_y - y))
+        k.radius += gain * (trunk.radius - k.radius)
+        k.variance = max((1 - gain) * k.variance, self._config.sigma_floor**2)
+        k.hits, k.misses, k.seen = k.hits + 1, 0, time
+        return n
 
-    def _forget(self, seen: set[int], p: _Place, forward: _Place, half_view: float) -> None:
-        c = self._config
+    def _same(self, axis: _Place, radius: float) -> int | None:
+        """The known trunk that one seen at `axis` is: trunks do not grow into one another."""
+        c, best, nearest = self._config, None, math.inf
+        for n, k in enumerate(self._known):
+            apart = math.dist(k.axis, axis)
+            if apart < max(c.associate, c.overlap * (k.radius + radius)) and apart < nearest:
+                best, nearest = n, apart
+        return best
+
+    def _forget(self, seen: set[int], own: VehicleState, forward: _Place, half_view: float) -> None:
+        c, p = self._config, (float(own.p[0]), float(own.p[1]))
         kept = []
         for n, k in enumerate(self._known):
             offset = (k.axis[0] - p[0], k.axis[1] - p[1])
@@ -117,7 +134,8 @@ class ObstacleMap:
             in_view = bearing < half_view - 0.2 and k.radius + 0.3 < distance < c.view_range
             if n not in seen and in_view and not self._shadowed(n, p):
                 k.misses += 1
-            if k.misses < c.misses_to_forget and distance < c.keep_range:
+            fresh = k.hits >= c.hits_to_keep or own.time - k.seen <= c.doubtful_unseen
+            if k.misses < c.misses_to_forget and distance < c.keep_range and fresh:
                 kept.append(k)
         self._known = kept
 

@@ -23,7 +23,7 @@ seed: 21
 world:
   cylinders: [{x: 5.0, y: 0.4, radius: 0.6}, {x: 9.0, y: -2.0, radius: 0.6}]
 drones: {count: 3, spacing: 1.5, heading_deg: 0.0, frame_yaw_deg: random}
-mission: {targets: [[12.0, 0.0, 2.0]], home: false, tolerance: 3.0, time_limit: 60.0}
+mission: {targets: [[16.0, 0.0, 2.0]], home: false, tolerance: 3.0, time_limit: 60.0}
 sensing: {width: 320, height: 200}
 wire: {companion_port: 25540, gcs_port: 25550, frame_port: 26540}
 """
@@ -55,12 +55,12 @@ def test_a_killed_companion_stops_nobody_else_and_its_vehicle_lands(scenario, tm
         victim = f.processes["drone2"]
         killed = []
 
-        def kill_at_ten(t):
-            if t >= 10.0 and not killed:
+        def kill_at_seven(t):
+            if t >= 7.0 and not killed:
                 killed.append(t)
                 os.kill(victim.pid, signal.SIGKILL)
 
-        f.run(kill_at_ten)
+        f.run(kill_at_seven)
         truth = f.truth.arrays()
         figures = safety(truth, f.world, f.names)
     assert killed
