@@ -20,6 +20,7 @@ from mavlink_bridge.thrust import G
 _EARTH = 6371008.8  # m, mean radius: a flat map around the start is enough
 _HISTORY = 50
 _LONGEST_STEP = 0.2  # s without telemetry that is carried over
+_JUMP = 1.0  # m; Betaflight zeroes its height at arming, on a busy machine seconds later
 _STILL = 0.05  # share of new in the accelerometer's scale, learnt at rest
 
 
@@ -133,6 +134,9 @@ class CoarseState:
             return
         p, _ = self._then(self._g.baro_age)
         error = height - self._ground - p[2]
+        if abs(error) > _JUMP:
+            self._ground += error
+            return
         self._p[2] += self._g.height * error
         self._v[2] += self._g.climb * error
 

@@ -20,6 +20,7 @@ _SPEED_MAX, _LEAN_MAX = 1.5, math.radians(15.0)
 _CLIMB_GAIN, _HEIGHT_GAIN, _INTEGRAL_GAIN = 3.0, 1.0, 1.2  # 1/s, 1/s, 1/s²
 _INTEGRAL_MAX = 4.0  # m/s²
 _CLIMB_MAX, _SINK_MAX = 1.0, 0.7  # m/s
+_C_MIN, _C_MAX = 0.5 * G, 1.5 * G  # enough to stay upright by, however late the telemetry
 _STUCK = 1.2  # s
 _SLOW_BELOW, _SINK_SLOW = 1.0, 0.35  # m, m/s
 
@@ -82,7 +83,8 @@ class LevelFlight:
         self._stuck = self._stuck + dt if sink and error < 0.5 * climb else 0.0
         self._integral += _INTEGRAL_GAIN * error * dt
         self._integral = min(max(self._integral, -_INTEGRAL_MAX), _INTEGRAL_MAX)
-        return self._thrust.to_thrust(G + _CLIMB_GAIN * error + self._integral)
+        c = G + _CLIMB_GAIN * error + self._integral
+        return self._thrust.to_thrust(min(max(c, _C_MIN), _C_MAX))
 
 
 def _lean(angle: float) -> float:

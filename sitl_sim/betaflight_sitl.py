@@ -44,7 +44,6 @@ set serial_update_rate_hz = 500
 aux 0 0 0 1700 2100 0 0
 aux 1 1 1 1700 2100 0 0
 set small_angle = 180
-set pwr_on_arm_grace = 0
 set acc_calibration = 0,0,0,1
 set rates_type = ACTUAL
 set roll_rc_rate = 40

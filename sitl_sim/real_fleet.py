@@ -38,9 +38,8 @@ _GPS_NOISE, _GPS_SPEED_NOISE = 0.01, 0.02  # m, m/s
 _TURNING = 0.1  # of full speed: a motor that turns faster than idling
 BRIDGE_DELAY = 0.1
 """From a companion's tick to its effect [s]: bridge, MSP, receiver and rate loop included."""
-HOVER, EXPONENT = 0.575, 2.0
-"""Throttle that holds the default airframe, and how force goes with it there: by Betaflight's
-defaults the lowest 5 % of the stick count as none, and motors idle at 5.5 %."""
+HOVER, EXPONENT = 0.545, 1.75
+"""Throttle that holds the default airframe, and how force goes with it there."""
 
 
 @dataclass(frozen=True)

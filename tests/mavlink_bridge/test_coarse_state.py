@@ -15,7 +15,7 @@ EARTH = 6371008.8
 
 def motion(t):
     """A weave of 1.5 m/s: position, velocity, acceleration, roll with its rate."""
-    p = np.array([1.5 * t, 0.8 * math.sin(1.5 * t), 2.0 + 0.3 * math.sin(t)])
+    p = np.array([1.5 * t, 0.8 * math.sin(1.5 * t), 0.3 * math.sin(t)])
     v = np.array([1.5, 1.2 * math.cos(1.5 * t), 0.3 * math.cos(t)])
     a = np.array([0.0, -1.8 * math.sin(1.5 * t), -0.3 * math.sin(t)])
     roll, rate = 0.3 * math.sin(2 * t), 0.6 * math.cos(2 * t)
@@ -99,3 +99,17 @@ def test_a_heading_that_stands_on_a_step_does_not_wander():
         state.angles(0.0, 0.0, math.radians(90))
     yaw = euler_from_quaternion(state.at(5.0).q_wb)[2]
     assert math.degrees(yaw) == pytest.approx(90.0, abs=0.7)
+
+
+def test_a_height_that_is_zeroed_in_flight_moves_nothing():
+    state = CoarseState()
+    state.advance(0.0)
+    state.angles(0.0, 0.0, 0.0)
+    state.gps(47.0, 8.0, np.zeros(2))
+    state.height(4.9, resting=True)
+    for k in range(1, 200):
+        state.advance(k / RATE)
+        state.height(max(4.9 - 0.3 * k, 0.0), resting=False)  # through the controller's filter
+    now = state.at(200 / RATE)
+    assert abs(now.v[2]) < 0.3
+    assert abs(now.p[2]) < 1.0
