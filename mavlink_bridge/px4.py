@@ -22,7 +22,8 @@ MODES = {
     "land": 0x06040000,
     "offboard": 0x00060000,
 }
-STREAMS = {31: 50.0, 32: 50.0}  # ATTITUDE_QUATERNION, LOCAL_POSITION_NED
+# ATTITUDE_QUATERNION and LOCAL_POSITION_NED; ATTITUDE says the former once more: off (None)
+STREAMS = {31: 50.0, 32: 50.0, 30: None}
 
 
 @dataclass(frozen=True)
@@ -38,9 +39,9 @@ class Px4:
         return ""
 
     def request_streams(self) -> list[Message]:
-        """Attitude and local position at 50 Hz."""
+        """Attitude and local position at 50 Hz, each once."""
         return [
-            self._command(CommandId.SET_MESSAGE_INTERVAL, float(m), 1e6 / rate)
+            self._command(CommandId.SET_MESSAGE_INTERVAL, float(m), 1e6 / rate if rate else -1.0)
             for m, rate in STREAMS.items()
         ]
 
