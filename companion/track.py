@@ -33,9 +33,14 @@ class TrackerConfig(StrictModel):
     )
     gate: float = Field(16.3, gt=0, description="Mahalanobis² gate: 99.9 % of chi² with 3 dof.")
     hits_to_confirm: int = Field(2, ge=1, description="Looks before a neighbour counts.")
-    tentative_unseen: float = Field(0.3, gt=0, description="Life [s] of an unconfirmed one.")
+    life_per_look: float = Field(
+        0.4, gt=0, description="Memory [s] out of view for each look: a glimpse is no neighbour."
+    )
     misses_to_drop: int = Field(
-        4, ge=1, description="Looks in a row at its place without seeing it that end a neighbour."
+        4,
+        ge=1,
+        description="Looks in a row at its place without seeing it that end a neighbour; fewer "
+        "for one that was itself seen in fewer.",
     )
     unseen_max: float = Field(4.0, gt=0, description="Longest memory [s] out of view.")
     sigma_max: float = Field(3.0, gt=0, description="Std of position [m] that says nothing.")
@@ -178,8 +183,9 @@ class Tracker:
     def _bury(self, time: float) -> None:
         c = self._config
         sigma = np.sqrt(np.trace(self._covariance[:, :3, :3], axis1=1, axis2=2))
-        life = np.where(self._hits < c.hits_to_confirm, c.tentative_unseen, c.unseen_max)
-        young = (time - self._seen <= life) & (self._misses < c.misses_to_drop)
+        life = np.minimum(c.life_per_look * self._hits, c.unseen_max)
+        looks = np.minimum(self._hits, c.misses_to_drop)
+        young = (time - self._seen <= life) & (self._misses < np.maximum(looks, 1))
         keep = young & (sigma < c.sigma_max)
         self._mean, self._covariance = self._mean[keep], self._covariance[keep]
         self._ids, self._born = self._ids[keep], self._born[keep]
