@@ -80,8 +80,7 @@ class Flight:
                       **build(scenario.world, scenario.seed),
                       "targets": self.targets,
                       "target_tolerance": scenario.mission.tolerance}  # fmt: skip
-        n = scenario.drones.count
-        heading = np.full(n, np.radians(scenario.drones.heading_deg))
+        heading = scenarios.headings(scenario, start)
         self.vehicles = Vehicles(Airframe(), start, heading)
         phases = scenarios.boot_ms(scenario)
         self._occluders = Occluders(self.world)

@@ -17,6 +17,7 @@ from mavlink_bridge.settings import (
     merge,
     validate,
 )
+from sitl_sim.missionfile import read_mission
 from sitl_sim.world import Vector, WorldConfig
 
 QUANTUM_MS = 2  # of the simulated time
@@ -27,12 +28,16 @@ class DronesConfig(StrictModel):
     """Who flies, and from where."""
 
     count: int = Field(9, ge=1, le=200)
-    formation: Literal["grid"] = "grid"
+    formation: Literal["grid", "circle"] = "grid"
     spacing: float = Field(1.5, gt=0.5, description="Between neighbours in the formation [m].")
     centre: list[float] = Field([0.0, 0.0], min_length=2, max_length=2)
-    heading_deg: float = Field(90.0, description="Where they look: ENU yaw.")
+    ring: float = Field(10.0, gt=0, description="circle: its radius [m].")
+    heading_deg: float | Literal["target"] = Field(
+        90.0, description="Where they look: ENU yaw; target: each to its own first target."
+    )
     starts: list[list[float]] = Field([], description="[x, y] each, instead of a formation.")
     jitter: float = Field(0.1, ge=0, description="Each start is moved up to this [m].")
+    shift: float = Field(0.0, ge=0, description="All starts together, across their heading [m].")
     radius: float = Field(0.2, gt=0, description="Of the sphere around a drone [m].")
     autopilot: Literal["px4", "ardupilot", "betaflight"] = Field(
         "px4",
@@ -49,6 +54,8 @@ class MissionConfig(StrictModel):
 
     targets: list[list[float]] = Field([], description="[x, y, z] each, for all drones, in order.")
     targets_of: dict[str, list[list[float]]] = Field({}, description="Instead, by drone name.")
+    exchange: bool = Field(False, description="Last: the place opposite the start, round "
+                           "drones.centre.")  # fmt: skip
     home: bool = Field(True, description="The last target is the drone's own start.")
     tolerance: float = Field(3.0, gt=0, description="A target is reached within this [m].")
     altitude: float = Field(2.0, gt=0.5, description="Of take-off and home [m].")
@@ -121,7 +128,31 @@ def load(scenario: str, overrides: list[str]) -> Scenario:
     else:
         known = ", ".join(names())
         raise SettingsError([f"no scenario {scenario!r}; valid: {known}, or a .yaml file"])
-    return validate(Scenario, merge([load_yaml(path), assignments(overrides)]), str(path))
+    document = merge([load_yaml(path), assignments(overrides)])
+    return with_mission(validate(Scenario, document, str(path)))
+
+
+def with_mission(scenario: Scenario) -> Scenario:
+    """World, starts and targets of one mission of `world.missions` written out; the seed's.
+
+    Raises:
+        SettingsError: no file, or not one of missions; named.
+    """
+    if scenario.world.generator != "missions":
+        return scenario
+    if scenario.world.missions is None:
+        raise SettingsError([f"world.missions: {scenario.name} needs the file that holds its "
+                             "missions: --set world.missions=FILE"])  # fmt: skip
+    mission = read_mission(Path(scenario.world.missions), scenario.seed, scenario.drones.count)
+    names_ = [f"drone{i + 1}" for i in range(scenario.drones.count)]
+    return scenario.model_copy(update={
+        "world": scenario.world.model_copy(
+            update={"generator": "empty", "missions": None, "cylinders": mission.cylinders}),
+        "drones": scenario.drones.model_copy(
+            update={"starts": mission.starts, "radius": mission.drone_radius}),
+        "mission": scenario.mission.model_copy(
+            update={"targets_of": {n: [g] for n, g in zip(names_, mission.goals, strict=True)}}),
+    })  # fmt: skip
 
 
 def drone_names(scenario: Scenario) -> list[str]:
@@ -132,21 +163,48 @@ def drone_names(scenario: Scenario) -> list[str]:
 def starts(scenario: Scenario) -> Vector:
     """(n,3) m on the ground: the formation, moved a little by the seed."""
     d = scenario.drones
-    n = d.count
+    flat = _formation(d)
+    rng = np.random.default_rng([scenario.seed, 2])
+    flat = flat + rng.uniform(-d.jitter, d.jitter, flat.shape)
+    if d.shift:
+        yaw = 0.0 if d.heading_deg == "target" else np.radians(d.heading_deg)
+        flat = flat + rng.uniform(-d.shift, d.shift) * np.array([np.sin(yaw), -np.cos(yaw)])
+    return np.column_stack([flat, np.zeros(len(flat))])
+
+
+def _formation(d: DronesConfig) -> Vector:
+    """(n,2) m: where each drone is to stand."""
+    n, centre = d.count, np.array(d.centre)
     if d.starts:
         if len(d.starts) < n or any(len(s) != 2 for s in d.starts):
             raise SettingsError([f"drones.starts: needs {n} pairs [x, y], got {len(d.starts)}"])
-        flat = np.array(d.starts[:n], float)
-    else:
-        side = int(np.ceil(np.sqrt(n)))
-        grid = np.array([(i % side, i // side) for i in range(n)], float) - (side - 1) / 2
-        yaw = np.radians(d.heading_deg)
-        forward = np.array([np.cos(yaw), np.sin(yaw)])
-        right = np.array([np.sin(yaw), -np.cos(yaw)])
-        flat = np.array(d.centre) + d.spacing * (grid[:, :1] * right - grid[:, 1:] * forward)
-    rng = np.random.default_rng([scenario.seed, 2])
-    flat = flat + rng.uniform(-d.jitter, d.jitter, flat.shape)
-    return np.column_stack([flat, np.zeros(n)])
+        return np.array(d.starts[:n], float)
+    if d.formation == "circle":
+        angle = 2 * np.pi * np.arange(n) / n
+        ring: Vector = centre + d.ring * np.column_stack([np.cos(angle), np.sin(angle)])
+        return ring
+    if d.heading_deg == "target":
+        raise SettingsError(["drones.heading_deg: a grid needs a number, got 'target'"])
+    side = int(np.ceil(np.sqrt(n)))
+    grid = np.array([(i % side, i // side) for i in range(n)], float) - (side - 1) / 2
+    yaw = np.radians(d.heading_deg)
+    forward = np.array([np.cos(yaw), np.sin(yaw)])
+    right = np.array([np.sin(yaw), -np.cos(yaw)])
+    placed: Vector = centre + d.spacing * (grid[:, :1] * right - grid[:, 1:] * forward)
+    return placed
+
+
+def headings(scenario: Scenario, start: Vector) -> Vector:
+    """(n,) rad, ENU yaw of each drone as it stands."""
+    wanted = scenario.drones.heading_deg
+    if wanted != "target":
+        return np.full(len(start), np.radians(wanted))
+    goals = targets(scenario, start)
+    if none := [name for name, g in goals.items() if not g]:
+        raise SettingsError([f"drones.heading_deg: {none[0]} has no target to look to"])
+    first = np.array([g[0][:2] for g in goals.values()])
+    yaws: Vector = np.arctan2(*(first - start[:, :2]).T[::-1])
+    return yaws
 
 
 def frame_yaws(scenario: Scenario) -> Vector:
@@ -164,11 +222,14 @@ def boot_ms(scenario: Scenario) -> list[int]:
 
 
 def targets(scenario: Scenario, start: Vector) -> dict[str, list[list[float]]]:
-    """Targets of each drone in the world frame, home included."""
+    """Targets of each drone in the world frame, the place opposite and home included."""
     m = scenario.mission
     out = {}
     for name, s in zip(drone_names(scenario), start, strict=True):
         goals = [list(t) for t in m.targets_of.get(name, m.targets)]
+        if m.exchange:
+            opposite = 2 * np.array(scenario.drones.centre) - s[:2]
+            goals.append([*opposite.round(4).tolist(), m.altitude])
         if m.home:
             goals.append([round(float(s[0]), 4), round(float(s[1]), 4), m.altitude])
         out[name] = goals

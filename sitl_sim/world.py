@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from mavlink_bridge.settings import StrictModel
+from sitl_sim import generators
 
 Vector = NDArray[np.float64]
 
@@ -30,43 +31,47 @@ class Box(StrictModel):
 
 
 class WorldConfig(StrictModel):
-    """A generator with its parameters, or explicit shapes."""
+    """A generator with its parameters, or explicit shapes; both where both are given."""
 
-    generator: Literal["forest", "empty"] = "empty"
+    generator: Literal["forest", "thicket", "tunnel", "missions", "empty"] = "empty"
     rows: int = Field(7, ge=1, le=100, description="forest: trunks along y.")
     columns: int = Field(7, ge=1, le=100, description="forest: trunks along x.")
     spacing: float = Field(7.0, gt=0, description="forest: centre to centre [m].")
+    staggered: bool = Field(False, description="forest: every other row by half a spacing.")
     radius: float = Field(1.0, gt=0, description="forest: of each trunk [m].")
     jitter: float = Field(1.0, ge=0, description="forest: each trunk is moved up to this [m] "
                           "along x and along y.")  # fmt: skip
     height: float = Field(8.0, gt=0, description="Of each trunk [m].")
+    area: list[float] = Field([-10.0, -10.0, 10.0, 10.0], min_length=4, max_length=4,
+                              description="thicket: x, y of two corners [m].")  # fmt: skip
+    density: float = Field(0.1, gt=0, le=1, description="thicket: trunks per m².")
+    radii: list[float] = Field([0.2, 0.5], min_length=2, max_length=2,
+                               description="thicket: least and largest radius [m].")  # fmt: skip
+    gap: float = Field(1.2, ge=0, description="thicket: least room between two trunks [m].")
+    opening: list[float] = Field([2.0, 2.0], min_length=2, max_length=2,
+                                 description="tunnel: width and height [m].")  # fmt: skip
+    sill: float = Field(1.0, ge=0, description="tunnel: height of its floor [m].")
+    thickness: list[float] = Field([2.0, 4.0], min_length=2, max_length=2,
+                                   description="tunnel: least and largest length [m].")  # fmt: skip
+    wall: list[float] = Field([30.0, 8.0], min_length=2, max_length=2,
+                              description="tunnel: length and height of the wall [m].")  # fmt: skip
+    missions: str | None = Field(None, description="missions: the JSON file that holds them.")
     cylinders: list[Cylinder] = Field([])
     boxes: list[Box] = Field([])
 
 
 def build(config: WorldConfig, seed: int) -> dict[str, Any]:
     """`cylinders` and `boxes` as plain data; the same seed, the same world."""
+    rng = np.random.default_rng([seed, 1])
     cylinders = [c.model_dump() for c in config.cylinders]
+    boxes = [b.model_dump() for b in config.boxes]
     if config.generator == "forest":
-        cylinders += forest(config, np.random.default_rng([seed, 1]))
-    return {"cylinders": cylinders, "boxes": [b.model_dump() for b in config.boxes]}
-
-
-def forest(config: WorldConfig, rng: np.random.Generator) -> list[dict[str, float]]:
-    """A grid of trunks around the origin, each moved at random: the paper's scenarios 1 and 2."""
-    x = (np.arange(config.columns) - (config.columns - 1) / 2) * config.spacing
-    y = (np.arange(config.rows) - (config.rows - 1) / 2) * config.spacing
-    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    grid = grid + rng.uniform(-config.jitter, config.jitter, grid.shape)
-    return [
-        {
-            "x": round(float(cx), 4),
-            "y": round(float(cy), 4),
-            "radius": config.radius,
-            "height": config.height,
-        }
-        for cx, cy in grid
-    ]
+        cylinders += generators.forest(config, rng)
+    elif config.generator == "thicket":
+        cylinders += generators.thicket(config, rng)
+    elif config.generator == "tunnel":
+        boxes += generators.tunnel(config, rng)
+    return {"cylinders": cylinders, "boxes": boxes}
 
 
 def surface_distance(position: Vector, world: dict[str, Any]) -> Vector:

@@ -1,0 +1,53 @@
+"""A file of missions (worlds with a start and a goal for each drone), as benchmarks come.
+
+JSON: `drone_radius` [m]; `missions`: by number, `cylinders` [[x, y, radius], …] and `agents`
+[{"start": [x, y, z], "goal": [x, y, z]}, …], all in metres. Optional `arena`: {"max": [x, y, z]}.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mavlink_bridge.settings import SettingsError
+from sitl_sim.world import Cylinder
+
+
+@dataclass(frozen=True)
+class Mission:
+    """One mission. starts: [x, y] each; goals: [x, y, z] each; drone_radius: m."""
+
+    cylinders: list[Cylinder]
+    starts: list[list[float]]
+    goals: list[list[float]]
+    drone_radius: float
+
+
+def read_mission(path: Path, seed: int, drones: int) -> Mission:
+    """Mission number `seed` (round and round) of the file, for its first `drones` agents.
+
+    Raises:
+        SettingsError: the file cannot be read, is none of missions, or has too few agents.
+    """
+    try:
+        data = json.loads(path.read_text("utf-8"))
+        missions: list[dict[str, Any]] = list(data["missions"].values())
+        chosen = missions[seed % len(missions)]
+        agents = chosen["agents"]
+        mission = Mission(
+            [Cylinder(x=x, y=y, radius=r) for x, y, r in chosen["cylinders"]],
+            [[float(c) for c in a["start"][:2]] for a in agents[:drones]],
+            [[float(c) for c in a["goal"]] for a in agents[:drones]],
+            float(data["drone_radius"]),
+        )
+    except OSError as error:
+        why = f"cannot be read: {error.strerror}"
+        raise SettingsError([f"world.missions: {path}: {why}"]) from error
+    except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
+        why = f"no file of missions: {' '.join(str(error).split())}"
+        raise SettingsError([f"world.missions: {path}: {why}"]) from error
+    if len(agents) < drones:
+        raise SettingsError([f"drones.count: {path} has {len(agents)} agents, not {drones}"])
+    return mission
