@@ -62,7 +62,7 @@ class FramePace:
         if self._link.packets_in < frame.packets:
             self.misses += 1
             self._link.packets_in = frame.packets  # lost for good: do not wait for it again
-        return TickInputs(frame.time, received, frame)
+        return TickInputs(frame.time if frame.due is None else frame.due, received, frame)
 
     def done(self, inputs: TickInputs, landed: bool) -> None:
         """Answer the frame, also where no setpoint was sent."""

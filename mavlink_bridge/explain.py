@@ -95,8 +95,13 @@ def _text(model: type[BaseModel], location: Key, error: dict[str, Any]) -> str:
 def _field_at(model: type[BaseModel], path: Key) -> FieldInfo | None:
     """The field at `path`; None inside lists and where there is none."""
     candidates = _models_at(model, path[:-1]) if path else []
-    infos = (c.model_fields.get(str(path[-1])) for c in candidates)
+    infos = (_fields(c).get(str(path[-1])) for c in candidates)
     return next((i for i in infos if i is not None), None)
+
+
+def _fields(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    """Fields by the name that a file calls them."""
+    return {info.alias or name: info for name, info in model.model_fields.items()}
 
 
 def _bounds(field: FieldInfo | None) -> str:
@@ -115,7 +120,7 @@ def _bounds(field: FieldInfo | None) -> str:
 
 def _fields_at(model: type[BaseModel], path: Key) -> list[str]:
     """Field names valid below `path`."""
-    return sorted({name for c in _models_at(model, path) for name in c.model_fields})
+    return sorted({name for c in _models_at(model, path) for name in _fields(c)})
 
 
 def _models_at(model: type[BaseModel], path: Key) -> list[type[BaseModel]]:
@@ -124,7 +129,7 @@ def _models_at(model: type[BaseModel], path: Key) -> list[type[BaseModel]]:
     for key in path:
         found: list[type[BaseModel]] = []
         for candidate in candidates:
-            info = candidate.model_fields.get(str(key))
+            info = _fields(candidate).get(str(key))
             found += _models_in(info.annotation) if info else [candidate]
         candidates = found or candidates
     return candidates

@@ -35,12 +35,14 @@ class Frame:
 
     arrays: `image` (H,W,3) uint8 BGR; `depth` (h,w) float32 m along the ray; `neighbours`
     (m,6) and `trunks` (k,6) where the simulator plays a perfect detector (camera frame).
-    packets: MAVLink packets the vehicle had sent to the companion before this frame.
+    packets: MAVLink packets the vehicle had sent to the companion before this frame. due: s, when
+    it was sent, where that is later than when it was taken.
     """
 
     time: float
     arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
     packets: int = 0
+    due: float | None = None
 
 
 @dataclass(frozen=True)
@@ -146,7 +148,11 @@ class FrameClient:
     def receive(self) -> Frame:
         """The next frame; blocks. Raises VideoError at the end of the stream."""
         header, arrays = self._stream.receive()
-        return Frame(header["time_us"] / 1e6, arrays, int(header["packets"]))
+        due = header.get("due_us")
+        return Frame(
+            header["time_us"] / 1e6, arrays, int(header["packets"]),
+            due=None if due is None else due / 1e6,
+        )  # fmt: skip
 
     def waits(self, timeout: float = 0.0) -> bool:
         """True where a frame waits within `timeout` [s]."""
@@ -194,8 +200,9 @@ class FrameServer:
         if not self.connected or self._stream is None:
             return False
         try:
+            due = {} if frame.due is None else {"due_us": round(frame.due * 1e6)}
             self._stream.send(
-                {"time_us": round(frame.time * 1e6), "packets": frame.packets}, frame.arrays
+                {"time_us": round(frame.time * 1e6), "packets": frame.packets, **due}, frame.arrays
             )
         except VideoError:
             self._hang_up()

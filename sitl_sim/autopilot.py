@@ -194,6 +194,22 @@ class Autopilots:
         """Give the gyro of vehicle i a bias (3,) rad/s."""
         self._shared.estimate.bias[i] = bias
 
+    def gyro_bias(self, i: int) -> Floats:
+        """(3,) rad/s, the bias that the gyro of vehicle i has now."""
+        bias: Floats = self._shared.estimate.bias[i].copy()
+        return bias
+
+    def set_battery(self, i: int, remaining: float) -> None:
+        """Leave vehicle i this share 0…1 of its charge."""
+        self._shared.batteries.remaining[i] = remaining
+
+    def fly_to(self, i: int, p: ArrayLike, speed: float) -> None:
+        """Let vehicle i's pilot fly straight to p (3,) m, world, at `speed` [m/s]; then hold."""
+        self.units[i].commander.set_mode(Mode.HOLD)
+        setpoints = self._shared.setpoints
+        setpoints.p[i] = p
+        setpoints.limits[i, 0] = speed
+
     def reboot(self, i: int) -> None:
         """Restart the autopilot of vehicle i: clock 0, disarmed, parameters and mission as new."""
         self._shared.setpoints.control[i] = Control.OFF

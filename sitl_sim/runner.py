@@ -30,6 +30,9 @@ from mavlink_bridge.video import Frame, FrameServer
 from sitl_sim import scenario as scenarios
 from sitl_sim import sensing
 from sitl_sim.autopilot import Autopilots
+from sitl_sim.fault_camera import FaultyCamera
+from sitl_sim.fault_link import FaultyLine, FaultyLink, FaultyTelemetry
+from sitl_sim.fault_world import FaultyWorld
 from sitl_sim.real_fleet import BRIDGE_DELAY, EXPONENT, HOVER, RealFleet, Wire
 from sitl_sim.render import Renderer
 from sitl_sim.scenario import QUANTUM_MS, TICK_MS, Scenario
@@ -53,6 +56,9 @@ class _Drone:
     companion: Link
     ground: Link
     frames: FrameServer
+    line: FaultyLine
+    telemetry: FaultyTelemetry
+    camera: FaultyCamera
     process: subprocess.Popen[bytes] | None = None
     rendering: Future[bool] | None = None
     due_ms: int | None = None  # when the answer to the frame under way takes effect
@@ -67,12 +73,14 @@ class Flight:
 
     Raises:
         EndpointError, VideoError: a port is in use, named.
+        SettingsError: a fault that this scenario cannot have.
     """
 
     def __init__(self, scenario: Scenario, folder: Path, real_time: bool = False) -> None:
         self.scenario = scenario
         self.folder = folder
         self.names = scenarios.drone_names(scenario)
+        self._schedule = scenarios.fault_schedule(scenario)
         start = scenarios.starts(scenario)
         self._yaws = scenarios.frame_yaws(scenario)
         self.targets = scenarios.targets(scenario, start)
@@ -92,6 +100,8 @@ class Flight:
             s = scenario.sensing
             self._renderer = Renderer(self.world, s.width, s.height, s.fov_deg, seed=scenario.seed)
         self._drones: list[_Drone] = []
+        emulated = None if isinstance(self._autopilots, RealFleet) else self._autopilots
+        self._faults = FaultyWorld(self._schedule, self.vehicles, emulated, self._process_id)
         for i, name in enumerate(self.names):
             self._drones.append(self._open(i, name, phases[i]))
         self._pool = ThreadPoolExecutor(max_workers=max(os.cpu_count() or 1, 1))
@@ -135,10 +145,17 @@ class Flight:
         except (OSError, ValueError):
             self.close()
             raise
+        line = FaultyLine(self._schedule, i)
         return _Drone(
             name, i, boot_ms,
-            Link(companion, Codec(system, 1)), Link(ground, Codec(system, 1)), frames,
+            FaultyLink(companion, Codec(system, 1), line), Link(ground, Codec(system, 1)), frames,
+            line, FaultyTelemetry(self._schedule, i), FaultyCamera(self._schedule, i),
         )  # fmt: skip
+
+    def _process_id(self, i: int) -> int | None:
+        """Of drone i's companion, where it runs."""
+        process = self._drones[i].process
+        return process.pid if process is not None and process.poll() is None else None
 
     def wire_table(self) -> list[str]:
         """Where each vehicle listens and speaks, a line each."""
@@ -152,7 +169,7 @@ class Flight:
     def write_inputs(self) -> None:
         """Run folder: the resolved scenario, the world, and each companion's config."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        text = yaml.safe_dump(self.scenario.model_dump(), sort_keys=False)
+        text = yaml.safe_dump(self.scenario.model_dump(by_alias=True), sort_keys=False)
         (self.folder / "scenario.yaml").write_text(text, encoding="utf-8")
         world = json.dumps(self.world, indent=1)
         (self.folder / "world.json").write_text(world, encoding="utf-8")
@@ -240,7 +257,9 @@ class Flight:
                 self._idle_until(started + self._now / 1e3)
             self._instant()
             following = self._next_event()
-            self._autopilots.advance(following / 1e3, np.array(self.scenario.wind))
+            self._faults.update(self._now / 1e3)
+            wind = self._faults.wind(self._now / 1e3, np.array(self.scenario.wind))
+            self._autopilots.advance(following / 1e3, wind)
             self._now = following
             progress(self._now / 1e3)
         self.wall_seconds = time.monotonic() - started
@@ -254,6 +273,7 @@ class Flight:
     def _instant(self) -> None:
         """Everything that happens at this very millisecond, always in the same order."""
         for drone in self._drones:
+            drone.line.now = self._now / 1e3
             if drone.due_ms is not None and drone.due_ms <= self._now:
                 self._take_answer(drone)
             if self._real_time:
@@ -279,7 +299,8 @@ class Flight:
 
     def _speak(self, drone: _Drone) -> None:
         """Telemetry that is due, on both links."""
-        drone.companion.send(self._autopilots.telemetry(drone.index, "companion"))
+        told = self._autopilots.telemetry(drone.index, "companion")
+        drone.companion.send(drone.telemetry.alter(self._now / 1e3, told))
         messages = self._autopilots.telemetry(drone.index, "gcs")
         if not drone.ground.packets_in:  # nobody there yet: no more than a sign of life
             messages = [m for m in messages if isinstance(m, Heartbeat)]
@@ -298,16 +319,23 @@ class Flight:
             return
         if drone.rendering is not None and not drone.rendering.done():
             return  # real time only: the last frame is still under way, this one is dropped
+        if drone.due_ms is not None:
+            return  # its companion is still busy with the last one
         stamp = (self._now + drone.boot_ms) / 1e3
         packets = drone.companion.packets_out
         p, q = self.vehicles.p.copy(), self.vehicles.q.copy()
-        drone.rendering = self._pool.submit(self._send_frame, drone, stamp, packets, p, q)
+        now = self._now / 1e3
+        drone.rendering = self._pool.submit(self._send_frame, drone, now, stamp, packets, p, q)
         drone.asked = stamp
-        drone.due_ms = self._now + round(self.scenario.timing.compute_delay * 1e3)
+        paused = sum(f.value for f in self._schedule.at(drone.index, now, "pause"))
+        drone.due_ms = self._now + round((self.scenario.timing.compute_delay + paused) * 1e3)
 
-    def _send_frame(self, drone: _Drone, stamp: float, packets: int, p: Vector, q: Vector) -> bool:
+    def _send_frame(
+        self, drone: _Drone, now: float, stamp: float, packets: int, p: Vector, q: Vector
+    ) -> bool:
         arrays = self._sense(drone.index, stamp, p, q)
-        return drone.frames.send(Frame(stamp, arrays, packets))
+        taken, arrays = drone.camera.see(now, stamp, arrays)
+        return drone.frames.send(Frame(taken, arrays, packets, due=stamp))
 
     def _sense(self, i: int, stamp: float, p: Vector, q: Vector) -> dict[str, NDArray[Any]]:
         """What drone i sees: its image, or what a perfect detector would report."""

@@ -17,6 +17,7 @@ from mavlink_bridge.settings import (
     merge,
     validate,
 )
+from sitl_sim import faults as fault
 from sitl_sim.missionfile import read_mission
 from sitl_sim.world import Vector, WorldConfig
 
@@ -105,6 +106,7 @@ class Scenario(StrictModel):
     timing: TimingConfig = TimingConfig()
     wire: WireConfig = WireConfig()
     wind: list[float] = Field([0.0, 0.0, 0.0], min_length=3, max_length=3, description="m/s ENU.")
+    faults: list[fault.FaultConfig] = Field([], description="What goes wrong: docs/faults.md.")
     companion: dict[str, Any] = Field({}, description="Overrides of every companion's config.")
 
 
@@ -153,6 +155,22 @@ def with_mission(scenario: Scenario) -> Scenario:
         "mission": scenario.mission.model_copy(
             update={"targets_of": {n: [g] for n, g in zip(names_, mission.goals, strict=True)}}),
     })  # fmt: skip
+
+
+def fault_schedule(scenario: Scenario) -> fault.Schedule:
+    """The scenario's faults by drone.
+
+    Raises:
+        SettingsError: one that this scenario cannot have, or of a drone that is not there.
+    """
+    s = scenario.sensing
+    fault.check(
+        scenario.faults,
+        emulated=scenario.drones.autopilot != "betaflight",
+        pixels="camera" in (s.neighbours, s.obstacles),
+        reports=s.neighbours == "truth",
+    )
+    return fault.Schedule(scenario.faults, drone_names(scenario), scenario.seed)
 
 
 def drone_names(scenario: Scenario) -> list[str]:

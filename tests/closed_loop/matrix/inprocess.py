@@ -1,0 +1,181 @@
+"""A swarm's flight in one process: the runner's world, each companion's pipeline behind its codec.
+
+Everything but sockets and processes is the real thing: the bytes of MAVLink, the lockstep, the
+faults of the scenario. A flight of one drone and 15 s takes half a second or so.
+"""
+
+import tempfile
+import time
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+
+from companion.config import CompanionConfig
+from companion.phases import Phase
+from companion.pipeline import Pipeline, TickInputs
+from mavlink_bridge.codec import Codec
+from mavlink_bridge.link import Link
+from mavlink_bridge.messages import RateSetpoint
+from mavlink_bridge.video import Answer
+from sitl_sim.fault_camera import FaultyCamera
+from sitl_sim.fault_link import FaultyLine, FaultyLink, FaultyTelemetry
+from sitl_sim.metrics import safety
+from sitl_sim.runner import Flight, _Drone
+from sitl_sim.scenario import Scenario
+
+
+class MemoryEndpoint:
+    """One end of a pair of queues."""
+
+    def __init__(self, outgoing, incoming):
+        self._out, self._in = outgoing, incoming
+
+    def receive(self):
+        while self._in:
+            yield self._in.popleft()
+
+    def send(self, data):
+        self._out.append(data)
+        return True
+
+    def fileno(self):
+        raise NotImplementedError
+
+    def close(self):
+        pass
+
+
+class Companion:
+    """A pipeline in the place of a companion process: a tick for each frame, answered at once."""
+
+    connected = True
+
+    def __init__(self, config, endpoint):
+        self.config = CompanionConfig.model_validate(config)
+        self.pipeline = Pipeline(self.config, time.perf_counter)
+        self.link = Link(endpoint, Codec(config["link"]["system_id"], 191))
+        self.outs, self.seconds = [], []
+        self.before = lambda inputs: inputs  # what a test does to a tick's inputs
+        self._answers = deque()
+
+    def send(self, frame):
+        started = time.perf_counter()
+        due = frame.time if frame.due is None else frame.due
+        inputs = self.before(TickInputs(due, self.link.receive(), frame))
+        out = self.pipeline.tick(inputs)
+        self.link.send(out.messages)
+        self.seconds.append(time.perf_counter() - started)
+        self.outs.append(out)
+        self._answers.append(Answer(due, self.link.packets_out, out.phase is Phase.DONE))
+        return True
+
+    def answer(self, timeout):
+        return self._answers.popleft() if self._answers else None
+
+    def close(self):
+        pass
+
+    # --- what a test asks ----------------------------------------------------------------
+
+    def setpoints(self):
+        """(time, setpoint) of all that were sent."""
+        return [(o.time, m) for o in self.outs for m in o.messages if isinstance(m, RateSetpoint)]
+
+    def at(self, t, boot=0.0):
+        """The first tick's outcome from flight time t [s] on."""
+        return next(o for o in self.outs if o.time - boot >= t - 1e-9)
+
+    def reasons(self, t, until=np.inf):
+        """Guard reasons of the ticks in [t, until) s of the vehicle's clock."""
+        return [o.verdict.reason for o in self.outs
+                if o.verdict is not None and t <= o.time < until]  # fmt: skip
+
+
+class InProcess(Flight):
+    """A flight whose companions live here; `companions` by index."""
+
+    def __init__(self, scenario, folder=None):
+        self.companions = []
+        super().__init__(scenario, folder or Path(tempfile.gettempdir()))
+
+    def _open(self, i, name, boot_ms):
+        to_companion, to_vehicle = deque(), deque()
+        system, line = i + 1, FaultyLine(self._schedule, i)
+        self.names[i] = name
+        self.companions.append(
+            Companion(self.companion_config(i), MemoryEndpoint(to_vehicle, to_companion))
+        )
+        return _Drone(
+            name, i, boot_ms,
+            FaultyLink(MemoryEndpoint(to_companion, to_vehicle), Codec(system, 1), line),
+            Link(MemoryEndpoint(deque(maxlen=1), deque()), Codec(system, 1)),
+            self.companions[i],
+            line, FaultyTelemetry(self._schedule, i), FaultyCamera(self._schedule, i),
+        )  # fmt: skip
+
+    # --- what a test asks ----------------------------------------------------------------
+
+    def figures(self):
+        """Distances, collisions, targets, from the truth."""
+        return safety(self.truth.arrays(), self.world, self.names)
+
+    def mode(self, i=0):
+        return self._autopilots.mode[i].name
+
+    def speed(self, t, i=0):
+        """m/s, true, at flight time t [s]."""
+        truth = self.truth.arrays()
+        return float(np.linalg.norm(truth["velocity"][np.searchsorted(truth["t"], t), i]))
+
+    def check_always(self, healthy=None):
+        """What holds in every row: nothing hits anything, nothing bad is on the wire."""
+        for c in self.companions:
+            for _, s in c.setpoints():
+                assert np.isfinite(s.omega).all()
+                assert np.abs(s.omega).max() <= c.config.guard.omega_max + 1e-9
+                assert 0.0 <= s.thrust <= 1.0
+        truth = self.truth.arrays()
+        indices = range(len(self.names)) if healthy is None else healthy
+        p = truth["position"][:, list(indices)]
+        for a in range(p.shape[1]):
+            for b in range(a):
+                gap = np.linalg.norm(p[:, a] - p[:, b], axis=1).min()
+                assert gap > 2 * self.scenario.drones.radius, (a, b, gap)
+
+
+def scenario(faults=(), count=1, seed=1, **more):
+    """A short flight: fly 12 m east among a few trunks and stay there; perfect detectors."""
+    data = {
+        "name": "row", "seed": seed,
+        "world": {"cylinders": [{"x": 7.0, "y": 0.3, "radius": 0.5}]},
+        "drones": {"count": count, "heading_deg": 0.0, "frame_yaw_deg": 0.0},
+        "mission": {"targets": [[14.0, 0.0, 2.0]], "home": False, "time_limit": 20.0},
+        "sensing": {"neighbours": "truth", "obstacles": "map", "width": 64, "height": 64},
+        "faults": list(faults),
+    }  # fmt: skip
+    for path, value in more.items():
+        section, _, key = path.partition("__")
+        if key:
+            data[section] = {**data.get(section, {}), key: value}
+        else:
+            data[section] = value
+    return Scenario.model_validate(data)
+
+
+def fly(faults=(), at=None, before=None, **options):
+    """Fly `scenario`; at: {s: call(flight)}; before: call(inputs) → inputs of drone 0's ticks."""
+    flight = InProcess(scenario(faults, **options))
+    if before is not None:
+        flight.companions[0].before = before
+    waiting = sorted((at or {}).items())
+
+    def progress(t):
+        while waiting and t >= waiting[0][0]:
+            waiting.pop(0)[1](flight)
+
+    try:
+        flight.run(progress)
+    finally:
+        flight.close()
+    return flight
