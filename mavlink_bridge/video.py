@@ -34,7 +34,8 @@ class Frame:
     """What one camera saw at `time` [s, vehicle's clock].
 
     arrays: `image` (H,W,3) uint8 BGR; `depth` (h,w) float32 m along the ray; `neighbours`
-    (m,6) and `trunks` (k,6) where the simulator plays a perfect detector (camera frame).
+    (m,6), `trunks` (k,6) and `ranges` (h,w) float32 m to walls where the simulator plays a
+    perfect detector (camera frame).
     packets: MAVLink packets the vehicle had sent to the companion before this frame. due: s, when
     it was sent, where that is later than when it was taken.
     """

@@ -39,6 +39,9 @@ def main(arguments: list[str] | None = None) -> int:
             "--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides"
         )
     run.add_argument("--real-time", action="store_true", help="nobody waits for anybody")
+    run.add_argument(
+        "--in-process", action="store_true", help="companions in this process: for studies"
+    )
     run.add_argument("--json", action="store_true", help="print metrics.json instead of a table")
     report = commands.add_parser(
         "report", help="one page about a flight, or about a folder of flights"
@@ -156,7 +159,8 @@ def _fly(options: argparse.Namespace, serve: bool) -> int:
     scenario = scenarios.load(options.scenario, overrides)
     folder = options.out or _run_folder(scenario)
     started = time.monotonic()
-    with flight(scenario, folder, real_time=serve or options.real_time) as f:
+    real_time = serve or options.real_time
+    with flight(scenario, folder, real_time, getattr(options, "in_process", False)) as f:
         f.write_inputs()
         print("\n".join(f.wire_table()), file=sys.stderr)
         if not serve:

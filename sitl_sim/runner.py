@@ -1,4 +1,4 @@
-"""One flight: the world, its vehicles, and N companion processes on the wire.
+"""One flight: the world, its vehicles, and N companions: processes on the wire, or in this one.
 
 Lockstep: the world advances only to the instant at which an answer is due; frames of
 different drones are rendered, and companions think, meanwhile and side by side. Real time:
@@ -13,7 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,7 +24,8 @@ import yaml
 from numpy.typing import NDArray
 
 from mavlink_bridge.codec import Codec
-from mavlink_bridge.link import Link, UdpEndpoint
+from mavlink_bridge.link import Endpoint, Link, UdpEndpoint
+from mavlink_bridge.memory import MemoryEndpoint
 from mavlink_bridge.messages import Heartbeat
 from mavlink_bridge.video import Frame, FrameServer
 from sitl_sim import scenario as scenarios
@@ -33,6 +34,7 @@ from sitl_sim.autopilot import Autopilots
 from sitl_sim.fault_camera import FaultyCamera
 from sitl_sim.fault_link import FaultyLine, FaultyLink, FaultyTelemetry
 from sitl_sim.fault_world import FaultyWorld
+from sitl_sim.inprocess import AtOnce, LocalFrames
 from sitl_sim.real_fleet import BRIDGE_DELAY, EXPONENT, HOVER, RealFleet, Wire
 from sitl_sim.render import Renderer
 from sitl_sim.scenario import QUANTUM_MS, TICK_MS, Scenario
@@ -55,7 +57,7 @@ class _Drone:
     boot_ms: int
     companion: Link
     ground: Link
-    frames: FrameServer
+    frames: FrameServer | LocalFrames
     line: FaultyLine
     telemetry: FaultyTelemetry
     camera: FaultyCamera
@@ -76,9 +78,12 @@ class Flight:
         SettingsError: a fault that this scenario cannot have.
     """
 
-    def __init__(self, scenario: Scenario, folder: Path, real_time: bool = False) -> None:
+    def __init__(
+        self, scenario: Scenario, folder: Path, real_time: bool = False, in_process: bool = False
+    ) -> None:
         self.scenario = scenario
         self.folder = folder
+        self._in_process = in_process
         self.names = scenarios.drone_names(scenario)
         self._schedule = scenarios.fault_schedule(scenario)
         start = scenarios.starts(scenario)
@@ -92,6 +97,8 @@ class Flight:
         self.vehicles = Vehicles(Airframe(), start, heading)
         phases = scenarios.boot_ms(scenario)
         self._occluders = Occluders(self.world)
+        sight = scenario.sensing
+        self._walls = sensing.WallRanges(self._occluders, sight.width, sight.height, sight.fov_deg)
         self._start = start
         self._autopilots = self._switch_on(phases)
         self._real_time = real_time or isinstance(self._autopilots, RealFleet)
@@ -104,7 +111,9 @@ class Flight:
         self._faults = FaultyWorld(self._schedule, self.vehicles, emulated, self._process_id)
         for i, name in enumerate(self.names):
             self._drones.append(self._open(i, name, phases[i]))
-        self._pool = ThreadPoolExecutor(max_workers=max(os.cpu_count() or 1, 1))
+        self._pool: Executor = (
+            AtOnce() if in_process else ThreadPoolExecutor(max_workers=max(os.cpu_count() or 1, 1))
+        )
         self.truth = Truth(self.names)
         self.wall_seconds = 0.0
         self._now = 0
@@ -137,20 +146,29 @@ class Flight:
         )
 
     def _open(self, i: int, name: str, boot_ms: int) -> _Drone:
-        wire, system = self.scenario.wire, i + 1
-        try:
-            frames = FrameServer(wire.host, wire.frame_port + system)
-            companion = UdpEndpoint(remote=(wire.host, wire.companion_port + system))
-            ground = UdpEndpoint(remote=(wire.host, wire.gcs_port))
-        except (OSError, ValueError):
-            self.close()
-            raise
+        system = i + 1
+        frames, companion, ground = self._wire(system)
         line = FaultyLine(self._schedule, i)
         return _Drone(
             name, i, boot_ms,
             FaultyLink(companion, Codec(system, 1), line), Link(ground, Codec(system, 1)), frames,
             line, FaultyTelemetry(self._schedule, i), FaultyCamera(self._schedule, i),
         )  # fmt: skip
+
+    def _wire(self, system: int) -> tuple[FrameServer | LocalFrames, Endpoint, Endpoint]:
+        """A vehicle's end of the frame channel, of the companion's and of the ground's link."""
+        if self._in_process:
+            return LocalFrames(), MemoryEndpoint(), MemoryEndpoint()
+        wire = self.scenario.wire
+        try:
+            return (
+                FrameServer(wire.host, wire.frame_port + system),
+                UdpEndpoint(remote=(wire.host, wire.companion_port + system)),
+                UdpEndpoint(remote=(wire.host, wire.gcs_port)),
+            )
+        except (OSError, ValueError):
+            self.close()
+            raise
 
     def _process_id(self, i: int) -> int | None:
         """Of drone i's companion, where it runs."""
@@ -159,6 +177,8 @@ class Flight:
 
     def wire_table(self) -> list[str]:
         """Where each vehicle listens and speaks, a line each."""
+        if self._in_process:
+            return []
         w = self.scenario.wire
         return [
             f"{d.name}: system {d.index + 1}, companion UDP {w.companion_port + d.index + 1}, "
@@ -216,9 +236,14 @@ class Flight:
         return _overlay(config, s.companion)
 
     def launch(self) -> None:
-        """Start a companion process for each drone."""
+        """Start a companion for each drone."""
         for drone in self._drones:
             folder = self.folder / "drones" / drone.name
+            if isinstance(drone.frames, LocalFrames):
+                end = drone.companion.endpoint
+                assert isinstance(end, MemoryEndpoint)
+                drone.frames.board(folder / "config.yaml", MemoryEndpoint(end))
+                continue
             with (folder / "stderr.log").open("wb") as log:
                 drone.process = subprocess.Popen(
                     [sys.executable, "-m", "companion", "run", str(folder / "config.yaml")],
@@ -355,6 +380,8 @@ class Flight:
             )
         if s.obstacles == "map":
             arrays["trunks"] = sensing.trunks(p[i], q[i], self._occluders, view, s.range_max)
+            if self._occluders.boxes:
+                arrays["ranges"] = self._walls(p[i], q[i], s.range_max)
         return arrays
 
     def _take_answer(self, drone: _Drone) -> None:
@@ -417,9 +444,11 @@ class Flight:
 
 
 @contextmanager
-def flight(scenario: Scenario, folder: Path, real_time: bool = False) -> Iterator[Flight]:
+def flight(
+    scenario: Scenario, folder: Path, real_time: bool = False, in_process: bool = False
+) -> Iterator[Flight]:
     """A flight whose processes and ports are released whatever happens."""
-    f = Flight(scenario, folder, real_time)
+    f = Flight(scenario, folder, real_time, in_process)
     try:
         yield f
     finally:

@@ -9,10 +9,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from sitl_sim.fisheye import Lens
 from sitl_sim.world import Occluders, Vector
 
 # Camera axes in the body: right = -y, down = -z, forward = +x.
 _R_BC = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+_WALL_COLUMNS = 80  # of the coarse range image: 2° apart
 
 
 def rotation(q: Vector) -> Vector:
@@ -82,3 +84,32 @@ def trunks(
     rows = [rays[::3], distance[:, None], radius[:, None], np.full((len(near), 1), 0.03)]
     table: Vector = np.hstack(rows)[visible.reshape(-1, 3).any(axis=1)]
     return table
+
+
+class WallRanges:
+    """What a perfect depth sensor would say of the boxes of a world, coarsely; eq. (6)."""
+
+    def __init__(self, occluders: Occluders, width: int, height: int, fov_deg: float) -> None:
+        """width, height: of the camera's image [px], whose view is sampled."""
+        rows = round(_WALL_COLUMNS * height / width)
+        self._rays = Lens(_WALL_COLUMNS, rows, fov_deg).rays.astype(float)
+        self._boxes = occluders.boxes
+        self._trunks = Occluders({})
+        self._trunks.cylinders = occluders.cylinders
+
+    def __call__(self, p: Vector, q: Vector, range_max: float) -> NDArray[np.float32]:
+        """(h,w) m along each ray to the nearest box; inf where there is none, NaN behind trunks."""
+        shape = self._rays.shape[1:]
+        rays = self._rays.reshape(3, -1).T @ _R_BC.T @ rotation(q).T
+        nearest = np.full(len(rays), np.inf)
+        for low, high in self._boxes:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                a, b = (low - p) / rays, (high - p) / rays
+            enter = np.nanmax(np.minimum(a, b), axis=1)
+            leave = np.nanmin(np.maximum(a, b), axis=1)
+            met = (enter < leave) & (enter > 0.0) & (enter < range_max)
+            nearest = np.where(met, np.minimum(nearest, enter), nearest)
+        ends = p + np.minimum(nearest, range_max)[:, None] * rays
+        if len(self._trunks.cylinders):
+            nearest[~self._trunks.free(p, ends)] = np.nan
+        return nearest.reshape(shape).astype(np.float32)

@@ -7,7 +7,8 @@ import pytest
 
 from mavlink_bridge.settings import SettingsError
 from sitl_sim import scenario as scenarios
-from sitl_sim.world import build, surface_distance
+from sitl_sim.sensing import WallRanges
+from sitl_sim.world import Occluders, build, surface_distance
 
 MISSIONS = {
     "drone_radius": 0.15,
@@ -135,3 +136,22 @@ def test_a_wrong_file_of_missions_is_one_clear_error(text, words, tmp_path):
 def test_too_few_agents_are_refused(missions):
     with pytest.raises(SettingsError, match="20 agents, not 21"):
         load("lsc-forest", 0, missions, "drones.count=21")
+
+
+def test_ranges_to_walls_are_those_of_the_boxes_and_unknown_behind_trunks():
+    world = {"boxes": [{"min": [4, -9, 0], "max": [5, 9, 9]}],
+             "cylinders": [{"x": 2.0, "y": 0.0, "radius": 0.3, "height": 9.0}]}  # fmt: skip
+    ranges = WallRanges(Occluders(world), 640, 400, 160.0)
+    level = np.array([1.0, 0.0, 0.0, 0.0])
+    seen = ranges(np.array([0.0, 0.0, 2.0]), level, 15.0)
+    assert seen.shape == (50, 80)
+    assert np.isnan(seen[24:26, 39:41]).all()  # the trunk, dead ahead
+    azimuth = (np.arange(80) - 39.5) * np.radians(2.0)
+    wall = (np.abs(azimuth) < np.arctan(9 / 4)) & (np.abs(azimuth) > 0.2)
+    # One degree above the horizon; the rays of a row are not all level.
+    assert seen[24, wall] == pytest.approx(4.0 / np.cos(azimuth[wall]), rel=2e-2)
+    assert np.isinf(ranges(np.array([-20.0, 0.0, 2.0]), level, 15.0)).all()
+    turned = np.array([np.cos(np.pi / 4), 0.0, 0.0, np.sin(np.pi / 4)])  # to the north
+    beside = ranges(np.array([0.0, 0.0, 2.0]), turned, 15.0)
+    assert np.isinf(beside[24, :40]).all()  # the wall is on its right
+    assert np.isfinite(beside[24, 45:]).any()
