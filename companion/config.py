@@ -85,6 +85,9 @@ class SensingConfig(StrictModel):
     neighbours: Literal["camera", "truth"] = "camera"
     obstacles: Literal["camera", "map"] = "camera"
     detector: Literal["color"] = "color"
+    trunks_every: int = Field(
+        2, ge=1, le=10, description="Frames from one look for trunks to the next: they stand still."
+    )
 
 
 class TimingConfig(StrictModel):

@@ -18,8 +18,8 @@ from companion.circles import fit_circles
 from companion.types import Detection, Image, Vector
 
 
-# A circle through less of an outline than this share is a guess, three times out of four wrong.
-_LEAST_ARC = 0.3
+# A circle through less of an outline than this share is wrong more often than right.
+_LEAST_ARC = 0.5
 # A ball in plain view shows this share of its outline and, cut at `edge`, of its disc. What hides
 # the rest also bends the circle that is drawn through what is left: the range is less certain,
 # by as much as errors of 5000 rendered detections showed.
@@ -173,9 +173,7 @@ class ColorDetector:
         axis = self.camera.unproject(np.array([centre]))[0]
         return _Ball(axis, float(np.sqrt(area / np.pi)), 1.0)
 
-    def _detection(
-        self, ball: _Ball, pixel: float, clipped: bool, fill: float
-    ) -> Detection | None:
+    def _detection(self, ball: _Ball, pixel: float, clipped: bool, fill: float) -> Detection | None:
         """One ball of a blob; fill: the blob's solid angle over that of all its balls."""
         s = self.settings
         if not 1e-4 < ball.angle < 1.4 or ball.arc < _LEAST_ARC:

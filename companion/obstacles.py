@@ -31,10 +31,10 @@ class ObstacleConfig(StrictModel):
     )
     hits_to_confirm: int = Field(3, ge=1, description="Looks before a trunk counts.")
     hits_to_keep: int = Field(
-        10, ge=1, description="Looks before it is remembered for good; ghosts do not last so long."
+        6, ge=1, description="Looks before it is remembered for good; ghosts do not last so long."
     )
     doubtful_unseen: float = Field(1.5, gt=0, description="Life [s] unseen of any other.")
-    misses_to_forget: int = Field(6, ge=1, description="Looks at its place without seeing it.")
+    misses_to_forget: int = Field(4, ge=1, description="Looks at its place without seeing it.")
     keep_range: float = Field(20.0, gt=0, description="Farther than this [m] is forgotten.")
     view_range: float = Field(6.0, gt=0, description="Nearer than this [m] it must be seen.")
     sigma_floor: float = Field(0.03, gt=0, description="Least std [m] of a place.")

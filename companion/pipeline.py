@@ -141,7 +141,8 @@ class Pipeline:
         """Neighbours with velocity and covariance, obstacles seen or remembered."""
         sighting, q_bc = out.sighting, self._sight.camera.mount
         if sighting.own is not None:
-            self._map.update(sighting.trunks, sighting.own, q_bc, self._sight.half_view)
+            if sighting.searched:
+                self._map.update(sighting.trunks, sighting.own, q_bc, self._sight.half_view)
             self._tracker.predict(out.sighting.time)
             places = self._tracker.positions()
             hidden = self._map.hidden(sighting.own.p, places)

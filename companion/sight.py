@@ -21,12 +21,16 @@ from mavlink_bridge.video import Frame
 
 @dataclass(frozen=True)
 class Sighting:
-    """What one frame showed, when, and from where (own state at capture; None: no frame)."""
+    """What one frame showed, when, and from where (own state at capture; None: no frame).
+
+    searched: whether trunks were looked for.
+    """
 
     time: float = 0.0
     own: VehicleState | None = None
     drones: list[Detection] = field(default_factory=list)
     trunks: list[Trunk] = field(default_factory=list)
+    searched: bool = False
 
 
 class Sight:
@@ -40,6 +44,7 @@ class Sight:
         )
         self.half_view = camera.width / 2 / self.camera.fx
         self._sensing = sensing
+        self._frames = 0
         self._drones = ColorDetector(self.camera)
         if sensing.obstacles == "camera":
             from companion.trunks import TrunkDetector
@@ -50,19 +55,25 @@ class Sight:
         """Detections in `frame`, taken in state `own`; a frame without an image shows nothing."""
         image: Image | None = frame.arrays.get("image")
         drones: list[Detection] = []
-        trunks: list[Trunk] = []
         if self._sensing.neighbours == "truth":
             rows = frame.arrays.get("neighbours", np.zeros((0, 6)))
             drones = [Detection(r[:3], float(r[3]), float(r[4]), float(r[5])) for r in rows]
         elif image is not None:
             drones = self._drones.detect(image)
+        self._frames += 1
+        searched = self._frames % self._sensing.trunks_every == 0
+        trunks = self._find_trunks(frame, own) if searched else []
+        return Sighting(frame.time, own, drones, trunks, searched)
+
+    def _find_trunks(self, frame: Frame, own: VehicleState) -> list[Trunk]:
+        image: Image | None = frame.arrays.get("image")
         if self._sensing.obstacles == "map":
             rows = frame.arrays.get("trunks", np.zeros((0, 6)))
-            trunks = [Trunk(r[:3], float(r[3]), float(r[4]), float(r[5])) for r in rows]
-        elif image is not None:
-            down = self._to_camera(own, np.array([[0.0, 0.0, -1.0]]))[0]
-            trunks = self._trunks.detect(image, down, float(own.p[2]))
-        return Sighting(frame.time, own, drones, trunks)
+            return [Trunk(r[:3], float(r[3]), float(r[4]), float(r[5])) for r in rows]
+        if image is None:
+            return []
+        down = self._to_camera(own, np.array([[0.0, 0.0, -1.0]]))[0]
+        return self._trunks.detect(image, down, float(own.p[2]))
 
     def in_view(self, own: VehicleState, points: Vector, margin: float = 0.05) -> list[bool]:
         """Whether each of `points` (n,3), own ENU frame, falls well inside the image."""

@@ -32,7 +32,10 @@ class TrackerConfig(StrictModel):
         0.01, ge=0, description="Std [rad] of the own attitude; adds to each bearing."
     )
     gate: float = Field(16.3, gt=0, description="Mahalanobis² gate: 99.9 % of chi² with 3 dof.")
-    hits_to_confirm: int = Field(2, ge=1, description="Looks before a neighbour counts.")
+    hits_to_confirm: int = Field(2, ge=1, description="Clear looks before a neighbour counts.")
+    clear: float = Field(
+        0.2, gt=0, description="Std of range, as a share of it, up to which a look is clear."
+    )
     life_per_look: float = Field(
         0.4, gt=0, description="Memory [s] out of view for each look: a glimpse is no neighbour."
     )
@@ -82,15 +85,16 @@ class Tracker:
         assigned = self._associate(z, r)
         if in_view is not None:
             self._misses += np.asarray(in_view, bool)
+        clear = [d.sigma_range <= self._config.clear * d.range for d in detections]
         for track, detection in assigned:
             self._correct(track, z[detection], r[detection])
             self._seen[track] = time
-            self._hits[track] += 1
+            self._hits[track] += clear[detection]
             self._misses[track] = 0
         fresh = sorted(set(range(len(z))) - {d for _, d in assigned})
         self._bury(time)
         for detection in fresh:
-            self._bear(time, z[detection], r[detection])
+            self._bear(time, z[detection], r[detection], clear[detection])
 
     def predict(self, time: float) -> None:
         """Carry all neighbours to `time` at constant velocity, eq. (14), with growing doubt."""
@@ -167,7 +171,7 @@ class Tracker:
         a = np.eye(6) - k @ h
         self._covariance[n] = a @ p @ a.T + k @ r @ k.T
 
-    def _bear(self, time: float, z: Vector, r: Vector) -> None:
+    def _bear(self, time: float, z: Vector, r: Vector, clear: bool) -> None:
         covariance = np.zeros((1, 6, 6))
         covariance[0, :3, :3] = r
         covariance[0, 3:, 3:] = np.eye(3) * self._config.velocity_birth**2
@@ -176,16 +180,16 @@ class Tracker:
         self._ids = np.append(self._ids, self._next_id)
         self._born = np.append(self._born, time)
         self._seen = np.append(self._seen, time)
-        self._hits = np.append(self._hits, 1)
+        self._hits = np.append(self._hits, int(clear))
         self._misses = np.append(self._misses, 0)
         self._next_id += 1
 
     def _bury(self, time: float) -> None:
         c = self._config
         sigma = np.sqrt(np.trace(self._covariance[:, :3, :3], axis1=1, axis2=2))
-        life = np.minimum(c.life_per_look * self._hits, c.unseen_max)
-        looks = np.minimum(self._hits, c.misses_to_drop)
-        young = (time - self._seen <= life) & (self._misses < np.maximum(looks, 1))
+        looks = np.maximum(self._hits, 1)
+        life = np.minimum(c.life_per_look * looks, c.unseen_max)
+        young = (time - self._seen <= life) & (self._misses < np.minimum(looks, c.misses_to_drop))
         keep = young & (sigma < c.sigma_max)
         self._mean, self._covariance = self._mean[keep], self._covariance[keep]
         self._ids, self._born = self._ids[keep], self._born[keep]
