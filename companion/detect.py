@@ -17,7 +17,6 @@ from companion.camera import Camera
 from companion.circles import fit_circles
 from companion.types import Detection, Image, Vector
 
-
 # A circle through less of an outline than this share is wrong more often than right.
 _LEAST_ARC = 0.5
 # A ball in plain view shows this share of its outline and, cut at `edge`, of its disc. What hides

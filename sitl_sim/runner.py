@@ -48,6 +48,9 @@ _CONNECT_TIMEOUT = 60.0
 AUTOPILOT_PARAMETERS = {"ardupilot": {"GUID_OPTIONS": 8.0}}
 
 
+Shot = tuple[float, dict[str, NDArray[Any]]]  # capture time [s, vehicle's clock], what it shows
+
+
 @dataclass
 class _Drone:
     """Everything of one vehicle that is on the wire."""
@@ -62,9 +65,9 @@ class _Drone:
     telemetry: FaultyTelemetry
     camera: FaultyCamera
     process: subprocess.Popen[bytes] | None = None
-    rendering: Future[bool] | None = None
+    capture: Future[Shot] | None = None  # the picture taken for the next tick
+    delivery: Future[bool] | None = None  # and on its way to the companion
     due_ms: int | None = None  # when the answer to the frame under way takes effect
-    asked: float = 0.0  # time stamp of that frame
     landed: bool = False
     deaf: bool = False  # its companion was there and is gone
     received: list[Any] = field(default_factory=list)
@@ -112,8 +115,10 @@ class Flight:
         for i, name in enumerate(self.names):
             self._drones.append(self._open(i, name, phases[i]))
         self._pool: Executor = (
-            AtOnce() if in_process else ThreadPoolExecutor(max_workers=max(os.cpu_count() or 1, 1))
+            # Deliveries wait for captures that were submitted before them, so not all can wait.
+            AtOnce() if in_process else ThreadPoolExecutor(max_workers=2 * (os.cpu_count() or 1))
         )
+        self._latency_ms = round(scenario.sensing.latency * 1e3 / QUANTUM_MS) * QUANTUM_MS
         self.truth = Truth(self.names)
         self.wall_seconds = 0.0
         self._now = 0
@@ -307,6 +312,8 @@ class Flight:
             if boot % _TELEMETRY_MS == 0:
                 self._deliver(drone, drone.ground)
                 self._speak(drone)
+            if (boot + self._latency_ms) % TICK_MS == 0:
+                self._capture(drone)
             if boot % TICK_MS == 0:
                 self._show(drone)
         if self._now % _TELEMETRY_MS == 0:
@@ -317,7 +324,11 @@ class Flight:
         following = self._now + _TELEMETRY_MS - self._now % _TELEMETRY_MS
         for drone in self._drones:
             boot = self._now + drone.boot_ms
-            following = min(following, self._now + _TELEMETRY_MS - boot % _TELEMETRY_MS)
+            following = min(
+                following,
+                self._now + _TELEMETRY_MS - boot % _TELEMETRY_MS,
+                self._now + TICK_MS - (boot + self._latency_ms) % TICK_MS,
+            )
             if drone.due_ms is not None:
                 following = min(following, max(drone.due_ms, self._now + QUANTUM_MS))
         return following
@@ -337,30 +348,35 @@ class Flight:
         for received in link.receive():
             link.send(self._autopilots.receive(drone.index, received, name))
 
-    def _show(self, drone: _Drone) -> None:
-        """Start rendering and sending the frame of this instant."""
+    def _capture(self, drone: _Drone) -> None:
+        """Start painting what drone sees at this instant."""
         if not drone.frames.connected:
             drone.deaf |= drone.process is not None
             return
-        if drone.rendering is not None and not drone.rendering.done():
-            return  # real time only: the last frame is still under way, this one is dropped
-        if drone.due_ms is not None:
-            return  # its companion is still busy with the last one
-        stamp = (self._now + drone.boot_ms) / 1e3
-        packets = drone.companion.packets_out
+        if drone.delivery is not None and not drone.delivery.done() and self._real_time:
+            return  # the last frame is still under way, this one is dropped
+        stamp, now = (self._now + drone.boot_ms) / 1e3, self._now / 1e3
         p, q = self.vehicles.p.copy(), self.vehicles.q.copy()
-        now = self._now / 1e3
-        drone.rendering = self._pool.submit(self._send_frame, drone, now, stamp, packets, p, q)
-        drone.asked = stamp
+        drone.capture = self._pool.submit(self._shoot, drone, now, stamp, p, q)
+
+    def _shoot(self, drone: _Drone, now: float, stamp: float, p: Vector, q: Vector) -> Shot:
+        return drone.camera.see(now, stamp, self._sense(drone.index, stamp, p, q))
+
+    def _show(self, drone: _Drone) -> None:
+        """Deliver the frame that was taken for this instant; its tick falls due."""
+        if drone.capture is None or drone.due_ms is not None:
+            return  # none was taken, or its companion is still busy with the last one
+        stamp, now = (self._now + drone.boot_ms) / 1e3, self._now / 1e3
+        packets = drone.companion.packets_out
+        drone.delivery = self._pool.submit(self._send_frame, drone, drone.capture, packets, stamp)
+        drone.capture = None
         paused = sum(f.value for f in self._schedule.at(drone.index, now, "pause"))
         drone.due_ms = self._now + round((self.scenario.timing.compute_delay + paused) * 1e3)
 
-    def _send_frame(
-        self, drone: _Drone, now: float, stamp: float, packets: int, p: Vector, q: Vector
-    ) -> bool:
-        arrays = self._sense(drone.index, stamp, p, q)
-        taken, arrays = drone.camera.see(now, stamp, arrays)
-        return drone.frames.send(Frame(taken, arrays, packets, due=stamp))
+    @staticmethod
+    def _send_frame(drone: _Drone, capture: Future[Shot], packets: int, due: float) -> bool:
+        taken, arrays = capture.result()
+        return drone.frames.send(Frame(taken, arrays, packets, due=due))
 
     def _sense(self, i: int, stamp: float, p: Vector, q: Vector) -> dict[str, NDArray[Any]]:
         """What drone i sees: its image, or what a perfect detector would report."""
@@ -392,7 +408,7 @@ class Flight:
                 drone.landed |= late.done
             return
         deadline = time.monotonic() + self.scenario.timing.answer_timeout
-        if drone.rendering is None or not drone.rendering.result():
+        if drone.delivery is None or not drone.delivery.result():
             drone.deaf = True
             return
         while True:

@@ -72,6 +72,13 @@ class SensingConfig(StrictModel):
     height: int = Field(400, ge=64, le=1200)
     fov_deg: float = Field(160.0, gt=10, lt=200)
     range_max: float = Field(15.0, gt=0, description="R of eq. (6) for truth and map [m].")
+    latency: float = Field(
+        0.02,
+        ge=0,
+        le=0.08,
+        description="From capture to delivery [s]: exposure, read-out, transfer. In lockstep "
+        "pictures are painted meanwhile.",
+    )
 
 
 class TimingConfig(StrictModel):
