@@ -26,6 +26,7 @@ from mavlink_bridge.frames import flu_frd, quaternion_enu_ned
 from mavlink_bridge.msp import MspDecoder
 from sitl_sim.geodesy import LocalFrame
 from sitl_sim.namespace import Host, Namespace
+from sitl_sim.urgency import AUTOPILOT, BRIDGE, hurry, relax
 from sitl_sim.vehicle import State
 
 _MSP, _MOTORS, _MOTION = ("127.0.0.1", 5761), ("127.0.0.1", 9002), ("127.0.0.1", 9003)
@@ -117,8 +118,8 @@ class BetaflightSitl:
     def await_boot(self) -> None:
         """Until it could be armed; motion must already be given.
 
-        Betaflight's SITL reads its clock from several threads without a lock, and now and then
-        its time stands still: start anew.
+        On a machine that starves it, its tasks for receiver and arming may not run at all, or it
+        ends while it starts: start anew.
 
         Raises:
             BetaflightError: not after several attempts.
@@ -133,7 +134,11 @@ class BetaflightSitl:
 
     def _boots(self) -> bool:
         decoder, end = MspDecoder(), time.monotonic() + _BOOT
-        with self._connect() as line:
+        try:
+            line = self._connect()
+        except BetaflightError:
+            return False
+        with line:
             line.settimeout(1.0)
             while time.monotonic() < end:
                 line.sendall(msp.raw_rc(_STICKS_DOWN) + msp.encode(msp.Msp.STATUS_EX))
@@ -150,6 +155,10 @@ class BetaflightSitl:
                             return True
                 time.sleep(0.05)
         return False
+
+    def relax(self) -> None:
+        """No real-time priority any more: its naps of 50 µs then cost 10 % of a core, not 26."""
+        relax(self._process.pid)
 
     @property
     def msp_port(self) -> int:
@@ -184,12 +193,15 @@ class BetaflightSitl:
 
     def _start(self) -> subprocess.Popen[bytes]:
         with (self._folder / "output.log").open("ab") as log:
-            return self._network.run(
+            process = self._network.run(
                 lambda: subprocess.Popen(
                     [str(binary())], cwd=self._folder, stdin=subprocess.DEVNULL,
                     stdout=log, stderr=log,
                 )
             )  # fmt: skip
+        # Its scheduler drops whole tasks (receiver, arming) for seconds after being preempted.
+        hurry(AUTOPILOT, process.pid)
+        return process
 
     def _connect(self) -> socket.socket:
         """A connection to MSP and CLI, once the process listens."""
@@ -226,7 +238,10 @@ def _type(line: socket.socket, text: str, prompt: bytes) -> bytes:
     line.sendall(text.encode())
     answer = b""
     while not answer.endswith(prompt):
-        data = line.recv(4096)
+        try:
+            data = line.recv(4096)
+        except TimeoutError as error:
+            raise BetaflightError(f"Betaflight SITL does not answer {text!r}") from error
         if not data:
             raise BetaflightError(f"Betaflight hung up after {text!r}")
         answer += data
@@ -292,6 +307,7 @@ class Relay:
             line.close()
 
     def _accept(self) -> None:
+        hurry(BRIDGE)
         while True:
             try:
                 caller, _ = self._listener.accept()

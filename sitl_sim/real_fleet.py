@@ -28,6 +28,7 @@ from mavlink_bridge.messages import GpsInput, Message, Received
 from sitl_sim.betaflight_sitl import BetaflightError, BetaflightSitl
 from sitl_sim.geodesy import GeoReference, LocalFrame
 from sitl_sim.namespace import Host, Namespace
+from sitl_sim.urgency import BRIDGE, PHYSICS, hurry
 from sitl_sim.vehicle import State, Vehicles
 
 _STEP = 0.002  # s between exchanges: 500 Hz
@@ -126,6 +127,7 @@ class RealFleet:
                 [sys.executable, "-m", "mavlink_bridge", "betaflight", str(file)],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log,
             ))  # fmt: skip
+        hurry(BRIDGE, self._bridges[-1].pid)
         self._gps.append(Link(UdpEndpoint(remote=("127.0.0.1", port)), Codec(system, 220)))
 
     # --- what a flight wants of autopilots -----------------------------------------------
@@ -141,8 +143,11 @@ class RealFleet:
         return np.array([bool((s.command > _TURNING).any()) for s in self._sitls])
 
     def begin(self, started: float) -> None:
-        """The flight begins at `started` [CLOCK_MONOTONIC]."""
-        self._first = round((started - self._begun) / _STEP) * _CHUNK
+        """The flight begins at `started` [CLOCK_MONOTONIC]; called by the thread that flies it."""
+        hurry(PHYSICS)  # it shares the interpreter with the physics
+        if len(self._sitls) > 1:
+            for sitl in self._sitls:
+                sitl.relax()
 
     def advance(self, t_end: float, wind: ArrayLike = 0.0) -> None:
         """Wait until t_end [s], a multiple of 2 ms; `vehicles` are then as they were at it.
@@ -196,6 +201,7 @@ class RealFleet:
 
     def _spin(self) -> None:
         """Step, exchange, sleep, until closed."""
+        hurry(PHYSICS)
         fix_at = 0.0
         while not self._stop.is_set():
             now = time.monotonic() - self._begun

@@ -39,6 +39,7 @@ from sitl_sim.real_fleet import BRIDGE_DELAY, EXPONENT, HOVER, RealFleet, Wire
 from sitl_sim.render import Renderer
 from sitl_sim.scenario import QUANTUM_MS, TICK_MS, Scenario
 from sitl_sim.truth import Truth
+from sitl_sim.urgency import COMPANION, hurry
 from sitl_sim.vehicle import Airframe, Vehicles
 from sitl_sim.world import Occluders, Vector, build
 
@@ -254,6 +255,8 @@ class Flight:
                     [sys.executable, "-m", "companion", "run", str(folder / "config.yaml")],
                     stdin=subprocess.DEVNULL, stdout=log, stderr=log,
                 )  # fmt: skip
+            if isinstance(self._autopilots, RealFleet):
+                hurry(COMPANION, drone.process.pid)
 
     def wait_for_companions(self) -> None:
         """Until every launched companion is on its frame channel.
