@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from io import BytesIO
+from operator import attrgetter
 from pathlib import Path
 from typing import IO
 
@@ -12,12 +13,13 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, McapRecord, Message
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
 _DAMAGED = (McapError, EOFError, ValueError, KeyError, struct.error)
 _RECORD = struct.Struct("<BQ")  # opcode, length
-_CHANNEL, _CHUNK = 0x04, 0x06
+_MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, logged, published
+_CHANNEL, _MESSAGE, _CHUNK = 0x04, 0x05, 0x06
 
 
 class LogError(ValueError):
@@ -31,12 +33,35 @@ def read_messages(path: Path, topics: Iterable[str]) -> list[tuple[str, Message]
         LogError: not there, empty, foreign, or cut off.
     """
     check_whole(path)
+    wanted = set(topics)
     try:
         with path.open("rb") as file:
-            found = make_reader(file).iter_messages(topics=list(topics))
-            return [(channel.topic, message) for _, channel, message in found]
+            summary = make_reader(file).get_summary()
+            if summary is None:
+                return []
+            names = {n: c.topic for n, c in summary.channels.items() if c.topic in wanted}
+            found: list[Message] = []
+            for index in summary.chunk_indexes:
+                file.seek(index.chunk_start_offset + _RECORD.size)
+                found += _picked(Chunk.read(ReadDataStream(file)), names.keys())
     except _DAMAGED as error:
         raise LogError(f"{path}: damaged: {error}") from error
+    return [(names[m.channel_id], m) for m in sorted(found, key=attrgetter("log_time"))]
+
+
+def _picked(chunk: Chunk, channels: Container[int]) -> Iterator[Message]:
+    """Messages of these channels; of the others no more than the head is looked at."""
+    stream, length = get_chunk_data_stream(chunk)
+    data, at = stream.read(length), 0
+    while at < length:
+        opcode, size = _RECORD.unpack_from(data, at)
+        at += _RECORD.size
+        if opcode == _MESSAGE:
+            channel, sequence, logged, published = _MESSAGE_HEAD.unpack_from(data, at)
+            if channel in channels:
+                text = data[at + _MESSAGE_HEAD.size : at + size]
+                yield Message(channel, logged, text, published, sequence)
+        at += size
 
 
 def read_metadata(path: Path) -> dict[str, dict[str, str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import importlib.util
 import json
 import os
@@ -134,6 +135,7 @@ def _report(options: argparse.Namespace) -> int:
     from sitl_sim.report import make_report
     from sitl_sim.runfolder import load_run
 
+    gc.disable()  # millions of records that live to the end: looking for rubbish costs a second
     if is_campaign(options.folder):
         print(make_campaign_report(options.folder))
     else:

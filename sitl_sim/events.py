@@ -10,6 +10,7 @@ import numpy as np
 
 from sitl_sim.metrics import AIRBORNE
 from sitl_sim.runfolder import Run, own_frames
+from sitl_sim.scenario import fault_schedule
 from sitl_sim.world import surface_distance
 
 _SILENCE = 1.0  # s without a tick
@@ -19,12 +20,22 @@ _SILENCE = 1.0  # s without a tick
 class Event:
     """Something that began at `time` [s, world] on a drone.
 
-    kind: phase, target, guard, deadline, silence, vehicle or collision.
+    kind: fault, phase, target, guard, deadline, silence, vehicle or collision.
     """
 
     time: float
     drone: str
     kind: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Span:
+    """A fault of the scenario on a drone, from `start` to `end` [s, world]."""
+
+    start: float
+    end: float
+    drone: str
     text: str
 
 
@@ -42,11 +53,28 @@ def events(run: Run) -> list[Event]:
     """Everything that deserves a mark on the time line, in order."""
     found = [e for i, name in enumerate(run.names) for e in _of_drone(run, i, name)]
     found += [e for i, name in enumerate(run.names) for e in _of_vehicle(run, i, name)]
+    for span in faults(run):
+        found.append(Event(span.start, span.drone, "fault", f"fault: {span.text}"))
+        if span.end < run.truth["t"][-1]:
+            found.append(Event(span.end, span.drone, "fault", f"fault over: {span.text}"))
     for c in collisions(run):
         with_ = "an obstacle" if c.other is None else run.names[c.other]
         found.append(Event(c.time, run.names[c.drone], "collision",
                            f"collides with {with_}: {c.distance:.2f} m"))  # fmt: skip
     return sorted(found, key=lambda e: e.time)
+
+
+def faults(run: Run) -> list[Span]:
+    """What the scenario had go wrong in the time flown."""
+    end = float(run.truth["t"][-1])
+    found = []
+    for fault in fault_schedule(run.scenario).all():
+        c = fault.config
+        if c.at < end:
+            amount = "" if c.amount is None else f" {c.amount:g}"
+            until = min(c.at + (c.duration or end), end)
+            found.append(Span(c.at, until, run.names[fault.i], f"{c.kind}{amount}"))
+    return found
 
 
 def _of_drone(run: Run, i: int, name: str) -> list[Event]:

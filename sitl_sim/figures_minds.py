@@ -6,7 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from sitl_sim.events import Event
+from sitl_sim.events import Event, faults
 from sitl_sim.figures import add_map, colours, window
 from sitl_sim.knowledge import Minds
 from sitl_sim.metrics import AIRBORNE
@@ -14,8 +14,9 @@ from sitl_sim.perception import Sight
 from sitl_sim.runfolder import Run
 from sitl_sim.world import Vector
 
-_SYMBOLS = {"phase": "circle", "target": "star", "guard": "triangle-up", "deadline": "line-ns-open",
-            "silence": "square", "vehicle": "diamond-open", "collision": "x"}  # fmt: skip
+_SYMBOLS = {"fault": "hexagram", "phase": "circle", "target": "star", "guard": "triangle-up",
+            "deadline": "line-ns-open", "silence": "square", "vehicle": "diamond-open",
+            "collision": "x"}  # fmt: skip
 
 
 def chosen_times(run: Run) -> list[float]:
@@ -132,8 +133,14 @@ def perception(sights: dict[str, list[Sight]]) -> go.Figure:
 
 
 def timeline(run: Run, happened: list[Event]) -> go.Figure:
-    """Events on a line for each drone."""
+    """Events on a line for each drone, and as bars the faults that the scenario gave it."""
     figure = go.Figure()
+    for span in faults(run):
+        figure.add_scatter(
+            x=[span.start, span.end], y=[span.drone] * 2, mode="lines", showlegend=False,
+            line={"color": "rgba(200,0,0,0.25)", "width": 16}, text=span.text,
+            hovertemplate="%{x:.1f} s: %{text}<extra></extra>",
+        )  # fmt: skip
     for kind, symbol in _SYMBOLS.items():
         some = [e for e in happened if e.kind == kind]
         if some:

@@ -7,6 +7,7 @@ import pytest
 
 from sitl_sim.__main__ import main
 from sitl_sim.events import collisions, events
+from sitl_sim.figures_minds import timeline
 from sitl_sim.knowledge import Minds
 from sitl_sim.metrics import sanity
 from sitl_sim.perception import sights
@@ -60,6 +61,25 @@ def test_events_are_those_of_the_logs(folder):
     assert mine[0] == ("phase", "takeoff")
     assert ("phase", "fly") in mine
     assert mine.count(("guard", "guard: brake")) == 3
+
+
+def test_faults_of_the_scenario_are_on_the_time_line(folder):
+    run = load_run(folder)
+    faults = [{"kind": "gust", "drone": "drone2", "at": 3.0, "for": 2.0, "amount": 4.0},
+              {"kind": "camera_dead", "drone": "drone3", "at": 5.0}, {"kind": "kill", "at": 99.0}]  # fmt: skip
+    told = run.scenario.model_dump(by_alias=True) | {"faults": faults}
+    run = dataclasses.replace(run, scenario=type(run.scenario).model_validate(told))
+    found = [(e.time, e.drone, e.text) for e in events(run) if e.kind == "fault"]
+    assert found == [
+        (3.0, "drone2", "fault: gust 4"),
+        (5.0, "drone2", "fault over: gust 4"),
+        (5.0, "drone3", "fault: camera_dead"),
+    ]
+    bars = [t for t in timeline(run, events(run)).data if t.mode == "lines"]
+    assert [(tuple(b.x), b.text) for b in bars] == [
+        ((3.0, 5.0), "gust 4"),
+        ((5.0, run.truth["t"][-1]), "camera_dead"),
+    ]
 
 
 def test_silence_and_disarming_are_events(folder):
