@@ -1,13 +1,14 @@
 """A drone's files: layers, and thirty mistakes with the line and column of each."""
 
 import json
+import random
 
 import pytest
 
 from companion.__main__ import main
 from companion.config import CompanionConfig, load_config
 from companion.packaged import data_folder
-from mavlink_bridge.settings import SettingsError
+from mavlink_bridge.settings import SettingsError, parse_yaml, validate
 
 HEAD = "fileversion: 1\nname: one\n"  # two lines: what is wrong starts on line 3
 
@@ -235,3 +236,31 @@ def test_the_schema_describes_every_key(capsys):
     assert set(schema["properties"]) == set(CompanionConfig.model_fields)
     assert schema["$defs"]["LinkConfig"]["properties"]["system_id"]["maximum"] == 255
     assert schema["additionalProperties"] is False
+
+
+def test_whatever_is_broken_is_a_mistake_with_a_name():
+    whole = CompanionConfig(fileversion=1).model_dump(mode="json")
+    rng = random.Random(1)
+    found = [problems_of(json.dumps(broken(whole, rng))) for _ in range(60)]
+    assert sum(map(bool, found)) > 20
+    assert all(problem.startswith("f:1:") for problems in found for problem in problems)
+
+
+def problems_of(text):
+    try:
+        validate(CompanionConfig, parse_yaml(text, "f"), "f")
+    except SettingsError as error:
+        return error.problems
+    return []
+
+
+def broken(node, rng):
+    """A copy of a document in which something deep down is gone, renamed, or of another kind."""
+    node = dict(node)
+    key = rng.choice(list(node))
+    value = node.pop(key)
+    if isinstance(value, dict) and rng.random() < 0.8:
+        return node | {key: broken(value, rng)}
+    strange = [None, True, "x", -1, 1e300, [], {}, [1], [[1, 2]], {"a": {"b": 1}}]
+    change = rng.choice(["gone", "renamed", "other"])
+    return node | {"renamed": {"x": value}, "other": {key: rng.choice(strange)}}.get(change, {})

@@ -66,7 +66,8 @@ def test_events_are_those_of_the_logs(folder):
 def test_faults_of_the_scenario_are_on_the_time_line(folder):
     run = load_run(folder)
     faults = [{"kind": "gust", "drone": "drone2", "at": 3.0, "for": 2.0, "amount": 4.0},
-              {"kind": "camera_dead", "drone": "drone3", "at": 5.0}, {"kind": "kill", "at": 99.0}]  # fmt: skip
+              {"kind": "camera_dead", "drone": "drone3", "at": 5.0},
+              {"kind": "kill", "at": 99.0}]  # fmt: skip
     told = run.scenario.model_dump(by_alias=True) | {"faults": faults}
     run = dataclasses.replace(run, scenario=type(run.scenario).model_validate(told))
     found = [(e.time, e.drone, e.text) for e in events(run) if e.kind == "fault"]
