@@ -6,7 +6,7 @@ at pixel centres, as OpenCV counts.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -91,6 +91,14 @@ class Camera:
         return Camera(
             int(n["width"]), int(n["height"]), n["fx"], n["fy"], n["cx"], n["cy"], k, mount=mount
         )
+
+    def scaled(self, width: int, height: int) -> Camera:
+        """The same view at another image size (width, height px)."""
+        su, sv = width / self.width, height / self.height
+        return replace(
+            self, width=width, height=height, fx=self.fx * su, fy=self.fy * sv,
+            cx=(self.cx + 0.5) * su - 0.5, cy=(self.cy + 0.5) * sv - 0.5,
+        )  # fmt: skip
 
     def save(self, path: str | Path) -> None:
         """Write the calibration that `load` reads."""

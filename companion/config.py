@@ -12,12 +12,14 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
+from companion.depth import DepthConfig
 from companion.framesource import check_source
 from companion.gaze import GazeConfig
 from companion.guard import GuardConfig
 from companion.mission import MissionConfig
 from companion.nmpc import NmpcConfig
 from companion.obstacles import ObstacleConfig
+from companion.surfaces import SurfaceConfig
 from companion.threat import ThreatConfig
 from companion.track import TrackerConfig
 from companion.types import Vector
@@ -83,11 +85,12 @@ class SensingConfig(StrictModel):
     """What the tracker and the obstacle memory are fed with."""
 
     neighbours: Literal["camera", "truth"] = "camera"
-    obstacles: Literal["camera", "map"] = "camera"
+    obstacles: Literal["camera", "depth", "map"] = "camera"
     detector: Literal["color"] = "color"
     trunks_every: int = Field(
         2, ge=1, le=10, description="Frames from one look for trunks to the next: they stand still."
     )
+    depth: DepthConfig = DepthConfig()
 
 
 class TimingConfig(StrictModel):
@@ -151,6 +154,7 @@ class CompanionConfig(StrictModel):
     timing: TimingConfig = TimingConfig()
     tracker: TrackerConfig = TrackerConfig()
     obstacles: ObstacleConfig = ObstacleConfig()
+    surfaces: SurfaceConfig = SurfaceConfig()
     threat: ThreatConfig = ThreatConfig()
     gaze: GazeConfig = GazeConfig()
     mission: MissionConfig = MissionConfig()

@@ -2,7 +2,8 @@
 
 Layout: a JSON line with the tick's time, the frame's time, the length of each MAVLink
 datagram, and the columns of the sighting's tables; behind it the datagrams and the tables
-(float64, little-endian). Pixels are not kept: a replay begins at what they showed.
+(float64, little-endian), then the ranges of a depth image (float16) where there is one. Pixels
+are not kept: a replay begins at what they showed.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 import orjson
 
 from companion.sight import Sighting
-from companion.types import Detection, Trunk
+from companion.types import Detection, Ranges, Trunk
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class RecordedInputs:
     frame_time: float | None = None
     drones: list[Detection] = field(default_factory=list)
     trunks: list[Trunk] = field(default_factory=list)
+    ranges: Ranges | None = None
     leave: bool = False
 
 
@@ -71,6 +73,7 @@ def encode(
     leave: bool = False,
 ) -> bytes:
     """One tick's inputs; `sighting` as the tick had it (empty where the frame was not new)."""
+    ranges = sighting.ranges
     header = {
         "time": time,
         "frame": frame_time,
@@ -78,8 +81,11 @@ def encode(
         "rows": {name: len(getattr(sighting, name)) for name in _TABLES},
         "columns": _COLUMNS,
         "leave": leave,
+        "ranges": None if ranges is None else ranges.shape,
     }
     tables = [table.encode(getattr(sighting, name)) for name, table in _TABLES.items()]
+    if ranges is not None:
+        tables.append(ranges.astype("<f2").tobytes())
     return b"".join([orjson.dumps(header), b"\n", *datagrams, *tables])
 
 
@@ -102,11 +108,16 @@ def decode(data: bytes) -> RecordedInputs:
             size = 8 * count * (3 + len(names))
             tables[name] = table.decode(rest[at : at + size], count, names)
             at += size
+        ranges = None
+        if shape := header.get("ranges"):
+            size = 2 * shape[0] * shape[1]
+            ranges = np.frombuffer(rest[at : at + size], dtype="<f2").reshape(shape)
+            at += size
         if at != len(rest):
             raise ValueError(f"{len(rest) - at} bytes too many")
         leave = bool(header.get("leave"))
         return RecordedInputs(
-            float(header["time"]), datagrams, header["frame"], **tables, leave=leave
+            float(header["time"]), datagrams, header["frame"], **tables, ranges=ranges, leave=leave
         )
     except (ValueError, TypeError, KeyError) as error:
         raise InputsError(f"not a tick's inputs: {error}") from error

@@ -27,6 +27,7 @@ from companion.obstacles import ObstacleMap
 from companion.ownstate import OwnState
 from companion.phases import Decision, Phase, Phases
 from companion.sight import Sight, Sighting
+from companion.surfaces import Surfaces
 from companion.threat import critical_neighbours
 from companion.track import Tracker
 from companion.types import Obstacles, Track, Vector
@@ -86,6 +87,7 @@ class Pipeline:
         self._sight = Sight(config.camera, config.sensing)
         self._tracker = Tracker(config.tracker)
         self._map = ObstacleMap(config.obstacles)
+        self._surfaces = Surfaces(self._sight.camera, config.surfaces)
         self._gaze = Gaze(config.gaze)
         self._mission = Mission(config.mission)
         link = config.link
@@ -143,6 +145,8 @@ class Pipeline:
         if sighting.own is not None:
             if sighting.searched:
                 self._map.update(sighting.trunks, sighting.own, q_bc, self._sight.half_view)
+            if sighting.ranges is not None:
+                self._surfaces.update(sighting.ranges, sighting.own)
             self._tracker.predict(out.sighting.time)
             places = self._tracker.positions()
             hidden = self._map.hidden(sighting.own.p, places)
@@ -167,7 +171,9 @@ class Pipeline:
         ]
         out.yaw = self._gaze.update(out.time, own.v, goal - own.p, yaw_now, lost)
         out.speed = self._config.nmpc.speed * seen_speed(self._config.gaze, yaw_now, goal - own.p)
-        out.obstacles = self._map.obstacles(own.p)
+        cylinders = self._map.obstacles(own.p).cylinders
+        points = self._surfaces.points(cylinders)
+        out.obstacles = Obstacles(cylinders, self._surfaces.planes(own.p, goal, points), points)
 
     def _plan(self, out: TickOutputs) -> None:
         """Solve eq. (11)–(38) from where the drone will be when the input takes effect."""

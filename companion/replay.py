@@ -136,6 +136,8 @@ def _frame(inputs: RecordedInputs) -> Frame | None:
     trunks = [[*t.direction, t.distance, t.radius, t.sigma] for t in inputs.trunks]
     arrays = {"neighbours": np.array(drones).reshape(-1, 6),
               "trunks": np.array(trunks).reshape(-1, 6)}  # fmt: skip
+    if inputs.ranges is not None:
+        arrays["ranges"] = inputs.ranges
     return Frame(inputs.frame_time, arrays)
 
 

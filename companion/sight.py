@@ -9,11 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from companion.camera import Camera
 from companion.config import CameraConfig, SensingConfig
 from companion.detect import ColorDetector
-from companion.types import Detection, Image, Trunk, Vector
+from companion.types import Detection, Image, Ranges, Trunk, Vector
 from mavlink_bridge.frames import rotation_matrix
 from mavlink_bridge.messages import VehicleState
 from mavlink_bridge.video import Frame
@@ -31,6 +32,7 @@ class Sighting:
     drones: list[Detection] = field(default_factory=list)
     trunks: list[Trunk] = field(default_factory=list)
     searched: bool = False
+    ranges: Ranges | None = None  # (h,w) m to other surfaces, where there is a depth image
 
 
 class Sight:
@@ -50,6 +52,10 @@ class Sight:
             from companion.trunks import TrunkDetector
 
             self._trunks = TrunkDetector(self.camera)
+        elif sensing.obstacles == "depth":
+            from companion.depth import DepthReader
+
+            self._depth = DepthReader(self.camera, sensing.depth)
 
     def see(self, frame: Frame, own: VehicleState) -> Sighting:
         """Detections in `frame`, taken in state `own`; a frame without an image shows nothing."""
@@ -62,8 +68,16 @@ class Sight:
             drones = self._drones.detect(image)
         self._frames += 1
         searched = self._frames % self._sensing.trunks_every == 0
-        trunks = self._find_trunks(frame, own) if searched else []
-        return Sighting(frame.time, own, drones, trunks, searched)
+        given = frame.arrays.get("ranges")
+        # As coarse as the log keeps them, so that a replay sees the same.
+        ranges: Ranges | None = None if given is None else given.astype(np.float16)
+        if not searched:
+            trunks: list[Trunk] = []
+        elif self._sensing.obstacles == "depth":
+            trunks, ranges = self._read_depth(frame, own, drones)
+        else:
+            trunks = self._find_trunks(frame, own)
+        return Sighting(frame.time, own, drones, trunks, searched, ranges)
 
     def _find_trunks(self, frame: Frame, own: VehicleState) -> list[Trunk]:
         image: Image | None = frame.arrays.get("image")
@@ -74,6 +88,14 @@ class Sight:
             return []
         down = self._to_camera(own, np.array([[0.0, 0.0, -1.0]]))[0]
         return self._trunks.detect(image, down, float(own.p[2]))
+
+    def _read_depth(
+        self, frame: Frame, own: VehicleState, drones: list[Detection]
+    ) -> tuple[list[Trunk], Ranges | None]:
+        depth: NDArray[np.float32] | None = frame.arrays.get("depth")
+        if depth is None:
+            return [], None
+        return self._depth.read(depth, self._rotation(own), float(own.p[2]), drones)
 
     def in_view(self, own: VehicleState, points: Vector, margin: float = 0.05) -> list[bool]:
         """Whether each of `points` (n,3), own ENU frame, falls well inside the image."""
@@ -86,4 +108,8 @@ class Sight:
 
     def _to_camera(self, own: VehicleState, vectors: Vector) -> Vector:
         """World vectors (n,3) in the camera frame."""
-        return vectors @ (rotation_matrix(own.q_wb) @ rotation_matrix(self.camera.mount))
+        return vectors @ self._rotation(own)
+
+    def _rotation(self, own: VehicleState) -> Vector:
+        """(3,3) camera → world."""
+        return rotation_matrix(own.q_wb) @ rotation_matrix(self.camera.mount)

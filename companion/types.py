@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
 Image = NDArray[np.uint8]
+Ranges = NDArray[np.float16]
 
 
 @dataclass(frozen=True)

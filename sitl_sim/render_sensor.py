@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from sitl_sim.render_scene import scene_range
 
@@ -69,3 +70,15 @@ def depth_image(rays, rot, p, table, count, boxes, start, which, out):  # type: 
             dy = rot[1, 0] * a + rot[1, 1] * b + rot[1, 2] * c
             dz = rot[2, 0] * a + rot[2, 1] * b + rot[2, 2] * c
             out[y, x] = scene_range(p[0], p[1], p[2], dx, dy, dz, table, count, boxes, start, which)
+
+
+def measured(
+    depth: NDArray[np.float32], range_max: float, noise: float, seed: int
+) -> NDArray[np.float32]:
+    """What a depth sensor makes of true distances (h,w) [m]: noisy, inf beyond `range_max` [m].
+
+    noise: 1 σ as a share of the distance.
+    """
+    rng = np.random.default_rng([seed & 0xFFFFFFFF, 0xDE])
+    noisy = depth * (1 + noise * rng.standard_normal(depth.shape, np.float32))
+    return np.where(noisy <= range_max, noisy, np.float32(np.inf))

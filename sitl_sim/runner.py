@@ -37,6 +37,7 @@ from sitl_sim.fault_world import FaultyWorld
 from sitl_sim.inprocess import AtOnce, LocalFrames
 from sitl_sim.real_fleet import BRIDGE_DELAY, EXPONENT, HOVER, RealFleet, Wire
 from sitl_sim.render import Renderer
+from sitl_sim.render_sensor import measured
 from sitl_sim.scenario import QUANTUM_MS, TICK_MS, Scenario
 from sitl_sim.truth import Truth
 from sitl_sim.urgency import COMPANION, hurry
@@ -107,8 +108,8 @@ class Flight:
         self._autopilots = self._switch_on(phases)
         self._real_time = real_time or isinstance(self._autopilots, RealFleet)
         self._renderer: Renderer | None = None
-        if "camera" in (scenario.sensing.neighbours, scenario.sensing.obstacles):
-            s = scenario.sensing
+        s = scenario.sensing
+        if "camera" in (s.neighbours, s.obstacles) or s.obstacles == "depth":
             self._renderer = Renderer(self.world, s.width, s.height, s.fov_deg, seed=scenario.seed)
         self._drones: list[_Drone] = []
         emulated = None if isinstance(self._autopilots, RealFleet) else self._autopilots
@@ -386,11 +387,16 @@ class Flight:
         s = self.scenario.sensing
         others = np.delete(np.arange(len(p)), i)
         arrays: dict[str, NDArray[Any]] = {}
-        if self._renderer is not None:
+        seed = round(stamp * 1e3) * 64 + i
+        if self._renderer is not None and "camera" in (s.neighbours, s.obstacles):
             arrays["image"] = self._renderer.render(
                 p[i], q[i], p[others], q[others],
-                frame_seed=round(stamp * 1e3) * 64 + i, drones_id=[int(o) for o in others],
+                frame_seed=seed, drones_id=[int(o) for o in others],
             )  # fmt: skip
+        if self._renderer is not None and s.obstacles == "depth":
+            height = round(s.depth.width * s.height / s.width)
+            depth = self._renderer.depth(p[i], q[i], p[others], q[others], s.depth.width, height)
+            arrays["depth"] = measured(depth, s.depth.range, s.depth.noise, seed)
         half = np.radians(s.fov_deg) / 2
         view = (half, half * s.height / s.width)
         if s.neighbours == "truth":

@@ -63,11 +63,21 @@ class MissionConfig(StrictModel):
     time_limit: float = Field(180.0, gt=0, description="s.")
 
 
+class DepthConfig(StrictModel):
+    """The depth image of airframes that carry such a sensor: the camera's view, coarser."""
+
+    width: int = Field(160, ge=32, le=640, description="px; the height follows the camera's.")
+    range: float = Field(10.0, gt=0, description="Nothing is measured beyond [m].")
+    noise: float = Field(
+        0.01, ge=0, le=0.5, description="1 σ as a share of the distance; stereo has 1–2 % at 4 m."
+    )
+
+
 class SensingConfig(StrictModel):
     """What the companions see."""
 
     neighbours: Literal["camera", "truth"] = "camera"
-    obstacles: Literal["camera", "map"] = "camera"
+    obstacles: Literal["camera", "depth", "map"] = "camera"
     width: int = Field(640, ge=64, le=1920)
     height: int = Field(400, ge=64, le=1200)
     fov_deg: float = Field(160.0, gt=10, lt=200)
@@ -79,6 +89,7 @@ class SensingConfig(StrictModel):
         description="From capture to delivery [s]: exposure, read-out, transfer. In lockstep "
         "pictures are painted meanwhile.",
     )
+    depth: DepthConfig = DepthConfig()
 
 
 class TimingConfig(StrictModel):

@@ -5,6 +5,7 @@ import pytest
 
 from sitl_sim.fisheye import R_BC, rotation
 from sitl_sim.render import Renderer, Sensor
+from sitl_sim.render_sensor import measured
 
 LEVEL = np.array([1.0, 0, 0, 0])
 NOBODY = (np.zeros((0, 3)), np.zeros((0, 4)))
@@ -144,3 +145,13 @@ def test_exposure_and_blur_do_what_they_say():
     )
     assert dark.mean() == pytest.approx(0.4 * plain.mean(), rel=0.05)
     assert np.abs(np.diff(soft, axis=1)).mean() < 0.7 * np.abs(np.diff(plain, axis=1)).mean()
+
+
+def test_a_depth_sensor_is_noisy_and_ends_at_its_range(renderer):
+    p = np.array([0.0, 0.0, 1.5])
+    true = renderer.depth(p, LEVEL, *NOBODY)
+    got = measured(true, 8.0, 0.01, seed=5)
+    np.testing.assert_array_equal(got, measured(true, 8.0, 0.01, seed=5))
+    near = true < 7.0
+    assert np.std(got[near] / true[near] - 1) == pytest.approx(0.01, rel=0.1)
+    assert np.isinf(got[true > 9.0]).all()
