@@ -27,6 +27,9 @@ EXIT_OK, EXIT_FELL_SHORT, EXIT_BAD_INPUT = 0, 1, 2
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point of `sitl-sim`."""
+    from sitl_sim.campaign_command import add_arguments as campaign_arguments
+    from sitl_sim.campaign_command import fly_campaign
+
     parser = argparse.ArgumentParser(prog="sitl-sim", description="The simulated world.")
     commands = parser.add_subparsers(dest="command", required=True)
     run = commands.add_parser("run", help="fly one scenario")
@@ -44,6 +47,15 @@ def main(arguments: list[str] | None = None) -> int:
         "--in-process", action="store_true", help="companions in this process: for studies"
     )
     run.add_argument("--json", action="store_true", help="print metrics.json instead of a table")
+    campaign = commands.add_parser("campaign", help="fly a scenario many times, a seed each")
+    campaign.add_argument("scenario", help="a name (forest, …) or a YAML file")
+    campaign.add_argument("--drones", type=int, metavar="N")
+    campaign.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides"
+    )
+    campaign_arguments(campaign)
+    for command in (run, campaign):
+        command.add_argument("--controller", metavar="NAME", help="nmpc, or one to compare it with")
     report = commands.add_parser(
         "report", help="one page about a flight, or about a folder of flights"
     )
@@ -59,6 +71,9 @@ def main(arguments: list[str] | None = None) -> int:
             return _report(options)
         if options.command == "view":
             return _view(options)
+        if options.command == "campaign":
+            fine = fly_campaign(options, _overrides(options))
+            return EXIT_OK if fine else EXIT_FELL_SHORT
         return _fly(options, serve=options.command == "serve")
     except _bad_input() as error:
         print(error, file=sys.stderr)
@@ -153,9 +168,7 @@ def _fly(options: argparse.Namespace, serve: bool) -> int:
     cv2.setNumThreads(1)
     if getattr(options, "view", False):
         _need_viser()
-    overrides = list(options.overrides)
-    if options.drones is not None:
-        overrides.append(f"drones.count={options.drones}")
+    overrides = _overrides(options)
     if options.seed is not None:
         overrides.append(f"seed={options.seed}")
     scenario = scenarios.load(options.scenario, overrides)
@@ -187,6 +200,16 @@ def _fly(options: argparse.Namespace, serve: bool) -> int:
     else:
         print(table(metrics, folder))
     return EXIT_OK if metrics["ok"] else EXIT_FELL_SHORT
+
+
+def _overrides(options: argparse.Namespace) -> list[str]:
+    """What --set, --drones and --controller say, as path.to.key=value."""
+    overrides = list(options.overrides)
+    if options.drones is not None:
+        overrides.append(f"drones.count={options.drones}")
+    if getattr(options, "controller", None) is not None:
+        overrides.append(f"companion.controller={options.controller}")
+    return overrides
 
 
 def _run_folder(scenario: Scenario) -> Path:

@@ -21,6 +21,7 @@ _COLUMNS = {
     "agent_collisions": "drone collisions", "obstacle_collisions": "obstacle collisions",
     "min_agent_distance_m": "least between drones [m]",
     "min_obstacle_distance_m": "least to obstacle [m]", "mean_speed_m_s": "speed [m/s]",
+    "mission_time_s": "all targets [s]",
     "duration_s": "flown [s]", "real_time_factor": "real-time factor",
 }  # fmt: skip
 _HISTOGRAMS = ("min_agent_distance_m", "min_obstacle_distance_m", "mean_speed_m_s", "duration_s")
@@ -66,7 +67,7 @@ def make_campaign_report(folder: Path) -> Path:
         f"<p><b>{good} of {len(entries)}</b> runs succeeded: {good / len(entries):.1%}, "
         f"95 % interval {low:.1%} to {high:.1%} (Wilson)."
     )
-    sections = [("Runs", _table(entries)), ("Over all runs", draw(histograms(entries)))]
+    sections = [("Runs", _table(folder, entries)), ("Over all runs", draw(histograms(entries)))]
     path = folder / "campaign.html"
     path.write_text(page(f"campaign {folder.name}", verdict, sections), encoding="utf-8")
     return path
@@ -91,13 +92,15 @@ def histograms(entries: list[Entry]) -> go.Figure:
     return figure
 
 
-def _table(entries: list[Entry]) -> str:
+def _table(folder: Path, entries: list[Entry]) -> str:
     head = "".join(f"<th>{html.escape(title)}" for title in _COLUMNS.values())
     rows = []
     for e in entries:
         name = html.escape(e.name, quote=True)
         cells = "".join(f"<td>{_cell(key, e.metrics.get(key))}" for key in _COLUMNS)
-        rows.append(f"<tr><td><a href='{name}/report.html'>{name}</a>{cells}")
+        there = (folder / e.name / "report.html").exists()
+        title = f"<a href='{name}/report.html'>{name}</a>" if there else name
+        rows.append(f"<tr><td>{title}{cells}")
     return f"<table><tr><th>run{head}{''.join(rows)}</table>"
 
 

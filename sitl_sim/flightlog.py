@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from sitl_sim.metrics import timing
 from sitl_sim.perception import perception, sights
@@ -13,8 +13,10 @@ from sitl_sim.runfolder import Run, log_path, salvage_ticks
 from sitl_sim.runner import Flight
 
 
-def finish(flight: Flight, setup_seconds: float) -> dict[str, Any]:
-    """Write truth.npz, metrics.json and report.html; gives the metrics."""
+def finish(
+    flight: Flight, setup_seconds: float, report: Literal["always", "on failure"] = "always"
+) -> dict[str, Any]:
+    """Write truth.npz, metrics.json and report.html, 5 MB; gives the metrics."""
     folder = flight.folder
     sha = flight.truth.write(folder / "truth.npz")
     logs = {n: salvage_ticks(log_path(folder, n)) for n in flight.names}
@@ -26,6 +28,7 @@ def finish(flight: Flight, setup_seconds: float) -> dict[str, Any]:
     metrics["truth_sha256"] = sha
     metrics["scenario"] = flight.scenario.name
     metrics["seed"] = flight.scenario.seed
+    metrics["controller"] = flight.scenario.companion.get("controller", "nmpc")
     codes = flight.exit_codes()
     metrics["per_drone"] = {
         n: {"targets": metrics["targets_reached"][n], "companion_exit": codes[n],
@@ -33,7 +36,8 @@ def finish(flight: Flight, setup_seconds: float) -> dict[str, Any]:
         for n in flight.names
     }  # fmt: skip
     (folder / "metrics.json").write_text(json.dumps(metrics, indent=1), encoding="utf-8")
-    write_report(run, metrics, seen)
+    if report == "always" or not metrics["ok"]:
+        write_report(run, metrics, seen)
     return metrics
 
 
@@ -44,13 +48,15 @@ def table(m: dict[str, Any], folder: Path) -> str:
     def ms(q: dict[str, float | None]) -> str:
         return " / ".join("–" if q[k] is None else f"{q[k]:.1f}" for k in ("p50", "p99", "max"))
 
-    agent = m["min_agent_distance_m"]
+    def metres(value: float | None) -> str:
+        return "–" if value is None else f"{value:.2f} m"
+
     rows = [
         ("scenario, seed, drones", f"{m['scenario']}, {m['seed']}, {m['drones']}"),
         ("all targets reached by", f"{done} of {m['drones']}"),
         ("collisions, drones / obstacles", f"{m['agent_collisions']} / {m['obstacle_collisions']}"),
-        ("least distance between drones", "–" if agent is None else f"{agent:.2f} m"),
-        ("least distance to an obstacle", f"{m['min_obstacle_distance_m']:.2f} m"),
+        ("least distance between drones", metres(m["min_agent_distance_m"])),
+        ("least distance to an obstacle", metres(m["min_obstacle_distance_m"])),
         ("speed while moving", f"{m['mean_speed_m_s']:.2f} ± {m['std_speed_m_s']:.2f} m/s"),
         ("order / union / connectivity",
          " / ".join("–" if m[k] is None else f"{m[k]:.2f}"

@@ -35,24 +35,29 @@ def safety(
         apart = np.where(both, np.linalg.norm(p[:, i] - p[:, j], axis=-1), np.inf)
         k = int(apart.argmin())
         pairs.append((float(apart[k]), float(t[k]), names[i], names[j]))
-    reached = {
-        name: reached_in_order(p[:, i], world["targets"][name], world["target_tolerance"])
+    tolerance = world["target_tolerance"]
+    instants = {
+        name: reached_in_order(p[:, i], world["targets"][name], tolerance)
         for i, name in enumerate(names)
     }
+    reached = {name: len(at) for name, at in instants.items()}
     wanted = {name: len(world["targets"][name]) for name in names}
+    complete = all(reached[n] == wanted[n] > 0 for n in names)
     closest = min(pairs, default=None)
     nearest = np.unravel_index(int(surface.argmin()), surface.shape)
+    near_any = bool(np.isfinite(surface[nearest]))  # there are obstacles, and somebody flew
     return {
         "drones": len(names),
         "duration_s": float(t[-1] - t[0]),
-        "mission_complete": all(reached[n] == wanted[n] > 0 for n in names),
+        "mission_complete": complete,
+        "mission_time_s": float(t[max(at[-1] for at in instants.values())]) if complete else None,
         "targets_reached": {n: f"{reached[n]}/{wanted[n]}" for n in names},
         "agent_collisions": sum(d < 2 * radius for d, *_ in pairs),
         "obstacle_collisions": int((surface.min(axis=0) < radius).sum()),
         "min_agent_distance_m": closest[0] if closest else None,
         "min_agent_distance_at": list(closest[1:]) if closest else None,
-        "min_obstacle_distance_m": float(surface.min()),
-        "min_obstacle_distance_at": [float(t[nearest[0]]), names[nearest[1]]],
+        "min_obstacle_distance_m": float(surface[nearest]) if near_any else None,
+        "min_obstacle_distance_at": [float(t[nearest[0]]), names[nearest[1]]] if near_any else None,
         "mean_speed_m_s": float(speed[moving].mean()) if moving.any() else 0.0,
         "std_speed_m_s": float(speed[moving].std()) if moving.any() else 0.0,
         "never_flew": [n for i, n in enumerate(names) if not flying[:, i].any()],
@@ -60,16 +65,20 @@ def safety(
     }
 
 
-def reached_in_order(path: Vector, targets: list[list[float]], tolerance: float) -> int:
-    """How many of the targets the path (T,3) came within `tolerance` [m] of, one after another."""
-    done, at = 0, 0
+def reached_in_order(path: Vector, targets: list[list[float]], tolerance: float) -> list[int]:
+    """When (index into the path (T,3)) each target was come near to, one after another.
+
+    Near: within `tolerance` [m]. As many as were reached.
+    """
+    instants: list[int] = []
+    at = 0
     for target in targets:
         near = np.linalg.norm(path[at:] - np.array(target), axis=1) <= tolerance
         if not near.any():
             break
         at += int(near.argmax())
-        done += 1
-    return done
+        instants.append(at)
+    return instants
 
 
 def flocking(

@@ -84,10 +84,11 @@ def _collisions(run: Run, minds: Minds, crashes: list[Collision]) -> str:
 def _verdict(summary: dict[str, Any]) -> str:
     if summary["ok"]:
         return "<p class=good><b>OK</b>: all targets reached, nothing touched."
-    return "<p class=bad><b>FALLS SHORT</b>: " + html.escape("; ".join(_shortcomings(summary)))
+    return "<p class=bad><b>FALLS SHORT</b>: " + html.escape("; ".join(shortcomings(summary)))
 
 
-def _shortcomings(s: dict[str, Any]) -> Iterator[str]:
+def shortcomings(s: dict[str, Any]) -> Iterator[str]:
+    """Why a flight with these metrics fell short, one reason each."""
     if not s["mission_complete"]:
         late = [n for n, r in s["targets_reached"].items() if len(set(r.split("/"))) > 1]
         yield "targets missed by " + ", ".join(late)

@@ -15,6 +15,8 @@ def write_runs(folder, good, bad):
                    "min_agent_distance_m": 0.3 + 0.1 * n, "min_obstacle_distance_m": 0.5,
                    "mean_speed_m_s": 1.4, "duration_s": 90.0 + n}  # fmt: skip
         (run / "metrics.json").write_text(json.dumps(metrics))
+        if n != 1:  # the page links to those that are there
+            (run / "report.html").write_text("")
 
 
 def test_all_runs_on_one_page(tmp_path, capsys):
@@ -26,6 +28,7 @@ def test_all_runs_on_one_page(tmp_path, capsys):
     assert "<b>7 of 8</b> runs succeeded: 87.5%, 95 % interval 52.9% to 97.8%" in page
     assert page.count("<b class=good>OK</b>") == 7
     assert "<a href='forest-3/report.html'>forest-3</a>" in page
+    assert "forest-1/report.html" not in page
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", "no json"])

@@ -1,0 +1,105 @@
+"""What a campaign comes to: success with its interval, distances, times, and every failure."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sitl_sim.metrics import wilson
+from sitl_sim.report import shortcomings
+
+_MEANS = ("mean_speed_m_s", "order", "union", "connectivity")
+
+
+def summary(
+    name: str, flights: dict[int, dict[str, Any]], broken: dict[int, str], runs: int
+) -> dict[str, Any]:
+    """Figures over all flights; flights: metrics by seed; broken: why a seed did not fly."""
+    good = {seed: m for seed, m in flights.items() if m["ok"]}
+    low, high = wilson(len(good), len(flights))
+    return {
+        "scenario": name,
+        "commit": commit(),
+        "runs": runs,
+        "flown": len(flights),
+        "ok": len(good),
+        "success": len(good) / len(flights) if flights else None,
+        "wilson_95": [low, high],
+        "collided": sum(
+            bool(m["agent_collisions"] or m["obstacle_collisions"]) for m in flights.values()
+        ),
+        "min_agent_distance_m": _spread(m["min_agent_distance_m"] for m in flights.values()),
+        "min_obstacle_distance_m": _spread(m["min_obstacle_distance_m"] for m in flights.values()),
+        "mission_time_s": _spread(m["mission_time_s"] for m in good.values()),
+        "solve_ms": {
+            "p50": _mean(m["solve_ms"]["p50"] for m in flights.values()),
+            "p99": _mean(m["solve_ms"]["p99"] for m in flights.values()),
+        },
+        **{key: _mean(m[key] for m in flights.values()) for key in _MEANS},
+        "failures": {
+            str(seed): list(shortcomings(m)) for seed, m in sorted(flights.items()) if not m["ok"]
+        },
+        "not_flown": {str(seed): why for seed, why in sorted(broken.items())},
+    }
+
+
+def table(s: dict[str, Any]) -> str:
+    """The summary in a few lines, failures by seed below."""
+    low, high = s["wilson_95"]
+    rate = "–" if s["success"] is None else f"{s['success']:.1%}"
+    rows = [
+        ("scenario, runs", f"{s['scenario']}, {s['flown']} of {s['runs']} flown"),
+        ("success", f"{s['ok']} of {s['flown']}: {rate}, 95 % {low:.1%} to {high:.1%} (Wilson)"),
+        ("runs with a collision", str(s["collided"])),
+        ("between drones, least / median", _two(s["min_agent_distance_m"], "m")),
+        ("to an obstacle, least / median", _two(s["min_obstacle_distance_m"], "m")),
+        ("mission time, median / most", _two(s["mission_time_s"], "s", ("median", "most"))),
+        ("speed while moving", f"{_number(s['mean_speed_m_s'])} m/s"),
+        ("order / union / connectivity",
+         " / ".join(_number(s[k]) for k in ("order", "union", "connectivity"))),
+        ("solve, p50 / p99",
+         " / ".join(_number(s["solve_ms"][k]) for k in ("p50", "p99")) + " ms"),
+        *((f"seed {seed}", "; ".join(why)) for seed, why in s["failures"].items()),
+        *((f"seed {seed} not flown", why) for seed, why in s["not_flown"].items()),
+    ]  # fmt: skip
+    width = max(len(k) for k, _ in rows)
+    return "\n".join(f"{k:<{width}}  {v}" for k, v in rows)
+
+
+def commit() -> str | None:
+    """The commit of this code, `+` where it was changed since; None where there is no git."""
+    here = Path(__file__).parent
+    try:
+        said = subprocess.run(
+            ["git", "describe", "--always", "--dirty=+", "--exclude=*"],
+            cwd=here, capture_output=True, text=True, timeout=10, check=True,
+        )  # fmt: skip
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return said.stdout.strip()
+
+
+def _spread(values: Iterable[float | None]) -> dict[str, float | None]:
+    known = [v for v in values if v is not None]
+    if not known:
+        return {"least": None, "median": None, "most": None}
+    return {"least": min(known), "median": float(np.median(known)), "most": max(known)}
+
+
+def _mean(values: Iterable[float | None]) -> float | None:
+    known = [v for v in values if v is not None]
+    return float(np.mean(known)) if known else None
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.2f}"
+
+
+def _two(
+    spread: dict[str, float | None], unit: str, which: tuple[str, str] = ("least", "median")
+) -> str:
+    return f"{_number(spread[which[0]])} / {_number(spread[which[1]])} {unit}"

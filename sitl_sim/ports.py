@@ -1,0 +1,60 @@
+"""A block of ports that no other flight on this machine uses: each flight needs its own."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import socket
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from mavlink_bridge.settings import SettingsError
+
+_FIRST, _LAST = 16000, 24000  # below what the kernel gives away, away from the fixed ports
+
+
+def overrides(base: int, drones: int) -> list[str]:
+    """`wire` settings that put a flight of `drones` into the block that begins at `base`."""
+    return [
+        f"wire.companion_port={base}",
+        f"wire.frame_port={base + drones}",
+        f"wire.gcs_port={base + 2 * drones + 1}",
+    ]
+
+
+@contextmanager
+def block(drones: int, first: int = _FIRST, last: int = _LAST) -> Iterator[int]:
+    """The first port of a block for a flight of `drones`, kept until the end of the context.
+
+    Who holds a block holds a lock on a file, which the kernel lets go of when its process ends.
+
+    Raises:
+        SettingsError: every block is taken.
+    """
+    size = 2 * drones + 2
+    for base in range(first, last - size, size):
+        path = Path(tempfile.gettempdir()) / f"swarm-companion-ports-{base}-{size}.lock"
+        with path.open("a") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                continue
+            if all(_free(port) for port in range(base, base + size)):
+                yield base
+                return
+    raise SettingsError([f"no {size} free ports in a row between {first} and {last}"])
+
+
+def _free(port: int) -> bool:
+    """Whether nobody listens at a port, UDP or TCP."""
+    for kind in (socket.SOCK_DGRAM, socket.SOCK_STREAM):
+        with contextlib.closing(socket.socket(socket.AF_INET, kind)) as s:
+            if kind == socket.SOCK_STREAM:
+                s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                s.bind(("127.0.0.1", port))
+            except OSError:
+                return False
+    return True

@@ -1,0 +1,153 @@
+"""Campaigns: resumed, the same whoever flies, and apart from each other's ports."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from sitl_sim import ports
+from sitl_sim.__main__ import main
+
+SCENARIO = """
+fileversion: 1
+name: hop
+drones: {count: 2, jitter: 0.3, heading_deg: 0.0}
+mission: {targets: [[30.0, 0.0, 2.0]], home: false, time_limit: 5.0}
+sensing: {neighbours: truth, obstacles: map}
+"""
+
+
+@pytest.fixture
+def scenario(tmp_path):
+    file = tmp_path / "hop.yaml"
+    file.write_text(SCENARIO)
+    return str(file)
+
+
+def campaign(scenario, out, *options):
+    return main(["campaign", scenario, "--out", str(out), "--workers", "2", "--in-process",
+                 *options])  # fmt: skip
+
+
+def truths(folder):
+    return {
+        m["seed"]: m["truth_sha256"]
+        for m in (json.loads(p.read_text()) for p in sorted(folder.glob("*/metrics.json")))
+    }
+
+
+def test_a_campaign_flies_what_is_missing_and_nothing_else(scenario, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert campaign(scenario, out, "--runs", "2", "--seed", "5") == 1  # too short to arrive
+    text = capsys.readouterr().out
+    assert "0 of 2: 0.0%, 95 % 0.0% to 65.8% (Wilson)" in text
+    assert "seed 5" in text
+    assert "targets missed by drone1, drone2" in text
+    first = truths(out)
+    assert set(first) == {5, 6}
+    assert first[5] != first[6]
+    assert not (out / "unfinished").exists()
+    (out / "hop-6" / "metrics.json").unlink()
+    (out / "hop-5" / "mark").touch()
+    assert campaign(scenario, out, "--runs", "3", "--seed", "5", "--json") == 1
+    said = capsys.readouterr()
+    assert sorted(said.err.split(":")[0] for said.err in said.err.splitlines()) == [
+        "seed 6", "seed 7"]  # fmt: skip
+    assert (out / "hop-5" / "mark").exists()
+    summary = json.loads(said.out)
+    assert summary == json.loads((out / "summary.json").read_text())
+    assert (summary["runs"], summary["flown"], summary["ok"]) == (3, 3, 0)
+    assert truths(out) == first | {7: truths(out)[7]}
+    assert (out / "campaign.html").exists()
+
+
+def test_another_campaign_in_the_same_folder_is_refused(scenario, tmp_path, capsys):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "campaign.json").write_text(json.dumps({"name": "hop", "overrides": []}))
+    assert campaign(scenario, out, "--set", "drones.count=1") == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert "holds another campaign" in lines[0]
+    assert "drones.count=1" in lines[0]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--set", "drones.cuont=1"], "drones.cuont: unknown key"),
+        (["--scheduler", "tcp://127.0.0.1:1"], "--scheduler tcp://127.0.0.1:1"),
+    ],
+)
+def test_bad_input_is_exit_2(scenario, tmp_path, capsys, options, words):
+    assert campaign(scenario, tmp_path / "out", *options) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_a_flight_that_cannot_be_flown_is_named_and_the_others_fly(scenario, tmp_path, capsys):
+    out = tmp_path / "out"
+    wrong = ["--set", "companion.nmpc.N=1"]  # only a companion knows that this is too few
+    assert campaign(scenario, out, "--runs", "1", *wrong, "--json") == 1
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["flown"] == 0
+    assert "nmpc.N" in summary["not_flown"]["0"]
+
+
+def test_blocks_of_ports_are_apart_and_come_back():
+    with ports.block(3) as one, ports.block(3) as two:
+        assert abs(one - two) >= 8
+        asked = ports.overrides(one, 3)
+    assert asked == [f"wire.companion_port={one}", f"wire.frame_port={one + 3}",
+                     f"wire.gcs_port={one + 7}"]  # fmt: skip
+    with ports.block(3) as again:
+        assert again == one
+
+
+@pytest.mark.slow
+def test_a_killed_campaign_goes_on_where_it_was(scenario, tmp_path):
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "sitl_sim", "campaign", scenario, "--out", str(out),
+               "--runs", "3", "--workers", "1", "--in-process"]  # fmt: skip
+    process = subprocess.Popen(command, start_new_session=True)
+    deadline = time.monotonic() + 200
+    while not (out / "hop-0").exists() and time.monotonic() < deadline:
+        time.sleep(0.1)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    before = truths(out)
+    assert 0 < len(before) < 3
+    said = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert said.returncode == 1
+    assert len(said.stderr.splitlines()) == 3 - len(before)
+    assert truths(out).items() >= before.items()
+    assert set(truths(out)) == {0, 1, 2}
+
+
+@pytest.mark.slow
+def test_the_same_truth_on_a_dask_cluster_and_with_processes_side_by_side(scenario, tmp_path):
+    file = tmp_path / "scheduler.json"
+    dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--scheduler-file", str(file),
+            "--port", "0", "--no-dashboard"]  # fmt: skip
+    worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(file),
+              "--nthreads", "1", "--no-dashboard", "--no-nanny"]  # fmt: skip
+    cluster = [subprocess.Popen(dask)]
+    try:
+        while not file.exists():
+            time.sleep(0.1)
+        cluster += [subprocess.Popen(worker) for _ in range(2)]
+        address = json.loads(file.read_text())["address"]
+        main(["campaign", scenario, "--out", str(tmp_path / "dask"), "--runs", "2",
+              "--scheduler", address])  # fmt: skip
+    finally:
+        for process in reversed(cluster):
+            process.terminate()
+            process.wait()
+    main(["campaign", scenario, "--out", str(tmp_path / "local"), "--runs", "2", "--workers", "2"])
+    campaign(scenario, tmp_path / "one", "--runs", "2")
+    found = [truths(tmp_path / name) for name in ("dask", "local", "one")]
+    assert set(found[0]) == {0, 1}
+    assert found[0] == found[1] == found[2]
