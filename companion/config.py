@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
+from companion.baselines.config import BaselinesConfig, Controller
 from companion.depth import DepthConfig
 from companion.framesource import check_source
 from companion.gaze import GazeConfig
@@ -158,7 +159,11 @@ class CompanionConfig(StrictModel):
     threat: ThreatConfig = ThreatConfig()
     gaze: GazeConfig = GazeConfig()
     mission: MissionConfig = MissionConfig()
+    controller: Controller = Field(
+        "nmpc", description="What plans: the NMPC, or a rule to compare it with; studies only."
+    )
     nmpc: NmpcConfig = NmpcConfig()
+    baselines: BaselinesConfig = BaselinesConfig()
     guard: GuardConfig = GuardConfig()
     fence: FenceConfig = FenceConfig()
     log: LogConfig = LogConfig()

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from companion.baselines import adapted, make_planner
 from companion.config import CompanionConfig
 from companion.forecast import Forecast
 from companion.gaze import Gaze, seen_speed
@@ -22,7 +23,7 @@ from companion.guard import Guard, Verdict
 from companion.lift import Lift
 from companion.mission import Mission, Progress
 from companion.model import yaw_of
-from companion.nmpc import Instance, Neighbour, Nmpc, Result, make_instance
+from companion.nmpc import Instance, Neighbour, Result, make_instance
 from companion.obstacles import ObstacleMap
 from companion.ownstate import OwnState
 from companion.phases import Decision, Phase, Phases
@@ -81,6 +82,7 @@ class Pipeline:
     """Everything one drone knows and decides, tick by tick."""
 
     def __init__(self, config: CompanionConfig, stopwatch: Callable[[], float]) -> None:
+        config = adapted(config)
         self._config = config
         self._stopwatch = stopwatch
         self._own = OwnState()
@@ -93,7 +95,7 @@ class Pipeline:
         link = config.link
         self._identity = Identity(link.autopilot, link.system_id)
         self._phases = Phases(config.mission, adapter(link.autopilot, link.system_id))
-        self._nmpc = Nmpc(config.nmpc, stopwatch)
+        self._planner = make_planner(config, stopwatch)
         self._guard = Guard(config.guard)
         self._lift = Lift(
             ThrustMap(config.airframe.hover_thrust, config.airframe.thrust_exponent),
@@ -197,7 +199,7 @@ class Pipeline:
             planes=np.vstack([config.altitude_planes(self._goal(out)[2]), out.obstacles.planes]),
             disturbance=self._forecast.disturbance,
         )
-        out.result = self._nmpc.solve(out.instance)
+        out.result = self._planner.solve(out.instance)
 
     def _command(self, inputs: TickInputs, out: TickOutputs) -> None:
         """Requests to the autopilot, and the setpoint where it is ours to send."""
@@ -230,8 +232,8 @@ class Pipeline:
             goal=own.p,
             yaw=yaw_of(own.q_wb),
         )
-        usable = self._nmpc.solve(instance).usable
-        self._nmpc.reset()
+        usable = self._planner.solve(instance).usable
+        self._planner.reset()
         return usable
 
     @property

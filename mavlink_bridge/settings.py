@@ -44,6 +44,10 @@ class SettingsError(ValueError):
         super().__init__("\n".join(problems))
         self.problems = list(problems)
 
+    def __reduce__(self) -> tuple[type[SettingsError], tuple[list[str]]]:
+        """From one process to another, whole."""
+        return type(self), (self.problems,)
+
 
 @dataclass(frozen=True)
 class Document:

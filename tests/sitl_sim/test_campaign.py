@@ -55,7 +55,7 @@ def test_a_campaign_flies_what_is_missing_and_nothing_else(scenario, tmp_path, c
     (out / "hop-5" / "mark").touch()
     assert campaign(scenario, out, "--runs", "3", "--seed", "5", "--json") == 1
     said = capsys.readouterr()
-    assert sorted(said.err.split(":")[0] for said.err in said.err.splitlines()) == [
+    assert sorted(line.split(":")[0] for line in said.err.splitlines()) == [
         "seed 6", "seed 7"]  # fmt: skip
     assert (out / "hop-5" / "mark").exists()
     summary = json.loads(said.out)

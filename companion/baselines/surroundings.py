@@ -1,0 +1,73 @@
+"""What a rule for the velocity looks at: an instance seen from the drone, in the plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from companion.nmpc import Instance, NmpcConfig
+from companion.types import Vector
+
+_WALL = 0.5  # |n_z| of a plane below which it stands like a wall
+_NEAREST = 0.02  # m: no surface is nearer, whatever the numbers say
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Horizontal, relative to the drone, world axes; m, m/s.
+
+    v (2,): own velocity. to_goal (2,): unit vector. migration (2,): velocity that the mission
+    asks for, slower near the goal. speed: most that may be flown. neighbours (k,2), their
+    velocities (k,2), and 0…1 how much each is one to stay with (k,). trunks (c,3): x, y, radius.
+    walls (h,3): n_x, n_y, free while n·d <= b. surfaces (c+h,2): nearest point of each of them.
+    """
+
+    v: Vector
+    to_goal: Vector
+    migration: Vector
+    speed: float
+    neighbours: Vector
+    velocities: Vector
+    cohesion: Vector
+    trunks: Vector
+    walls: Vector
+    surfaces: Vector
+
+    @classmethod
+    def of(cls, instance: Instance, config: NmpcConfig) -> Self:
+        """From the numbers that the NMPC would plan on."""
+        p, v = instance.x0[:2], instance.x0[3:5]
+        there = instance.neighbour_active > 0.5
+        e = instance.goal[:2] - p
+        trunks = instance.cylinders[instance.cylinder_active > 0.5].copy()
+        trunks[:, :2] -= p
+        planes = instance.planes[instance.plane_active > 0.5]
+        upright = planes[np.abs(planes[:, 2]) < _WALL]
+        length = np.linalg.norm(upright[:, :2], axis=1)
+        room = (upright[:, 3] - upright[:, :3] @ instance.x0[:3]) / length
+        walls = np.column_stack([upright[:, :2] / length[:, None], room])
+        return cls(
+            v=v,
+            to_goal=e / max(float(np.linalg.norm(e)), 1e-6),
+            migration=instance.speed * e / np.sqrt(e @ e + config.goal_smoothing**2),
+            speed=instance.speed,
+            neighbours=instance.neighbour_p[there, :2] - p,
+            velocities=instance.neighbour_v[there, :2],
+            cohesion=instance.neighbour_cohesion[there],
+            trunks=trunks,
+            walls=walls,
+            surfaces=np.vstack([_nearest_of_trunks(trunks), _scaled(walls[:, :2], walls[:, 2])]),
+        )
+
+
+def _nearest_of_trunks(trunks: Vector) -> Vector:
+    """(c,2) nearest surface point of each trunk."""
+    distance = np.linalg.norm(trunks[:, :2], axis=1)
+    return _scaled(trunks[:, :2] / np.maximum(distance, 1e-6)[:, None], distance - trunks[:, 2])
+
+
+def _scaled(directions: Vector, lengths: Vector) -> Vector:
+    points: Vector = directions * np.maximum(lengths, _NEAREST)[:, None]
+    return points
