@@ -40,6 +40,7 @@ _BOOT, _ATTEMPTS = 15.0, 3  # s
 _STICKS_DOWN = [1500, 1500, 1000, 1500] + [1000] * 12
 _PATIENCE = 20.0  # s for the process to listen and to answer a line
 
+# The gains give it the emulated vehicle's step response on our physics (docs/vehicles.md).
 SET_UP = """
 set serial_update_rate_hz = 500
 aux 0 0 0 1700 2100 0 0
@@ -58,13 +59,19 @@ set pitch_expo = 0
 set yaw_expo = 0
 set rc_smoothing = OFF
 set iterm_relax = RPY
-set p_roll = 80
-set p_pitch = 80
-set f_roll = 40
-set f_pitch = 40
-set p_yaw = 170
-set i_yaw = 20
-set f_yaw = 20
+set p_roll = 60
+set p_pitch = 60
+set i_roll = 10
+set i_pitch = 10
+set d_roll = 75
+set d_pitch = 75
+set d_max_roll = 75
+set d_max_pitch = 75
+set f_roll = 0
+set f_pitch = 0
+set p_yaw = 225
+set i_yaw = 50
+set f_yaw = 0
 """
 
 

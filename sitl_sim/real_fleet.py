@@ -148,6 +148,7 @@ class RealFleet:
         if len(self._sitls) > 1:
             for sitl in self._sitls:
                 sitl.relax()
+        self._first = round((started - self._begun) / _STEP) * _CHUNK
 
     def advance(self, t_end: float, wind: ArrayLike = 0.0) -> None:
         """Wait until t_end [s], a multiple of 2 ms; `vehicles` are then as they were at it.

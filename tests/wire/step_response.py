@@ -2,19 +2,23 @@
 
 A vehicle hovers in place (position and velocity are held, rotation is free), and one body rate
 is asked for, then none again. Rise time is from 10 to 90 % of the step, overshoot what exceeds
-it, both of the median of several steps.
+it, both of the median of several steps. Run as a program it draws them:
+`python tests/wire/step_response.py PAGE.html`.
 """
 
 from __future__ import annotations
 
 import math
+import sys
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from plotly.subplots import make_subplots
 
 from mavlink_bridge import msp
 from mavlink_bridge.bridge_loop import MspLine, meet, open_controller
@@ -25,6 +29,8 @@ from sitl_sim.betaflight_sitl import BetaflightError, BetaflightSitl
 from sitl_sim.estimator import SensorNoise
 from sitl_sim.geodesy import GeoReference, LocalFrame
 from sitl_sim.namespace import Host
+from sitl_sim.page import draw, page
+from sitl_sim.urgency import PHYSICS, hurry
 from sitl_sim.vehicle import Airframe, Vehicles
 
 Floats = NDArray[np.float64]
@@ -137,6 +143,7 @@ class RealRates:
     """A real Betaflight held in place: asks for rates, records what it does."""
 
     def __init__(self, folder: Path, settings: list[str]) -> None:
+        hurry(PHYSICS)
         self._vehicles = Vehicles(Airframe(), [[0.0, 0.0, 0.0]], 0.0)
         self._sitl = BetaflightSitl(folder, Host(), settings)
         self._frame = LocalFrame(np.zeros(3), 0.0, GeoReference())
@@ -217,3 +224,55 @@ class RealRates:
                 hold_in_place(self._vehicles, not turning)
             note((now, self._vehicles.omega[0].copy()))
             time.sleep(PERIOD / 2)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One step, answered by the emulated vehicle and by a real Betaflight."""
+
+    ours: Response
+    real: Response
+
+    @property
+    def text(self) -> str:
+        """A row of a table: axis, step, rise times, overshoots."""
+        o, r = self.ours, self.real
+        return (
+            f"| {o.axis} | {math.degrees(o.asked):.0f} | {1e3 * r.rise_time:.0f} | "
+            f"{1e3 * o.rise_time:.0f} | {100 * r.overshoot:.1f} | {100 * o.overshoot:.1f} |"
+        )
+
+
+def compare(folder: Path, count: int) -> Iterator[Pair]:
+    """Every axis and step; the real ones are medians of `count`."""
+    real = RealRates(folder, [])
+    try:
+        for axis in AXES:
+            for rate in STEPS_DEG:
+                yield Pair(emulated(axis, rate), typical(real.steps(axis, rate, count)))
+    finally:
+        real.close()
+
+
+def plot(pairs: list[Pair]) -> str:
+    """A row for each axis, a column for each step, as a page."""
+    titles = [f"{p.ours.axis}, {math.degrees(p.ours.asked):.0f} °/s" for p in pairs]
+    figure = make_subplots(rows=len(AXES), cols=len(STEPS_DEG), subplot_titles=titles)
+    for n, pair in enumerate(pairs):
+        # Half rise against half rise: transport to the real one is not the rate loop's.
+        moved = pair.real.t - pair.real.delay + pair.ours.delay
+        for name, r, t, colour in (("Betaflight 4.6.0", pair.real, moved, "#d62728"),
+                                   ("emulated", pair.ours, pair.ours.t, "#1f77b4")):  # fmt: skip
+            figure.add_scatter(x=1e3 * t, y=np.degrees(r.rate), name=name, line_color=colour,
+                               showlegend=not n, row=n // len(STEPS_DEG) + 1,
+                               col=n % len(STEPS_DEG) + 1)  # fmt: skip
+    figure.update_xaxes(range=[-50, 250])
+    figure.update_layout(width=1000, height=720, margin={"l": 40, "r": 10, "t": 40, "b": 30})
+    return page("Step responses, °/s over ms", "", [("Rate loops", draw(figure))])
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as place:
+        found = list(compare(Path(place), count=5))
+    print("\n".join(p.text for p in found))
+    Path(sys.argv[1]).write_text(plot(found), encoding="utf-8")

