@@ -29,6 +29,10 @@ def main(arguments: list[str] | None = None) -> int:
     """Entry point of `sitl-sim`."""
     from sitl_sim.campaign_command import add_arguments as campaign_arguments
     from sitl_sim.campaign_command import fly_campaign
+    from sitl_sim.scenario_page import add_arguments as scenario_arguments
+    from sitl_sim.scenario_page import show_scenarios
+    from sitl_sim.study_command import add_arguments as study_arguments
+    from sitl_sim.study_command import run_study
 
     parser = argparse.ArgumentParser(prog="sitl-sim", description="The simulated world.")
     commands = parser.add_subparsers(dest="command", required=True)
@@ -56,6 +60,8 @@ def main(arguments: list[str] | None = None) -> int:
     campaign_arguments(campaign)
     for command in (run, campaign):
         command.add_argument("--controller", metavar="NAME", help="nmpc, or one to compare it with")
+    study_arguments(commands.add_parser("study", help="campaigns side by side: table and plot"))
+    scenario_arguments(commands.add_parser("scenarios", help="list them; draw their plans"))
     report = commands.add_parser(
         "report", help="one page about a flight, or about a folder of flights"
     )
@@ -74,6 +80,9 @@ def main(arguments: list[str] | None = None) -> int:
         if options.command == "campaign":
             fine = fly_campaign(options, _overrides(options))
             return EXIT_OK if fine else EXIT_FELL_SHORT
+        if options.command in ("study", "scenarios"):
+            (run_study if options.command == "study" else show_scenarios)(options)
+            return EXIT_OK
         return _fly(options, serve=options.command == "serve")
     except _bad_input() as error:
         print(error, file=sys.stderr)

@@ -135,6 +135,12 @@ def names() -> list[str]:
                   if f.name.endswith(".yaml"))  # fmt: skip
 
 
+def description(name: str) -> str:
+    """One line about a scenario that comes with the package."""
+    path = Path(str(resources.files("sitl_sim") / "scenarios" / f"{name}.yaml"))
+    return str(load_yaml(path).data.get("description", ""))
+
+
 def load(scenario: str, overrides: list[str]) -> Scenario:
     """A scenario by name or YAML file, with path.to.key=value overrides on top.
 

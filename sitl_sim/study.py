@@ -1,0 +1,71 @@
+"""A study: campaigns that differ in one thing, side by side; data in `studies/`, or a file.
+
+Each case of each scenario is a campaign of the same seeds, resumed like any other. Its result is a
+page in Markdown with a table and a plot, made of nothing but the campaigns' summaries.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+from pydantic import Field
+
+from mavlink_bridge.settings import SettingsError, StrictModel, load_yaml, validate
+from sitl_sim.campaign import Campaign
+
+
+class Study(StrictModel):
+    """What is compared with what."""
+
+    title: str
+    scenarios: list[str] = Field(min_length=1)
+    set: list[str] = Field([], description="path.to.key=value, for all.")
+    cases: dict[str, list[str]] = Field(min_length=1, description="The same, for each case.")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One case of one scenario."""
+
+    scenario: str
+    case: str
+    campaign: Campaign
+
+
+def names() -> list[str]:
+    """Studies that come with the package."""
+    folder = resources.files("sitl_sim") / "studies"
+    return sorted(f.name.removesuffix(".yaml") for f in folder.iterdir()
+                  if f.name.endswith(".yaml"))  # fmt: skip
+
+
+def load(name: str) -> Study:
+    """A study by name or YAML file.
+
+    Raises:
+        SettingsError: with every mistake at its place, or the valid names.
+    """
+    if name in names():
+        path = Path(str(resources.files("sitl_sim") / "studies" / f"{name}.yaml"))
+    elif name.endswith((".yaml", ".yml")):
+        path = Path(name)
+    else:
+        known = ", ".join(names())
+        raise SettingsError([f"no study {name!r}; valid: {known}, or a .yaml file"])
+    return validate(Study, load_yaml(path), str(path))
+
+
+def cells(
+    study: Study, folder: Path, runs: int, first_seed: int, in_process: bool
+) -> Iterator[Cell]:
+    """Every case of every scenario; sensing from pixels is flown with processes."""
+    for scenario in study.scenarios:
+        for case, changes in study.cases.items():
+            place = folder / scenario / case.replace(" ", "-").replace("/", "-")
+            overrides = [*study.set, *changes]
+            yield Cell(
+                scenario, case, Campaign(scenario, overrides, runs, first_seed, place, in_process)
+            )
