@@ -19,6 +19,7 @@ COMMANDS = (
     "config",
     "deploy",
     "doctor",
+    "calibrate",
     "fleet",
     "replay",
     "log",

@@ -14,16 +14,20 @@ from pydantic import AfterValidator, Field, model_validator
 
 from companion.baselines.config import BaselinesConfig, Controller
 from companion.depth import DepthConfig
-from companion.framesource import check_source
+from companion.detect import ColorSettings
+from companion.framesource import SOURCE_FORMS, check_source
 from companion.gaze import GazeConfig
 from companion.guard import GuardConfig
+from companion.heatmap import CnnConfig
 from companion.mission import MissionConfig
 from companion.nmpc import NmpcConfig
 from companion.obstacles import ObstacleConfig
 from companion.surfaces import SurfaceConfig
 from companion.threat import ThreatConfig
 from companion.track import TrackerConfig
+from companion.trunks import TrunkSettings
 from companion.types import Vector
+from companion.yolo import YoloConfig
 from mavlink_bridge.autopilots import AutopilotName
 from mavlink_bridge.link import ENDPOINT_FORMS, parse_endpoint
 from mavlink_bridge.settings import (
@@ -71,7 +75,10 @@ class CameraConfig(StrictModel):
     """Where frames come from and how the lens images."""
 
     source: Annotated[str, AfterValidator(check_source)] = Field(
-        "sim:127.0.0.1:15541", description="sim:HOST:PORT, the frame channel."
+        "sim:127.0.0.1:15541", description=SOURCE_FORMS
+    )
+    latency: float = Field(
+        0.03, ge=0, le=0.5, description="s from exposure to arrival, where a camera does not say."
     )
     width: int = Field(640, ge=64, le=4096, description="px.")
     height: int = Field(400, ge=64, le=4096, description="px.")
@@ -87,7 +94,18 @@ class SensingConfig(StrictModel):
 
     neighbours: Literal["camera", "truth"] = "camera"
     obstacles: Literal["camera", "depth", "map"] = "camera"
-    detector: Literal["color"] = "color"
+    detector: Literal["color", "cnn", "yolo"] = Field(
+        "color",
+        description="color: drones with a marker; cnn: the packaged network, drones as they are; "
+        "yolo: a network of your own.",
+    )
+    model: str | None = Field(
+        None, description="ONNX file, relative to this one: for yolo, or a cnn trained anew."
+    )
+    color: ColorSettings = ColorSettings()
+    cnn: CnnConfig = CnnConfig()
+    yolo: YoloConfig = YoloConfig()
+    trunks: TrunkSettings = TrunkSettings()
     trunks_every: int = Field(
         2, ge=1, le=10, description="Frames from one look for trunks to the next: they stand still."
     )
@@ -174,6 +192,15 @@ class CompanionConfig(StrictModel):
         for n, goal in enumerate(self.mission.goals):
             if len(goal) != 3:
                 raise Contradiction((f"mission.goals.{n}",), f"must be [x, y, z], got {goal}")
+        if self.timing.pace == "frames" and not self.camera.source.startswith("sim:"):
+            raise Contradiction(
+                ("timing.pace", "camera.source"), "pace: frames needs the simulator as source"
+            )
+        if self.sensing.detector == "yolo" and self.sensing.model is None:
+            raise Contradiction(
+                ("sensing.detector", "sensing.model"),
+                "detector: yolo needs sensing.model: FILE.onnx",
+            )
         low, high = "fence.altitude_min", "fence.altitude_max"
         if self.fence.altitude_max <= self.fence.altitude_min:
             raise Contradiction((high, low), "altitude_max must be above altitude_min")
@@ -246,9 +273,10 @@ def _layer(path: Path) -> Document:
     if isinstance(airframe, str):  # `airframe: quad5` is short for `airframe: {name: quad5}`
         document.data["airframe"] = {"name": airframe}
         document.places["airframe", "name"] = document.places[("airframe",)]
-    camera = document.data.get("camera")
-    if isinstance(camera, dict) and isinstance(camera.get("calibration"), str):
-        camera["calibration"] = str(path.parent / camera["calibration"])
+    for section, key in (("camera", "calibration"), ("sensing", "model")):
+        part = document.data.get(section)
+        if isinstance(part, dict) and isinstance(part.get(key), str):
+            part[key] = str(path.parent / part[key])
     return document
 
 

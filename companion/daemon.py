@@ -50,7 +50,7 @@ class Daemon:
             open_endpoint(config.link.endpoint),
             Codec(config.link.system_id, config.link.component_id),
         )
-        self._frames = open_source(config.camera.source)
+        self._frames = open_source(config.camera)
         self._pipeline = Pipeline(config, time.perf_counter)
         self._pace: Pace = (
             FramePace(self._link, self._frames)

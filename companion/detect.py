@@ -12,10 +12,12 @@ from typing import Protocol
 
 import cv2
 import numpy as np
+from pydantic import Field
 
 from companion.camera import Camera
 from companion.circles import fit_circles
 from companion.types import Detection, Image, Vector
+from mavlink_bridge.settings import StrictModel
 
 # A circle through less of an outline than this share is wrong more often than right.
 _LEAST_ARC = 0.5
@@ -33,24 +35,24 @@ class Detector(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class ColorSettings:
-    """What the marker looks like.
+class ColorSettings(StrictModel):
+    """What the marker looks like."""
 
-    hue_deg: 0…360, of the marker (300 magenta, 25 orange, 120 green). hue_width_deg: accepted
-    distance from it. marker_radius: m, of the ball. min_chroma: grey levels between the marker's
-    strong and weak channels. min_area: px. max_range: m.
-    edge: share of the ball's bright side's chroma at which its outline is drawn; below one half,
-    as the limb away from the sun is darker.
-    """
-
-    hue_deg: float = 300.0
-    hue_width_deg: float = 30.0
-    marker_radius: float = 0.10
-    min_chroma: float = 28.0
-    min_area: float = 3.0
-    max_range: float = 20.0
-    edge: float = 0.44
+    hue_deg: float = Field(300.0, description="Of the marker: 300 magenta, 25 orange, 120 green.")
+    hue_width_deg: float = Field(30.0, gt=0, le=180, description="Accepted distance from it.")
+    marker_radius: float = Field(0.10, gt=0, description="Of the ball [m].")
+    min_chroma: float = Field(
+        28.0, gt=0, description="Grey levels between the marker's strong and weak channels."
+    )
+    min_area: float = Field(3.0, gt=0, description="Of the ball in the picture [px].")
+    max_range: float = Field(20.0, gt=0, description="Farther balls [m] are dropped.")
+    edge: float = Field(
+        0.44,
+        gt=0,
+        lt=1,
+        description="Share of the bright side's chroma at which the outline is drawn; below one "
+        "half, as the limb away from the sun is darker.",
+    )
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,21 @@
-"""Where camera frames come from: `KIND:ADDRESS`, one entry a kind.
+"""Where camera frames come from: `KIND:ADDRESS`, the simulator or anything OpenCV opens.
 
-A source is a file descriptor for select() that gives frames stamped in the vehicle's clock.
+A source is a file descriptor for select() that gives frames with the time they were taken at.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol
+import re
+from typing import TYPE_CHECKING, Protocol
 
 from mavlink_bridge.video import Answer, Frame, FrameClient
+
+if TYPE_CHECKING:
+    from companion.config import CameraConfig
+
+SOURCE_FORMS = (
+    "sim:HOST:PORT, device:N, device:/dev/NAME, rtsp://ADDRESS, gst:PIPELINE or file:PATH"
+)
 
 
 class FrameSource(Protocol):
@@ -35,14 +42,19 @@ class FrameSource(Protocol):
         ...
 
 
-def open_source(source: str) -> FrameSource:
-    """Open a source that `check_source` let pass.
+def open_source(camera: CameraConfig) -> FrameSource:
+    """Open the source of a camera.
 
     Raises:
         VideoError: it cannot be reached.
     """
-    kind, _, address = source.partition(":")
-    return _KINDS[kind](address)
+    kind, _, address = camera.source.partition(":")
+    if kind == "sim":
+        host, _, port = address.rpartition(":")
+        return FrameClient(host, int(port))
+    from companion.videosource import VideoSource
+
+    return VideoSource(kind, address, (camera.width, camera.height), camera.latency)
 
 
 def check_source(source: str) -> str:
@@ -51,16 +63,12 @@ def check_source(source: str) -> str:
     Raises:
         ValueError: naming the valid forms.
     """
+    if not any(re.fullmatch(form, source) for form in _FORMS):
+        raise ValueError(f"must be {SOURCE_FORMS}")
     kind, _, address = source.partition(":")
-    host, _, port = address.rpartition(":")
-    if kind not in _KINDS or not host or not port.isdigit() or not 0 < int(port) < 65536:
-        raise ValueError("must be sim:HOST:PORT")
+    if kind == "sim" and not 0 < int(address.rpartition(":")[2]) < 65536:
+        raise ValueError(f"must be {SOURCE_FORMS}; a port is 1 to 65535")
     return source
 
 
-def _simulator(address: str) -> FrameSource:
-    host, _, port = address.rpartition(":")
-    return FrameClient(host, int(port))
-
-
-_KINDS: dict[str, Callable[[str], FrameSource]] = {"sim": _simulator}
+_FORMS = (r"sim:[^:]+:[0-9]{1,5}", r"device:([0-9]+|/.+)", r"rtsp://.+", r"gst:.+", r"file:.+")

@@ -11,6 +11,7 @@ import math
 import select
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Protocol
 
 from companion.framesource import FrameSource
@@ -122,7 +123,7 @@ class ClockPace:
         ready, _, _ = select.select(files, [], [], max(timeout, 0.0))
         try:
             while self._frames is not None and self._frames.fileno() in ready:
-                self._frame = self._frames.receive()
+                self._frame = self._dated(self._frames.receive())
                 if not self._frames.waits():
                     break
         except VideoError:
@@ -130,6 +131,14 @@ class ClockPace:
         received = self._link.receive()
         self._hear_clock(received)
         return received
+
+    def _dated(self, frame: Frame) -> Frame | None:
+        """The frame in the vehicle's clock; none before that is known."""
+        if not frame.local:
+            return frame
+        if not math.isfinite(self._offset):
+            return None
+        return replace(frame, time=frame.time + self._offset, local=False)
 
     def _hear_clock(self, received: list[Received]) -> None:
         """Vehicle's clock against ours: the least delayed message of the recent past counts."""

@@ -134,12 +134,12 @@ class Pipeline:
     def _see(self, inputs: TickInputs, out: TickOutputs) -> None:
         """Neighbours and trunks in the frame, in the camera's frame; each frame once."""
         frame = inputs.frame
-        if frame is None or frame.time <= self._frame_time:
-            return
-        at_capture = self._own.at(frame.time)
-        if at_capture is not None:
-            self._frame_time = frame.time
-            out.sighting = self._sight.see(frame, at_capture)
+        if frame is not None and frame.time > self._frame_time:
+            at_capture = self._own.at(frame.time)
+            if at_capture is not None:
+                self._frame_time = frame.time
+                out.sighting = self._sight.see(frame, at_capture)
+        out.objection = out.objection or self._sight.objection
 
     def _track(self, out: TickOutputs) -> None:
         """Neighbours with velocity and covariance, obstacles seen or remembered."""

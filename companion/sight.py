@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.camera import Camera
+from companion.camera import CalibrationError, Camera
 from companion.config import CameraConfig, SensingConfig
-from companion.detect import ColorDetector
+from companion.detectors import make_detector
 from companion.types import Detection, Image, Ranges, Trunk, Vector
 from mavlink_bridge.frames import rotation_matrix
 from mavlink_bridge.messages import VehicleState
@@ -35,23 +35,44 @@ class Sighting:
     ranges: Ranges | None = None  # (h,w) m to other surfaces, where there is a depth image
 
 
+def load_camera(config: CameraConfig) -> Camera:
+    """The camera as calibrated, or an ideal one.
+
+    Raises:
+        CalibrationError: a file that cannot be used, or is of another image size.
+    """
+    size = (config.width, config.height)
+    if config.calibration is None:
+        return Camera.equidistant(*size, config.fov_deg)
+    camera = Camera.load(config.calibration)
+    if (camera.width, camera.height) != size:
+        raise CalibrationError(
+            f"{config.calibration}: made at {camera.width}×{camera.height}, but camera.width and "
+            f"camera.height say {config.width}×{config.height}: calibrate at that size"
+        )
+    return camera
+
+
 class Sight:
-    """The camera and the detectors chosen by the config."""
+    """The camera and the detectors chosen by the config.
+
+    objection: why its frames are not to be flown by, one line; empty where they are fine.
+
+    Raises:
+        CalibrationError, ModelError: a file that cannot be used.
+    """
 
     def __init__(self, camera: CameraConfig, sensing: SensingConfig) -> None:
-        self.camera = (
-            Camera.load(camera.calibration)
-            if camera.calibration
-            else Camera.equidistant(camera.width, camera.height, camera.fov_deg)
-        )
+        self.camera = load_camera(camera)
         self.half_view = camera.width / 2 / self.camera.fx
+        self.objection = ""
         self._sensing = sensing
         self._frames = 0
-        self._drones = ColorDetector(self.camera)
+        self._drones = make_detector(self.camera, sensing)
         if sensing.obstacles == "camera":
             from companion.trunks import TrunkDetector
 
-            self._trunks = TrunkDetector(self.camera)
+            self._trunks = TrunkDetector(self.camera, sensing.trunks)
         elif sensing.obstacles == "depth":
             from companion.depth import DepthReader
 
@@ -59,7 +80,7 @@ class Sight:
 
     def see(self, frame: Frame, own: VehicleState) -> Sighting:
         """Detections in `frame`, taken in state `own`; a frame without an image shows nothing."""
-        image: Image | None = frame.arrays.get("image")
+        image = self._fitting(frame.arrays.get("image"))
         drones: list[Detection] = []
         if self._sensing.neighbours == "truth":
             rows = frame.arrays.get("neighbours", np.zeros((0, 6)))
@@ -80,7 +101,7 @@ class Sight:
         return Sighting(frame.time, own, drones, trunks, searched, ranges)
 
     def _find_trunks(self, frame: Frame, own: VehicleState) -> list[Trunk]:
-        image: Image | None = frame.arrays.get("image")
+        image = self._fitting(frame.arrays.get("image"))
         if self._sensing.obstacles == "map":
             rows = frame.arrays.get("trunks", np.zeros((0, 6)))
             return [Trunk(r[:3], float(r[3]), float(r[4]), float(r[5])) for r in rows]
@@ -88,6 +109,18 @@ class Sight:
             return []
         down = self._to_camera(own, np.array([[0.0, 0.0, -1.0]]))[0]
         return self._trunks.detect(image, down, float(own.p[2]))
+
+    def _fitting(self, image: Image | None) -> Image | None:
+        """The picture if it is one that the calibration is for."""
+        if image is None:
+            return None
+        wanted = (self.camera.height, self.camera.width, 3)
+        fits = image.shape == wanted and image.dtype == np.uint8
+        self.objection = "" if fits else (
+            f"camera: pictures are {'×'.join(map(str, image.shape[1::-1]))} px, camera.width and "
+            f"camera.height say {self.camera.width}×{self.camera.height}, in colour"
+        )  # fmt: skip
+        return image if fits else None
 
     def _read_depth(
         self, frame: Frame, own: VehicleState, drones: list[Detection]

@@ -19,10 +19,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from companion.camera import Camera
 from companion.panorama import Level, Panorama
 from companion.types import Image, Trunk, Vector
+from mavlink_bridge.settings import StrictModel
 
 Mask = NDArray[np.bool_]
 CUT_WIDTH = 1.35  # typical true over visible width of a trunk cut by the picture's edge
@@ -30,24 +32,19 @@ TRIED = np.geomspace(16.0, 1.02, 48)  # distances to the axis, in radii
 EDGE = 9.0  # grey levels of an upright edge that parts two trunks
 
 
-@dataclass(frozen=True)
-class TrunkSettings:
-    """What trunks and ground look like, and how far to look.
+class TrunkSettings(StrictModel):
+    """What trunks and ground look like, and how far to look."""
 
-    radius: m, assumed where only one edge of a trunk shows. max_range: m, to the surface.
-    step: rad, of the panorama. min_width: rad. ground_share: of the ground's own saturation that a
-    pixel needs to count as ground. attitude_sigma: rad, error of gravity_c.
-    min_radius, max_radius: m, wider or thinner things are no trunks.
-    """
-
-    radius: float = 1.0
-    max_range: float = 12.0
-    step: float = math.radians(0.6)
-    min_width: float = math.radians(2.5)
-    ground_share: float = 0.55
-    attitude_sigma: float = 0.006
-    min_radius: float = 0.08
-    max_radius: float = 2.5
+    radius: float = Field(1.0, gt=0, description="Assumed where one edge of a trunk shows [m].")
+    max_range: float = Field(12.0, gt=0, description="To the surface [m].")
+    step_deg: float = Field(0.6, ge=0.2, le=3, description="Pixel of the level panorama.")
+    min_width_deg: float = Field(2.5, gt=0, description="Thinner things are no trunks.")
+    ground_share: float = Field(
+        0.55, gt=0, lt=1, description="Of the ground's own saturation that makes a pixel ground."
+    )
+    attitude_sigma: float = Field(0.006, ge=0, description="Std [rad] of the own attitude.")
+    min_radius: float = Field(0.08, gt=0, description="Thinner things [m] are no trunks.")
+    max_radius: float = Field(2.5, gt=0, description="Thicker ones [m] neither.")
 
 
 @dataclass(frozen=True)
@@ -73,7 +70,8 @@ class TrunkDetector:
         self.settings = settings or TrunkSettings()
         top, bottom = math.radians(14.0), math.radians(-76.0)
         side = min(camera.max_angle, math.radians(92.0))
-        self._panorama = Panorama(camera, side, top, bottom, self.settings.step)
+        step = math.radians(self.settings.step_deg)
+        self._panorama = Panorama(camera, side, top, bottom, step)
         elevation = self._panorama.elevation
         self._horizon = int(np.searchsorted(-elevation, 0.0))
         # Above the far tree line and below the nearest crowns a trunk stands before the sky.
@@ -190,7 +188,7 @@ class TrunkDetector:
         low, high = columns.azimuth[first] - step / 2, columns.azimuth[last] + step / 2
         t, az = columns.t[first : last + 1], columns.azimuth[first : last + 1]
         foot = columns.foot[first : last + 1]
-        if high - low < s.min_width:
+        if high - low < math.radians(s.min_width_deg):
             return None
         free_low, free_high = _free(columns, first, -1), _free(columns, last, 1)
         free = (free_low, free_high)

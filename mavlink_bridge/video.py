@@ -37,13 +37,14 @@ class Frame:
     (m,6), `trunks` (k,6) and `ranges` (h,w) float32 m to walls where the simulator plays a
     perfect detector (camera frame).
     packets: MAVLink packets the vehicle had sent to the companion before this frame. due: s, when
-    it was sent, where that is later than when it was taken.
+    it was sent, where that is later than when it was taken. local: `time` is CLOCK_MONOTONIC.
     """
 
     time: float
     arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
     packets: int = 0
     due: float | None = None
+    local: bool = False
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,7 @@ def make_bundle(
     board without internet.
 
     Raises:
-        BundleError: a calibration that lies elsewhere.
+        BundleError: a calibration or model that lies elsewhere.
     """
     for name in ("__init__.py", "changes.py", "installer.py"):
         _copy(Path(installer.__file__).with_name(name), folder / "board" / name)
@@ -102,14 +102,13 @@ def _put_units(owned: Path) -> None:
 
 
 def _put_drone(folder: Path, path: Path, config: CompanionConfig) -> None:
-    """A folder of its own in /etc for each drone: its file, the layers below, the calibration."""
+    """A folder of its own in /etc for each drone: its file, layers below, calibration, model."""
     home = folder / "config" / config.name
     _copy(path, home / f"{config.name}.yaml")
     if bridge_of(path).exists():
         _copy(bridge_of(path), home / "bridge.yaml")
     needed = layers_of(path)
-    if config.camera.calibration is not None:
-        needed.append(Path(config.camera.calibration))
+    needed += [Path(f) for f in (config.camera.calibration, config.sensing.model) if f]
     for file in needed:
         if not file.resolve().is_relative_to(path.parent.resolve()):
             raise BundleError(f"{file}: must lie beside {path} to be shipped with it")

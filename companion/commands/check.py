@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from companion.config import CompanionConfig
     from companion.conflicts import Drone
 
 HELP = "validate configurations, each and together"
@@ -55,8 +56,22 @@ def _check(path: Path, drones: list[Drone]) -> list[str]:
         config = validate(CompanionConfig, document, str(path))
     except SettingsError as error:
         return error.problems
-    if not is_layer(path):
-        drones.append(Drone(path, document, config))
+    if is_layer(path):
+        return []
+    drones.append(Drone(path, document, config))
+    return _unfit_files(config)
+
+
+def _unfit_files(config: CompanionConfig) -> list[str]:
+    """What is wrong with the calibration and the model that a drone names."""
+    from companion.camera import CalibrationError
+    from companion.detectors import ModelError, make_detector
+    from companion.sight import load_camera
+
+    try:
+        make_detector(load_camera(config.camera), config.sensing)
+    except (CalibrationError, ModelError) as error:
+        return [str(error)]
     return []
 
 

@@ -24,8 +24,10 @@ def run(options: argparse.Namespace) -> int:
     import cv2
 
     from companion import journal
+    from companion.camera import CalibrationError
     from companion.config import load_config
     from companion.daemon import Daemon
+    from companion.detectors import ModelError
     from mavlink_bridge.link import EndpointError
     from mavlink_bridge.settings import SettingsError
     from mavlink_bridge.video import VideoError
@@ -41,6 +43,9 @@ def run(options: argparse.Namespace) -> int:
         return EXIT_BAD_CONFIG
     try:
         daemon = Daemon(config)
+    except (CalibrationError, ModelError) as error:
+        journal.event("cannot start", logging.ERROR, reason=error)
+        return EXIT_BAD_CONFIG
     except (EndpointError, VideoError, OSError) as error:
         journal.event("cannot start", logging.ERROR, reason=error)
         return EXIT_UNAVAILABLE

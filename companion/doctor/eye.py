@@ -7,8 +7,10 @@ from collections.abc import Iterator
 
 from companion.camera import CalibrationError, Camera
 from companion.config import CompanionConfig
+from companion.detectors import ModelError, make_detector
 from companion.doctor.finding import Finding, Level, either, rated
 from companion.framesource import FrameSource, open_source
+from companion.sight import load_camera
 from mavlink_bridge.video import Answer, Frame, VideoError
 
 _LOOK = 2.0  # s of frames
@@ -17,8 +19,9 @@ _LOOK = 2.0  # s of frames
 def examine(config: CompanionConfig) -> Iterator[Finding]:
     """All findings about the camera."""
     yield _calibration(config)
+    yield _detector(config)
     try:
-        source = open_source(config.camera.source)
+        source = open_source(config.camera)
     except VideoError as error:
         yield Finding("camera", Level.RED, str(error), "is it plugged in, and used by nobody else?")
         return
@@ -45,6 +48,17 @@ def _calibration(config: CompanionConfig) -> Finding:
     text = f"{c.calibration}: {camera.width}×{camera.height}"
     fits = (camera.width, camera.height) == (c.width, c.height)
     return either("calibration", fits, text, f"frames are {c.width}×{c.height}: calibrate at that")
+
+
+def _detector(config: CompanionConfig) -> Finding:
+    """The network's file must be there and of the right kind."""
+    try:
+        make_detector(load_camera(config.camera), config.sensing)
+    except CalibrationError:
+        return Finding("detector", Level.AMBER, "not tried without calibration", "see above")
+    except ModelError as error:
+        return Finding("detector", Level.RED, str(error), "put the file there; sensing.model")
+    return Finding("detector", Level.GREEN, config.sensing.detector)
 
 
 def _watch(source: FrameSource) -> list[Frame]:

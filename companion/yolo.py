@@ -1,0 +1,84 @@
+"""A user's own network of the YOLO family, as ONNX (detector: yolo).
+
+Reads the two layouts in use: (1, 4 + classes, n) without objectness (version 8 and later) and
+(1, n, 5 + classes) with it (5 and 7); boxes are centre, width and height in the input's pixels.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from pydantic import Field
+
+from companion.camera import Camera
+from companion.networks import ModelError, OnnxNetwork, Tensor
+from companion.types import Detection, Image, Vector
+from mavlink_bridge.settings import StrictModel
+
+_PADDING = 114  # grey that these networks are trained with
+
+
+class YoloConfig(StrictModel):
+    """What the network was trained for."""
+
+    size: int = Field(640, ge=32, le=2048, multiple_of=32, description="Its square input [px].")
+    classes: list[int] = Field([], description="Classes that are drones; none given: all.")
+    threshold: float = Field(0.35, gt=0, lt=1, description="Least confidence.")
+    overlap: float = Field(0.45, gt=0, lt=1, description="Boxes that share more are one.")
+    radius: float = Field(0.2, gt=0, description="m, half of what a box is wide.")
+    sigma_range: float = Field(0.15, gt=0, description="1 σ of range, as a share of it.")
+
+
+class YoloDetector:
+    """Boxes → detections.
+
+    Raises:
+        ModelError: the file is missing or not such a network.
+    """
+
+    def __init__(self, camera: Camera, config: YoloConfig, model: Path) -> None:
+        self._camera, self._config = camera, config
+        self._network = OnnxNetwork(model, config.size, config.size)
+        shape = self._network.shape
+        if len(shape) != 3 or shape[0] != 1 or min(shape[1:]) < 5:
+            raise ModelError(f"{model}: gives {shape}; a YOLO gives (1, 4+classes, n) "
+                             "or (1, n, 5+classes)")  # fmt: skip
+
+    def detect(self, image: Image) -> list[Detection]:
+        """Drones in image (H,W,3) uint8 BGR, nearest first."""
+        c = self._config
+        height, width = image.shape[:2]
+        scale = c.size / max(width, height)
+        w, h = round(width * scale), round(height * scale)
+        canvas = np.full((c.size, c.size, 3), _PADDING, np.uint8)
+        cv2.resize(image, (w, h), dst=canvas[:h, :w])
+        boxes, scores = self._boxes(self._network.run(canvas, swap=True)[0])
+        corners = np.hstack([boxes[:, :2] - boxes[:, 2:] / 2, boxes[:, 2:]])
+        kept = cv2.dnn.NMSBoxes(corners.tolist(), scores.tolist(), c.threshold, c.overlap)
+        found = [self._detection(boxes[i] / scale, float(scores[i])) for i in np.ravel(kept)]
+        return sorted(found, key=lambda d: d.range)
+
+    def _boxes(self, out: Tensor) -> tuple[Vector, Vector]:
+        """Boxes (n,4) and scores (n,) of either layout."""
+        if out.shape[0] < out.shape[1]:  # 4 + classes rows
+            rows, first = out.T.astype(float), 4
+            objectness = np.ones(len(rows))
+        else:
+            rows, first = out.astype(float), 5
+            objectness = rows[:, 4]
+        classes = rows[:, first:][:, self._config.classes or slice(None)]
+        scores = objectness * (classes.max(axis=1) if classes.shape[1] else 1.0)
+        likely = scores >= self._config.threshold
+        return rows[likely, :4], scores[likely]
+
+    def _detection(self, box: Vector, score: float) -> Detection:
+        """A box in the frame's pixels: its longer side is the drone's width."""
+        u, v, w, h = box - np.array([0.5, 0.5, 0.0, 0.0])
+        ends = [[u - w / 2, v], [u + w / 2, v]] if w >= h else [[u, v - h / 2], [u, v + h / 2]]
+        middle, a, b = self._camera.unproject(np.array([[u, v], *ends]))
+        half = np.arccos(np.clip(a @ b, -1.0, 1.0)) / 2
+        distance = self._config.radius / max(float(np.sin(half)), 1e-3)
+        return Detection(middle, distance, 0.1 * float(half) + 0.002,
+                         self._config.sigma_range * distance, score)  # fmt: skip

@@ -1,0 +1,94 @@
+import numpy as np
+import pytest
+
+from companion.camera import CalibrationError, Camera
+from companion.config import CompanionConfig
+from companion.detectors import ModelError, make_detector
+from companion.heatmap import CHANNELS, HEIGHT, STRIDE, WIDTH, CnnConfig, CnnDetector
+from companion.sight import Sight, load_camera
+from mavlink_bridge.messages import VehicleState
+from mavlink_bridge.settings import SettingsError, assignments, validate
+from mavlink_bridge.video import Frame
+
+CAMERA = Camera.equidistant(640, 400)
+
+
+def config(**parts):
+    return CompanionConfig.model_validate(parts)
+
+
+def state():
+    return VehicleState(0.0, np.array([0, 0, 2.0]), np.zeros(3), np.array([1.0, 0, 0, 0]),
+                        np.zeros(3))  # fmt: skip
+
+
+def cells(*drones):
+    """An output that shows drones at pixel (u, v) with a radius in pixels."""
+    out = np.zeros((CHANNELS, HEIGHT // STRIDE, WIDTH // STRIDE), np.float32)
+    for u, v, size, heat in drones:
+        x, y = (u + 0.5) / STRIDE - 0.5, (v + 0.5) / STRIDE - 0.5
+        for dy in (-1, 0, 1):
+            for dx in (-1, 0, 1):
+                i, j = round(y) + dy, round(x) + dx
+                near = heat if dx == dy == 0 else 0.6 * heat
+                out[:, i, j] = [near, x - j, y - i, np.log(size), -3.0]
+    return out
+
+
+class Reader(CnnDetector):
+    """The decoding alone."""
+
+    def __init__(self, camera):
+        self._config, self._camera = CnnConfig(), camera.scaled(WIDTH, HEIGHT)
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 0.6, -1.2])
+@pytest.mark.parametrize("distance", [1.0, 4.0, 9.0])
+def test_direction_and_range_at_any_place_of_the_lens(azimuth, distance):
+    ray = np.array([np.sin(azimuth), 0.1, np.cos(azimuth)])
+    ray /= np.linalg.norm(ray)
+    ((u, v),) = CAMERA.project(ray[None])
+    theta = np.arccos(ray[2])
+    pixels = 0.2 / distance * CAMERA.fx * np.sqrt(theta / np.sin(theta))
+    (found,) = Reader(CAMERA).read(cells((u, v, pixels, 0.9)))
+    assert np.degrees(np.arccos(min(found.direction @ ray, 1.0))) < 0.05
+    assert found.range == pytest.approx(distance, rel=0.02)
+    assert 0.0 < found.sigma_range < 0.2 * distance
+
+
+def test_one_drone_once_and_two_as_two_nearest_first():
+    near = cells((300, 200, 60, 0.9), (312, 200, 58, 0.6), (420, 200, 10, 0.8), (40, 40, 9, 0.2))
+    found = Reader(CAMERA).read(near)
+    assert len(found) == 2
+    assert found[0].range < found[1].range
+
+
+def test_missing_and_wrong_models_are_one_error(tmp_path):
+    for detector in ("cnn", "yolo"):
+        wanted = config(sensing={"detector": detector, "model": str(tmp_path / "none.onnx")})
+        with pytest.raises(ModelError, match=r"none\.onnx: no such model file"):
+            make_detector(CAMERA, wanted.sensing)
+        (tmp_path / "bad.onnx").write_bytes(b"not a network" * 20)
+        wanted = config(sensing={"detector": detector, "model": str(tmp_path / "bad.onnx")})
+        with pytest.raises(ModelError, match=r"bad\.onnx: not a model that OpenCV reads"):
+            make_detector(CAMERA, wanted.sensing)
+
+
+def test_yolo_without_a_model_is_refused_with_its_keys():
+    with pytest.raises(SettingsError, match=r"sensing\.detector: .*sensing\.model"):
+        validate(CompanionConfig, assignments(["sensing.detector=yolo"]), "x")
+
+
+def test_a_calibration_of_another_size_is_refused(tmp_path):
+    Camera.equidistant(320, 200).save(tmp_path / "c.yaml")
+    with pytest.raises(CalibrationError, match="made at 320×200"):
+        load_camera(config(camera={"calibration": str(tmp_path / "c.yaml")}).camera)
+
+
+def test_pictures_of_another_size_are_an_objection_until_they_fit():
+    c = config()
+    sight = Sight(c.camera, c.sensing)
+    sight.see(Frame(0.1, {"image": np.zeros((480, 640, 3), np.uint8)}), state())
+    assert "640×480" in sight.objection
+    sight.see(Frame(0.2, {"image": np.zeros((400, 640, 3), np.uint8)}), state())
+    assert sight.objection == ""
