@@ -215,11 +215,14 @@ class Autopilots:
         self._shared.setpoints.control[i] = Control.OFF
         self.units[i] = self._boot(i, self.units[i].system, -self.t)
 
-    def telemetry(self, i: int, link: str) -> list[Message]:
-        """Messages of vehicle i that are due now on link "companion" or "gcs"."""
+    def telemetry(self, i: int, link: str, quiet: bool = False) -> list[Message]:
+        """Messages of vehicle i that are due now on link "companion" or "gcs".
+
+        quiet: nobody listens yet, so HEARTBEAT alone.
+        """
         unit = self.units[i]
         self._set_clock(unit)
-        return unit.telemetry(link)
+        return unit.telemetry(link, quiet)
 
     def _set_clock(self, unit: Unit) -> None:
         unit.now_us = self._substeps * 1000

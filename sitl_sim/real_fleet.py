@@ -173,7 +173,7 @@ class RealFleet:
         for mine, then in zip(self.vehicles.state, state, strict=True):
             mine[:] = then
 
-    def telemetry(self, i: int, link: str) -> list[Message]:
+    def telemetry(self, i: int, link: str, quiet: bool = False) -> list[Message]:
         """Nothing: the bridges speak."""
         return []
 

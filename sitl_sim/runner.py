@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 from mavlink_bridge.codec import Codec
 from mavlink_bridge.link import Endpoint, Link, UdpEndpoint
 from mavlink_bridge.memory import MemoryEndpoint
-from mavlink_bridge.messages import Heartbeat
 from mavlink_bridge.video import Frame, FrameServer
 from sitl_sim import scenario as scenarios
 from sitl_sim import sensing
@@ -341,10 +340,8 @@ class Flight:
         """Telemetry that is due, on both links."""
         told = self._autopilots.telemetry(drone.index, "companion")
         drone.companion.send(drone.telemetry.alter(self._now / 1e3, told))
-        messages = self._autopilots.telemetry(drone.index, "gcs")
-        if not drone.ground.packets_in:  # nobody there yet: no more than a sign of life
-            messages = [m for m in messages if isinstance(m, Heartbeat)]
-        drone.ground.send(messages)
+        nobody = not drone.ground.packets_in
+        drone.ground.send(self._autopilots.telemetry(drone.index, "gcs", quiet=nobody))
 
     def _deliver(self, drone: _Drone, link: Link) -> None:
         """Messages that wait on a link, to the vehicle; its replies back at once."""

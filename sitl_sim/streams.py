@@ -195,8 +195,9 @@ def extended_system_state(u: Unit) -> Message:
     return ExtendedSystemState(int(u.commander.landed_state))
 
 
+HEARTBEAT = 0
 BUILDERS: dict[int, Callable[[Unit], Message | None]] = {
-    0: heartbeat,
+    HEARTBEAT: heartbeat,
     1: system_status,
     2: system_time,
     24: gps_raw,

@@ -19,7 +19,7 @@ from sitl_sim.parameters import Parameters
 from sitl_sim.power import Batteries
 from sitl_sim.rates import RateLoop
 from sitl_sim.sticks import Sticks
-from sitl_sim.streams import BUILDERS, Schedule
+from sitl_sim.streams import BUILDERS, HEARTBEAT, Schedule
 from sitl_sim.vehicle import State
 
 LINKS = ("companion", "gcs")
@@ -107,11 +107,15 @@ class Unit:
         self._shared.loop.boost[self.i] = 1.0 / motor_gain if compensated else 1.0
         self.commander.remaining = float(self._shared.batteries.remaining[self.i])
 
-    def telemetry(self, link: str) -> list[Message]:
-        """Messages due now on this link."""
+    def telemetry(self, link: str, quiet: bool = False) -> list[Message]:
+        """Messages due now on this link; quiet: no more than a sign of life."""
         self._collect()
         messages: list[Message] = []
-        for message_id in self.schedules[link].due(self.boot_us):
+        due = self.schedules[link].due(self.boot_us)
+        if quiet:
+            self._outbox[link].clear()
+            due = [message_id for message_id in due if message_id == HEARTBEAT]
+        for message_id in due:
             message = self._builders[message_id](self)
             if message is not None:
                 messages.append(message)

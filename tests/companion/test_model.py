@@ -44,14 +44,6 @@ def test_numpy_equals_casadi(seed):
     np.testing.assert_allclose(np.array(after(x, u, d)).ravel(), step(x, u, 0.1, d), atol=1e-12)
 
 
-def test_any_leading_dimensions():
-    rng = np.random.default_rng(1)
-    x, u = random_state(rng, 5), np.stack([random_input(rng) for _ in range(5)])
-    many = step(x, u, 0.1)
-    for i in range(5):
-        np.testing.assert_allclose(many[i], step(x[i], u[i], 0.1), atol=1e-14)
-
-
 @pytest.mark.parametrize("yaw", [-3.0, 0.0, 1.2])
 def test_hover_stays(yaw):
     x = np.concatenate([[1, 2, 3], np.zeros(3), yaw_quaternion(yaw)])
@@ -97,7 +89,7 @@ def test_order_of_rk4():
         y = x
         for _ in range(n):
             y = step(y, u, 0.1 / n)
-        return np.abs(y - exact).max()
+        return np.abs(np.subtract(y, exact)).max()
 
     assert error(1) < 1e-4
     assert 12 < error(1) / error(2) < 20

@@ -76,9 +76,8 @@ class Drone:
             lag = np.array([THRUST_LAG, RATE_LAG, RATE_LAG, RATE_LAG])
             self.actual = self.actual + (wanted - self.actual) * (1 - np.exp(-STEP / lag))
             push = -DRAG * (self.x[3:6] - self.wind)
-            self.x = self.x + STEP * f(
-                self.x + STEP / 2 * f(self.x, self.actual), self.actual, push
-            )
+            middle = self.x + STEP / 2 * np.array(f(self.x, self.actual))
+            self.x = self.x + STEP * np.array(f(middle, self.actual, push))
             self.x[6:10] = normalise(self.x[6:10])
 
 
