@@ -55,6 +55,9 @@ class MissionConfig(StrictModel):
 
     targets: list[list[float]] = Field([], description="[x, y, z] each, for all drones, in order.")
     targets_of: dict[str, list[list[float]]] = Field({}, description="Instead, by drone name.")
+    spread: bool = Field(
+        False, description="The last of the targets is the formation's: each to its place in it."
+    )
     exchange: bool = Field(False, description="Last: the place opposite the start, round "
                            "drones.centre.")  # fmt: skip
     home: bool = Field(True, description="The last target is the drone's own start.")
@@ -269,6 +272,9 @@ def targets(scenario: Scenario, start: Vector) -> dict[str, list[list[float]]]:
     out = {}
     for name, s in zip(drone_names(scenario), start, strict=True):
         goals = [list(t) for t in m.targets_of.get(name, m.targets)]
+        if m.spread and goals:
+            place = s[:2] - start[:, :2].mean(axis=0)
+            goals[-1] = [*(goals[-1][:2] + place).round(4).tolist(), *goals[-1][2:]]
         if m.exchange:
             opposite = 2 * np.array(scenario.drones.centre) - s[:2]
             goals.append([*opposite.round(4).tolist(), m.altitude])

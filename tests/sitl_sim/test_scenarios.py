@@ -52,7 +52,9 @@ def test_starts_and_targets_are_free_and_apart_whatever_the_seed(name, missions)
         up = start + np.array([0, 0, s.mission.altitude])
         assert surface_distance(up, world).min() > 0.8
         assert surface_distance(np.array([g for v in goals.values() for g in v]), world).min() > 0.8
-        if s.mission.targets_of or s.mission.exchange:  # one's own, where the flight ends
+        if (
+            s.mission.targets_of or s.mission.exchange or s.mission.spread
+        ):  # one's own, where the flight ends
             assert apart(np.array([v[-1] for v in goals.values()])) > 1.1
 
 
