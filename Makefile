@@ -1,7 +1,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup sitl test test-long renew-flight lint bench clean
+.PHONY: setup sitl test test-long faults fuzz renew-flight lint bench clean
 
 setup: .venv/.ready
 
@@ -28,6 +28,14 @@ test: lint
 
 test-long: setup
 	$(BIN)/pytest -m slow
+
+# The fault matrix, all rows, and its table (docs/faults.md).
+faults: setup
+	$(BIN)/python -m pytest -m row --fault-table docs/faults.md
+
+# A million mutated frames of MAVLink and as many of MSP.
+fuzz: setup
+	$(BIN)/python tests/fuzz/mutate.py
 
 # After a wanted change of behaviour: tests/replay/flight.mcap as today's code flies it.
 renew-flight: setup

@@ -15,6 +15,7 @@ from pydantic import AfterValidator, Field, model_validator
 from companion.baselines.config import BaselinesConfig, Controller
 from companion.depth import DepthConfig
 from companion.detect import ColorSettings
+from companion.eye import EyeConfig
 from companion.framesource import SOURCE_FORMS, check_source
 from companion.gaze import GazeConfig
 from companion.guard import GuardConfig
@@ -30,6 +31,7 @@ from companion.types import Vector
 from companion.yolo import YoloConfig
 from mavlink_bridge.autopilots import AutopilotName
 from mavlink_bridge.link import ENDPOINT_FORMS, parse_endpoint
+from mavlink_bridge.messages import Source
 from mavlink_bridge.settings import (
     Contradiction,
     Document,
@@ -41,6 +43,7 @@ from mavlink_bridge.settings import (
 )
 
 FILEVERSION = 1
+_FENCE_REACH = 6.0  # m, more than the horizon's 2 s at any speed
 DEFAULT, AIRFRAMES, BRIDGES = "default.yaml", "airframes", "bridges"
 
 
@@ -60,6 +63,16 @@ def _well_formed(endpoint: str) -> str:
     return endpoint
 
 
+class SigningConfig(StrictModel):
+    """MAVLink 2 signing: what is not signed with the key is not heard."""
+
+    key: str = Field(
+        description="File of 32 bytes or 64 hexadecimal digits that only the service can read; or "
+        "the name of a systemd credential."
+    )
+    link_id: int = Field(0, ge=0, le=255, description="Of what the companion sends.")
+
+
 class LinkConfig(StrictModel):
     """The MAVLink link to the autopilot."""
 
@@ -69,6 +82,24 @@ class LinkConfig(StrictModel):
     system_id: int = Field(1, ge=1, le=255, description="Of the vehicle.")
     component_id: int = Field(191, ge=1, le=255, description="Of the companion.")
     autopilot: AutopilotName = "px4"
+    allow: list[list[int]] = Field(
+        [],
+        description="[system, component] whose messages are heard, component 0: any; besides the "
+        "vehicle's autopilot and another companion of it, who are always.",
+    )
+    signing: SigningConfig | None = Field(None, description="MAVLink 2 signing; none: unsigned.")
+
+    @model_validator(mode="after")
+    def _pairs(self) -> Self:
+        for n, pair in enumerate(self.allow):
+            if len(pair) != 2 or not (1 <= pair[0] <= 255 and 0 <= pair[1] <= 255):
+                raise Contradiction((f"allow.{n}",), f"must be [1…255, 0…255], got {pair}")
+        return self
+
+    def heard(self) -> list[Source]:
+        """Everybody who is listened to."""
+        mine = [Source(self.system_id, 1), Source(self.system_id, self.component_id)]
+        return mine + [Source(*pair) for pair in self.allow]
 
 
 class CameraConfig(StrictModel):
@@ -136,6 +167,43 @@ class FenceConfig(StrictModel):
         gt=0,
         description="Around the goal's height: who evades up or down leaves the others' view.",
     )
+    east: list[float] | None = Field(
+        None, min_length=2, max_length=2, description="[least, most]; none where not given."
+    )
+    north: list[float] | None = Field(
+        None, min_length=2, max_length=2, description="[least, most]; none where not given."
+    )
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        for key in ("east", "north"):
+            limits = getattr(self, key)
+            if limits is not None and limits[0] >= limits[1]:
+                raise Contradiction((key,), f"must be [least, most], got {limits}")
+        return self
+
+    def planes(self) -> Vector:
+        """(H,4) half-spaces n·p <= b: the sides, and the top last."""
+        rows = []
+        for axis, limits in enumerate((self.east, self.north)):
+            for sign, limit in zip((-1.0, 1.0), limits or (), strict=False):
+                row = [0.0, 0.0, 0.0, sign * limit]
+                row[axis] = sign
+                rows.append(row)
+        return np.array([*rows, [0.0, 0.0, 1.0, self.altitude_max]])
+
+    def near(self, p: Vector) -> Vector:
+        """(K,4) the sides that a plan from p (3,) could reach."""
+        sides = self.planes()[:-1]
+        near: Vector = sides[sides[:, 3] - sides[:, :3] @ p < _FENCE_REACH]
+        return near
+
+    def across(self, p: Vector, v: Vector) -> tuple[float, float]:
+        """How far [m] p (3,) is outside (< 0: within), and how fast [m/s] v leads on outwards."""
+        planes = self.planes()
+        beyond = planes[:, :3] @ p - planes[:, 3]
+        worst = int(np.argmax(beyond))
+        return float(beyond[worst]), float(planes[worst, :3] @ v)
 
 
 class BoardConfig(StrictModel):
@@ -169,6 +237,7 @@ class CompanionConfig(StrictModel):
     airframe: AirframeConfig = AirframeConfig()
     link: LinkConfig = LinkConfig()
     camera: CameraConfig = CameraConfig()
+    eye: EyeConfig = EyeConfig()
     sensing: SensingConfig = SensingConfig()
     timing: TimingConfig = TimingConfig()
     tracker: TrackerConfig = TrackerConfig()

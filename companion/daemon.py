@@ -7,6 +7,7 @@ import os
 import signal
 import time
 from dataclasses import asdict, replace
+from pathlib import Path
 from types import FrameType
 
 from companion.config import CompanionConfig
@@ -14,6 +15,7 @@ from companion.directories import StateFile, log_path
 from companion.events import Events
 from companion.framesource import open_source
 from companion.journal import event
+from companion.keys import open_signing
 from companion.pace import ClockPace, FramePace, Pace
 from companion.phases import Phase
 from companion.pipeline import Pipeline, TickInputs, TickOutputs
@@ -46,9 +48,18 @@ class Daemon:
         self._ready = False
         self._twin = False
         self._lock = VehicleLock(f"{config.link.endpoint}#{config.link.system_id}")
+        link = config.link
+        self._timestamps = link.signing and open_signing(
+            config.name, link.signing.key, link.signing.link_id
+        )
         self._link = Link(
-            open_endpoint(config.link.endpoint),
-            Codec(config.link.system_id, config.link.component_id),
+            open_endpoint(link.endpoint),
+            Codec(
+                link.system_id,
+                link.component_id,
+                allow=link.heard(),
+                signing=self._timestamps.signing if self._timestamps else None,
+            ),
         )
         self._frames = open_source(config.camera)
         self._pipeline = Pipeline(config, time.perf_counter)
@@ -62,8 +73,7 @@ class Daemon:
         self._log_cost = 0.0
         path = log_path(config.log.path, os.environ) if config.log.path else None
         if path is not None:
-            self._recorder = Recorder(config, path)
-            self._link.tap = lambda sent, data: self._packets.append((sent, data))
+            self._open_log(path)
         self._supervisor = Supervisor(os.environ)
         self._state = StateFile(os.environ)
         self._vital = Vital(config.timing.period)
@@ -84,9 +94,10 @@ class Daemon:
                 self._tick(replace(inputs, leave=self._stop))
         finally:
             self._supervisor.stopping()
-            if self._recorder is not None:
-                self._recorder.close()
+            self._close_log()
             self._link.close()
+            if self._timestamps:
+                self._timestamps.save()
             self._frames.close()
             self._lock.close()
             self._supervisor.close()
@@ -110,6 +121,8 @@ class Daemon:
         """Compute, publish, then everything that can wait."""
         started = time.perf_counter()
         packets = self._link.packets_out
+        if self._timestamps:
+            self._timestamps.tick(started)
         out = self._pipeline.tick(inputs)
         self._link.send(out.messages)
         self._pace.done(inputs, out.phase is Phase.DONE)
@@ -132,6 +145,7 @@ class Daemon:
             self._supervisor.status(out.objection or out.phase.value + ", armed" * armed)
         self._events.tick(inputs, out)
         self._events.link(self._link.problem)
+        self._events.refused(self._link.codec.statistics, time.monotonic())
 
     def _over(self) -> bool:
         """Whether to stop waiting for a tick; also looks after a start that takes its time."""
@@ -152,11 +166,31 @@ class Daemon:
         """Log the tick, once everything has been sent; its own cost shows in the next record."""
         if self._recorder is None:
             return
+        if self._recorder.failed is not None:
+            event("log", logging.WARNING, text=self._recorder.failed)
+            self._close_log()
+            return
         out.stages |= {"tick": taken, "log": self._log_cost}
         started = time.perf_counter()
         self._recorder.write(inputs, out, self._packets, self._counters())
         self._packets.clear()
         self._log_cost = time.perf_counter() - started
+
+    def _open_log(self, path: Path) -> None:
+        """Begin the flight log; where that cannot be, fly without."""
+        try:
+            self._recorder = Recorder(self._config, path)
+        except OSError as error:
+            event("log", logging.WARNING, text=f"no flight log: {error}")
+            return
+        self._link.tap = lambda sent, data: self._packets.append((sent, data))
+
+    def _close_log(self) -> None:
+        self._link.tap = None
+        self._packets.clear()
+        if self._recorder is not None:
+            self._recorder.close()
+            self._recorder = None
 
     def _counters(self) -> dict[str, int]:
         return {"deadline_misses": self._pace.misses} | asdict(self._link.codec.statistics)

@@ -58,6 +58,11 @@ class Forecast:
         """(10,) state p, v, q at which the input of this tick takes effect."""
         return self._flow(state(own), own.time, own.time + self._delay)
 
+    def carried(self, own: VehicleState, time: float) -> VehicleState:
+        """A state known then, carried to `time` [s] by the model and what was sent since."""
+        x = self._flow(state(own), own.time, time)
+        return VehicleState(time, x[:3], x[3:6], x[6:10], self.u_last[1:4])
+
     def _flow(self, x: Vector, start: float, end: float) -> Vector:
         """X (10,) carried from `start` to `end` [s] under each input while it acts."""
         u = HOVER if not self._sent else self._sent[0][1]

@@ -1,8 +1,17 @@
 """The last word before the wire: any input, NaN included, gives a finite, bounded command.
 
-A usable plan passes, clipped to the bounds. A failed solve flies the shifted previous plan
-for at most `shifted_max` ticks; after that, and whenever there is no plan, a closed-form law
-brakes and hovers without any solver. Without a state: level rates and hover thrust.
+`Guard.judge` is total and is the only source of commands. Rules, the first that applies:
+
+| what | command | asks |
+|---|---|---|
+| telemetry silent | stop turning, hover thrust | HOLD, LAND, silence: `stale_…` |
+| attitude or position not to be believed | level, hover thrust | LAND |
+| no usable plan | `shifted_max` times the last, shifted; then brake | LAND: `bad_land` |
+| outside the fence | brake | LAND beyond `fence_land` |
+| camera blind | brake, fly on at `blind_speed`, hover after `blind_hover` | HOLD: `blind_hold` |
+| else | the plan, clipped | |
+
+Braking and levelling are laws in closed form, without any solver.
 """
 
 from __future__ import annotations
@@ -26,8 +35,20 @@ class Reason(Enum):
 
     PLAN = "plan"
     SHIFTED_PLAN = "shifted_plan"
-    BRAKE = "brake"
-    NO_STATE = "no_state"
+    BRAKE = "brake"  # no usable plan
+    NO_STATE = "no_state"  # telemetry is silent
+    BAD_STATE = "bad_state"  # attitude or position not to be believed
+    FENCE = "fence"
+    BLIND = "blind"
+
+
+class Ask(Enum):
+    """What the autopilot is to do about it."""
+
+    NOTHING = "nothing"
+    HOLD = "hold"
+    LAND = "land"
+    SILENCE = "silence"  # nothing: its own failsafe is to take over, so no setpoint is sent
 
 
 class GuardConfig(StrictModel):
@@ -36,45 +57,132 @@ class GuardConfig(StrictModel):
     omega_max: float = Field(3.0, gt=0, description="Each body rate [rad/s].")
     c_min: float = Field(2.0, ge=0, description="m/s².")
     c_max: float = Field(20.0, gt=9.81, description="m/s².")
-    shifted_max: int = Field(2, ge=0, description="Ticks that a shifted plan may fly.")
-    stale_brake: float = Field(0.3, gt=0, description="Telemetry older than this [s]: no state.")
-    brake_gain: float = Field(2.0, gt=0, description="Deceleration per speed [1/s].")
-    brake_max: float = Field(5.0, gt=0, description="Most horizontal deceleration [m/s²].")
-    attitude_gain: float = Field(6.0, gt=0, description="Rate per attitude error [1/s].")
+    shifted_max: int = Field(
+        2, ge=0, description="Ticks that a shifted plan may fly: the third bad solve brakes."
+    )
+    bad_land: float = Field(
+        2.0, gt=0, description="No usable plan for this long [s]: LAND; a solver does not recover."
+    )
+    stale_predict: float = Field(
+        0.15,
+        gt=0,
+        description="Telemetry older [s]: state by the model. At 50 Hz: 7 lost.",
+    )
+    stale_stop: float = Field(
+        0.3, gt=0, description="Older [s]: no state; stop turning, ask for HOLD. 0.5 m of flight."
+    )
+    stale_land: float = Field(1.0, gt=0, description="Older [s]: ask for LAND.")
+    stale_silent: float = Field(
+        2.0, gt=0, description="Older [s]: end the stream; the autopilot's own failsafe lands it."
+    )
+    fence_land: float = Field(
+        1.0, ge=0, description="Farther outside the fence [m]: LAND; it stops 1 m farther at most."
+    )
+    fence_drift: float = Field(
+        0.2, ge=0, description="Outward speed [m/s] that is free outside: the plan leads back."
+    )
+    blind_speed: float = Field(0.4, gt=0, description="Without eyes not faster than this [m/s].")
+    blind_hover: float = Field(1.4, gt=0, description="Blind for longer [s]: brake and hover.")
+    blind_hold: float = Field(
+        5.0, gt=0, description="Blind for longer [s]: ask for HOLD; this law drifts, that one not."
+    )
+    brake_gain: float = Field(3.5, gt=0, description="Deceleration per speed [1/s].")
+    brake_max: float = Field(6.0, gt=0, description="Most horizontal deceleration [m/s²]: 31°.")
+    attitude_gain: float = Field(
+        9.0, gt=0, description="Rate per attitude error [1/s]; with brake_gain: damping 0.8."
+    )
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What a verdict depends on, besides how it has been until now.
+
+    time: s, of the tick. result: this tick's solve, if any. own: state now. age: s, of
+    telemetry. believable: attitude and position make sense. outside: m beyond the fence (< 0:
+    within), outward: m/s across it. blind: s since the camera last showed anything.
+    """
+
+    time: float
+    result: Result | None = None
+    own: VehicleState | None = None
+    age: float = float("inf")
+    believable: bool = True
+    outside: float = float("-inf")
+    outward: float = 0.0
+    blind: float = 0.0
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The command to send, why it is that one, and how many ticks in a row had no plan."""
+    """The command to send, why it is that one, how many ticks in a row had no plan, what to ask."""
 
     command: RateCommand
     reason: Reason
     bad_ticks: int
+    ask: Ask = Ask.NOTHING
 
 
 class Guard:
-    """Total function with a memory of how many ticks in a row went without a plan."""
+    """Total function with a memory of since when it has gone without a plan."""
 
     def __init__(self, config: GuardConfig) -> None:
         self._config = config
         self._bad_ticks = 0
+        self._bad_since = 0.0
 
-    def judge(self, result: Result | None, own: VehicleState | None, age: float) -> Verdict:
-        """result: this tick's solve, if any; own: state now; age: of telemetry [s]."""
-        if result is not None and result.usable and np.isfinite(result.u[0]).all():
+    def judge(self, s: Situation) -> Verdict:
+        """The command for this tick; one call a tick."""
+        c = self._config
+        good = s.result is not None and s.result.usable and bool(np.isfinite(s.result.u[0]).all())
+        known = s.own is not None and _finite(s.own) and s.age <= c.stale_stop
+        if good and known and s.believable:
             self._bad_ticks = 0
-            return Verdict(self._bounded(result.u[0]), Reason.PLAN, 0)
-        self._bad_ticks += 1
-        if own is None or not _finite(own) or not age <= self._config.stale_brake:
-            level = RateCommand(np.zeros(3), G)
-            return Verdict(level, Reason.NO_STATE, self._bad_ticks)
-        if (
-            result is not None
-            and self._bad_ticks <= self._config.shifted_max
-            and np.isfinite(result.u[0]).all()
-        ):
-            return Verdict(self._bounded(result.u[0]), Reason.SHIFTED_PLAN, self._bad_ticks)
-        return Verdict(brake(own, self._config), Reason.BRAKE, self._bad_ticks)
+        else:
+            self._bad_since = s.time if self._bad_ticks == 0 else self._bad_since
+            self._bad_ticks += 1
+        if not known:
+            return self._verdict(RateCommand(np.zeros(3), G), Reason.NO_STATE, self._stale(s.age))
+        assert s.own is not None
+        if not s.believable:
+            return self._verdict(level(s.own, c), Reason.BAD_STATE, Ask.LAND)
+        if not good:
+            return self._without_plan(s, s.own)
+        return self._with_plan(s, s.own)
+
+    def _without_plan(self, s: Situation, own: VehicleState) -> Verdict:
+        """The previous plan, shifted, a few times; then no plan at all."""
+        r = s.result
+        over = s.time - self._bad_since >= self._config.bad_land - 1e-6
+        ask = Ask.LAND if over else Ask.NOTHING
+        if r is not None and self._bad_ticks <= self._config.shifted_max and _all_finite(r.u[0]):
+            return self._verdict(self._bounded(r.u[0]), Reason.SHIFTED_PLAN, ask)
+        return self._verdict(brake(own, self._config), Reason.BRAKE, ask)
+
+    def _with_plan(self, s: Situation, own: VehicleState) -> Verdict:
+        """The plan, unless the drone has to slow down first."""
+        c = self._config
+        assert s.result is not None
+        if s.outside > c.fence_land:
+            return self._verdict(brake(own, c), Reason.FENCE, Ask.LAND)
+        if s.outside > 0.0 and s.outward > c.fence_drift:
+            return self._verdict(brake(own, c), Reason.FENCE)
+        if s.blind > 0.0:
+            fast = float(np.linalg.norm(own.v)) > c.blind_speed
+            ask = Ask.HOLD if s.blind > c.blind_hold else Ask.NOTHING
+            if fast or s.blind > c.blind_hover:
+                return self._verdict(brake(own, c), Reason.BLIND, ask)
+            return self._verdict(self._bounded(s.result.u[0]), Reason.BLIND, ask)
+        return self._verdict(self._bounded(s.result.u[0]), Reason.PLAN)
+
+    def _stale(self, age: float) -> Ask:
+        """What silence asks for; an age that is no number is a long one."""
+        c = self._config
+        if not age <= c.stale_silent:
+            return Ask.SILENCE
+        return Ask.LAND if age > c.stale_land else Ask.HOLD
+
+    def _verdict(self, command: RateCommand, reason: Reason, ask: Ask = Ask.NOTHING) -> Verdict:
+        return Verdict(command, reason, self._bad_ticks, ask)
 
     def _bounded(self, u: Vector) -> RateCommand:
         c = self._config
@@ -85,15 +193,26 @@ class Guard:
 def brake(own: VehicleState, config: GuardConfig) -> RateCommand:
     """Decelerate and hover in closed form: tilt against the velocity, thrust for height.
 
-    The wanted specific force is −gain·v + g e_z; the attitude error is the rotation between
-    the body's z axis and it.
+    The wanted specific force is −gain·v + g e_z, bounded.
     """
     horizontal = -config.brake_gain * own.v[:2]
     size = float(np.hypot(*horizontal))
     if size > config.brake_max:
         horizontal = horizontal * (config.brake_max / size)
     vertical = float(np.clip(-config.brake_gain * own.v[2], -3.0, 3.0))
-    force = np.array([horizontal[0], horizontal[1], G + vertical])
+    return _towards(np.array([horizontal[0], horizontal[1], G + vertical]), own, config)
+
+
+def level(own: VehicleState, config: GuardConfig) -> RateCommand:
+    """Level the frame and carry the weight: needs an attitude and nothing else."""
+    return _towards(np.array([0.0, 0.0, G]), own, config)
+
+
+def _towards(force: Vector, own: VehicleState, config: GuardConfig) -> RateCommand:
+    """Turn the thrust towards a specific force (3,) m/s², world, and give what of it is along.
+
+    The attitude error is the rotation between the body's z axis and the force.
+    """
     r = rotation_matrix(own.q_wb)
     wanted = r.T @ (force / np.linalg.norm(force))  # in the body frame
     error = np.cross([0.0, 0.0, 1.0], wanted)
@@ -101,8 +220,14 @@ def brake(own: VehicleState, config: GuardConfig) -> RateCommand:
         error = error / max(float(np.linalg.norm(error)), 1e-6)
     omega = np.clip(config.attitude_gain * error, -config.omega_max, config.omega_max)
     c = float(np.clip(force @ r[:, 2], config.c_min, config.c_max))
+    if not (_all_finite(omega) and np.isfinite(c)):  # numbers too large to be squared
+        return RateCommand(np.zeros(3), G)
     return RateCommand(omega, c)
 
 
+def _all_finite(values: Vector) -> bool:
+    return bool(np.isfinite(values).all())
+
+
 def _finite(own: VehicleState) -> bool:
-    return all(bool(np.isfinite(a).all()) for a in (own.p, own.v, own.q_wb, own.omega))
+    return all(_all_finite(a) for a in (own.p, own.v, own.q_wb, own.omega))

@@ -25,7 +25,8 @@ class RecordedInputs:
     """What one tick went by.
 
     time [s] of the tick; datagrams since the tick before; time of the newest frame [s], and
-    what that frame showed where it was new; whether control was to be given back.
+    what that frame showed where it was new; whether control was to be given back; whether the
+    camera showed anything at all.
     """
 
     time: float
@@ -35,6 +36,7 @@ class RecordedInputs:
     trunks: list[Trunk] = field(default_factory=list)
     ranges: Ranges | None = None
     leave: bool = False
+    shown: bool = True
 
 
 class InputsError(ValueError):
@@ -71,6 +73,7 @@ def encode(
     frame_time: float | None,
     sighting: Sighting,
     leave: bool = False,
+    shown: bool = True,
 ) -> bytes:
     """One tick's inputs; `sighting` as the tick had it (empty where the frame was not new)."""
     ranges = sighting.ranges
@@ -82,6 +85,7 @@ def encode(
         "columns": _COLUMNS,
         "leave": leave,
         "ranges": None if ranges is None else ranges.shape,
+        "shown": shown,
     }
     tables = [table.encode(getattr(sighting, name)) for name, table in _TABLES.items()]
     if ranges is not None:
@@ -115,9 +119,15 @@ def decode(data: bytes) -> RecordedInputs:
             at += size
         if at != len(rest):
             raise ValueError(f"{len(rest) - at} bytes too many")
-        leave = bool(header.get("leave"))
+        leave, shown = bool(header.get("leave")), bool(header.get("shown", True))
         return RecordedInputs(
-            float(header["time"]), datagrams, header["frame"], **tables, ranges=ranges, leave=leave
+            float(header["time"]),
+            datagrams,
+            header["frame"],
+            **tables,
+            ranges=ranges,
+            leave=leave,
+            shown=shown,
         )
     except (ValueError, TypeError, KeyError) as error:
         raise InputsError(f"not a tick's inputs: {error}") from error

@@ -26,6 +26,12 @@ from mavlink_bridge.messages import (
 
 _Sample = TypeVar("_Sample", Attitude, LocalPosition)
 _QUATERNION_SILENT = 0.5  # s without ATTITUDE_QUATERNION: then ATTITUDE has to do
+_JUMP = 1.0  # m beyond what velocity and acceleration explain: another place, not a motion
+_ACCELERATION = 10.0  # m/s², most that a drone may have had since the sample before
+_PERSISTS = (3, 0.2)  # samples on end, or s: then it is no slip, whatever it is
+_DOUBT = 1.0  # s that what cannot be believed, and persists, casts doubt
+_POSITION_LOST = 0.18  # s without a position while attitudes come
+_REBOOTED = (1.0, 3)  # s that the clock has to go back, in so many samples on end
 _HISTORY = 100  # two seconds of 50 Hz telemetry: more than the oldest frame that is of use
 
 
@@ -36,6 +42,26 @@ class OwnStateCounters:
     not_finite: int = 0
     not_unit: int = 0
     out_of_order: int = 0
+    jumps: int = 0
+    reboots: int = 0
+
+
+class _Slip:
+    """Something that cannot be: once it is a slip, again and again it is a fault."""
+
+    def __init__(self) -> None:
+        self._count, self._since = 0, 0.0
+
+    def persists(self, time: float) -> bool:
+        """It is seen at `time` [s] (again); whether that is too often."""
+        self._since = time if self._count == 0 else self._since
+        self._count += 1
+        count, lasting = _PERSISTS
+        return self._count >= count or time - self._since >= lasting
+
+    def over(self) -> None:
+        """All is well."""
+        self._count = 0
 
 
 class OwnState:
@@ -50,12 +76,17 @@ class OwnState:
         self._coarse: CoarseTelemetry | None = CoarseTelemetry()
         self._attitudes: deque[Attitude] = deque(maxlen=_HISTORY)
         self._positions: deque[LocalPosition] = deque(maxlen=_HISTORY)
+        self._doubted = -np.inf
+        self._from_the_past = 0
+        self._not_unit, self._elsewhere = _Slip(), _Slip()
 
-    def reset(self) -> None:
+    def _reset(self) -> None:
         """Forget everything: the autopilot has rebooted."""
         self._attitudes.clear()
         self._positions.clear()
         self._coarse = CoarseTelemetry()
+        self._doubted, self._from_the_past = -np.inf, 0
+        self.counters.reboots += 1
 
     def add(self, messages: Iterable[Message]) -> None:
         """Take what is telemetry of this kind; the rest is not for here."""
@@ -77,10 +108,23 @@ class OwnState:
                 yield from self._coarse.add(message)
 
     def age(self, time: float) -> float:
-        """Seconds since the older of the two streams last spoke; infinite before both did."""
+        """Seconds since the older of the two streams last spoke; infinite before both did.
+
+        Where the position is lost, of the attitude alone.
+        """
         if not self._attitudes or not self._positions:
             return float("inf")
-        return time - min(self._attitudes[-1].time, self._positions[-1].time)
+        attitude, position = self._attitudes[-1].time, self._positions[-1].time
+        return time - (attitude if self._position_lost else min(attitude, position))
+
+    def believable(self, time: float) -> bool:
+        """Whether attitude and position of late were such as a flying drone can have."""
+        return time - self._doubted > _DOUBT and not self._position_lost
+
+    @property
+    def _position_lost(self) -> bool:
+        both = bool(self._attitudes) and bool(self._positions)
+        return both and self._attitudes[-1].time - self._positions[-1].time > _POSITION_LOST
 
     def at(self, time: float) -> VehicleState | None:
         """State at `time` [s, vehicle's clock]; None before both streams have spoken.
@@ -114,19 +158,46 @@ class OwnState:
             self.counters.not_finite += 1
         elif abs(float(np.linalg.norm(a.q_wb)) - 1.0) > 0.02:
             self.counters.not_unit += 1
-        elif self._attitudes and a.time < self._attitudes[-1].time:
-            self.counters.out_of_order += 1
+            if self._not_unit.persists(a.time):
+                self._doubted = max(self._doubted, a.time)
         else:
-            return True
+            self._not_unit.over()
+            return self._in_order(a.time, self._attitudes)
         return False
 
     def _sane_position(self, lp: LocalPosition) -> bool:
         if not (np.isfinite(lp.p).all() and np.isfinite(lp.v).all()):
             self.counters.not_finite += 1
-        elif self._positions and lp.time < self._positions[-1].time:
-            self.counters.out_of_order += 1
-        else:
+            return False
+        if not self._in_order(lp.time, self._positions):
+            return False
+        if not self._positions or not self._jumps(lp):
+            self._elsewhere.over()
             return True
+        self.counters.jumps += 1
+        if not self._elsewhere.persists(lp.time):
+            return False
+        self._doubted = max(self._doubted, lp.time)
+        self._elsewhere.over()
+        return True
+
+    def _jumps(self, lp: LocalPosition) -> bool:
+        before = self._positions[-1]
+        dt = lp.time - before.time
+        away = lp.p - before.p - 0.5 * dt * (lp.v + before.v)
+        return float(np.linalg.norm(away)) > _JUMP + 0.5 * _ACCELERATION * dt * dt
+
+    def _in_order(self, time: float, samples: deque[_Sample]) -> bool:
+        """Whether a sample of `time` is no older than the last; a clock that went back is new."""
+        if not samples or time >= samples[-1].time:
+            self._from_the_past = 0
+            return True
+        back, count = _REBOOTED
+        self._from_the_past += samples[-1].time - time > back
+        if self._from_the_past >= count:
+            self._reset()
+            return True
+        self.counters.out_of_order += 1
         return False
 
 

@@ -21,6 +21,7 @@ from mavlink_bridge.messages import Attitude, LocalPosition, Received, SystemTim
 from mavlink_bridge.video import Answer, Frame, VideoError
 
 _PATIENCE = 1.0  # s that a frame waits for telemetry announced but not arrived
+_CLOCK_BACK = (1.0, 3)  # s that the vehicle's clock has to go back, in so many messages on end
 _POLL = 0.2  # s between looks at the stop flag
 
 
@@ -83,6 +84,7 @@ class ClockPace:
         self._period = period
         self._offset = -math.inf  # vehicle's clock minus CLOCK_MONOTONIC, least latency seen
         self._due: float | None = None
+        self._from_the_past = 0
         self._frame: Frame | None = None
 
     def next(self, stopped: Callable[[], bool]) -> TickInputs | None:
@@ -146,5 +148,9 @@ class ClockPace:
         for r in received:
             if isinstance(r.message, Attitude | LocalPosition | SystemTime):
                 heard = r.message.time - now
+                back, count = _CLOCK_BACK
+                self._from_the_past = (self._from_the_past + 1) * (heard < self._offset - back)
+                if self._from_the_past >= count:  # the vehicle has started anew
+                    self._offset, self._due, self._frame = heard, None, None
                 # Leak 1 ms/s at 50 Hz, so that a drifting clock is followed.
                 self._offset = max(heard, self._offset - 2e-5)

@@ -49,10 +49,20 @@ class Phases:
         self._asked = -1e9
         self._ground = 0.0
         self._releasing = False
+        self._landing = self._asked_to_land = False
+        self._met = False  # whether a heartbeat has been heard
+        self._found_armed = self._found_flown = False  # as the vehicle was when first heard
 
-    def release(self) -> None:
-        """Give control back: the vehicle is to hold (or go on landing), then the stream ends."""
+    def release(self, land: bool = False) -> None:
+        """Give control back: the vehicle is to hold (or to land), then the stream ends."""
         self._releasing = True
+        self._landing |= land
+
+    def rebooted(self) -> None:
+        """The autopilot started anew: what was asked of it is forgotten, control is not ours."""
+        self._asked = -1e9
+        if self.phase is not Phase.WAIT:
+            self.phase = Phase.PASSIVE
 
     def update(
         self,
@@ -66,6 +76,7 @@ class Phases:
         if heartbeat is None:
             return Decision(self.phase)
         mode = self._autopilot.mode(heartbeat)
+        self._meet(mode, heartbeat.armed)
         if own is None:  # ArduPilot tells nothing before it is asked
             return Decision(self.phase, self._ask(time, mode) if self.phase is Phase.WAIT else [])
         if self._releasing:
@@ -76,6 +87,16 @@ class Phases:
             self.phase is Phase.LAND and mode == "offboard"
         )
         return Decision(self.phase, requests, stream)
+
+    def _meet(self, mode: str, armed: bool) -> None:
+        """Who starts while the vehicle flies was killed, perhaps: it takes nothing unasked.
+
+        It neither arms by itself, nor goes on in an offboard that it did not see begin.
+        """
+        if not self._met:
+            self._met, self._found_armed = True, armed
+            self._found_flown = armed and mode == "offboard"
+        self._found_flown &= mode == "offboard"
 
     def _ask(self, time: float, mode: str) -> list[Message]:
         """Requests, where they are due."""
@@ -93,9 +114,10 @@ class Phases:
         if not armed:
             self._ground = float(own.p[2])
         if before is Phase.WAIT and ready:
-            if self._config.auto and not armed:
+            auto = self._config.auto and not self._found_armed
+            if auto and not armed:
                 self.phase = Phase.ARM
-            elif not self._config.auto and armed and self._may_engage(mode, own):
+            elif not auto and armed and not self._found_flown and self._may_engage(mode, own):
                 self.phase = Phase.ENGAGE
         elif before is Phase.ARM and armed:
             self.phase = Phase.TAKEOFF
@@ -132,9 +154,9 @@ class Phases:
             self.phase = Phase.PASSIVE
             return Decision(self.phase)
         requests: list[Message] = []
-        if time - self._asked >= _ASK_RELEASE:
-            self._asked = time
-            landing = self.phase is Phase.LAND
+        if time - self._asked >= _ASK_RELEASE or self._landing is not self._asked_to_land:
+            self._asked, self._asked_to_land = time, self._landing
+            landing = self._landing or self.phase is Phase.LAND
             requests = self._autopilot.land() if landing else self._autopilot.hold()
         return Decision(self.phase, requests, stream=True)
 
@@ -151,7 +173,7 @@ class Phases:
             return a.arm()
         if self.phase is Phase.TAKEOFF and mode != "takeoff":
             return a.takeoff(self._config.takeoff_altitude)
-        if self.phase is Phase.ENGAGE and self._config.auto:
+        if self.phase is Phase.ENGAGE and self._config.auto and not self._found_armed:
             return a.offboard()
         if self.phase is Phase.LAND and mode != "land":
             return a.land()

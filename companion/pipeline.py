@@ -17,16 +17,17 @@ import numpy as np
 
 from companion.baselines import adapted, make_planner
 from companion.config import CompanionConfig
+from companion.eye import Eye, Trouble
 from companion.forecast import Forecast
 from companion.gaze import Gaze, seen_speed
-from companion.guard import Guard, Verdict
+from companion.guard import Ask, Guard, Situation, Verdict
 from companion.lift import Lift
 from companion.mission import Mission, Progress
 from companion.model import yaw_of
 from companion.nmpc import Instance, Neighbour, Result, make_instance
 from companion.obstacles import ObstacleMap
 from companion.ownstate import OwnState
-from companion.phases import Decision, Phase, Phases
+from companion.phases import Phase, Phases
 from companion.sight import Sight, Sighting
 from companion.surfaces import Surfaces
 from companion.threat import critical_neighbours
@@ -38,6 +39,7 @@ from mavlink_bridge.thrust import G, ThrustMap
 from mavlink_bridge.video import Frame
 
 _HEARTBEAT_PERIOD = 1.0
+_CLOCK_BACK = 1.0  # s; a vehicle whose clock goes back by more has started anew
 _LOST = 0.3  # s unseen: a critical neighbour is looked for
 _COMPANION_HEARTBEAT = Heartbeat(autopilot=8, vehicle_type=18, armed=False, custom_mode=0,
                                  system_status=4)  # fmt: skip
@@ -63,6 +65,7 @@ class TickOutputs:
     heartbeat: Heartbeat | None = None
     rehearsed: bool = False
     own: VehicleState | None = None
+    trouble: Trouble = Trouble.NONE  # with the camera
     sighting: Sighting = field(default_factory=Sighting)
     tracks: list[Track] = field(default_factory=list)
     critical: list[tuple[Track, float]] = field(default_factory=list)
@@ -87,10 +90,6 @@ class Pipeline:
         self._stopwatch = stopwatch
         self._own = OwnState()
         self._sight = Sight(config.camera, config.sensing)
-        self._tracker = Tracker(config.tracker)
-        self._map = ObstacleMap(config.obstacles)
-        self._surfaces = Surfaces(self._sight.camera, config.surfaces)
-        self._gaze = Gaze(config.gaze)
         self._mission = Mission(config.mission)
         link = config.link
         self._identity = Identity(link.autopilot, link.system_id)
@@ -101,11 +100,21 @@ class Pipeline:
             ThrustMap(config.airframe.hover_thrust, config.airframe.thrust_exponent),
             config.timing.delay,
         )
-        self._heartbeat_sent = -np.inf
-        self._hold: Vector | None = None
-        self._forecast = Forecast(config.timing.delay)
-        self._frame_time = -np.inf
         self._rehearsed = False
+        self._start_over()
+
+    def _start_over(self) -> None:
+        """Forget what is tied to the vehicle's clock and place, as at start."""
+        config = self._config
+        self._time = self._frame_time = self._heartbeat_sent = -np.inf
+        self._reboots = self._own.counters.reboots
+        self._eye = Eye(config.eye)
+        self._tracker = Tracker(config.tracker)
+        self._map = ObstacleMap(config.obstacles)
+        self._surfaces = Surfaces(self._sight.camera, config.surfaces)
+        self._gaze = Gaze(config.gaze)
+        self._forecast = Forecast(config.timing.delay)
+        self._hold: Vector | None = None
 
     def tick(self, inputs: TickInputs) -> TickOutputs:
         """Decide once. The same inputs in the same order give the same outputs."""
@@ -128,13 +137,15 @@ class Pipeline:
         self._own.add(mine)
         self._identity.hear(mine)
         out.objection = self._identity.objection()
-        out.own = self._own.at(inputs.time)
         out.heartbeat = self._identity.heartbeat
+        self._notice_reboot(inputs.time)
+        out.own = self._own_now(inputs.time)
 
     def _see(self, inputs: TickInputs, out: TickOutputs) -> None:
         """Neighbours and trunks in the frame, in the camera's frame; each frame once."""
         frame = inputs.frame
-        if frame is not None and frame.time > self._frame_time:
+        out.trouble = self._eye.look(inputs.time, frame)
+        if frame is not None and frame.time > self._frame_time and self._eye.shows:
             at_capture = self._own.at(frame.time)
             if at_capture is not None:
                 self._frame_time = frame.time
@@ -173,6 +184,8 @@ class Pipeline:
         ]
         out.yaw = self._gaze.update(out.time, own.v, goal - own.p, yaw_now, lost)
         out.speed = self._config.nmpc.speed * seen_speed(self._config.gaze, yaw_now, goal - own.p)
+        if out.trouble is not Trouble.NONE:
+            out.speed = min(out.speed, self._config.guard.blind_speed)
         cylinders = self._map.obstacles(own.p).cylinders
         points = self._surfaces.points(cylinders)
         out.obstacles = Obstacles(cylinders, self._surfaces.planes(own.p, goal, points), points)
@@ -196,7 +209,13 @@ class Pipeline:
             speed=out.speed,
             neighbours=[self._neighbour(t, delay) for t, _ in out.critical],
             cylinders=out.obstacles.cylinders,
-            planes=np.vstack([config.altitude_planes(self._goal(out)[2]), out.obstacles.planes]),
+            planes=np.vstack(
+                [
+                    config.altitude_planes(self._goal(out)[2]),
+                    config.fence.near(own.p),
+                    out.obstacles.planes,
+                ]
+            ),
             disturbance=self._forecast.disturbance,
         )
         out.result = self._planner.solve(out.instance)
@@ -204,24 +223,54 @@ class Pipeline:
     def _command(self, inputs: TickInputs, out: TickOutputs) -> None:
         """Requests to the autopilot, and the setpoint where it is ours to send."""
         complete = out.progress is not None and out.progress.complete and self._flying
-        ready = self._frame_time > -np.inf and self._rehearsed and not out.objection
         if inputs.leave:
             self._phases.release()
+        if self._flying:
+            out.verdict = self._judge(out)
+            if out.verdict.ask is not Ask.NOTHING:
+                self._phases.release(land=out.verdict.ask is not Ask.HOLD)
         heartbeat = self._identity.heartbeat
-        decision = self._phases.update(out.time, heartbeat, out.own, ready, complete)
+        decision = self._phases.update(out.time, heartbeat, out.own, self._ready(out), complete)
         out.phase = decision.phase
         out.messages += decision.requests
         if out.time - self._heartbeat_sent >= _HEARTBEAT_PERIOD:
             self._heartbeat_sent = out.time
             out.messages.append(_COMPANION_HEARTBEAT)
         if decision.stream:
-            self._stream(out, decision)
+            self._stream(out)
         else:
+            out.verdict = None
             self._forecast.forget()
             self._lift.forget()
         out.hover_thrust = self._lift.map.hover_thrust
 
     # --- parts of stages -----------------------------------------------------------------
+
+    def _notice_reboot(self, time: float) -> None:
+        """A vehicle that starts anew is another one: nothing is known, nothing is ours."""
+        if self._own.counters.reboots > self._reboots or time < self._time - _CLOCK_BACK:
+            self._start_over()
+            self._lift.forget()
+            self._phases.rebooted()
+        self._time = time
+
+    def _own_now(self, time: float) -> VehicleState | None:
+        """Own state; by the model where telemetry is late and the commands were ours."""
+        age = self._own.age(time)
+        known = self._own.at(time - age) if np.isfinite(age) else None
+        if known is None or not self._flying or age <= self._config.guard.stale_predict:
+            return self._own.at(time)
+        return self._forecast.carried(known, time)
+
+    def _ready(self, out: TickOutputs) -> bool:
+        """Whether control may be taken: everything works, and what is known can be true."""
+        return (
+            self._frame_time > -np.inf
+            and out.trouble is Trouble.NONE
+            and self._rehearsed
+            and self._own.believable(out.time)
+            and not out.objection
+        )
 
     def _rehearse(self, own: VehicleState) -> bool:
         """Whether the solver works, before anything depends on it: to stay here, all clear."""
@@ -259,10 +308,30 @@ class Pipeline:
         sigma_v = float(np.sqrt(np.trace(track.P[3:, 3:]) / 3))
         return Neighbour(track.p + track.v * delay, track.v, (sigma_p, sigma_v))
 
-    def _stream(self, out: TickOutputs, decision: Decision) -> None:
+    def _judge(self, out: TickOutputs) -> Verdict:
+        """The guard's word on what this tick knows."""
+        outside, outward = (
+            (-np.inf, 0.0) if out.own is None else self._config.fence.across(out.own.p, out.own.v)
+        )
+        return self._guard.judge(
+            Situation(
+                out.time,
+                out.result,
+                out.own,
+                age=self._own.age(out.time),
+                believable=self._own.believable(out.time),
+                outside=outside,
+                outward=outward,
+                blind=self._eye.blind(out.time),
+            )
+        )
+
+    def _stream(self, out: TickOutputs) -> None:
         """The guarded command as a setpoint; remembered as the input in flight."""
-        out.verdict = self._guard.judge(out.result, out.own, self._own.age(out.time))
-        command = out.verdict.command
+        verdict = out.verdict = out.verdict or self._judge(out)
+        if verdict.ask is Ask.SILENCE:
+            return
+        command = verdict.command
         thrust = self._lift.map.to_thrust(command.c)
         out.messages.append(
             RateSetpoint(out.time, command.omega, thrust, self._config.link.system_id)

@@ -31,6 +31,7 @@ from orjson import dumps
 from companion import inputs as recorded
 from companion import records, scene
 from companion.config import CompanionConfig
+from companion.eye import Trouble
 from companion.pipeline import TickInputs, TickOutputs
 from companion.tlog import TelemetryLog
 from companion.types import Image
@@ -108,7 +109,8 @@ class Recorder:
     ) -> None:
         frame_time = inputs.frame.time if inputs.frame is not None else None
         came = [data for sent, data in packets if not sent]
-        data = recorded.encode(out.time, came, frame_time, out.sighting, inputs.leave)
+        shown = out.trouble in (Trouble.NONE, Trouble.LATE)
+        data = recorded.encode(out.time, came, frame_time, out.sighting, inputs.leave, shown)
         self._add("/inputs", out.time, data)
         self._add("/tick", out.time, records.encode(out, counters))
         if out.own is not None:

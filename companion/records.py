@@ -24,6 +24,7 @@ SCHEMA = {
     "properties": {
         "time": {"type": "number"},
         "phase": {"type": "string"},
+        "eye": {"type": "string"},
         "own": {"type": "object"},
         "goal": {"type": "object"},
         "detections": {"type": "array"},
@@ -50,6 +51,7 @@ def record(out: TickOutputs) -> dict[str, Any]:
     r: dict[str, Any] = {
         "time": out.time,
         "phase": out.phase.value,
+        "eye": out.trouble.value,
         "yaw": _number(out.yaw),
         "speed": _number(out.speed),
         "hover_thrust": _number(out.hover_thrust),

@@ -113,7 +113,7 @@ def differences(
 def rerun(config: CompanionConfig, recorded: Iterable[RecordedInputs]) -> Iterator[dict[str, Any]]:
     """Today's record of each tick."""
     pipeline = Pipeline(_sighted(config), time.perf_counter)
-    codec = Codec(config.link.system_id, config.link.component_id)
+    codec = Codec(config.link.system_id, config.link.component_id, config.link.heard())
     whole = config.link.endpoint.startswith("udp")  # as opposed to a stream, cut anywhere
     take = codec.decode_datagram if whole else codec.decode
     for inputs in recorded:
@@ -132,6 +132,8 @@ def _frame(inputs: RecordedInputs) -> Frame | None:
     """The newest frame with what it showed, in the layout of the frame channel."""
     if inputs.frame_time is None:
         return None
+    if not inputs.shown:
+        return Frame(inputs.frame_time)
     drones = [[*d.direction, d.range, d.sigma_bearing, d.sigma_range] for d in inputs.drones]
     trunks = [[*t.direction, t.distance, t.radius, t.sigma] for t in inputs.trunks]
     arrays = {"neighbours": np.array(drones).reshape(-1, 6),

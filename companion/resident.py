@@ -30,7 +30,9 @@ class Resident:
             OSError: the log cannot be made.
         """
         config = load_config(config_file)
-        self._link = Link(endpoint, Codec(config.link.system_id, config.link.component_id))
+        self._link = Link(
+            endpoint, Codec(config.link.system_id, config.link.component_id, config.link.heard())
+        )
         self._pipeline = Pipeline(config, time.perf_counter)
         self._packets: list[tuple[bool, bytes]] = []
         self._recorder: Recorder | None = None

@@ -98,6 +98,8 @@ class Sight:
             trunks, ranges = self._read_depth(frame, own, drones)
         else:
             trunks = self._find_trunks(frame, own)
+        drones = [d for d in drones if _sane(d.direction, d.range)]
+        trunks = [t for t in trunks if _sane(t.direction, t.distance, t.radius)]
         return Sighting(frame.time, own, drones, trunks, searched, ranges)
 
     def _find_trunks(self, frame: Frame, own: VehicleState) -> list[Trunk]:
@@ -146,3 +148,8 @@ class Sight:
     def _rotation(self, own: VehicleState) -> Vector:
         """(3,3) camera → world."""
         return rotation_matrix(own.q_wb) @ rotation_matrix(self.camera.mount)
+
+
+def _sane(direction: Vector, *lengths: float) -> bool:
+    """Whether a report is of numbers that can be true; one that is not would spoil its track."""
+    return bool(np.isfinite(direction).all()) and all(0.0 < x < np.inf for x in lengths)

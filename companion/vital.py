@@ -8,7 +8,6 @@ made up its mind: a companion that waits for a pilot is watched as well.
 
 from __future__ import annotations
 
-from companion.guard import Reason
 from companion.pipeline import TickOutputs
 
 # s that shifted plans and braking may last; LAND is asked for after 2 s of them.
@@ -29,8 +28,7 @@ class Vital:
         self._solved |= out.rehearsed or (out.result is not None and out.result.usable)
         if out.verdict is None:
             return True
-        planned = out.verdict.reason is Reason.PLAN
-        return sent and (planned or out.verdict.bad_ticks <= self._fallback_ticks)
+        return sent and out.verdict.bad_ticks <= self._fallback_ticks
 
     @property
     def ready(self) -> bool:

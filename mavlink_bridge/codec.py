@@ -6,13 +6,14 @@ dropped before anything else looks at them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from mavlink_bridge.dialect import FROM_WIRE, TO_WIRE
 from mavlink_bridge.messages import Message, Received, Source
+from mavlink_bridge.signing import Signing
 
 _V1, _V2 = 0xFE, 0xFD
 _SIGNED = 0x01
@@ -28,29 +29,49 @@ class CodecStatistics:
     bad_bytes: int = 0
     bad_frames: int = 0
     unknown: int = 0
+    foreign: int = 0
+    unsigned: int = 0
 
 
 class Codec:
     """One end of a MAVLink 2 stream.
 
-    system, component: this end's ids, stamped on what it sends. One codec per stream:
-    a half-received frame waits in it for the rest.
+    system, component: this end's ids, stamped on what it sends. allow: who is heard (component 0:
+    any of that system); None: everybody. signing: key and timestamps; None: signatures are
+    neither made nor checked. One codec per stream: a half-received frame waits in it for the rest.
     """
 
-    def __init__(self, system: int, component: int) -> None:
+    def __init__(
+        self,
+        system: int,
+        component: int,
+        allow: Collection[Source] | None = None,
+        signing: Signing | None = None,
+    ) -> None:
         if not 1 <= system <= 255:
             raise ValueError(f"MAVLink system id must be 1…255, got {system}")
         self.statistics = CodecStatistics()
         self._mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+        self._reader = mavlink.MAVLink(None)
+        self._allow = None if allow is None else frozenset(allow)
+        self._signing = signing
+        if signing is not None:
+            self._mav.signing.secret_key = signing.key
+            self._mav.signing.link_id = signing.link_id
+            self._mav.signing.sign_outgoing = True
         self._buffer = bytearray()
 
     def encode(self, messages: Iterable[Message]) -> bytes:
         """The messages as consecutive MAVLink 2 frames."""
         frames = bytearray()
+        if self._signing is not None:
+            self._mav.signing.timestamp = self._signing.timestamp
         for message in messages:
             frames += TO_WIRE[type(message)](message).pack(self._mav)
             self._mav.seq = (self._mav.seq + 1) % 256
             self.statistics.sent += 1
+        if self._signing is not None:
+            self._signing.timestamp = self._mav.signing.timestamp
         return bytes(frames)
 
     def decode_datagram(self, data: bytes) -> list[Received]:
@@ -109,25 +130,40 @@ class Codec:
         """The message in buffer[start:end]; None where that is no valid frame."""
         b = self._buffer
         if b[start] == _V1:
-            message_id = b[start + 5]
+            source, message_id = Source(b[start + 3], b[start + 4]), b[start + 5]
         else:
+            source = Source(b[start + 5], b[start + 6])
             message_id = b[start + 7] | b[start + 8] << 8 | b[start + 9] << 16
         convert = FROM_WIRE.get(message_id)
         if convert is None and message_id not in mavlink.mavlink_map:
             self.statistics.unknown += 1
             return None
+        if not self._allowed(source):
+            self.statistics.foreign += 1
+            return None
         try:
-            wire = self._mav.decode(b[start:end])
-            received = (
-                Received(Source(wire.get_srcSystem(), wire.get_srcComponent()), convert(wire))
-                if convert
-                else _DROPPED
-            )
+            wire = self._reader.decode(b[start:end])
+            if not self._trusted(bytes(b[start:end]), source):
+                self.statistics.unsigned += 1
+                return None
+            received = Received(source, convert(wire)) if convert else _DROPPED
         except (mavlink.MAVError, ValueError, TypeError, OverflowError):
             self.statistics.bad_frames += 1
             return None
         self.statistics.received += 1
         return received
+
+    def _allowed(self, source: Source) -> bool:
+        return (
+            self._allow is None or source in self._allow or Source(source.system, 0) in self._allow
+        )
+
+    def _trusted(self, frame: bytes, source: Source) -> bool:
+        """Whether a frame may be believed: signed, where signatures are wanted."""
+        if self._signing is None:
+            return True
+        signed = frame[0] == _V2 and bool(frame[2] & _SIGNED)
+        return signed and self._signing.accepts(frame, source.system, source.component)
 
 
 _DROPPED = Received(Source(0, 0), None)  # type: ignore[arg-type]  # a valid frame nobody reads

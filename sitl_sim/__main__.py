@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
+from sitl_sim import fault_commands  # noqa: E402  # numpy must find those variables
+
 if TYPE_CHECKING:
     from sitl_sim.runner import Flight
     from sitl_sim.scenario import Scenario
@@ -66,6 +68,7 @@ def main(arguments: list[str] | None = None) -> int:
         "report", help="one page about a flight, or about a folder of flights"
     )
     report.add_argument("folder", type=Path, metavar="DIR", help="run folder, or folder of them")
+    fault_commands.add_arguments(commands)
     view = commands.add_parser("view", help="replay a flight in the browser")
     view.add_argument("folder", type=Path, metavar="DIR", help="run folder")
     run.add_argument("--view", action="store_true", help="show the flight in the browser, live")
@@ -83,6 +86,11 @@ def main(arguments: list[str] | None = None) -> int:
         if options.command in ("study", "scenarios"):
             (run_study if options.command == "study" else show_scenarios)(options)
             return EXIT_OK
+        if options.command == "faults":
+            print(fault_commands.list_faults())
+            return EXIT_OK
+        if options.command == "soak":
+            return EXIT_OK if fault_commands.run_soak(options) else EXIT_FELL_SHORT
         return _fly(options, serve=options.command == "serve")
     except _bad_input() as error:
         print(error, file=sys.stderr)

@@ -25,7 +25,7 @@ class FaultyWorld:
     """Lays each fault on its vehicle when it begins and takes it off when it ends.
 
     autopilots: emulated ones, or None where only the physics are ours. process: the companion
-    of drone i, its process id or None.
+    of drone i, its process id or None. rebooted: told whose autopilot starts anew.
     """
 
     def __init__(
@@ -34,9 +34,10 @@ class FaultyWorld:
         vehicles: Vehicles,
         autopilots: Autopilots | None,
         process: Callable[[int], int | None] = lambda i: None,
+        rebooted: Callable[[int], None] = lambda i: None,
     ) -> None:
         self._schedule, self._vehicles, self._autopilots = schedule, vehicles, autopilots
-        self._process = process
+        self._process, self._rebooted = process, rebooted
         self._on: dict[int, Callable[[], None]] = {}  # id of a fault → what takes it off
         self._over: set[int] = set()
         self._winds = {id(f): _wind(f) for f in schedule.all() if f.kind == "gust"}
@@ -102,6 +103,7 @@ class FaultyWorld:
 
     def _reboot(self, f: Fault) -> None:
         self._emulated().reboot(f.i)
+        self._rebooted(f.i)
 
     def _stop(self, f: Fault) -> None:
         self._emulated().units[f.i].commander.set_mode(Mode.HOLD)

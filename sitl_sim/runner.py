@@ -112,7 +112,9 @@ class Flight:
             self._renderer = Renderer(self.world, s.width, s.height, s.fov_deg, seed=scenario.seed)
         self._drones: list[_Drone] = []
         emulated = None if isinstance(self._autopilots, RealFleet) else self._autopilots
-        self._faults = FaultyWorld(self._schedule, self.vehicles, emulated, self._process_id)
+        self._faults = FaultyWorld(
+            self._schedule, self.vehicles, emulated, self._process_id, self._rebooted
+        )
         for i, name in enumerate(self.names):
             self._drones.append(self._open(i, name, phases[i]))
         self._pool: Executor = (
@@ -175,6 +177,10 @@ class Flight:
         except (OSError, ValueError):
             self.close()
             raise
+
+    def _rebooted(self, i: int) -> None:
+        """Drone i's clock begins anew; its camera stamps by it."""
+        self._drones[i].boot_ms = -self._now
 
     def _process_id(self, i: int) -> int | None:
         """Of drone i's companion, where it runs."""

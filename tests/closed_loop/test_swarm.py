@@ -47,6 +47,7 @@ def test_three_fly_from_pixels_to_a_shared_target(scenario, tmp_path):
     assert metrics["agent_collisions"] == metrics["obstacle_collisions"] == 0
 
 
+@pytest.mark.row("1")
 def test_a_killed_companion_stops_nobody_else_and_its_vehicle_lands(scenario, tmp_path):
     with flight(scenarios.load(str(scenario), []), tmp_path / "run") as f:
         f.write_inputs()

@@ -24,7 +24,11 @@ WRONG = [
     ("link:\n  autopilot: px5\n", "4:3", "link.autopilot: must be 'px4'"),
     ("link:\n  endpoint: tcp:1\n", "4:3", "endpoint 'tcp:1' is none of: udpin:HOST:PORT, "),
     ("link:\n  endpoint: serial:/dev/ttyACM0:9\n", "4:3", "baud rate 9 is none of 9600"),
-    ("link: udp\n", "3:1", "link: must hold `key: value` lines; valid: autopilot, component_id"),
+    (
+        "link: udp\n",
+        "3:1",
+        "link: must hold `key: value` lines; valid: allow, autopilot, component_id",
+    ),
     ("link:\n", "3:1", "link: must hold `key: value` lines"),
     ("name: two\n", "3:1", "name: stands twice, first FILE:2:1"),
     ("mission:\n  auto: no\n", "4:3", "mission.auto: must be true or false, got 'no'"),

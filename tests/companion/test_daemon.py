@@ -1,15 +1,19 @@
 """The daemon as a service manager sees it: real processes, a real vehicle on the wire."""
 
 import os
+import resource
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import pytest
+
 from companion.logfile import read_log
 from mavlink_bridge.codec import Codec
 from mavlink_bridge.link import UdpEndpoint
+from mavlink_bridge.mcapfile import salvage
 from mavlink_bridge.messages import Heartbeat
 from mavlink_bridge.px4 import Px4
 from mavlink_bridge.video import FrameServer
@@ -17,6 +21,7 @@ from mavlink_bridge.video import FrameServer
 WATCHDOG = 1.0  # s, as in the unit
 
 
+@pytest.mark.row("24")
 def test_ready_watchdog_and_an_orderly_end_in_flight(world, supervise):
     ground = UdpEndpoint(local=("127.0.0.1", world.ground_port))
     daemon = supervise(world.config(1, auto=True))
@@ -53,6 +58,7 @@ def vehicle_mode(ground, system):
     raise AssertionError("no heartbeat")
 
 
+@pytest.mark.row("2")
 def test_a_hung_tick_is_silent_within_one_period(world, supervise):
     daemon = supervise(world.config(2))
     assert daemon.listen(20.0, until="READY=1"), daemon.log()
@@ -85,6 +91,7 @@ def test_without_an_autopilot_it_waits_and_says_so(world, supervise):
     frames.close()
 
 
+@pytest.mark.row("12")
 def test_a_second_daemon_for_one_vehicle_is_refused(world, supervise):
     first = supervise(world.config(3))
     assert first.listen(20.0, until="READY=1"), first.log()
@@ -94,6 +101,7 @@ def test_a_second_daemon_for_one_vehicle_is_refused(world, supervise):
     assert first.process.poll() is None
 
 
+@pytest.mark.row("12")
 def test_another_companion_on_the_wire_ends_it(world, supervise):
     daemon = supervise(world.config(3))
     assert daemon.listen(20.0, until="READY=1"), daemon.log()
@@ -127,6 +135,7 @@ def cpu_seconds(pid):
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
+@pytest.mark.row("23")
 def test_a_bad_config_ends_with_78_and_its_place(tmp_path):
     file = tmp_path / "bad.yaml"
     file.write_text("fileversion: 1\nlink: {system_id: 0}\n")
@@ -135,3 +144,34 @@ def test_a_bad_config_ends_with_78_and_its_place(tmp_path):
     )
     assert ended.returncode == 78
     assert ended.stderr == f"{file}:2:8: link.system_id: must be ≥ 1, ≤ 255, got 0\n"
+
+
+@pytest.mark.row("20")
+def test_a_read_only_log_folder_stops_nobody(world, supervise, note):
+    config = world.config(1)
+    config.write_text(config.read_text().replace("flight-{time}.mcap", "/proc/nowhere/a.mcap"))
+    daemon = supervise(config)
+    assert daemon.listen(20.0, until="READY=1"), daemon.log()
+    assert "no flight log: " in daemon.log()
+    daemon.process.send_signal(signal.SIGTERM)
+    assert daemon.process.wait(2.0) == 0
+    note("flies without", None)
+
+
+@pytest.mark.row("20")
+def test_a_disk_that_fills_ends_the_log_and_nothing_else(world, supervise, note):
+    daemon = supervise(world.config(2))
+    assert daemon.listen(20.0, until="READY=1"), daemon.log()
+    daemon.listen(1.5)
+    log = next(daemon.folder.glob("flight-*.mcap"))
+    limits = resource.prlimit(daemon.process.pid, resource.RLIMIT_FSIZE)
+    full = (log.stat().st_size, limits[1])
+    resource.prlimit(daemon.process.pid, resource.RLIMIT_FSIZE, full)
+    heard = daemon.count("WATCHDOG=1")
+    daemon.listen(2.0)
+    assert daemon.count("WATCHDOG=1") - heard >= 2
+    daemon.process.send_signal(signal.SIGTERM)
+    assert daemon.process.wait(2.0) == 0
+    kept = salvage(log, "/tick")
+    assert len(kept) >= 5  # what was flushed before is there
+    note("ticks kept", len(kept))

@@ -90,6 +90,7 @@ def test_pictures_by_config(tmp_path, images, count):
         assert np.abs(shown.astype(int) - picture).max() < 8
 
 
+@pytest.mark.row("20")
 def test_a_full_disk_ends_the_log_and_not_the_flight(tmp_path):
     recorder = write(tmp_path / "flight.mcap", [])
     recorder._file.close()
@@ -108,6 +109,7 @@ def _fly_for_ever(path, latest):
         time.sleep(0.002)
 
 
+@pytest.mark.row("20")
 def test_sigkill_loses_less_than_a_second(tmp_path):
     context = multiprocessing.get_context("fork")
     rng = np.random.default_rng(20)

@@ -73,6 +73,7 @@ def test_serial_sends(line):
     link.close()
 
 
+@pytest.mark.row("25")
 def test_an_unplugged_serial_line_says_so_once_and_comes_back(line, tmp_path):
     master, name, slave = line
     link = Link(open_endpoint(f"serial:{name}:{BAUD}"), Codec(1, 191))
@@ -104,6 +105,7 @@ def test_an_unplugged_serial_line_says_so_once_and_comes_back(line, tmp_path):
     os.close(slave)
 
 
+@pytest.mark.row("25")
 def test_tcp_waits_for_its_listener_and_comes_back_to_it():
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]

@@ -16,34 +16,16 @@ from companion.phases import Phase
 from companion.pipeline import Pipeline, TickInputs
 from mavlink_bridge.codec import Codec
 from mavlink_bridge.link import Link
+from mavlink_bridge.memory import MemoryEndpoint
 from mavlink_bridge.messages import RateSetpoint
 from mavlink_bridge.video import Answer
-from sitl_sim.fault_camera import FaultyCamera
-from sitl_sim.fault_link import FaultyLine, FaultyLink, FaultyTelemetry
+from sitl_sim import scenario as scenarios
+from sitl_sim.faults import Schedule
 from sitl_sim.metrics import safety
-from sitl_sim.runner import Flight, _Drone
+from sitl_sim.runner import Flight, _overlay
 from sitl_sim.scenario import Scenario
 
-
-class MemoryEndpoint:
-    """One end of a pair of queues."""
-
-    def __init__(self, outgoing, incoming):
-        self._out, self._in = outgoing, incoming
-
-    def receive(self):
-        while self._in:
-            yield self._in.popleft()
-
-    def send(self, data):
-        self._out.append(data)
-        return True
-
-    def fileno(self):
-        raise NotImplementedError
-
-    def close(self):
-        pass
+OVERRIDES = {}  # of every companion's config: a test that takes a mechanism out
 
 
 class Companion:
@@ -52,6 +34,7 @@ class Companion:
     connected = True
 
     def __init__(self, config, endpoint):
+        self.settings, self.endpoint = config, endpoint
         self.config = CompanionConfig.model_validate(config)
         self.pipeline = Pipeline(self.config, time.perf_counter)
         self.link = Link(endpoint, Codec(config["link"]["system_id"], 191))
@@ -60,12 +43,12 @@ class Companion:
         self._answers = deque()
 
     def send(self, frame):
-        started = time.perf_counter()
+        started = time.thread_time()  # processor time: however busy the machine is
         due = frame.time if frame.due is None else frame.due
         inputs = self.before(TickInputs(due, self.link.receive(), frame))
         out = self.pipeline.tick(inputs)
         self.link.send(out.messages)
-        self.seconds.append(time.perf_counter() - started)
+        self.seconds.append(time.thread_time() - started)
         self.outs.append(out)
         self._answers.append(Answer(due, self.link.packets_out, out.phase is Phase.DONE))
         return True
@@ -95,24 +78,15 @@ class Companion:
 class InProcess(Flight):
     """A flight whose companions live here; `companions` by index."""
 
-    def __init__(self, scenario, folder=None):
+    def __init__(self, scenario):
         self.companions = []
-        super().__init__(scenario, folder or Path(tempfile.gettempdir()))
+        super().__init__(scenario, Path(tempfile.gettempdir()), in_process=True)
 
-    def _open(self, i, name, boot_ms):
-        to_companion, to_vehicle = deque(), deque()
-        system, line = i + 1, FaultyLine(self._schedule, i)
-        self.names[i] = name
-        self.companions.append(
-            Companion(self.companion_config(i), MemoryEndpoint(to_vehicle, to_companion))
-        )
-        return _Drone(
-            name, i, boot_ms,
-            FaultyLink(MemoryEndpoint(to_companion, to_vehicle), Codec(system, 1), line),
-            Link(MemoryEndpoint(deque(maxlen=1), deque()), Codec(system, 1)),
-            self.companions[i],
-            line, FaultyTelemetry(self._schedule, i), FaultyCamera(self._schedule, i),
-        )  # fmt: skip
+    def _wire(self, system):
+        vehicle = MemoryEndpoint()
+        config = _overlay(self.companion_config(system - 1), OVERRIDES)
+        self.companions.append(Companion(config, MemoryEndpoint(vehicle)))
+        return self.companions[-1], vehicle, MemoryEndpoint()
 
     # --- what a test asks ----------------------------------------------------------------
 
@@ -163,9 +137,26 @@ def scenario(faults=(), count=1, seed=1, **more):
     return Scenario.model_validate(data)
 
 
-def fly(faults=(), at=None, before=None, **options):
+class WithPictures(InProcess):
+    """Frames also hold a noisy picture: nothing is detected in it, but it can be looked at."""
+
+    def __init__(self, scenario):
+        self._all = Schedule(scenario.faults, scenarios.drone_names(scenario), scenario.seed)
+        super().__init__(scenario.model_copy(update={"faults": []}))
+
+    def _open(self, i, name, boot_ms):
+        self._schedule = self._all
+        return super()._open(i, name, boot_ms)
+
+    def _sense(self, i, stamp, p, q):
+        rng = np.random.default_rng(round(stamp * 1e3))
+        picture = rng.integers(60, 200, (64, 64, 3), np.uint8)
+        return super()._sense(i, stamp, p, q) | {"image": picture}
+
+
+def fly(faults=(), at=None, before=None, pictures=False, **options):
     """Fly `scenario`; at: {s: call(flight)}; before: call(inputs) → inputs of drone 0's ticks."""
-    flight = InProcess(scenario(faults, **options))
+    flight = (WithPictures if pictures else InProcess)(scenario(faults, **options))
     if before is not None:
         flight.companions[0].before = before
     waiting = sorted((at or {}).items())

@@ -1,0 +1,402 @@
+"""What must happen in each row of the fault matrix, as one function a row.
+
+Each takes `note(what, seconds)`, which is told what was measured, and raises AssertionError where
+the row does not hold. Times are of the flight; drones fly from 5 s on, at speed from 7 s.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from inprocess import Companion, fly
+
+from companion.eye import Trouble
+from companion.guard import Ask, Reason
+from companion.phases import Phase
+from mavlink_bridge.messages import Command, CommandId, Heartbeat
+
+OFFBOARD = 0x00060000  # PX4's custom_mode
+CRUISE = 8.0  # s, in full flight
+SHORT = {"mission__time_limit": 11.0, "world": {}}  # nothing in the way
+
+
+def spoil_solves(flight, first, count, u=None):
+    """Let `count` solves of drone 0 fail from flight time `first` [s] on; u: what they give."""
+    pipeline = flight.companions[0].pipeline
+    solve, done = pipeline._nmpc.solve, []
+
+    def bad(instance):
+        result = solve(instance)
+        if flight._now / 1e3 < first - 1e-6 or len(done) >= count:
+            return result
+        done.append(1)
+        shifted = np.vstack([result.u[1:], result.u[-1:]]) if u is None else u(result.u)
+        return replace(result, usable=u is not None, u=shifted)
+
+    pipeline._nmpc.solve = bad
+
+
+def flown_with(spoil, faults=(), **options):
+    """Fly with a flight changed before it begins."""
+    return fly(faults, at={0.0: spoil}, **options)
+
+
+def seconds_until(flight, since, holds, i=0):
+    """From flight time `since` until holds(truth row) first: (v (3,), p (3,)) → bool."""
+    truth = flight.truth.arrays()
+    for t, v, p in zip(truth["t"], truth["velocity"][:, i], truth["position"][:, i], strict=True):
+        if t >= since and holds(v, p):
+            return float(t) - since
+    raise AssertionError("never")
+
+
+def mode_after(flight_modes, since, mode):
+    """Seconds until the vehicle is in this mode; modes: [(t, name)]."""
+    after = [t for t, name in flight_modes if t >= since and name == mode]
+    assert after, f"never in {mode}"
+    return after[0] - since
+
+
+def watch_modes(into):
+    """Calls for `fly(at=…)` that note the vehicle's mode every 20 ms."""
+
+    def look(t):
+        return lambda f: into.append((t, f.mode()))
+
+    return {round(t, 2): look(round(t, 2)) for t in np.arange(0.02, 25.0, 0.02)}
+
+
+def asked(flight, ask, i=0):
+    """Time of the first tick whose verdict asks for it."""
+    return next((o.time for o in flight.companions[i].outs
+                 if o.verdict is not None and o.verdict.ask is ask), None)  # fmt: skip
+
+
+# --- rows ----------------------------------------------------------------------------------
+
+
+def row_1(note):
+    modes = []
+
+    def kill(f):
+        f.companions[0].connected = False
+
+    def restart(f):
+        f.companions.append(Companion(f.companions[0].settings, f.companions[0].endpoint))
+        f._drones[0].frames = f.companions[1]
+
+    f = fly(at={CRUISE + 0.01: kill, CRUISE + 2.0: restart, **watch_modes(modes)}, world={},
+            drones__parameters={"COM_OF_LOSS_T": 0.5}, mission__time_limit=24.0)  # fmt: skip
+    hold = mode_after(modes, CRUISE + 0.05, "HOLD")
+    assert hold <= 0.6
+    again = f.companions[1]
+    assert len(again.outs) > 50
+    asked_for = {m.command for o in again.outs for m in o.messages if isinstance(m, Command)}
+    assert asked_for <= {CommandId.SET_MESSAGE_INTERVAL}  # neither arming nor offboard
+    assert "OFFBOARD" not in {name for t, name in modes if t > CRUISE + 1.0}
+    assert f.truth.arrays()["position"][-1, 0, 2] < 0.3
+    assert not f.truth.arrays()["armed"][-1, 0]
+    f.check_always()
+    note("HOLD", hold)
+
+
+def row_10(note):
+    noisy = [{"kind": "link_garbage", "amount": 1e6, "at": 6.0},
+             {"kind": "link_foreign", "amount": 200.0, "at": 6.0}]  # fmt: skip
+    costs = []
+    for faults in ([], noisy):
+        f = fly(faults, **SHORT)
+        assert f.speed(10.0) > 1.2
+        f.check_always()
+        c = f.companions[0]
+        flown = [s for s, o in zip(c.seconds, c.outs, strict=True) if o.time > 6.5]
+        costs.append(float(np.percentile(flown, 99)))
+    assert c.link.codec.statistics.bad_bytes > 1_000_000
+    assert costs[1] - costs[0] < 0.1 * c.config.timing.period
+    note("garbage costs, s of the 0.1 (p99)", costs[1] - costs[0])
+
+
+def row_25(note):
+    """The line is gone for three seconds and comes back: the vehicle holds, and goes on holding."""
+    modes = []
+    f = fly([{"kind": "link_loss", "amount": 1.0, "at": CRUISE, "for": 3.0}],
+            at=watch_modes(modes), **(SHORT | {"mission__time_limit": 16.0}))  # fmt: skip
+    assert "OFFBOARD" not in {name for t, name in modes if t > CRUISE + 1.2}
+    c = f.companions[0]
+    assert c.outs[-1].phase is Phase.PASSIVE
+    heard = next(o.time for o in c.outs if o.time > CRUISE + 1.0 and o.phase is Phase.PASSIVE)
+    assert not [t for t, _ in c.setpoints() if t > heard]
+    f.check_always()
+    note("passive after the line is back", heard - CRUISE - 3.0)
+
+
+def row_3(note):
+    f = flown_with(lambda f: spoil_solves(f, CRUISE, 1), **SHORT)
+    reasons = f.companions[0].reasons(CRUISE, CRUISE + 0.35)
+    assert reasons == [Reason.SHIFTED_PLAN, Reason.PLAN, Reason.PLAN, Reason.PLAN]
+    assert f.companions[0].at(CRUISE).verdict.bad_ticks == 1
+    f.check_always()
+    note("shifted plan", 0.0)
+
+
+def row_4(note):
+    f = flown_with(lambda f: spoil_solves(f, CRUISE, 12), **SHORT)
+    reasons = f.companions[0].reasons(CRUISE, CRUISE + 1.1)
+    assert reasons == [Reason.SHIFTED_PLAN] * 2 + [Reason.BRAKE] * 9
+    slow = seconds_until(f, CRUISE, lambda v, p: np.linalg.norm(v) < 0.3)
+    assert slow < 1.2
+    assert f.companions[0].at(CRUISE + 1.2).verdict.reason is Reason.PLAN  # and goes on
+    f.check_always()
+    note("brakes", 0.2)
+    note("slower than 0.3 m/s", slow)
+
+
+def row_5(note):
+    modes = []
+    f = fly(at={0.0: lambda f: spoil_solves(f, CRUISE, 999), **watch_modes(modes)},
+            **(SHORT | {"mission__time_limit": 15.0}))  # fmt: skip
+    land = mode_after(modes, CRUISE, "LAND")
+    assert land <= 2.2
+    assert f.companions[0].outs[-1].phase is Phase.PASSIVE
+    assert np.linalg.norm(f.truth.arrays()["velocity"][-1, 0, :2]) < 0.5
+    f.check_always()
+    note("LAND", land)
+
+
+def row_6(note):
+    def spoil(f):
+        spoil_solves(f, CRUISE, 1, u=lambda u: u * np.nan)
+
+    def nan_detections(inputs):
+        if inputs.frame is not None and 7.0 <= inputs.time < 9.0:
+            bad = np.full((2, 6), np.nan)
+            bad[1] = [0, 0, 1, np.inf, 0.01, 0.1]
+            rows = np.vstack([inputs.frame.arrays.get("neighbours", np.zeros((0, 6))), bad])
+            return replace(inputs, frame=replace(inputs.frame, arrays=inputs.frame.arrays
+                                                 | {"neighbours": rows}))  # fmt: skip
+        return inputs
+
+    faults = [{"kind": "telemetry_nan", "at": 6.0, "amount": 0.5}]
+    f = fly(faults, at={0.0: spoil}, before=nan_detections, count=2, **SHORT)
+    c = f.companions[0]
+    assert c.at(CRUISE).verdict.reason is Reason.BRAKE  # a plan of NaN is no plan, shifted or not
+    assert {o.verdict.ask for o in c.outs if o.verdict} == {Ask.NOTHING}
+    assert c.pipeline._own.counters.not_finite > 50
+    assert all(np.isfinite(t.P).all() and np.isfinite(t.p).all() for o in c.outs for t in o.tracks)
+    assert f.speed(CRUISE + 0.5) > 0.8  # the rest of telemetry flies it
+    f.check_always()
+    note("refused", 0.0)
+
+
+def row_7(note):
+    modes = []
+    f = fly([{"kind": "telemetry_stale", "at": CRUISE}], at=watch_modes(modes), **SHORT)
+    c = f.companions[0]
+    last = c.pipeline._own._positions[-1].time
+    assert c.at(last + 0.2).verdict.reason is Reason.PLAN  # by the model, as if nothing were
+    true = f.truth.arrays()
+    k = int(np.searchsorted(true["t"], CRUISE + 0.2))
+    assert np.linalg.norm(c.at(CRUISE + 0.2).own.v - true["velocity"][k, 0]) < 0.25
+    stopped = next(o for o in c.outs if o.verdict and o.verdict.reason is Reason.NO_STATE)
+    assert stopped.time - last <= 0.4 + 1e-6
+    assert (stopped.verdict.command.omega == 0).all()
+    hold = mode_after(modes, CRUISE, "HOLD")
+    assert hold <= 0.45
+    f.check_always()
+    note("HOLD", hold)
+
+
+def row_7_silence(note):
+    """Not even a heartbeat: LAND is asked for, then the stream ends and its failsafe has it."""
+    f = fly([{"kind": "link_loss", "at": CRUISE, "amount": 1.0}],
+            **(SHORT | {"mission__time_limit": 16.0}))  # fmt: skip
+    c = f.companions[0]
+    land, end = asked(f, Ask.LAND) - CRUISE, c.setpoints()[-1][0] - CRUISE
+    assert 1.0 <= land <= 1.15
+    assert 1.9 <= end <= 2.1
+    assert f.mode() in ("HOLD", "LAND")  # PX4 by itself
+    f.check_always()
+    note("LAND asked for", land)
+    note("silent", end)
+
+
+def row_8(note):
+    for kind, amount in (("position_jump", 3.0), ("position_lost", None), ("quaternion", 0.5)):
+        modes = []
+        fault = {"kind": kind, "at": CRUISE + 0.01} | ({"amount": amount} if amount else {})
+        f = fly([fault], at=watch_modes(modes), **SHORT)
+        land = mode_after(modes, fault["at"], "LAND")
+        assert land <= 0.4, kind  # a tick and its way to the vehicle after 300 ms
+        after = f.companions[0].reasons(CRUISE + 0.4)
+        assert not set(after) & {Reason.PLAN, Reason.SHIFTED_PLAN}
+        truth = f.truth.arrays()
+        up = truth["attitude"][-1, 0]
+        assert 1 - 2 * (up[1] ** 2 + up[2] ** 2) > np.cos(np.radians(15)), kind  # level
+        f.check_always()
+        note(f"LAND, {kind}", land)
+
+
+def row_8_on_ground(note):
+    f = fly([{"kind": "quaternion", "amount": 0.5}], **(SHORT | {"mission__time_limit": 5.0}))
+    assert {o.phase for o in f.companions[0].outs} == {Phase.WAIT}
+    assert not f.companions[0].setpoints()
+    note("not armed, no offboard", 0.0)
+
+
+def row_9(note):
+    for kind, amount in (("link_loss", 0.05), ("link_loss", 0.2), ("link_duplicate", 0.3),
+                         ("link_reorder", 0.3), ("link_flip", 0.2)):  # fmt: skip
+        f = fly([{"kind": kind, "amount": amount}], mission__time_limit=24.0)
+        assert f.figures()["targets_reached"]["drone1"] == "1/1", (kind, amount)
+        assert f.figures()["obstacle_collisions"] == 0
+        f.check_always()
+    f = fly([{"kind": "link_loss", "amount": 0.5}], count=2, mission__time_limit=24.0)
+    assert f.figures()["obstacle_collisions"] == f.figures()["agent_collisions"] == 0
+    f.check_always()
+    note("complete to 20 %, safe at 50 %", None)
+
+
+def row_13(note):
+    for fault in ({"kind": "mode", "to": "position"}, {"kind": "kill"}):
+        shown = []
+        f = fly([fault | {"at": CRUISE}], before=lambda i, s=shown: _first_change(i, s),
+                **SHORT)  # fmt: skip
+        c = f.companions[0]
+        last = c.setpoints()[-1][0]
+        assert last <= shown[0] + 1e-6, fault  # none after the tick whose heartbeat showed it
+        assert c.outs[-1].phase is Phase.PASSIVE
+        assert not any(type(m).__name__ == "Command" for o in c.outs if o.time > shown[0]
+                       for m in o.messages)  # fmt: skip
+        note(f"last setpoint, {fault['kind']}", last - CRUISE)
+
+
+def _first_change(inputs, shown):
+    """Note the tick with the first heartbeat after CRUISE that is not armed in offboard."""
+    for r in inputs.received:
+        m = r.message
+        changed = isinstance(m, Heartbeat) and (not m.armed or m.custom_mode != OFFBOARD)
+        if changed and inputs.time > CRUISE and not shown:
+            shown.append(inputs.time)
+    return inputs
+
+
+def row_14(note):
+    f = fly([{"kind": "reboot", "at": CRUISE}], **(SHORT | {"mission__time_limit": 13.0}))
+    c = f.companions[0]
+    assert c.pipeline._own.counters.reboots == 1
+    assert c.outs[-1].phase is Phase.PASSIVE
+    assert c.outs[-1].own is not None  # of the new life
+    assert abs(c.outs[-1].own.time - (13.0 - CRUISE)) < 0.3
+    times = [o.time for o in c.outs]
+    back = next(n for n in range(1, len(times)) if times[n] < times[n - 1])
+    assert all(o.verdict is None for o in c.outs[back + 1 :])
+    note("no setpoint after", 0.1)
+
+
+def row_15(note):
+    kinds = {"camera_dead": Trouble.DEAD, "camera_frozen": Trouble.FROZEN,
+             "camera_black": Trouble.BLACK, "camera_saturated": Trouble.SATURATED,
+             "camera_late": Trouble.LATE}  # fmt: skip
+    for kind, trouble in kinds.items():
+        f = fly([{"kind": kind, "at": CRUISE + 0.01}], pictures=True, count=2, drones__spacing=3.0,
+                **SHORT)  # fmt: skip
+        c = f.companions[0]
+        noticed = next(o.time for o in c.outs if o.time > CRUISE and o.trouble is trouble)
+        assert noticed - CRUISE <= (0.2 if kind == "camera_late" else 0.1) + 1e-6, kind
+        slow = seconds_until(f, CRUISE + 0.01, lambda v, p: np.linalg.norm(v) <= 0.5)
+        assert slow <= (0.6 if kind == "camera_late" else 0.5), (kind, slow)
+        after = f.truth.arrays()
+        rest = np.linalg.norm(after["velocity"][after["t"] >= CRUISE + 2.0, 0], axis=1)
+        assert rest.max() < 0.25, (kind, rest.max())
+        if kind != "camera_late":
+            coasting = [t for o in c.outs if o.time > CRUISE for t in o.tracks]
+            spread = [np.trace(t.P[:3, :3]) for t in coasting]
+            assert spread == sorted(spread), kind
+        f.check_always()
+        note(f"≤ 0.5 m/s, {kind}", slow)
+
+
+def row_16(note):
+    f = fly([{"kind": "missed", "amount": 0.3}, {"kind": "ghosts", "amount": 0.05},
+             {"kind": "swaps", "amount": 0.2}, {"kind": "range_bias", "amount": 1.2}],
+            count=3, mission__time_limit=30.0, seed=3)  # fmt: skip
+    figures = f.figures()
+    assert set(figures["targets_reached"].values()) == {"1/1"}
+    assert figures["obstacle_collisions"] == figures["agent_collisions"] == 0
+    f.check_always()
+    note("complete", None)
+
+
+def row_17(note):
+    for kind in ("stop", "turn_into", "kill"):
+        f = fly([{"kind": kind, "drone": "drone1", "at": CRUISE}], count=3, world={},
+                mission__time_limit=14.0)  # fmt: skip
+        f.check_always(healthy=(1, 2))
+        truth = f.truth.arrays()
+        flying = truth["t"] > 5.0
+        gaps = [np.linalg.norm(truth["position"][flying, 0] - truth["position"][flying, k], axis=1)
+                for k in (1, 2)]  # fmt: skip
+        assert min(g.min() for g in gaps) > 0.5, (kind, [g.min() for g in gaps])
+        note(f"least distance [m], {kind}", min(float(g.min()) for g in gaps))
+
+
+def row_18(note):
+    plain = fly(**SHORT)
+    for kind, amount in (("clock_jump", 3600.0), ("clock_jump", -3600.0), ("timesync_jump", 0.5)):
+        f = fly([{"kind": kind, "amount": amount, "at": 6.0}], **SHORT)
+        same = f.truth.arrays()["position"] == plain.truth.arrays()["position"]
+        assert same.all(), kind
+    note("same truth, byte for byte", None)
+
+
+def row_19(note):
+    f = fly([{"kind": "pause", "amount": 0.2, "at": 7.0, "for": 2.0}], mission__time_limit=22.0)
+    assert f.figures()["targets_reached"]["drone1"] == "1/1"
+    assert f.figures()["obstacle_collisions"] == 0
+    f.check_always()
+    note("complete", None)
+
+
+def row_21(note):
+    inside = {"companion": {"fence": {"east": [-5.0, 8.0]}}}
+    f = fly(**(SHORT | inside))
+    p = f.truth.arrays()["position"][:, 0]
+    assert p[:, 0].max() < 8.2  # the plan itself stays inside
+    assert not set(f.companions[0].reasons(0.0)) & {Reason.FENCE, Reason.BRAKE}
+    note("inside by [m]", float(8.0 - p[:, 0].max()))
+    modes = []
+
+    # The fence is moved inwards in flight: the drone is outside, all of a sudden.
+    def cross(f):
+        pipeline = f.companions[0].pipeline
+        fence = pipeline._config.fence.model_copy(update={"east": [-5.0, 3.0]})
+        pipeline._config = pipeline._config.model_copy(update={"fence": fence})
+
+    f = fly(at={7.5: cross, **watch_modes(modes)}, **SHORT)
+    reasons = f.companions[0].reasons(7.6, 8.0)
+    crossed = f.truth.arrays()
+    k = int(np.searchsorted(crossed["t"], 7.5))
+    out = crossed["position"][k:, 0, 0].max() - max(crossed["position"][k, 0, 0], 3.0)
+    assert Reason.FENCE in reasons
+    assert out < 2.0
+    f.check_always()
+    note("stops within [m]", float(out))
+
+
+def row_22(note):
+    for fault in ({"kind": "battery", "amount": 0.05, "at": 7.0},
+                  {"kind": "motor", "amount": 0.8, "at": 7.0},
+                  {"kind": "thrust_scale", "amount": 0.8, "at": 7.0},
+                  {"kind": "thrust_scale", "amount": 1.2, "at": 7.0},
+                  {"kind": "gust", "amount": 5.0, "at": 7.0, "for": 3.0},
+                  {"kind": "gyro_bias", "amount": 0.05}):  # fmt: skip
+        f = fly([fault], mission__time_limit=26.0)
+        figures = f.figures()
+        landed = f.truth.arrays()["position"][-1, 0, 2] < 0.3
+        assert figures["targets_reached"]["drone1"] == "1/1" or landed, fault
+        assert figures["obstacle_collisions"] == 0, fault
+        f.check_always()
+    note("complete or landed", None)
+
+
+ROWS = {name.removeprefix("row_"): check for name, check in list(globals().items())
+        if name.startswith("row_")}  # fmt: skip

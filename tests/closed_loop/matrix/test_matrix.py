@@ -1,0 +1,93 @@
+"""The fault matrix: each row as it must be, and rows that fail where their mechanism is out."""
+
+import checks
+import inprocess
+import numpy as np
+import pytest
+
+from companion import ownstate, pace, pipeline
+from companion.eye import Eye
+from companion.guard import Guard
+from companion.ownstate import OwnState
+from companion.phases import Phase, Phases
+from mavlink_bridge.messages import Attitude, Received, Source
+
+
+@pytest.mark.parametrize("row", [pytest.param(r, marks=pytest.mark.row(r)) for r in checks.ROWS])
+def test_row(row, note):
+    checks.ROWS[row](note)
+
+
+@pytest.mark.row("18")
+@pytest.mark.parametrize("skew", [2e-4, -2e-4])
+def test_a_skewed_clock_is_followed(skew, monkeypatch, note):
+    now = 0.0
+    monkeypatch.setattr(pace.time, "monotonic", lambda: now)
+    follower, worst = pace.ClockPace(None, None, 0.1), 0.0
+    for k in range(50 * 600):
+        now = 0.02 * k
+        vehicle = 5.0 + now * (1.0 + skew)
+        attitude = Attitude(vehicle, np.array([1.0, 0, 0, 0]), np.zeros(3))
+        follower._hear_clock([Received(Source(1, 1), attitude)])
+        worst = max(worst, abs(now + follower._offset - vehicle))
+    assert worst < 0.001
+    note("s off at 200 ppm, in 10 minutes", worst)
+
+
+def overridden(**sections):
+    return lambda patch: patch.setattr(inprocess, "OVERRIDES", sections)
+
+
+def ignore_the_pilot(patch):
+    advance = Phases._advance
+
+    def stubborn(self, *args):
+        flying = self.phase is Phase.FLY
+        advance(self, *args)
+        if flying and self.phase is Phase.PASSIVE:
+            self.phase = Phase.FLY
+
+    patch.setattr(Phases, "_advance", stubborn)
+
+
+def never_start_over(patch):
+    patch.setattr(ownstate, "_REBOOTED", (1e9, 3))
+    patch.setattr(pipeline, "_CLOCK_BACK", 1e9)
+
+
+WITHOUT = {
+    "3: the shifted plan": overridden(guard={"shifted_max": 0}),
+    "4: the brake": overridden(guard={"shifted_max": 10**6}),
+    "5: the limit on bad solves": overridden(guard={"bad_land": 1e9}),
+    "6: the refusal of NaN": lambda p: p.setattr(OwnState, "_sane_attitude", lambda *a: True),
+    "7: the age of telemetry": overridden(guard={"stale_stop": 1e9}),
+    "7_silence: the end of the stream": overridden(guard={"stale_silent": 1e9}),
+    "8: disbelief": lambda p: p.setattr(OwnState, "believable", lambda *a: True),
+    "8_on_ground: the check of the quaternion": lambda p: p.setattr(
+        np.linalg, "norm", _length_one(np.linalg.norm)
+    ),
+    "13: the pilot's last word": ignore_the_pilot,
+    "14: noticing a reboot": never_start_over,
+    "15: the eye": lambda p: p.setattr(Eye, "blind", lambda *a: 0.0),
+    "17: neighbours": lambda p: p.setattr(pipeline, "critical_neighbours", lambda *a: []),
+    "21: the fence": overridden(fence={"altitude_max": 5.0}, guard={"fence_drift": 1e9}),
+}
+
+
+def _length_one(norm):
+    return lambda a, *args, **more: 1.0 if np.shape(a) == (4,) else norm(a, *args, **more)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WITHOUT)
+def test_a_row_fails_without(name, monkeypatch):
+    WITHOUT[name](monkeypatch)
+    with pytest.raises((AssertionError, ValueError, TypeError, StopIteration)):
+        checks.ROWS[name.split(":")[0]](lambda what, value: None)
+
+
+def test_the_guard_is_used(monkeypatch):
+    """The mutations above are of what flies: without any guard there is no setpoint at all."""
+    monkeypatch.setattr(Guard, "judge", lambda *a: pytest.fail("asked"))
+    with pytest.raises(pytest.fail.Exception):
+        inprocess.fly(mission__time_limit=6.0, world={})

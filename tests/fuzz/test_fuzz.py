@@ -1,0 +1,74 @@
+"""A short run of every fuzzing target: its corpus, and what hypothesis makes of bytes."""
+
+import mutate
+import numpy as np
+import pytest
+import targets
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from companion.guard import Guard, GuardConfig, Situation
+from companion.nmpc import Result, Status
+from mavlink_bridge.messages import VehicleState
+
+QUICK = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+
+
+@pytest.mark.parametrize("name", targets.TARGETS)
+def test_the_corpus(name):
+    seeds = targets.seeds(name)
+    assert seeds
+    for data in seeds:
+        targets.TARGETS[name](data)
+
+
+@pytest.mark.parametrize("name", ["codec", "msp", "config", "mcap"])
+@QUICK
+@given(data=st.data())
+def test_anything(name, data):
+    seed = data.draw(st.sampled_from(targets.seeds(name)))
+    rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
+    targets.TARGETS[name](mutate.mutate(seed, rng))
+    targets.TARGETS[name](data.draw(st.binary(max_size=600)))
+
+
+@settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
+@given(seed=st.integers(0, 2**32 - 1))
+def test_any_tick(seed):
+    rng = np.random.default_rng(seed)
+    data = b"".join(mutate.mutate(f, rng) for f in targets.seeds("tick")) + rng.bytes(480)
+    targets.tick(data)
+
+
+floats = st.floats(allow_nan=True, allow_infinity=True, width=64)
+vectors = st.lists(floats, min_size=4, max_size=4).map(np.array)
+
+
+@QUICK
+@given(vectors, vectors, vectors, vectors, vectors, floats, floats, floats, floats, st.booleans(),
+       st.booleans())  # fmt: skip
+@example(*[np.full(4, 1e308)] * 5, 0.0, 0.0, 1e308, 1e308, True, False)
+def test_the_guard_is_total(p, v, q, omega, u, time, age, outside, blind, usable, believable):
+    plan = np.tile(u, (20, 1))
+    result = Result(np.zeros((21, 10)), plan, Status.SOLVED, usable, 1, 0.0, 0.0, 0.0, 0.0, 0.0,
+                    (), 0.0)  # fmt: skip
+    own = VehicleState(time, p[:3], v[:3], q, omega[:3])
+    guard = Guard(GuardConfig())
+    with np.errstate(all="ignore"):
+        for r, o in ((result, own), (None, own), (result, None), (None, None)):
+            verdict = guard.judge(Situation(time, r, o, age, believable, outside, v[0], blind))
+            assert np.isfinite(verdict.command.omega).all()
+            assert np.abs(verdict.command.omega).max() <= 3.0
+            assert 2.0 <= verdict.command.c <= 20.0
+
+
+@pytest.mark.row("10")
+def test_mutated_frames(note):
+    forged, passed, longest = mutate.count_mavlink(10_000, 7)
+    assert forged == 0
+    assert passed <= 10
+    assert longest <= 600
+    answers, longest = mutate.count_msp(10_000, 7)
+    assert answers < 10_000 / 100
+    assert longest <= 300
+    note("forged of 10,000 mutated frames", forged)
