@@ -36,7 +36,8 @@ class FaultyCamera:
             due = [t for t in self._taken if t[0] <= stamp - late[0].value]
             stamp, arrays = due[-1] if due else self._taken[0]
         if self._at(now, "camera_frozen"):
-            self._frozen = self._frozen or arrays
+            before = self._taken[-2][1] if len(self._taken) > 1 else arrays
+            self._frozen = self._frozen or before
             arrays = self._frozen
         else:
             self._frozen = None

@@ -123,7 +123,7 @@ class FaultyTelemetry:
     def _one(self, now: float, m: Message) -> list[Message]:
         if isinstance(m, SystemTime):
             jump = sum(f.value for f in self._at(now, "clock_jump"))
-            return [replace(m, unix_time=m.unix_time + jump)]
+            return [replace(m, unix_time=max(m.unix_time + jump, 0.0))]
         if not isinstance(m, Attitude | LocalPosition):
             return [m]
         lost = isinstance(m, LocalPosition) and self._at(now, "position_lost")

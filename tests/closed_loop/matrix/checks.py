@@ -266,7 +266,7 @@ def row_13(note):
         assert c.outs[-1].phase is Phase.PASSIVE
         assert not any(type(m).__name__ == "Command" for o in c.outs if o.time > shown[0]
                        for m in o.messages)  # fmt: skip
-        note(f"last setpoint, {fault['kind']}", last - CRUISE)
+        note(f"after {fault['kind']} (HEARTBEAT: 1 Hz)", last - CRUISE)
 
 
 def _first_change(inputs, shown):
