@@ -26,7 +26,7 @@ from mavlink_bridge.frames import flu_frd, quaternion_enu_ned
 from mavlink_bridge.msp import MspDecoder
 from sitl_sim.geodesy import LocalFrame
 from sitl_sim.namespace import Host, Namespace
-from sitl_sim.urgency import AUTOPILOT, BRIDGE, hurry, relax
+from sitl_sim.urgency import AUTOPILOT, BRIDGE, hurry
 from sitl_sim.vehicle import State
 
 _MSP, _MOTORS, _MOTION = ("127.0.0.1", 5761), ("127.0.0.1", 9002), ("127.0.0.1", 9003)
@@ -111,12 +111,11 @@ class BetaflightSitl:
         self._motors = network.run(lambda: _listen(_MOTORS))
         self._motion = network.run(lambda: socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         self.command = np.zeros(4)
-        self._process = self._start()
         try:
-            self._set_up([*SET_UP.strip().splitlines(), *extra])
+            with self._come_up() as line:
+                _set_up(line, [*SET_UP.strip().splitlines(), *extra])
             self._process.wait(timeout=_PATIENCE)  # `save` ends it
-            self._process = self._start()
-            self._connect().close()
+            self._come_up().close()
         except BaseException:
             self.close()
             raise
@@ -125,8 +124,8 @@ class BetaflightSitl:
     def await_boot(self) -> None:
         """Until it could be armed; motion must already be given.
 
-        On a machine that starves it, its tasks for receiver and arming may not run at all, or it
-        ends while it starts: start anew.
+        On a machine that starves it, its tasks for receiver and arming may not run at all: start
+        anew.
 
         Raises:
             BetaflightError: not after several attempts.
@@ -136,7 +135,7 @@ class BetaflightSitl:
                 return
             self._process.kill()
             self._process.wait()
-            self._process = self._start()
+            self._come_up().close()
         raise BetaflightError(f"Betaflight SITL does not come up; see {self._folder}/output.log")
 
     def _boots(self) -> bool:
@@ -163,10 +162,6 @@ class BetaflightSitl:
                 time.sleep(0.05)
         return False
 
-    def relax(self) -> None:
-        """No real-time priority any more: its naps of 50 µs then cost 10 % of a core, not 26."""
-        relax(self._process.pid)
-
     @property
     def msp_port(self) -> int:
         """Port of the host's loopback that leads to the MSP of this process."""
@@ -192,11 +187,24 @@ class BetaflightSitl:
         """End the process."""
         if hasattr(self, "_relay"):
             self._relay.close()
-        self._process.kill()
-        self._process.wait()
+        if hasattr(self, "_process"):
+            self._process.kill()
+            self._process.wait()
         self._motors.close()
         self._motion.close()
         self._network.close()
+
+    def _come_up(self) -> socket.socket:
+        """A new process, and a connection to it. Its threads race at the start: it may crash."""
+        for _ in range(_ATTEMPTS - 1):
+            self._process = self._start()
+            try:
+                return self._connect()
+            except BetaflightError:
+                self._process.kill()
+                self._process.wait()
+        self._process = self._start()
+        return self._connect()
 
     def _start(self) -> subprocess.Popen[bytes]:
         with (self._folder / "output.log").open("ab") as log:
@@ -225,33 +233,34 @@ class BetaflightSitl:
             else:
                 return line
 
-    def _set_up(self, lines: list[str]) -> None:
-        with self._connect() as line:
-            line.settimeout(_PATIENCE)
-            _type(line, "#", b"# ")
-            for text in lines:
-                answer = _type(line, text + "\n", b"\n# ")
-                if b"###ERROR" in answer or b"INVALID" in answer.upper():
-                    said = answer.decode("ascii", "replace").strip().splitlines()
-                    raise BetaflightError(f"Betaflight refused {text!r}: {said}")
-            line.sendall(b"save\n")
-            with contextlib.suppress(OSError):
-                while line.recv(4096):  # hung up on: the process ends after saving
-                    pass
+
+def _set_up(line: socket.socket, lines: list[str]) -> None:
+    """Type the settings into the CLI and save them, which ends the process."""
+    line.settimeout(_PATIENCE)
+    _type(line, "#", b"# ")
+    for text in lines:
+        answer = _type(line, text + "\n", b"\n# ")
+        if b"###ERROR" in answer or b"INVALID" in answer.upper():
+            said = answer.decode("ascii", "replace").strip().splitlines()
+            raise BetaflightError(f"Betaflight refused {text!r}: {said}")
+    line.sendall(b"save\n")
+    with contextlib.suppress(OSError):
+        while line.recv(4096):  # hung up on: the process ends after saving
+            pass
 
 
 def _type(line: socket.socket, text: str, prompt: bytes) -> bytes:
     """Type a line and read up to the next prompt."""
-    line.sendall(text.encode())
     answer = b""
-    while not answer.endswith(prompt):
-        try:
+    try:
+        line.sendall(text.encode())
+        while not answer.endswith(prompt):
             data = line.recv(4096)
-        except TimeoutError as error:
-            raise BetaflightError(f"Betaflight SITL does not answer {text!r}") from error
-        if not data:
-            raise BetaflightError(f"Betaflight hung up after {text!r}")
-        answer += data
+            if not data:
+                raise BetaflightError(f"Betaflight hung up after {text!r}")
+            answer += data
+    except OSError as error:
+        raise BetaflightError(f"Betaflight SITL does not answer {text!r}: {error}") from error
     return answer
 
 

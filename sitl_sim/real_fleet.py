@@ -90,6 +90,7 @@ class RealFleet:
         self._physics = threading.Thread(target=self._spin, daemon=True)
         self.longest_pause = 0.0
         sys.setswitchinterval(0.0005)  # the physics must not wait for the rest of the process
+        hurry(PHYSICS)  # whoever builds and flies it shares the interpreter with the physics
         try:
             for folder in folders:
                 network = Namespace() if len(folders) > 1 else Host()
@@ -143,11 +144,7 @@ class RealFleet:
         return np.array([bool((s.command > _TURNING).any()) for s in self._sitls])
 
     def begin(self, started: float) -> None:
-        """The flight begins at `started` [CLOCK_MONOTONIC]; called by the thread that flies it."""
-        hurry(PHYSICS)  # it shares the interpreter with the physics
-        if len(self._sitls) > 1:
-            for sitl in self._sitls:
-                sitl.relax()
+        """The flight begins at `started` [CLOCK_MONOTONIC]."""
         self._first = round((started - self._begun) / _STEP) * _CHUNK
 
     def advance(self, t_end: float, wind: ArrayLike = 0.0) -> None:
@@ -202,7 +199,6 @@ class RealFleet:
 
     def _spin(self) -> None:
         """Step, exchange, sleep, until closed."""
-        hurry(PHYSICS)
         fix_at = 0.0
         while not self._stop.is_set():
             now = time.monotonic() - self._begun
