@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from companion.assignment import assign
@@ -52,6 +53,9 @@ class TrackerConfig(StrictModel):
     )
 
 
+_EYE = np.eye(3)
+
+
 class Tracker:
     """Neighbours as arrays: mean (n,6) of p, v; covariance (n,6,6); ids, ages, last sightings."""
 
@@ -85,16 +89,17 @@ class Tracker:
         assigned = self._associate(z, r)
         if in_view is not None:
             self._misses += np.asarray(in_view, bool)
-        clear = [d.sigma_range <= self._config.clear * d.range for d in detections]
-        for track, detection in assigned:
-            self._correct(track, z[detection], r[detection])
+        clear = np.array([d.sigma_range <= self._config.clear * d.range for d in detections], int)
+        if assigned:
+            track, looks = (np.array(ids) for ids in zip(*assigned, strict=True))
+            self._correct(track, z[looks], r[looks])
             self._seen[track] = time
-            self._hits[track] += clear[detection]
+            self._hits[track] += clear[looks]
             self._misses[track] = 0
         fresh = sorted(set(range(len(z))) - {d for _, d in assigned})
         self._bury(time)
         for detection in fresh:
-            self._bear(time, z[detection], r[detection], clear[detection])
+            self._bear(time, z[detection], r[detection], bool(clear[detection]))
 
     def predict(self, time: float) -> None:
         """Carry all neighbours to `time` at constant velocity, eq. (14), with growing doubt."""
@@ -103,15 +108,16 @@ class Tracker:
         if dt <= 0.0 or not len(self._ids):
             return
         # A neighbour out of sight is believed to slow down rather than to fly on for ever.
-        keep = np.where(time - self._seen > 0.5, np.exp(-self._config.damping * dt), 1.0)
-        f = np.tile(np.eye(6), (len(self._ids), 1, 1))
-        f[:, 0, 3] = f[:, 1, 4] = f[:, 2, 5] = dt
-        f[:, 3, 3] = f[:, 4, 4] = f[:, 5, 5] = keep
-        s = self._config.acceleration**2
-        eye = np.eye(3)
-        q = np.block([[eye * dt**4 / 4, eye * dt**3 / 2], [eye * dt**3 / 2, eye * dt**2]]) * s
-        self._mean = np.einsum("nij,nj->ni", f, self._mean)
-        self._covariance = f @ self._covariance @ f.transpose(0, 2, 1) + q
+        keep = np.where(time - self._seen > 0.5, np.exp(-self._config.damping * dt), 1.0)[:, None]
+        self._mean[:, :3] += dt * self._mean[:, 3:]
+        self._mean[:, 3:] *= keep
+        # F P F' + Q by blocks: of places a, of both b, of velocities d
+        c, keep, doubt = self._covariance, keep[..., None], self._config.acceleration**2 * _EYE
+        a, b, d = c[:, :3, :3], c[:, :3, 3:], c[:, 3:, 3:]
+        a += dt * (b + b.transpose(0, 2, 1)) + dt * dt * d + dt**4 / 4 * doubt
+        b[:] = keep * (b + dt * d) + dt**3 / 2 * doubt
+        c[:, 3:, :3] = b.transpose(0, 2, 1)
+        d[:] = keep * keep * d + dt * dt * doubt
 
     def tracks(self) -> list[Track]:
         """Confirmed neighbours, oldest first."""
@@ -162,14 +168,14 @@ class Tracker:
         score = np.where(cost < self._config.gate, score, 1e3)
         return [pair for pair in assign(score) if score[pair] < 1e3]
 
-    def _correct(self, n: int, z: Vector, r: Vector) -> None:
-        """Kalman update of track n (Joseph form stays symmetric and positive)."""
+    def _correct(self, n: NDArray[np.int_], z: Vector, r: Vector) -> None:
+        """Kalman update of tracks n (k,) by places z (k,3) (Joseph form stays symmetric)."""
         p = self._covariance[n]
-        k = np.linalg.solve(p[:3, :3] + r, p[:3, :]).T
-        h = np.eye(3, 6)
-        self._mean[n] += k @ (z - self._mean[n, :3])
-        a = np.eye(6) - k @ h
-        self._covariance[n] = a @ p @ a.T + k @ r @ k.T
+        k = np.linalg.solve(p[:, :3, :3] + r, p[:, :3, :]).transpose(0, 2, 1)
+        self._mean[n] += (k @ (z - self._mean[n, :3])[..., None])[..., 0]
+        a = np.tile(np.eye(6), (len(n), 1, 1))
+        a[:, :, :3] -= k
+        self._covariance[n] = a @ p @ a.transpose(0, 2, 1) + k @ r @ k.transpose(0, 2, 1)
 
     def _bear(self, time: float, z: Vector, r: Vector, clear: bool) -> None:
         covariance = np.zeros((1, 6, 6))
