@@ -7,7 +7,7 @@ needs the attitude at its capture, a tick needs the state now. Refuses what cann
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -21,11 +21,12 @@ from mavlink_bridge.messages import (
     EulerAttitude,
     LocalPosition,
     Message,
+    Odometry,
     VehicleState,
 )
 
 _Sample = TypeVar("_Sample", Attitude, LocalPosition)
-_QUATERNION_SILENT = 0.5  # s without ATTITUDE_QUATERNION: then ATTITUDE has to do
+_SILENT = 0.5  # s without ATTITUDE_QUATERNION or LOCAL_POSITION_NED: then others have to do
 _JUMP = 1.0  # m beyond what velocity and acceleration explain: another place, not a motion
 _ACCELERATION = 10.0  # m/s², most that a drone may have had since the sample before
 _PERSISTS = (3, 0.2)  # samples on end, or s: then it is no slip, whatever it is
@@ -33,6 +34,16 @@ _DOUBT = 1.0  # s that what cannot be believed, and persists, casts doubt
 _POSITION_LOST = 0.18  # s without a position while attitudes come
 _REBOOTED = (1.0, 3)  # s that the clock has to go back, in so many samples on end
 _HISTORY = 100  # two seconds of 50 Hz telemetry: more than the oldest frame that is of use
+
+
+@dataclass(frozen=True)
+class OdometryAttitude(Attitude):
+    """What ODOMETRY says of the attitude."""
+
+
+@dataclass(frozen=True)
+class OdometryPosition(LocalPosition):
+    """What ODOMETRY says of position and velocity."""
 
 
 @dataclass
@@ -67,7 +78,8 @@ class _Slip:
 class OwnState:
     """The drone's own state in its own ENU frame, from Attitude and LocalPosition messages.
 
-    Where a vehicle sends neither, from its coarse ones: see `coarse.py`.
+    Of what a vehicle does not send, Odometry takes the place. Where it sends none of the three,
+    its coarse messages do: see `coarse.py`.
     """
 
     def __init__(self) -> None:
@@ -100,12 +112,29 @@ class OwnState:
     def _refined(self, messages: Iterable[Message]) -> Iterable[Message]:
         """The messages; where they are all coarse ones, what can be made of them."""
         for message in messages:
+            if isinstance(message, Odometry):
+                self._coarse = None
+                yield from self._lacking(message)
+                continue
             if isinstance(message, LocalPosition) or type(message) is Attitude:
                 self._coarse = None  # this vehicle can do better
             if self._coarse is None:
                 yield message
             else:
                 yield from self._coarse.add(message)
+
+    def _lacking(self, o: Odometry) -> Iterator[Attitude | LocalPosition]:
+        """What of an odometry its vehicle does not say otherwise."""
+        if self._odometry_counts(self._attitudes, o):
+            yield OdometryAttitude(o.time, o.q_wb, o.omega)
+        if self._odometry_counts(self._positions, o):
+            yield OdometryPosition(o.time, o.p, o.v)
+
+    @staticmethod
+    def _odometry_counts(samples: Sequence[Attitude | LocalPosition], o: Odometry) -> bool:
+        last = samples[-1] if samples else None
+        mine = isinstance(last, OdometryAttitude | OdometryPosition)
+        return last is None or mine or o.time - last.time > _SILENT
 
     def age(self, time: float) -> float:
         """Seconds since the older of the two streams last spoke; infinite before both did.
@@ -150,7 +179,7 @@ class OwnState:
             isinstance(a, EulerAttitude)
             and bool(self._attitudes)
             and not isinstance(self._attitudes[-1], EulerAttitude)
-            and a.time - self._attitudes[-1].time < _QUATERNION_SILENT
+            and a.time - self._attitudes[-1].time < _SILENT
         )
 
     def _sane_attitude(self, a: Attitude) -> bool:

@@ -17,7 +17,7 @@ from typing import Protocol
 from companion.framesource import FrameSource
 from companion.pipeline import TickInputs
 from mavlink_bridge.link import Link
-from mavlink_bridge.messages import Attitude, LocalPosition, Received, SystemTime
+from mavlink_bridge.messages import Attitude, LocalPosition, Odometry, Received, SystemTime
 from mavlink_bridge.video import Answer, Frame, VideoError
 
 _PATIENCE = 1.0  # s that a frame waits for telemetry announced but not arrived
@@ -146,7 +146,7 @@ class ClockPace:
         """Vehicle's clock against ours: the least delayed message of the recent past counts."""
         now = time.monotonic()
         for r in received:
-            if isinstance(r.message, Attitude | LocalPosition | SystemTime):
+            if isinstance(r.message, Attitude | LocalPosition | Odometry | SystemTime):
                 heard = r.message.time - now
                 back, count = _CLOCK_BACK
                 self._from_the_past = (self._from_the_past + 1) * (heard < self._offset - back)

@@ -21,10 +21,13 @@ from mavlink_bridge.frames import (
     heading_from_yaw,
     quaternion_enu_ned,
     quaternion_from_euler,
+    rotation_matrix,
     yaw_from_heading,
 )
 
 _NAN_Q = (math.nan,) * 4
+_NED_FRAMES = (mavlink.MAV_FRAME_LOCAL_NED,)
+_BODY_FRAMES = (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_FRD)
 
 
 def _ms(time: float) -> int:
@@ -79,6 +82,16 @@ def _local_position(lp: m.LocalPosition) -> Any:
     return mavlink.MAVLink_local_position_ned_message(
         _ms(lp.time), *enu_ned(*(float(a) for a in lp.p)), *enu_ned(*(float(a) for a in lp.v))
     )
+
+
+def _odometry(o: m.Odometry) -> Any:
+    v = rotation_matrix(o.q_wb).T @ o.v
+    return mavlink.MAVLink_odometry_message(
+        round(o.time * 1e6), mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_FRD,
+        *enu_ned(*(float(a) for a in o.p)), quaternion_enu_ned(o.q_wb),
+        *flu_frd(*(float(a) for a in v)), *flu_frd(*(float(w) for w in o.omega)),
+        [math.nan] * 21, [math.nan] * 21,
+    )  # fmt: skip
 
 
 def _global_position(g: m.GlobalPosition) -> Any:
@@ -169,6 +182,7 @@ TO_WIRE: dict[type, Callable[[Any], Any]] = {
     m.Attitude: _attitude,
     m.EulerAttitude: _euler_attitude,
     m.LocalPosition: _local_position,
+    m.Odometry: _odometry,
     m.GlobalPosition: _global_position,
     m.SystemStatus: _system_status,
     m.BatteryStatus: _battery,
@@ -241,6 +255,19 @@ def _from_attitude_euler(w: Any) -> m.EulerAttitude:
     return m.EulerAttitude(w.time_boot_ms / 1e3, np.array(q), _array(*rates))
 
 
+def _from_odometry(w: Any) -> m.Odometry:
+    """Velocity comes along the body's axes, or the world's."""
+    q = np.array(quaternion_enu_ned(w.q))
+    known = w.frame_id in _NED_FRAMES and w.child_frame_id in (*_NED_FRAMES, *_BODY_FRAMES)
+    p = _array(*enu_ned(w.x, w.y, w.z)) if known else np.full(3, math.nan)
+    if w.child_frame_id in _BODY_FRAMES:
+        v = rotation_matrix(q) @ _array(*flu_frd(w.vx, w.vy, w.vz))
+    else:
+        v = _array(*enu_ned(w.vx, w.vy, w.vz))
+    omega = _array(*flu_frd(w.rollspeed, w.pitchspeed, w.yawspeed))
+    return m.Odometry(w.time_usec / 1e6, p, v, q, omega)
+
+
 def _from_global_position(w: Any) -> m.GlobalPosition:
     heading = None if w.hdg == 0xFFFF else math.radians(w.hdg / 100)
     v = enu_ned(w.vx / 100, w.vy / 100, w.vz / 100)
@@ -294,6 +321,7 @@ FROM_WIRE: dict[int, Callable[[Any], m.Message]] = {
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: lambda w: m.LocalPosition(
         w.time_boot_ms / 1e3, _array(*enu_ned(w.x, w.y, w.z)), _array(*enu_ned(w.vx, w.vy, w.vz))
     ),
+    mavlink.MAVLINK_MSG_ID_ODOMETRY: _from_odometry,
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _from_global_position,
     mavlink.MAVLINK_MSG_ID_COMMAND_LONG: lambda w: m.Command(
         w.command,
@@ -385,6 +413,7 @@ MESSAGE_IDS: dict[type, int] = {
     m.Attitude: mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
     m.EulerAttitude: mavlink.MAVLINK_MSG_ID_ATTITUDE,
     m.LocalPosition: mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+    m.Odometry: mavlink.MAVLINK_MSG_ID_ODOMETRY,
     m.GlobalPosition: mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
     m.SystemStatus: mavlink.MAVLINK_MSG_ID_SYS_STATUS,
     m.BatteryStatus: mavlink.MAVLINK_MSG_ID_BATTERY_STATUS,

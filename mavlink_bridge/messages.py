@@ -86,6 +86,20 @@ class LocalPosition:
 
 
 @dataclass(frozen=True)
+class Odometry:
+    """ODOMETRY: p (3,) m, v (3,) m/s in the own ENU frame; q_wb (4,); omega (3,) rad/s FLU.
+
+    p is NaN where it came in a frame that says nothing of north and up.
+    """
+
+    time: float
+    p: Vector
+    v: Vector
+    q_wb: Vector
+    omega: Vector
+
+
+@dataclass(frozen=True)
 class GlobalPosition:
     """GLOBAL_POSITION_INT: degrees, metres; v (3,) m/s ENU; heading rad, clockwise from north."""
 
@@ -429,6 +443,7 @@ Message = (
     | Attitude
     | EulerAttitude
     | LocalPosition
+    | Odometry
     | GlobalPosition
     | Command
     | CommandAck

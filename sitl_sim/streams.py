@@ -22,6 +22,7 @@ from mavlink_bridge.messages import (
     LocalPosition,
     Message,
     MissionCurrent,
+    Odometry,
     SystemStatus,
     SystemTime,
 )
@@ -130,6 +131,15 @@ def local_position(u: Unit) -> Message | None:
     return LocalPosition(u.time_boot, u.frame.point(e.p[i]), u.frame.vector(e.v[i]))
 
 
+def odometry(u: Unit) -> Odometry | None:
+    """ODOMETRY; none without a position."""
+    if not u.guidance.position_ok:
+        return None
+    e, a = u.guidance.est, attitude(u)
+    p, v = u.frame.point(e.p[u.i]), u.frame.vector(e.v[u.i])
+    return Odometry(u.time_boot, p, v, a.q_wb, a.omega)
+
+
 def global_position(u: Unit) -> GlobalPosition | None:
     """GLOBAL_POSITION_INT; none without a position."""
     if not u.guidance.position_ok:
@@ -211,4 +221,5 @@ BUILDERS: dict[int, Callable[[Unit], Message | None]] = {
     230: estimator_status,
     242: home_position,
     245: extended_system_state,
+    331: odometry,
 }

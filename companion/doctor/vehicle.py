@@ -21,6 +21,7 @@ from mavlink_bridge.messages import (
     Heartbeat,
     LocalPosition,
     Message,
+    Odometry,
     ParamRequestRead,
     ParamValue,
 )
@@ -122,14 +123,16 @@ def _telemetry(heard: Heard, since: float) -> Iterator[Finding]:
     """Rates, and how evenly the vehicle's clock arrives here."""
     span = _LISTEN - _SETTLE
     for kind, name in ((Attitude, "attitude"), (LocalPosition, "position")):
-        rate = len(heard.of(kind, since)) / span
+        # Of what a vehicle does not send by itself, its odometry takes the place.
+        rate = max(len(heard.of(k, since)) for k in (kind, Odometry)) / span
         todo = (
             "no estimate yet: wait for GPS or flow" if not rate else "a faster link, fewer streams"
         )
         text = f"{rate:.0f} Hz, {_STREAM_MIN:.0f} wanted"
         yield rated(f"{name} rate", -rate, (-_STREAM_MIN, -10.0), text, todo)
-    delays = np.array([at - m.time for at, m in heard.of(Attitude, since)
-                       if isinstance(m, Attitude)])  # fmt: skip
+    delays = np.array([at - m.time for kind in (Attitude, Odometry)
+                       for at, m in heard.of(kind, since)
+                       if isinstance(m, Attitude | Odometry)])  # fmt: skip
     if len(delays) > 1:
         jitter = float(np.percentile(delays, 95) - delays.min())
         text = f"{delays.min():.3f} s behind this board's, within {jitter * 1e3:.0f} ms (95 %)"

@@ -7,7 +7,13 @@ import pytest
 
 from companion.ownstate import OwnState
 from mavlink_bridge.frames import euler_from_quaternion, quaternion_from_euler
-from mavlink_bridge.messages import Attitude, EulerAttitude, GlobalPosition, LocalPosition
+from mavlink_bridge.messages import (
+    Attitude,
+    EulerAttitude,
+    GlobalPosition,
+    LocalPosition,
+    Odometry,
+)
 
 STEP = math.radians(0.1)
 METRE = math.degrees(1 / 6371008.8)
@@ -63,3 +69,32 @@ def test_fine_telemetry_passes_as_it_is():
     own.add(telemetry(1.02, True))  # PX4 sends these besides
     assert own.at(1.0).p == pytest.approx(np.ones(3))
     assert own.at(1.0).q_wb == pytest.approx(q)
+
+
+def odometry(t):
+    p, v, roll, rate = truth(t)
+    return Odometry(t, p, v, quaternion_from_euler(roll, 0.0, 0.5), np.array([rate, 0.0, 0.0]))
+
+
+def test_odometry_alone_is_enough():
+    own = OwnState()
+    for k in range(60):
+        own.add([odometry(k / 30)])
+    p, v, roll, _ = truth(2.0)
+    state = own.at(2.0)
+    np.testing.assert_allclose(state.p, p, atol=0.01)
+    np.testing.assert_allclose(state.v, v, atol=0.06)
+    assert euler_from_quaternion(state.q_wb)[0] == pytest.approx(roll, abs=0.01)
+    assert own.age(2.0) == pytest.approx(1 / 30)
+
+
+def test_odometry_steps_in_where_a_stream_falls_silent():
+    own, off = OwnState(), np.array([5.0, 0.0, 0.0])
+    for k in range(30):
+        t = k / 30
+        p, v, *_ = truth(t)
+        own.add([LocalPosition(t, p + off, v), odometry(t)])
+    assert own.at(29 / 30).p[0] == pytest.approx(truth(29 / 30)[0][0] + 5.0, abs=0.01)
+    for k in range(30, 60):
+        own.add([odometry(k / 30)])
+    assert own.at(59 / 30).p[0] == pytest.approx(truth(59 / 30)[0][0], abs=0.01)

@@ -3,17 +3,21 @@
 import math
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mavlink_bridge import messages as m
 from mavlink_bridge.codec import Codec
+from mavlink_bridge.dialect import FROM_WIRE, TO_WIRE
 
 EXAMPLES = [
     m.RateSetpoint(1.5, np.array([0.1, -0.2, 0.3]), 0.4, 3),
     m.Heartbeat(12, 2, True, 0x00060000, 4, 0x81),
     m.Attitude(2.0, np.array([0.5, 0.5, -0.5, 0.5]), np.array([0.1, 0.2, 0.3])),
     m.LocalPosition(2.0, np.array([1.0, 2.0, 3.0]), np.array([0.5, -0.5, 0.25])),
+    m.Odometry(2.0, np.array([1.0, 2.0, 3.0]), np.array([0.5, -0.5, 0.25]),
+               np.array([0.5, 0.5, -0.5, 0.5]), np.array([0.1, 0.2, 0.3])),
     m.GlobalPosition(2.0, 47.1, 8.2, 500.0, 2.0, np.array([1.0, 0.5, 0.25]), math.radians(90)),
     m.Command(400, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 1, 1),
     m.CommandAck(400, 0, 1, 191),
@@ -100,3 +104,14 @@ def test_a_flipped_bit_is_refused(data):
     frame[bit // 8] ^= 1 << bit % 8
     codec = Codec(1, 1)
     assert not [r for r in codec.decode(bytes(frame)) if isinstance(r.message, m.LocalPosition)]
+
+
+def test_odometry_says_its_velocity_along_the_body_or_the_world():
+    north = np.array([math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)])  # nose north
+    told = m.Odometry(2.0, np.array([1.0, 2.0, 3.0]), np.array([0.0, 1.5, 0.5]), north, np.zeros(3))
+    wire = TO_WIRE[m.Odometry](told)
+    assert (wire.vx, wire.vy, wire.vz) == pytest.approx((1.5, 0.0, -0.5), abs=1e-6)
+    wire.child_frame_id = 1  # MAV_FRAME_LOCAL_NED
+    np.testing.assert_allclose(FROM_WIRE[331](wire).v, [0.0, 1.5, 0.5], atol=1e-6)
+    wire.frame_id = 20  # MAV_FRAME_LOCAL_FRD: where is north?
+    assert np.isnan(FROM_WIRE[331](wire).p).all()

@@ -27,6 +27,7 @@ from mavlink_bridge.messages import (
     MissionRequest,
     MissionRequestList,
     MissionSetCurrent,
+    Odometry,
     ParamRequestList,
     ParamRequestRead,
     ParamSet,
@@ -236,6 +237,18 @@ def test_message_interval_belongs_to_the_asking_link(make_flight):
     assert counts["companion"] == 0
     assert f.command(511, 31, 0, source=Source(1, 191)) == 0
     assert f.autopilots.units[0].schedules["companion"].rate(31) == 50.0
+
+
+def test_odometry_comes_when_asked_for_and_says_what_the_others_say(make_flight):
+    f = make_flight()
+    assert f.command(511, 331, 20000) == 0
+    assert f.command(511, 32, 20000) == 0
+    f.run(1.0)
+    odometry = {m.time: m for m in f.heard[0] if isinstance(m, Odometry)}
+    positions = {m.time: m for m in f.heard[0] if isinstance(m, LocalPosition)}
+    assert len(odometry.keys() & positions.keys()) >= 45
+    for time in odometry.keys() & positions.keys():
+        np.testing.assert_array_equal(odometry[time].p, positions[time].p)
 
 
 def test_request_data_stream(make_flight):
