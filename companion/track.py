@@ -169,13 +169,16 @@ class Tracker:
         return [pair for pair in assign(score) if score[pair] < 1e3]
 
     def _correct(self, n: NDArray[np.int_], z: Vector, r: Vector) -> None:
-        """Kalman update of tracks n (k,) by places z (k,3) (Joseph form stays symmetric)."""
+        """Kalman update of tracks n (k,) by places z (k,3), in Joseph's form."""
         p = self._covariance[n]
         k = np.linalg.solve(p[:, :3, :3] + r, p[:, :3, :]).transpose(0, 2, 1)
         self._mean[n] += (k @ (z - self._mean[n, :3])[..., None])[..., 0]
         a = np.tile(np.eye(6), (len(n), 1, 1))
         a[:, :, :3] -= k
-        self._covariance[n] = a @ p @ a.transpose(0, 2, 1) + k @ r @ k.transpose(0, 2, 1)
+        corrected = a @ p @ a.transpose(0, 2, 1) + k @ r @ k.transpose(0, 2, 1)
+        # Rounding grows from update to update, until a variance is negative, where nothing
+        # makes it symmetric again.
+        self._covariance[n] = 0.5 * (corrected + corrected.transpose(0, 2, 1))
 
     def _bear(self, time: float, z: Vector, r: Vector, clear: bool) -> None:
         covariance = np.zeros((1, 6, 6))
