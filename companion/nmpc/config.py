@@ -141,8 +141,8 @@ class NmpcConfig(StrictModel):
 
     # Solver: counts, never times, so that the same input gives the same bytes
     sqp_iterations: int = Field(2, ge=1, le=50, description="Each tick, at least.")
-    sqp_iterations_max: int = Field(4, ge=1, le=100, description="While the step is large.")
-    sqp_iterations_cold: int = Field(15, ge=1, le=100, description="The first tick.")
+    sqp_iterations_max: int = Field(4, ge=1, le=500, description="While the step is large.")
+    sqp_iterations_cold: int = Field(15, ge=1, le=500, description="The first tick.")
     rescue_slack: float = Field(
         0.1,
         ge=0,

@@ -3,12 +3,16 @@
 A term w·(sqrt(r'r + eps²) - eps) is a norm, smooth at zero; its Hessian is taken as w·J'J/s,
 s = sqrt(r'r + eps²), which majorises it (iteratively reweighted least squares). Generalised
 Gauss-Newton, which keeps the curvature of the norm instead, ends worse from cold. A term
-without eps is the square w·r'r. Both solvers read these definitions, and no others.
+without eps is the square w·r'r, taken as 2w·J'J. A hinge, w·max(r, 0)², is taken with the
+curvature of r besides: where a plan presses on a hinge, Gauss-Newton's half alone is too little,
+and full steps overshoot and cycle around the optimum. Both solvers read these definitions, and
+no others.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import casadi as ca
 
@@ -18,7 +22,10 @@ from companion.nmpc.parameters import Scene, Weights
 
 @dataclass(frozen=True)
 class Term:
-    """weight · norm(residual) with smoothing eps, or weight · |residual|² where eps is None."""
+    """weight · norm(residual) with smoothing eps, or weight · |residual|² where eps is None.
+
+    `gradient` and `curvature` are by the residual.
+    """
 
     residual: ca.SX
     weight: ca.SX
@@ -31,11 +38,47 @@ class Term:
             return self.weight * square
         return self.weight * (ca.sqrt(square + self.eps**2) - self.eps)
 
+    def gradient(self) -> ca.SX:
+        """Derivative by the residual."""
+        return self.curvature() * self.residual
+
     def curvature(self) -> ca.SX:
-        """Scalar h of the majoriser h·J'J; the gradient is h·J'r."""
+        """Scalar h of the majoriser h·J'J."""
         if self.eps is None:
             return 2 * self.weight
         return self.weight / ca.sqrt(ca.sumsqr(self.residual) + self.eps**2)
+
+    def hessian(self, variables: ca.SX) -> ca.SX:
+        """The positive semidefinite Hessian by `variables` that the real-time solver takes."""
+        jacobian = ca.jacobian(self.residual, variables)
+        return self.curvature() * jacobian.T @ jacobian
+
+
+@dataclass(frozen=True)
+class Hinge(Term):
+    """weight · max(residual, 0)² of a scalar.
+
+    bend: by the variables, a positive semidefinite matrix that is at least the second derivative
+    of the residual.
+    """
+
+    bend: Callable[[ca.SX], ca.SX] = field(kw_only=True)
+
+    def value(self) -> ca.SX:
+        """The term itself."""
+        return self.weight * ca.fmax(self.residual, 0) ** 2
+
+    def gradient(self) -> ca.SX:
+        """Derivative by the residual."""
+        return 2 * self.weight * ca.fmax(self.residual, 0)
+
+    def curvature(self) -> ca.SX:
+        """Second derivative by the residual; at the edge itself that of the free side."""
+        return 2 * self.weight * (self.residual > 0)
+
+    def hessian(self, variables: ca.SX) -> ca.SX:
+        """At least the true one."""
+        return super().hessian(variables) + self.gradient() * self.bend(variables)
 
 
 def cohesion(p: ca.SX, scene: Scene, w: Weights) -> list[Term]:
@@ -71,21 +114,31 @@ def migration(p: ca.SX, v: ca.SX, scene: Scene, w: Weights) -> Term:
     return Term(v - reference_velocity(p, scene, w), w["w_mig"] * scene.migration, w["eps_mig"])
 
 
-def speed_excess(v: ca.SX, w: Weights) -> Term:
+def speed_excess(v: ca.SX, w: Weights) -> Hinge:
     """(32), soft: v_min > 0 would forbid hovering, and a hard v_max has no answer to a gust."""
-    return Term(ca.fmax(ca.sqrt(ca.sumsqr(v) + 1e-6) - w["v_max"], 0), w["w_v"])
+    excess = ca.sqrt(ca.sumsqr(v) + 1e-6) - w["v_max"]
+    return Hinge(excess, w["w_v"], bend=lambda variables: ca.hessian(excess, variables)[0])
 
 
-def blind_motion(v: ca.SX, q: ca.SX, w: Weights) -> Term:
+def blind_motion(v: ca.SX, q: ca.SX, w: Weights) -> Hinge:
     """Motion out of the cone around the camera's axis: (29) knows no blind side.
 
     Who backs or slides away from what it sees hits what it does not see. Free: speeds below
     v_blind against the axis, and directions within the cone whose half-angle has the cosine
     `seen_cone`.
     """
-    forward = ca.dot(_x_body(q), v[:2])
-    speed = ca.sqrt(ca.sumsqr(v[:2]) + 1e-4)
-    return Term(ca.fmax(w["seen_cone"] * speed - forward - w["v_blind"], 0), w["w_blind"])
+    axis = _x_body(q)
+    forward = ca.dot(axis, v[:2])
+    cone = w["seen_cone"] * ca.sqrt(ca.sumsqr(v[:2]) + 1e-4)
+
+    def bend(variables: ca.SX) -> ca.SX:
+        """Convex in v. By the yaw a: forward, and with the speed s across, 2 ds da <= ds²+da²."""
+        across = ca.vertcat(-axis[1], axis[0]).T @ ca.jacobian(v[:2], variables)
+        yaw = 2 * ca.vertcat(-q[3], -q[2], q[1], q[0]).T @ ca.jacobian(q, variables)
+        turning = (ca.fmax(forward, 0) + 1) * yaw.T @ yaw
+        return ca.hessian(cone, variables)[0] + across.T @ across + turning
+
+    return Hinge(cone - forward - w["v_blind"], w["w_blind"], bend=bend)
 
 
 def line_of_sight(q: ca.SX, scene: Scene, w: Weights) -> Term:

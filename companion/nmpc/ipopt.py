@@ -24,6 +24,8 @@ class IpoptNmpc:
     """Multiple shooting on the stage functions of `problem.py`, solved to convergence.
 
     expand: SX (fast); without it the MX graph is left as most people write it (benchmark).
+    barrier: IPOPT's first barrier parameter; a small one finds the minimum next to the guess
+    rather than a better one further off.
     """
 
     def __init__(
@@ -33,16 +35,17 @@ class IpoptNmpc:
         *,
         expand: bool = True,
         tolerance: float = 1e-8,
+        barrier: float = 0.1,
     ) -> None:
         self.config = config
         self._clock = clock
         self._stage = build_stage(config)
         self._weights = weight_numbers(config)
         self._numbers = Numbers(config)
-        self._build(expand, tolerance)
+        self._build(expand, tolerance, barrier)
         self._plan: Plan | None = None
 
-    def _build(self, expand: bool, tolerance: float) -> None:
+    def _build(self, expand: bool, tolerance: float, barrier: float) -> None:
         config, N, stage = self.config, self.config.N, self._stage
         X, U = ca.MX.sym("X", NX, N), ca.MX.sym("U", NU, N)
         slack = ca.MX.sym("slack", 2, N)
@@ -87,7 +90,13 @@ class IpoptNmpc:
         options: Any = {
             "expand": expand,
             "print_time": False,
-            "ipopt": {"print_level": 0, "sb": "yes", "tol": tolerance, "max_iter": 500},
+            "ipopt": {
+                "print_level": 0,
+                "sb": "yes",
+                "tol": tolerance,
+                "max_iter": 500,
+                "mu_init": barrier,
+            },
         }
         self._solver = ca.nlpsol("reference", "ipopt", problem, options)
 

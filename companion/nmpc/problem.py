@@ -100,11 +100,9 @@ def build_stage(config: NmpcConfig) -> Stage:
 
 
 def majoriser(terms: list[costs.Term], variables: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Gradient of the sum of terms, and the positive semidefinite Hessian h·J'J of each."""
+    """Gradient of the sum of terms, and the sum of their positive semidefinite Hessians."""
     gradient, hessian = ca.SX(LOCAL, 1), ca.SX(LOCAL, LOCAL)
     for term in terms:
-        slope = ca.jacobian(term.residual, variables)
-        weighted = term.curvature() * slope.T
-        gradient += weighted @ term.residual
-        hessian += weighted @ slope
+        gradient += ca.jacobian(term.residual, variables).T @ term.gradient()
+        hessian += term.hessian(variables)
     return gradient, hessian

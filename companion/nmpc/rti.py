@@ -1,7 +1,13 @@
 """The real-time solver: a few full SQP steps from the shifted previous plan.
 
-A plan that intrudes on others may be no more than a bad local minimum: it is then compared
-with what follows from braking to a halt, and the cheaper of the two flies.
+No line search: every cost term's Hessian majorises it (`costs.py`), and distances are linearised
+to their safe side (`constraints.py`), so full steps converge, but for what the dynamics bend
+where a plan is pressed hard. After more steps than a tick ever takes, when an optimum is
+wanted, only what makes the plan cheaper is taken of each.
+
+A plan that intrudes on others may be no more than a bad local minimum: as long as it does, what
+follows from braking to a halt is improved beside it, tick by tick, and the cheaper of the two
+flies.
 
 Everything iterates by count, never by the clock: the same instances give the same bytes.
 """
@@ -36,6 +42,10 @@ from companion.nmpc.stages import Stages
 
 # Length below which a quaternion says nothing.
 SMALLEST = 1e-3
+
+# Steps from a guess that are taken in full; how often a later one is halved; the share of the
+# cost that it must gain, else the optimum is found.
+FULL_STEPS, HALVINGS, LEAST_GAIN = 20, 10, 1e-8
 
 
 @dataclass(frozen=True)
@@ -85,10 +95,11 @@ class Nmpc:
         linearised = self._program.source[: config.N * stage.size]
         self._stages = Stages(config, stage, linearised, found)
         self._plan: Plan | None = None
+        self._other: Plan | None = None
 
     def reset(self) -> None:
         """Forget the previous plan: the next solve starts cold."""
-        self._plan = None
+        self._plan = self._other = None
 
     def solve(self, instance: Instance, steps: int = 1) -> Result:
         """Plan from the instance; never raises, never gives a non-finite number.
@@ -101,8 +112,10 @@ class Nmpc:
 
     def _solve(self, instance: Instance, steps: int, started: float) -> Result:
         config, stages, program = self.config, self._stages, self._program
-        if self._plan is not None:
-            self._plan = shifted(self._plan, steps, config.dt)
+        self._plan, self._other = (
+            None if plan is None else shifted(plan, steps, config.dt)
+            for plan in (self._plan, self._other)
+        )
         u_last = np.clip(instance.u_last, program.u_min, program.u_max)
         x0 = instance.x0.copy()
         attitude = math.sqrt(float(x0[6:10] @ x0[6:10]))
@@ -110,15 +123,7 @@ class Nmpc:
         if not (stages.place(instance, u_last) and attitude > SMALLEST and math.isfinite(x0.sum())):
             return self._failure(instance, Status.NOT_FINITE, 0, started)
         x0[6:10] /= attitude
-        cold_most, most = config.sqp_iterations_cold, config.sqp_iterations_max
-        if self._plan is None:
-            best = self._descend(cold_guess(config, instance, x0), x0, u_last, cold_most)
-        else:
-            best = self._descend(self._plan, x0, u_last, most)
-        if best is None or best.intrusion > config.rescue_slack:
-            other = self._descend(brake_guess(config, x0), x0, u_last, cold_most)
-            if best is None or (other is not None and other.merit(config) < best.merit(config)):
-                best = other
+        best = self._best(instance, x0, u_last)
         if best is None:
             return self._failure(instance, Status.QP_FAILED, 0, started)
         self._plan = best.plan
@@ -135,8 +140,26 @@ class Nmpc:
             elapsed=lambda: self._clock() - started,
         )
 
+    def _best(self, instance: Instance, x0: Vector, u_last: Vector) -> _Descent | None:
+        """The descent from the previous plan, or where that intrudes, a cheaper one."""
+        config = self.config
+        if self._plan is None:
+            guess, most = cold_guess(config, instance, x0), config.sqp_iterations_cold
+        else:
+            guess, most = self._plan, config.sqp_iterations_max
+        best = self._descend(guess, x0, u_last, most)
+        if best is not None and best.intrusion <= config.rescue_slack:
+            self._other = None
+            return best
+        guess = brake_guess(config, x0) if self._other is None else self._other
+        other = self._descend(guess, x0, u_last, most)
+        if best is None or (other is not None and other.merit(config) < best.merit(config)):
+            best, other = other, best
+        self._other = None if other is None else other.plan
+        return best
+
     def _descend(self, guess: Plan, x0: Vector, u_last: Vector, most: int) -> _Descent | None:
-        """At least `sqp_iterations`, at most `most` full steps from a guess; None: found nothing.
+        """At least `sqp_iterations`, at most `most` steps from a guess; None: found nothing.
 
         What an earlier iteration found still stands when a later one finds nothing.
         """
@@ -146,6 +169,8 @@ class Nmpc:
         while iterations < config.sqp_iterations or (
             iterations < most and step_norm > config.step_tolerance
         ):
+            if iterations >= FULL_STEPS:
+                stages.roll_out()
             stages.linearise()
             found = self._program.solve(stages.u, u_last)
             if found is None:
@@ -156,12 +181,14 @@ class Nmpc:
             if not math.isfinite(sum(largest)):
                 step_norm = math.inf
                 break
-            stages.x[1:] += dx
-            stages.u += du
             step_norm = max(largest)
             iterations += 1
-        stages.evaluate()
-        cost = float(stages.costs.sum()) + penalised(config, stages.margins)
+            if iterations <= FULL_STEPS:
+                stages.x[1:] += dx
+                stages.u += du
+            elif not self._improve(du):
+                step_norm = 0.0
+        cost = self._cost()
         if iterations == 0 or not math.isfinite(cost):
             return None
         gap = float(np.abs(stages.reached - stages.x[1:]).sum())
@@ -172,6 +199,25 @@ class Nmpc:
         return _Descent(
             (x, stages.u.copy()), cost, gap, stages.margins.copy(), iterations, min(step_norm, 1e9)
         )
+
+    def _improve(self, du: Vector) -> bool:
+        """Take as much of a step as makes what is flown from here cheaper; False: none of it."""
+        stages = self._stages
+        u, cost = stages.u.copy(), self._cost()
+        for halvings in range(HALVINGS):
+            stages.u[:] = u + 0.5**halvings * du
+            stages.roll_out()
+            if self._cost() < cost - LEAST_GAIN * (1.0 + cost):
+                return True
+        stages.u[:] = u
+        stages.roll_out()
+        return False
+
+    def _cost(self) -> float:
+        """(29) with the penalties, at the iterate."""
+        stages = self._stages
+        stages.evaluate()
+        return float(stages.costs.sum()) + penalised(self.config, stages.margins)
 
     def _start_from(self, guess: Plan, x0: Vector) -> None:
         """Set the iterate: relative to x0's place, quaternions on its side of the sphere."""

@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from companion.model import NU, NX, Vector
+from companion.model import NU, NX, Vector, step
 from companion.nmpc.compiled import Sweep
 from companion.nmpc.config import NmpcConfig
 from companion.nmpc.instance import Instance
@@ -85,6 +85,12 @@ class Stages:
         # A sum is finite only if every term is, short of overflow, which is no plan either.
         total = self._numbers.scene.sum() + self._numbers.stages.sum() + self._before[0].sum()
         return math.isfinite(total)
+
+    def roll_out(self) -> None:
+        """Replace the states by what the inputs lead to from the first one."""
+        disturbance = self._numbers.scene[6:9]
+        for k, u in enumerate(self.u):
+            self.x[k + 1] = step(self.x[k], u, self.config.dt, disturbance)
 
     def linearise(self) -> None:
         """Fill `source` at the iterate."""

@@ -8,12 +8,13 @@ from companion.nmpc import IpoptNmpc, Nmpc, NmpcConfig
 @pytest.fixture(scope="session")
 def thorough():
     """A config whose real-time solver goes on to convergence."""
-    return NmpcConfig(sqp_iterations_cold=100, sqp_iterations_max=100, step_tolerance=1e-5)
+    return NmpcConfig(sqp_iterations_cold=200, sqp_iterations_max=200, step_tolerance=1e-5)
 
 
 @pytest.fixture(scope="session")
 def reference(thorough):
-    return IpoptNmpc(thorough)
+    """IPOPT that finds the minimum next to its guess."""
+    return IpoptNmpc(thorough, barrier=1e-6)
 
 
 @pytest.fixture(params=["compiled", "virtual machine"])

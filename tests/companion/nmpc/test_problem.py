@@ -4,9 +4,15 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from companion.model import NU, NX
-from companion.nmpc.costs import Term
-from companion.nmpc.parameters import WEIGHTS, Numbers, scene_symbols, weight_numbers
+from companion.model import NU, NX, yaw_quaternion
+from companion.nmpc.costs import Term, blind_motion
+from companion.nmpc.parameters import (
+    WEIGHTS,
+    Numbers,
+    scene_symbols,
+    weight_numbers,
+    weight_symbols,
+)
 from companion.nmpc.problem import LOCAL, build_stage
 
 from .scenes import CONFIG, NAMED, random_scene, scene
@@ -91,6 +97,33 @@ def test_curvature_majorises_a_norm():
         h = float(curvature(here))
         model = float(value(here)) + h * here @ step + 0.5 * h * step @ step
         assert model >= float(value(here + step)) - 1e-12
+
+
+def test_curvature_of_a_hinge_is_at_least_its_own():
+    """Of the blind side, pressed or not, by velocity and yaw: what the solver's steps rest on."""
+    v, q = ca.SX.sym("v", 3), ca.SX.sym("q", 4)
+    weights, w = weight_symbols()
+    both = ca.vertcat(v, q)
+    term = blind_motion(v, q, w)
+    hessian = ca.Function("h", [both, weights], [term.hessian(both)])
+    value = ca.Function("v", [both, weights], [term.value()])
+    numbers = weight_numbers(CONFIG)
+    rng = np.random.default_rng(0)
+    pressed = 0
+    for _ in range(200):
+        speed, yaw = np.append(rng.normal(0, 1, 2), 0.0), rng.uniform(-np.pi, np.pi)
+        step, turn = np.append(rng.normal(0, 1, 2), 0.0), rng.normal()
+
+        def along(s, speed=speed, step=step, yaw=yaw, turn=turn):
+            return np.concatenate([speed + s * step, yaw_quaternion(yaw + s * turn)])
+
+        h = 1e-4
+        before, here, after = (float(value(along(s), numbers)) for s in (-h, 0.0, h))
+        direction = (along(h) - along(-h)) / (2 * h)
+        model = float(direction @ np.array(hessian(along(0.0), numbers)) @ direction)
+        assert model >= (before - 2 * here + after) / h**2 - 1e-2
+        pressed += here > 0.1
+    assert pressed > 50
 
 
 def test_uncertainty_widens_and_is_capped():

@@ -9,15 +9,12 @@ from hypothesis import strategies as st
 
 from companion.model import HOVER, yaw_of
 from companion.nmpc import Neighbour, Nmpc, NmpcConfig, Status, make_instance
+from companion.nmpc.instancefile import load, stored
 
 from .scenes import CONFIG, NAMED, random_scene, scene, state
 
 EVERY = [*NAMED, *range(12)]
-# Where a plan presses hard on the hinge of (32) or of the blind side, Gauss-Newton's full steps
-# cycle around the optimum: it is near, but no step gets small.
-CYCLES = pytest.mark.xfail(strict=True, reason="full steps cycle at a hinge cost")
-CYCLING = ("behind", "fast", 2, 5, 11)
-CONVERGING = [pytest.param(n, marks=CYCLES) if n in CYCLING else n for n in EVERY]
+RECORDED = load(stored(), CONFIG)
 
 
 def instance_of(name):
@@ -36,11 +33,35 @@ def check_bounds(instance, result, config=CONFIG):
     assert changes[:, 1:].max() <= config.delta_omega_max
 
 
-@pytest.mark.parametrize("compiled", [True, False])
-@pytest.mark.parametrize("name", CONVERGING)
-def test_converged_it_is_the_optimum(name, compiled, thorough, reference):
-    instance = instance_of(name)
-    result = Nmpc(thorough, compiled=compiled).solve(instance)
+@pytest.fixture(scope="module", params=["compiled", "virtual machine"])
+def converging(request, thorough):
+    return Nmpc(thorough, compiled=request.param == "compiled")
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_converged_it_is_the_optimum(name, converging, reference):
+    check_optimum(converging, reference, instance_of(name))
+
+
+@pytest.mark.parametrize("number", range(0, len(RECORDED), 3))
+def test_converged_it_is_the_optimum_of_what_was_recorded(number, thorough, reference):
+    nmpc = Nmpc(thorough)
+    for instance in RECORDED[number].instances[::3]:
+        check_optimum(nmpc, reference, instance)
+
+
+@pytest.mark.slow
+def test_converged_it_is_the_optimum_of_all_that_was_recorded(thorough, reference):
+    nmpc = Nmpc(thorough)
+    for run in RECORDED:
+        for instance in run.instances:
+            check_optimum(nmpc, reference, instance)
+
+
+def check_optimum(nmpc, reference, instance):
+    """From cold, the real-time solver finds what IPOPT finds next to it."""
+    nmpc.reset()
+    result = nmpc.solve(instance)
     reference.guess((result.x, result.u))
     optimum = reference.solve(instance)
     assert result.status is optimum.status is Status.SOLVED
@@ -71,6 +92,15 @@ def test_hover_in_wind_leans_into_it(solver):
     """With the disturbance known, the plan ends where the goal is."""
     result = solver.solve(scene(**NAMED["windy"]))
     np.testing.assert_allclose(result.x[-1, :3], (0, 0, 2), atol=0.03)
+
+
+def test_steps_shrink_where_a_plan_presses_on_a_hinge():
+    """A brake from twice v_max: without the hinge's whole curvature, full steps cycle there."""
+    instance, norms = instance_of("fast"), []
+    nmpc = Nmpc(CONFIG)
+    for _ in range(12):
+        norms.append(nmpc.solve(instance, steps=0).step_norm)
+    assert norms[-1] < 1e-2 < norms[0]
 
 
 @pytest.mark.parametrize(
