@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import fcntl
 import hashlib
 import os
 import platform
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -31,6 +33,7 @@ from companion.nmpc.qp import change_bounds, input_bounds
 # No -ffast-math: the order of operations is the same on every run.
 FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fPIC", "-shared")
 MAX_ROWS, MAX_STAGES = 160, 128  # as in the kernel
+COMPILE_TIME = 600  # s: three on an idle machine, but a loaded one is no reason for none
 KERNEL = ("kernel_stage.c", "kernel_solve.c")
 TOLERANCE = 1e-6
 FIRST_COMPLEMENTARITY = 3.0
@@ -45,11 +48,12 @@ def library(stage: Stage, config: NmpcConfig) -> ctypes.CDLL | None:
         source = _source(stage)
         key = "\n".join([source, *FLAGS, compiler, _processor()])
         path = _cache() / f"nmpc-{hashlib.sha256(key.encode()).hexdigest()[:20]}.so"
-        if path.exists():
-            with contextlib.suppress(OSError):  # cut short by a full disk: made anew
-                return ctypes.CDLL(str(path))
-        _compile(compiler, source, path)
-        return ctypes.CDLL(str(path))
+        with _alone(path.parent):
+            if path.exists():
+                with contextlib.suppress(OSError):  # cut short by a full disk: made anew
+                    return ctypes.CDLL(str(path))
+            _compile(compiler, source, path)
+            return ctypes.CDLL(str(path))
     except (OSError, subprocess.SubprocessError):
         return None
 
@@ -77,13 +81,24 @@ def _cache() -> Path:
     return folder
 
 
+@contextlib.contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """One process at a time: nine daemons that start together compile once, not nine times."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
 def _compile(compiler: str, source: str, path: Path) -> None:
     """Compile beside `path` and move into place, so that no other process sees half a file."""
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         code, built = Path(folder) / "nmpc.c", Path(folder) / "nmpc.so"
         code.write_text(source)
         command = [compiler, *FLAGS, "-o", str(built), str(code), "-lm"]
-        subprocess.run(command, check=True, capture_output=True, timeout=120)
+        subprocess.run(command, check=True, capture_output=True, timeout=COMPILE_TIME)
         built.replace(path)
 
 

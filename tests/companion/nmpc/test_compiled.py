@@ -1,7 +1,9 @@
 """The compiled path is a convenience: cached, shared between weights, and never required."""
 
+import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +58,23 @@ def test_compiled_once_for_all_weights(cache, monkeypatch):
     assert Nmpc(NmpcConfig(cylinders=4)).backend == "piqp"
 
 
+def test_many_that_start_together_compile_once(cache):
+    needs_compiler()
+    start = (
+        "from companion.nmpc import Nmpc, NmpcConfig;"
+        "print(Nmpc(NmpcConfig(N=6, M_constraint=6)).backend)"
+    )
+    calls = cache.parent / "calls"
+    wrapper = cache.parent / "cc"
+    wrapper.write_text(f'#!/bin/sh\necho >> {calls}\nexec gcc "$@"\n')
+    wrapper.chmod(0o755)
+    command = [sys.executable, "-c", start]
+    environment = os.environ | {"CC": str(wrapper)}
+    running = [subprocess.Popen(command, env=environment, stdout=subprocess.PIPE) for _ in range(3)]
+    assert [p.communicate()[0] for p in running] == [b"compiled\n"] * 3
+    assert len(calls.read_text().splitlines()) == 1
+
+
 def test_a_broken_library_is_made_anew(cache, monkeypatch):
     if shutil.which("gcc") is None and shutil.which("cc") is None:
         pytest.skip("no C compiler")
@@ -83,7 +102,7 @@ def test_a_broken_library_is_made_anew(cache, monkeypatch):
     ],
 )
 def test_other_sizes(sizes):
-    config = NmpcConfig(**sizes)
+    config = NmpcConfig(**sizes, sqp_iterations_cold=100, step_tolerance=1e-3)
     instance = random_scene(3, config)
     a, b = Nmpc(config).solve(instance), Nmpc(config, compiled=False).solve(instance)
     assert a.usable
