@@ -26,6 +26,9 @@ lint: setup
 test: lint
 	$(BIN)/pytest -m "not slow"
 
+bench: setup
+	$(BIN)/companion bench nmpc
+
 test-long: setup
 	$(BIN)/pytest -m slow
 

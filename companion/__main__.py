@@ -22,6 +22,7 @@ COMMANDS = (
     "calibrate",
     "fleet",
     "replay",
+    "bench",
     "log",
     "status",
 )

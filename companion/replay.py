@@ -20,7 +20,7 @@ from companion import records
 from companion.config import CompanionConfig
 from companion.inputs import RecordedInputs
 from companion.logfile import FlightLog
-from companion.pipeline import Pipeline, TickInputs
+from companion.pipeline import Pipeline, TickInputs, TickOutputs
 from mavlink_bridge.codec import Codec
 from mavlink_bridge.settings import assignments, merge, parse_yaml, validate
 from mavlink_bridge.video import Frame
@@ -78,8 +78,7 @@ def replay(log: FlightLog, overrides: list[str] | None = None) -> Outcome:
     Raises:
         SettingsError: today's code does not accept the recorded configuration.
     """
-    document = merge([parse_yaml(json.dumps(log.config), _NAME), assignments(overrides or [])])
-    config = validate(CompanionConfig, document, _NAME)
+    config = configured(log, overrides)
     differing, first, omega, c = 0, None, 0.0, 0.0
     for number, (today, recorded) in enumerate(
         zip(rerun(config, log.inputs), log.ticks, strict=True)
@@ -90,6 +89,16 @@ def replay(log: FlightLog, overrides: list[str] | None = None) -> Outcome:
         omega = max(omega, _gap(recorded, today, "omega"))
         c = max(c, _gap(recorded, today, "c"))
     return Outcome(len(log.ticks), differing, first, omega, c)
+
+
+def configured(log: FlightLog, overrides: list[str] | None = None) -> CompanionConfig:
+    """What the log's configuration set, with today's defaults.
+
+    Raises:
+        SettingsError: today's code does not accept it.
+    """
+    document = merge([parse_yaml(json.dumps(log.config), _NAME), assignments(overrides or [])])
+    return validate(CompanionConfig, document, _NAME)
 
 
 def differences(
@@ -112,14 +121,18 @@ def differences(
 
 def rerun(config: CompanionConfig, recorded: Iterable[RecordedInputs]) -> Iterator[dict[str, Any]]:
     """Today's record of each tick."""
+    return (orjson.loads(records.encode(out, {})) for out in flown(config, recorded))
+
+
+def flown(config: CompanionConfig, recorded: Iterable[RecordedInputs]) -> Iterator[TickOutputs]:
+    """Today's outputs of each tick."""
     pipeline = Pipeline(_sighted(config), time.perf_counter)
     codec = Codec(config.link.system_id, config.link.component_id, config.link.heard())
     whole = config.link.endpoint.startswith("udp")  # as opposed to a stream, cut anywhere
     take = codec.decode_datagram if whole else codec.decode
     for inputs in recorded:
         received = [r for d in inputs.datagrams for r in take(d)]
-        out = pipeline.tick(TickInputs(inputs.time, received, _frame(inputs), inputs.leave))
-        yield orjson.loads(records.encode(out, {}))
+        yield pipeline.tick(TickInputs(inputs.time, received, _frame(inputs), inputs.leave))
 
 
 def _sighted(config: CompanionConfig) -> CompanionConfig:

@@ -16,7 +16,7 @@ from companion.config import CompanionConfig
 from companion.directories import log_path
 from companion.doctor.finding import Finding, Level, either, rated
 from companion.nmpc import Nmpc
-from companion.nmpc.bench import load, stored
+from companion.nmpc.instancefile import load, stored
 from companion.sight import Sight
 from mavlink_bridge.link import parse_endpoint
 from mavlink_bridge.messages import VehicleState

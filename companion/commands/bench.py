@@ -1,0 +1,112 @@
+"""`companion bench`: how fast and how good the solver is on this machine."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from companion.nmpc.instancefile import Run
+
+HELP = "measure the solver on recorded instances; record instances from flight logs"
+EXIT_BAD_INPUT = 2
+_SOLVERS = ("rti", "rti-vm", "ipopt-sx", "ipopt-mx")  # as bench.SOLVERS, which is slow to import
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Its command line."""
+    what = parser.add_subparsers(dest="what", required=True)
+    nmpc = what.add_parser("nmpc", help="real-time solver and IPOPT on the same instances")
+    nmpc.add_argument("--instances", type=Path, help="another set than the stored one (npz)")
+    nmpc.add_argument("--solver", action="append", choices=_SOLVERS, help="only this; repeatable")
+    nmpc.add_argument("--every", type=int, default=1, metavar="K", help="every K-th sequence only")
+    nmpc.add_argument("--ticks", type=int, default=10_000, help="of the longest run (10000)")
+    nmpc.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides")
+    nmpc.add_argument(
+        "--cpu-time", action="store_true", help="of the thread, where others share the machine"
+    )
+    nmpc.add_argument("--json", action="store_true", help="for machines")
+    record = what.add_parser("record", help="a set of instances from flight logs, by situation")
+    record.add_argument("file", type=Path, help="npz to write")
+    record.add_argument("log", nargs="+", metavar="FLIGHT=LOG", help="name and flight log (MCAP)")
+    record.add_argument("--each", type=int, default=6, help="windows of each flight and kind (6)")
+    record.add_argument("--seed", type=int, default=0, help="of the draw")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Measure or record."""
+    from companion.nmpc.instancefile import InstancesError
+    from mavlink_bridge.mcapfile import LogError
+    from mavlink_bridge.settings import SettingsError
+
+    try:
+        return _nmpc(options) if options.what == "nmpc" else _record(options)
+    except (InstancesError, LogError, SettingsError) as error:
+        print(error, file=sys.stderr)
+        return EXIT_BAD_INPUT
+
+
+def _nmpc(options: argparse.Namespace) -> int:
+    from companion.nmpc import NmpcConfig
+    from companion.nmpc.bench import bench
+    from companion.nmpc.goals import table
+    from companion.nmpc.instancefile import load, stored
+    from mavlink_bridge.settings import assignments, validate
+
+    config = validate(NmpcConfig, assignments(options.overrides), "--set")
+    runs = load(options.instances or stored(), config)[:: options.every]
+    report = bench(
+        runs,
+        config,
+        solvers=options.solver or _SOLVERS,
+        ticks=options.ticks,
+        clock=time.thread_time if options.cpu_time else time.perf_counter,
+        progress=_progress(sum(len(r.instances) for r in runs)),
+    )
+    print(json.dumps(report, indent=1) if options.json else table(report))
+    return 0
+
+
+def _progress(total: int) -> Callable[[str, int], None]:
+    """A line that counts, where a person watches."""
+    if not sys.stderr.isatty():
+        return lambda solver, done: None
+
+    def show(solver: str, done: int) -> None:
+        end = "\n" if done == total else ""
+        print(f"\r{solver}: {done}/{total}", end=end, file=sys.stderr, flush=True)
+
+    return show
+
+
+def _record(options: argparse.Namespace) -> int:
+    from companion.nmpc.instancefile import save
+    from companion.situations import drawn
+
+    runs = drawn(_windows(options.log), options.each, options.seed)
+    save(options.file, runs)
+    for flight, kind in sorted({(r.flight, r.kind) for r in runs}):
+        count = sum(len(r.instances) for r in runs if (r.flight, r.kind) == (flight, kind))
+        print(f"{flight:<12}{kind:<10}{count:5}")
+    return 0
+
+
+def _windows(logs: list[str]) -> Iterator[Run]:
+    from companion.logfile import read_log
+    from companion.replay import configured, flown
+    from companion.situations import windows
+    from mavlink_bridge.mcapfile import LogError
+
+    for named in logs:
+        flight, _, path = named.partition("=")
+        if not path:
+            raise LogError(f"{named}: give FLIGHT=LOG, such as forest=drones/1/flight.mcap")
+        log = read_log(Path(path))
+        config = configured(log)
+        ticks = (out.instance for out in flown(config, log.inputs))
+        yield from windows(flight, [i for i in ticks if i is not None], config.nmpc)
