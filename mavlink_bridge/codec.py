@@ -6,6 +6,7 @@ dropped before anything else looks at them.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
@@ -16,6 +17,7 @@ from mavlink_bridge.messages import Message, Received, Source
 from mavlink_bridge.signing import Signing
 
 _V1, _V2 = 0xFE, 0xFD
+_MAGIC = re.compile(rb"[\xfd\xfe]")
 _SIGNED = 0x01
 _LONGEST_FRAME = 280
 
@@ -53,7 +55,7 @@ class Codec:
         self.statistics = CodecStatistics()
         self._mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
         self._reader = mavlink.MAVLink(None)
-        self._allow = None if allow is None else frozenset(allow)
+        self._allow = None if allow is None else frozenset((a.system, a.component) for a in allow)
         self._signing = signing
         if signing is not None:
             self._mav.signing.secret_key = signing.key
@@ -108,9 +110,8 @@ class Codec:
 
     def _next_magic(self, start: int) -> int:
         """Index of the next possible frame start, counting what is passed over."""
-        candidates = [i for i in (self._buffer.find(_V2, start), self._buffer.find(_V1, start))
-                      if i >= 0]  # fmt: skip
-        found = min(candidates, default=len(self._buffer))
+        magic = _MAGIC.search(self._buffer, start)
+        found = len(self._buffer) if magic is None else magic.start()
         self.statistics.bad_bytes += found - start
         return found
 
@@ -130,17 +131,18 @@ class Codec:
         """The message in buffer[start:end]; None where that is no valid frame."""
         b = self._buffer
         if b[start] == _V1:
-            source, message_id = Source(b[start + 3], b[start + 4]), b[start + 5]
+            system, component, message_id = b[start + 3 : start + 6]
         else:
-            source = Source(b[start + 5], b[start + 6])
+            system, component = b[start + 5], b[start + 6]
             message_id = b[start + 7] | b[start + 8] << 8 | b[start + 9] << 16
+        if not self._allowed(system, component):
+            self.statistics.foreign += 1
+            return None
         convert = FROM_WIRE.get(message_id)
         if convert is None and message_id not in mavlink.mavlink_map:
             self.statistics.unknown += 1
             return None
-        if not self._allowed(source):
-            self.statistics.foreign += 1
-            return None
+        source = Source(system, component)
         try:
             wire = self._reader.decode(b[start:end])
             if not self._trusted(bytes(b[start:end]), source):
@@ -153,10 +155,9 @@ class Codec:
         self.statistics.received += 1
         return received
 
-    def _allowed(self, source: Source) -> bool:
-        return (
-            self._allow is None or source in self._allow or Source(source.system, 0) in self._allow
-        )
+    def _allowed(self, system: int, component: int) -> bool:
+        allow = self._allow
+        return allow is None or (system, component) in allow or (system, 0) in allow
 
     def _trusted(self, frame: bytes, source: Source) -> bool:
         """Whether a frame may be believed: signed, where signatures are wanted."""

@@ -26,6 +26,7 @@ from mavlink_bridge.frames import (
 )
 
 _NAN_Q = (math.nan,) * 4
+_HIL_ALL = 0x1FFF  # fields of HIL_SENSOR: all
 _NED_FRAMES = (mavlink.MAV_FRAME_LOCAL_NED,)
 _BODY_FRAMES = (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_FRD)
 
@@ -145,6 +146,23 @@ def _gps_input(g: m.GpsInput) -> Any:
     )  # fmt: skip
 
 
+def _hil_sensor(s: m.HilSensor) -> Any:
+    body = [flu_frd(*(float(a) for a in v)) for v in (s.force, s.omega, s.magnetic)]
+    return mavlink.MAVLink_hil_sensor_message(
+        round(s.time * 1e6), *body[0], *body[1], *body[2], s.pressure, 0.0, s.altitude, 25.0,
+        _HIL_ALL,
+    )  # fmt: skip
+
+
+def _hil_gps(g: m.HilGps) -> Any:
+    v = [_clip(a * 100, -32768, 32767) for a in enu_ned(*(float(a) for a in g.v))]
+    speed, course = math.hypot(v[0], v[1]), math.degrees(math.atan2(v[1], v[0])) % 360.0
+    return mavlink.MAVLink_hil_gps_message(
+        round(g.time * 1e6), 3, round(g.latitude_deg * 1e7), round(g.longitude_deg * 1e7),
+        round(g.altitude * 1e3), 30, 40, round(speed), *v, round(course * 100), 12,
+    )  # fmt: skip
+
+
 def _estimator(e: m.EstimatorStatus) -> Any:
     return mavlink.MAVLink_estimator_status_message(
         round(e.time * 1e6), e.flags, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1,
@@ -190,6 +208,8 @@ TO_WIRE: dict[type, Callable[[Any], Any]] = {
     m.GpsRaw: _gps,
     m.GpsInput: _gps_input,
     m.EstimatorStatus: _estimator,
+    m.HilSensor: _hil_sensor,
+    m.HilGps: _hil_gps,
     m.AutopilotVersion: _autopilot_version,
     m.StatusText: _statustext,
     m.ParamValue: _param_value,
@@ -351,6 +371,9 @@ FROM_WIRE: dict[int, Callable[[Any], m.Message]] = {
     mavlink.MAVLINK_MSG_ID_GPS_INPUT: lambda w: m.GpsInput(
         w.time_usec / 1e6, w.fix_type, w.lat / 1e7, w.lon / 1e7, w.alt,
         _array(*enu_ned(w.vn, w.ve, w.vd)), w.satellites_visible,
+    ),
+    mavlink.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS: lambda w: m.HilActuators(
+        w.time_usec / 1e6, tuple(w.controls), bool(w.mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
     ),
     mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: lambda w: m.EstimatorStatus(
         w.time_usec / 1e6, w.flags, w.pos_horiz_accuracy, w.pos_vert_accuracy

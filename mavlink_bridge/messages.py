@@ -254,6 +254,38 @@ class GpsInput:
 
 
 @dataclass(frozen=True)
+class HilSensor:
+    """HIL_SENSOR: force (3,) m/s² and omega (3,) rad/s FLU, magnetic (3,) gauss FLU, hPa, m."""
+
+    time: float
+    force: Vector
+    omega: Vector
+    magnetic: Vector
+    pressure: float
+    altitude: float
+
+
+@dataclass(frozen=True)
+class HilGps:
+    """HIL_GPS: a simulated receiver's fix; degrees, m, v (3,) m/s ENU."""
+
+    time: float
+    latitude_deg: float
+    longitude_deg: float
+    altitude: float
+    v: Vector
+
+
+@dataclass(frozen=True)
+class HilActuators:
+    """HIL_ACTUATOR_CONTROLS: what an autopilot wants of its motors, 0…1 each (16)."""
+
+    time: float
+    controls: tuple[float, ...]
+    armed: bool
+
+
+@dataclass(frozen=True)
 class EstimatorStatus:
     """ESTIMATOR_STATUS: flags bits, position accuracies in metres."""
 
@@ -455,6 +487,9 @@ Message = (
     | HomePosition
     | GpsRaw
     | GpsInput
+    | HilSensor
+    | HilGps
+    | HilActuators
     | EstimatorStatus
     | AutopilotVersion
     | TimeSync

@@ -101,11 +101,11 @@ def _bad_input() -> tuple[type[Exception], ...]:
     from mavlink_bridge.link import EndpointError
     from mavlink_bridge.settings import SettingsError
     from mavlink_bridge.video import VideoError
-    from sitl_sim.betaflight_sitl import BetaflightError
+    from sitl_sim.external_sitl import ExternalError
     from sitl_sim.namespace import NamespaceError
     from sitl_sim.runfolder import RunError
 
-    return BetaflightError, NamespaceError, SettingsError, EndpointError, VideoError, RunError
+    return ExternalError, NamespaceError, SettingsError, EndpointError, VideoError, RunError
 
 
 def _view(options: argparse.Namespace) -> int:

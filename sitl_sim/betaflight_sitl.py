@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from mavlink_bridge import msp
 from mavlink_bridge.frames import flu_frd, quaternion_enu_ned
 from mavlink_bridge.msp import MspDecoder
+from sitl_sim.external_sitl import ExternalError
 from sitl_sim.geodesy import LocalFrame
 from sitl_sim.namespace import Host, Namespace
 from sitl_sim.urgency import AUTOPILOT, BRIDGE, hurry
@@ -75,7 +76,7 @@ set f_yaw = 0
 """
 
 
-class BetaflightError(RuntimeError):
+class BetaflightError(ExternalError):
     """No Betaflight to run, or it did not start; the message says why."""
 
 

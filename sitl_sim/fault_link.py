@@ -34,21 +34,23 @@ class FaultyLine:
     def __init__(self, schedule: Schedule, i: int) -> None:
         self.now = 0.0
         self._schedule, self._i = schedule, i
-        self._held: dict[bool, list[bytes]] = {True: [], False: []}
+        self._held: list[bytes] = []  # on their way to the companion
         self._seen = b""
 
     def carry(self, data: bytes, to_companion: bool) -> list[bytes]:
         """The packets that arrive where `data` was sent."""
-        waiting, self._held[to_companion] = self._held[to_companion], []
+        waiting: list[bytes] = []
+        if to_companion:
+            waiting, self._held = self._held, []
         if self._strikes("link_loss"):
             return waiting
         if self._strikes("link_flip"):
             data = _flip(data, self._active("link_flip")[0].rng)
-        if self._strikes("link_reorder"):
-            self._held[to_companion].append(data)
-            return waiting
         if to_companion:
             self._seen = data
+            if self._strikes("link_reorder"):
+                self._held.append(data)
+                return waiting
         return [data] * (1 + self._strikes("link_duplicate")) + waiting
 
     def noise(self) -> list[bytes]:

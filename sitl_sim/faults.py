@@ -42,7 +42,7 @@ _SHARE = 0.2
 KINDS: dict[str, Meaning] = {
     "link_loss": Meaning("share of MAVLink packets lost, each way", _SHARE),
     "link_duplicate": Meaning("share of packets that come twice", _SHARE),
-    "link_reorder": Meaning("share of packets that come after the next one", _SHARE),
+    "link_reorder": Meaning("share of telemetry packets that come after the next one", _SHARE),
     "link_flip": Meaning("share of packets with flipped bits", _SHARE),
     "link_garbage": Meaning("B/s of garbage, cut and mutated frames to the companion",
                             1e6, 0.0, 1e8),

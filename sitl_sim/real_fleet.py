@@ -1,4 +1,6 @@
-"""Real Betaflights flying our vehicles: physics in real time, a SITL process and a bridge each.
+"""Real autopilots flying our vehicles: physics in real time, a SITL process each.
+
+Betaflights have a bridge each as well.
 
 Has what a flight wants of `Autopilots`; the vehicles' telemetry goes from the bridges straight
 to the companions. Betaflight keeps its own time, so physics follows CLOCK_MONOTONIC: a step is
@@ -13,7 +15,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +28,7 @@ from mavlink_bridge.codec import Codec
 from mavlink_bridge.link import Link, UdpEndpoint
 from mavlink_bridge.messages import GpsInput, Message, Received
 from sitl_sim.betaflight_sitl import BetaflightError, BetaflightSitl
+from sitl_sim.external_sitl import ExternalSitl
 from sitl_sim.geodesy import GeoReference, LocalFrame
 from sitl_sim.namespace import Host, Namespace
 from sitl_sim.urgency import BRIDGE, PHYSICS, hurry
@@ -53,7 +56,7 @@ class Wire:
 
 
 class RealFleet:
-    """n Betaflights. Each index i is the vehicle's; system ids are given.
+    """n real autopilots. Each index i is the vehicle's; system ids are given.
 
     Raises:
         BetaflightError, NamespaceError: one line: what is missing.
@@ -70,8 +73,12 @@ class RealFleet:
         yaw_offset: NDArray[np.float64],
         seed: int = 0,
         settings: Sequence[str] = (),
+        program: Callable[[int], ExternalSitl] | None = None,
     ) -> None:
-        """Origin (n,3) m, yaw_offset (n,) rad: each vehicle's own frame. settings: CLI lines."""
+        """Origin (n,3) m, yaw_offset (n,) rad: each vehicle's own frame. settings: CLI lines.
+
+        program: starts a user's own autopilot for vehicle i, which needs no bridge.
+        """
         self.vehicles = vehicles  # as they are at the time of the flight; see `advance`
         self._flown = 0  # substeps
         self._first = 0  # the substep at which the flight began
@@ -81,7 +88,7 @@ class RealFleet:
         self._frames = [LocalFrame(o.copy(), float(y), GeoReference())
                         for o, y in zip(origin, yaw_offset, strict=True)]  # fmt: skip
         self._rngs = [np.random.default_rng([seed, 0x6B5, s]) for s in system_ids]
-        self._sitls: list[BetaflightSitl] = []
+        self._sitls: list[BetaflightSitl | ExternalSitl] = []
         self._bridges: list[subprocess.Popen[bytes]] = []
         self._gps: list[Link] = []
         self._wind = np.zeros_like(vehicles.p)
@@ -92,26 +99,31 @@ class RealFleet:
         sys.setswitchinterval(0.0005)  # the physics must not wait for the rest of the process
         hurry(PHYSICS)  # whoever builds and flies it shares the interpreter with the physics
         try:
-            for folder in folders:
+            betaflights = []
+            for i, folder in enumerate(folders):
+                if program is not None:
+                    self._sitls.append(program(i))
+                    continue
                 network = Namespace() if len(folders) > 1 else Host()
-                self._sitls.append(BetaflightSitl(folder / "betaflight", network, list(settings)))
+                betaflights.append(BetaflightSitl(folder / "betaflight", network, list(settings)))
+                self._sitls.append(betaflights[-1])
             self._physics.start()
             for sitl in self._sitls:
                 sitl.await_boot()
-            for i, system in enumerate(system_ids):
-                self._bridge(i, system, folders[i], wires[i])
+            for i, sitl in enumerate(betaflights):
+                self._bridge(sitl.msp_port, system_ids[i], folders[i], wires[i])
         except BaseException:
             self.close()
             raise
 
-    def _bridge(self, i: int, system: int, folder: Path, wire: Wire) -> None:
-        """Start the bridge of vehicle i."""
+    def _bridge(self, msp_port: int, system: int, folder: Path, wire: Wire) -> None:
+        """Start the bridge of the vehicle behind `msp_port`."""
         probe = UdpEndpoint(local=("127.0.0.1", 0))
         port = probe.port
         probe.close()
         config = {
             "fileversion": 1,
-            "controller": f"tcp:127.0.0.1:{self._sitls[i].msp_port}",
+            "controller": f"tcp:127.0.0.1:{msp_port}",
             "link": {
                 "endpoint": f"udpout:{wire.host}:{wire.companion}",
                 "ground": f"udpout:{wire.host}:{wire.ground}",
@@ -161,7 +173,7 @@ class RealFleet:
         dead = [i + 1 for i, s in enumerate(self._sitls) if not s.alive]
         dead += [i + 1 for i, b in enumerate(self._bridges) if b.poll() is not None]
         if dead:
-            raise BetaflightError(f"Betaflight or bridge of vehicle {dead[0]} ended; see its logs")
+            raise BetaflightError(f"autopilot or bridge of vehicle {dead[0]} ended; see its logs")
         wanted = self._first + round(t_end / _SUBSTEP)
         while self._flown < wanted:
             time.sleep(max((wanted - self._flown) * _SUBSTEP, 0.0005))

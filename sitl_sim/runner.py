@@ -34,6 +34,7 @@ from sitl_sim.fault_camera import FaultyCamera
 from sitl_sim.fault_link import FaultyLine, FaultyLink, FaultyTelemetry
 from sitl_sim.fault_world import FaultyWorld
 from sitl_sim.inprocess import AtOnce, LocalFrames
+from sitl_sim.own_binary import boot_parameters, own_binary
 from sitl_sim.real_fleet import BRIDGE_DELAY, EXPONENT, HOVER, RealFleet, Wire
 from sitl_sim.render import Renderer
 from sitl_sim.render_sensor import measured
@@ -45,8 +46,6 @@ from sitl_sim.world import Occluders, Vector, build
 
 _TELEMETRY_MS = 20
 _CONNECT_TIMEOUT = 60.0
-# What a companion's pilot would set before it may fly that autopilot.
-AUTOPILOT_PARAMETERS = {"ardupilot": {"GUID_OPTIONS": 8.0}}
 
 
 Shot = tuple[float, dict[str, NDArray[Any]]]  # capture time [s, vehicle's clock], what it shows
@@ -131,16 +130,19 @@ class Flight:
     def _switch_on(self, phases: list[int]) -> Autopilots | RealFleet:
         """The vehicles' autopilots: emulated, or real ones on our physics."""
         s, systems = self.scenario, list(range(1, len(self.names) + 1))
-        if s.drones.autopilot == "betaflight":
+        if s.drones.autopilot == "betaflight" or s.drones.binary:
             w = s.wire
+            folders = [self.folder / "drones" / name for name in self.names]
+            wires = [Wire(w.host, w.companion_port + k, w.gcs_port) for k in systems]
             return RealFleet(
                 self.vehicles,
                 systems,
-                [self.folder / "drones" / name for name in self.names],
-                [Wire(w.host, w.companion_port + k, w.gcs_port) for k in systems],
+                folders,
+                wires,
                 origin=self._start,
                 yaw_offset=self._yaws,
                 seed=s.seed,
+                program=own_binary(s.drones, folders, wires) if s.drones.binary else None,
             )
         return Autopilots(
             self.vehicles,
@@ -150,7 +152,7 @@ class Flight:
             yaw_offset=self._yaws,
             boot_offset=np.array(phases) / 1e3,
             seed=s.seed,
-            parameters=AUTOPILOT_PARAMETERS.get(s.drones.autopilot, {}) | s.drones.parameters,
+            parameters=boot_parameters(s.drones),
         )
 
     def _open(self, i: int, name: str, boot_ms: int) -> _Drone:

@@ -44,6 +44,9 @@ class DronesConfig(StrictModel):
         "px4",
         description="px4, ardupilot: emulated; betaflight: the real SITL, in real time.",
     )
+    binary: str = Field(
+        "", description="px4, ardupilot: your own SITL binary instead of the emulated vehicle."
+    )
     frame_yaw_deg: float | Literal["random"] = Field(
         0.0, description="Yaw of each vehicle's own frame in the world: no frame is shared."
     )
@@ -193,7 +196,7 @@ def fault_schedule(scenario: Scenario) -> fault.Schedule:
     s = scenario.sensing
     fault.check(
         scenario.faults,
-        emulated=scenario.drones.autopilot != "betaflight",
+        emulated=scenario.drones.autopilot != "betaflight" and not scenario.drones.binary,
         pixels="camera" in (s.neighbours, s.obstacles),
         reports=s.neighbours == "truth",
     )

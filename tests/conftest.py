@@ -41,16 +41,25 @@ def pytest_runtest_logreport(report):
 def pytest_sessionfinish(session):
     target = session.config.getoption("--fault-table", default=None)
     if target and _results:
-        Path(target).write_text(_table(_HEAD.read_text(encoding="utf-8")), encoding="utf-8")
+        page = Path(target)
+        before = page.read_text(encoding="utf-8") if page.exists() else ""
+        page.write_text(_table(_HEAD.read_text(encoding="utf-8"), before), encoding="utf-8")
 
 
-def _table(text):
-    """The page with a result behind each row; its rows begin with `| number |`."""
-    out = []
+def _table(text, before):
+    """The page with a result behind each row; its rows begin with `| number |`.
+
+    A row of which nothing was run now keeps what the page before says.
+    """
+    out, old = [], {}
+    for line in before.splitlines():
+        cells = line.split(" | ")
+        if line.startswith("|") and len(cells) == 6:
+            old[cells[0].strip("| ")] = " | ".join(cells[4:])
     for line in text.splitlines():
         number = line.split("|")[1].strip() if line.startswith("|") else ""
         if number.isdigit():
-            line = f"{line.rstrip()} {_cell(number)} |"
+            line = f"{line.rstrip()} {_cell(number) or old.get(number, 'not run | |')}"
         out.append(line)
     return "\n".join(out) + "\n"
 
@@ -58,8 +67,8 @@ def _table(text):
 def _cell(number):
     tests = [t for row, ts in _results.items() for t in ts if row.split("_")[0] == number]
     if not tests:
-        return "not run |"
+        return ""
     worst = {"passed": "holds", "skipped": "skipped", "failed": "**fails**"}
     outcome = next(o for o in ("failed", "skipped", "passed") if any(t[1] == o for t in tests))
     measured = dict.fromkeys(m for t in tests for m in t[2])
-    return f"{worst[outcome]} ({len(tests)}) | {'; '.join(measured)}"
+    return f"{worst[outcome]} ({len(tests)}) | {'; '.join(measured) or '–'} |"

@@ -22,7 +22,7 @@ SHORT = {"mission__time_limit": 11.0, "world": {}}  # nothing in the way
 def spoil_solves(flight, first, count, u=None):
     """Let `count` solves of drone 0 fail from flight time `first` [s] on; u: what they give."""
     pipeline = flight.companions[0].pipeline
-    solve, done = pipeline._nmpc.solve, []
+    solve, done = pipeline._planner.solve, []
 
     def bad(instance):
         result = solve(instance)
@@ -32,7 +32,7 @@ def spoil_solves(flight, first, count, u=None):
         shifted = np.vstack([result.u[1:], result.u[-1:]]) if u is None else u(result.u)
         return replace(result, usable=u is not None, u=shifted)
 
-    pipeline._nmpc.solve = bad
+    pipeline._planner.solve = bad
 
 
 def flown_with(spoil, faults=(), **options):
@@ -84,7 +84,7 @@ def row_1(note):
         f.companions.append(Companion(f.companions[0].settings, f.companions[0].endpoint))
         f._drones[0].frames = f.companions[1]
 
-    f = fly(at={CRUISE + 0.01: kill, CRUISE + 2.0: restart, **watch_modes(modes)}, world={},
+    f = fly(at={CRUISE + 0.01: kill, CRUISE + 2.01: restart, **watch_modes(modes)}, world={},
             drones__parameters={"COM_OF_LOSS_T": 0.5}, mission__time_limit=24.0)  # fmt: skip
     hold = mode_after(modes, CRUISE + 0.05, "HOLD")
     assert hold <= 0.6
@@ -111,6 +111,7 @@ def row_10(note):
         flown = [s for s, o in zip(c.seconds, c.outs, strict=True) if o.time > 6.5]
         costs.append(float(np.percentile(flown, 99)))
     assert c.link.codec.statistics.bad_bytes > 1_000_000
+    assert c.link.codec.statistics.foreign > 100
     assert costs[1] - costs[0] < 0.1 * c.config.timing.period
     note("garbage costs, s of the 0.1 (p99)", costs[1] - costs[0])
 
@@ -182,7 +183,7 @@ def row_6(note):
     assert {o.verdict.ask for o in c.outs if o.verdict} == {Ask.NOTHING}
     assert c.pipeline._own.counters.not_finite > 50
     assert all(np.isfinite(t.P).all() and np.isfinite(t.p).all() for o in c.outs for t in o.tracks)
-    assert f.speed(CRUISE + 0.5) > 0.8  # the rest of telemetry flies it
+    assert f.speed(CRUISE + 1.5) > 1.0  # the rest of telemetry flies it
     f.check_always()
     note("refused", 0.0)
 
@@ -361,7 +362,7 @@ def row_21(note):
     f = fly(**(SHORT | inside))
     p = f.truth.arrays()["position"][:, 0]
     assert p[:, 0].max() < 8.2  # the plan itself stays inside
-    assert not set(f.companions[0].reasons(0.0)) & {Reason.FENCE, Reason.BRAKE}
+    assert Reason.FENCE not in f.companions[0].reasons(0.0)
     note("inside by [m]", float(8.0 - p[:, 0].max()))
     modes = []
 
@@ -371,7 +372,7 @@ def row_21(note):
         fence = pipeline._config.fence.model_copy(update={"east": [-5.0, 3.0]})
         pipeline._config = pipeline._config.model_copy(update={"fence": fence})
 
-    f = fly(at={7.5: cross, **watch_modes(modes)}, **SHORT)
+    f = fly(at={7.51: cross, **watch_modes(modes)}, **SHORT)
     reasons = f.companions[0].reasons(7.6, 8.0)
     crossed = f.truth.arrays()
     k = int(np.searchsorted(crossed["t"], 7.5))

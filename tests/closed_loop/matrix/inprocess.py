@@ -37,7 +37,8 @@ class Companion:
         self.settings, self.endpoint = config, endpoint
         self.config = CompanionConfig.model_validate(config)
         self.pipeline = Pipeline(self.config, time.perf_counter)
-        self.link = Link(endpoint, Codec(config["link"]["system_id"], 191))
+        link = self.config.link
+        self.link = Link(endpoint, Codec(link.system_id, link.component_id, link.heard()))
         self.outs, self.seconds = [], []
         self.before = lambda inputs: inputs  # what a test does to a tick's inputs
         self._answers = deque()
