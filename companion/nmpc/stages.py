@@ -88,9 +88,9 @@ class Stages:
 
     def roll_out(self) -> None:
         """Replace the states by what the inputs lead to from the first one."""
-        disturbance = self._numbers.scene[6:9]
-        for k, u in enumerate(self.u):
-            self.x[k + 1] = step(self.x[k], u, self.config.dt, disturbance)
+        disturbance, x = self._numbers.scene[6:9].tolist(), self.x[0].tolist()
+        for k, u in enumerate(self.u.tolist()):
+            x = self.x[k + 1] = step(x, u, self.config.dt, disturbance)
 
     def linearise(self) -> None:
         """Fill `source` at the iterate."""
