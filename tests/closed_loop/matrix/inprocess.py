@@ -24,6 +24,7 @@ from sitl_sim.faults import Schedule
 from sitl_sim.metrics import safety
 from sitl_sim.runner import Flight, _overlay
 from sitl_sim.scenario import Scenario
+from sitl_sim.world import surface_distance
 
 OVERRIDES = {}  # of every companion's config: a test that takes a mechanism out
 
@@ -113,6 +114,9 @@ class InProcess(Flight):
         truth = self.truth.arrays()
         indices = range(len(self.names)) if healthy is None else healthy
         p = truth["position"][:, list(indices)]
+        up = p[..., 2] > 0.3
+        clear = np.where(up, surface_distance(p.astype(float), self.world), np.inf)
+        assert clear.min() > self.scenario.drones.radius, ("obstacle", float(clear.min()))
         for a in range(p.shape[1]):
             for b in range(a):
                 gap = np.linalg.norm(p[:, a] - p[:, b], axis=1).min()
