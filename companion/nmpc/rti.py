@@ -5,9 +5,8 @@ to their safe side (`constraints.py`), so full steps converge, but for what the 
 where a plan is pressed hard. After more steps than a tick ever takes, when an optimum is
 wanted, only what makes the plan cheaper is taken of each.
 
-A plan that intrudes on others may be no more than a bad local minimum: as long as it does, what
-follows from braking to a halt is improved beside it, tick by tick, and the cheaper of the two
-flies.
+A plan that intrudes on others may be no more than a bad local minimum: it is then compared
+with what follows from braking to a halt, and the cheaper of the two flies.
 
 Everything iterates by count, never by the clock: the same instances give the same bytes.
 """
@@ -95,11 +94,10 @@ class Nmpc:
         linearised = self._program.source[: config.N * stage.size]
         self._stages = Stages(config, stage, linearised, found)
         self._plan: Plan | None = None
-        self._other: Plan | None = None
 
     def reset(self) -> None:
         """Forget the previous plan: the next solve starts cold."""
-        self._plan = self._other = None
+        self._plan = None
 
     def solve(self, instance: Instance, steps: int = 1) -> Result:
         """Plan from the instance; never raises, never gives a non-finite number.
@@ -112,10 +110,8 @@ class Nmpc:
 
     def _solve(self, instance: Instance, steps: int, started: float) -> Result:
         config, stages, program = self.config, self._stages, self._program
-        self._plan, self._other = (
-            None if plan is None else shifted(plan, steps, config.dt)
-            for plan in (self._plan, self._other)
-        )
+        if self._plan is not None:
+            self._plan = shifted(self._plan, steps, config.dt)
         u_last = np.clip(instance.u_last, program.u_min, program.u_max)
         x0 = instance.x0.copy()
         attitude = math.sqrt(float(x0[6:10] @ x0[6:10]))
@@ -142,20 +138,16 @@ class Nmpc:
 
     def _best(self, instance: Instance, x0: Vector, u_last: Vector) -> _Descent | None:
         """The descent from the previous plan, or where that intrudes, a cheaper one."""
-        config = self.config
+        config, cold_most = self.config, self.config.sqp_iterations_cold
         if self._plan is None:
-            guess, most = cold_guess(config, instance, x0), config.sqp_iterations_cold
+            best = self._descend(cold_guess(config, instance, x0), x0, u_last, cold_most)
         else:
-            guess, most = self._plan, config.sqp_iterations_max
-        best = self._descend(guess, x0, u_last, most)
+            best = self._descend(self._plan, x0, u_last, config.sqp_iterations_max)
         if best is not None and best.intrusion <= config.rescue_slack:
-            self._other = None
             return best
-        guess = brake_guess(config, x0) if self._other is None else self._other
-        other = self._descend(guess, x0, u_last, most)
+        other = self._descend(brake_guess(config, x0), x0, u_last, cold_most)
         if best is None or (other is not None and other.merit(config) < best.merit(config)):
-            best, other = other, best
-        self._other = None if other is None else other.plan
+            return other
         return best
 
     def _descend(self, guess: Plan, x0: Vector, u_last: Vector, most: int) -> _Descent | None:
