@@ -50,7 +50,7 @@ def test_the_same_seed_gives_the_same_bytes(scenario, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["run", "forrest"], "no scenario 'forrest'; valid: forest"),
+        (["run", "forrest"], "no scenario 'forrest'; valid: "),
         (["run", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
         (["run", "forest", "--set", "drones.cout=3"], "drones.cout: unknown key"),
         (["run", "forest", "--set", "drones.count=no"], "drones.count"),

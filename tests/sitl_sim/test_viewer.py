@@ -84,23 +84,23 @@ def test_live_shows_the_present_and_reads_growing_logs(run, tmp_path):
 
 
 def test_twenty_drones_five_minutes_are_drawn_in_time(run):
-    """A moment takes a small part of the 50 ms that 20 Hz leave, and few bytes."""
+    """A moment takes a small part of the processor's 50 ms that 20 Hz leave."""
     n, times = 20, np.arange(0, 300.0, 0.02)
     rng = np.random.default_rng(1)
     p = np.cumsum(rng.normal(0, 0.01, (len(times), n, 3)), axis=0).astype(np.float32)
     q = np.tile(np.float32([1, 0, 0, 0]), (len(times), n, 1))
-    many = Replay(run)
+    many, few = Replay(run), Replay(run)
     many.names = [f"drone{i + 1}" for i in range(n)]
-    many.knowledge = lambda drone, time: None
+    many.knowledge = lambda drone, time: few.knowledge(drone % 3, time % 11.0)
     many._t, many._p, many._q = times, p, q
     page = Page(many, port=free_port())
     try:
         taken = []
         for t in np.arange(10.0, 30.0, 1.0):
-            started = time.perf_counter()
+            started = time.thread_time()  # however busy the machine
             page.show(float(t))
-            taken.append(time.perf_counter() - started)
-        assert np.median(taken) < 0.025
+            taken.append(time.thread_time() - started)
+        assert np.median(taken) < 0.02
     finally:
         page.close()
 
