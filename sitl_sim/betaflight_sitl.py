@@ -39,7 +39,7 @@ _MOTOR_ORDER = [3, 0, 1, 2]  # place of motors 1…4 in the packet
 _NO_TIME = 0.0
 _BOOT, _ATTEMPTS = 15.0, 3  # s
 _STICKS_DOWN = [1500, 1500, 1000, 1500] + [1000] * 12
-_PATIENCE = 20.0  # s for the process to listen and to answer a line
+_PATIENCE = 10.0  # s for the process to listen and to answer a line
 
 # The gains give it the emulated vehicle's step response on our physics (docs/vehicles.md).
 SET_UP = """
@@ -113,9 +113,7 @@ class BetaflightSitl:
         self._motion = network.run(lambda: socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         self.command = np.zeros(4)
         try:
-            with self._come_up() as line:
-                _set_up(line, [*SET_UP.strip().splitlines(), *extra])
-            self._process.wait(timeout=_PATIENCE)  # `save` ends it
+            self._configure([*SET_UP.strip().splitlines(), *extra])
             self._come_up().close()
         except BaseException:
             self.close()
@@ -194,6 +192,20 @@ class BetaflightSitl:
         self._motors.close()
         self._motion.close()
         self._network.close()
+
+    def _configure(self, lines: list[str]) -> None:
+        """Set up by CLI; again where a starved process leaves a line without an answer."""
+        for attempt in range(1, _ATTEMPTS + 1):
+            try:
+                with self._come_up() as line:
+                    _set_up(line, lines)
+                self._process.wait(timeout=_PATIENCE)  # `save` ends it
+                return
+            except (BetaflightError, subprocess.TimeoutExpired):
+                self._process.kill()
+                self._process.wait()
+                if attempt == _ATTEMPTS:
+                    raise
 
     def _come_up(self) -> socket.socket:
         """A new process, and a connection to it. Its threads race at the start: it may crash."""

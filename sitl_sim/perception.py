@@ -9,7 +9,7 @@ drone's own estimate of where it is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -110,12 +110,13 @@ class _Judge:
         flown[flown] &= self._at(self._p, times[flown])[:, i, 2] >= AIRBORNE
         log, times = [r for r, f in zip(log, flown, strict=True) if f], times[flown]
         if log:
-            seen_of, tracked_of = self._detections(i, times), self._tracked(i, frame, log)
-            for n, record in enumerate(log):
-                yield _sight(times[n], record, frame, seen_of(n), tracked_of(n))
+            others = self._others(i, times)
+            tracked = _tracks(log, frame, others, *self._tracked(i, frame, log))
+            for n, parts in enumerate(zip(*_looks(log, others), *tracked, strict=True)):
+                yield Sight(float(times[n]), *parts)
 
-    def _detections(self, i: int, times: Vector) -> Callable[[int], _Others]:
-        """The other drones at each frame: directions, distances, and who is in view."""
+    def _others(self, i: int, times: Vector) -> _Others:
+        """The other drones at each frame."""
         p, q = self._at(self._p, times), self._at(self._q, times)[:, i]
         q /= np.linalg.norm(q, axis=-1, keepdims=True)
         others = np.delete(np.arange(p.shape[1]), i)
@@ -124,7 +125,7 @@ class _Judge:
         asked = (distance <= TRACK_RANGE) & (rays[..., 2] > 0.0) & (p[:, others, 2] > AIRBORNE)
         visible = np.zeros(asked.shape, bool)
         visible[asked] = self._shares(p[:, i], q, offsets, asked) >= VISIBLE
-        return lambda n: _Others(rays[n], np.maximum(distance[n], 1e-9), visible[n])
+        return _Others(rays, np.maximum(distance, 1e-9), visible)
 
     def _shares(self, eye: Vector, q: Vector, offsets: Vector, asked: NDArray[np.bool_]) -> Vector:
         """(k,) visible share of each drone that is asked for: frames × drones, row by row.
@@ -151,15 +152,13 @@ class _Judge:
         share: Vector = free.mean(axis=1)
         return share
 
-    def _tracked(
-        self, i: int, frame: OwnFrame, log: list[dict[str, Any]]
-    ) -> Callable[[int], tuple[Vector, Vector]]:
-        """The other drones at each tick: offsets and velocities."""
+    def _tracked(self, i: int, frame: OwnFrame, log: list[dict[str, Any]]) -> tuple[Vector, Vector]:
+        """The other drones at each tick: offsets and velocities (k,m,3)."""
         times = np.minimum(np.array([r["time"] for r in log]) - frame.boot, self._t[-1])
         p, v = self._at(self._p, times), self._at(self._v, times)
         others = np.delete(np.arange(p.shape[1]), i)
         offsets = p[:, others] - p[:, i : i + 1]
-        return lambda n: (offsets[n], v[n, others])
+        return offsets, v[:, others]
 
     def _at(self, series: Vector, times: Vector) -> Vector:
         """Truth (k,N,…) at times (k,) between its samples."""
@@ -171,62 +170,75 @@ class _Judge:
 
 @dataclass(frozen=True)
 class _Others:
-    """The other drones seen from one: rays (m,3), distance (m,), visible (m,)."""
+    """The other drones seen from one, frame by frame: rays (k,m,3), distance, visible (k,m)."""
 
     rays: Vector
     distance: Vector
     visible: NDArray[np.bool_]
 
 
-def _sight(
-    time: float,
-    record: dict[str, Any],
-    frame: OwnFrame,
-    others: _Others,
-    moving: tuple[Vector, Vector],
-) -> Sight:
-    """One frame's detections, and its tick's tracks, matched with the others."""
-    rows = np.array(record["detections"], float).reshape(-1, 5)
-    angle = _angles(rows[:, :3], others.rays)
-    ratio = rows[:, 3:4] / others.distance
-    near = angle < np.maximum(_BEARING_GATE, _SIZE_GATE / others.distance)
-    found, drones = _match(angle, near & (ratio > 0.5) & (ratio < 2.0))
+def _looks(log: list[dict[str, Any]], others: _Others) -> tuple[Iterable[Any], ...]:
+    """Detections against the others, frame by frame: in_view … range_error of `Sight`."""
+    frames = len(log)
+    of, rows = _flat([r["detections"] for r in log], 5)
+    angle = _angles(rows[:, :3], others.rays[of])
+    ratio = rows[:, 3:4] / others.distance[of]
+    near = angle < np.maximum(_BEARING_GATE, _SIZE_GATE / others.distance[of])
+    found, drones = _match(angle, near & (ratio > 0.5) & (ratio < 2.0), of)
     wanted = others.visible & (others.distance <= DETECTION_RANGE)
     given = rows[:, 3] <= DETECTION_RANGE
     right = given[found]
-    return Sight(
-        float(time),
-        int(wanted.sum()), int(wanted[drones].sum()),
-        int(given.sum()), int(right.sum()),
-        angle[found, drones][right], (ratio[found, drones] - 1.0)[right],
-        *_tracks(record, frame, others.visible & (others.distance <= TRACK_RANGE), *moving),
-    )  # fmt: skip
+    return (
+        wanted.sum(axis=1).tolist(),
+        _counts(frames, of[found][wanted[of[found], drones]]),
+        _counts(frames, of[given]),
+        _counts(frames, of[found][right]),
+        _by_frame(angle[found, drones][right], of[found][right], frames),
+        _by_frame((ratio[found, drones] - 1.0)[right], of[found][right], frames),
+    )
 
 
 def _tracks(
-    record: dict[str, Any],
+    log: list[dict[str, Any]],
     frame: OwnFrame,
-    wanted: NDArray[np.bool_],
+    others: _Others,
     true_offsets: Vector,
     true_v: Vector,
-) -> tuple[int, int, int, int, Vector]:
-    """Tracks at the tick against truth: the last five of `Sight`."""
-    tracks = record["tracks"]
-    own = np.array(record["own"]["p"])
-    offsets = frame.vectors(np.array([t["p"] for t in tracks]).reshape(-1, 3) - own)
-    speeds = frame.vectors(np.array([t["v"] for t in tracks]).reshape(-1, 3))
-    fresh = np.array([t["unseen"] <= _FRESH for t in tracks], bool)
-    close = np.linalg.norm(offsets, axis=1) <= TRACK_RANGE
-    gap = np.linalg.norm(offsets[:, None] - true_offsets[None], axis=-1)
-    found, drones = _match(gap, gap < _TRACK_GATE)
-    counted = fresh[found] & close[found]
+) -> tuple[Iterable[Any], ...]:
+    """Tracks at the ticks against truth: the last five of `Sight`."""
+    frames = len(log)
+    of, rows = _flat([[[*t["p"], *t["v"], t["unseen"]] for t in r["tracks"]] for r in log], 7)
+    own = np.array([r["own"]["p"] for r in log], float)
+    offsets, speeds = frame.vectors(rows[:, :3] - own[of]), frame.vectors(rows[:, 3:6])
+    counted = (rows[:, 6] <= _FRESH) & (np.linalg.norm(offsets, axis=1) <= TRACK_RANGE)
+    gap = np.linalg.norm(offsets[:, None] - true_offsets[of], axis=-1)
+    found, drones = _match(gap, gap < _TRACK_GATE, of)
+    wanted = others.visible & (others.distance <= TRACK_RANGE)
+    right = counted[found]
+    wrong_v = (speeds[found] - true_v[of[found], drones])[right]
     return (
-        int(wanted.sum()),
-        int(wanted[drones].sum()),
-        int((fresh & close).sum()),
-        int(counted.sum()),
-        (speeds[found] - true_v[drones])[counted],
+        wanted.sum(axis=1).tolist(),
+        _counts(frames, of[found][wanted[of[found], drones]]),
+        _counts(frames, of[counted]),
+        _counts(frames, of[found][right]),
+        _by_frame(wrong_v, of[found][right], frames),
     )
+
+
+def _flat(rows: list[list[list[float]]], width: int) -> tuple[NDArray[np.int_], Vector]:
+    """Rows of all frames in one array (n,width), and the frame of each (n,)."""
+    of = np.repeat(np.arange(len(rows)), [len(r) for r in rows])
+    return of, np.array([row for frame in rows for row in frame], float).reshape(-1, width)
+
+
+def _counts(frames: int, of: NDArray[np.int_]) -> list[int]:
+    """How often each frame stands there."""
+    return [int(c) for c in np.bincount(of, minlength=frames)]
+
+
+def _by_frame(values: Vector, of: NDArray[np.int_], frames: int) -> list[Vector]:
+    """`values`, in order of their frames, cut up by frame."""
+    return np.split(values, np.searchsorted(of, np.arange(1, frames)))
 
 
 def _disc(offsets: Vector) -> Vector:
@@ -242,17 +254,39 @@ def _disc(offsets: Vector) -> Vector:
 
 
 def _angles(a: Vector, b: Vector) -> Vector:
-    """(n,m) rad between directions a (n,3) and unit b (m,3); exact for small ones too."""
+    """(n,m) rad between directions a (n,3) and unit b (n,m,3); exact for small ones too."""
     a = a / np.maximum(np.linalg.norm(a, axis=1, keepdims=True), 1e-9)
-    half: Vector = np.linalg.norm(a[:, None] - b[None], axis=-1) / 2
+    half: Vector = np.linalg.norm(a[:, None] - b, axis=-1) / 2
     return 2 * np.arcsin(np.minimum(half, 1.0))
 
 
-def _match(cost: Vector, allowed: NDArray[np.bool_]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """Pairs (row, column) among the allowed ones, as many and as near as can be."""
-    rows, columns = linear_sum_assignment(np.where(allowed, cost, 1e3))
-    good = allowed[rows, columns]
-    return rows[good], columns[good]
+def _match(
+    cost: Vector, allowed: NDArray[np.bool_], of: NDArray[np.int_]
+) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """Pairs (row, column) among the allowed ones, as many and as near as can be in each frame.
+
+    of: (n,) the frame of each row, ascending. Most rows fit one column and no other does.
+    """
+    rows, columns = np.nonzero(allowed)
+    place = of[rows] * allowed.shape[1] + columns
+    contested = np.unique(of[rows[_repeated(rows) | _repeated(place)]])
+    clear = ~np.isin(of[rows], contested)
+    pairs = [np.stack([rows[clear], columns[clear]])]
+    for frame in contested:
+        first, end = np.searchsorted(of, (frame, frame + 1))
+        may = allowed[first:end]
+        r, c = linear_sum_assignment(np.where(may, cost[first:end], 1e3))
+        pairs.append(np.stack([first + r[may[r, c]], c[may[r, c]]]))
+    found = np.concatenate(pairs, axis=1)
+    found = found[:, np.argsort(found[0], kind="stable")]
+    return found[0], found[1]
+
+
+def _repeated(values: NDArray[np.int_]) -> NDArray[np.bool_]:
+    """Which of the values stand there more than once."""
+    _, places, counts = np.unique(values, return_inverse=True, return_counts=True)
+    several: NDArray[np.bool_] = counts[places] > 1
+    return several
 
 
 def _rms(values: Vector) -> float | None:
