@@ -31,7 +31,7 @@ from sitl_sim.betaflight_sitl import BetaflightError, BetaflightSitl
 from sitl_sim.external_sitl import ExternalSitl
 from sitl_sim.geodesy import GeoReference, LocalFrame
 from sitl_sim.namespace import Host, Namespace
-from sitl_sim.urgency import BRIDGE, PHYSICS, hurry
+from sitl_sim.urgency import BRIDGE, PHYSICS, hurry, relent
 from sitl_sim.vehicle import State, Vehicles
 
 _STEP = 0.002  # s between exchanges: 500 Hz
@@ -206,6 +206,7 @@ class RealFleet:
             sitl.close()
         for link in self._gps:
             link.close()
+        relent()
 
     # --- the physics thread --------------------------------------------------------------
 

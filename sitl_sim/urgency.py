@@ -20,3 +20,9 @@ def hurry(level: int, pid: int = 0) -> None:
     """
     with suppress(PermissionError, ProcessLookupError):
         os.sched_setscheduler(pid, os.SCHED_RR, os.sched_param(level))
+
+
+def relent() -> None:
+    """The calling thread shares the machine again."""
+    with suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

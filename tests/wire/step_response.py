@@ -30,7 +30,7 @@ from sitl_sim.estimator import SensorNoise
 from sitl_sim.geodesy import GeoReference, LocalFrame
 from sitl_sim.namespace import Host
 from sitl_sim.page import draw, page
-from sitl_sim.urgency import PHYSICS, hurry
+from sitl_sim.urgency import PHYSICS, hurry, relent
 from sitl_sim.vehicle import Airframe, Vehicles
 
 Floats = NDArray[np.float64]
@@ -198,6 +198,7 @@ class RealRates:
         """End the process."""
         self._line.stream.close()
         self._sitl.close()
+        relent()
 
     def _run(
         self, seconds: float, omega: Floats, throttle: float, *, armed: bool = True,
