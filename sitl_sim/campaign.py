@@ -8,6 +8,7 @@ cut off is flown anew.
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
@@ -18,7 +19,7 @@ from typing import Any
 
 from mavlink_bridge.settings import SettingsError
 from sitl_sim import scenario as scenarios
-from sitl_sim.campaign_run import Job, fly, fly_away, metrics_of, unpack
+from sitl_sim.campaign_run import Job, die_with_parent, fly, fly_away, metrics_of, unpack
 
 REQUEST = "campaign.json"
 
@@ -64,6 +65,7 @@ class Campaign:
             SettingsError: it holds others; the settings that differ are named.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
+        shutil.rmtree(self.folder / "unfinished", ignore_errors=True)
         asked = self.request()
         path = self.folder / REQUEST
         if path.exists():
@@ -88,7 +90,7 @@ def executor(workers: int, scheduler: str | None) -> Iterator[tuple[Executor, bo
         SettingsError: no such cluster, or no Dask.
     """
     if scheduler is None:
-        pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+        pool = ProcessPoolExecutor(workers, get_context("spawn"), die_with_parent)
         try:
             yield pool, False
         finally:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import io
 import json
 import os
 import shutil
+import signal
 import tarfile
 import tempfile
 import time
@@ -19,6 +21,8 @@ from typing import Any
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+
 
 @dataclass(frozen=True)
 class Job:
@@ -29,6 +33,11 @@ class Job:
     seed: int
     folder: str
     in_process: bool = False
+
+
+def die_with_parent() -> None:
+    """Let the kernel end this process when the one that started it ends, however it does."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def fly(job: Job) -> None:
@@ -62,7 +71,7 @@ def unpack(archive: bytes, folder: Path) -> None:
 @contextmanager
 def _whole(folder: Path) -> Iterator[Path]:
     """A place to write a folder's contents; they become the folder when all is well."""
-    unfinished = folder.parent / "unfinished" / folder.name
+    unfinished = folder.parent / "unfinished" / f"{folder.name}-{os.getpid()}"
     shutil.rmtree(unfinished, ignore_errors=True)
     yield unfinished
     shutil.rmtree(folder, ignore_errors=True)

@@ -1,11 +1,11 @@
 """Campaigns: resumed, the same whoever flies, and apart from each other's ports."""
 
+import contextlib
 import json
-import os
-import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -31,6 +31,15 @@ def scenario(tmp_path):
 def campaign(scenario, out, *options):
     return main(["campaign", scenario, "--out", str(out), "--workers", "2", "--in-process",
                  *options])  # fmt: skip
+
+
+def worker_of(folder):
+    """Processes that have a file of this folder open."""
+    found = []
+    for files in Path("/proc").glob("[0-9]*/fd"):
+        with contextlib.suppress(OSError):
+            found += [f for f in files.iterdir() if str(f.readlink()).startswith(str(folder))]
+    return found
 
 
 def truths(folder):
@@ -112,12 +121,15 @@ def test_a_killed_campaign_goes_on_where_it_was(scenario, tmp_path):
     out = tmp_path / "out"
     command = [sys.executable, "-m", "sitl_sim", "campaign", scenario, "--out", str(out),
                "--runs", "3", "--workers", "1", "--in-process"]  # fmt: skip
-    process = subprocess.Popen(command, start_new_session=True)
+    process = subprocess.Popen(command)
     deadline = time.monotonic() + 200
     while not (out / "hop-0").exists() and time.monotonic() < deadline:
         time.sleep(0.1)
-    os.killpg(process.pid, signal.SIGKILL)
+    process.kill()
     process.wait()
+    time.sleep(1.0)
+    assert not list((out / "unfinished").glob("*/metrics.json"))
+    assert not worker_of(out)
     before = truths(out)
     assert 0 < len(before) < 3
     said = subprocess.run(command, capture_output=True, text=True, check=False)

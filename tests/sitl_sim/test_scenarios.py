@@ -157,3 +157,13 @@ def test_ranges_to_walls_are_those_of_the_boxes_and_unknown_behind_trunks():
     beside = ranges(np.array([0.0, 0.0, 2.0]), turned, 15.0)
     assert np.isinf(beside[24, :40]).all()  # the wall is on its right
     assert np.isfinite(beside[24, 45:]).any()
+
+
+def test_a_formation_spreads_around_its_last_target():
+    s = scenarios.load("tunnel", ["seed=2"])
+    start = scenarios.starts(s)
+    goals = np.array(list(scenarios.targets(s, start).values()))
+    assert (goals[:, :-1] == goals[0, :-1]).all()  # shared on the way
+    ends = goals[:, -1]
+    assert ends.mean(axis=0) == pytest.approx(s.mission.targets[-1], abs=1e-3)
+    assert ends[:, :2] - ends[0, :2] == pytest.approx(start[:, :2] - start[0, :2], abs=1e-3)
