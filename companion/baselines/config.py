@@ -27,8 +27,8 @@ class TrackingConfig(StrictModel):
 class ReynoldsConfig(StrictModel):
     """Separation, cohesion, migration as vision flocks fly them."""
 
-    separation: float = Field(2.0, ge=0, description="k_sep [m²/s].")
-    cohesion: float = Field(0.5, ge=0, description="k_coh [1/s]; rest at sqrt(k_sep/k_coh) m.")
+    separation: float = Field(8.0, ge=0, description="k_sep [m²/s].")
+    cohesion: float = Field(2.0, ge=0, description="k_coh [1/s]; rest at sqrt(k_sep/k_coh) m.")
     obstacle: float = Field(1.5, ge=0, description="k_sep of obstacles as virtual agents [m²/s].")
     obstacle_range: float = Field(3.0, gt=0, description="Obstacles farther off [m] do not count.")
 
@@ -52,8 +52,8 @@ class VasarhelyiConfig(StrictModel):
 class PotentialFieldConfig(StrictModel):
     """Attraction to the goal, repulsion from everything within reach."""
 
-    eta_agent: float = Field(0.6, ge=0, description="Strength between drones [m⁴/s].")
-    rho_agent: float = Field(2.0, gt=0, description="Reach between surfaces of drones [m].")
+    eta_agent: float = Field(3.0, ge=0, description="Strength between drones [m⁴/s].")
+    rho_agent: float = Field(3.0, gt=0, description="Reach between surfaces of drones [m].")
     eta_obstacle: float = Field(0.4, ge=0, description="Strength of obstacles [m⁴/s].")
     rho_obstacle: float = Field(1.5, gt=0, description="Reach of obstacles [m].")
 
