@@ -68,6 +68,12 @@ def main(arguments: list[str] | None = None) -> int:
         "report", help="one page about a flight, or about a folder of flights"
     )
     report.add_argument("folder", type=Path, metavar="DIR", help="run folder, or folder of them")
+    frames = commands.add_parser("frames", help="render labelled frames, to measure perception on")
+    frames.add_argument("folder", type=Path, metavar="DIR")
+    frames.add_argument("--seed", type=int, default=0, metavar="S")
+    frames.add_argument("--count", type=int, default=200, help="clean frames (200)")
+    frames.add_argument("--looks", choices=["marked", "bare", "tree", "mixed"], default="marked",
+                        help="of the drones (marked)")  # fmt: skip
     fault_commands.add_arguments(commands)
     view = commands.add_parser("view", help="replay a flight in the browser")
     view.add_argument("folder", type=Path, metavar="DIR", help="run folder")
@@ -80,6 +86,8 @@ def main(arguments: list[str] | None = None) -> int:
             return _report(options)
         if options.command == "view":
             return _view(options)
+        if options.command == "frames":
+            return _frames(options)
         if options.command == "campaign":
             fine = fly_campaign(options, _overrides(options))
             return EXIT_OK if fine else EXIT_FELL_SHORT
@@ -106,6 +114,19 @@ def _bad_input() -> tuple[type[Exception], ...]:
     from sitl_sim.runfolder import RunError
 
     return ExternalError, NamespaceError, SettingsError, EndpointError, VideoError, RunError
+
+
+def _frames(options: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
+    from sitl_sim.frames import write
+
+    degraded, flights = options.count // 4, max(options.count // 20, 1)
+    with tqdm(unit=" frames", disable=not sys.stderr.isatty()) as bar:
+        made = write(options.folder, options.seed, options.count, degraded, flights, options.looks,
+                     lambda _: bar.update())  # fmt: skip
+    print(f"{options.folder}: {made} frames")
+    return EXIT_OK
 
 
 def _view(options: argparse.Namespace) -> int:

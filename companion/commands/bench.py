@@ -1,4 +1,4 @@
-"""`companion bench`: how fast and how good the solver is on this machine."""
+"""`companion bench`: how fast and how good the solver and perception are on this machine."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from companion import perception_table
+
 if TYPE_CHECKING:
     from companion.nmpc.instancefile import Run
 
-HELP = "measure the solver on recorded instances; record instances from flight logs"
+HELP = "measure solver and perception; record instances for the solver from flight logs"
 EXIT_BAD_INPUT = 2
 _SOLVERS = ("rti", "rti-vm", "ipopt-sx", "ipopt-mx")  # as bench.SOLVERS, which is slow to import
 
@@ -31,6 +33,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--cpu-time", action="store_true", help="of the thread, where others share the machine"
     )
     nmpc.add_argument("--json", action="store_true", help="for machines")
+    perception = what.add_parser(
+        "perception", help="detection, tracking and trunks, by range and conditions"
+    )
+    perception_table.add_arguments(perception)
     record = what.add_parser("record", help="a set of instances from flight logs, by situation")
     record.add_argument("file", type=Path, help="npz to write")
     record.add_argument("log", nargs="+", metavar="FLIGHT=LOG", help="name and flight log (MCAP)")
@@ -40,6 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Measure or record."""
+    if options.what == "perception":
+        return perception_table.run(options)
     from companion.nmpc.instancefile import InstancesError
     from mavlink_bridge.mcapfile import LogError
     from mavlink_bridge.settings import SettingsError

@@ -1,0 +1,117 @@
+"""Train the packaged detector and write it as ONNX.
+
+    nice -n 15 python -m training.train --work DIR [--shards N] [--steps K] [--out FILE]
+
+Deterministic for one build of torch: seeds of data and weights are fixed. The file is written
+every few hundred steps, from an average over the last weights.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn.functional import smooth_l1_loss
+
+from training.data import LENS, SIZE, WANTED, Crops, U, V, shard
+from training.network import STRIDE, Network, export
+
+BATCH = 16
+RATE = 2e-3  # of AdamW, at its highest
+EXPORT_EVERY = 500
+
+
+def targets(labels: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
+    """Labels (n,m,4) → heat (n,h,w), and offset, log size, weight per cell (n,4,h,w).
+
+    heat: 0…1, −1 where it is left open. Offsets [cells] and size are the nearest drone's.
+    """
+    n, m = labels.shape[:2]
+    row, column = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
+    u = (labels[..., U] + 0.5) / STRIDE - 0.5
+    v = (labels[..., V] + 0.5) / STRIDE - 0.5
+    du = u[..., None, None] - column
+    dv = v[..., None, None] - row
+    size = labels[..., SIZE].clamp(min=0.5)
+    spread = (0.13 * size / STRIDE).clamp(min=0.55)[..., None, None]
+    # The cell that holds the centre counts fully, wherever in it the centre is.
+    near = (du**2 + dv**2).sqrt()
+    bump = torch.exp(-((near - 0.5).clamp(min=0) ** 2) / (2 * spread**2))
+    here = (labels[..., WANTED] == 1)[..., None, None]
+    open_ = (labels[..., WANTED] == 0)[..., None, None] & (near < 1.5 + 2 * spread)
+    heat = (bump * here).amax(dim=1)
+    heat = torch.where(open_.any(dim=1) & (heat < 0.5), torch.tensor(-1.0), heat)
+    best = (bump * here).argmax(dim=1, keepdim=True)
+    pick = [du, dv, size.log()[..., None, None].expand(n, m, height, width)]
+    nearest = [x.gather(1, best)[:, 0] for x in pick]
+    weight = torch.where(heat > 0.4, heat, torch.tensor(0.0))
+    return heat, torch.stack([*nearest, weight], dim=1)
+
+
+def loss(out: Tensor, heat: Tensor, aim: Tensor) -> Tensor:
+    """Focal loss of the heat; offsets; size with the doubt that the network itself states."""
+    p = torch.sigmoid(out[:, 0]).clamp(1e-5, 1 - 1e-5)
+    hit = heat > 0.99
+    positive = -((1 - p) ** 2) * p.log() * hit
+    negative = -((1 - heat.clamp(min=0)) ** 4) * p**2 * (1 - p).log() * (~hit & (heat >= 0))
+    count = hit.sum().clamp(min=1)
+    weight = aim[:, 3]
+    total = weight.sum().clamp(min=1)
+    offset = smooth_l1_loss(out[:, 1:3], aim[:, :2], reduction="none", beta=0.2).sum(dim=1)
+    doubt = out[:, 4].clamp(-5.0, 1.0)
+    size = (out[:, 3] - aim[:, 2]).abs() * torch.exp(-doubt) + doubt
+    return (positive + negative).sum() / count + (weight * (offset + 0.3 * size)).sum() / total
+
+
+def main() -> None:
+    """Make the data where it is missing, train, export."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--work", type=Path, required=True, help="folder for the pictures")
+    parser.add_argument("--shards", type=int, default=40, help="of 250 pictures")
+    parser.add_argument("--steps", type=int, default=20000)
+    parser.add_argument("--out", type=Path, default=Path("companion/models/drones.onnx"))
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    torch.manual_seed(5)
+    files = []
+    for seed in range(options.shards):
+        files.append(shard(options.work, seed))
+        print(f"shard {seed + 1} of {options.shards}", flush=True)
+    crops = Crops(files, seed=6)
+    network = Network()
+    average = copy.deepcopy(network)
+    optimiser = torch.optim.AdamW(network.parameters(), lr=RATE, weight_decay=1e-4)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    begun, losses = time.monotonic(), []
+    for step in range(1, options.steps + 1):
+        share = step / options.steps
+        rate = RATE * min(1.0, step / 200) * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * share)))
+        optimiser.param_groups[0]["lr"] = rate
+        pictures, labels = (torch.from_numpy(x) for x in crops.batch(BATCH))
+        out = network(pictures)
+        value = loss(out, *targets(labels, out.shape[2], out.shape[3]))
+        optimiser.zero_grad()
+        value.backward()
+        torch.nn.utils.clip_grad_norm_(network.parameters(), 5.0)
+        optimiser.step()
+        keep = min(0.998, step / (step + 10))
+        with torch.no_grad():
+            for slow, fast in zip(average.parameters(), network.parameters(), strict=True):
+                slow.lerp_(fast, 1 - keep)
+        losses.append(float(value))
+        if step % 100 == 0:
+            minutes = (time.monotonic() - begun) / 60
+            mean = np.mean(losses[-100:])
+            print(f"step {step}, loss {mean:.3f}, {minutes:.1f} min", flush=True)
+        if step % EXPORT_EVERY == 0 or step == options.steps:
+            export(average, str(options.out), LENS.width, LENS.height)
+
+
+if __name__ == "__main__":
+    main()
