@@ -190,7 +190,8 @@ class OwnState:
             if self._not_unit.persists(a.time):
                 self._doubted = max(self._doubted, a.time)
         else:
-            self._not_unit.over()
+            if not isinstance(a, EulerAttitude):  # angles are always those of some rotation
+                self._not_unit.over()
             return self._in_order(a.time, self._attitudes)
         return False
 

@@ -64,9 +64,8 @@ def test_the_guard_is_total(p, v, q, omega, u, time, age, outside, blind, usable
 
 @pytest.mark.row("10")
 def test_mutated_frames(note):
-    forged, passed, longest = mutate.count_mavlink(10_000, 7)
+    forged, _, longest = mutate.count_mavlink(10_000, 7)
     assert forged == 0
-    assert passed <= 10
     assert longest <= 600
     answers, longest = mutate.count_msp(10_000, 7)
     assert answers < 10_000 / 100

@@ -109,11 +109,12 @@ def row_10(note):
         f.check_always()
         c = f.companions[0]
         flown = [s for s, o in zip(c.seconds, c.outs, strict=True) if o.time > 6.5]
-        costs.append(float(np.percentile(flown, 99)))
+        costs.append(float(np.median(flown)))
+        assert np.percentile(flown, 99) < c.config.timing.period  # the next tick is never late
     assert c.link.codec.statistics.bad_bytes > 1_000_000
     assert c.link.codec.statistics.foreign > 100
     assert costs[1] - costs[0] < 0.1 * c.config.timing.period
-    note("garbage costs, s of the 0.1 (p99)", costs[1] - costs[0])
+    note("garbage costs, s of the 0.1 (median, processor time)", costs[1] - costs[0])
 
 
 def row_25(note):
