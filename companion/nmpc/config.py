@@ -143,6 +143,9 @@ class NmpcConfig(StrictModel):
     sqp_iterations: int = Field(2, ge=1, le=50, description="Each tick, at least.")
     sqp_iterations_max: int = Field(4, ge=1, le=500, description="While the step is large.")
     sqp_iterations_cold: int = Field(15, ge=1, le=500, description="The first tick.")
+    sqp_iterations_rescue: int = Field(
+        15, ge=1, le=500, description="From braking to a halt, where a plan intrudes."
+    )
     rescue_slack: float = Field(
         0.1,
         ge=0,

@@ -138,14 +138,16 @@ class Nmpc:
 
     def _best(self, instance: Instance, x0: Vector, u_last: Vector) -> _Descent | None:
         """The descent from the previous plan, or where that intrudes, a cheaper one."""
-        config, cold_most = self.config, self.config.sqp_iterations_cold
+        config = self.config
         if self._plan is None:
-            best = self._descend(cold_guess(config, instance, x0), x0, u_last, cold_most)
+            guess, most = cold_guess(config, instance, x0), config.sqp_iterations_cold
         else:
-            best = self._descend(self._plan, x0, u_last, config.sqp_iterations_max)
+            guess, most = self._plan, config.sqp_iterations_max
+        best = self._descend(guess, x0, u_last, most)
         if best is not None and best.intrusion <= config.rescue_slack:
             return best
-        other = self._descend(brake_guess(config, x0), x0, u_last, cold_most)
+        most = config.sqp_iterations_rescue
+        other = self._descend(brake_guess(config, x0), x0, u_last, most)
         if best is None or (other is not None and other.merit(config) < best.merit(config)):
             return other
         return best

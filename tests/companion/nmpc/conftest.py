@@ -8,7 +8,12 @@ from companion.nmpc import IpoptNmpc, Nmpc, NmpcConfig
 @pytest.fixture(scope="session")
 def thorough():
     """A config whose real-time solver goes on to convergence."""
-    return NmpcConfig(sqp_iterations_cold=200, sqp_iterations_max=200, step_tolerance=1e-5)
+    return NmpcConfig(
+        sqp_iterations_cold=200,
+        sqp_iterations_max=200,
+        sqp_iterations_rescue=200,
+        step_tolerance=1e-5,
+    )
 
 
 @pytest.fixture(scope="session")

@@ -102,7 +102,9 @@ def test_a_broken_library_is_made_anew(cache, monkeypatch):
     ],
 )
 def test_other_sizes(sizes):
-    config = NmpcConfig(**sizes, sqp_iterations_cold=100, step_tolerance=1e-3)
+    config = NmpcConfig(
+        **sizes, sqp_iterations_cold=100, sqp_iterations_rescue=100, step_tolerance=1e-3
+    )
     instance = random_scene(3, config)
     a, b = Nmpc(config).solve(instance), Nmpc(config, compiled=False).solve(instance)
     assert a.usable
