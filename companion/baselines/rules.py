@@ -20,6 +20,7 @@ from companion.baselines.config import (
 )
 from companion.baselines.surroundings import Surroundings
 from companion.types import Vector
+from mavlink_bridge.settings import SettingsError
 
 _NEAREST = 0.05  # m: repulsion grows no further
 
@@ -33,10 +34,17 @@ class Rule(Protocol):
 
 
 def rule(controller: Controller, config: BaselinesConfig, flocking: bool) -> Rule:
-    """The rule of that name. flocking: whether the drones are to stay together."""
-    if controller == "orca":
-        from companion.baselines.orca import Orca
+    """The rule of that name. flocking: whether the drones are to stay together.
 
+    Raises:
+        SettingsError: it needs a package that is not there, named.
+    """
+    if controller == "orca":
+        try:
+            from companion.baselines.orca import Orca
+        except ImportError:
+            why = "controller: orca needs pyrvo: pip install 'swarm-companion[studies]'"
+            raise SettingsError([why]) from None
         return Orca(config.orca)
     rules: dict[str, Rule] = {
         "reynolds": Reynolds(config.reynolds, flocking),

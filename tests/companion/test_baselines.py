@@ -1,6 +1,7 @@
 """Rules from the literature: what each does about one neighbour, one obstacle, one goal."""
 
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from companion.baselines.surroundings import Surroundings
 from companion.config import CompanionConfig
 from companion.model import predict
 from companion.nmpc import Neighbour, make_instance
+from mavlink_bridge.settings import SettingsError
 
 RULES = ("reynolds", "vasarhelyi", "potential-field", "orca")
 
@@ -134,6 +136,13 @@ def test_single_horizon_is_the_nmpc_over_all_of_it():
     config = adapted(CompanionConfig(controller="single-horizon")).nmpc
     assert config.M == config.M_constraint == config.N
     assert adapted(CompanionConfig()).nmpc == CompanionConfig().nmpc
+
+
+def test_orca_without_its_package_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyrvo", None)
+    monkeypatch.delitem(sys.modules, "companion.baselines.orca", raising=False)
+    with pytest.raises(SettingsError, match=r"swarm-companion\[studies\]"):
+        planner("orca")
 
 
 def test_rules_are_told_of_every_neighbour():
