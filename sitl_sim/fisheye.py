@@ -5,10 +5,12 @@ Camera frame C: x right, y down, z forward. Body B: FLU. World W: ENU, z up.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 Float32 = NDArray[np.float32]
@@ -32,23 +34,83 @@ def rotation(q: Float64) -> Float64:
 
 @dataclass(frozen=True)
 class Lens:
-    """Equidistant fisheye, r = f θ, whose field of view spans the image's width."""
+    """Fisheye of the `cv2.fisheye` model; equidistant, r = f θ, where no calibration is given.
+
+    fov_deg: over the image's width. calibration: fx, fy, cx, cy [px], k1…k4.
+    """
 
     width: int
     height: int
     fov_deg: float = 160.0
+    calibration: tuple[float, ...] | None = None
+
+    @staticmethod
+    def load(path: str | Path) -> Lens:
+        """The lens of a calibration file (width, height, fx, fy, cx, cy, k1…k4).
+
+        Raises:
+            ValueError: no such file, or not such numbers; the text names it.
+        """
+        try:
+            data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+            width, height = int(data["width"]), int(data["height"])
+            numbers = [float(data[key]) for key in ("fx", "fy", "cx", "cy")]
+            numbers += [float(data.get(f"k{n}", 0.0)) for n in (1, 2, 3, 4)]
+        except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"{path}: cannot be used as calibration: {error!r}") from error
+        flat = Lens(width, height, 160.0, tuple(numbers))
+        edge = flat.angle(np.array([width / 2 / numbers[0]]))[0]
+        return replace(flat, fov_deg=float(np.degrees(2 * edge)))
+
+    def scaled(self, width: int, height: int) -> Lens:
+        """The same view at another image size (px)."""
+        if self.calibration is None:
+            return Lens(width, height, self.fov_deg)
+        su, sv = width / self.width, height / self.height
+        fx, fy, cx, cy, *k = self.calibration
+        made = (fx * su, fy * sv, (cx + 0.5) * su - 0.5, (cy + 0.5) * sv - 0.5, *k)
+        return Lens(width, height, self.fov_deg, made)
 
     @property
     def f(self) -> float:
-        """Focal length [px/rad]."""
-        return float(self.width / np.radians(self.fov_deg))
+        """Focal length [px/rad]; the largest anywhere in the picture where it varies."""
+        if self.calibration is None:
+            return float(self.width / np.radians(self.fov_deg))
+        theta = np.linspace(0.0, np.radians(self.fov_deg) / 2, 50)
+        slope = np.gradient(self._radius(theta), theta)
+        return float(max(self.calibration[:2]) * max(1.0, slope.max()))
+
+    @property
+    def numbers(self) -> Float64:
+        """(8,) fx, fy, cx, cy [px], k1…k4."""
+        if self.calibration is not None:
+            return np.array(self.calibration)
+        return np.array([self.f, self.f, (self.width - 1) / 2, (self.height - 1) / 2, 0, 0, 0, 0])
+
+    def angle(self, radius: Float64) -> Float64:
+        """Angle from the axis [rad] of normalised image radii."""
+        if self.calibration is None:
+            return radius
+        theta = np.linspace(0.0, 2.2, 20001)
+        grown = np.maximum.accumulate(self._radius(theta))
+        inverse: Float64 = np.interp(radius, grown, theta)
+        return inverse
+
+    def _radius(self, theta: Float64) -> Float64:
+        k1, k2, k3, k4 = self.numbers[4:]
+        t2 = theta * theta
+        radius: Float64 = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
+        return radius
 
     @cached_property
     def rays(self) -> Float32:
         """(3, height, width) unit direction of each pixel's centre, camera frame (planes: SIMD)."""
-        x = (np.arange(self.width) - (self.width - 1) / 2) / self.f
-        y = (np.arange(self.height) - (self.height - 1) / 2) / self.f
+        fx, fy, cx, cy = self.numbers[:4]
+        x, y = (np.arange(self.width) - cx) / fx, (np.arange(self.height) - cy) / fy
         mx, my = np.meshgrid(x, y)
-        theta = np.hypot(mx, my)
+        radius = np.hypot(mx, my)
+        theta = self.angle(radius)
         scale = np.sinc(theta / np.pi)
+        if self.calibration is not None:
+            scale = scale * theta / np.maximum(radius, 1e-12)
         return np.stack([scale * mx, scale * my, np.cos(theta)]).astype(np.float32)

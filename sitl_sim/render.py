@@ -93,6 +93,7 @@ class Renderer:
         sensor: Sensor | None = None,
         drone_radius: float | None = None,
         looks: Sequence[Look] | None = None,
+        lens: Lens | None = None,
     ) -> None:
         """Build textures and tables.
 
@@ -105,10 +106,11 @@ class Renderer:
             seed: of textures, tints and noise.
             sensor: noise, blur, exposure, vignette.
             drone_radius: m, centre to propeller tip; None: the world's, else 0.2.
+            lens: instead of width, height and fov_deg.
             looks: appearance of drone i is looks[i % len(looks)]; None: dark with a magenta ball.
         """
         rng = np.random.default_rng([seed, 0x5EED])
-        self.lens = Lens(width, height, fov_deg)
+        self.lens = lens or Lens(width, height, fov_deg)
         self.sensor = sensor or Sensor()
         self._light = _Light()
         radius = drone_radius if drone_radius is not None else world.get("drone_radius", 0.2)
@@ -199,7 +201,9 @@ class Renderer:
     ) -> Float32:
         """Distance (height, width) along each pixel's ray [m]; inf: nothing (sky)."""
         key = (width, height, fov_deg or self.lens.fov_deg)
-        lens = self._lens_of.setdefault(key, Lens(*key))
+        if key not in self._lens_of:
+            self._lens_of[key] = Lens(*key) if fov_deg else self.lens.scaled(width, height)
+        lens = self._lens_of[key]
         view = self._view(p_wc, q_wb, lens)
         out = np.empty((height, width), np.float32)
         depth_image(
@@ -241,6 +245,6 @@ class Renderer:
         ids = np.arange(len(positions)) if drones_id is None else np.asarray(drones_id)
         draw_drones(
             lens.rays, view.p, view.r_wc, positions, attitudes, ids % len(self._looks), self._parts,
-            SUN, HAZE, lens.f, view.table, view.count, self._boxes, view.start, view.which, image,
-            depth,
+            SUN, HAZE, lens.f, lens.numbers, view.table, view.count, self._boxes, view.start,
+            view.which, image, depth,
         )  # fmt: skip

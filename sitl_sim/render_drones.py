@@ -73,7 +73,7 @@ def _part(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _place(parts, p, r_wc, drone_p, r_wd, sun, f, cx, cy, w, h):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _place(parts, p, r_wc, drone_p, r_wd, sun, f, lens, w, h):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Parts of one drone → per part: camera ray → unit sphere, camera there, sun, pixel box."""
     n = parts.shape[0]
     maps = np.empty((n, 3, 3), np.float32)
@@ -101,8 +101,10 @@ def _place(parts, p, r_wc, drone_p, r_wd, sun, f, cx, cy, w, h):  # type: ignore
             continue
         theta = math.atan2(rho, z)
         angle = math.asin(bound / distance)
-        scale = f * theta / max(rho, 1e-9)
-        u, v = cx + scale * x, cy + scale * y
+        t2 = theta * theta
+        bent = theta * (1.0 + t2 * (lens[4] + t2 * (lens[5] + t2 * (lens[6] + t2 * lens[7]))))
+        rho1 = max(rho, 1e-9)
+        u, v = lens[2] + lens[0] * bent / rho1 * x, lens[3] + lens[1] * bent / rho1 * y
         # The lens stretches by θ / sin θ across the radius; worst over the part's sphere.
         worst = min(theta + angle, 2.6)
         size_u = size_v = f * angle * max(1.0, worst / max(math.sin(worst), 1e-3)) + 1.5
@@ -198,15 +200,15 @@ def _trace(dx, dy, dz, maps, origins, suns, parts, active, n_active, out):  # ty
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def draw_drones(  # type: ignore[no-untyped-def]  # noqa: ANN201
-    rays, p, r_wc, drones_p, drones_r, looks, parts_all, sun, haze, f,  # noqa: ANN001
+    rays, p, r_wc, drones_p, drones_r, looks, parts_all, sun, haze, f, lens,  # noqa: ANN001
     table, count, boxes, start, which, image, depth,  # noqa: ANN001
 ):  # fmt: skip
     """Composite drones into image (h,w,3), far to near, or into depth (h,w) if it has rows.
 
+    f: largest px/rad. lens: (8,) fx, fy, cx, cy, k1…k4.
     drones_p (m,3), drones_r (m,3,3) body → world, looks (m,) row of parts_all (k,n,fields).
     """
     h, w = rays.shape[1], rays.shape[2]
-    cx, cy = (w - 1) / 2, (h - 1) / 2
     rot = r_wc.astype(np.float32)
     px, py, pz = np.float32(p[0]), np.float32(p[1]), np.float32(p[2])
     into_depth = depth.shape[0] > 0
@@ -222,7 +224,7 @@ def draw_drones(  # type: ignore[no-untyped-def]  # noqa: ANN201
             continue
         parts = parts_all[looks[j]]
         maps, origins, suns, frames = _place(
-            parts, p, r_wc, drones_p[j], drones_r[j], sun, f, cx, cy, w, h
+            parts, p, r_wc, drones_p[j], drones_r[j], sun, f, lens, w, h
         )
         x0, y0 = frames[:, 0].min(), frames[:, 1].min()
         x1, y1 = frames[:, 2].max(), frames[:, 3].max()

@@ -108,7 +108,7 @@ class Flight:
         self._renderer: Renderer | None = None
         s = scenario.sensing
         if "camera" in (s.neighbours, s.obstacles) or s.obstacles == "depth":
-            self._renderer = Renderer(self.world, s.width, s.height, s.fov_deg, seed=scenario.seed)
+            self._renderer = Renderer(self.world, seed=scenario.seed, lens=scenarios.lens_of(s))
         self._drones: list[_Drone] = []
         emulated = None if isinstance(self._autopilots, RealFleet) else self._autopilots
         self._faults = FaultyWorld(
@@ -232,6 +232,7 @@ class Flight:
                 "width": s.sensing.width,
                 "height": s.sensing.height,
                 "fov_deg": s.sensing.fov_deg,
+                "calibration": s.sensing.calibration and str(Path(s.sensing.calibration).resolve()),
             },
             "sensing": {"neighbours": s.sensing.neighbours, "obstacles": s.sensing.obstacles},
             "timing": {"pace": "clock" if self._real_time else "frames"},

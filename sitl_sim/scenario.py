@@ -18,6 +18,7 @@ from mavlink_bridge.settings import (
     validate,
 )
 from sitl_sim import faults as fault
+from sitl_sim.fisheye import Lens
 from sitl_sim.missionfile import read_mission
 from sitl_sim.world import Vector, WorldConfig
 
@@ -96,6 +97,11 @@ class SensingConfig(StrictModel):
         "pictures are painted meanwhile.",
     )
     depth: DepthConfig = DepthConfig()
+    calibration: str | None = Field(
+        None,
+        description="Calibration file of all cameras, read here and by each companion for "
+        "itself; width and height must be its own.",
+    )
 
 
 class TimingConfig(StrictModel):
@@ -201,6 +207,24 @@ def fault_schedule(scenario: Scenario) -> fault.Schedule:
         reports=s.neighbours == "truth",
     )
     return fault.Schedule(scenario.faults, drone_names(scenario), scenario.seed)
+
+
+def lens_of(sensing: SensingConfig) -> Lens:
+    """The lens of all cameras.
+
+    Raises:
+        SettingsError: a calibration that cannot be used, or is of another image size.
+    """
+    if sensing.calibration is None:
+        return Lens(sensing.width, sensing.height, sensing.fov_deg)
+    try:
+        lens = Lens.load(sensing.calibration)
+    except ValueError as error:
+        raise SettingsError([f"sensing.calibration: {error}"]) from error
+    if (lens.width, lens.height) != (sensing.width, sensing.height):
+        made = f"made at {lens.width}×{lens.height}, frames are {sensing.width}×{sensing.height}"
+        raise SettingsError([f"sensing.calibration: {sensing.calibration}: {made}"])
+    return lens
 
 
 def drone_names(scenario: Scenario) -> list[str]:

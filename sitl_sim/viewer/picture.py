@@ -9,7 +9,7 @@ import numpy as np
 
 from sitl_sim.knowledge import Knowledge
 from sitl_sim.render import Renderer
-from sitl_sim.scenario import Scenario
+from sitl_sim.scenario import Scenario, lens_of
 from sitl_sim.viewer.sources import Moment
 from sitl_sim.world import Vector
 
@@ -24,7 +24,7 @@ class Pictures:
         self._focal = s.width / np.radians(s.fov_deg)  # px per rad, equidistant
         self._centre = (s.width / 2, s.height / 2)
         self._radius = world["drone_radius"]
-        self._renderer = Renderer(world, s.width, s.height, s.fov_deg, seed=scenario.seed)
+        self._renderer = Renderer(world, seed=scenario.seed, lens=lens_of(s))
 
     def take(self, moment: Moment, drone: int, known: Knowledge | None) -> Any:
         """(H,W,3) uint8 RGB."""

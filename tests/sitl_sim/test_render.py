@@ -3,9 +3,12 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from sitl_sim.fisheye import R_BC, rotation
+from companion.camera import Camera
+from mavlink_bridge.settings import SettingsError
+from sitl_sim.fisheye import R_BC, Lens, rotation
 from sitl_sim.render import Renderer, Sensor
 from sitl_sim.render_sensor import measured
+from sitl_sim.scenario import SensingConfig, lens_of
 
 LEVEL = np.array([1.0, 0, 0, 0])
 NOBODY = (np.zeros((0, 3)), np.zeros((0, 4)))
@@ -155,3 +158,27 @@ def test_a_depth_sensor_is_noisy_and_ends_at_its_range(renderer):
     near = true < 7.0
     assert np.std(got[near] / true[near] - 1) == pytest.approx(0.01, rel=0.1)
     assert np.isinf(got[true > 9.0]).all()
+
+
+def test_a_calibrated_lens_shows_a_drone_where_the_companion_looks_for_it(tmp_path):
+    lens = Camera(320, 200, 118.0, 116.0, 161.0, 97.5, np.array([-0.02, 0.004, -0.001, 0.0]))
+    lens.save(tmp_path / "camera.yaml")  # each end reads the file for itself
+    r = Renderer({"cylinders": [], "boxes": []}, lens=Lens.load(tmp_path / "camera.yaml"))
+    p = np.array([0.0, 0.0, 2.0])
+    for place in ([3.0, 0.0, 2.0], [1.5, 2.6, 2.3], [1.0, -2.2, 1.8]):
+        image = r.render(p, LEVEL, np.array([place]), LEVEL[None])
+        v, u = np.nonzero(magenta(image))
+        x, y, z = np.array(place) - p
+        ((eu, ev),) = lens.project(np.array([[-y, -z, x]]))
+        assert u.mean() == pytest.approx(eu, abs=0.6)
+        assert v.mean() == pytest.approx(ev, abs=0.6)
+    rays = Lens.load(tmp_path / "camera.yaml").rays.transpose(1, 2, 0)
+    np.testing.assert_allclose(rays, lens.directions, atol=2e-4)
+
+
+def test_a_calibration_that_cannot_be_used_is_told(tmp_path):
+    with pytest.raises(SettingsError, match=r"none\.yaml"):
+        lens_of(SensingConfig(calibration=str(tmp_path / "none.yaml")))
+    Camera.equidistant(320, 200).save(tmp_path / "camera.yaml")
+    with pytest.raises(SettingsError, match="made at 320×200"):
+        lens_of(SensingConfig(calibration=str(tmp_path / "camera.yaml")))
