@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import subprocess
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +21,7 @@ def summary(
     low, high = wilson(len(good), len(flights))
     return {
         "scenario": name,
-        "commit": commit(),
+        "commit": ", ".join(sorted({m.get("commit") or "unknown" for m in flights.values()})),
         "runs": runs,
         "flown": len(flights),
         "ok": len(good),
@@ -68,19 +66,6 @@ def table(s: dict[str, Any]) -> str:
     ]  # fmt: skip
     width = max(len(k) for k, _ in rows)
     return "\n".join(f"{k:<{width}}  {v}" for k, v in rows)
-
-
-def commit() -> str | None:
-    """The commit of this code, `+` where it was changed since; None where there is no git."""
-    here = Path(__file__).parent
-    try:
-        said = subprocess.run(
-            ["git", "describe", "--always", "--dirty=+", "--exclude=*"],
-            cwd=here, capture_output=True, text=True, timeout=10, check=True,
-        )  # fmt: skip
-    except (OSError, subprocess.SubprocessError):
-        return None
-    return said.stdout.strip()
 
 
 def _spread(values: Iterable[float | None]) -> dict[str, float | None]:

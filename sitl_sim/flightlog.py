@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any, Literal
 
+from sitl_sim.codeversion import commit
 from sitl_sim.metrics import timing
 from sitl_sim.perception import perception, sights
 from sitl_sim.report import summarise, write_report
@@ -28,6 +29,7 @@ def finish(
     metrics["truth_sha256"] = sha
     metrics["scenario"] = flight.scenario.name
     metrics["seed"] = flight.scenario.seed
+    metrics["commit"] = commit()
     metrics["controller"] = flight.scenario.companion.get("controller", "nmpc")
     codes = flight.exit_codes()
     metrics["per_drone"] = {

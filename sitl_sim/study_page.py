@@ -21,7 +21,7 @@ def write_page(name: str, study: Study, rows: list[Row], command: str, folder: P
     plot(study.title, rows, folder / f"{name}.svg")
     found = [{"scenario": c.scenario, "case": c.case, **s} for c, s in rows]
     (folder / f"{name}.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    commits = sorted({str(s["commit"]) for _, s in rows})
+    commits = list(dict.fromkeys(str(s["commit"]) for _, s in rows))
     seeds = rows[0][0].campaign.seeds
     text = "\n".join([
         f"# {study.title}", "",

@@ -33,7 +33,8 @@ def study(tmp_path):
 
 def metrics(seed, ok):
     return {
-        "ok": ok, "seed": seed, "scenario": "circle", "drones": 10, "mission_complete": ok,
+        "ok": ok, "seed": seed, "commit": f"c{seed // 2}",
+        "scenario": "circle", "drones": 10, "mission_complete": ok,
         "targets_reached": {"drone1": "1/1", "drone2": f"{int(ok)}/1"}, "never_flew": [],
         "faults_in_truth": [], "agent_collisions": int(not ok), "obstacle_collisions": 0,
         "min_agent_distance_m": 0.7 + 0.1 * seed if ok else 0.3, "min_obstacle_distance_m": None,
@@ -58,6 +59,7 @@ def test_a_study_becomes_a_page_with_table_plot_and_failures(study, tmp_path, ca
     assert capsys.readouterr().out.strip() == str(page / "speeds.md")
     text = (page / "speeds.md").read_text()
     assert "# Fast or slow" in text
+    assert "seeds 0 to 3, commit c0, c1." in text
     assert "| circle | fast | 4 of 4 | 51% – 100% | 0 | 0.70 / 0.85 | – / – | 21.5 | 1.40 |" in text
     assert "| circle | slow | 2 of 4 | 15% – 85% | 2 | 0.30 / 0.50 |" in text
     assert "- circle, slow, seed 1: targets missed by drone2; 1 pair(s) of drones collided" in text
