@@ -68,6 +68,6 @@ def test_mutated_frames(note):
     assert forged == 0
     assert longest <= 600
     answers, longest = mutate.count_msp(10_000, 7)
-    assert answers < 10_000 / 100
+    assert answers < 10_000 * 0.03  # its checksum is an XOR: two flips of one bit cancel
     assert longest <= 300
     note("forged of 10,000 mutated frames", forged)
