@@ -19,6 +19,8 @@ from mavlink_bridge.frames import rotation_matrix
 from mavlink_bridge.messages import VehicleState
 from mavlink_bridge.video import Frame
 
+_LENGTHS = (1e-6, 1e4)  # m; distances, radii and standard deviations lie between
+
 
 @dataclass(frozen=True)
 class Sighting:
@@ -152,4 +154,5 @@ class Sight:
 
 def _sane(direction: Vector, *lengths: float) -> bool:
     """Whether a report is of numbers that can be true; one that is not would spoil its track."""
-    return bool(np.isfinite(direction).all()) and all(0.0 < x < np.inf for x in lengths)
+    unit = abs(float(direction @ direction) - 1.0) < 0.01
+    return unit and all(_LENGTHS[0] < x < _LENGTHS[1] for x in lengths)

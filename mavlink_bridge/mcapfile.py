@@ -15,8 +15,10 @@ from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, McapRecord, Message
 from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
+from zstandard import ZstdError
 
-_DAMAGED = (McapError, EOFError, ValueError, KeyError, struct.error)
+# What the reader and the decompressors it calls raise on bytes that are no log any more.
+_DAMAGED = (McapError, EOFError, ValueError, KeyError, RuntimeError, struct.error, ZstdError)
 _RECORD = struct.Struct("<BQ")  # opcode, length
 _MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, logged, published
 _CHANNEL, _MESSAGE, _CHUNK = 0x04, 0x05, 0x06
