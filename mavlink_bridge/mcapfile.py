@@ -18,7 +18,10 @@ from mcap.writer import MCAP0_MAGIC
 from zstandard import ZstdError
 
 # What the reader and the decompressors it calls raise on bytes that are no log any more.
-_DAMAGED = (McapError, EOFError, ValueError, KeyError, RuntimeError, struct.error, ZstdError)
+_DAMAGED = (
+    McapError, EOFError, ValueError, KeyError, RuntimeError, OverflowError, MemoryError,
+    struct.error, ZstdError,
+)  # fmt: skip
 _RECORD = struct.Struct("<BQ")  # opcode, length
 _MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, logged, published
 _CHANNEL, _MESSAGE, _CHUNK = 0x04, 0x05, 0x06

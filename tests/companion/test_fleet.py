@@ -30,7 +30,7 @@ def fleet(world, tmp_path, capfd):
 def test_arm_take_off_start_hold_land(fleet, supervise):
     companion = supervise(fleet.drones / "drone1.yaml")
     assert companion.listen(20.0, until="READY=1"), companion.log()
-    assert companion.state()["phase"] == "wait"
+    companion.until_phase("wait", 2.0)  # told a moment after READY
 
     status, rows = fleet("start", "--only", "drone2")  # no companion of its own: no setpoints
     assert status == 1 or rows[0]["mode"] != "offboard"
