@@ -99,13 +99,13 @@ class Sight:
         elif self._sensing.obstacles == "depth":
             trunks, ranges = self._read_depth(frame, own, drones)
         else:
-            trunks = self._find_trunks(frame, own)
-        drones = [d for d in drones if _sane(d.direction, d.range)]
-        trunks = [t for t in trunks if _sane(t.direction, t.distance, t.radius)]
+            trunks = self._find_trunks(frame, image, own)
+        drones = [d for d in drones
+                  if _sane(d.direction, d.range, d.sigma_bearing, d.sigma_range)]  # fmt: skip
+        trunks = [t for t in trunks if _sane(t.direction, t.distance, t.radius, t.sigma)]
         return Sighting(frame.time, own, drones, trunks, searched, ranges)
 
-    def _find_trunks(self, frame: Frame, own: VehicleState) -> list[Trunk]:
-        image = self._fitting(frame.arrays.get("image"))
+    def _find_trunks(self, frame: Frame, image: Image | None, own: VehicleState) -> list[Trunk]:
         if self._sensing.obstacles == "map":
             rows = frame.arrays.get("trunks", np.zeros((0, 6)))
             return [Trunk(r[:3], float(r[3]), float(r[4]), float(r[5])) for r in rows]

@@ -34,7 +34,7 @@ from mavlink_bridge.messages import (
     StatusText,
     TimeSync,
 )
-from mavlink_bridge.msp import Msp, Reply
+from mavlink_bridge.msp import Msp, MspError, Reply
 from mavlink_bridge.thrust import ThrustMap
 
 POLLED = [Msp.ATTITUDE, Msp.RAW_IMU, Msp.ALTITUDE, Msp.RAW_GPS, Msp.STATUS_EX, Msp.ANALOG]
@@ -74,6 +74,25 @@ class Output:
     messages: list[Message] = field(default_factory=list)
 
 
+@dataclass(frozen=True)
+class _Motion:
+    """Of one answer: angles [rad] of `msp.attitude`, height [m]."""
+
+    imu: msp.RawImu
+    attitude: tuple[float, float, float]
+    height: float
+    gps: msp.RawGps | None
+
+
+def _motion(parts: dict[Msp, bytes]) -> _Motion:
+    return _Motion(
+        msp.raw_imu(parts[Msp.RAW_IMU]),
+        msp.attitude(parts[Msp.ATTITUDE]),
+        msp.altitude(parts[Msp.ALTITUDE])[0],  # its climb rate lags by 0.3 s
+        msp.raw_gps(parts[Msp.RAW_GPS]) if parts[Msp.RAW_GPS] else None,
+    )
+
+
 class BetaflightBridge:
     """One bridged vehicle. Times are CLOCK_MONOTONIC seconds, which are its boot clock too."""
 
@@ -111,16 +130,20 @@ class BetaflightBridge:
     # --- from the controller -------------------------------------------------------------
 
     def read(self, time: float, reply: Reply) -> None:
-        """An answer of the controller, at `time` [s]."""
+        """An answer of the controller, at `time` [s]; one that cannot be read counts as none."""
         if reply.command != Msp.MULTIPLE_MSP or reply.refused:
             return
         parts = msp.split(POLLED, reply.payload)
         if len(parts) < len(POLLED):
             return
+        try:
+            status, motion = msp.status(parts[Msp.STATUS_EX]), _motion(parts)
+            self._battery = msp.battery(parts[Msp.ANALOG])
+        except MspError:
+            return
         self._answered = time
-        self._read_status(time, msp.status(parts[Msp.STATUS_EX]))
-        self._read_motion(time, parts)
-        self._battery = msp.battery(parts[Msp.ANALOG])
+        self._read_status(time, status)
+        self._read_motion(time, motion)
         state = self._state.at(time)
         if state is not None:
             self._outbox += [
@@ -128,19 +151,18 @@ class BetaflightBridge:
                 LocalPosition(time, state.p, state.v),
             ]
 
-    def _read_motion(self, time: float, parts: dict[Msp, bytes]) -> None:
-        s, imu, resting = self._state, msp.raw_imu(parts[Msp.RAW_IMU]), not self._lifted
+    def _read_motion(self, time: float, motion: _Motion) -> None:
+        s, imu, resting = self._state, motion.imu, not self._lifted
         s.advance(time)
         s.gyro(imu.omega)
-        roll, pitch, heading = msp.attitude(parts[Msp.ATTITUDE])
+        roll, pitch, heading = motion.attitude
         # Whole degrees were cut off, not rounded.
         s.angles(roll, pitch, math.pi / 2 - heading - math.radians(0.5))
         s.force(imu.force, resting)
-        height, _ = msp.altitude(parts[Msp.ALTITUDE])  # its climb rate lags by 0.3 s
-        s.height(height, resting)
-        if not parts[Msp.RAW_GPS]:
+        s.height(motion.height, resting)
+        gps = motion.gps
+        if gps is None:
             return  # firmware built without GPS: then GPS_INPUT has to do
-        gps = msp.raw_gps(parts[Msp.RAW_GPS])
         now = (gps.latitude_deg, gps.longitude_deg, *gps.v)
         if gps.fix and now != self._gps:
             self._gps = now

@@ -23,6 +23,7 @@ _CHANNELS = 16
 
 QUESTIONS = (Msp.API_VERSION, Msp.FC_VARIANT, Msp.FC_VERSION, Msp.FEATURE_CONFIG, Msp.RX_MAP,
              Msp.BOXIDS, Msp.MODE_RANGES, Msp.RC_TUNING)  # fmt: skip
+_LEAST = {Msp.API_VERSION: 3, Msp.FC_VERSION: 3, Msp.FEATURE_CONFIG: 4, Msp.RX_MAP: 4}  # bytes
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,9 @@ def read_controller(answers: dict[Msp, bytes]) -> Controller:
     variant = answers[Msp.FC_VARIANT][:4].decode("ascii", "replace")
     if variant != "BTFL":
         raise MspError(f"flight controller runs {variant!r}, not Betaflight ('BTFL')")
+    for question, size in _LEAST.items():
+        if len(answers[question]) < size:
+            raise MspError(f"the answer to MSP_{question.name} is too short")
     api = (answers[Msp.API_VERSION][1], answers[Msp.API_VERSION][2])
     if api < OLDEST_API:
         raise MspError(
@@ -109,6 +113,8 @@ def read_controller(answers: dict[Msp, bytes]) -> Controller:
             "(Betaflight 4.2) or newer"
         )
     boxes = list(answers[Msp.BOXIDS])
+    if _BOX_ARM not in boxes:
+        raise MspError("MSP_BOXIDS names no ARM")
     ranges = msp.mode_ranges(answers[Msp.MODE_RANGES])
     features = int.from_bytes(answers[Msp.FEATURE_CONFIG][:4], "little")
     sole = bool(features & _RX_MSP)
@@ -133,12 +139,14 @@ def read_controller(answers: dict[Msp, bytes]) -> Controller:
 def _order(rx_map: bytes) -> tuple[int, ...]:
     """Places of roll, pitch, yaw, throttle in a raw frame."""
     roll, pitch, yaw, throttle = rx_map[:4]
+    if sorted(rx_map[:4]) != list(range(_AUX_1)):
+        raise MspError(f"MSP_RX_MAP {list(rx_map[:4])} is no order of the first four channels")
     return roll, pitch, yaw, throttle
 
 
 def _switch(ranges: list[ModeRange], box: int, name: str, fix: str) -> ModeRange:
     for r in ranges:
-        if r.box == box:
+        if r.box == box and r.aux < _CHANNELS - _AUX_1:
             return r
     raise MspError(f"no switch for mode {name}; CLI: {fix}")
 

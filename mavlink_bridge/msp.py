@@ -11,6 +11,7 @@ import math
 import struct
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 
@@ -42,7 +43,7 @@ class Msp(IntEnum):
 
 
 class MspError(ValueError):
-    """A controller that cannot be flown; the message says why."""
+    """A controller that cannot be flown, or an answer that cannot be read; says why."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,7 @@ class MspDecoder:
         del self._buffer[:count]
 
 
-# --- what the answers mean ---------------------------------------------------------------
+# --- what the answers mean; each raises MspError where the answer is too short -----------
 
 
 @dataclass(frozen=True)
@@ -161,35 +162,46 @@ def arming_reasons(flags: int) -> list[str]:
     return [names.get(k, f"bit {k}") for k in range(32) if flags >> k & 1]
 
 
+def _unpack(form: str, payload: bytes, at: int = 0) -> tuple[Any, ...]:
+    """Fields of an answer; a busy Betaflight sends some of its answers empty.
+
+    Raises:
+        MspError: the answer is too short.
+    """
+    try:
+        return struct.unpack_from(form, payload, at)
+    except struct.error as error:
+        raise MspError(f"an MSP answer of {len(payload)} bytes is too short") from error
+
+
 def status(payload: bytes) -> Status:
     """STATUS_EX, from its fixed head and the flags behind its variable middle."""
-    (modes,) = struct.unpack_from("<I", payload, 6)
-    extra = payload[15] & 0x0F
-    (flags,) = struct.unpack_from("<I", payload, 17 + extra)
+    modes, extra = _unpack("<I5xB", payload, 6)
+    (flags,) = _unpack("<I", payload, 17 + (extra & 0x0F))
     return Status(modes, flags)
 
 
 def raw_imu(payload: bytes) -> RawImu:
     """RAW_IMU: gyro in the sensor's steps."""
-    values = np.array(struct.unpack_from("<6h", payload), dtype=float)
+    values = np.array(_unpack("<6h", payload), dtype=float)
     return RawImu(values[:3], np.radians(values[3:6] / _GYRO_STEPS))
 
 
 def attitude(payload: bytes) -> tuple[float, float, float]:
     """ATTITUDE: roll, pitch (nose down positive), compass heading [rad]; 0.1°, 0.1°, 1° steps."""
-    roll, pitch, heading = struct.unpack_from("<3h", payload)
+    roll, pitch, heading = _unpack("<3h", payload)
     return math.radians(roll / 10), math.radians(pitch / 10), math.radians(heading)
 
 
 def altitude(payload: bytes) -> tuple[float, float]:
     """ALTITUDE: height [m] and climb rate [m/s]."""
-    height, climb = struct.unpack_from("<ih", payload)
+    height, climb = _unpack("<ih", payload)
     return height / 100, climb / 100
 
 
 def raw_gps(payload: bytes) -> RawGps:
     """RAW_GPS: speed in cm/s, course over ground in 0.1°."""
-    fix, satellites, lat, lon, height, speed, course = struct.unpack_from("<BBiihHH", payload)
+    fix, satellites, lat, lon, height, speed, course = _unpack("<BBiihHH", payload)
     along = math.radians(course / 10)
     v = speed / 100 * np.array([math.sin(along), math.cos(along)])
     return RawGps(bool(fix), satellites, lat / 1e7, lon / 1e7, float(height), v)
@@ -197,15 +209,16 @@ def raw_gps(payload: bytes) -> RawGps:
 
 def battery(payload: bytes) -> tuple[float, float]:
     """ANALOG: voltage [V] and current [A]."""
-    _, _, _, current, voltage = struct.unpack_from("<BHHhH", payload)
+    _, _, _, current, voltage = _unpack("<BHHhH", payload)
     return voltage / 100, current / 100
 
 
 def mode_ranges(payload: bytes) -> list[ModeRange]:
     """MODE_RANGES: steps of 25 µs from 900 µs; unused entries are empty ranges."""
+    whole = len(payload) // 4 * 4
     ranges = [
         ModeRange(box, aux, 900 + 25 * low, 900 + 25 * high)
-        for box, aux, low, high in struct.iter_unpack("<4B", payload)
+        for box, aux, low, high in struct.iter_unpack("<4B", payload[:whole])
     ]
     return [r for r in ranges if r.low < r.high]
 

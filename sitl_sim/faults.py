@@ -165,9 +165,6 @@ class Schedule:
                 rng = np.random.default_rng([seed, 0xFA, number, i])
                 self._faults[i].append(Fault(config, i, rng))
 
-    def __bool__(self) -> bool:
-        return any(self._faults)
-
     def all(self) -> Iterator[Fault]:
         """Every fault of every drone."""
         for faults in self._faults:
@@ -176,10 +173,6 @@ class Schedule:
     def at(self, i: int, now: float, *kinds: str) -> list[Fault]:
         """Drone i's faults of these kinds that are there now, in the order of the scenario."""
         return [f for f in self._faults[i] if f.config.kind in kinds and f.config.active(now)]
-
-    def any(self, i: int, *kinds: str) -> bool:
-        """Whether drone i ever has one of these."""
-        return any(f.config.kind in kinds for f in self._faults[i])
 
 
 def _struck(number: int, config: FaultConfig, names: Sequence[str]) -> Iterable[int]:

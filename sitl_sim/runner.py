@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +70,6 @@ class _Drone:
     due_ms: int | None = None  # when the answer to the frame under way takes effect
     landed: bool = False
     deaf: bool = False  # its companion was there and is gone
-    received: list[Any] = field(default_factory=list)
 
 
 class Flight:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mavlink_bridge.frames import quaternion_from_euler
 from sitl_sim.fisheye import R_BC, Lens, rotation
 from sitl_sim.sensing import camera_rays, seen
 from sitl_sim.world import Occluders, Vector
@@ -49,19 +50,6 @@ class Scene:
         return result
 
 
-def quaternion(yaw: float, pitch: float, roll: float) -> Vector:
-    """Body → world (w, x, y, z) from Z-Y-X angles [rad]."""
-    (cr, cp, cy), (sr, sp, sy) = (f(np.array([roll, pitch, yaw]) / 2) for f in (np.cos, np.sin))
-    return np.array(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ]
-    )
-
-
 def forest(rng: np.random.Generator, varied: bool = False) -> dict[str, Any]:
     """The paper's forest; varied: other radii and spacings, and some walls."""
     spacing = rng.uniform(4.5, 9.0) if varied else 7.0
@@ -93,11 +81,11 @@ def stills(
             world = forest(rng, varied)
             room = _Room(world)
         p = room.free_place(rng)
-        q = quaternion(rng.uniform(-np.pi, np.pi), *np.radians(rng.uniform(-tilt_deg, tilt_deg, 2)))
+        q = _attitude(rng.uniform(-np.pi, np.pi), *np.radians(rng.uniform(-tilt_deg, tilt_deg, 2)))
         drones = _around(rng, room, p, q, 1 + index % 9, reach)
         n = len(drones)
         tilt = np.radians(rng.uniform(-25, 25, (n, 2)))
-        attitudes = np.array([quaternion(rng.uniform(-3, 3), *t) for t in tilt]).reshape(-1, 4)
+        attitudes = np.array([_attitude(rng.uniform(-3, 3), *t) for t in tilt]).reshape(-1, 4)
         shares = visible_shares(p, q, drones, room.occluders, lens)
         yield Scene(world, p, q, drones, attitudes, np.zeros((n, 3)), np.arange(n), shares)
 
@@ -107,7 +95,7 @@ def crowds(neighbours: int, count: int, seed: int, lens: Lens) -> Iterator[Scene
     rng = np.random.default_rng([seed, 79, neighbours])
     world: dict[str, Any] = {"cylinders": [], "boxes": [], "drone_radius": RADIUS}
     room = _Room(world)
-    p, q = np.array([0.0, 0.0, 3.0]), quaternion(0.0, 0.0, 0.0)
+    p, q = np.array([0.0, 0.0, 3.0]), _attitude(0.0, 0.0, 0.0)
     made = 0
     while made < count:
         drones = np.zeros((0, 3))
@@ -118,7 +106,7 @@ def crowds(neighbours: int, count: int, seed: int, lens: Lens) -> Iterator[Scene
             if visible_shares(p, q, drones, room.occluders, lens).min() < 1.0:
                 drones = drones[:-1]
         made += 1
-        attitudes = np.tile(quaternion(0.3, 0.1, 0.0), (neighbours, 1))
+        attitudes = np.tile(_attitude(0.3, 0.1, 0.0), (neighbours, 1))
         still, ids = np.zeros((neighbours, 3)), np.arange(neighbours)
         yield Scene(world, p, q, drones, attitudes, still, ids, np.ones(neighbours))
 
@@ -200,6 +188,10 @@ def trunks_in_view(scene: Scene, lens: Lens) -> list[tuple[Vector, float, float,
     return rows
 
 
+def _attitude(yaw: float, pitch: float, roll: float) -> Vector:
+    return quaternion_from_euler(roll, pitch, yaw)
+
+
 class _Room:
     """Where in a world a drone can be."""
 
@@ -276,7 +268,7 @@ class _Path:
         forward = a[:, 0] * np.cos(yaw) + a[:, 1] * np.sin(yaw)
         left = a[:, 1] * np.cos(yaw) - a[:, 0] * np.sin(yaw)
         tilt = zip(yaw, np.arctan(forward / 9.81), -np.arctan(left / 9.81), strict=True)
-        return _Path(p, v, np.array([quaternion(*angles) for angles in tilt]))
+        return _Path(p, v, np.array([_attitude(*angles) for angles in tilt]))
 
 
 def _look(

@@ -21,6 +21,7 @@ from mavlink_bridge.messages import (
     Source,
     StatusText,
 )
+from mavlink_bridge.msp import Msp, Reply
 from mavlink_bridge.thrust import ThrustMap
 
 COMPANION = Source(1, 191)
@@ -86,6 +87,20 @@ def test_telemetry_at_50_hz_with_body_rates():
     assert len(attitudes) >= 50
     assert len([m for m in b.heard if isinstance(m, LocalPosition)]) >= 50
     assert np.degrees(attitudes[-1].omega) == pytest.approx([10, 0, -20], abs=0.1)
+
+
+@pytest.mark.parametrize("empty", POLLED)
+def test_an_answer_without_content_counts_as_none(empty):
+    """A busy Betaflight sends such (seen with three SITLs on two cores)."""
+    b = Bench()
+    parts = [b"" if c == empty else b.fc.answer(c) for c in POLLED]
+    payload = b"".join(bytes([len(p)]) + p for p in parts)
+    b.bridge.cycle(b.t)
+    b.bridge.read(b.t, Reply(Msp.MULTIPLE_MSP, payload))
+    told = any(isinstance(m, LocalPosition) for m in b.bridge.cycle(b.t).messages)
+    assert told == (empty is Msp.RAW_GPS)  # which firmware without GPS leaves empty
+    b.run(0.1)
+    assert isinstance(b.heard[-1], LocalPosition)
 
 
 def test_attitude_is_enu_and_flu():

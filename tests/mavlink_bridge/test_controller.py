@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from fake_controller import FakeController
 
-from mavlink_bridge.controller import interview
+from mavlink_bridge.controller import QUESTIONS, interview
 from mavlink_bridge.msp import MspError
 
 
@@ -51,6 +51,13 @@ def test_an_unfit_controller_is_one_clear_line(change, words):
     with pytest.raises(MspError) as error:
         interview(fake.answer)
     assert words in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("short", QUESTIONS)
+def test_an_answer_cut_short_is_one_clear_line(short):
+    with pytest.raises(MspError) as error:
+        interview(lambda q: b"" if q == short else FakeController().answer(q))
     assert "\n" not in str(error.value)
 
 
