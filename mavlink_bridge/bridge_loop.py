@@ -87,6 +87,7 @@ class BridgeLoop:
             for name in (config.link.endpoint, config.link.ground, config.link.gps)
             if name
         ]
+        self._listeners = self._links[: 1 + bool(config.link.ground)]  # the GPS only speaks
         self._bridge = BetaflightBridge(
             system,
             controller,
@@ -148,5 +149,5 @@ class BridgeLoop:
         for message in messages:
             if isinstance(message, StatusText):
                 print(message.text, file=sys.stderr, flush=True)
-        for link in self._links:
+        for link in self._listeners:
             link.send(messages)

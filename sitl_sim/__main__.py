@@ -8,6 +8,7 @@ import importlib.util
 import json
 import os
 import shutil
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -81,6 +82,7 @@ def main(arguments: list[str] | None = None) -> int:
     for command in (run, view):
         command.add_argument("--port", type=int, default=8080, help="of the page (8080)")
     options = parser.parse_args(arguments)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # children are ended, flights kept
     try:
         if options.command == "report":
             return _report(options)

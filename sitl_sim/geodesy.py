@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ class GeoReference:
     longitude_deg: float = 8.545594
     altitude: float = 488.0
 
+    @cached_property
     def _radii(self) -> tuple[float, float]:
         """Metres per radian of latitude and of longitude."""
         s = math.sin(math.radians(self.latitude_deg))
@@ -32,7 +34,7 @@ class GeoReference:
 
     def to_degrees(self, x: float, y: float) -> tuple[float, float]:
         """Metres east and north of the origin → latitude, longitude [deg]."""
-        north, east = self._radii()
+        north, east = self._radii
         return (
             self.latitude_deg + math.degrees(y / north),
             self.longitude_deg + math.degrees(x / east),
@@ -40,7 +42,7 @@ class GeoReference:
 
     def to_metres(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
         """Latitude, longitude [deg] → metres east and north of the origin."""
-        north, east = self._radii()
+        north, east = self._radii
         return (
             math.radians(longitude_deg - self.longitude_deg) * east,
             math.radians(latitude_deg - self.latitude_deg) * north,

@@ -178,7 +178,11 @@ class RealFleet:
         while self._flown < wanted:
             time.sleep(max((wanted - self._flown) * _SUBSTEP, 0.0005))
         kept = list(self._states)  # in one go: the other thread goes on
-        _, state = next((k, s) for k, s in kept if k >= wanted)
+        state = kept[-1][1]
+        for k, earlier in reversed(kept):
+            if k < wanted:
+                break
+            state = earlier
         for mine, then in zip(self.vehicles.state, state, strict=True):
             mine[:] = then
 

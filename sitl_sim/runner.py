@@ -333,14 +333,16 @@ class Flight:
     def _next_event(self) -> int:
         """The next millisecond at which anything happens."""
         following = self._now + _TELEMETRY_MS - self._now % _TELEMETRY_MS
+        real = isinstance(self._autopilots, RealFleet)  # they speak for themselves
         for drone in self._drones:
             boot = self._now + drone.boot_ms
+            period = TICK_MS if real else _TELEMETRY_MS
             following = min(
                 following,
-                self._now + _TELEMETRY_MS - boot % _TELEMETRY_MS,
+                self._now + period - boot % period,
                 self._now + TICK_MS - (boot + self._latency_ms) % TICK_MS,
             )
-            if drone.due_ms is not None:
+            if drone.due_ms is not None and not real:
                 following = min(following, max(drone.due_ms, self._now + QUANTUM_MS))
         return following
 
@@ -442,6 +444,8 @@ class Flight:
 
     def _idle_until(self, moment: float) -> None:
         """Real time: deliver what comes in until `moment` [CLOCK_MONOTONIC]."""
+        if isinstance(self._autopilots, RealFleet):  # their companions' messages pass us by
+            time.sleep(max(moment - time.monotonic(), 0.0))
         while (left := moment - time.monotonic()) > 0.0:
             for drone in self._drones:
                 self._deliver(drone, drone.companion)
