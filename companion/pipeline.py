@@ -30,7 +30,7 @@ from companion.ownstate import OwnState
 from companion.phases import Phase, Phases
 from companion.sight import Sight, Sighting
 from companion.surfaces import Surfaces
-from companion.threat import critical_neighbours
+from companion.threat import rated_neighbours
 from companion.track import Tracker
 from companion.types import Obstacles, Track, Vector
 from mavlink_bridge.autopilots import Identity, adapter
@@ -68,6 +68,7 @@ class TickOutputs:
     trouble: Trouble = Trouble.NONE  # with the camera
     sighting: Sighting = field(default_factory=Sighting)
     tracks: list[Track] = field(default_factory=list)
+    near: list[tuple[Track, float]] = field(default_factory=list)
     critical: list[tuple[Track, float]] = field(default_factory=list)
     obstacles: Obstacles = field(default_factory=Obstacles.none)
     progress: Progress | None = None
@@ -176,7 +177,8 @@ class Pipeline:
         out.progress = self._mission.update(own) if self._flying else Progress(own.p, 0, False)
         goal = self._goal(out)
         yaw_now = yaw_of(own.q_wb)
-        out.critical = critical_neighbours(own, out.tracks, self._config.threat)
+        out.near = rated_neighbours(own, out.tracks, self._config.threat)
+        out.critical = out.near[: self._config.threat.critical]
         lost = [
             math.atan2(t.p[1] - own.p[1], t.p[0] - own.p[0])
             for t, _ in out.critical
@@ -207,7 +209,12 @@ class Pipeline:
             goal=self._goal(out),
             yaw=out.yaw,
             speed=out.speed,
-            neighbours=[self._neighbour(t, delay) for t, _ in out.critical],
+            # Cohesion is with the critical ones; distance (37) is kept to whoever is near, or a
+            # drone that dodges one neighbour flies into the fourth.
+            neighbours=[
+                self._neighbour(t, delay, float(n < config.threat.critical))
+                for n, (t, _) in enumerate(out.near)
+            ],
             cylinders=out.obstacles.cylinders,
             planes=np.vstack(
                 [
@@ -302,11 +309,11 @@ class Pipeline:
             self._hold = out.own.p
         return self._hold
 
-    def _neighbour(self, track: Track, delay: float) -> Neighbour:
+    def _neighbour(self, track: Track, delay: float, cohesion: float) -> Neighbour:
         """A track as the NMPC wants it, carried over the delay; eq. (13)."""
         sigma_p = float(np.sqrt(np.trace(track.P[:3, :3]) / 3))
         sigma_v = float(np.sqrt(np.trace(track.P[3:, 3:]) / 3))
-        return Neighbour(track.p + track.v * delay, track.v, (sigma_p, sigma_v))
+        return Neighbour(track.p + track.v * delay, track.v, (sigma_p, sigma_v), cohesion)
 
     def _judge(self, out: TickOutputs) -> Verdict:
         """The guard's word on what this tick knows."""

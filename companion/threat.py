@@ -36,10 +36,13 @@ def threat(own: VehicleState, p: Vector, v: Vector, config: ThreatConfig) -> flo
     return float(max(closing, config.closing_floor) * np.exp(config.d_ref - distance))
 
 
-def critical_neighbours(
+def rated_neighbours(
     own: VehicleState, tracks: Sequence[Track], config: ThreatConfig
 ) -> list[tuple[Track, float]]:
-    """At most `critical` tracks with their threat, worst first; order of `tracks` is no matter."""
+    """The tracks in range with their threat, worst first; order of `tracks` is no matter.
+
+    The first `critical` of them are the critical neighbours.
+    """
     near = [t for t in tracks if np.linalg.norm(t.p - own.p) <= config.range_max]
     rated = [(t, threat(own, t.p, t.v, config)) for t in near]
-    return sorted(rated, key=lambda r: (-r[1], r[0].id))[: config.critical]
+    return sorted(rated, key=lambda r: (-r[1], r[0].id))

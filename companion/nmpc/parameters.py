@@ -185,7 +185,8 @@ class Numbers:
         self._safety += config.d_agent_safety
         active = instance.neighbour_active
         np.multiply(self._constrained, active, out=self._active)
-        share = instance.neighbour_cohesion * active / max(1.0, float(active.sum()))
+        stay_with = instance.neighbour_cohesion * active
+        share = stay_with / max(1.0, float((stay_with > 0.0).sum()))
         np.multiply(self._cohesive, share, out=self._cohesion)
 
 
