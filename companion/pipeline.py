@@ -30,7 +30,7 @@ from companion.ownstate import OwnState
 from companion.phases import Phase, Phases
 from companion.sight import Sight, Sighting
 from companion.surfaces import Surfaces
-from companion.threat import rated_neighbours
+from companion.threat import rated_neighbours, uncrowded_speed
 from companion.track import Tracker
 from companion.types import Obstacles, Track, Vector
 from mavlink_bridge.autopilots import Identity, adapter
@@ -185,7 +185,11 @@ class Pipeline:
             if t.unseen > _LOST
         ]
         out.yaw = self._gaze.update(out.time, own.v, goal - own.p, yaw_now, lost)
-        out.speed = self._config.nmpc.speed * seen_speed(self._config.gaze, yaw_now, goal - own.p)
+        cruise = self._config.nmpc.speed
+        out.speed = min(
+            cruise * seen_speed(self._config.gaze, yaw_now, goal - own.p),
+            uncrowded_speed(own, out.tracks, goal - own.p, cruise, self._config.threat),
+        )
         if out.trouble is not Trouble.NONE:
             out.speed = min(out.speed, self._config.guard.blind_speed)
         cylinders = self._map.obstacles(own.p).cylinders

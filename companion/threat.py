@@ -25,6 +25,11 @@ class ThreatConfig(StrictModel):
         0.6, gt=0, description="Least closing speed [m/s]: who is near counts, closing or not."
     )
     critical: int = Field(3, ge=1, le=12, description="Most neighbours taken (out-degree < 4).")
+    headway: float = Field(
+        1.0, ge=0, description="Time [s] that room ahead must last at the speed flown; 0: any."
+    )
+    room: float = Field(0.8, ge=0, description="Room [m] begins this far from a neighbour.")
+    creep: float = Field(0.3, gt=0, le=1, description="Least part of the speed in a crowd.")
     range_max: float = Field(10.0, gt=0, description="R of eq. (6) [m]: farther is ignored.")
 
 
@@ -46,3 +51,26 @@ def rated_neighbours(
     near = [t for t in tracks if np.linalg.norm(t.p - own.p) <= config.range_max]
     rated = [(t, threat(own, t.p, t.v, config)) for t in near]
     return sorted(rated, key=lambda r: (-r[1], r[0].id))
+
+
+def uncrowded_speed(
+    own: VehicleState, tracks: Sequence[Track], way: Vector, cruise: float, config: ThreatConfig
+) -> float:
+    """Speed [m/s], at most `cruise`, at which the room ahead along `way` (3,) lasts `headway`.
+
+    A headway rule: as fast as a neighbour ahead flies the same way, and room / headway faster.
+    Who flies along in formation slows nobody; two that meet at close quarters both slow, so that
+    neither evades faster than the other can see. Never below `creep`: nobody waits for ever.
+    """
+    length = float(np.linalg.norm(way[:2]))
+    if config.headway == 0.0 or length < 1e-6:
+        return cruise
+    along = way[:2] / length
+    speed = cruise
+    for t in tracks:
+        offset = t.p[:2] - own.p[:2]
+        distance = float(np.linalg.norm(offset))
+        if offset @ along > 0.3 * distance and distance < config.range_max:
+            room = max(distance - config.room, 0.0)
+            speed = min(speed, float(t.v[:2] @ along) + room / config.headway)
+    return max(speed, config.creep * cruise)

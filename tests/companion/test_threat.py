@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.threat import ThreatConfig, critical_neighbours, threat
+from companion.threat import ThreatConfig, critical_neighbours, threat, uncrowded_speed
 from companion.types import Track
 from mavlink_bridge.messages import VehicleState
 
@@ -43,3 +43,22 @@ def test_never_more_than_three_and_the_order_does_not_matter(places, random):
     assert all(np.linalg.norm(t.p) <= CONFIG.range_max for t, _ in worst)
     values = [value for _, value in worst]
     assert values == sorted(values, reverse=True)
+
+
+def free_speed(*tracks):
+    return uncrowded_speed(OWN, tracks, np.array([9.0, 0, 0]), 1.65, CONFIG)
+
+
+def test_a_formation_that_flies_along_slows_nobody():
+    assert free_speed(track(1, [1.7, 0.2, 0], [1.5, 0, 0]), track(2, [0, 1.5, 0])) == 1.65
+
+
+def test_two_that_meet_at_close_quarters_slow_but_never_stop():
+    far, near = (free_speed(track(1, [x, 0, 0], [-1.0, 0, 0])) for x in (3.0, 2.0))
+    assert 1.65 > far > near
+    assert np.isclose(far, 1.2)
+    assert near == CONFIG.creep * 1.65
+
+
+def test_who_is_behind_or_beside_does_not_count():
+    assert free_speed(track(1, [-1.0, 0, 0]), track(2, [0.2, 1.2, 0])) == 1.65
