@@ -26,7 +26,7 @@ class ThreatConfig(StrictModel):
     )
     critical: int = Field(3, ge=1, le=12, description="Most neighbours taken (out-degree < 4).")
     headway: float = Field(
-        1.0, ge=0, description="Time [s] that room ahead must last at the speed flown; 0: any."
+        1.5, ge=0, description="Time [s] that room ahead must last at the speed flown; 0: any."
     )
     room: float = Field(0.8, ge=0, description="Room [m] begins this far from a neighbour.")
     creep: float = Field(0.3, gt=0, le=1, description="Least part of the speed in a crowd.")

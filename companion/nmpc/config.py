@@ -27,7 +27,13 @@ class NmpcConfig(StrictModel):
         "sees 1.7 m at head-on speed, too little; longer costs this solver nothing.",
     )
     dt: float = Field(0.1, gt=0, le=0.5, description="Step [s]; the tick of the companion.")
-    neighbours: int = Field(3, ge=0, le=12, description="Critical neighbours, section III-C.")
+    neighbours: int = Field(
+        8,
+        ge=0,
+        le=12,
+        description="Kept away from by (37): the critical ones of section III-C, then whoever is "
+        "near. With the critical three alone, who dodges one flies into a fourth.",
+    )
     cylinders: int = Field(8, ge=0, le=64, description="Nearest cylinders taken.")
     planes: int = Field(6, ge=0, le=64, description="Nearest half-spaces taken: walls, fence.")
 

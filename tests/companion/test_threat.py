@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.threat import ThreatConfig, critical_neighbours, threat, uncrowded_speed
+from companion.threat import ThreatConfig, rated_neighbours, threat, uncrowded_speed
 from companion.types import Track
 from mavlink_bridge.messages import VehicleState
 
@@ -33,13 +33,12 @@ def test_on_top_of_us_is_finite():
 
 
 @given(st.lists(st.tuples(NUMBER, NUMBER, NUMBER, NUMBER, NUMBER), max_size=9), st.randoms())
-def test_never_more_than_three_and_the_order_does_not_matter(places, random):
+def test_worst_first_and_the_order_given_does_not_matter(places, random):
     tracks = [track(n, p[:3], [p[3], p[4], 0.0]) for n, p in enumerate(places)]
-    worst = critical_neighbours(OWN, tracks, CONFIG)
+    worst = rated_neighbours(OWN, tracks, CONFIG)
     shuffled = list(tracks)
     random.shuffle(shuffled)
-    assert [t.id for t, _ in critical_neighbours(OWN, shuffled, CONFIG)] == [t.id for t, _ in worst]
-    assert len(worst) <= 3
+    assert [t.id for t, _ in rated_neighbours(OWN, shuffled, CONFIG)] == [t.id for t, _ in worst]
     assert all(np.linalg.norm(t.p) <= CONFIG.range_max for t, _ in worst)
     values = [value for _, value in worst]
     assert values == sorted(values, reverse=True)
@@ -54,9 +53,9 @@ def test_a_formation_that_flies_along_slows_nobody():
 
 
 def test_two_that_meet_at_close_quarters_slow_but_never_stop():
-    far, near = (free_speed(track(1, [x, 0, 0], [-1.0, 0, 0])) for x in (3.0, 2.0))
+    far, near = (free_speed(track(1, [x, 0, 0], [-1.0, 0, 0])) for x in (4.0, 2.0))
     assert 1.65 > far > near
-    assert np.isclose(far, 1.2)
+    assert np.isclose(far, (4.0 - CONFIG.room) / CONFIG.headway - 1.0)
     assert near == CONFIG.creep * 1.65
 
 

@@ -244,7 +244,7 @@ def test_neighbours_without_cohesion_only_repel(solver):
 
 
 def test_lists_of_any_length_are_cut_and_padded():
-    many = [Neighbour((i, i, 2), (0, 0, 0)) for i in range(2, 9)]
+    many = [Neighbour((i, i, 2), (0, 0, 0)) for i in range(2, 12)]
     instance = make_instance(
         CONFIG,
         x0=state(),
@@ -254,7 +254,7 @@ def test_lists_of_any_length_are_cut_and_padded():
         neighbours=many,
         cylinders=np.arange(60.0).reshape(20, 3),
     )
-    assert instance.neighbour_active.sum() == 3
+    assert instance.neighbour_active.sum() == CONFIG.neighbours == 8
     assert instance.cylinder_active.sum() == 8
     assert instance.plane_active.sum() == 0
     np.testing.assert_array_equal(instance.neighbour_p[2], (4, 4, 2))
