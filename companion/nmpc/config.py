@@ -155,7 +155,8 @@ class NmpcConfig(StrictModel):
     rescue_slack: float = Field(
         0.1,
         ge=0,
-        description="A plan that intrudes deeper [m] is compared with one that brakes to a halt.",
+        description="A plan that intrudes deeper [m] is compared with one that brakes to a halt; "
+        "into a plane, than it does at its first step.",
     )
     step_tolerance: float = Field(
         0.1,

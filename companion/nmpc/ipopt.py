@@ -15,6 +15,7 @@ from companion.nmpc.instance import Instance
 from companion.nmpc.outcome import Plan, cold_guess, failed, hover, judged, penalised, shifted
 from companion.nmpc.parameters import Numbers, weight_numbers
 from companion.nmpc.problem import build_stage
+from companion.nmpc.qp import change_bounds, input_bounds
 from companion.nmpc.result import Result, Status
 
 INFINITY = float("inf")
@@ -54,7 +55,7 @@ class IpoptNmpc:
         scene = ca.MX.sym("scene", stage.linearise.nnz_in(5))
         weights = ca.MX.sym("weights", len(self._weights))
         cost, rows, low, high = ca.MX(0), [], [], []
-        change = [config.delta_c_max, *[config.delta_omega_max] * 3]
+        change = change_bounds(config)
         for k in range(N):
             before = U[:, k - 1] if k > 0 else u_last
             x = X[:, k - 1] if k > 0 else x0
@@ -64,7 +65,7 @@ class IpoptNmpc:
             agents, obstacles = margins[: config.neighbours], margins[config.neighbours :]
             given = [reached - X[:, k], U[:, k] - before]
             low += [0.0] * NX + [-c for c in change]
-            high += [0.0] * NX + change
+            high += [0.0] * NX + [*change]
             if k < config.M_constraint:
                 given.append(agents + slack[0, k])
             given.append(obstacles + slack[1, k])
@@ -79,14 +80,11 @@ class IpoptNmpc:
             "g": ca.vertcat(*rows),
             "p": ca.veccat(x0, u_last, stages, scene, weights),
         }
-        rates = [config.omega_max] * 3
+        # The bounds that the real-time solver plans within: one problem, one optimum.
+        least, most = input_bounds(config)
         bounds = np.full(NX * N, INFINITY)
-        self._least = np.concatenate(
-            [-bounds, np.tile([config.c_min, *[-r for r in rates]], N), np.zeros(2 * N)]
-        )
-        self._most = np.concatenate(
-            [bounds, np.tile([config.c_max, *rates], N), np.full(2 * N, INFINITY)]
-        )
+        self._least = np.concatenate([-bounds, np.tile(least, N), np.zeros(2 * N)])
+        self._most = np.concatenate([bounds, np.tile(most, N), np.full(2 * N, INFINITY)])
         options: Any = {
             "expand": expand,
             "print_time": False,

@@ -58,10 +58,17 @@ class _Descent:
     iterations: int
     step_norm: float
 
-    @property
-    def intrusion(self) -> float:
-        """Deepest [m] into what (37), (38) keep free."""
-        return -min(float(self.margins.min()), 0.0)
+    def intrusion(self, planes: int) -> float:
+        """Deepest [m] into what (37), (38) keep free; `planes`: how many of the rows are such.
+
+        Into a plane, only what is deeper than at the first step: in 0.1 s no plan gets out, and
+        who is being landed through the floor of the flying height has no better one.
+        """
+        deep = -np.minimum(self.margins, 0.0)
+        most = deep.max(axis=0)
+        others = len(most) - planes
+        most[others:] -= deep[0, others:]
+        return float(most.max(initial=0.0))
 
     def merit(self, config: NmpcConfig) -> float:
         """What two descents are compared by: a plan that cannot be flown as it stands is dear."""
@@ -144,7 +151,7 @@ class Nmpc:
         else:
             guess, most = self._plan, config.sqp_iterations_max
         best = self._descend(guess, x0, u_last, most)
-        if best is not None and best.intrusion <= config.rescue_slack:
+        if best is not None and best.intrusion(config.planes) <= config.rescue_slack:
             return best
         most = config.sqp_iterations_rescue
         other = self._descend(brake_guess(config, x0), x0, u_last, most)

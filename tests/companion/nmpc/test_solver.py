@@ -335,3 +335,17 @@ def test_yaw_is_followed_while_flying():
     result = Nmpc(CONFIG).solve(instance)
     assert yaw_of(result.x[-1, 6:10]) == pytest.approx(0.6, abs=0.1)
     assert np.linalg.norm(result.x[:, 3:6], axis=1).min() > 1.4
+
+
+def test_no_rescue_from_a_floor_that_is_being_landed_through():
+    """Ticks spent below the floor of the flying height take no second start."""
+    floor = [(0, 0, -1, -1.5)]
+    sinking = scene(x0=state((0, 0, 0.6), (0, 0, -0.7)), goal=(0, 0, 2), planes=floor)
+    diving = scene(x0=state((0, 0, 1.9), (0, 0, -4.0)), goal=(0, 0, 2), planes=floor)
+    for instance, most in ((sinking, 1), (diving, 2)):
+        nmpc, starts = Nmpc(CONFIG), []
+        descend = nmpc._descend
+        nmpc._descend = lambda *given: starts.append(0) or descend(*given)  # noqa: B023
+        result = nmpc.solve(instance)
+        assert result.slack_plane > CONFIG.rescue_slack
+        assert len(starts) == most
