@@ -1,0 +1,60 @@
+"""What the tracker believes of speed: at birth, head on, and where one hides another."""
+
+import numpy as np
+
+from companion.track import Tracker, TrackerConfig
+from companion.types import Detection
+from mavlink_bridge.messages import VehicleState
+
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+CRUISE = np.array([1.5, 0.0, 0.0])
+
+
+def own(time):
+    return VehicleState(time, CRUISE * time, CRUISE, LEVEL, np.zeros(3))
+
+
+def look(offset, rng, share=0.02):
+    """Of a drone at `offset` (3,) from the camera, its range off by `share` of it (1 σ)."""
+    away = float(np.linalg.norm(offset))
+    measured = away * (1 + share * rng.standard_normal())
+    return Detection(offset / away, measured, sigma_bearing=0.003, sigma_range=share * away)
+
+
+def follow(tracker, start, velocity, looks, rng):
+    """Looks at 10 Hz at one that starts at `start` ahead; its tracks after each."""
+    for k in range(looks):
+        offset = start + (velocity - CRUISE) * k / 10
+        tracker.update(k / 10, [look(offset, rng)], own(k / 10), LEVEL, None)
+        yield tracker.tracks()
+
+
+def test_one_just_seen_is_taken_to_fly_along():
+    errors = []
+    for seed in range(20):
+        tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(seed)
+        *_, (track,) = follow(tracker, np.array([6.0, 1.0, 0.0]), CRUISE, 2, rng)
+        errors.append(np.linalg.norm(track.v - CRUISE))
+    assert np.sqrt(np.mean(np.square(errors))) < 0.8
+
+
+def test_one_that_comes_head_on_is_known_to_within_half_a_second():
+    errors, parted = [], 0
+    for seed in range(60):
+        tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(seed)
+        *_, tracks = follow(tracker, np.array([6.0, 0.3, 0.0]), -CRUISE, 6, rng)
+        parted += len(tracks) > 1
+        errors.append(min(float(np.linalg.norm(t.v + CRUISE)) for t in tracks))
+    assert np.sqrt(np.mean(np.square(errors))) < 0.5
+    assert parted <= 2  # where the noise of a look adds to the wrong guess of its speed
+
+
+def test_one_that_steps_before_another_does_not_take_its_track():
+    tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
+    *_, (behind,) = follow(tracker, np.array([6.3, 0.0, 0.0]), CRUISE, 4, rng)
+    for k in range(5, 8):
+        tracker.update(k / 10, [look(np.array([4.0, 0, 0]), rng)], own(k / 10), LEVEL, None)
+    speeds = {t.id: float(np.linalg.norm(t.v - CRUISE)) for t in tracker.tracks()}
+    assert len(speeds) == 2
+    assert behind.id in speeds
+    assert max(speeds.values()) < 1.0
