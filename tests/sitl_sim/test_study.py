@@ -75,7 +75,7 @@ def test_a_study_becomes_a_page_with_table_plot_and_failures(study, tmp_path, ca
     [
         (["leaderbord"], "no study 'leaderbord'; valid: faults"),
         (["leaderboard", "--scenarios", "forest,wood"], "no 'wood' in this study; valid: forest"),
-        (["gaze", "--cases", "shut"], "no 'shut' in this study; valid: sweeping"),
+        (["gaze", "--cases", "shut"], "no 'shut' in this study; valid: sweep off"),
     ],
 )
 def test_what_does_not_exist_is_named_with_what_does(arguments, words, capsys):
