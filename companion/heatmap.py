@@ -44,11 +44,11 @@ class CnnDetector:
     def __init__(self, camera: Camera, config: CnnConfig, model: Path = PACKAGED) -> None:
         self._config = config
         self._camera = camera.scaled(WIDTH, HEIGHT)
-        self._network = OnnxNetwork(model, WIDTH, HEIGHT)
+        self.network = OnnxNetwork(model, WIDTH, HEIGHT)
         wanted = (1, CHANNELS, HEIGHT // STRIDE, WIDTH // STRIDE)
-        if self._network.shape != wanted:
+        if self.network.shape != wanted:
             raise ModelError(
-                f"{model}: gives {self._network.shape}, a heat map is {wanted}; "
+                f"{model}: gives {self.network.shape}, a heat map is {wanted}; "
                 "detector: yolo reads models of that family"
             )
 
@@ -56,7 +56,7 @@ class CnnDetector:
         """Drones in image (H,W,3) uint8 BGR, nearest first."""
         if image.shape[:2] != (HEIGHT, WIDTH):
             image = cv2.resize(image, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)  # type: ignore[assignment]
-        return self.read(self._network.run(image)[0])
+        return self.read(self.network.run(image)[0])
 
     def read(self, cells: Tensor) -> list[Detection]:
         """Detections of an output (CHANNELS,h,w): local maxima, each drone once."""

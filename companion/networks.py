@@ -44,6 +44,14 @@ class OnnxNetwork:
         """
         for channel, plane in zip((2, 1, 0) if swap else (0, 1, 2), cv2.split(image), strict=True):
             np.multiply(plane, np.float32(1 / 255), out=self._picture[0, channel])
+        return self.forward()
+
+    def forward(self) -> Tensor:
+        """Output for the last picture once more.
+
+        Raises:
+            ModelError: the network does not take such pictures.
+        """
         try:
             self._net.setInput(self._picture)
             out: Tensor = np.asarray(self._net.forward(), np.float32)

@@ -20,7 +20,7 @@ from companion.detect import Detector
 from companion.labels import Drones, Labelled
 from companion.track import Tracker, TrackerConfig
 from companion.trunks import TrunkDetector
-from companion.types import Detection, Trunk, Vector
+from companion.types import Detection, Image, Trunk, Vector
 from mavlink_bridge.frames import rotation_matrix
 
 BANDS = ((0.3, 2.0), (2.0, 4.0), (4.0, 6.0), (6.0, 8.0), (8.0, 10.0), (10.0, 12.0))
@@ -63,14 +63,14 @@ class Tally:
 
 
 def measure(
-    camera: Camera, frames: Sequence[Labelled], detector: Detector, compared: Detector,
-    progress: Callable[[], None] = lambda: None,
+    camera: Camera, frames: Sequence[Labelled], detector: Detector,
+    beside: dict[str, Callable[[Image], object]], progress: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:  # fmt: skip
-    """All tables. compared: the detector whose time is taken beside."""
+    """All tables. beside: by name, what else time is taken of."""
     drones: dict[str, dict[tuple[float, float], Tally]] = {}
     tracked = {band: Tally() for band in (*BANDS, TO_8, TO_10)}
     trunks = Trunks(camera)
-    times: dict[str, list[float]] = {"detect_track": [], "compared": []}
+    times: dict[str, list[float]] = {"detect_track": [], **{name: [] for name in beside}}
     crowds: dict[int, list[float]] = {}
     flight: Flight | None = None
     for frame in frames:
@@ -92,9 +92,10 @@ def measure(
         if frame.sequence is not None and flight is not None:
             flight.score(frame)
             times["detect_track"].append(taken)
-            begun = time.thread_time()
-            compared.detect(image)
-            times["compared"].append((time.thread_time() - begun) * 1e3)
+            for name, run in beside.items():
+                begun = time.thread_time()
+                run(image)
+                times[name].append((time.thread_time() - begun) * 1e3)
         if frame.conditions == "clean" and frame.sequence is None and frame.trunks is not None:
             trunks.add(frame, image)
         progress()

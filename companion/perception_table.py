@@ -7,8 +7,12 @@ import json
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from companion.types import Image
 
 EXIT_BAD_INPUT = 2
 _DRONE_COLUMNS = {
@@ -68,14 +72,27 @@ def _render(folder: Path, options: argparse.Namespace) -> None:
 def _measure(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
     from companion.config import SensingConfig
     from companion.detectors import make_detector
+    from companion.heatmap import CnnDetector
     from companion.labels import load
     from companion.perception_bench import measure
+    from companion.yolo import YoloDetector
 
     camera, frames = load(folder)
     sensing = SensingConfig(detector=options.detector, model=options.model)
     detector = make_detector(camera, sensing)
-    compared = make_detector(camera, SensingConfig())
-    return {"detector": options.detector, **measure(camera, frames, detector, compared)}
+    beside: dict[str, Callable[[Image], object]] = {
+        "color": make_detector(camera, SensingConfig()).detect
+    }
+    if isinstance(detector, CnnDetector | YoloDetector):
+        network = detector.network
+        beside["forward_pass"] = lambda _: network.forward()
+    result = {"detector": options.detector, **measure(camera, frames, detector, beside)}
+    whole = result["time_ms"]["detect_track"]
+    if whole is not None:
+        result["times_as_long_as"] = {
+            name: whole["p50"] / result["time_ms"][name]["p50"] for name in beside
+        }
+    return result
 
 
 def _lines(result: dict[str, Any]) -> list[str]:
@@ -93,6 +110,8 @@ def _lines(result: dict[str, Any]) -> list[str]:
                                            result["scaling_ms"].items()}}.items():  # fmt: skip
         if t is not None:
             lines.append(f"{name:16s} p50 {t['p50']:6.2f} ms   p99 {t['p99']:6.2f} ms")
+    for name, ratio in result.get("times_as_long_as", {}).items():
+        lines.append(f"detect_track takes {ratio:.2f} times as long as {name}")
     return lines
 
 

@@ -40,8 +40,8 @@ class YoloDetector:
 
     def __init__(self, camera: Camera, config: YoloConfig, model: Path) -> None:
         self._camera, self._config = camera, config
-        self._network = OnnxNetwork(model, config.size, config.size)
-        shape = self._network.shape
+        self.network = OnnxNetwork(model, config.size, config.size)
+        shape = self.network.shape
         if len(shape) != 3 or shape[0] != 1 or min(shape[1:]) < 5:
             raise ModelError(f"{model}: gives {shape}; a YOLO gives (1, 4+classes, n) "
                              "or (1, n, 5+classes)")  # fmt: skip
@@ -54,7 +54,7 @@ class YoloDetector:
         w, h = round(width * scale), round(height * scale)
         canvas = np.full((c.size, c.size, 3), _PADDING, np.uint8)
         cv2.resize(image, (w, h), dst=canvas[:h, :w])
-        boxes, scores = self._boxes(self._network.run(canvas, swap=True)[0])
+        boxes, scores = self._boxes(self.network.run(canvas, swap=True)[0])
         corners = np.hstack([boxes[:, :2] - boxes[:, 2:] / 2, boxes[:, 2:]])
         kept = cv2.dnn.NMSBoxes(corners.tolist(), scores.tolist(), c.threshold, c.overlap)
         found = [self._detection(boxes[i] / scale, float(scores[i])) for i in np.ravel(kept)]
