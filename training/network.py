@@ -1,10 +1,12 @@
 """The drone detector: a centre heat map at an eighth of the picture's size.
 
 Shaped by what `cv2.dnn` does fast on one core: a first layer that takes 4×4 pixels at a time,
-plain 3×3 convolutions at stride 1, and depth-wise ones where the stride is 2.
+plain 3×3 convolutions at stride 1, and depth-wise ones where the picture is small already.
 """
 
 from __future__ import annotations
+
+import copy
 
 import torch
 from torch import Tensor, nn
@@ -14,31 +16,32 @@ STRIDE = 8  # px of the picture per cell of the output
 CHANNELS = 5  # heat (logit), offset u and v [cells], log size [px], log σ of log size
 
 
-def _conv(channels: int) -> nn.Sequential:
-    return nn.Sequential(nn.Conv2d(channels, channels, 3, 1, 1), nn.ReLU())
+def _conv(inputs: int, outputs: int, size: int, stride: int = 1) -> nn.Sequential:
+    """Convolution, normalised (folded into it on export), rectified."""
+    padding = size // 2 if stride == 1 else 0
+    conv = nn.Conv2d(inputs, outputs, size, stride, padding, bias=False)
+    return nn.Sequential(conv, nn.BatchNorm2d(outputs), nn.ReLU())
 
 
 def _halve(inputs: int, outputs: int) -> nn.Sequential:
     spatial = nn.Conv2d(inputs, inputs, 3, 2, 1, groups=inputs)
-    return nn.Sequential(spatial, nn.Conv2d(inputs, outputs, 1), nn.ReLU())
+    return nn.Sequential(spatial, _conv(inputs, outputs, 1))
 
 
 class Network(nn.Module):
     """Picture (n,3,h,w), BGR 0…1 → (n,CHANNELS,h/8,w/8)."""
 
-    def __init__(self, widths: tuple[int, int, int, int] = (16, 24, 48, 64)) -> None:
+    def __init__(self, widths: tuple[int, int, int, int] = (16, 32, 48, 64)) -> None:
         super().__init__()
         a, b, c, d = widths
-        self.stem = nn.Sequential(nn.Conv2d(3, a, 4, 4), nn.ReLU())
-        self.eighth = nn.Sequential(_halve(a, b), _conv(b))
-        self.sixteenth = nn.Sequential(_halve(b, c), _conv(c))
-        self.last = nn.Sequential(_halve(c, d), _conv(d))
+        self.stem = _conv(3, a, 4, 4)
+        self.eighth = nn.Sequential(_conv(a, b, 2, 2), _conv(b, b, 3))
+        self.sixteenth = nn.Sequential(_halve(b, c), _conv(c, c, 3))
+        self.last = nn.Sequential(_halve(c, d), _conv(d, d, 3))
         self.up_last, self.up_sixteenth = nn.Conv2d(d, c, 1), nn.Conv2d(c, b, 1)
-        self.merge = nn.Sequential(
-            nn.Conv2d(c, c, 3, 1, 1, groups=c), nn.ReLU(), nn.Conv2d(c, c, 1), nn.ReLU()
-        )
-        self.head = nn.Sequential(_conv(b), nn.Conv2d(b, CHANNELS, 1))
-        nn.init.constant_(self.head[1].bias[:1], -4.0)  # most cells show no drone
+        self.merge = nn.Sequential(nn.Conv2d(c, c, 3, 1, 1, groups=c), nn.ReLU(), _conv(c, c, 1))
+        self.head = nn.Sequential(_conv(b, b, 3), nn.Conv2d(b, CHANNELS, 1))
+        nn.init.constant_(self.head[-1].bias[:1], -4.0)  # most cells show no drone
 
     def forward(self, picture: Tensor) -> Tensor:
         """See the class."""
@@ -49,16 +52,22 @@ class Network(nn.Module):
         return self.head(eighth + interpolate(self.up_sixteenth(sixteenth), scale_factor=2))
 
 
+class _Scored(nn.Module):
+    """A network as it is flown: heat as a probability."""
+
+    def __init__(self, network: Network) -> None:
+        super().__init__()
+        self.network = copy.deepcopy(network)
+
+    def forward(self, picture: Tensor) -> Tensor:
+        out = self.network(picture)
+        return torch.cat([torch.sigmoid(out[:, :1]), out[:, 1:]], dim=1)
+
+
 def export(network: Network, path: str, width: int, height: int) -> None:
     """Write the network for `cv2.dnn`; heat as a probability."""
-
-    class Scored(nn.Module):
-        def forward(self, picture: Tensor) -> Tensor:
-            out = network(picture)
-            return torch.cat([torch.sigmoid(out[:, :1]), out[:, 1:]], dim=1)
-
     picture = torch.zeros(1, 3, height, width)
     torch.onnx.export(
-        Scored().eval(), (picture,), path, dynamo=False, opset_version=13,
+        _Scored(network).eval(), (picture,), path, dynamo=False, opset_version=13,
         input_names=["picture"], output_names=["cells"],
     )  # fmt: skip
