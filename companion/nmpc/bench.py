@@ -78,7 +78,7 @@ def bench(
         row = _measure(name, solver, runs, optimum, progress)
         row["memory_mb"] = _resident() - before
         if isinstance(solver, Nmpc) and ticks:
-            row["endurance_ms"] = percentiles(_endure(solver, runs, ticks))
+            row["endurance"] = _endure(solver, runs, ticks)
         rows[name] = row
     first = rows[solvers[0]]["warm_ms"]["p99"]
     for row in rows.values():
@@ -124,12 +124,15 @@ def solve_all(solver: Solver, runs: Sequence[Run]) -> Iterator[tuple[Run, Instan
             yield run, instance, solver.solve(instance), number == 0
 
 
-def _endure(solver: Nmpc, runs: Sequence[Run], ticks: int) -> list[float]:
-    """Milliseconds of `ticks` warm solves."""
+def _endure(solver: Nmpc, runs: Sequence[Run], ticks: int) -> dict[str, Any]:
+    """Milliseconds of `ticks` warm solves, and the memory [MB] they left behind."""
     times: list[float] = []
+    before = 0.0
     while len(times) < ticks and any(len(run.instances) > 1 for run in runs):
         times += [r.solve_time * 1e3 for _, _, r, first in solve_all(solver, runs) if not first]
-    return times[:ticks]
+        before = before or _resident()  # once the first round has touched all there is
+    growth = _resident() - before
+    return {"ticks": min(ticks, len(times)), "growth_mb": growth, **percentiles(times[:ticks])}
 
 
 def within_bounds(config: NmpcConfig, instance: Instance, result: Result) -> bool:

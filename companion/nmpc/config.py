@@ -152,6 +152,13 @@ class NmpcConfig(StrictModel):
     sqp_iterations_rescue: int = Field(
         15, ge=1, le=500, description="From braking to a halt, where a plan intrudes."
     )
+    work_max: int = Field(
+        1000,
+        ge=1,
+        description="Interior-point iterations after which a tick begins none but the least number "
+        "of steps; a second start is carried on in the next. 1000 is never reached. 80 halves the "
+        "longest tick, and cost no distance in eight crossings.",
+    )
     rescue_slack: float = Field(
         0.1,
         ge=0,

@@ -41,8 +41,8 @@ def _of_real_time(name: str, solvers: dict[str, Any]) -> Iterator[Goal]:
                 ratio = row["warm_ms"]["p99"] / solvers[other]["warm_ms"]["p99"]
                 yield Goal(f"{name}: p99 over that of {other}", ratio, goal, floor)
     yield Goal(f"{name}: median [ms]", row["warm_ms"]["p50"], 1.0 if compiled else 2.5)
-    if "endurance_ms" in row:
-        times = row["endurance_ms"]
+    if "endurance" in row:
+        times = row["endurance"]
         yield Goal(f"{name}: largest over median", times["max"] / times["p50"], 3.0, 5.0)
     yield from _of_plans(name, row)
 
@@ -61,7 +61,7 @@ def _of_plans(name: str, row: dict[str, Any]) -> Iterator[Goal]:
 
 def table(report: dict[str, Any]) -> str:
     """All of a report."""
-    parts = [_figures(report), _worse(report), _goals(report)]
+    parts = [_figures(report), _endurance(report), _worse(report), _goals(report)]
     return "\n\n".join(part for part in parts if part)
 
 
@@ -79,6 +79,17 @@ def _figures(report: dict[str, Any]) -> str:
             f"{row['deepest_intrusion_m']:9.2f}{row['ratio_p99']:11.1f}{row['memory_mb']:6.0f}"
         )
     return "\n".join(lines)
+
+
+def _endurance(report: dict[str, Any]) -> str:
+    lines = []
+    for name, row in report["solvers"].items():
+        if "endurance" in row:
+            found = row["endurance"]
+            numbers = "".join(f"{found[p]:9.2f}" for p in ("p50", "p95", "p99", "max"))
+            lines.append(f"{name:<10}{numbers}{found['ticks']:9}{found['growth_mb']:10.1f}")
+    head = f"{'on end, ms':<10}{'p50':>9}{'p95':>9}{'p99':>9}{'max':>9}{'ticks':>9}{'MB more':>10}"
+    return "\n".join([head, *lines]) if lines else ""
 
 
 def _worse(report: dict[str, Any]) -> str:

@@ -151,6 +151,7 @@ class Program:
         settings.eps_abs = settings.eps_duality_gap_abs = 1e-5
         settings.eps_rel = settings.eps_duality_gap_rel = 1e-6
         self._ready = False
+        self.iterations = 0
 
     def _sources(self, stage: int, piece: Piece, keep: NDArray[np.bool_]) -> Indices:
         return stage * self.count + piece.offset + np.flatnonzero(keep)
@@ -266,7 +267,9 @@ class Program:
         else:
             self.solver.setup(*data, *sides)
             self._ready = True
-        if self.solver.solve() != self._solved:
+        status = self.solver.solve()
+        self.iterations = self.solver.result.info.iter
+        if status != self._solved:
             return None
         step = self.solver.result.x
         return step[self.where.x], step[self.where.u]

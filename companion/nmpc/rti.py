@@ -101,10 +101,12 @@ class Nmpc:
         linearised = self._program.source[: config.N * stage.size]
         self._stages = Stages(config, stage, linearised, found)
         self._plan: Plan | None = None
+        self._other: Plan | None = None  # a second start that the last tick had to break off
+        self._work = 0  # interior-point iterations of this tick
 
     def reset(self) -> None:
         """Forget the previous plan: the next solve starts cold."""
-        self._plan = None
+        self._plan = self._other = None
 
     def solve(self, instance: Instance, steps: int = 1) -> Result:
         """Plan from the instance; never raises, never gives a non-finite number.
@@ -117,8 +119,11 @@ class Nmpc:
 
     def _solve(self, instance: Instance, steps: int, started: float) -> Result:
         config, stages, program = self.config, self._stages, self._program
-        if self._plan is not None:
-            self._plan = shifted(self._plan, steps, config.dt)
+        self._work = 0
+        self._plan, self._other = (
+            None if plan is None else shifted(plan, steps, config.dt)
+            for plan in (self._plan, self._other)
+        )
         u_last = np.clip(instance.u_last, program.u_min, program.u_max)
         x0 = instance.x0.copy()
         attitude = math.sqrt(float(x0[6:10] @ x0[6:10]))
@@ -151,12 +156,15 @@ class Nmpc:
         else:
             guess, most = self._plan, config.sqp_iterations_max
         best = self._descend(guess, x0, u_last, most)
+        carried, self._other = self._other, None
         if best is not None and best.intrusion(config.planes) <= config.rescue_slack:
             return best
-        most = config.sqp_iterations_rescue
-        other = self._descend(brake_guess(config, x0), x0, u_last, most)
+        guess = brake_guess(config, x0) if carried is None else carried
+        other = self._descend(guess, x0, u_last, config.sqp_iterations_rescue)
         if best is None or (other is not None and other.merit(config) < best.merit(config)):
             return other
+        if other is not None and self._work >= config.work_max:
+            self._other = other.plan
         return best
 
     def _descend(self, guess: Plan, x0: Vector, u_last: Vector, most: int) -> _Descent | None:
@@ -168,12 +176,13 @@ class Nmpc:
         self._start_from(guess, x0)
         iterations, step_norm = 0, math.inf
         while iterations < config.sqp_iterations or (
-            iterations < most and step_norm > config.step_tolerance
+            iterations < most and step_norm > config.step_tolerance and self._work < config.work_max
         ):
             if iterations >= FULL_STEPS:
                 stages.roll_out()
             stages.linearise()
             found = self._program.solve(stages.u, u_last)
+            self._work += abs(self._program.iterations)
             if found is None:
                 step_norm = math.inf
                 break

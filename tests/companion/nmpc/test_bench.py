@@ -36,6 +36,8 @@ def test_report():
     )
     assert json.loads(json.dumps(report)) == report
     assert "rti: largest over median" in table(report)
+    assert rti["endurance"]["ticks"] == 100
+    assert rti["endurance"]["growth_mb"] < 5.0
     assert {g.name.split(":")[0] for g in goals(report)} == {"rti"}
 
 

@@ -337,6 +337,19 @@ def test_yaw_is_followed_while_flying():
     assert np.linalg.norm(result.x[:, 3:6], axis=1).min() > 1.4
 
 
+def test_work_of_a_tick_is_bounded():
+    """The hardest of the recorded ticks, cold and warm: no QP is begun once `work_max` is spent."""
+    config = NmpcConfig(work_max=40)
+    nmpc, most = Nmpc(config), 0
+    for run in RECORDED:
+        nmpc.reset()
+        for instance in run.instances:
+            assert nmpc.solve(instance).usable
+            most = max(most, nmpc._work)
+    least_steps = 2 * config.sqp_iterations  # of the plan before, and of a second start
+    assert config.work_max < most < config.work_max + 20 * least_steps
+
+
 def test_no_rescue_from_a_floor_that_is_being_landed_through():
     """Ticks spent below the floor of the flying height take no second start."""
     floor = [(0, 0, -1, -1.5)]
