@@ -22,11 +22,6 @@ def make_detector(camera: Camera, sensing: SensingConfig) -> Detector:
     if sensing.detector == "cnn":
         from companion.heatmap import PACKAGED, CnnDetector
 
-        if model is None and not PACKAGED.exists():
-            raise ModelError(
-                f"{PACKAGED}: no network comes with this version: train one (docs/perception.md) "
-                "or name one as sensing.model"
-            )
         return CnnDetector(camera, sensing.cnn, model or PACKAGED)
     if sensing.detector == "yolo":
         from companion.yolo import YoloDetector

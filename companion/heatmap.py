@@ -28,7 +28,7 @@ _LAPLACE = math.sqrt(2.0)  # σ of a Laplace distribution over its scale, in whi
 class CnnConfig(StrictModel):
     """How the network's output is read."""
 
-    threshold: float = Field(0.35, gt=0, lt=1, description="Least heat of a detection.")
+    threshold: float = Field(0.5, gt=0, lt=1, description="Least heat of a detection.")
     radius: float = Field(0.2, gt=0, description="m, centre to propeller tip of the neighbours.")
     max_range: float = Field(14.0, gt=0, description="Farther detections [m] are dropped.")
     sigma_pixel: float = Field(0.35, gt=0, description="1 σ [px] of a centre, of a small drone.")

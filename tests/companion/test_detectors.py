@@ -92,9 +92,3 @@ def test_pictures_of_another_size_are_an_objection_until_they_fit():
     assert "640×480" in sight.objection
     sight.see(Frame(0.2, {"image": np.zeros((400, 640, 3), np.uint8)}), state())
     assert sight.objection == ""
-
-
-def test_cnn_without_any_network_says_where_to_get_one(monkeypatch, tmp_path):
-    monkeypatch.setattr("companion.heatmap.PACKAGED", tmp_path / "drones.onnx")
-    with pytest.raises(ModelError, match=r"docs/perception\.md"):
-        make_detector(CAMERA, config(sensing={"detector": "cnn"}).sensing)

@@ -1,0 +1,40 @@
+"""The network that comes with the package, on pictures of seeds used for nothing else."""
+
+import numpy as np
+import pytest
+
+from companion.camera import Camera
+from companion.config import SensingConfig
+from companion.detectors import ModelError, make_detector
+from companion.heatmap import PACKAGED, CnnConfig, CnnDetector
+from companion.labels import Drones
+from companion.perception_bench import TO_8, Tally, score
+from sitl_sim.fisheye import Lens
+from sitl_sim.frames import CONDITIONS, rendered
+from sitl_sim.scenes import crowds
+
+LENS, CAMERA = Lens(640, 400), Camera.equidistant(640, 400)
+
+
+def test_it_finds_bare_drones():
+    detector = make_detector(CAMERA, SensingConfig(detector="cnn"))
+    bands = {TO_8: Tally()}
+    for scene, image in rendered(crowds(5, 8, 90, LENS), CONDITIONS["clean"], "bare", LENS, 90, 8):
+        offsets = scene.in_camera(scene.drones - scene.p)
+        ranges = np.linalg.norm(offsets, axis=1)
+        drones = Drones(offsets / ranges[:, None], ranges, scene.visible, scene.velocities)
+        score(bands, detector.detect(image), drones)
+    figures = bands[TO_8].figures()
+    assert figures["wanted"] >= 30
+    assert figures["recall"] >= 0.7
+    assert figures["precision"] >= 0.9
+    assert figures["range_error_median"] <= 0.15
+
+
+@pytest.mark.parametrize("kept", [0.5, 0.98])
+def test_a_damaged_copy_is_refused_with_its_name(tmp_path, kept):
+    whole = PACKAGED.read_bytes()
+    copy = tmp_path / "cut.onnx"
+    copy.write_bytes(whole[: int(kept * len(whole))])
+    with pytest.raises(ModelError, match=r"cut\.onnx"):
+        CnnDetector(CAMERA, CnnConfig(), copy)
