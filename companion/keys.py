@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
-from mavlink_bridge.signing import EPOCH, KEY_BYTES, TICKS, Signing
+from mavlink_bridge.signing import EPOCH, KEY_BYTES, LAST, TICKS, Signing
 
 _SAVE_EVERY = 1.0  # s; what was heard since the last save could be played again after a crash
 _FOR_OTHERS = stat.S_IRWXG | stat.S_IRWXO
@@ -97,7 +97,9 @@ class Timestamps:
             state = json.loads(path.read_text())
             before = int(state["timestamp"])
             streams = {(int(a), int(b), int(c)): int(t) for a, b, c, t in state["streams"]}
-        except (OSError, ValueError, TypeError, KeyError):
+        except (OSError, ValueError, TypeError, KeyError, OverflowError, RecursionError):
+            return
+        if not all(0 <= t < LAST for t in (before, *streams.values())):
             return
         margin = round(_SAVE_EVERY * TICKS)
         self.signing.timestamp = max(self.signing.timestamp, before + margin)

@@ -229,10 +229,11 @@ class BetaflightBridge:
             return CommandResult.ACCEPTED
         if m.command == CommandId.NAV_TAKEOFF:
             return self._take_off(time, m.params[6])
-        names = {CommandId.NAV_LAND: MODES["land"], CommandId.DO_SET_MODE: m.params[1]}
-        if m.command not in names:
+        numbers = {CommandId.NAV_LAND: MODES["land"], CommandId.DO_SET_MODE: m.params[1]}
+        if m.command not in numbers:
             return CommandResult.UNSUPPORTED
-        mode = _NAMES.get(int(names[CommandId(m.command)]))
+        number = numbers[CommandId(m.command)]
+        mode = _NAMES.get(int(number)) if math.isfinite(number) else None
         if mode not in ("hold", "land", "offboard"):
             return CommandResult.DENIED
         return self._change(time, mode)

@@ -123,7 +123,10 @@ class Follower:
         self._channels: set[int] = set()
 
     def new(self) -> list[Message]:
-        """What has been completed since the last call; nothing where there is no file yet."""
+        """What has been completed since the last call; nothing where there is no file yet.
+
+        A record that is damaged is passed over.
+        """
         try:
             with self._path.open("rb") as file:
                 file.seek(self._at)
@@ -137,14 +140,23 @@ class Follower:
             end = at + _RECORD.size + length
             if end > len(data):
                 break
-            body = ReadDataStream(BytesIO(data[at + _RECORD.size : end]))
-            if opcode == _CHANNEL:
-                found += _of_topic([Channel.read(body)], self._topic, self._channels)
-            elif opcode == _CHUNK:
-                found += _of_topic(breakup_chunk(Chunk.read(body)), self._topic, self._channels)
+            found += self._opened(opcode, data[at + _RECORD.size : end])
             at = end
         self._at += at
         return found
+
+    def _opened(self, opcode: int, data: bytes) -> list[Message]:
+        """The topic's messages in one record."""
+        body = ReadDataStream(BytesIO(data))
+        try:
+            if opcode == _CHANNEL:
+                return list(_of_topic([Channel.read(body)], self._topic, self._channels))
+            if opcode == _CHUNK:
+                records = breakup_chunk(Chunk.read(body))
+                return list(_of_topic(records, self._topic, self._channels))
+        except _DAMAGED:
+            return []
+        return []
 
 
 def _of_topic(records: Iterable[McapRecord], topic: str, channels: set[int]) -> Iterator[Message]:

@@ -18,7 +18,7 @@ TICKS = 100_000  # of the timestamp, in a second
 EPOCH = 1_420_070_400  # s, 2015-01-01 in Unix time
 _NEW_STREAM = 60 * TICKS  # how old the first frame of a new stream may be
 _STREAMS = 32  # most streams remembered: (link, system, component)
-_LAST = (1 << 48) - 1
+LAST = (1 << 48) - 1  # timestamp that fits
 
 Stream = tuple[int, int, int]
 
@@ -59,5 +59,5 @@ class Signing:
             return False
         self.streams[stream] = timestamp
         # So that a peer with a clock ahead of ours believes our next frame.
-        self.timestamp = min(max(self.timestamp, timestamp), _LAST)
+        self.timestamp = min(max(self.timestamp, timestamp), LAST)
         return True

@@ -9,6 +9,7 @@ many packets the companion sent before it, so that a tick without a setpoint ans
 from __future__ import annotations
 
 import json
+import math
 import select
 import socket
 import struct
@@ -23,6 +24,15 @@ _MAGIC = b"SWF1"
 _MAX_HEADER = 1 << 16
 _MAX_PAYLOAD = 1 << 26
 _DTYPES = {"uint8", "uint16", "float32", "float64"}
+# Of a frame's arrays: dtype, and the shape with -1 for what is free.
+_FORMS = {
+    "image": ("uint8", (-1, -1, 3)),
+    "depth": ("float32", (-1, -1)),
+    "ranges": ("float32", (-1, -1)),
+    "neighbours": ("float64", (-1, 6)),
+    "trunks": ("float64", (-1, 6)),
+}
+_BAD_HEADER = (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError)
 
 
 class VideoError(ConnectionError):
@@ -102,15 +112,17 @@ class RecordStream:
         try:
             header = json.loads(bytes(self._exactly(length)))
             shapes = [(str(k), str(d), tuple(map(int, s))) for k, d, s in header.pop("arrays")]
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
+        except _BAD_HEADER as error:
             raise VideoError(f"frame channel: bad header: {error}") from error
         arrays: dict[str, NDArray[Any]] = {}
+        left = _MAX_PAYLOAD
         for name, dtype, shape in shapes:
-            if dtype not in _DTYPES or min(shape, default=1) < 0:
+            if dtype not in _DTYPES or min(shape, default=1) < 0 or len(shape) > 3:
                 raise VideoError(f"frame channel: array {name!r} of {dtype} {shape}")
-            size = int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize
-            if size > _MAX_PAYLOAD:
-                raise VideoError(f"frame channel: array {name!r} of {size} bytes")
+            size = math.prod(shape) * np.dtype(dtype).itemsize
+            left -= size
+            if left < 0 or max(shape, default=0) > _MAX_PAYLOAD:
+                raise VideoError(f"frame channel: array {name!r} of {dtype} {shape} is too large")
             arrays[name] = np.frombuffer(self._exactly(size), dtype=dtype).reshape(shape)
         return header, arrays
 
@@ -132,6 +144,22 @@ class RecordStream:
         return data
 
 
+def _seconds(microseconds: float) -> float:
+    if not math.isfinite(microseconds):
+        raise ValueError(f"a time of {microseconds} µs")
+    return microseconds / 1e6
+
+
+def _check_form(name: str, array: NDArray[Any]) -> None:
+    """Raises VideoError unless the array is what a frame of this name holds; others are free."""
+    dtype, shape = _FORMS.get(name, (array.dtype.name, array.shape))
+    fits = len(shape) == array.ndim and all(
+        want in (-1, have) for want, have in zip(shape, array.shape, strict=True)
+    )
+    if not fits or array.dtype.name != dtype:
+        raise VideoError(f"frame channel: {name} of {array.dtype} {array.shape}")
+
+
 class FrameClient:
     """The companion's end: frames in, answers out."""
 
@@ -148,13 +176,18 @@ class FrameClient:
         return self._stream.fileno()
 
     def receive(self) -> Frame:
-        """The next frame; blocks. Raises VideoError at the end of the stream."""
+        """The next frame; blocks. Raises VideoError at the end of the stream, or for no frame."""
         header, arrays = self._stream.receive()
-        due = header.get("due_us")
-        return Frame(
-            header["time_us"] / 1e6, arrays, int(header["packets"]),
-            due=None if due is None else due / 1e6,
-        )  # fmt: skip
+        for name, array in arrays.items():
+            _check_form(name, array)
+        try:
+            due = header.get("due_us")
+            return Frame(
+                _seconds(header["time_us"]), arrays, int(header["packets"]),
+                due=None if due is None else _seconds(due),
+            )  # fmt: skip
+        except _BAD_HEADER as error:
+            raise VideoError(f"frame channel: bad header: {error}") from error
 
     def waits(self, timeout: float = 0.0) -> bool:
         """True where a frame waits within `timeout` [s]."""
@@ -219,8 +252,8 @@ class FrameServer:
             if not self._stream.waits(timeout):
                 return None
             header, _ = self._stream.receive()
-            return Answer(header["time_us"] / 1e6, int(header["packets"]), bool(header["done"]))
-        except (VideoError, KeyError, ValueError):
+            return Answer(_seconds(header["time_us"]), int(header["packets"]), bool(header["done"]))
+        except (VideoError, *_BAD_HEADER):
             self._hang_up()
             return None
 

@@ -3,38 +3,64 @@
 `python tests/fuzz/targets.py codec -max_total_time=600` runs one under atheris (the extra
 `fuzz`), from the corpus beside it; `pytest tests/fuzz` runs all of them on the corpus and on
 what hypothesis makes up; `make fuzz` counts a million mutated frames of each protocol.
+
+A target catches what the product's own callers catch, and nothing else.
 """
 
 import io
 import json
 import sys
+import tempfile
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
 
 sys.path.append(str(Path(__file__).parents[1] / "mavlink_bridge"))
 from fake_controller import FakeController
 
-from companion.config import CompanionConfig
-from companion.inputs import InputsError, decode
+from companion.config import CompanionConfig, load_config
+from companion.keys import Timestamps
+from companion.logfile import read_log, recover
 from companion.phases import Phase
 from companion.pipeline import Pipeline, TickInputs
+from companion.replay import replay
 from mavlink_bridge import msp
 from mavlink_bridge.betaflight_bridge import POLLED, BetaflightBridge
 from mavlink_bridge.codec import Codec
 from mavlink_bridge.controller import QUESTIONS, interview
-from mavlink_bridge.mcapfile import whole_records
+from mavlink_bridge.dialect import FROM_WIRE
+from mavlink_bridge.mcapfile import Follower, LogError, salvage, whole_records
 from mavlink_bridge.messages import RateSetpoint, Source
-from mavlink_bridge.settings import SettingsError, parse_yaml, validate
+from mavlink_bridge.settings import SettingsError, assignments
 from mavlink_bridge.signing import Signing
 from mavlink_bridge.thrust import ThrustMap
-from mavlink_bridge.video import Frame
+from mavlink_bridge.video import Frame, FrameClient, FrameServer, RecordStream, VideoError
+from sitl_sim import scenario as scenarios
+from sitl_sim.autopilot import Autopilots
+from sitl_sim.vehicle import Airframe, Vehicles
 
 CORPUS = Path(__file__).parent / "corpus"
 KEY = bytes(range(32))
 _HELD = 600  # bytes, most that a decoder keeps of what may be a frame
+_IDS = sorted(FROM_WIRE)
+
+
+def frames_of(data):
+    """Bytes as MAVLink frames of a vehicle whose checksums hold: a byte chooses what, then it."""
+    out = bytearray()
+    while data:
+        message_id, data = _IDS[data[0] % len(_IDS)], data[1:]
+        kind = mavlink.mavlink_map[message_id]
+        size = kind.unpacker.size
+        payload, data = data[:size].ljust(size, b"\0"), data[size:]
+        head = bytes([size, 0, 0, 0, 1, 1]) + message_id.to_bytes(3, "little")
+        crc = mavlink.x25crc(head + payload)
+        crc.accumulate(bytes([kind.crc_extra]))
+        out += b"\xfd" + head + payload + crc.crc.to_bytes(2, "little")
+    return bytes(out)
 
 
 def codec(data):
@@ -47,9 +73,44 @@ def codec(data):
     Codec(1, 191, allow=[Source(1, 1)], signing=Signing(KEY, 1)).decode_datagram(data)
 
 
+def asked(data):
+    """Messages with sound checksums and any content, to us: what a ground station may send."""
+    out = Codec(1, 1).decode_datagram(frames_of(data))
+    for r in out:
+        for name in ("target_system", "target_component"):
+            if hasattr(r.message, name):
+                object.__setattr__(r.message, name, 1)
+    return out
+
+
+@lru_cache(1)
+def _vehicles():
+    """An emulated vehicle of each kind, on the ground."""
+    made = []
+    for flavour in ("px4", "ardupilot"):
+        vehicles = Vehicles(Airframe(), np.zeros((1, 3)), 0.0)
+        made.append((Autopilots(vehicles, [1], flavour), Codec(1, 1)))
+    return made
+
+
+def vehicle(data):
+    """What a companion or a ground station asks of the bridge and of emulated vehicles."""
+    fake, wire = FakeController(), Codec(1, 1)
+    bridge = BetaflightBridge(1, interview(fake.answer), ThrustMap(0.5, 1.75), 1.0)
+    with np.errstate(all="ignore"):
+        for n, received in enumerate(asked(data)):
+            bridge.read(0.1 * n, fake.several(POLLED))
+            bridge.receive(0.1 * n, received)
+            wire.encode(bridge.cycle(0.1 * n).messages)
+            for autopilots, codec_ in _vehicles():
+                codec_.encode(autopilots.receive(0, received, "gcs"))
+                autopilots.advance(autopilots.t + 0.02, np.zeros(3))
+                codec_.encode(autopilots.telemetry(0, "gcs"))
+
+
 def msp_stream(data):
     """MSP answers, as a bridge in flight takes them and one that asks for a set-up."""
-    decoder, fake = msp.MspDecoder(), FakeController()
+    decoder, fake, wire = msp.MspDecoder(), FakeController(), Codec(1, 1)
     bridge = BetaflightBridge(1, interview(fake.answer), ThrustMap(0.5, 1.75), 1.0)
     for n, reply in enumerate(decoder.decode(data)):
         for k, wrong in enumerate(POLLED):
@@ -57,7 +118,7 @@ def msp_stream(data):
             several = b"".join(bytes([len(p)]) + p for p in parts)
             with np.errstate(all="ignore"):
                 bridge.read(n + 0.1 * k, msp.Reply(msp.Msp.MULTIPLE_MSP, several))
-                bridge.cycle(n + 0.1 * k + 0.05)
+                wire.encode(bridge.cycle(n + 0.1 * k + 0.05).messages)
         for wrong in QUESTIONS:
             try:
                 interview(lambda q, w=wrong, r=reply: r.payload if q == w else fake.answer(q))
@@ -67,22 +128,75 @@ def msp_stream(data):
 
 
 def config(data):
-    """A drone's file."""
+    """A drone's file, a scenario, and what is set on the command line."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "any.yaml"
+        file.write_bytes(data)
+        for load in (load_config, lambda f: scenarios.load(str(f), [])):
+            try:
+                load(file)
+            except SettingsError as error:
+                assert error.problems  # noqa: PT017
     try:
-        validate(CompanionConfig, parse_yaml(data.decode("utf-8"), "f"), "f")
-    except (SettingsError, UnicodeDecodeError):
+        assignments([data.decode("utf-8", "surrogateescape")])
+    except SettingsError:
         return
 
 
 def mcap(data):
-    """A flight log, cut or damaged anywhere."""
-    for record in whole_records(io.BytesIO(data)):
-        payload = getattr(record, "data", None)
-        if isinstance(payload, bytes):
+    """A flight log, cut or damaged anywhere: read, saved, followed, flown again."""
+    list(whole_records(io.BytesIO(data)))
+    with tempfile.TemporaryDirectory() as folder:
+        file, saved = Path(folder) / "any.mcap", Path(folder) / "saved.mcap"
+        file.write_bytes(data)
+        salvage(file, "/tick")
+        Follower(file, "/tick").new()
+        for use in (lambda: recover(file, saved), lambda: replay(read_log(file))):
             try:
-                decode(payload)
-            except InputsError:
+                use()
+            except (LogError, SettingsError):
                 continue
+
+
+class _Line:
+    """A socket on which these bytes came, and then its end."""
+
+    def __init__(self, data):
+        self._data = data
+
+    def setsockopt(self, *args):
+        pass
+
+    def close(self):
+        pass
+
+    def recv_into(self, view):
+        part, self._data = self._data[: len(view)], self._data[len(view) :]
+        view[: len(part)] = part
+        return len(part)
+
+
+def record(data):
+    """Bytes as a record of the frame channel: a line of JSON, then the arrays."""
+    head, _, rest = data.partition(b"\n")
+    return b"SWF1" + len(head).to_bytes(4, "little") + head + rest
+
+
+def video(data):
+    """A frame from somebody who is no simulator; an answer from who is no companion."""
+    for stream in (data, record(data)):
+        server = object.__new__(FrameServer)
+        server._stream = RecordStream(_Line(stream))
+        server._stream.waits = lambda timeout: True
+        while server.answer(0.0) is not None:
+            pass
+        client = object.__new__(FrameClient)
+        client._stream = RecordStream(_Line(stream))
+        try:
+            while True:
+                _fly_on([], client.receive())
+        except VideoError:
+            continue
 
 
 @lru_cache(1)
@@ -92,21 +206,17 @@ def _pipeline():
     return Pipeline(CompanionConfig.model_validate(fields), lambda: 0.0)
 
 
-def tick(data):
-    """One tick in flight: bytes of MAVLink, and a frame's numbers."""
+def _fly_on(received, frame):
+    """The next tick in flight; whatever it was told, what it sends is sound."""
     p = _pipeline()
     p._phases.phase = Phase.FLY
     p._phases._releasing = False
     time = (p._time if np.isfinite(p._time) else 0.0) + 0.1
-    received = Codec(1, 191).decode_datagram(data)
-    own = [replace(r, source=Source(1, 1)) for r in received]
-    rows = np.frombuffer(data[: len(data) // 48 * 48], dtype="<f8").reshape(-1, 6)[:20].copy()
+    if frame is not None:
+        frame = replace(frame, time=time)  # one from another time would not be looked at
     with np.errstate(all="ignore"):
-        # Every other one gets past the door: a direction and numbers of any size that may be.
-        rows[::2, :3] = np.nan_to_num(rows[::2, :3], posinf=1.0, neginf=-1.0).clip(-1.0, 1.0)
-        rows[::2, :3] /= np.linalg.norm(rows[::2, :3], axis=1, keepdims=True)
-        rows[::2, 3:] = 10.0 ** (4.0 * np.tanh(np.nan_to_num(rows[::2, 3:])))
-        out = p.tick(TickInputs(time, own, Frame(time, {"neighbours": rows, "trunks": rows})))
+        out = p.tick(TickInputs(time, received, frame))
+    Codec(1, 191).encode(out.messages)
     for m in out.messages:
         if isinstance(m, RateSetpoint):
             assert np.isfinite(m.omega).all()
@@ -114,8 +224,32 @@ def tick(data):
             assert 0.0 <= m.thrust <= 1.0
 
 
-TARGETS = {"codec": codec, "msp": msp_stream, "config": config, "mcap": mcap, "tick": tick}
-FOLDERS = {"codec": "mavlink", "msp": "msp", "config": "config", "mcap": "mcap", "tick": "mavlink"}
+def tick(data):
+    """One tick in flight: telemetry damaged and sound, and a frame's numbers."""
+    received = Codec(1, 191).decode_datagram(data) + asked(data[len(data) // 2 :])
+    own = [replace(r, source=Source(1, 1)) for r in received]
+    rows = np.frombuffer(data[: len(data) // 48 * 48], dtype="<f8").reshape(-1, 6)[:20].copy()
+    with np.errstate(all="ignore"):
+        # Every other one gets past the door: a direction and numbers of any size that may be.
+        rows[::2, :3] = np.nan_to_num(rows[::2, :3], posinf=1.0, neginf=-1.0).clip(-1.0, 1.0)
+        rows[::2, :3] /= np.linalg.norm(rows[::2, :3], axis=1, keepdims=True)
+        rows[::2, 3:] = 10.0 ** (4.0 * np.tanh(np.nan_to_num(rows[::2, 3:])))
+    _fly_on(own, Frame(0.0, {"neighbours": rows, "trunks": rows}))
+
+
+def timestamps(data):
+    """What a signing daemon finds of the time before: damaged, it is as good as none."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "signing.json"
+        file.write_bytes(data)
+        signing = Timestamps(KEY, 0, file).signing
+        sent = Codec(1, 191, signing=signing).encode([RateSetpoint(0.0, np.zeros(3), 0.5, 1)])
+        Codec(1, 1, signing=Signing(KEY, 1)).decode_datagram(sent)
+
+
+TARGETS = {"codec": codec, "vehicle": vehicle, "msp": msp_stream, "config": config, "mcap": mcap,
+           "video": video, "tick": tick, "timestamps": timestamps}  # fmt: skip
+FOLDERS = {name: name for name in TARGETS} | {"codec": "mavlink", "tick": "mavlink"}
 
 
 def seeds(name):

@@ -7,6 +7,7 @@ faults of the scenario. A flight of one drone and 15 s takes half a second or so
 import tempfile
 import time
 from collections import deque
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,8 @@ from mavlink_bridge.memory import MemoryEndpoint
 from mavlink_bridge.messages import RateSetpoint
 from mavlink_bridge.video import Answer
 from sitl_sim import scenario as scenarios
-from sitl_sim.faults import Schedule
+from sitl_sim.fault_camera import FaultyCamera
+from sitl_sim.faults import PIXELS, Schedule
 from sitl_sim.metrics import safety
 from sitl_sim.runner import Flight, _overlay
 from sitl_sim.scenario import Scenario
@@ -40,18 +42,21 @@ class Companion:
         self.pipeline = Pipeline(self.config, time.perf_counter)
         link = self.config.link
         self.link = Link(endpoint, Codec(link.system_id, link.component_id, link.heard()))
-        self.outs, self.seconds = [], []
+        self.outs, self.seconds, self.times = [], [], []
+        self.clock = lambda: 0.0  # of the flight [s]; the vehicle's own may begin anew
+        self.stopwatch = lambda: 0.0  # time.thread_time where ticks are to be timed: it costs
         self.before = lambda inputs: inputs  # what a test does to a tick's inputs
         self._answers = deque()
 
     def send(self, frame):
-        started = time.thread_time()  # processor time: however busy the machine is
+        started = self.stopwatch()
         due = frame.time if frame.due is None else frame.due
         inputs = self.before(TickInputs(due, self.link.receive(), frame))
         out = self.pipeline.tick(inputs)
         self.link.send(out.messages)
-        self.seconds.append(time.thread_time() - started)
+        self.seconds.append(self.stopwatch() - started)
         self.outs.append(out)
+        self.times.append(self.clock())
         self._answers.append(Answer(due, self.link.packets_out, out.phase is Phase.DONE))
         return True
 
@@ -67,9 +72,18 @@ class Companion:
         """(time, setpoint) of all that were sent."""
         return [(o.time, m) for o in self.outs for m in o.messages if isinstance(m, RateSetpoint)]
 
-    def at(self, t, boot=0.0):
-        """The first tick's outcome from flight time t [s] on."""
-        return next(o for o in self.outs if o.time - boot >= t - 1e-9)
+    def ticks(self, t, until=np.inf):
+        """(flight time [s], outcome) of the ticks in [t, until)."""
+        return [(at, o) for at, o in zip(self.times, self.outs, strict=True) if t <= at < until]
+
+    def streamed(self, t):
+        """Flight times from t on at which a setpoint was sent."""
+        return [at for at, o in self.ticks(t)
+                if any(isinstance(m, RateSetpoint) for m in o.messages)]  # fmt: skip
+
+    def at(self, t):
+        """The first tick's outcome from t [s, vehicle's clock] on."""
+        return next(o for o in self.outs if o.time >= t - 1e-9)
 
     def reasons(self, t, until=np.inf):
         """Guard reasons of the ticks in [t, until) s of the vehicle's clock."""
@@ -82,13 +96,21 @@ class InProcess(Flight):
 
     def __init__(self, scenario):
         self.companions = []
+        self.modes = [[] for _ in range(scenario.drones.count)]  # (t, name) at each change
         super().__init__(scenario, Path(tempfile.gettempdir()), in_process=True)
 
     def _wire(self, system):
         vehicle = MemoryEndpoint()
         config = _overlay(self.companion_config(system - 1), OVERRIDES)
         self.companions.append(Companion(config, MemoryEndpoint(vehicle)))
+        self.companions[-1].clock = lambda: self._now / 1e3
         return self.companions[-1], vehicle, MemoryEndpoint()
+
+    def note_modes(self, t):
+        """Remember who is in another mode now."""
+        for i, seen in enumerate(self.modes):
+            if not seen or seen[-1][1] != self.mode(i):
+                seen.append((t, self.mode(i)))
 
     # --- what a test asks ----------------------------------------------------------------
 
@@ -146,16 +168,17 @@ class WithPictures(InProcess):
     """Frames also hold a noisy picture: nothing is detected in it, but it can be looked at."""
 
     def __init__(self, scenario):
-        self._all = Schedule(scenario.faults, scenarios.drone_names(scenario), scenario.seed)
-        super().__init__(scenario.model_copy(update={"faults": []}))
-
-    def _open(self, i, name, boot_ms):
-        self._schedule = self._all
-        return super()._open(i, name, boot_ms)
+        every = Schedule(scenario.faults, scenarios.drone_names(scenario), scenario.seed)
+        others = [f for f in scenario.faults if f.kind not in PIXELS]
+        super().__init__(scenario.model_copy(update={"faults": others}))
+        for drone in self._drones:
+            drone.camera = FaultyCamera(every, drone.index)
 
     def _sense(self, i, stamp, p, q):
         rng = np.random.default_rng(round(stamp * 1e3))
-        picture = rng.integers(60, 200, (64, 64, 3), np.uint8)
+        sight = self.scenario.sensing
+        row = rng.integers(60, 200, (1, sight.width, 3), np.uint8)
+        picture = np.broadcast_to(row, (sight.height, sight.width, 3))
         return super()._sense(i, stamp, p, q) | {"image": picture}
 
 
@@ -164,9 +187,15 @@ def fly(faults=(), at=None, before=None, pictures=False, **options):
     flight = (WithPictures if pictures else InProcess)(scenario(faults, **options))
     if before is not None:
         flight.companions[0].before = before
-    waiting = sorted((at or {}).items())
+    return run(flight, at)
+
+
+def run(flight, at=None):
+    """Fly it to its end; at: {s: call(flight)}."""
+    waiting = sorted((at or {}).items(), key=itemgetter(0))
 
     def progress(t):
+        flight.note_modes(t)
         while waiting and t >= waiting[0][0]:
             waiting.pop(0)[1](flight)
 
