@@ -11,7 +11,8 @@ settings.load_profile("same")
 
 HERE = Path(__file__).parent
 _HEAD = HERE / "closed_loop" / "matrix" / "matrix.md"
-_results = {}  # row → [(test, outcome, seconds, [what was measured])]
+_WITHOUT = "| without "  # how a line of the second table begins
+_tests = []  # (rows, outcome, properties) of each test that counts
 
 
 def pytest_addoption(parser):
@@ -27,53 +28,74 @@ def _row(request, record_property):
 
 @pytest.fixture
 def note(record_property):
-    """What a row measured: note("slow", 0.4); None where there is no time to tell."""
+    """What a row measured: note("slow", 0.4); None where there is no time to tell.
+
+    Of many flights the table shows the worst: the largest, or the smallest of what is `least …`.
+    """
 
     def say(what, value):
-        record_property("measured", what if value is None else f"{what}: {value:.2f}")
+        record_property("measured", (what, None if value is None else float(value)))
 
     return say
 
 
 def pytest_runtest_logreport(report):
-    rows = [v for k, v in report.user_properties if k == "row"]
-    if rows and (report.when == "call" or report.outcome != "passed"):
-        measured = [v for k, v in report.user_properties if k == "measured"]
-        name = report.nodeid.split("/")[-1]
-        _results.setdefault(str(rows[0]), []).append((name, report.outcome, measured))
+    found = {k: [v for name, v in report.user_properties if name == k]
+             for k in ("row", "measured", "forest", "without")}  # fmt: skip
+    counts = report.when == "call" or report.outcome != "passed"
+    if counts and (found["row"] or found["without"]):
+        _tests.append((report.outcome, found))
 
 
 def pytest_sessionfinish(session):
     target = session.config.getoption("--fault-table", default=None)
-    if target and _results:
+    if target and _tests:
         page = Path(target)
         before = page.read_text(encoding="utf-8") if page.exists() else ""
-        page.write_text(_table(_HEAD.read_text(encoding="utf-8"), before), encoding="utf-8")
+        page.write_text(_page(_HEAD.read_text(encoding="utf-8"), before), encoding="utf-8")
 
 
-def _table(text, before):
+def _page(text, before):
     """The page with a result behind each row; its rows begin with `| number |`.
 
-    A row of which nothing was run now keeps what the page before says.
+    A row of which nothing was run now keeps what the page before says, so do the mutations.
     """
     out, old = [], {}
     for line in before.splitlines():
         cells = line.split(" | ")
-        if line.startswith("|") and len(cells) == 6:
+        if line.startswith("|") and len(cells) == 7:
             old[cells[0].strip("| ")] = " | ".join(cells[4:])
     for line in text.splitlines():
         number = line.split("|")[1].strip() if line.startswith("|") else ""
         if number.isdigit():
-            line = f"{line.rstrip()} {_cell(number) or old.get(number, 'not run | |')}"
-        out.append(line)
+            line = f"{line.rstrip()} {_cells(number) or old.get(number, 'not run | – | – |')}"
+        out += _mutations(before) if line.startswith(_WITHOUT) else [line]
     return "\n".join(out) + "\n"
 
 
-def _cell(number):
-    tests = [t for row, ts in _results.items() for t in ts if row.split("_")[0] == number]
+def _cells(number):
+    """Result and number of tests, flights in the forest, what was measured at worst."""
+    tests = [(outcome, found) for outcome, found in _tests
+             if any(r.split("_")[0] == number for r in found["row"])]  # fmt: skip
     if not tests:
         return ""
     worst = {"passed": "holds", "skipped": "skipped", "failed": "**fails**"}
-    outcome = next(o for o in ("failed", "skipped", "passed") if any(t[1] == o for t in tests))
-    measured = dict.fromkeys(m for t in tests for m in t[2])
-    return f"{worst[outcome]} ({len(tests)}) | {'; '.join(measured) or '–'} |"
+    outcome = next(o for o in ("failed", "skipped", "passed") if any(t[0] == o for t in tests))
+    flights = [tuple(f) for _, found in tests for f in found["forest"]]
+    three, nine = ({f for f in flights if f[0] == n} for n in (3, 9))
+    forest = f"{len({seed for _, seed in three})} seeds; {len(nine)} × 9" if flights else "–"
+    least = {}
+    for what, value in (m for _, found in tests for m in found["measured"]):
+        pick = min if what.startswith("least") else max
+        least[what] = value if least.get(what) is None else pick(least[what], value)
+    measured = "; ".join(w if v is None else f"{w}: {v:.2f}" for w, v in least.items())
+    return f"{worst[outcome]} ({len(tests)}) | {forest} | {measured or '–'} |"
+
+
+def _mutations(before):
+    """A line for each mechanism that was taken out: what its row said then."""
+    now = [f"{_WITHOUT}{name} | {said} |" if outcome == "passed" else
+           f"{_WITHOUT}{name} | **the row holds all the same** |"
+           for outcome, found in _tests for name, said in found["without"]]  # fmt: skip
+    old = [line for line in before.splitlines() if line.startswith(_WITHOUT)]
+    return now or old or [f"{_WITHOUT}anything | not run |"]
