@@ -9,6 +9,7 @@
 | no usable plan | `shifted_max` times the last, shifted; then brake | LAND: `bad_land` |
 | outside the fence | brake | LAND beyond `fence_land` |
 | camera blind | brake, fly on at `blind_speed`, hover after `blind_hover` | HOLD: `blind_hold` |
+| ticks come late | brake, as gently as the long way to the motors allows | |
 | else | the plan, clipped | |
 
 Braking and levelling are laws in closed form, without any solver.
@@ -16,18 +17,24 @@ Braking and levelling are laws in closed form, without any solver.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
 from pydantic import Field
 
 from companion.nmpc import Result
+from companion.ownstate import integrate
 from companion.types import Vector
 from mavlink_bridge.frames import rotation_matrix
 from mavlink_bridge.messages import RateCommand, VehicleState
 from mavlink_bridge.settings import StrictModel
 from mavlink_bridge.thrust import G
+
+_LATE_GAIN = 0.7  # of the error, per command: 1 would be dead-beat
+_LATE_BRAKE = 0.25  # of the attitude's gain
+_ON_THE_WAY = 0.75  # share of the time between late commands before one acts
+_LATEST = 0.5  # s; nobody turns on as before for longer
 
 
 class Reason(Enum):
@@ -40,6 +47,7 @@ class Reason(Enum):
     BAD_STATE = "bad_state"  # attitude or position not to be believed
     FENCE = "fence"
     BLIND = "blind"
+    LATE = "late"  # ticks do not come in time
 
 
 class Ask(Enum):
@@ -86,6 +94,11 @@ class GuardConfig(StrictModel):
     blind_hold: float = Field(
         5.0, gt=0, description="Blind for longer [s]: ask for HOLD; this law drifts, that one not."
     )
+    late: float = Field(
+        0.15,
+        gt=0,
+        description="Commands held longer [s], twice on end: rates for 0.1 s turn too far in 0.2.",
+    )
     brake_gain: float = Field(3.5, gt=0, description="Deceleration per speed [1/s].")
     brake_max: float = Field(6.0, gt=0, description="Most horizontal deceleration [m/s²]: 31°.")
     attitude_gain: float = Field(
@@ -99,7 +112,8 @@ class Situation:
 
     time: s, of the tick. result: this tick's solve, if any. own: state now. age: s, of
     telemetry. believable: attitude and position make sense. outside: m beyond the fence (< 0:
-    within), outward: m/s across it. blind: s since the camera last showed anything.
+    within), outward: m/s across it. blind: s since the camera last showed anything. held: s that
+    the last command was in force; 0: it was the first.
     """
 
     time: float
@@ -110,6 +124,7 @@ class Situation:
     outside: float = float("-inf")
     outward: float = 0.0
     blind: float = 0.0
+    held: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -129,12 +144,14 @@ class Guard:
         self._config = config
         self._bad_ticks = 0
         self._bad_since = 0.0
+        self._late_ticks = 0
 
     def judge(self, s: Situation) -> Verdict:
         """The command for this tick; one call a tick."""
         c = self._config
         good = s.result is not None and s.result.usable and bool(np.isfinite(s.result.u[0]).all())
         known = s.own is not None and _finite(s.own) and s.age <= c.stale_stop
+        self._late_ticks = self._late_ticks + 1 if s.held > c.late else 0
         if good and known and s.believable:
             self._bad_ticks = 0
         else:
@@ -145,9 +162,10 @@ class Guard:
         assert s.own is not None
         if not s.believable:
             return self._verdict(level(s.own, c), Reason.BAD_STATE, Ask.LAND)
-        if not good:
-            return self._without_plan(s, s.own)
-        return self._with_plan(s, s.own)
+        verdict = self._with_plan(s, s.own) if good else self._without_plan(s, s.own)
+        if self._late_ticks > 1 or s.held > 2 * c.late:
+            return replace(verdict, command=brake_late(s.own, c, s.held), reason=Reason.LATE)
+        return verdict
 
     def _without_plan(self, s: Situation, own: VehicleState) -> Verdict:
         """The previous plan, shifted, a few times; then no plan at all."""
@@ -195,12 +213,29 @@ def brake(own: VehicleState, config: GuardConfig) -> RateCommand:
 
     The wanted specific force is −gain·v + g e_z, bounded.
     """
-    horizontal = -config.brake_gain * own.v[:2]
-    size = float(np.hypot(*horizontal))
+    return _towards(_against(own.v, config.brake_gain, config.brake_gain, config), own, config)
+
+
+def brake_late(own: VehicleState, config: GuardConfig, held: float) -> RateCommand:
+    """Brake where commands come late and are held for `held` [s]: every gain fits that.
+
+    The last command has turned the frame on until this one acts, a tick's length before it ends.
+    """
+    q_then = integrate(own.q_wb, own.omega, min(held, _LATEST) * _ON_THE_WAY)
+    gain = min(_LATE_GAIN / held, config.attitude_gain)
+    force = _against(own.v, min(_LATE_BRAKE * gain, config.brake_gain), gain, config)
+    slower = config.model_copy(update={"attitude_gain": gain})
+    return _towards(force, replace(own, q_wb=q_then), slower)
+
+
+def _against(v: Vector, horizontal: float, vertical: float, config: GuardConfig) -> Vector:
+    """(3,) m/s², world: specific force that brakes velocity v (3,) by these gains [1/s]."""
+    sideways = -horizontal * v[:2]
+    size = float(np.hypot(*sideways))
     if size > config.brake_max:
-        horizontal = horizontal * (config.brake_max / size)
-    vertical = float(np.clip(-config.brake_gain * own.v[2], -3.0, 3.0))
-    return _towards(np.array([horizontal[0], horizontal[1], G + vertical]), own, config)
+        sideways = sideways * (config.brake_max / size)
+    up = float(np.clip(-vertical * v[2], -3.0, 3.0))
+    return np.array([sideways[0], sideways[1], G + up])
 
 
 def level(own: VehicleState, config: GuardConfig) -> RateCommand:

@@ -108,6 +108,7 @@ class Pipeline:
         """Forget what is tied to the vehicle's clock and place, as at start."""
         config = self._config
         self._time = self._frame_time = self._heartbeat_sent = -np.inf
+        self._held = 0.0
         self._reboots = self._own.counters.reboots
         self._eye = Eye(config.eye)
         self._tracker = Tracker(config.tracker)
@@ -263,6 +264,7 @@ class Pipeline:
             self._start_over()
             self._lift.forget()
             self._phases.rebooted()
+        self._held = time - self._time if np.isfinite(self._time) else 0.0
         self._time = time
 
     def _own_now(self, time: float) -> VehicleState | None:
@@ -334,6 +336,7 @@ class Pipeline:
                 outside=outside,
                 outward=outward,
                 blind=self._eye.blind(out.time),
+                held=self._held,
             )
         )
 

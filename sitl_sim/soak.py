@@ -1,7 +1,7 @@
 """`sitl-sim soak`: there and back for simulated hours, with random faults; what does it cost?
 
 Companions fly inside this process, in lockstep, one flight after another, each with other faults
-from the seed. After each: collisions among the drones that nothing grounded, memory, open files.
+from the seed. After each: what the drones that nothing grounded have hit, memory, open files.
 """
 
 from __future__ import annotations
@@ -18,9 +18,11 @@ import numpy as np
 from sitl_sim.faults import FaultConfig
 from sitl_sim.runner import flight
 from sitl_sim.scenario import Scenario
+from sitl_sim.world import surface_distance
 
 _LEG = 14.0  # m
 _LEG_SECONDS = 12.0
+_UP, _LANDING = 0.3, 1.5  # m, m/s: whoever is faster below falls
 _WARM_UP = 2  # flights before memory counts: compiled kernels, caches
 # What a flight survives, with the amounts drawn from; how long each lasts [s].
 PASSING: dict[str, tuple[float, float] | None] = {
@@ -78,7 +80,8 @@ def _fly(scenario: Scenario, grounded: set[int], before: float) -> Passed:
         f.run()
         truth = f.truth.arrays()
         targets = f.world["targets"]
-    collisions = _collisions(truth, grounded, scenario.drones.radius)
+        world = f.world
+    collisions = _collisions(truth, grounded, scenario.drones.radius, world)
     legs = sum(len(t) for t in targets.values())
     del truth, f
     gc.collect()
@@ -129,16 +132,21 @@ def _fault(
     return fault
 
 
-def _collisions(truth: dict[str, Any], grounded: set[int], radius: float) -> int:
-    """Pairs of healthy drones that came nearer than two radii while both were up."""
-    p = truth["position"]
+def _collisions(
+    truth: dict[str, Any], grounded: set[int], radius: float, world: dict[str, Any]
+) -> int:
+    """Healthy drones that hit each other (pairs), an obstacle, or the ground."""
+    p = truth["position"].astype(float)
     healthy = [i for i in range(p.shape[1]) if i not in grounded]
     pairs = [(a, b) for a in healthy for b in healthy if b < a]
-    up = p[..., 2] > 0.3
-    return sum(
+    up = p[..., 2] > _UP
+    together = sum(
         bool(((np.linalg.norm(p[:, a] - p[:, b], axis=1) < 2 * radius) & up[:, a] & up[:, b]).any())
         for a, b in pairs
     )
+    struck = up & (surface_distance(p, world) < radius)
+    fallen = ~up & (np.linalg.norm(truth["velocity"], axis=-1) > _LANDING)
+    return together + sum(bool(struck[:, i].any()) + bool(fallen[:, i].any()) for i in healthy)
 
 
 def _rss() -> float:

@@ -25,8 +25,8 @@ class Relay:
         self._outer = self._socket(("127.0.0.1", 0))
         self._daemon, self._vehicle = ("127.0.0.1", daemon_port), None
         self._over = threading.Event()
-        self._threads = [threading.Thread(target=self._carry, args=way)
-                         for way in ((self._inner, self.told), (self._outer, self.sent))]  # fmt: skip
+        ways = ((self._inner, self.told), (self._outer, self.sent))
+        self._threads = [threading.Thread(target=self._carry, args=way) for way in ways]
         for thread in self._threads:
             thread.start()
 
@@ -81,5 +81,6 @@ def _arrival(extra):
     for level, kind, data in extra:
         if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMP:
             seconds, micros = _STAMP.unpack(data)
-            return seconds + micros / 1e6 - time.time() + time.monotonic()
+            ago = time.clock_gettime(time.CLOCK_REALTIME) - seconds - micros / 1e6
+            return time.monotonic() - ago
     raise AssertionError("no time stamp")

@@ -5,7 +5,7 @@ import pytest
 
 from companion.config import FenceConfig
 from companion.eye import Eye, EyeConfig, Trouble
-from companion.guard import Ask, Guard, GuardConfig, Reason, Situation, brake
+from companion.guard import Ask, Guard, GuardConfig, Reason, Situation, brake, brake_late
 from companion.mission import MissionConfig
 from companion.nmpc import Result, Status
 from companion.ownstate import OwnState
@@ -50,6 +50,10 @@ def situation(time=0.0, v=(0.0, 0.0, 0.0), **more):
         ({"outside": 1.1, "outward": 0.0}, Reason.FENCE, Ask.LAND),
         ({"blind": 0.1, "v": (1.5, 0, 0)}, Reason.BLIND, Ask.NOTHING),
         ({"blind": 6.0}, Reason.BLIND, Ask.HOLD),
+        ({"held": 0.2}, Reason.PLAN, Ask.NOTHING),
+        ({"held": 0.31}, Reason.LATE, Ask.NOTHING),
+        ({"held": 0.31, "blind": 6.0}, Reason.LATE, Ask.HOLD),
+        ({"held": np.inf}, Reason.LATE, Ask.NOTHING),
     ],
 )
 def test_each_rule(more, reason, ask):
@@ -71,6 +75,16 @@ def test_braking_tilts_against_the_motion():
     command = brake(own((2.0, 0.0, 0.0)), GuardConfig())
     assert command.omega[1] < -1.0  # nose up
     assert brake(own(), GuardConfig()).c == pytest.approx(9.80665)
+
+
+def test_the_second_tick_that_is_missed_brakes_gently():
+    guard = Guard(GuardConfig())
+    reasons = [guard.judge(situation(held=held)).reason for held in (0.1, 0.2, 0.2, 0.2, 0.1)]
+    assert reasons == [Reason.PLAN, Reason.PLAN, Reason.LATE, Reason.LATE, Reason.PLAN]
+    fast = own((2.0, 0.0, 0.0))
+    turns = [abs(brake_late(fast, GuardConfig(), held).omega[1]) for held in (0.2, 0.3, 0.5)]
+    assert turns == sorted(turns, reverse=True)
+    assert turns[0] < 0.25 * abs(brake(fast, GuardConfig()).omega[1])
 
 
 def picture(seed):

@@ -56,7 +56,9 @@ def test_the_guard_is_total(p, v, q, omega, u, time, age, outside, blind, usable
     guard = Guard(GuardConfig())
     with np.errstate(all="ignore"):
         for r, o in ((result, own), (None, own), (result, None), (None, None)):
-            verdict = guard.judge(Situation(time, r, o, age, believable, outside, v[0], blind))
+            verdict = guard.judge(
+                Situation(time, r, o, age, believable, outside, v[0], blind, held=abs(age))
+            )
             assert np.isfinite(verdict.command.omega).all()
             assert np.abs(verdict.command.omega).max() <= 3.0
             assert 2.0 <= verdict.command.c <= 20.0

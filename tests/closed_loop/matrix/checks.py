@@ -365,11 +365,17 @@ def row_18(note):
 
 
 def row_19(note):
-    f = fly([{"kind": "pause", "amount": 0.2, "at": 7.0, "for": 2.0}], mission__time_limit=22.0)
-    assert f.figures()["targets_reached"]["drone1"] == "1/1"
-    assert f.figures()["obstacle_collisions"] == 0
-    f.check_always()
-    note("complete", None)
+    """Each answer late: the next tick is missed, or two; what it commanded is held that long."""
+    for pause in (0.12, 0.2):
+        f = fly([{"kind": "pause", "amount": pause, "at": 7.0, "for": 4.0}], count=2,
+                mission__time_limit=26.0)  # fmt: skip
+        assert f.figures()["targets_reached"]["drone1"] == "1/1"
+        f.check_always()
+        truth = f.truth.arrays()
+        q = truth["attitude"][(truth["t"] > 7.0) & (truth["t"] < 12.0), 0]
+        tilt = np.degrees(np.arccos(1 - 2 * (q[:, 1] ** 2 + q[:, 2] ** 2).max()))
+        assert tilt < 45.0, (pause, tilt)
+        note(f"most tilt [°], {pause:g} s late", tilt)
 
 
 def row_21(note):

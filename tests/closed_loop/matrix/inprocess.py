@@ -4,6 +4,7 @@ Everything but sockets and processes is the real thing: the bytes of MAVLink, th
 faults of the scenario. A flight of one drone and 15 s takes half a second or so.
 """
 
+import itertools
 import tempfile
 import time
 from collections import deque
@@ -139,10 +140,19 @@ class InProcess(Flight):
         up = p[..., 2] > 0.3
         clear = np.where(up, surface_distance(p.astype(float), self.world), np.inf)
         assert clear.min() > self.scenario.drones.radius, ("obstacle", float(clear.min()))
+        for i in indices:
+            assert self._lowest_in_offboard(i) > 0.5, f"drone{i + 1} went down"
         for a in range(p.shape[1]):
             for b in range(a):
                 gap = np.linalg.norm(p[:, a] - p[:, b], axis=1).min()
                 assert gap > 2 * self.scenario.drones.radius, (a, b, gap)
+
+    def _lowest_in_offboard(self, i):
+        """m above the ground while its companion flies drone i."""
+        truth, changes = self.truth.arrays(), [*self.modes[i], (np.inf, "")]
+        return min((truth["position"][(truth["t"] > start) & (truth["t"] <= end), i, 2].min()
+                    for (start, name), (end, _) in itertools.pairwise(changes)
+                    if name == "OFFBOARD"), default=np.inf)  # fmt: skip
 
 
 def scenario(faults=(), count=1, seed=1, **more):

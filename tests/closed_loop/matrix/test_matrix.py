@@ -70,6 +70,7 @@ WITHOUT = {
     "14: noticing a reboot": never_start_over,
     "15: the eye": lambda p: p.setattr(Eye, "blind", lambda *a: 0.0),
     "17: neighbours": lambda p: p.setattr(pipeline, "critical_neighbours", lambda *a: []),
+    "19: the law for late ticks": overridden(guard={"late": 1e9}),
     "21: the fence": overridden(fence={"altitude_max": 5.0}, guard={"fence_drift": 1e9}),
 }
 
@@ -79,11 +80,18 @@ def _length_one(norm):
 
 
 @pytest.mark.slow
+@pytest.mark.mutation
 @pytest.mark.parametrize("name", WITHOUT)
-def test_a_row_fails_without(name, monkeypatch):
+def test_a_row_fails_without(name, monkeypatch, record_property):
+    row, _, mechanism = name.partition(": ")
     WITHOUT[name](monkeypatch)
-    with pytest.raises((AssertionError, ValueError, StopIteration, RuntimeWarning)):
-        checks.ROWS[name.split(":")[0]](lambda what, value: None)
+    said = ""
+    try:
+        with pytest.raises((AssertionError, ValueError, StopIteration, RuntimeWarning)) as failed:
+            checks.ROWS[row](lambda what, value: None)
+        said = str(failed.traceback[-1].statement).strip()
+    finally:
+        record_property("without", (f"{mechanism} | {row}", f"`{said}`"))
 
 
 def test_the_guard_is_used(monkeypatch):
