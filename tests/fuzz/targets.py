@@ -1,14 +1,12 @@
 """What may be fed anything: each target takes bytes and must neither raise nor grow.
 
-`python tests/fuzz/targets.py codec -max_total_time=600` runs one under atheris (the extra
-`fuzz`), from the corpus beside it; `pytest tests/fuzz` runs all of them on the corpus and on
-what hypothesis makes up; `make fuzz` counts a million mutated frames of each protocol.
+`pytest tests/fuzz` runs all of them on the corpus and on what hypothesis makes up; `guided.py` one
+under atheris; `make fuzz` counts a million mutated frames of each protocol.
 
 A target catches what the product's own callers catch, and nothing else.
 """
 
 import io
-import json
 import sys
 import tempfile
 from dataclasses import replace
@@ -255,21 +253,3 @@ FOLDERS = {name: name for name in TARGETS} | {"codec": "mavlink", "tick": "mavli
 def seeds(name):
     """The corpus of a target."""
     return [f.read_bytes() for f in sorted((CORPUS / FOLDERS[name]).iterdir())]
-
-
-def main():
-    """Under atheris."""
-    import atheris
-
-    name = sys.argv.pop(1)
-    atheris.instrument_all()
-    atheris.Setup([*sys.argv, str(CORPUS / FOLDERS[name])], TARGETS[name])
-    atheris.Fuzz()
-
-
-if __name__ == "__main__":
-    if sys.argv[1:2] and sys.argv[1] in TARGETS:
-        main()
-    else:
-        sys.exit(json.dumps({"usage": "targets.py TARGET [libFuzzer options]",
-                             "targets": list(TARGETS)}))  # fmt: skip
