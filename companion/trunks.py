@@ -27,7 +27,6 @@ from companion.types import Image, Trunk, Vector
 from mavlink_bridge.settings import StrictModel
 
 Mask = NDArray[np.bool_]
-FOOT_SHARE = 0.25  # of a trunk's columns that must show where it stands
 CUT_WIDTH = 1.35  # typical true over visible width of a trunk cut by the picture's edge
 TRIED = np.geomspace(16.0, 1.02, 48)  # distances to the axis, in radii
 EDGE = 9.0  # grey levels of an upright edge that parts two trunks
@@ -200,7 +199,7 @@ class TrunkDetector:
         delta = np.sin(az - axis)
         inner = np.abs(delta) < 0.8 * sine
         use = inner & foot
-        if use.sum() >= max(2, FOOT_SHARE * inner.sum()):
+        if use.sum() >= max(2, 0.25 * inner.sum()):
             shape = np.cos(az[use] - axis) - np.sqrt(sine * sine - delta[use] ** 2)
             distance = float(np.sort(t[use] / np.maximum(shape, 0.02))[np.count_nonzero(use) // 2])
             radius = distance * sine
@@ -275,9 +274,8 @@ def _assumed(
     elif free[1] and not free[0]:
         axis = high - beta
     # Columns outside the profile cost as much as a wrong distance. Of a trunk that leaves the
-    # picture, foot and all, no more is known than that it is wider than what shows; a column or
-    # two of ground beside it are not its foot.
-    width = (high - low) * (1.0 if foot.mean() >= FOOT_SHARE else CUT_WIDTH)
+    # picture, foot and all, no more is known than that it is wider than what shows.
+    width = (high - low) * (1.0 if foot.any() else CUT_WIDTH)
     short = np.maximum(width - 2.0 * beta, 0.0)
     if all(free):
         short = np.abs((high - low) / 2 - beta)
