@@ -94,13 +94,16 @@ def _measure(
     progress: Callable[[str, int], None],
 ) -> dict[str, Any]:
     tally = _Tally()
+    compared: list[tuple[str, Instance, Result]] = []
     for run, instance, result, first in solve_all(solver, runs):
         (tally.cold if first else tally.warm).append(result.solve_time * 1e3)
         tally.add(solver.config, instance, result)
         if isinstance(solver, Nmpc) and not first and result.usable:
-            gap = worse_percent(optimum, instance, result)
-            tally.worse.setdefault(run.flight, []).append(gap)
+            compared.append((run.flight, instance, result))
         progress(name, tally.total)
+    for flight, instance, result in compared:  # afterwards: IPOPT would empty the caches
+        gap = worse_percent(optimum, instance, result)
+        tally.worse.setdefault(flight, []).append(gap)
     total = max(1, tally.total)
     row: dict[str, Any] = {
         "backend": solver.backend if isinstance(solver, Nmpc) else "ipopt",

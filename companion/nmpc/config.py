@@ -157,7 +157,7 @@ class NmpcConfig(StrictModel):
         ge=1,
         description="Interior-point iterations after which a tick begins none but the least number "
         "of steps; a second start is carried on in the next. 1000 is never reached. 80 halves the "
-        "longest tick, and cost no distance in eight crossings.",
+        "longest tick; eight crossings came to 0.60 m in the mean with it, to 0.65 m without.",
     )
     rescue_slack: float = Field(
         0.1,
