@@ -9,7 +9,7 @@
 | no usable plan | `shifted_max` times the last, shifted; then brake | LAND: `bad_land` |
 | outside the fence | brake | LAND beyond `fence_land` |
 | camera blind | brake, fly on at `blind_speed`, hover after `blind_hover` | HOLD: `blind_hold` |
-| ticks come late | brake, as gently as the long way to the motors allows | |
+| ticks come late, or commands get lost | brake, as gently as that allows | HOLD: `lost_hold` |
 | else | the plan, clipped | |
 
 Braking and levelling are laws in closed form, without any solver.
@@ -34,6 +34,7 @@ from mavlink_bridge.thrust import G
 _LATE_GAIN = 0.7  # of the error, per command: 1 would be dead-beat
 _LATE_BRAKE = 0.25  # of the attitude's gain
 _ON_THE_WAY = 0.75  # share of the time between late commands before one acts
+_LOST_HELD = 0.3  # s, of commands of which half are lost: most are in force no longer
 _LATEST = 0.5  # s; nobody turns on as before for longer
 
 
@@ -47,7 +48,7 @@ class Reason(Enum):
     BAD_STATE = "bad_state"  # attitude or position not to be believed
     FENCE = "fence"
     BLIND = "blind"
-    LATE = "late"  # ticks do not come in time
+    LATE = "late"  # ticks do not come in time, or commands get lost
 
 
 class Ask(Enum):
@@ -99,6 +100,13 @@ class GuardConfig(StrictModel):
         gt=0,
         description="Commands held longer [s], twice on end: rates for 0.1 s turn too far in 0.2.",
     )
+    lost: float = Field(
+        0.4,
+        gt=0,
+        le=1,
+        description="Share of telemetry lost in a second: of commands too; the plan does not fly.",
+    )
+    lost_hold: float = Field(1.0, gt=0, description="Lost for longer [s]: ask for HOLD.")
     brake_gain: float = Field(3.5, gt=0, description="Deceleration per speed [1/s].")
     brake_max: float = Field(6.0, gt=0, description="Most horizontal deceleration [m/s²]: 31°.")
     attitude_gain: float = Field(
@@ -113,7 +121,7 @@ class Situation:
     time: s, of the tick. result: this tick's solve, if any. own: state now. age: s, of
     telemetry. believable: attitude and position make sense. outside: m beyond the fence (< 0:
     within), outward: m/s across it. blind: s since the camera last showed anything. held: s that
-    the last command was in force; 0: it was the first.
+    the last command was in force; 0: it was the first. lost: share of telemetry that is lost.
     """
 
     time: float
@@ -125,6 +133,7 @@ class Situation:
     outward: float = 0.0
     blind: float = 0.0
     held: float = 0.0
+    lost: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -145,6 +154,7 @@ class Guard:
         self._bad_ticks = 0
         self._bad_since = 0.0
         self._late_ticks = 0
+        self._lossy_since: float | None = None
 
     def judge(self, s: Situation) -> Verdict:
         """The command for this tick; one call a tick."""
@@ -163,9 +173,21 @@ class Guard:
         if not s.believable:
             return self._verdict(level(s.own, c), Reason.BAD_STATE, Ask.LAND)
         verdict = self._with_plan(s, s.own) if good else self._without_plan(s, s.own)
-        if self._late_ticks > 1 or s.held > 2 * c.late:
-            return replace(verdict, command=brake_late(s.own, c, s.held), reason=Reason.LATE)
-        return verdict
+        lossy = self._lossy(s)
+        if not lossy and self._late_ticks < 2 and not s.held > 2 * c.late:
+            return verdict
+        command = brake_late(s.own, c, max(s.held, _LOST_HELD if lossy else 0.0))
+        hold = lossy > c.lost_hold and verdict.ask is Ask.NOTHING
+        return self._verdict(command, Reason.LATE, Ask.HOLD if hold else verdict.ask)
+
+    def _lossy(self, s: Situation) -> float:
+        """Seconds that too much has been lost, this tick included; 0 where it is not."""
+        if not s.lost > self._config.lost:
+            self._lossy_since = None
+            return 0.0
+        if self._lossy_since is None:
+            self._lossy_since = s.time
+        return s.time - self._lossy_since + 1e-3
 
     def _without_plan(self, s: Situation, own: VehicleState) -> Verdict:
         """The previous plan, shifted, a few times; then no plan at all."""

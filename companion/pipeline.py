@@ -22,6 +22,7 @@ from companion.forecast import Forecast
 from companion.gaze import Gaze, seen_speed
 from companion.guard import Ask, Guard, Situation, Verdict
 from companion.lift import Lift
+from companion.linkwatch import LinkWatch
 from companion.mission import Mission, Progress
 from companion.model import yaw_of
 from companion.nmpc import Instance, Neighbour, Result, make_instance
@@ -109,6 +110,7 @@ class Pipeline:
         config = self._config
         self._time = self._frame_time = self._heartbeat_sent = -np.inf
         self._held = 0.0
+        self._watch = LinkWatch()
         self._reboots = self._own.counters.reboots
         self._eye = Eye(config.eye)
         self._tracker = Tracker(config.tracker)
@@ -135,7 +137,9 @@ class Pipeline:
     def _read_telemetry(self, inputs: TickInputs, out: TickOutputs) -> None:
         """Own state now, from what the autopilot said."""
         autopilot = Source(self._config.link.system_id, 1)
-        mine = [r.message for r in inputs.received if r.source == autopilot]
+        heard = [r for r in inputs.received if r.source == autopilot]
+        mine = [r.message for r in heard]
+        self._watch.hear(inputs.time, heard)
         self._own.add(mine)
         self._identity.hear(mine)
         out.objection = self._identity.objection()
@@ -337,6 +341,7 @@ class Pipeline:
                 outward=outward,
                 blind=self._eye.blind(out.time),
                 held=self._held,
+                lost=self._watch.lost,
             )
         )
 

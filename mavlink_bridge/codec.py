@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pymavlink.dialects.v20 import common as mavlink
 
 from mavlink_bridge.dialect import FROM_WIRE, TO_WIRE
+from mavlink_bridge.framecount import FrameCount
 from mavlink_bridge.messages import Message, Received, Source
 from mavlink_bridge.signing import Signing
 
@@ -20,6 +21,7 @@ _V1, _V2 = 0xFE, 0xFD
 _MAGIC = re.compile(rb"[\xfd\xfe]")
 _SIGNED = 0x01
 _LONGEST_FRAME = 280
+_SENDERS = 64  # most whose frames are counted
 
 
 @dataclass
@@ -62,6 +64,7 @@ class Codec:
             self._mav.signing.link_id = signing.link_id
             self._mav.signing.sign_outgoing = True
         self._buffer = bytearray()
+        self._counts: dict[Source, FrameCount] = {}
 
     def encode(self, messages: Iterable[Message]) -> bytes:
         """The messages as consecutive MAVLink 2 frames."""
@@ -131,29 +134,38 @@ class Codec:
         """The message in buffer[start:end]; None where that is no valid frame."""
         b = self._buffer
         if b[start] == _V1:
-            system, component, message_id = b[start + 3 : start + 6]
+            sequence, system, component, message_id = b[start + 2 : start + 6]
         else:
-            system, component = b[start + 5], b[start + 6]
+            sequence, system, component = b[start + 4 : start + 7]
             message_id = b[start + 7] | b[start + 8] << 8 | b[start + 9] << 16
         if not self._allowed(system, component):
             self.statistics.foreign += 1
             return None
-        convert = FROM_WIRE.get(message_id)
+        source, convert = Source(system, component), FROM_WIRE.get(message_id)
         if convert is None and message_id not in mavlink.mavlink_map:
             self.statistics.unknown += 1
+            if source in self._counts:
+                self._counts[source].unknown += 1
             return None
-        source = Source(system, component)
         try:
             wire = self._reader.decode(b[start:end])
             if not self._trusted(bytes(b[start:end]), source):
                 self.statistics.unsigned += 1
                 return None
-            received = Received(source, convert(wire)) if convert else _DROPPED
+            message = convert(wire) if convert else None
         except (mavlink.MAVError, ValueError, TypeError, OverflowError):
             self.statistics.bad_frames += 1
             return None
         self.statistics.received += 1
-        return received
+        count = self._count(source)
+        count.came(sequence, read=message is not None)
+        return _DROPPED if message is None else Received(source, message, *count.taken())
+
+    def _count(self, source: Source) -> FrameCount:
+        """Of this sender; of too many, none is kept."""
+        if source not in self._counts and len(self._counts) >= _SENDERS:
+            return FrameCount()
+        return self._counts.setdefault(source, FrameCount())
 
     def _allowed(self, system: int, component: int) -> bool:
         allow = self._allow

@@ -514,7 +514,13 @@ Message = (
 
 @dataclass(frozen=True)
 class Received:
-    """A decoded message and who sent it."""
+    """A decoded message and who sent it.
+
+    missing, unread: frames of this sender, since its last message, that did not come (by their
+    numbers), and that came and are of no use here.
+    """
 
     source: Source
     message: Message
+    missing: int = field(default=0, compare=False)
+    unread: int = field(default=0, compare=False)

@@ -87,6 +87,14 @@ def test_the_second_tick_that_is_missed_brakes_gently():
     assert turns[0] < 0.25 * abs(brake(fast, GuardConfig()).omega[1])
 
 
+def test_half_of_the_commands_lost_brakes_and_then_holds():
+    guard = Guard(GuardConfig())
+    said = [guard.judge(situation(0.1 * k, lost=0.5)) for k in range(13)]
+    assert {v.reason for v in said} == {Reason.LATE}
+    assert [v.ask for v in said].index(Ask.HOLD) == 10
+    assert guard.judge(situation(1.3, lost=0.2)).reason is Reason.PLAN
+
+
 def picture(seed):
     return np.random.default_rng(seed).integers(50, 200, (64, 64, 3), np.uint8)
 

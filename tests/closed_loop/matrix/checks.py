@@ -265,10 +265,13 @@ def row_9(note):
         assert f.figures()["targets_reached"]["drone1"] == "1/1", (kind, amount)
         assert f.figures()["obstacle_collisions"] == 0
         f.check_always()
-    f = fly([{"kind": "link_loss", "amount": 0.5}], count=2, mission__time_limit=24.0)
+    f = fly([{"kind": "link_loss", "amount": 0.5, "at": CRUISE}], count=2,
+            mission__time_limit=24.0)  # fmt: skip
     assert f.figures()["obstacle_collisions"] == f.figures()["agent_collisions"] == 0
     f.check_always()
+    assert f.most_tilt(CRUISE) < 45.0
     note("complete to 20 %, safe at 50 %", None)
+    note("HOLD at 50 %", mode_after(f, CRUISE, "HOLD"))
 
 
 def row_13(note):
@@ -371,9 +374,7 @@ def row_19(note):
                 mission__time_limit=26.0)  # fmt: skip
         assert f.figures()["targets_reached"]["drone1"] == "1/1"
         f.check_always()
-        truth = f.truth.arrays()
-        q = truth["attitude"][(truth["t"] > 7.0) & (truth["t"] < 12.0), 0]
-        tilt = np.degrees(np.arccos(1 - 2 * (q[:, 1] ** 2 + q[:, 2] ** 2).max()))
+        tilt = f.most_tilt(7.0)
         assert tilt < 45.0, (pause, tilt)
         note(f"most tilt [°], {pause:g} s late", tilt)
 

@@ -153,6 +153,14 @@ def check_8(f, i, kind, note):
     note("LAND, " + ("position_jump", "position_lost", "quaternion")[kind], land)
 
 
+def check_half(f, i, kind, note):
+    """Half of all packets lost: no tumbling, and the vehicle holds by itself."""
+    assert f.most_tilt(AT, i) < 45.0
+    hold = mode_after(f, AT, "HOLD", i)
+    assert hold <= 8.0
+    note("HOLD at 50 %", hold)
+
+
 def check_13(f, i, kind, note):
     c = f.companions[i]
     shown = next(t for t, o in c.ticks(AT) if o.heartbeat is not None and (
@@ -297,7 +305,7 @@ ROWS = {
     "9": Row(completes, (one("link_loss", amount=0.2), one("link_duplicate", amount=0.3),
                          one("link_reorder", amount=0.3), one("link_flip", amount=0.2),
                          one("link_loss", amount=0.05))),
-    "9_half": Row(lambda *a: None, (one("link_loss", amount=0.5),)),
+    "9_half": Row(check_half, (one("link_loss", amount=0.5),)),
     "10": Row(completes, (one("link_garbage", amount=1e6), one("link_foreign", amount=200.0))),
     "13": Row(check_13, (one("mode", to="position"), one("kill"), one("mode", to="land")),
               lost=True),

@@ -127,6 +127,12 @@ class InProcess(Flight):
         truth = self.truth.arrays()
         return float(np.linalg.norm(truth["velocity"][np.searchsorted(truth["t"], t), i]))
 
+    def most_tilt(self, since, i=0):
+        """Degrees, from flight time `since` [s] on."""
+        truth = self.truth.arrays()
+        q = truth["attitude"][truth["t"] > since, i]
+        return float(np.degrees(np.arccos(1 - 2 * (q[:, 1] ** 2 + q[:, 2] ** 2).max())))
+
     def check_always(self, healthy=None):
         """What holds in every row: nothing hits anything, nothing bad is on the wire."""
         for c in self.companions:

@@ -66,6 +66,7 @@ WITHOUT = {
     "8_on_ground: the check of the quaternion": lambda p: p.setattr(
         np.linalg, "norm", _length_one(np.linalg.norm)
     ),
+    "9: the watch over the link": overridden(guard={"lost": 1.0}),
     "13: the pilot's last word": ignore_the_pilot,
     "14: noticing a reboot": never_start_over,
     "15: the eye": lambda p: p.setattr(Eye, "blind", lambda *a: 0.0),
