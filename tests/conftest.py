@@ -12,7 +12,7 @@ settings.load_profile("same")
 HERE = Path(__file__).parent
 _HEAD = HERE / "closed_loop" / "matrix" / "matrix.md"
 _WITHOUT = "| without "  # how a line of the second table begins
-_tests = []  # (rows, outcome, properties) of each test that counts
+_tests = {}  # of each test that counts, by its name: (outcome, properties)
 
 
 def pytest_addoption(parser):
@@ -44,12 +44,16 @@ def pytest_runtest_logreport(report):
              for k in ("row", "measured", "forest", "without")}  # fmt: skip
     counts = report.when == "call" or report.outcome != "passed"
     if counts and (found["row"] or found["without"]):
-        _tests.append((report.outcome, found))
+        _tests[report.nodeid] = (report.outcome, found)
 
 
 def pytest_sessionfinish(session):
     target = session.config.getoption("--fault-table", default=None)
     if target and _tests:
+        # The table can be made in pieces: what earlier runs found stands until it is run again.
+        kept = session.config.cache.get("faults", {}) | _tests
+        session.config.cache.set("faults", kept)
+        _tests.update(kept)
         page = Path(target)
         before = page.read_text(encoding="utf-8") if page.exists() else ""
         page.write_text(_page(_HEAD.read_text(encoding="utf-8"), before), encoding="utf-8")
@@ -75,12 +79,14 @@ def _page(text, before):
 
 def _cells(number):
     """Result and number of tests, flights in the forest, what was measured at worst."""
-    tests = [(outcome, found) for outcome, found in _tests
+    tests = [(outcome, found) for outcome, found in _tests.values()
              if any(r.split("_")[0] == number for r in found["row"])]  # fmt: skip
     if not tests:
         return ""
     worst = {"passed": "holds", "skipped": "skipped", "failed": "**fails**"}
     outcome = next(o for o in ("failed", "skipped", "passed") if any(t[0] == o for t in tests))
+    failed = sum(t[0] == "failed" for t in tests)
+    count = f"{failed} of {len(tests)}" if failed else f"{len(tests)}"
     flights = [tuple(f) for _, found in tests for f in found["forest"]]
     three, nine = ({f for f in flights if f[0] == n} for n in (3, 9))
     forest = f"{len({seed for _, seed in three})} seeds; {len(nine)} × 9" if flights else "–"
@@ -89,13 +95,14 @@ def _cells(number):
         pick = min if what.startswith("least") else max
         least[what] = value if least.get(what) is None else pick(least[what], value)
     measured = "; ".join(w if v is None else f"{w}: {v:.2f}" for w, v in least.items())
-    return f"{worst[outcome]} ({len(tests)}) | {forest} | {measured or '–'} |"
+    return f"{worst[outcome]} ({count}) | {forest} | {measured or '–'} |"
 
 
 def _mutations(before):
     """A line for each mechanism that was taken out: what its row said then."""
     now = [f"{_WITHOUT}{name} | {said} |" if outcome == "passed" else
            f"{_WITHOUT}{name} | **the row holds all the same** |"
-           for outcome, found in _tests for name, said in found["without"]]  # fmt: skip
+           for outcome, found in _tests.values()
+           for name, said in found["without"]]  # fmt: skip
     old = [line for line in before.splitlines() if line.startswith(_WITHOUT)]
     return now or old or [f"{_WITHOUT}anything | not run |"]

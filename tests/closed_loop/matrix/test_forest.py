@@ -12,7 +12,7 @@ SEEDS = 10
 
 def cases():
     """(drones, number of the flight, seed, row), a row once for each flight that shows it."""
-    three = [(3, n, seed, row) for n, rows in enumerate(THREE) for seed in range(SEEDS)
+    three = [(3, n, seed, row) for seed in range(SEEDS) for n, rows in enumerate(THREE)
              for row in dict.fromkeys(r for r in rows if r)]  # fmt: skip
     nine = [(9, n, 0, row) for n, rows in enumerate(NINE) for row in dict.fromkeys(rows)]
     return [pytest.param(*case, marks=pytest.mark.row(case[3]),
