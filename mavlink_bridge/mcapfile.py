@@ -17,9 +17,10 @@ from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_strea
 from mcap.writer import MCAP0_MAGIC
 from zstandard import ZstdError
 
-# What the reader and the decompressors it calls raise on bytes that are no log any more.
+# What the reader and the decompressors it calls raise on bytes that are no log any more; OSError
+# where an offset in them leads nowhere.
 _DAMAGED = (
-    McapError, EOFError, ValueError, KeyError, RuntimeError, OverflowError, MemoryError,
+    McapError, EOFError, ValueError, KeyError, RuntimeError, OverflowError, MemoryError, OSError,
     struct.error, ZstdError,
 )  # fmt: skip
 _RECORD = struct.Struct("<BQ")  # opcode, length
