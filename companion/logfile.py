@@ -80,18 +80,21 @@ class _Copy:
         writer.start(profile="swarm-companion", library="swarm-companion")
 
     def add(self, record: McapRecord) -> None:
-        """Copy one record; those of the old file's index are not for the new one."""
+        """Copy one record; those of the old file's index are not for the new one.
+
+        A message whose channel is lost has no topic, and is lost with it.
+        """
         w = self.writer
         if isinstance(record, Schema) and record.id not in self._schemas:
             self._schemas[record.id] = w.register_schema(record.name, record.encoding, record.data)
         elif isinstance(record, Channel) and record.id not in self._channels:
             self._channels[record.id] = w.register_channel(
-                record.topic, record.message_encoding, self._schemas[record.schema_id],
+                record.topic, record.message_encoding, self._schemas.get(record.schema_id, 0),
                 record.metadata,
             )  # fmt: skip
         elif isinstance(record, Metadata):
             w.add_metadata(record.name, record.metadata)
-        elif isinstance(record, Message):
+        elif isinstance(record, Message) and record.channel_id in self._channels:
             w.add_message(self._channels[record.channel_id], record.log_time, record.data,
                           record.publish_time, record.sequence)  # fmt: skip
             self.count += 1
