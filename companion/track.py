@@ -30,12 +30,20 @@ class TrackerConfig(StrictModel):
         1.2, gt=0, description="Std of velocity [m/s] of a neighbour just seen: up to cruise."
     )
     company: float = Field(
-        0.7, ge=0, le=1, description="Share of the own velocity that such a one is taken to have."
+        0.0,
+        ge=0,
+        le=1,
+        description="Share of the own velocity that such a one is taken to have: 0.7 errs least in "
+        "a flock, and most on who comes head on.",
     )
     attitude_sigma: float = Field(
         0.01, ge=0, description="Std [rad] of the own attitude; adds to each bearing."
     )
-    gate: float = Field(11.3, gt=0, description="Mahalanobis² gate: 99 % of chi² with 3 dof.")
+    gate: float = Field(
+        16.3,
+        gt=0,
+        description="Mahalanobis² gate: 99.9 % of chi² with 3 dof; nearer, who swerves is lost.",
+    )
     hits_to_confirm: int = Field(2, ge=1, description="Clear looks before a neighbour counts.")
     clear: float = Field(
         0.2, gt=0, description="Std of range, as a share of it, up to which a look is clear."
