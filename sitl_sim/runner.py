@@ -293,11 +293,15 @@ class Flight:
             self._autopilots.begin(started)
             for drone in self._drones:  # their clock is CLOCK_MONOTONIC
                 drone.boot_ms = round(started * 1e3)
+        earliest = started
         while self._now < limit and not self._over():
             if self._real_time:
-                self._idle_until(started + self._now / 1e3)
+                self._idle_until(max(started + self._now / 1e3, earliest))
             self._instant()
             following = self._next_event()
+            # A world that was held up catches up at twice its pace, no faster: to a vehicle that
+            # lives a second at once, everybody is silent for a second.
+            earliest = time.monotonic() + (following - self._now) / 2e3
             self._faults.update(self._now / 1e3)
             wind = self._faults.wind(self._now / 1e3, np.array(self.scenario.wind))
             self._autopilots.advance(following / 1e3, wind)

@@ -73,8 +73,8 @@ class Lines:
 class Served:
     """Where the vehicles are reached."""
 
-    def __init__(self, companion, gcs):
-        self.companion, self.gcs = companion, gcs
+    def __init__(self, companion, gcs, process):
+        self.companion, self.gcs, self.process = companion, gcs, process
 
     def urls(self, count):
         """MAVSDK's names of the companion ports."""
@@ -99,7 +99,7 @@ def served(autopilot, count=1, **keys):
         lines = Lines(process.stderr)
         try:
             lines.wait_for(rf"drone{count}: system {count}, companion UDP")
-            yield Served(companion, gcs)
+            yield Served(companion, gcs, process)
         finally:
             process.send_signal(signal.SIGTERM)
             process.wait(timeout=20)
