@@ -23,6 +23,7 @@ from companion.heatmap import CnnConfig
 from companion.mission import MissionConfig
 from companion.nmpc import NmpcConfig
 from companion.obstacles import ObstacleConfig
+from companion.reciprocity import ReciprocityConfig
 from companion.surfaces import SurfaceConfig
 from companion.threat import ThreatConfig
 from companion.track import TrackerConfig
@@ -243,6 +244,7 @@ class CompanionConfig(StrictModel):
     tracker: TrackerConfig = TrackerConfig()
     obstacles: ObstacleConfig = ObstacleConfig()
     surfaces: SurfaceConfig = SurfaceConfig()
+    reciprocity: ReciprocityConfig = ReciprocityConfig()
     threat: ThreatConfig = ThreatConfig()
     gaze: GazeConfig = GazeConfig()
     mission: MissionConfig = MissionConfig()

@@ -29,9 +29,10 @@ from companion.nmpc import Instance, Neighbour, Result, make_instance
 from companion.obstacles import ObstacleMap
 from companion.ownstate import OwnState
 from companion.phases import Phase, Phases
+from companion.reciprocity import yielding
 from companion.sight import Sight, Sighting
 from companion.surfaces import Surfaces
-from companion.threat import rated_neighbours, uncrowded_speed
+from companion.threat import calm_speed, rated_neighbours, uncrowded_speed, way_past
 from companion.track import Tracker
 from companion.types import Obstacles, Track, Vector
 from mavlink_bridge.autopilots import Identity, adapter
@@ -215,13 +216,14 @@ class Pipeline:
             config.nmpc,
             x0=self._forecast.ahead(own),
             u_last=self._forecast.u_last,
-            goal=self._goal(out),
+            goal=way_past(own, out.tracks, self._goal(out), config.threat),
             yaw=out.yaw,
             speed=out.speed,
+            v_max=calm_speed(own, out.tracks, config.nmpc.v_max, config.threat),
             # Cohesion is with the critical ones; distance (37) is kept to whoever is near, or a
             # drone that dodges one neighbour flies into the fourth.
             neighbours=[
-                self._neighbour(t, delay, float(n < config.threat.critical))
+                self._neighbour(own, t, delay, float(n < config.threat.critical))
                 for n, (t, _) in enumerate(out.near)
             ],
             cylinders=out.obstacles.cylinders,
@@ -319,11 +321,15 @@ class Pipeline:
             self._hold = out.own.p
         return self._hold
 
-    def _neighbour(self, track: Track, delay: float, cohesion: float) -> Neighbour:
-        """A track as the NMPC wants it, carried over the delay; eq. (13)."""
+    def _neighbour(
+        self, own: VehicleState, track: Track, delay: float, cohesion: float
+    ) -> Neighbour:
+        """A track as the NMPC wants it, carried over the delay, giving way; eq. (13)."""
         sigma_p = float(np.sqrt(np.trace(track.P[:3, :3]) / 3))
         sigma_v = float(np.sqrt(np.trace(track.P[3:, 3:]) / 3))
-        return Neighbour(track.p + track.v * delay, track.v, (sigma_p, sigma_v), cohesion)
+        apart = self._config.nmpc.d_agent_safety
+        v = track.v + yielding(own, track, apart, self._config.reciprocity)
+        return Neighbour(track.p + track.v * delay, v, (sigma_p, sigma_v), cohesion)
 
     def _judge(self, out: TickOutputs) -> Verdict:
         """The guard's word on what this tick knows."""

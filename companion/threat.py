@@ -7,6 +7,7 @@ total: threat = max(closing speed, small) · exp(d_ref - |p_ij|); larger is wors
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,6 +16,11 @@ from pydantic import Field
 from companion.types import Track, Vector
 from mavlink_bridge.messages import VehicleState
 from mavlink_bridge.settings import StrictModel
+
+_LEAST_CALM = 0.7  # m/s: enough to make way
+_AHEAD = 0.3  # cosine of the angle off the way, above which somebody is ahead
+_STANDING = 0.1  # m/s along the way
+_TURN_MAX = 0.6  # rad; who passes at less than an arm's length does so slowly, not sideways
 
 
 class ThreatConfig(StrictModel):
@@ -28,8 +34,18 @@ class ThreatConfig(StrictModel):
     headway: float = Field(
         1.5, ge=0, description="Time [s] that room ahead must last at the speed flown; 0: any."
     )
-    room: float = Field(0.8, ge=0, description="Room [m] begins this far from a neighbour.")
+    room: float = Field(1.1, ge=0, description="Room [m] begins this far from a neighbour.")
     creep: float = Field(0.3, gt=0, le=1, description="Least part of the speed in a crowd.")
+    calm: float = Field(
+        0.8,
+        ge=0,
+        description="Speed [m/s] above a neighbour's own at which one moves `room` away from it. "
+        "Who dodges faster only hits the next one, which cannot see it come.",
+    )
+    keep_right: float = Field(
+        1.0, ge=0, description="Room [m] made to the left for who comes towards one; 0: none."
+    )
+    oncoming: float = Field(6.0, gt=0, description="From this far [m] it is made.")
     range_max: float = Field(10.0, gt=0, description="R of eq. (6) [m]: farther is ignored.")
 
 
@@ -70,7 +86,49 @@ def uncrowded_speed(
     for t in tracks:
         offset = t.p[:2] - own.p[:2]
         distance = float(np.linalg.norm(offset))
-        if offset @ along > 0.3 * distance and distance < config.range_max:
+        if offset @ along > _AHEAD * distance and distance < config.range_max:
             room = max(distance - config.room, 0.0)
             speed = min(speed, float(t.v[:2] @ along) + room / config.headway)
     return max(speed, config.creep * cruise)
+
+
+def calm_speed(
+    own: VehicleState, tracks: Sequence[Track], v_max: float, config: ThreatConfig
+) -> float:
+    """Bound of (32) [m/s], at most `v_max`: near others, not much faster than they are.
+
+    1 m farther off it is 1 m/s higher.
+    """
+    speed = v_max
+    for t in tracks:
+        distance = float(np.linalg.norm(t.p - own.p))
+        theirs = float(np.linalg.norm(t.v))
+        speed = min(speed, theirs + config.calm + (distance - config.room))
+    return max(speed, min(_LEAST_CALM, v_max))
+
+
+def way_past(
+    own: VehicleState, tracks: Sequence[Track], goal: Vector, config: ThreatConfig
+) -> Vector:
+    """Goal (3,) turned to the right as far as who comes towards one, or stands in the way, asks.
+
+    Two that meet pass each other on the same side without a word; in a tunnel, lanes form. Who is
+    clearly to the right of the way is passed on the left.
+    """
+    way = goal[:2] - own.p[:2]
+    length = float(np.linalg.norm(way))
+    if length < 1e-6:
+        return goal
+    x, y = (way / length).tolist()
+    turn = 0.0
+    for t in tracks:
+        dx, dy = (t.p[:2] - own.p[:2]).tolist()
+        ahead, aside, distance = x * dx + y * dy, x * dy - y * dx, math.hypot(dx, dy)
+        flies_along = x * t.v[0] + y * t.v[1] > _STANDING
+        if ahead <= _AHEAD * distance or distance > min(config.oncoming, length) or flies_along:
+            continue
+        if -0.5 * config.keep_right < aside < config.keep_right:
+            turn = max(turn, math.atan2(config.keep_right - aside, distance))
+    c, s = math.cos(min(turn, _TURN_MAX)), math.sin(min(turn, _TURN_MAX))
+    turned = [c * way[0] + s * way[1], c * way[1] - s * way[0]]
+    return np.array([own.p[0] + turned[0], own.p[1] + turned[1], goal[2]])

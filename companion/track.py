@@ -29,15 +29,8 @@ class TrackerConfig(StrictModel):
     velocity_birth: float = Field(
         1.2, gt=0, description="Std of velocity [m/s] of a neighbour just seen: up to cruise."
     )
-    company: float = Field(
-        0.0,
-        ge=0,
-        le=1,
-        description="Share of the own velocity that such a one is taken to have: 0.7 errs least in "
-        "a flock, and most on who comes head on.",
-    )
     attitude_sigma: float = Field(
-        0.01, ge=0, description="Std [rad] of the own attitude; adds to each bearing."
+        0.006, ge=0, description="Std [rad] of the own attitude; adds to each bearing."
     )
     gate: float = Field(
         16.3,
@@ -109,10 +102,8 @@ class Tracker:
             self._misses[track] = 0
         fresh = sorted(set(range(len(z))) - {d for _, d in assigned})
         self._bury(time)
-        # Two looks say little about speed along the sight; swarms fly together.
-        v = self._config.company * own.v
         for detection in fresh:
-            self._bear(time, z[detection], r[detection], v, bool(clear[detection]))
+            self._bear(time, z[detection], r[detection], bool(clear[detection]))
 
     def predict(self, time: float) -> None:
         """Carry all neighbours to `time` at constant velocity, eq. (14), with growing doubt."""
@@ -193,11 +184,11 @@ class Tracker:
         # makes it symmetric again.
         self._covariance[n] = 0.5 * (corrected + corrected.transpose(0, 2, 1))
 
-    def _bear(self, time: float, z: Vector, r: Vector, v: Vector, clear: bool) -> None:
+    def _bear(self, time: float, z: Vector, r: Vector, clear: bool) -> None:
         covariance = np.zeros((1, 6, 6))
         covariance[0, :3, :3] = r
         covariance[0, 3:, 3:] = np.eye(3) * self._config.velocity_birth**2
-        self._mean = np.vstack([self._mean, np.concatenate([z, v])[None]])
+        self._mean = np.vstack([self._mean, np.concatenate([z, np.zeros(3)])[None]])
         self._covariance = np.concatenate([self._covariance, covariance])
         self._ids = np.append(self._ids, self._next_id)
         self._born = np.append(self._born, time)

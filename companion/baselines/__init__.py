@@ -32,7 +32,8 @@ def adapted(config: CompanionConfig) -> CompanionConfig:
     """The configuration as its `controller` needs it.
 
     single-horizon: cohesion and distance over all of N, the conventional NMPC. Rules for the
-    velocity are told of every neighbour in view.
+    velocity are told of every neighbour in view, as it flies and where the goal is: they make way
+    in their own manner.
     """
     if config.controller == "nmpc":
         return config
@@ -42,7 +43,8 @@ def adapted(config: CompanionConfig) -> CompanionConfig:
     return config.model_copy(
         update={
             "nmpc": config.nmpc.model_copy(update={"neighbours": _NEIGHBOURS}),
-            "threat": config.threat.model_copy(update={"critical": _NEIGHBOURS}),
+            "threat": config.threat.model_copy(update={"critical": _NEIGHBOURS, "keep_right": 0.0}),
+            "reciprocity": config.reciprocity.model_copy(update={"share": 0.0}),
         }
     )
 

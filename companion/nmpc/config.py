@@ -122,7 +122,7 @@ class NmpcConfig(StrictModel):
     )
     w_v: float = Field(100.0, ge=0, description="Square of what exceeds v_max, (32).")
     w_blind: float = Field(
-        50.0, ge=0, description="Square of the speed beyond v_blind away from the line of sight."
+        100.0, ge=0, description="Square of the speed beyond v_blind away from the line of sight."
     )
     eps_cohesion: float = Field(
         1.0, gt=0, description="Beyond d_ref by more than this [m], cohesion pulls no harder."

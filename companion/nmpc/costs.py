@@ -114,9 +114,9 @@ def migration(p: ca.SX, v: ca.SX, scene: Scene, w: Weights) -> Term:
     return Term(v - reference_velocity(p, scene, w), w["w_mig"] * scene.migration, w["eps_mig"])
 
 
-def speed_excess(v: ca.SX, w: Weights) -> Hinge:
+def speed_excess(v: ca.SX, scene: Scene, w: Weights) -> Hinge:
     """(32), soft: v_min > 0 would forbid hovering, and a hard v_max has no answer to a gust."""
-    excess = ca.sqrt(ca.sumsqr(v) + 1e-6) - w["v_max"]
+    excess = ca.sqrt(ca.sumsqr(v) + 1e-6) - scene.v_max
     return Hinge(excess, w["w_v"], bend=lambda variables: ca.hessian(excess, variables)[0])
 
 
@@ -155,7 +155,7 @@ def state_terms(x: ca.SX, scene: Scene, w: Weights) -> list[Term]:
     return [
         *cohesion(p, scene, w),
         migration(p, v, scene, w),
-        speed_excess(v, w),
+        speed_excess(v, scene, w),
         blind_motion(v, q, w),
         line_of_sight(q, scene, w),
     ]

@@ -30,8 +30,9 @@ class Instance:
     """One problem. World ENU, SI. `active` flags are 0 or 1; what is inactive has no effect.
 
     x0 (10,) p, v, q at the moment the input takes effect. u_last (4,) c, omega, the last sent.
-    goal (3,). speed: C [m/s] of this tick. yaw: line of sight [rad]. K, H, J: sizes of the
-    config. neighbour_p, neighbour_v (J,3), neighbour_sigma (J,2), neighbour_cohesion (J,).
+    goal (3,). speed: C [m/s] of this tick; v_max: bound of (32) [m/s] of this tick. yaw: line of
+    sight [rad]. K, H, J: sizes of the config. neighbour_p, neighbour_v (J,3), neighbour_sigma
+    (J,2), neighbour_cohesion (J,).
     cylinders (K,3) x, y, radius. planes (H,4) n, b: free where n·p <= b, |n| = 1.
     disturbance (3,) [m/s²]: acceleration the model knows nothing of (wind, drag).
     """
@@ -40,6 +41,7 @@ class Instance:
     u_last: Vector
     goal: Vector
     speed: float
+    v_max: float
     yaw: float
     neighbour_p: Vector
     neighbour_v: Vector
@@ -65,6 +67,7 @@ def make_instance(
     goal: ArrayLike,
     yaw: float,
     speed: float | None = None,
+    v_max: float | None = None,
     neighbours: Sequence[Neighbour] = (),
     cylinders: ArrayLike = (),
     planes: ArrayLike = (),
@@ -87,6 +90,7 @@ def make_instance(
         u_last=np.array(u_last, dtype=float),
         goal=np.array(goal, dtype=float),
         speed=float(config.speed if speed is None else speed),
+        v_max=float(config.v_max if v_max is None else v_max),
         yaw=float(yaw),
         neighbour_p=p,
         neighbour_v=v,

@@ -8,6 +8,7 @@ padded, more are cut, as the most critical and the nearest come first):
     x0 (n,10)                 p, v [m, m/s; world ENU], q_wb (w,x,y,z)
     u_last (n,4)              c [m/s²], body rates [rad/s; FLU], the last sent
     goal (n,3)  speed (n,)    [m], [m/s]
+    v_max (n,)                optional, else the config's: bound of (32) [m/s]
     yaw (n,)                  line of sight [rad; world ENU]
     neighbour_p, neighbour_v (n,J,3)   neighbour_sigma (n,J,2)
     neighbour_cohesion, neighbour_active (n,J)
@@ -36,7 +37,8 @@ from companion.nmpc.instance import Instance
 PADDED = {"neighbour": "neighbours", "cylinder": "cylinders", "plane": "planes"}
 # Further axes of each array.
 AXES: dict[str, tuple[int, ...]] = {
-    "x0": (10,), "u_last": (4,), "goal": (3,), "disturbance": (3,), "speed": (), "yaw": (),
+    "x0": (10,), "u_last": (4,), "goal": (3,), "disturbance": (3,), "speed": (), "v_max": (),
+    "yaw": (),
     "neighbour_p": (3,), "neighbour_v": (3,), "neighbour_sigma": (2,), "neighbour_cohesion": (),
     "neighbour_active": (), "cylinders": (3,), "cylinder_active": (), "planes": (4,),
     "plane_active": (),
@@ -85,6 +87,7 @@ def load(path: Path, config: NmpcConfig) -> list[Run]:
             given = {name: data[name] for name in data.files}
     except (OSError, ValueError, BadZipFile, AttributeError) as error:
         raise InstancesError(f"{path}: not an npz of arrays: {error}") from error
+    given.setdefault("v_max", np.full(np.shape(given.get("speed", ())), config.v_max))
     missing = [name for name in ("sequence", *AXES) if name not in given]
     if missing:
         raise InstancesError(f"{path}: no array {missing[0]!r}; needed: sequence, {_list(AXES)}")
@@ -123,6 +126,6 @@ def _fitted(path: Path, name: str, given: Any, count: int, config: NmpcConfig) -
 
 def _instance(row: dict[str, Vector]) -> Instance:
     numbers: dict[str, Any] = dict(row)
-    for name in ("speed", "yaw"):
+    for name in ("speed", "v_max", "yaw"):
         numbers[name] = float(numbers[name])
     return Instance(**numbers)

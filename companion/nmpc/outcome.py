@@ -133,7 +133,7 @@ def judged(
         slack_agent=max(0.0, -nearest[0]),
         slack_obstacle=max(0.0, -nearest[1]),
         slack_plane=max(0.0, -nearest[2]),
-        active=(*names, *_active_inputs(config, instance.u_last, u), *_speeding(config, x)),
+        active=(*names, *_active_inputs(config, instance.u_last, u), *_speeding(instance, x)),
         cost=cost,
         solve_time=elapsed(),
     )
@@ -151,10 +151,10 @@ def _active_inputs(config: NmpcConfig, u_last: Vector, u: Vector) -> list[str]:
     return [name for name, leans in leaning.items() if leans]
 
 
-def _speeding(config: NmpcConfig, x: Vector) -> list[str]:
+def _speeding(instance: Instance, x: Vector) -> list[str]:
     v = x[1:, 3:6]
     fastest = math.sqrt(float((v * v).sum(axis=1).max()))
-    return ["v_max"] if fastest > config.v_max - ACTIVE else []
+    return ["v_max"] if fastest > instance.v_max - ACTIVE else []
 
 
 def failed(plan: Plan, *, status: Status, iterations: int, solve_time: float) -> Result:

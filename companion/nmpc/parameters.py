@@ -24,7 +24,6 @@ WEIGHTS = (
     "d_ref",
     "d_obstacle_safety",
     "agent_vertical_scale",
-    "v_max",
     "v_blind",
     "seen_cone",
     "crowding",
@@ -64,6 +63,7 @@ class Scene:
 
     goal: ca.SX
     speed: ca.SX
+    v_max: ca.SX
     sight: ca.SX
     disturbance: ca.SX
     cylinders: ca.SX
@@ -99,6 +99,7 @@ def scene_symbols(config: NmpcConfig) -> tuple[ca.SX, ca.SX, Scene]:
         "speed": (1, 1),
         "sight": (2, 1),
         "disturbance": (3, 1),
+        "v_max": (1, 1),
         "cylinders": (3, config.cylinders),
         "cylinder_active": (config.cylinders, 1),
         "planes": (4, config.planes),
@@ -133,8 +134,8 @@ class Numbers:
         self._time = (k * config.dt)[:, None]
         self._constrained = (k <= config.M_constraint).astype(float)[:, None]
         self._cohesive = (k <= config.M).astype(float)[:, None]
-        self.scene = np.zeros(9 + 4 * K + 5 * H)
-        at = 9
+        self.scene = np.zeros(10 + 4 * K + 5 * H)
+        at = 10
         self._cylinders = self.scene[at : at + 3 * K].reshape(K, 3)
         self._cylinder_active = self.scene[at + 3 * K : at + 4 * K]
         at += 4 * K
@@ -158,6 +159,7 @@ class Numbers:
         self.scene[4] = math.cos(yaw) if sane else math.nan
         self.scene[5] = math.sin(yaw) if sane else math.nan
         self.scene[6:9] = instance.disturbance
+        self.scene[9] = instance.v_max
         self._fill_obstacles(instance, origin, goal)
         self._fill_neighbours(instance, origin, goal)
 

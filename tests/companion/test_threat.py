@@ -2,7 +2,14 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.threat import ThreatConfig, rated_neighbours, threat, uncrowded_speed
+from companion.threat import (
+    ThreatConfig,
+    calm_speed,
+    rated_neighbours,
+    threat,
+    uncrowded_speed,
+    way_past,
+)
 from companion.types import Track
 from mavlink_bridge.messages import VehicleState
 
@@ -61,3 +68,42 @@ def test_two_that_meet_at_close_quarters_slow_but_never_stop():
 
 def test_who_is_behind_or_beside_does_not_count():
     assert free_speed(track(1, [-1.0, 0, 0]), track(2, [0.2, 1.2, 0])) == 1.65
+
+
+def test_near_others_nobody_is_much_faster_than_they_are():
+    standing, flying = (calm_speed(OWN, [track(1, [1.1, 0, 0], v)], 1.85, CONFIG)
+                        for v in ([0, 0, 0], [0.5, 0, 0]))  # fmt: skip
+    assert np.isclose(standing, CONFIG.calm)
+    assert np.isclose(flying, CONFIG.calm + 0.5)
+    assert calm_speed(OWN, [track(1, [4.0, 0, 0])], 1.85, CONFIG) == 1.85
+    assert calm_speed(OWN, [], 1.85, CONFIG) == 1.85
+    assert 0.5 < calm_speed(OWN, [track(1, [0, 0, 0])], 1.85, CONFIG) < CONFIG.calm
+
+
+def aimed(*tracks):
+    """Angle [°] by which the way to a goal straight ahead is turned, to the left."""
+    goal = way_past(OWN, tracks, np.array([7.0, 0, 2.0]), CONFIG)
+    assert np.isclose(np.hypot(*goal[:2]), 7.0)
+    assert goal[2] == 2.0
+    return np.degrees(np.arctan2(goal[1], goal[0]))
+
+
+def test_who_comes_towards_us_is_passed_on_the_right():
+    ahead, near_left = aimed(track(1, [4, 0, 0], [-1, 0, 0])), aimed(track(1, [4, 0.8, 0]))
+    assert np.isclose(ahead, -np.degrees(np.arctan2(1.0, 4.0)))
+    assert ahead < near_left < 0.0
+
+
+def test_nobody_else_turns_us():
+    assert aimed() == 0.0
+    assert aimed(track(1, [4, 0, 0], [1, 0, 0])) == 0.0  # flies along
+    assert aimed(track(1, [4, 1.1, 0], [-1, 0, 0])) == 0.0  # passes on the left
+    assert aimed(track(1, [4, -0.6, 0], [-1, 0, 0])) == 0.0  # clearly on the right
+    assert aimed(track(1, [-2, 0, 0], [1, 0, 0])) == 0.0  # behind
+    assert aimed(track(1, [6.5, 0, 0], [-1, 0, 0])) == 0.0  # far
+
+
+@given(st.lists(st.tuples(NUMBER, NUMBER, NUMBER, NUMBER), max_size=9))
+def test_the_turn_is_finite_and_bounded(places):
+    tracks = [track(n, [p[0], p[1], 0.0], [p[2], p[3], 0.0]) for n, p in enumerate(places)]
+    assert -35.0 < aimed(*tracks) <= 1e-9

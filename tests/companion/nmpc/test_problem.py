@@ -144,5 +144,5 @@ def test_neighbours_are_predicted_at_constant_velocity():
 def test_an_exact_tie_is_broken_to_the_right_and_nothing_else_moves():
     numbers = Numbers(CONFIG)
     numbers.fill(scene(cylinders=[(4, 0, 1), (4, 0.5, 1), (-4, 0, 1)]))
-    cylinders = numbers.scene[9 : 9 + 9].reshape(3, 3)
+    cylinders = numbers.scene[10 : 10 + 9].reshape(3, 3)
     np.testing.assert_allclose(cylinders, [(4, CONFIG.tie_break, 1), (4, 0.5, 1), (-4, 0, 1)])
