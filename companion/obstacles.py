@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydantic import Field
@@ -74,8 +74,11 @@ class ObstacleMap:
         seen: set[int] = set()
         for trunk in trunks:
             ray = r_wc @ trunk.direction
-            scale = trunk.distance / max(math.hypot(ray[0], ray[1]), 1e-6)
-            axis = (float(own.p[0] + ray[0] * scale), float(own.p[1] + ray[1] * scale))
+            along = (float(ray[0]), float(ray[1]))
+            if trunk.assumed:
+                trunk = self._as_known(trunk, along, own)
+            scale = trunk.distance / max(math.hypot(*along), 1e-6)
+            axis = (float(own.p[0]) + along[0] * scale, float(own.p[1]) + along[1] * scale)
             seen.add(self._merge(axis, trunk, own.time))
         forward = (float(r_wc[0, 2]), float(r_wc[1, 2]))
         self._forget(seen, own, forward, half_view)
@@ -99,6 +102,24 @@ class ObstacleMap:
         along = np.clip((d * axes).sum(axis=-1) / length2, 0.0, 1.0)
         miss = along[..., None] * d - axes
         return [bool(h) for h in ((miss**2).sum(axis=-1) < radii**2).any(axis=1)]
+
+    def _as_known(self, trunk: Trunk, along: _Place, own: VehicleState) -> Trunk:
+        """A trunk of which only the width shows, in the size of the one known to stand there.
+
+        So near that its foot is out of the picture, a thin trunk looks like a thick one far off.
+        """
+        nearest, radius = math.inf, trunk.radius
+        half = math.asin(min(trunk.radius / trunk.distance, 1.0))
+        for k in self._known:
+            offset = (k.axis[0] - float(own.p[0]), k.axis[1] - float(own.p[1]))
+            distance = math.hypot(*offset)
+            if k.hits < self._config.hits_to_confirm or not k.radius < distance < nearest:
+                continue
+            if _angle(along, offset) < max(half, math.asin(k.radius / distance)):
+                nearest, radius = distance, k.radius
+        scale = radius / trunk.radius
+        return replace(trunk, distance=trunk.distance * scale, radius=radius,
+                       sigma=trunk.sigma * scale)  # fmt: skip
 
     def _merge(self, axis: _Place, trunk: Trunk, time: float) -> int:
         variance = trunk.sigma**2

@@ -199,7 +199,8 @@ class TrunkDetector:
         delta = np.sin(az - axis)
         inner = np.abs(delta) < 0.8 * sine
         use = inner & foot
-        if use.sum() >= max(2, 0.25 * inner.sum()):
+        assumed = use.sum() < max(2, 0.25 * inner.sum())
+        if not assumed:
             shape = np.cos(az[use] - axis) - np.sqrt(sine * sine - delta[use] ** 2)
             distance = float(np.sort(t[use] / np.maximum(shape, 0.02))[np.count_nonzero(use) // 2])
             radius = distance * sine
@@ -216,7 +217,7 @@ class TrunkDetector:
                 return None
         if not s.min_radius <= radius <= s.max_radius or distance - radius > s.max_range:
             return None
-        return Trunk(level.direction(float(axis)), distance, radius, sigma)
+        return Trunk(level.direction(float(axis)), distance, radius, sigma, assumed)
 
 
 def _runs(columns: _Columns, max_range: float) -> list[tuple[int, int]]:

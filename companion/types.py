@@ -33,12 +33,14 @@ class Trunk:
 
     direction: (3,) unit vector, camera frame, to the point of its axis at the camera's height.
     distance: m, horizontal, from the camera to its axis. radius: m. sigma: m, of `distance`.
+    assumed: the radius was, and with it the distance; only the width was seen.
     """
 
     direction: Vector
     distance: float
     radius: float
     sigma: float = 0.1
+    assumed: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,65 @@
+"""The memory of trunks: near ones are not taken for others farther off."""
+
+import numpy as np
+import pytest
+
+from companion.obstacles import ObstacleConfig, ObstacleMap
+from companion.types import Trunk
+from mavlink_bridge.messages import VehicleState
+
+FORWARD = np.array([0.5, -0.5, 0.5, -0.5])  # a camera that looks along the body's x axis
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+THIN, PLACE = 0.24, np.array([4.0, 0.3])
+
+
+def fly(known, x, trunk):
+    """One look from (x, 0, 2) m."""
+    own = VehicleState(x / 1.5, np.array([x, 0, 2.0]), np.array([1.5, 0, 0]), LEVEL, np.zeros(3))
+    known.update([trunk] if trunk else [], own, FORWARD, np.radians(80.0))
+    return known.obstacles(own.p).cylinders
+
+
+def look(x, assumed=None):
+    """The thin trunk as it is, or as thick as `assumed` [m] and as far off as that makes it."""
+    offset = PLACE - [x, 0.0]
+    distance = float(np.hypot(*offset))
+    direction = np.array([-offset[1], 0.0, offset[0]]) / distance
+    if assumed is None:
+        return Trunk(direction, distance, THIN, 0.1)
+    return Trunk(direction, distance * assumed / THIN, assumed, 0.1 * distance, assumed=True)
+
+
+def test_a_thin_trunk_whose_foot_left_the_picture_stays_where_it_is():
+    known = ObstacleMap(ObstacleConfig())
+    for x in np.arange(0.0, 2.4, 0.15):
+        fly(known, x, look(x))
+    for x in np.arange(2.4, 3.6, 0.05):
+        (trunk,) = fly(known, x, look(x, assumed=1.0))
+        assert trunk[:2] == pytest.approx(PLACE, abs=0.05)
+        assert trunk[2] == pytest.approx(THIN, abs=0.01)
+
+
+def test_one_that_nobody_knows_is_as_thick_as_assumed():
+    known = ObstacleMap(ObstacleConfig())
+    for _ in range(3):
+        found = fly(known, 2.4, look(2.4, assumed=0.35))
+    assert found[0, 2] == 0.35
+
+
+def test_one_beside_a_known_one_is_another():
+    known = ObstacleMap(ObstacleConfig())
+    for _ in range(6):
+        fly(known, 2.4, look(2.4))
+    aside = Trunk(np.array([0.7, 0.0, 0.7]), 2.0, 1.0, 0.2, assumed=True)
+    for _ in range(3):
+        found = fly(known, 2.4, aside)
+    assert sorted(found[:, 2]) == pytest.approx([THIN, 1.0])
+
+
+def test_one_that_should_be_seen_and_is_not_is_forgotten():
+    known = ObstacleMap(ObstacleConfig())
+    for _ in range(6):
+        fly(known, 1.0, look(1.0))
+    for _ in range(ObstacleConfig().misses_to_forget):
+        left = fly(known, 1.0, None)
+    assert not len(left)
