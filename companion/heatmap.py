@@ -22,7 +22,14 @@ from mavlink_bridge.settings import StrictModel
 WIDTH, HEIGHT, STRIDE, CHANNELS = 640, 400, 8, 5
 PACKAGED = Path(__file__).with_name("models") / "drones.onnx"
 _HEAT, _DU, _DV, _SIZE, _DOUBT = range(CHANNELS)
+_BRIGHTNESS = 0.4  # mean of a picture, 0…1
 _LAPLACE = math.sqrt(2.0)  # σ of a Laplace distribution over its scale, in which doubt is stated
+
+
+def exposure_gain(image: Image) -> float:
+    """What brings a picture (H,W,3) uint8 to the brightness that the network was trained at."""
+    mean = float(image[::8, ::8].mean()) / 255
+    return min(max(_BRIGHTNESS / max(mean, 1e-3), 0.5), 3.0)
 
 
 class CnnConfig(StrictModel):
@@ -56,7 +63,7 @@ class CnnDetector:
         """Drones in image (H,W,3) uint8 BGR, nearest first."""
         if image.shape[:2] != (HEIGHT, WIDTH):
             image = cv2.resize(image, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)  # type: ignore[assignment]
-        return self.read(self.network.run(image)[0])
+        return self.read(self.network.run(image, gain=exposure_gain(image))[0])
 
     def read(self, cells: Tensor) -> list[Detection]:
         """Detections of an output (CHANNELS,h,w): local maxima, each drone once."""

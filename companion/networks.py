@@ -36,14 +36,14 @@ class OnnxNetwork:
         self._picture: Tensor = np.zeros((1, 3, height, width), np.float32)
         self.shape = self.run(np.zeros((height, width, 3), np.uint8)).shape
 
-    def run(self, image: NDArray[np.uint8], swap: bool = False) -> Tensor:
-        """Output for a picture (height,width,3) uint8 BGR, as BGR (swap: RGB) 0…1.
+    def run(self, image: NDArray[np.uint8], swap: bool = False, gain: float = 1.0) -> Tensor:
+        """Output for a picture (height,width,3) uint8 BGR, as BGR (swap: RGB) 0…1 times gain.
 
         Raises:
             ModelError: the network does not take such pictures.
         """
         for channel, plane in zip((2, 1, 0) if swap else (0, 1, 2), cv2.split(image), strict=True):
-            np.multiply(plane, np.float32(1 / 255), out=self._picture[0, channel])
+            np.multiply(plane, np.float32(gain / 255), out=self._picture[0, channel])
         return self.forward()
 
     def forward(self) -> Tensor:

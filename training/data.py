@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.heatmap import exposure_gain
 from sitl_sim.fisheye import Lens
 from sitl_sim.frames import CONDITIONS, Conditions, rendered
 from sitl_sim.render import Sensor
@@ -91,14 +92,18 @@ class Crops:
     def __post_init__(self) -> None:
         self._pictures = [np.load(p, mmap_mode="r") for p, _ in self.files]
         self._labels = [np.load(q) for _, q in self.files]
+        self._gains = [np.array([exposure_gain(i) for i in some]) for some in self._pictures]
         self._rng = np.random.default_rng([self.seed, 81])
 
-    def batch(self, size: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Pictures (size,h,w,3) BGR and labels (size,MOST,4) in the crop's pixels."""
-        pairs = [self._one() for _ in range(size)]
-        return np.stack([p for p, _ in pairs]), np.stack([q for _, q in pairs])
+    def batch(
+        self, size: int
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
+        """Pictures (size,h,w,3) BGR, labels (size,MOST,4) in the crop's pixels, gains (size,)."""
+        made = [self._one() for _ in range(size)]
+        pictures, labels, gains = zip(*made, strict=True)
+        return np.stack(pictures), np.stack(labels), np.array(gains, np.float32)
 
-    def _one(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    def _one(self) -> tuple[NDArray[np.uint8], NDArray[np.float32], float]:
         rng = self._rng
         s = int(rng.integers(len(self.files)))
         n = int(rng.integers(SHARD))
@@ -119,4 +124,4 @@ class Crops:
             rows[:, U] = w - 1 - rows[:, U]
         out = (rows[:, :2] < -0.5).any(axis=1) | (rows[:, :2] > [w - 0.5, h - 0.5]).any(axis=1)
         rows[out, WANTED] = -1.0
-        return crop, rows
+        return crop, rows, float(self._gains[s][n])

@@ -1,7 +1,7 @@
 """The drone detector: a centre heat map at an eighth of the picture's size.
 
-Shaped by what `cv2.dnn` does fast on one core: a first layer that takes 4×4 pixels at a time,
-plain 3×3 convolutions at stride 1, and depth-wise ones where the picture is small already.
+Shaped by what `cv2.dnn` does fast on one core: few channels while the picture is large, plain 3×3
+convolutions at stride 1, and depth-wise ones where it is made smaller.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ CHANNELS = 5  # heat (logit), offset u and v [cells], log size [px], log σ of l
 
 def _conv(inputs: int, outputs: int, size: int, stride: int = 1) -> nn.Sequential:
     """Convolution, normalised (folded into it on export), rectified."""
-    padding = size // 2 if stride == 1 else 0
+    padding = size // 2
     conv = nn.Conv2d(inputs, outputs, size, stride, padding, bias=False)
     return nn.Sequential(conv, nn.BatchNorm2d(outputs), nn.ReLU())
 
@@ -34,8 +34,8 @@ class Network(nn.Module):
     def __init__(self, widths: tuple[int, int, int, int] = (16, 32, 48, 64)) -> None:
         super().__init__()
         a, b, c, d = widths
-        self.stem = _conv(3, a, 4, 4)
-        self.eighth = nn.Sequential(_conv(a, b, 2, 2), _conv(b, b, 3))
+        self.stem = nn.Sequential(_conv(3, a // 2, 3, 2), _conv(a // 2, a, 3, 2))
+        self.eighth = nn.Sequential(_halve(a, b), _conv(b, b, 3))
         self.sixteenth = nn.Sequential(_halve(b, c), _conv(c, c, 3))
         self.last = nn.Sequential(_halve(c, d), _conv(d, d, 3))
         self.up_last, self.up_sixteenth = nn.Conv2d(d, c, 1), nn.Conv2d(c, b, 1)

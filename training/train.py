@@ -70,15 +70,15 @@ def loss(out: Tensor, heat: Tensor, aim: Tensor) -> Tensor:
     return (positive + negative).sum() / count + (weight * (offset + 0.5 * size)).sum() / total
 
 
-def lit(pictures: Tensor) -> Tensor:
-    """Crops (n,h,w,3) uint8 → (n,3,h,w) 0…1 in some other light, one in three with more noise."""
+def lit(pictures: Tensor, gains: Tensor) -> Tensor:
+    """Crops (n,h,w,3) uint8 times gains (n,) → (n,3,h,w) in some other light, some noisier."""
     n = len(pictures)
     gain = torch.empty(n, 1, 1, 3).uniform_(0.92, 1.08)
-    gain *= torch.empty(n, 1, 1, 1).uniform_(0.75, 1.25)
+    gain *= torch.empty(n, 1, 1, 1).uniform_(0.85, 1.15) * gains[:, None, None, None]
     out = pictures * (gain / 255) + 0.03 * torch.randn(n, 1, 1, 1)
     noisy = slice(0, n // 3)  # crops come in random order
     out[noisy] += torch.empty(n, 1, 1, 1).uniform_(0, 0.03)[noisy] * torch.randn(out[noisy].shape)
-    return out.clamp(0, 1).permute(0, 3, 1, 2)
+    return out.clamp(min=0).permute(0, 3, 1, 2)
 
 
 @torch.no_grad()
@@ -118,8 +118,8 @@ def main() -> None:
         share = max(step / options.steps, minutes / options.minutes)
         falling = 0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * min(share, 1.0)))
         optimiser.param_groups[0]["lr"] = RATE * min(1.0, step / 200) * falling
-        pictures, labels = (torch.from_numpy(x) for x in crops.batch(BATCH))
-        out = network(lit(pictures))
+        pictures, labels, gains = (torch.from_numpy(x) for x in crops.batch(BATCH))
+        out = network(lit(pictures, gains))
         value = loss(out, *targets(labels, out.shape[2], out.shape[3]))
         optimiser.zero_grad()
         value.backward()
