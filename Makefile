@@ -34,7 +34,7 @@ test-long: setup
 
 # The fault matrix, all rows, rows without their mechanisms, and the tables (docs/faults.md).
 faults: setup
-	$(BIN)/python -m pytest -m "row or mutation" --cache-clear --fault-table docs/faults.md
+	$(BIN)/python -m pytest tests -m "row or mutation" --cache-clear --fault-table=docs/faults.md
 
 # A million mutated frames of MAVLink and as many of MSP.
 fuzz: setup
