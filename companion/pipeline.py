@@ -32,7 +32,7 @@ from companion.phases import Phase, Phases
 from companion.reciprocity import yielding
 from companion.sight import Sight, Sighting
 from companion.surfaces import Surfaces
-from companion.threat import calm_speed, rated_neighbours, uncrowded_speed, way_past
+from companion.threat import calm_speed, in_the_way, rated_neighbours, uncrowded_speed, way_past
 from companion.track import Tracker
 from companion.types import Obstacles, Track, Vector
 from mavlink_bridge.autopilots import Identity, adapter
@@ -209,27 +209,35 @@ class Pipeline:
         if not self._flying:
             self._rehearsed = out.rehearsed = self._rehearsed or self._rehearse(own)
             return
-        delay = config.timing.delay
+        delay, goal = config.timing.delay, self._goal(out)
         self._forecast.observe(own)
         self._lift.observe(own)
         out.instance = make_instance(
             config.nmpc,
             x0=self._forecast.ahead(own),
             u_last=self._forecast.u_last,
-            goal=way_past(own, out.tracks, self._goal(out), config.threat),
+            goal=way_past(own, out.tracks, out.obstacles.cylinders, goal, config.threat),
             yaw=out.yaw,
             speed=out.speed,
             v_max=calm_speed(own, out.tracks, config.nmpc.v_max, config.threat),
-            # Cohesion is with the critical ones; distance (37) is kept to whoever is near, or a
-            # drone that dodges one neighbour flies into the fourth.
+            # Distance (37) is kept to whoever is near, or a drone that dodges one neighbour flies
+            # into the fourth. Cohesion is with the critical ones that fly the same way: at its
+            # distance nobody gets past one that stands in the way.
             neighbours=[
-                self._neighbour(own, t, delay, float(n < config.threat.critical))
+                self._neighbour(
+                    own,
+                    t,
+                    delay,
+                    float(
+                        n < config.threat.critical and not in_the_way(own, t, goal, config.threat)
+                    ),
+                )
                 for n, (t, _) in enumerate(out.near)
             ],
             cylinders=out.obstacles.cylinders,
             planes=np.vstack(
                 [
-                    config.altitude_planes(self._goal(out)[2]),
+                    config.altitude_planes(goal[2]),
                     config.fence.near(own.p),
                     out.obstacles.planes,
                 ]

@@ -20,6 +20,7 @@ from mavlink_bridge.settings import StrictModel
 _LEAST_CALM = 0.7  # m/s: enough to make way
 _AHEAD = 0.3  # cosine of the angle off the way, above which somebody is ahead
 _STANDING = 0.1  # m/s along the way
+_FITS = 0.4  # m from a trunk's surface to a drone's centre
 _TURN_MAX = 0.6  # rad; who passes at less than an arm's length does so slowly, not sideways
 
 
@@ -107,28 +108,50 @@ def calm_speed(
     return max(speed, min(_LEAST_CALM, v_max))
 
 
+def in_the_way(own: VehicleState, track: Track, goal: Vector, config: ThreatConfig) -> bool:
+    """Whether a neighbour before the goal (3,) m comes towards one, or stands there."""
+    x, y = (goal[:2] - own.p[:2]).tolist()
+    dx, dy = (track.p[:2] - own.p[:2]).tolist()
+    length, distance = math.hypot(x, y), math.hypot(dx, dy)
+    ahead = x * dx + y * dy > _AHEAD * distance * length
+    flies_along = x * track.v[0] + y * track.v[1] > _STANDING * length
+    return ahead and not flies_along and distance < min(config.oncoming, length)
+
+
 def way_past(
-    own: VehicleState, tracks: Sequence[Track], goal: Vector, config: ThreatConfig
+    own: VehicleState,
+    tracks: Sequence[Track],
+    cylinders: Vector,
+    goal: Vector,
+    config: ThreatConfig,
 ) -> Vector:
     """Goal (3,) turned to the right as far as who comes towards one, or stands in the way, asks.
 
     Two that meet pass each other on the same side without a word; in a tunnel, lanes form. Who is
-    clearly to the right of the way is passed on the left.
+    clearly to the right of the way, or has one of `cylinders` (K,3) x, y, radius [m] there, is
+    passed on the left.
     """
     way = goal[:2] - own.p[:2]
-    length = float(np.linalg.norm(way))
-    if length < 1e-6:
-        return goal
-    x, y = (way / length).tolist()
-    turn = 0.0
+    right = left = 0.0
     for t in tracks:
-        dx, dy = (t.p[:2] - own.p[:2]).tolist()
-        ahead, aside, distance = x * dx + y * dy, x * dy - y * dx, math.hypot(dx, dy)
-        flies_along = x * t.v[0] + y * t.v[1] > _STANDING
-        if ahead <= _AHEAD * distance or distance > min(config.oncoming, length) or flies_along:
+        if not in_the_way(own, t, goal, config):
             continue
-        if -0.5 * config.keep_right < aside < config.keep_right:
-            turn = max(turn, math.atan2(config.keep_right - aside, distance))
-    c, s = math.cos(min(turn, _TURN_MAX)), math.sin(min(turn, _TURN_MAX))
+        x, y = (way / np.linalg.norm(way)).tolist()
+        offset = t.p[:2] - own.p[:2]
+        aside, distance = x * float(offset[1]) - y * float(offset[0]), float(np.hypot(*offset))
+        room = config.keep_right
+        if _free(t.p[:2] + room * np.array([y, -x]), cylinders):
+            if -0.5 * room < aside < room:
+                right = max(right, math.atan2(room - aside, distance))
+        elif -room < aside and _free(t.p[:2] - room * np.array([y, -x]), cylinders):
+            left = max(left, math.atan2(room + aside, distance))
+    turn = max(min(right or -left, _TURN_MAX), -_TURN_MAX)
+    c, s = math.cos(turn), math.sin(turn)
     turned = [c * way[0] + s * way[1], c * way[1] - s * way[0]]
     return np.array([own.p[0] + turned[0], own.p[1] + turned[1], goal[2]])
+
+
+def _free(place: Vector, cylinders: Vector) -> bool:
+    """Whether a drone fits at place (2,) beside all cylinders (K,3)."""
+    gaps = np.hypot(*(cylinders[:, :2] - place).T) - cylinders[:, 2]
+    return bool((gaps > _FITS).all())

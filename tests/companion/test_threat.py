@@ -80,9 +80,10 @@ def test_near_others_nobody_is_much_faster_than_they_are():
     assert 0.5 < calm_speed(OWN, [track(1, [0, 0, 0])], 1.85, CONFIG) < CONFIG.calm
 
 
-def aimed(*tracks):
+def aimed(*tracks, trunks=()):
     """Angle [°] by which the way to a goal straight ahead is turned, to the left."""
-    goal = way_past(OWN, tracks, np.array([7.0, 0, 2.0]), CONFIG)
+    cylinders = np.reshape(np.array(trunks, float), (-1, 3))
+    goal = way_past(OWN, tracks, cylinders, np.array([7.0, 0, 2.0]), CONFIG)
     assert np.isclose(np.hypot(*goal[:2]), 7.0)
     assert goal[2] == 2.0
     return np.degrees(np.arctan2(goal[1], goal[0]))
@@ -92,6 +93,14 @@ def test_who_comes_towards_us_is_passed_on_the_right():
     ahead, near_left = aimed(track(1, [4, 0, 0], [-1, 0, 0])), aimed(track(1, [4, 0.8, 0]))
     assert np.isclose(ahead, -np.degrees(np.arctan2(1.0, 4.0)))
     assert ahead < near_left < 0.0
+
+
+def test_where_a_trunk_is_on_the_right_one_passes_on_the_left():
+    standing, right, left = track(1, [3, 0, 0]), [3.0, -1.8, 1.0], [3.0, 1.8, 1.0]
+    assert np.isclose(aimed(standing, trunks=[right]), np.degrees(np.arctan2(1.0, 3.0)))
+    assert aimed(standing, trunks=[left]) < 0.0
+    assert aimed(standing, trunks=[left, right]) == 0.0
+    assert aimed(standing, trunks=[[3.0, -6.0, 1.0]]) < 0.0
 
 
 def test_nobody_else_turns_us():
@@ -107,3 +116,4 @@ def test_nobody_else_turns_us():
 def test_the_turn_is_finite_and_bounded(places):
     tracks = [track(n, [p[0], p[1], 0.0], [p[2], p[3], 0.0]) for n, p in enumerate(places)]
     assert -35.0 < aimed(*tracks) <= 1e-9
+    assert abs(aimed(*tracks, trunks=[[1, -1, 1], [3, 2, 0.5]])) < 35.0
