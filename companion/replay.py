@@ -148,9 +148,9 @@ def _frame(inputs: RecordedInputs) -> Frame | None:
     if not inputs.shown:
         return Frame(inputs.frame_time)
     drones = [[*d.direction, d.range, d.sigma_bearing, d.sigma_range] for d in inputs.drones]
-    trunks = [[*t.direction, t.distance, t.radius, t.sigma] for t in inputs.trunks]
+    trunks = [[*t.direction, t.distance, t.radius, t.sigma, t.assumed] for t in inputs.trunks]
     arrays = {"neighbours": np.array(drones).reshape(-1, 6),
-              "trunks": np.array(trunks).reshape(-1, 6)}  # fmt: skip
+              "trunks": np.array(trunks).reshape(-1, 7)}  # fmt: skip
     if inputs.ranges is not None:
         arrays["ranges"] = inputs.ranges
     return Frame(inputs.frame_time, arrays)

@@ -108,7 +108,9 @@ class Sight:
     def _find_trunks(self, frame: Frame, image: Image | None, own: VehicleState) -> list[Trunk]:
         if self._sensing.obstacles == "map":
             rows = frame.arrays.get("trunks", np.zeros((0, 6)))
-            return [Trunk(r[:3], float(r[3]), float(r[4]), float(r[5])) for r in rows]
+            return [  # a replay tells a seventh
+                Trunk(r[:3], float(r[3]), float(r[4]), float(r[5]), bool(r[6:].any())) for r in rows
+            ]
         if image is None:
             return []
         down = self._to_camera(own, np.array([[0.0, 0.0, -1.0]]))[0]
