@@ -124,7 +124,8 @@ class Daemon:
         if self._timestamps:
             self._timestamps.tick(started)
         out = self._pipeline.tick(inputs)
-        self._link.send(out.messages)
+        for packet in out.packets:
+            self._link.send(packet)
         self._pace.done(inputs, out.phase is Phase.DONE)
         self._streaming = out.verdict is not None
         taken = time.perf_counter() - started

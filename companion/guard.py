@@ -100,6 +100,13 @@ class GuardConfig(StrictModel):
         gt=0,
         description="Commands held longer [s], twice on end: rates for 0.1 s turn too far in 0.2.",
     )
+    lossy: float = Field(
+        0.05,
+        gt=0,
+        le=1,
+        description="Share of telemetry lost in a second: each setpoint is sent three times. Where "
+        "half of all packets are lost, one is then held for 0.5 s every 7 minutes, not every 2 s.",
+    )
     lost: float = Field(
         0.4,
         gt=0,

@@ -42,6 +42,7 @@ from mavlink_bridge.video import Frame
 
 _HEARTBEAT_PERIOD = 1.0
 _CLOCK_BACK = 1.0  # s; a vehicle whose clock goes back by more has started anew
+_COPIES = 2  # of a setpoint, besides the first
 _LOST = 0.3  # s unseen: a critical neighbour is looked for
 _COMPANION_HEARTBEAT = Heartbeat(autopilot=8, vehicle_type=18, armed=False, custom_mode=0,
                                  system_status=4)  # fmt: skip
@@ -63,6 +64,7 @@ class TickOutputs:
 
     time: float
     messages: list[Message] = field(default_factory=list)
+    lossy: bool = False  # the line: one packet may not do
     phase: Phase = Phase.WAIT
     heartbeat: Heartbeat | None = None
     rehearsed: bool = False
@@ -82,6 +84,12 @@ class TickOutputs:
     hover_thrust: float = 0.0
     objection: str = ""  # why this vehicle is not to be flown, one line
     stages: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def packets(self) -> list[list[Message]]:
+        """What goes out, packet by packet: all, and on a lossy line the setpoint again."""
+        setpoint: list[Message] = [m for m in self.messages if isinstance(m, RateSetpoint)]
+        return [self.messages, *[setpoint] * (_COPIES if self.lossy else 0)]
 
 
 class Pipeline:
@@ -141,6 +149,7 @@ class Pipeline:
         heard = [r for r in inputs.received if r.source == autopilot]
         mine = [r.message for r in heard]
         self._watch.hear(inputs.time, heard)
+        out.lossy = self._watch.lost > self._config.guard.lossy
         self._own.add(mine)
         self._identity.hear(mine)
         out.objection = self._identity.objection()

@@ -46,7 +46,8 @@ class Resident:
         inputs = TickInputs(now, self._link.receive(), frame)
         started = time.perf_counter()
         out = self._pipeline.tick(inputs)
-        self._link.send(out.messages)
+        for packet in out.packets:
+            self._link.send(packet)
         out.stages["tick"] = time.perf_counter() - started
         if self._recorder is not None:
             counters = {"deadline_misses": 0} | asdict(self._link.codec.statistics)

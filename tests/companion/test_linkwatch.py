@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from companion.linkwatch import LinkWatch
+from companion.pipeline import TickOutputs
 from mavlink_bridge.codec import Codec
-from mavlink_bridge.messages import Heartbeat, SystemTime
+from mavlink_bridge.messages import Heartbeat, RateSetpoint, SystemTime
 
 HEARTBEAT = Heartbeat(12, 2, True, 0, 4)
 SECOND = 200  # frames
@@ -47,3 +48,10 @@ def test_frames_that_nobody_knows_are_not_lost(frames):
 
 def test_a_line_that_was_never_sound_says_nothing(frames):
     assert lost([f if n % 2 else b"" for n, f in enumerate(frames)]) == 0.0
+
+
+def test_on_a_lossy_line_the_setpoint_goes_out_three_times_and_nothing_else_does():
+    setpoint = RateSetpoint(1.0, np.zeros(3), 0.4, 1)
+    sound, lossy = (TickOutputs(1.0, [HEARTBEAT, setpoint], lossy=on) for on in (False, True))
+    assert sound.packets == [[HEARTBEAT, setpoint]]
+    assert lossy.packets == [[HEARTBEAT, setpoint], [setpoint], [setpoint]]

@@ -54,7 +54,8 @@ class Companion:
         due = frame.time if frame.due is None else frame.due
         inputs = self.before(TickInputs(due, self.link.receive(), frame))
         out = self.pipeline.tick(inputs)
-        self.link.send(out.messages)
+        for packet in out.packets:
+            self.link.send(packet)
         self.seconds.append(self.stopwatch() - started)
         self.outs.append(out)
         self.times.append(self.clock())
