@@ -19,7 +19,8 @@ from mavlink_bridge.settings import StrictModel
 
 _LEAST_CALM = 0.7  # m/s: enough to make way
 _AHEAD = 0.3  # cosine of the angle off the way, above which somebody is ahead
-_STANDING = 0.1  # m/s along the way
+_STANDING = 0.3  # m/s along the way; less is within what is known of a velocity
+_LEVEL = 1.2  # m; who is farther above or below, on the ground say, is in nobody's way
 _FITS = 0.4  # m from a trunk's surface to a drone's centre
 _TURN_MAX = 0.6  # rad; who passes at less than an arm's length does so slowly, not sideways
 
@@ -87,7 +88,8 @@ def uncrowded_speed(
     for t in tracks:
         offset = t.p[:2] - own.p[:2]
         distance = float(np.linalg.norm(offset))
-        if offset @ along > _AHEAD * distance and distance < config.range_max:
+        ahead = offset @ along > _AHEAD * distance and _level(own, t)
+        if ahead and distance < config.range_max:
             room = max(distance - config.room, 0.0)
             speed = min(speed, float(t.v[:2] @ along) + room / config.headway)
     return max(speed, config.creep * cruise)
@@ -113,9 +115,13 @@ def in_the_way(own: VehicleState, track: Track, goal: Vector, config: ThreatConf
     x, y = (goal[:2] - own.p[:2]).tolist()
     dx, dy = (track.p[:2] - own.p[:2]).tolist()
     length, distance = math.hypot(x, y), math.hypot(dx, dy)
-    ahead = x * dx + y * dy > _AHEAD * distance * length
+    ahead = x * dx + y * dy > _AHEAD * distance * length and _level(own, track)
     flies_along = x * track.v[0] + y * track.v[1] > _STANDING * length
     return ahead and not flies_along and distance < min(config.oncoming, length)
+
+
+def _level(own: VehicleState, track: Track) -> bool:
+    return bool(abs(track.p[2] - own.p[2]) < _LEVEL)
 
 
 def way_past(
@@ -139,11 +145,11 @@ def way_past(
         x, y = (way / np.linalg.norm(way)).tolist()
         offset = t.p[:2] - own.p[:2]
         aside, distance = x * float(offset[1]) - y * float(offset[0]), float(np.hypot(*offset))
-        room = config.keep_right
-        if _free(t.p[:2] + room * np.array([y, -x]), cylinders):
+        room, side = config.keep_right, np.array([y, -x])
+        if _free(t.p[:2], side, room, cylinders):
             if -0.5 * room < aside < room:
                 right = max(right, math.atan2(room - aside, distance))
-        elif -room < aside and _free(t.p[:2] - room * np.array([y, -x]), cylinders):
+        elif -room < aside and _free(t.p[:2], -side, room, cylinders):
             left = max(left, math.atan2(room + aside, distance))
     turn = max(min(right or -left, _TURN_MAX), -_TURN_MAX)
     c, s = math.cos(turn), math.sin(turn)
@@ -151,7 +157,8 @@ def way_past(
     return np.array([own.p[0] + turned[0], own.p[1] + turned[1], goal[2]])
 
 
-def _free(place: Vector, cylinders: Vector) -> bool:
-    """Whether a drone fits at place (2,) beside all cylinders (K,3)."""
-    gaps = np.hypot(*(cylinders[:, :2] - place).T) - cylinders[:, 2]
-    return bool((gaps > _FITS).all())
+def _free(place: Vector, side: Vector, room: float, cylinders: Vector) -> bool:
+    """Whether all cylinders (K,3) on that side (2,) of place (2,) leave room to pass between."""
+    offsets = cylinders[:, :2] - place
+    gaps = np.hypot(*offsets.T) - cylinders[:, 2]
+    return not bool(((offsets @ side > 0.0) & (gaps < room + _FITS)).any())

@@ -59,6 +59,10 @@ def test_a_formation_that_flies_along_slows_nobody():
     assert free_speed(track(1, [1.7, 0.2, 0], [1.5, 0, 0]), track(2, [0, 1.5, 0])) == 1.65
 
 
+def test_one_on_the_ground_slows_nobody():
+    assert free_speed(track(1, [1.7, 0.0, -2.0])) == 1.65
+
+
 def test_two_that_meet_at_close_quarters_slow_but_never_stop():
     far, near = (free_speed(track(1, [x, 0, 0], [-1.0, 0, 0])) for x in (4.0, 2.0))
     assert 1.65 > far > near
@@ -101,11 +105,14 @@ def test_where_a_trunk_is_on_the_right_one_passes_on_the_left():
     assert aimed(standing, trunks=[left]) < 0.0
     assert aimed(standing, trunks=[left, right]) == 0.0
     assert aimed(standing, trunks=[[3.0, -6.0, 1.0]]) < 0.0
+    beside_us = [1.4, -1.6, 1.0]  # leaves 1.26 m to the one that stands
+    assert aimed(standing, trunks=[beside_us]) > 0.0
 
 
 def test_nobody_else_turns_us():
     assert aimed() == 0.0
     assert aimed(track(1, [4, 0, 0], [1, 0, 0])) == 0.0  # flies along
+    assert aimed(track(1, [4, 0, -2])) == 0.0  # has landed
     assert aimed(track(1, [4, 1.1, 0], [-1, 0, 0])) == 0.0  # passes on the left
     assert aimed(track(1, [4, -0.6, 0], [-1, 0, 0])) == 0.0  # clearly on the right
     assert aimed(track(1, [-2, 0, 0], [1, 0, 0])) == 0.0  # behind
