@@ -29,9 +29,10 @@ _Sample = TypeVar("_Sample", Attitude, LocalPosition)
 _SILENT = 0.5  # s without ATTITUDE_QUATERNION or LOCAL_POSITION_NED: then others have to do
 _JUMP = 1.0  # m beyond what velocity and acceleration explain: another place, not a motion
 _ACCELERATION = 10.0  # m/s², most that a drone may have had since the sample before
-_PERSISTS = (3, 0.2)  # samples on end, or s: then it is no slip, whatever it is
+_PERSISTS = (5, 0.15)  # samples on end, or s: then it is no slip, whatever it is
 _DOUBT = 1.0  # s that what cannot be believed, and persists, casts doubt
 _POSITION_LOST = 0.18  # s without a position while attitudes come
+_POSITION_GARBLED = 0.4  # s; the same, while positions come that are no numbers
 _REBOOTED = (1.0, 3)  # s that the clock has to go back, in so many samples on end
 _HISTORY = 100  # two seconds of 50 Hz telemetry: more than the oldest frame that is of use
 
@@ -88,7 +89,7 @@ class OwnState:
         self._coarse: CoarseTelemetry | None = CoarseTelemetry()
         self._attitudes: deque[Attitude] = deque(maxlen=_HISTORY)
         self._positions: deque[LocalPosition] = deque(maxlen=_HISTORY)
-        self._doubted = -np.inf
+        self._doubted = self._garbled = -np.inf
         self._from_the_past = 0
         self._not_unit, self._elsewhere = _Slip(), _Slip()
 
@@ -97,7 +98,8 @@ class OwnState:
         self._attitudes.clear()
         self._positions.clear()
         self._coarse = CoarseTelemetry()
-        self._doubted, self._from_the_past = -np.inf, 0
+        self._doubted = self._garbled = -np.inf
+        self._from_the_past = 0
         self.counters.reboots += 1
 
     def add(self, messages: Iterable[Message]) -> None:
@@ -152,8 +154,11 @@ class OwnState:
 
     @property
     def _position_lost(self) -> bool:
-        both = bool(self._attitudes) and bool(self._positions)
-        return both and self._attitudes[-1].time - self._positions[-1].time > _POSITION_LOST
+        if not self._attitudes or not self._positions:
+            return False
+        now = self._attitudes[-1].time
+        longest = _POSITION_GARBLED if now - self._garbled < _POSITION_LOST else _POSITION_LOST
+        return now - self._positions[-1].time > longest
 
     def at(self, time: float) -> VehicleState | None:
         """State at `time` [s, vehicle's clock]; None before both streams have spoken.
@@ -198,6 +203,7 @@ class OwnState:
     def _sane_position(self, lp: LocalPosition) -> bool:
         if not (np.isfinite(lp.p).all() and np.isfinite(lp.v).all()):
             self.counters.not_finite += 1
+            self._garbled = lp.time
             return False
         if not self._in_order(lp.time, self._positions):
             return False

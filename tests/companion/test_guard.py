@@ -145,18 +145,32 @@ def position(time, x):
     return LocalPosition(time, np.array([x, 0.0, 0.0]), np.zeros(3))
 
 
-def test_one_position_elsewhere_is_a_slip_and_three_are_a_jump():
+def without_position(seconds, *garbled):
+    """Attitudes alone for some seconds, and positions that are no numbers at these times [s]."""
+    samples = [Attitude(0.2 + t, LEVEL, np.zeros(3)) for t in np.arange(0.0, seconds, 0.02)]
+    samples += [position(t, np.nan) for t in garbled]
+    return fed(*sorted(samples, key=lambda s: s.time)).believable(0.2 + seconds)
+
+
+def test_who_sends_no_position_any_more_is_lost_sooner_than_who_garbles_some():
+    assert without_position(0.15)
+    assert not without_position(0.25)
+    assert without_position(0.25, *np.arange(0.2, 0.45, 0.04))
+    assert not without_position(0.6, *np.arange(0.2, 0.8, 0.04))
+
+
+def test_one_position_elsewhere_is_a_slip_and_five_are_a_jump():
     once = fed(position(0.2, 5.0), position(0.22, 0.0))
     assert once.believable(0.22)
     assert once.counters.jumps == 1
-    assert not fed(*[position(0.2 + 0.02 * n, 5.0) for n in range(3)]).believable(0.3)
+    assert not fed(*[position(0.2 + 0.02 * n, 5.0) for n in range(5)]).believable(0.3)
     assert fed(*[position(0.2 + 0.1 * n, 0.9 * (n + 1)) for n in range(5)]).believable(0.6)
 
 
 def test_a_quaternion_that_is_none():
-    bad = [Attitude(0.2 + 0.02 * n, 0.5 * LEVEL, np.zeros(3)) for n in range(3)]
-    assert fed(bad[0]).believable(0.2)
-    assert not fed(*bad).believable(0.26)
+    bad = [Attitude(0.2 + 0.02 * n, 0.5 * LEVEL, np.zeros(3)) for n in range(5)]
+    assert fed(*bad[:3]).believable(0.26)
+    assert not fed(*bad).believable(0.3)
 
 
 def test_a_clock_that_goes_back_is_a_reboot():

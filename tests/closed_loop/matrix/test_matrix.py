@@ -10,6 +10,7 @@ from companion.eye import Eye
 from companion.guard import Guard
 from companion.ownstate import OwnState
 from companion.phases import Phase, Phases
+from companion.track import Tracker
 from mavlink_bridge.messages import Attitude, Received, Source
 
 
@@ -70,7 +71,7 @@ WITHOUT = {
     "13: the pilot's last word": ignore_the_pilot,
     "14: noticing a reboot": never_start_over,
     "15: the eye": lambda p: p.setattr(Eye, "blind", lambda *a: 0.0),
-    "17: neighbours": lambda p: p.setattr(pipeline, "rated_neighbours", lambda *a: []),
+    "17: neighbours": lambda p: p.setattr(Tracker, "tracks", lambda *a: []),
     "19: the law for late ticks": overridden(guard={"late": 1e9}),
     "21: the fence": overridden(fence={"altitude_max": 5.0}, guard={"fence_drift": 1e9}),
 }
