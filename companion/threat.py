@@ -140,7 +140,7 @@ def way_past(
     way = goal[:2] - own.p[:2]
     right = left = 0.0
     for t in tracks:
-        if not in_the_way(own, t, goal, config):
+        if config.keep_right == 0.0 or not in_the_way(own, t, goal, config):
             continue
         x, y = (way / np.linalg.norm(way)).tolist()
         offset = t.p[:2] - own.p[:2]

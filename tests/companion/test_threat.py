@@ -109,6 +109,12 @@ def test_where_a_trunk_is_on_the_right_one_passes_on_the_left():
     assert aimed(standing, trunks=[beside_us]) > 0.0
 
 
+def test_without_keep_right_nobody_turns_us():
+    near_trunks = np.array([[3.0, -0.8, 1.0]])
+    goal, none = np.array([7.0, 0.5, 2.0]), ThreatConfig(keep_right=0.0)
+    assert np.allclose(way_past(OWN, [track(1, [3, 0.5, 0])], near_trunks, goal, none), goal)
+
+
 def test_nobody_else_turns_us():
     assert aimed() == 0.0
     assert aimed(track(1, [4, 0, 0], [1, 0, 0])) == 0.0  # flies along
