@@ -125,16 +125,17 @@ async def body_rates(v):
     await v.offboard.set_attitude_rate(setpoint())
     await v.offboard.start()
     last, turned, lowest, highest = v.latest["attitude_euler"].yaw_deg, 0.0, height, height
-    end = time.monotonic() + OFFBOARD_SECONDS
+    end, modes = time.monotonic() + OFFBOARD_SECONDS, set()
     while time.monotonic() < end:
         await v.offboard.set_attitude_rate(setpoint())
         await asyncio.sleep(0.05)
         yaw = v.latest["attitude_euler"].yaw_deg
+        modes.add(v.latest["flight_mode"].name)
         turned += (yaw - last + 180.0) % 360.0 - 180.0
         last = yaw
         lowest, highest = min(lowest, v.height), max(highest, v.height)
     v.measured["offboard_active"] = await v.offboard.is_active()
-    v.measured["offboard_mode"] = v.latest["flight_mode"].name
+    v.measured["modes"] = sorted(modes)
     v.measured["turned"], v.measured["height_span"] = turned, highest - lowest
     await v.offboard.stop()
     await v.action.hold()
