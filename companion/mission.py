@@ -15,6 +15,7 @@ from mavlink_bridge.settings import StrictModel
 _STRAIGHT = 0.1  # rad, a turn smaller than this has no side
 _U_TURN = 2.8  # rad, nor one larger than this
 _AHEAD = 0.8  # rad round the island that the aim keeps ahead
+_LEVEL_FROM, _LEVEL_FULL = 0.5, 1.5  # m from a goal: its own height, and the drone's level
 _LEAVING = 0.35  # rad before the place to leave at: the next goal is aimed at
 
 
@@ -36,6 +37,11 @@ class MissionConfig(StrictModel):
         0.5, gt=0, description="The last goal is reached within this [m], and slowly."
     )
     final_speed: float = Field(0.4, gt=0, description="Speed [m/s] called slow.")
+    level: float = Field(
+        0.0,
+        description="Height [m] above the goals' at which the way between them is flown. Each "
+        "drone on its own level: those whose ways cross in a narrow place need not all fit in it.",
+    )
     auto: bool = Field(
         False, description="Arm, take off, fly and land without being told; else wait for a pilot."
     )
@@ -91,10 +97,15 @@ class Mission:
         return self._near and self._roundabout().passed(own.p)
 
     def _aim(self, p: Vector) -> Vector:
-        """Where to fly: the last goal itself, before it the way round the goal."""
+        """Where to fly: the last goal itself, before it the way round the goal; on one's level."""
         if not self._goals:
             return p
-        return self._goals[self._index] if self._last else self._roundabout().aim(p)
+        goal = self._goals[self._index]
+        aim = goal if self._last else self._roundabout().aim(p)
+        distance = math.hypot(goal[0] - p[0], goal[1] - p[1])
+        share = (distance - _LEVEL_FROM) / (_LEVEL_FULL - _LEVEL_FROM)
+        level = self._config.level * min(max(share, 0.0), 1.0)
+        return np.array([aim[0], aim[1], aim[2] + level])
 
     def _roundabout(self) -> Roundabout:
         radius = self._config.island * self._config.tolerance

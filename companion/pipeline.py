@@ -344,7 +344,9 @@ class Pipeline:
         """A track as the NMPC wants it, carried over the delay, giving way; eq. (13)."""
         sigma_p = float(np.sqrt(np.trace(track.P[:3, :3]) / 3))
         sigma_v = float(np.sqrt(np.trace(track.P[3:, 3:]) / 3))
-        apart = self._config.nmpc.d_agent_safety
+        nmpc = self._config.nmpc
+        over = (track.p[2] - own.p[2]) / nmpc.agent_vertical_scale
+        apart = math.sqrt(max(nmpc.d_agent_safety**2 - over**2, 0.0))
         v = track.v + yielding(own, track, apart, self._config.reciprocity)
         return Neighbour(track.p + track.v * delay, v, (sigma_p, sigma_v), cohesion)
 

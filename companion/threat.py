@@ -20,7 +20,6 @@ from mavlink_bridge.settings import StrictModel
 _LEAST_CALM = 0.7  # m/s: enough to make way
 _AHEAD = 0.3  # cosine of the angle off the way, above which somebody is ahead
 _STANDING = 0.3  # m/s along the way; less is within what is known of a velocity
-_LEVEL = 1.2  # m; who is farther above or below, on the ground say, is in nobody's way
 _FITS = 0.4  # m from a trunk's surface to a drone's centre
 _TURN_MAX = 0.6  # rad; who passes at less than an arm's length does so slowly, not sideways
 
@@ -48,6 +47,9 @@ class ThreatConfig(StrictModel):
         1.0, ge=0, description="Room [m] made to the left for who comes towards one; 0: none."
     )
     oncoming: float = Field(6.0, gt=0, description="From this far [m] it is made.")
+    level: float = Field(
+        1.2, gt=0, description="Farther [m] above or below, on the ground say, is in nobody's way."
+    )
     range_max: float = Field(10.0, gt=0, description="R of eq. (6) [m]: farther is ignored.")
 
 
@@ -88,7 +90,7 @@ def uncrowded_speed(
     for t in tracks:
         offset = t.p[:2] - own.p[:2]
         distance = float(np.linalg.norm(offset))
-        ahead = offset @ along > _AHEAD * distance and _level(own, t)
+        ahead = offset @ along > _AHEAD * distance and _level(own, t, config)
         if ahead and distance < config.range_max:
             room = max(distance - config.room, 0.0)
             speed = min(speed, float(t.v[:2] @ along) + room / config.headway)
@@ -115,13 +117,13 @@ def in_the_way(own: VehicleState, track: Track, goal: Vector, config: ThreatConf
     x, y = (goal[:2] - own.p[:2]).tolist()
     dx, dy = (track.p[:2] - own.p[:2]).tolist()
     length, distance = math.hypot(x, y), math.hypot(dx, dy)
-    ahead = x * dx + y * dy > _AHEAD * distance * length and _level(own, track)
+    ahead = x * dx + y * dy > _AHEAD * distance * length and _level(own, track, config)
     flies_along = x * track.v[0] + y * track.v[1] > _STANDING * length
     return ahead and not flies_along and distance < min(config.oncoming, length)
 
 
-def _level(own: VehicleState, track: Track) -> bool:
-    return bool(abs(track.p[2] - own.p[2]) < _LEVEL)
+def _level(own: VehicleState, track: Track, config: ThreatConfig) -> bool:
+    return bool(abs(track.p[2] - own.p[2]) < config.level)
 
 
 def way_past(

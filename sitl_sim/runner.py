@@ -240,6 +240,7 @@ class Flight:
                 "goals": [[round(float(a), 4) for a in g] for g in goals],
                 "tolerance": round(s.mission.tolerance * 0.9, 4),
                 "takeoff_altitude": s.mission.altitude,
+                "level": round(float(scenarios.levels(s)[i]), 4),
                 "auto": True,
             },
             "log": {"path": str((self.folder / "drones" / name / "flight.mcap").resolve())},

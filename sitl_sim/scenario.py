@@ -65,6 +65,11 @@ class MissionConfig(StrictModel):
     exchange: bool = Field(False, description="Last: the place opposite the start, round "
                            "drones.centre.")  # fmt: skip
     home: bool = Field(True, description="The last target is the drone's own start.")
+    levels: list[float] = Field(
+        [0.0],
+        min_length=1,
+        description="m above the targets: the drones' ways are spread over these heights, by lot.",
+    )
     tolerance: float = Field(3.0, gt=0, description="A target is reached within this [m].")
     altitude: float = Field(2.0, gt=0.5, description="Of take-off and home [m].")
     time_limit: float = Field(180.0, gt=0, description="s.")
@@ -291,6 +296,12 @@ def boot_ms(scenario: Scenario) -> list[int]:
     """What each vehicle's clock shows when the flight begins: so they tick at different phases."""
     n = scenario.drones.count
     return [round(i * TICK_MS / n / QUANTUM_MS) * QUANTUM_MS for i in range(n)]
+
+
+def levels(scenario: Scenario) -> Vector:
+    """(n,) m above its targets at which each drone flies its way."""
+    heights = np.resize(scenario.mission.levels, scenario.drones.count)
+    return np.random.default_rng([scenario.seed, 4]).permutation(heights)
 
 
 def targets(scenario: Scenario, start: Vector) -> dict[str, list[list[float]]]:

@@ -77,3 +77,12 @@ def test_the_last_goal_wants_a_slow_drone():
     mission = Mission(MissionConfig(goals=[[5.0, 0.0, 2.0]], final_speed=0.4))
     assert not mission.update(at([5.0, 0.0, 2.0], v=[1.0, 0.0, 0.0])).complete
     assert mission.update(at([5.0, 0.1, 2.0])).complete
+
+
+def test_the_way_is_flown_on_the_drones_own_level_and_the_goal_reached_at_its_height():
+    config = MissionConfig(goals=[[0.0, 10.0, 2.0]], level=0.6)
+    path, progress = walk(Mission(config), [0.0, 0.0, 2.0], step=0.05)
+    assert progress.complete
+    middle = path[np.abs(path[:, 1] - 7.0).argmin()]
+    assert middle[2] == pytest.approx(2.6, abs=0.25)
+    assert path[-1][2] == pytest.approx(2.0, abs=config.final_tolerance)

@@ -167,3 +167,12 @@ def test_a_formation_spreads_around_its_last_target():
     ends = goals[:, -1]
     assert ends.mean(axis=0) == pytest.approx(s.mission.targets[-1], abs=1e-3)
     assert ends[:, :2] - ends[0, :2] == pytest.approx(start[:, :2] - start[0, :2], abs=1e-3)
+
+
+def test_ways_are_spread_over_the_levels_by_lot(missions):
+    one, two = (scenarios.levels(load("lsc-forest", seed, missions)) for seed in (0, 1))
+    heights, drones = np.unique(one, return_counts=True)
+    assert heights.tolist() == [-0.4, 0.3, 1.0]
+    assert drones.min() >= 6
+    assert (one != two).any()
+    assert not scenarios.levels(load("crossing", 0, missions)).any()
