@@ -182,7 +182,7 @@ class ColorDetector:
         distance = s.marker_radius / math.sin(ball.angle)
         if distance > s.max_range:
             return None
-        # As 460 rendered balls to 10 m showed: the circle's radius is known to some 0.06 px; a
+        # As 466 rendered balls to 10 m showed: the circle's radius is known to some 0.06 px; a
         # short arc says less about it.
         weak = 1.0 / max(ball.arc, 0.15) * (2.0 if clipped else 1.0)
         sigma_angle = 0.06 * pixel * weak

@@ -218,7 +218,8 @@ class Pipeline:
         if not self._flying:
             self._rehearsed = out.rehearsed = self._rehearsed or self._rehearse(own)
             return
-        delay, goal = config.timing.delay, self._goal(out)
+        goal = self._goal(out)
+        critical = {t.id for t, _ in out.critical}
         self._forecast.observe(own)
         self._lift.observe(own)
         out.instance = make_instance(
@@ -234,14 +235,9 @@ class Pipeline:
             # distance nobody gets past one that stands in the way.
             neighbours=[
                 self._neighbour(
-                    own,
-                    t,
-                    delay,
-                    float(
-                        n < config.threat.critical and not in_the_way(own, t, goal, config.threat)
-                    ),
+                    own, t, t.id in critical and not in_the_way(own, t, goal, config.threat)
                 )
-                for n, (t, _) in enumerate(out.near)
+                for t, _ in out.near
             ],
             cylinders=out.obstacles.cylinders,
             planes=np.vstack(
@@ -338,9 +334,7 @@ class Pipeline:
             self._hold = out.own.p
         return self._hold
 
-    def _neighbour(
-        self, own: VehicleState, track: Track, delay: float, cohesion: float
-    ) -> Neighbour:
+    def _neighbour(self, own: VehicleState, track: Track, company: bool) -> Neighbour:
         """A track as the NMPC wants it, carried over the delay, giving way; eq. (13)."""
         sigma_p = float(np.sqrt(np.trace(track.P[:3, :3]) / 3))
         sigma_v = float(np.sqrt(np.trace(track.P[3:, 3:]) / 3))
@@ -348,7 +342,8 @@ class Pipeline:
         over = (track.p[2] - own.p[2]) / nmpc.agent_vertical_scale
         apart = math.sqrt(max(nmpc.d_agent_safety**2 - over**2, 0.0))
         v = track.v + yielding(own, track, apart, self._config.reciprocity)
-        return Neighbour(track.p + track.v * delay, v, (sigma_p, sigma_v), cohesion)
+        ahead = track.p + track.v * self._config.timing.delay
+        return Neighbour(ahead, v, (sigma_p, sigma_v), float(company))
 
     def _judge(self, out: TickOutputs) -> Verdict:
         """The guard's word on what this tick knows."""
