@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from pydantic import Field
@@ -41,6 +41,7 @@ class ObstacleConfig(StrictModel):
 
 
 _Place = tuple[float, float]
+_WIDER = 1.5  # times as wide as known, a trunk of which only the width shows is not that one
 
 
 @dataclass
@@ -69,14 +70,21 @@ class ObstacleMap:
         q_bc: Vector,
         half_view: float,
     ) -> None:
-        """One frame's trunks, seen in state `own`; half_view: half the field of view [rad]."""
+        """One frame's trunks, seen in state `own`; half_view: half the field of view [rad].
+
+        So near that its foot is out of the picture, or cut by the picture's edge, a thin trunk
+        looks like a thick one far off: one that is known to stand there stays where it is.
+        """
         r_wc = rotation_matrix(own.q_wb) @ rotation_matrix(q_bc)
         seen: set[int] = set()
         for trunk in trunks:
             ray = r_wc @ trunk.direction
             along = (float(ray[0]), float(ray[1]))
-            if trunk.assumed:
-                trunk = self._as_known(trunk, along, own)
+            known = self._known_there(trunk, along, own) if trunk.assumed else None
+            if known is not None:
+                self._see_again(known, own.time)
+                seen.add(known)
+                continue
             scale = trunk.distance / max(math.hypot(*along), 1e-6)
             axis = (float(own.p[0]) + along[0] * scale, float(own.p[1]) + along[1] * scale)
             seen.add(self._merge(axis, trunk, own.time))
@@ -103,23 +111,22 @@ class ObstacleMap:
         miss = along[..., None] * d - axes
         return [bool(h) for h in ((miss**2).sum(axis=-1) < radii**2).any(axis=1)]
 
-    def _as_known(self, trunk: Trunk, along: _Place, own: VehicleState) -> Trunk:
-        """A trunk of which only the width shows, in the size of the one known to stand there.
+    def _known_there(self, trunk: Trunk, along: _Place, own: VehicleState) -> int | None:
+        """The nearest confirmed trunk in the direction of one of which only the width shows.
 
-        So near that its foot is out of the picture, a thin trunk looks like a thick one far off.
+        None too where it shows wider than the known one can from here: another stands before it.
         """
-        nearest, radius = math.inf, trunk.radius
+        best, nearest = None, math.inf
         half = math.asin(min(trunk.radius / trunk.distance, 1.0))
-        for k in self._known:
+        for n, k in enumerate(self._known):
             offset = (k.axis[0] - float(own.p[0]), k.axis[1] - float(own.p[1]))
             distance = math.hypot(*offset)
             if k.hits < self._config.hits_to_confirm or not k.radius < distance < nearest:
                 continue
-            if _angle(along, offset) < max(half, math.asin(k.radius / distance)):
-                nearest, radius = distance, k.radius
-        scale = radius / trunk.radius
-        return replace(trunk, distance=trunk.distance * scale, radius=radius,
-                       sigma=trunk.sigma * scale)  # fmt: skip
+            known_half = math.asin(k.radius / distance)
+            if _angle(along, offset) < max(half, known_half) and half < _WIDER * known_half:
+                best, nearest = n, distance
+        return best
 
     def _merge(self, axis: _Place, trunk: Trunk, time: float) -> int:
         variance = trunk.sigma**2
@@ -133,8 +140,12 @@ class ObstacleMap:
         k.axis = (x + gain * (to_x - x), y + gain * (to_y - y))
         k.radius += gain * (trunk.radius - k.radius)
         k.variance = max((1 - gain) * k.variance, self._config.sigma_floor**2)
-        k.hits, k.misses, k.seen = k.hits + 1, 0, time
+        self._see_again(n, time)
         return n
+
+    def _see_again(self, n: int, time: float) -> None:
+        k = self._known[n]
+        k.hits, k.misses, k.seen = k.hits + 1, 0, time
 
     def _same(self, axis: _Place, radius: float) -> int | None:
         """The known trunk that one seen at `axis` is: trunks do not grow into one another."""

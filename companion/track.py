@@ -57,6 +57,7 @@ class TrackerConfig(StrictModel):
     )
 
 
+_STALE = 0.5  # s unseen: where a neighbour is now is a guess
 _EYE = np.eye(3)
 
 
@@ -90,10 +91,10 @@ class Tracker:
         """
         self.predict(time)
         z, r = self._measurements(detections, own, q_bc)
-        assigned = self._associate(z, r)
+        clear = np.array([d.sigma_range <= self._config.clear * d.range for d in detections], int)
+        assigned = self._associate(z, r, clear)
         if in_view is not None:
             self._misses += np.asarray(in_view, bool)
-        clear = np.array([d.sigma_range <= self._config.clear * d.range for d in detections], int)
         if assigned:
             track, looks = (np.array(ids) for ids in zip(*assigned, strict=True))
             self._correct(track, z[looks], r[looks])
@@ -112,7 +113,9 @@ class Tracker:
         if dt <= 0.0 or not len(self._ids):
             return
         # A neighbour out of sight is believed to slow down rather than to fly on for ever.
-        keep = np.where(time - self._seen > 0.5, np.exp(-self._config.damping * dt), 1.0)[:, None]
+        keep = np.where(time - self._seen > _STALE, np.exp(-self._config.damping * dt), 1.0)[
+            :, None
+        ]
         self._mean[:, :3] += dt * self._mean[:, 3:]
         self._mean[:, 3:] *= keep
         # F P F' + Q by blocks: of places a, of both b, of velocities d
@@ -159,8 +162,12 @@ class Tracker:
         covariance = (along - across)[:, None, None] * outer + across[:, None, None] * np.eye(3)
         return own.p + rays * ranges[:, None], covariance
 
-    def _associate(self, z: Vector, r: Vector) -> list[tuple[int, int]]:
-        """(track, detection) pairs within the gate, least total distance (Hungarian)."""
+    def _associate(self, z: Vector, r: Vector, clear: NDArray[np.int_]) -> list[tuple[int, int]]:
+        """(track, detection) pairs within the gate, least total distance (Hungarian).
+
+        A half-hidden look says little of the range, a stale track little of the bearing: whoever
+        they are taken for, the two make a ghost somewhere between.
+        """
         if not len(z) or not len(self._ids):
             return []
         s = self._covariance[:, None, :3, :3] + r[None]
@@ -169,7 +176,9 @@ class Tracker:
         # log det keeps a track of great doubt from stealing the detection of a sure one
         cost = np.einsum("tdi,tdi->td", residual, solved)
         score = cost + np.linalg.slogdet(s)[1]
-        score = np.where(cost < self._config.gate, score, 1e3)
+        guess = (self._time or 0.0) - self._seen > _STALE
+        fits = (cost < self._config.gate) & ~(guess[:, None] & (clear == 0))
+        score = np.where(fits, score, 1e3)
         return [pair for pair in assign(score) if score[pair] < 1e3]
 
     def _correct(self, n: NDArray[np.int_], z: Vector, r: Vector) -> None:

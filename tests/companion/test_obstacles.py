@@ -63,3 +63,15 @@ def test_one_that_should_be_seen_and_is_not_is_forgotten():
     for _ in range(ObstacleConfig().misses_to_forget):
         left = fly(known, 1.0, None)
     assert not len(left)
+
+
+def test_a_near_one_cut_by_the_picture_stays_where_it_is():
+    """Only a part of its width shows: as thick as known, it would be far off and to the side."""
+    known = ObstacleMap(ObstacleConfig(associate=0.5))
+    for x in np.arange(0.0, 2.4, 0.15):
+        fly(known, x, look(x))
+    part = Trunk(np.array([-0.24, 0.0, 0.97]), 2.4, 0.15, 0.4, assumed=True)
+    for _ in range(6):
+        found = fly(known, 3.2, part)
+    assert len(found) == 1
+    assert found[0, :2] == pytest.approx(PLACE, abs=0.05)

@@ -49,3 +49,15 @@ def test_one_that_steps_before_another_does_not_take_its_track():
     assert len(speeds) == 2
     assert behind.id in speeds
     assert max(speeds.values()) < 1.0
+
+
+def test_a_half_hidden_one_is_not_taken_for_another_that_went_out_of_sight():
+    """One 1.3 m away leaves the view; a second later half of another shows 50° beside it."""
+    tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
+    *_, (gone,) = follow(tracker, np.array([0.6, -1.1, 0.0]), CRUISE, 8, rng)
+    half = np.array([2.6, -0.6, 0.0])
+    for k in range(18, 20):
+        tracker.update(k / 10, [look(half, rng, share=0.6)], own(k / 10), LEVEL, None)
+    (left,) = (t for t in tracker.tracks() if t.id == gone.id)
+    assert np.linalg.norm(left.p - CRUISE * 1.9 - [0.6, -1.1, 0.0]) < 0.5
+    assert np.linalg.norm(left.v - CRUISE) < 0.7
