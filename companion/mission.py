@@ -12,7 +12,7 @@ from companion.types import Vector
 from mavlink_bridge.messages import VehicleState
 from mavlink_bridge.settings import StrictModel
 
-_STRAIGHT = 0.1  # rad, a turn smaller than this has no side
+_STRAIGHT = 0.6  # rad, a turn smaller than this has no side
 _U_TURN = 2.8  # rad, nor one larger than this
 _AHEAD = 0.8  # rad round the island that the aim keeps ahead
 _LEVEL_FROM, _LEVEL_FULL = 0.5, 1.5  # m from a goal: its own height, and the drone's level
@@ -117,8 +117,8 @@ class Mission:
 def turn_side(before: Vector, goal: Vector, following: Vector) -> float:
     """+1 where the way turns left at `goal`, -1 right; who shares the way, shares the side.
 
-    Straight on and nearly back count as left, so that the smallest difference between two
-    drones' ways does not send them round opposite sides.
+    Nearly straight on and nearly back count as left, so that those who start side by side do not
+    go round opposite sides and meet.
     """
     a, b = goal[:2] - before[:2], following[:2] - goal[:2]
     angle = math.atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1])

@@ -19,6 +19,7 @@ from mavlink_bridge.settings import StrictModel
 
 _LEAST_CALM = 0.7  # m/s: enough to make way
 _AHEAD = 0.3  # cosine of the angle off the way, above which somebody is ahead
+_NEAR = 2.0  # m; who stands so near ahead is in the way, even beyond the next aim
 _STANDING = 0.3  # m/s along the way; less is within what is known of a velocity
 _FITS = 0.4  # m from a trunk's surface to a drone's centre
 _TURN_MAX = 0.6  # rad; who passes at less than an arm's length does so slowly, not sideways
@@ -119,7 +120,7 @@ def in_the_way(own: VehicleState, track: Track, goal: Vector, config: ThreatConf
     length, distance = math.hypot(x, y), math.hypot(dx, dy)
     ahead = x * dx + y * dy > _AHEAD * distance * length and _level(own, track, config)
     flies_along = x * track.v[0] + y * track.v[1] > _STANDING * length
-    return ahead and not flies_along and distance < min(config.oncoming, length)
+    return ahead and not flies_along and distance < min(config.oncoming, max(length, _NEAR))
 
 
 def _level(own: VehicleState, track: Track, config: ThreatConfig) -> bool:

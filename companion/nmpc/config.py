@@ -98,7 +98,7 @@ class NmpcConfig(StrictModel):
         0.5, ge=0, le=1, description="Cosine of the angle off the line of sight flown freely."
     )
     v_blind: float = Field(
-        0.2, ge=0, description="Backward speed [m/s] that is free: hovering is never quite still."
+        0.1, ge=0, description="Backward speed [m/s] that is free: hovering is never quite still."
     )
 
     # Weights of (29)

@@ -49,8 +49,10 @@ def test_the_way_keeps_clear_of_the_island_and_on_its_outer_side():
     assert (outer - corner)[:2] @ np.array([-1.0, 1.0]) > 0
 
 
-@pytest.mark.parametrize(("following", "side"), [([10, 10], 1), ([10, -10], -1), ([20, 0], 1),
-                                                 ([0, 0.1], 1), ([0, -0.1], 1)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("following", "side"),
+    [([10, 10], 1), ([10, -10], -1), ([20, 0], 1), ([20, -4], 1), ([0, 0.1], 1), ([0, -0.1], 1)],
+)
 def test_turn_side(following, side):
     a, b = np.zeros(3), np.array([10.0, 0.0, 0.0])
     assert turn_side(a, b, np.array([*following, 0.0])) == side

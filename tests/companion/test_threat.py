@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from companion.threat import (
     ThreatConfig,
     calm_speed,
+    in_the_way,
     rated_neighbours,
     threat,
     uncrowded_speed,
@@ -130,3 +131,11 @@ def test_the_turn_is_finite_and_bounded(places):
     tracks = [track(n, [p[0], p[1], 0.0], [p[2], p[3], 0.0]) for n, p in enumerate(places)]
     assert -35.0 < aimed(*tracks) <= 1e-9
     assert abs(aimed(*tracks, trunks=[[1, -1, 1], [3, 2, 0.5]])) < 35.0
+
+
+def test_who_stands_close_ahead_is_in_the_way_though_the_next_aim_is_nearer():
+    """Round a target's island the aim is never far; company keeps 2 m, so nobody got past."""
+    aim = np.array([0.6, 0.0, 0.0])
+    assert in_the_way(OWN, track(1, [1.5, 0.2, 0]), aim, CONFIG)
+    assert not in_the_way(OWN, track(1, [2.5, 0.2, 0]), aim, CONFIG)
+    assert not in_the_way(OWN, track(1, [1.5, 0.2, 0], [1.0, 0, 0]), aim, CONFIG)
