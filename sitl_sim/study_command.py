@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -47,8 +48,17 @@ def run_study(options: argparse.Namespace) -> None:
         print(f"{cell.scenario}, {cell.case}", file=sys.stderr, flush=True)
         workers = options.workers or os.cpu_count() or 1
         rows.append((cell, fly(cell.campaign, workers, options.scheduler)))
-    command = f"sitl-sim study {options.study} --runs {options.runs}"
-    print(write_page(name, study, rows, command, options.page))
+    print(write_page(name, study, rows, _command(options), options.page))
+
+
+def _command(options: argparse.Namespace) -> str:
+    """What flies the same again, for the page."""
+    asked = {"runs": options.runs, "seed": options.seed,
+             "scenarios": options.scenarios, "cases": options.cases}  # fmt: skip
+    words = [
+        f"--{name} {shlex.quote(str(value))}" for name, value in asked.items() if value is not None
+    ]
+    return " ".join(["sitl-sim study", options.study, *words])
 
 
 def _chosen(study: Study, options: argparse.Namespace) -> Study:

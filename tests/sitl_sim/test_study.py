@@ -59,7 +59,7 @@ def test_a_study_becomes_a_page_with_table_plot_and_failures(study, tmp_path, ca
     assert capsys.readouterr().out.strip() == str(page / "speeds.md")
     text = (page / "speeds.md").read_text()
     assert "# Fast or slow" in text
-    assert "seeds 0 to 3, commit c0, c1." in text
+    assert "speeds.yaml --runs 4 --seed 0`, seeds 0 to 3, commit c0, c1." in text
     assert "| circle | fast | 4 of 4 | 51% – 100% | 0 | 0.70 / 0.85 | – / – | 21.5 | 1.40 |" in text
     assert "| circle | slow | 2 of 4 | 15% – 85% | 2 | 0.30 / 0.50 |" in text
     assert "- circle, slow, seed 1: targets missed by drone2; 1 pair(s) of drones collided" in text
