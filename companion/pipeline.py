@@ -76,6 +76,7 @@ class TickOutputs:
     critical: list[tuple[Track, float]] = field(default_factory=list)
     obstacles: Obstacles = field(default_factory=Obstacles.none)
     progress: Progress | None = None
+    aim: Vector = field(default_factory=lambda: np.zeros(3))  # the goal, or the way round a wall
     yaw: float = 0.0
     speed: float = 0.0
     instance: Instance | None = None
@@ -190,7 +191,10 @@ class Pipeline:
         own = out.own
         assert own is not None
         out.progress = self._mission.update(own) if self._flying else Progress(own.p, 0, False)
-        goal = self._goal(out)
+        cylinders = self._map.obstacles(own.p).cylinders
+        points = self._surfaces.points(cylinders)
+        room = self._config.nmpc.d_obstacle_safety - self._config.surfaces.rough
+        goal = out.aim = self._surfaces.lane(own.p, self._goal(out), points, room)
         yaw_now = yaw_of(own.q_wb)
         out.near = rated_neighbours(own, out.tracks, self._config.threat)
         out.critical = out.near[: self._config.threat.critical]
@@ -207,8 +211,6 @@ class Pipeline:
         )
         if out.trouble is not Trouble.NONE:
             out.speed = min(out.speed, self._config.guard.blind_speed)
-        cylinders = self._map.obstacles(own.p).cylinders
-        points = self._surfaces.points(cylinders)
         out.obstacles = Obstacles(cylinders, self._surfaces.planes(own.p, goal, points), points)
 
     def _plan(self, out: TickOutputs) -> None:
@@ -218,7 +220,7 @@ class Pipeline:
         if not self._flying:
             self._rehearsed = out.rehearsed = self._rehearsed or self._rehearse(own)
             return
-        goal = self._goal(out)
+        goal = out.aim
         critical = {t.id for t, _ in out.critical}
         self._forecast.observe(own)
         self._lift.observe(own)

@@ -10,6 +10,8 @@ Liu et al., "Planning dynamically feasible trajectories for quadrotors using saf
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
@@ -24,6 +26,8 @@ _OFFSET = 1 << 20  # cubes: makes indices positive
 _PATCH = 0.6  # m around a point in which its surface may be flat
 _FLAT = 0.05  # m, 1 σ from flat
 _LIKE = 0.9  # cosine between a surface's own normal and the one that is asked for
+_CREEP = 0.3  # m ahead, at least, of a place beside
+_STEPS = [sign * 0.1 * n for n in range(1, 31) for sign in (-1.0, 1.0)]  # m to the left
 _DEEPER = 0.3  # m beyond a cube that must be in view before it counts as gone
 
 
@@ -73,6 +77,32 @@ class Surfaces:
         gap = np.linalg.norm(sure[:, None, :2] - cylinders[None, :, :2], axis=-1)
         result: Vector = sure[(gap > cylinders[:, 2] + self._config.trunk_margin).all(axis=1)]
         return result
+
+    def lane(self, p: Vector, goal: Vector, points: Vector, room: float) -> Vector:
+        """(3,) m: the goal, or where the way to it leads into a wall, a place beside p (3,).
+
+        From there a way of the same direction is free of points (n,3), `room` [m] to each side.
+        The free room of `planes` says where nothing is, not where to leave it by: against a wall
+        that the way meets squarely, nobody would ever move towards the opening beside him.
+        """
+        x, y = (goal[:2] - p[:2]).tolist()
+        length = math.hypot(x, y)
+        level = points[np.abs(points[:, 2] - p[2]) < room] if len(points) else points
+        if length < 1e-6 or not len(level):
+            return goal
+        way, left = np.array([x, y]) / length, np.array([-y, x]) / length
+        offsets = level[:, :2] - p[:2]
+        along, aside = offsets @ way, offsets @ left
+        near = (along > -room) & (along < min(length, self._config.range))
+        along, aside = along[near], aside[near]
+        ahead = along[(along > 0.0) & (np.abs(aside) < room)]
+        if not len(ahead):
+            return goal
+        for step in _STEPS:
+            if not (np.abs(aside - step) < room).any():
+                on = max(float(ahead.min()) - 2.0 * room, _CREEP)
+                return np.array([*(p[:2] + step * left + on * way), goal[2]])
+        return goal
 
     def planes(self, p: Vector, goal: Vector, points: Vector) -> Vector:
         """(n,4) half-spaces n·x <= b, nearest first: free room around p (3,) towards goal (3,)."""

@@ -132,3 +132,30 @@ def test_points_of_a_trunk_are_left_to_the_trunk():
         surfaces.update(ranges, state(p, time=time))
     assert len(surfaces.points(NO_TRUNKS)) > 5
     assert len(surfaces.points(np.array([[3.0, 0.0, 0.8]]))) == 0
+
+
+def wall_with_opening():
+    """Points 0.1 m apart of a wall across y = 5 m, open for |x| < 1 m, and of what leads through."""
+    x, y, z = (np.arange(a, b, 0.1) for a, b in ((1.0, 5.0), (5.0, 8.0), (1.0, 3.0)))
+    right = [(a, 5.0, c) for a in x for c in z] + [(1.0, b, c) for b in y for c in z]
+    return np.array([(sign * a, b, c) for a, b, c in right for sign in (-1.0, 1.0)])
+
+
+def test_beside_an_opening_the_way_leads_sideways_to_it():
+    surfaces, points = Surfaces(CAMERA, SurfaceConfig()), wall_with_opening()
+    goal, p = np.array([0.3, 9.5, 2.0]), np.array([1.2, 3.7, 2.0])
+    for _ in range(100):
+        d = surfaces.lane(p, goal, points, 0.5) - p
+        p = p + 0.1 * d / max(np.linalg.norm(d), 0.1)
+        assert np.linalg.norm(points[:, :2] - p[:2], axis=1).min() > 0.4
+    assert p == pytest.approx(goal, abs=0.1)
+
+
+def test_a_way_that_is_free_or_has_no_other_stays_as_it_is():
+    surfaces, points = Surfaces(CAMERA, SurfaceConfig()), wall_with_opening()
+    goal = np.array([0.0, 9.5, 2.0])
+    p = np.array([0.1, 2.0, 2.0])
+    assert surfaces.lane(p, goal, points, 0.5) is goal
+    assert surfaces.lane(p, goal, np.zeros((0, 3)), 0.5) is goal
+    closed = np.array([(0.1 * k, 5.0, 2.0) for k in range(-60, 60)])
+    assert surfaces.lane(p, goal, closed, 0.5) is goal
