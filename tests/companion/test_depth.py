@@ -135,7 +135,7 @@ def test_points_of_a_trunk_are_left_to_the_trunk():
 
 
 def wall_with_opening():
-    """Points 0.1 m apart of a wall across y = 5 m, open for |x| < 1 m, and of what leads through."""
+    """Points 0.1 m apart of a wall across y = 5 m, open for |x| < 1 m, and of the tunnel behind."""
     x, y, z = (np.arange(a, b, 0.1) for a, b in ((1.0, 5.0), (5.0, 8.0), (1.0, 3.0)))
     right = [(a, 5.0, c) for a in x for c in z] + [(1.0, b, c) for b in y for c in z]
     return np.array([(sign * a, b, c) for a, b, c in right for sign in (-1.0, 1.0)])
