@@ -91,7 +91,7 @@ class Tracker:
         """
         self.predict(time)
         z, r = self._measurements(detections, own, q_bc)
-        clear = np.array([d.sigma_range <= self._config.clear * d.range for d in detections], int)
+        clear = np.array([d.sigma_range <= self._config.clear * d.range for d in detections], bool)
         assigned = self._associate(z, r, clear)
         if in_view is not None:
             self._misses += np.asarray(in_view, bool)
@@ -113,9 +113,7 @@ class Tracker:
         if dt <= 0.0 or not len(self._ids):
             return
         # A neighbour out of sight is believed to slow down rather than to fly on for ever.
-        keep = np.where(time - self._seen > _STALE, np.exp(-self._config.damping * dt), 1.0)[
-            :, None
-        ]
+        keep = np.where(self._stale, np.exp(-self._config.damping * dt), 1.0)[:, None]
         self._mean[:, :3] += dt * self._mean[:, 3:]
         self._mean[:, 3:] *= keep
         # F P F' + Q by blocks: of places a, of both b, of velocities d
@@ -146,6 +144,11 @@ class Tracker:
         """(n,3) m, every track, unconfirmed ones too: for asking which should be in view."""
         return self._mean[:, :3].copy()
 
+    @property
+    def _stale(self) -> NDArray[np.bool_]:
+        stale: NDArray[np.bool_] = (self._time or 0.0) - self._seen > _STALE
+        return stale
+
     def _measurements(
         self, detections: Sequence[Detection], own: VehicleState, q_bc: Vector
     ) -> tuple[Vector, Vector]:
@@ -162,7 +165,7 @@ class Tracker:
         covariance = (along - across)[:, None, None] * outer + across[:, None, None] * np.eye(3)
         return own.p + rays * ranges[:, None], covariance
 
-    def _associate(self, z: Vector, r: Vector, clear: NDArray[np.int_]) -> list[tuple[int, int]]:
+    def _associate(self, z: Vector, r: Vector, clear: NDArray[np.bool_]) -> list[tuple[int, int]]:
         """(track, detection) pairs within the gate, least total distance (Hungarian).
 
         A half-hidden look says little of the range, a stale track little of the bearing: whoever
@@ -176,8 +179,7 @@ class Tracker:
         # log det keeps a track of great doubt from stealing the detection of a sure one
         cost = np.einsum("tdi,tdi->td", residual, solved)
         score = cost + np.linalg.slogdet(s)[1]
-        guess = (self._time or 0.0) - self._seen > _STALE
-        fits = (cost < self._config.gate) & ~(guess[:, None] & (clear == 0))
+        fits = (cost < self._config.gate) & (clear | ~self._stale[:, None])
         score = np.where(fits, score, 1e3)
         return [pair for pair in assign(score) if score[pair] < 1e3]
 

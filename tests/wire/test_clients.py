@@ -33,7 +33,8 @@ def check_flight(flown, flavour):
     assert flown["hover"] == pytest.approx(0.333)
     assert flown["takeoff_height"] == pytest.approx(5.0, abs=0.3)
     assert flown["offboard_active"]
-    # A starved client falls out of offboard at times; that it was in force shows in the turn.
+    # Once, on a busy machine, the mode heard last was HOLD; why was not found. That the rates were
+    # in force shows in the turn below.
     assert "OFFBOARD" in flown["modes"], flown
     assert flown["height_span"] < 1.0
     assert flown["landed_height"] == pytest.approx(0.0, abs=0.2)
