@@ -7,7 +7,7 @@ and frame seed, safe to call from many threads at once (the kernels release the 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -33,7 +33,7 @@ from sitl_sim.textures import UInt8
 HAZE = np.array([222.0, 216.0, 206.0], np.float32)  # BGR of the far distance
 SUN = np.array([0.52, -0.43, 0.738])
 SUN = SUN / np.linalg.norm(SUN)
-MACRO_SIZE = 1024  # texels along a side of the map of light and moss
+MACRO_SIZE = 512  # texels along a side of the map of light and moss
 
 
 @dataclass(frozen=True)
@@ -60,14 +60,6 @@ class _View:
     count: NDArray[np.int32]
     start: Any
     which: Any
-
-
-@dataclass(frozen=True)
-class _Light:
-    """Directions and colours shared by all frames."""
-
-    sun: Float64 = field(default_factory=lambda: SUN)
-    haze: Float32 = field(default_factory=lambda: HAZE)
 
 
 def _bin_directions() -> Float64:
@@ -112,7 +104,6 @@ class Renderer:
         rng = np.random.default_rng([seed, 0x5EED])
         self.lens = lens or Lens(width, height, fov_deg)
         self.sensor = sensor or Sensor()
-        self._light = _Light()
         radius = drone_radius if drone_radius is not None else world.get("drone_radius", 0.2)
         self._looks = list(looks or [Look()])
         self._parts = stack_parts(self._looks, float(radius))
@@ -132,18 +123,18 @@ class Renderer:
             [base + rng.normal(0, 0.03, (n, 3)), rng.random((n, 1))], axis=1
         )
         self._bins = _bin_directions()
-        self._ground = textures.ground(rng)
-        self._palette = textures.palette(rng)
-        self._bark = textures.bark(rng)
-        self._wall = textures.wall(rng)
-        self._sky = textures.sky(rng, HAZE)
+        self._ground = textures.packed(textures.ground(rng))
+        self._palette = textures.packed(textures.palette(rng)).ravel()
+        self._bark = textures.bark(rng).ravel()
+        self._wall = textures.wall(rng).ravel()
+        self._sky = textures.packed(textures.sky(rng, HAZE))
         low, high = -32.0, 32.0
         if n:
             low = float((self._cylinders[:, :2] - 8.0).min())
             high = float((self._cylinders[:, :2] + 8.0).max())
         size = min(max(high - low, 40.0), 160.0)
-        self._macro = textures.ground_light(
-            rng, self._cylinders, SUN, np.array([low, low]), size, MACRO_SIZE
+        self._macro = textures.packed(
+            textures.ground_light(rng, self._cylinders, SUN, np.array([low, low]), size, MACRO_SIZE)
         )
         self._macro_frame = np.array([low, low, MACRO_SIZE / size], np.float32)
         noise = np.clip(rng.standard_normal(NOISE_BANK, np.float32) * 32, -127, 127)
@@ -170,7 +161,7 @@ class Renderer:
         lens = self.lens
         view = self._view(p_wc, q_wb, lens)
         raw = np.empty((lens.height, lens.width, 3), np.uint8)
-        elevations = np.empty((EBINS, 2), np.float32)
+        elevations = np.empty((2, EBINS), np.float32)
         pixel = 1.0 / lens.f
         ground_table(max(float(view.p[2]), 0.02), pixel, elevations)
         paint(

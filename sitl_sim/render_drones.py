@@ -82,16 +82,17 @@ def _place(parts, p, r_wc, drone_p, r_wd, sun, f, lens, w, h):  # type: ignore[n
     frames = np.empty((n, 4), np.int64)
     for c in range(3):
         suns[c] = r_wc[0, c] * sun[0] + r_wc[1, c] * sun[1] + r_wc[2, c] * sun[2]
+    body_c = np.ascontiguousarray(r_wd.T) @ r_wc
+    to_camera = np.ascontiguousarray(body_c.T)
+    eye_b = np.ascontiguousarray(r_wd.T) @ (p - drone_p)
     for i in range(n):
-        to_unit = parts[i, :9].copy().reshape(3, 3).astype(np.float64)
-        centre_w = drone_p + r_wd @ parts[i, 9:12].astype(np.float64)
-        world_to_unit = to_unit @ np.ascontiguousarray(r_wd.T)
-        maps[i] = (world_to_unit @ r_wc).astype(np.float32)
-        offset = p - centre_w
-        eye = world_to_unit @ offset
+        to_unit = parts[i, :9].astype(np.float64).reshape(3, 3)
+        maps[i] = (to_unit @ body_c).astype(np.float32)
+        offset = eye_b - parts[i, 9:12]
+        eye = to_unit @ offset
         origins[i, :3] = eye.astype(np.float32)
         origins[i, 3] = np.sum(eye * eye) - 1.0
-        centre_c = np.ascontiguousarray(r_wc.T) @ (-offset)
+        centre_c = to_camera @ (-offset)
         x, y, z = centre_c[0], centre_c[1], centre_c[2]
         rho = math.sqrt(x * x + y * y)
         distance = math.sqrt(rho * rho + z * z)
@@ -114,7 +115,6 @@ def _place(parts, p, r_wc, drone_p, r_wd, sun, f, lens, w, h):  # type: ignore[n
             stretch = theta / max(math.sin(theta), 1e-6) if theta > 1e-6 else 1.0
             co, si = math.cos(theta), math.sin(theta)
             reach_u = reach_v = 0.0
-            body_c = np.ascontiguousarray(r_wd.T) @ r_wc
             gu = np.array([rx * rx * co + stretch * ry * ry, rx * ry * (co - stretch), -rx * si])
             gv = np.array([rx * ry * (co - stretch), ry * ry * co + stretch * rx * rx, -ry * si])
             gu, gv = to_unit @ (body_c @ gu), to_unit @ (body_c @ gv)
@@ -216,6 +216,11 @@ def draw_drones(  # type: ignore[no-untyped-def]  # noqa: ANN201
     distance = np.empty(m)
     for j in range(m):
         distance[j] = np.sqrt(np.sum((drones_p[j] - p) ** 2))
+    reach = 0.0  # rad, the farthest off the axis that a pixel looks
+    for y in (0, h - 1):
+        for x in (0, w - 1):
+            ray = rays[:, y, x]
+            reach = max(reach, math.acos(ray[2] / math.sqrt(np.sum(ray * ray))))
     rgba = np.zeros(4, np.float32)
     samples = np.array([-0.25, 0.25], np.float32)
     for j in np.argsort(-distance, kind="mergesort"):
@@ -223,6 +228,10 @@ def draw_drones(  # type: ignore[no-untyped-def]  # noqa: ANN201
         if distance[j] < 0.05 or distance[j] > 60.0:
             continue
         parts = parts_all[looks[j]]
+        size = np.max(np.abs(parts[:, 9:12])) * 2.0 + np.max(parts[:, 12])
+        ahead = np.sum(r_wc[:, 2] * (drones_p[j] - p)) / distance[j]
+        if size < distance[j] and math.acos(ahead) - math.asin(size / distance[j]) > reach:
+            continue
         maps, origins, suns, frames = _place(
             parts, p, r_wc, drones_p[j], drones_r[j], sun, f, lens, w, h
         )

@@ -35,11 +35,13 @@ T_MAX = np.float32(400.0)  # m, ground beyond is all haze
 SHIFT = np.float32(2048.0)  # m, keeps texture coordinates positive
 ONE, HALF, TINY, ZERO = np.float32(1), np.float32(0.5), np.float32(1e-9), np.float32(0)
 FAR = np.float32(np.inf)
+_BYTE, _LOW = np.uintp(8), np.uintp(255)
 
-_OFFSETS = np.array([sum((TILE >> i) ** 2 for i in range(l)) for l in range(LEVELS)], np.int64)
-_LOG_TILE = int(math.log2(TILE))
+_OFFSETS = np.array([sum((TILE >> i) ** 2 for i in range(l)) for l in range(LEVELS)], np.int32)
+_LOG_TILE, _WRAP = np.int32(math.log2(TILE)), np.int32(TILE - 1)
 _QUARTER = np.float32(BINS / 4)
-_SKY_PER_BIN = BINS // SKY_COLS
+# Unsigned, as every index that cannot be negative: negative ones would count from the end.
+_BINS_PER_SKY, _ROWS_PER_SKY = np.uintp(BINS // SKY_COLS), np.uintp(EBINS // SKY_ROWS)
 
 
 @njit(inline="always", error_model="numpy")
@@ -54,19 +56,19 @@ def diamond(x, y):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
 @njit(inline="always", error_model="numpy")
 def mip(footprint):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """Mip level for a pixel footprint in finest texels."""
-    level = 0
+    level = np.int32(0)
     while footprint > 1.5 and level < LEVELS - 1:
         footprint *= 0.5
-        level += 1
+        level += np.int32(1)
     return level
 
 
 @njit(inline="always", error_model="numpy")
 def texel(u, v, level):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """Index into a mip pyramid of finest-level integer coordinates (wrapped)."""
-    x = (u & (TILE - 1)) >> level
-    y = (v & (TILE - 1)) >> level
-    return _OFFSETS[level] + (y << (_LOG_TILE - level)) + x
+    """Index into a mip pyramid of finest-level int32 coordinates (wrapped)."""
+    x = (u & _WRAP) >> level
+    y = (v & _WRAP) >> level
+    return np.uintp(_OFFSETS[np.uintp(level)] + (y << (_LOG_TILE - level)) + x)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -154,15 +156,15 @@ def trunk_table(  # type: ignore[no-untyped-def]  # noqa: ANN201
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def ground_table(height: float, pixel_angle: float, table: Float32):  # type: ignore[no-untyped-def]  # noqa: ANN201
-    """(EBINS,2) mip level and clarity of the ground by diamond elevation, horizon first."""
+    """(2,EBINS) mip level and clarity of the ground by diamond elevation, horizon first."""
     for i in range(EBINS):
         e = (i + 0.5) / EBINS
         t = height * (1 - e) / e
         r = math.sqrt(t * t + height * height)
         # Between the long (r²/z) and the short (r) side of the footprint: sharp, little shimmer.
         side = r * pixel_angle * (r / height) ** 0.6
-        table[i, 0] = mip(side * GROUND_TEXELS)
-        table[i, 1] = math.exp(-r / FOG_RANGE)
+        table[0, i] = mip(side * GROUND_TEXELS)
+        table[1, i] = math.exp(-r / FOG_RANGE)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -247,6 +249,29 @@ def scene_range(px, py, pz, dx, dy, dz, table, count, boxes, start, which):  # t
     return distance
 
 
+@njit(nogil=True, cache=True, error_model="numpy")
+def front_trunks(table, count):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+    """The azimuth table's nearest layer, packed small for the pixel loop.
+
+    Returns near (BINS,) distance, inf: none; top, upper (BINS,) slope of its front edge, and of
+    whatever else stands there; stem, level (BINS,) its column in the bark's pyramid; shade
+    (BINS,6) gain and fog.
+    """
+    near, top, upper = np.full(BINS, FAR), np.full(BINS, -FAR), np.full(BINS, -FAR)
+    stem, level = np.zeros(BINS, np.int32), np.zeros(BINS, np.int32)
+    shade = np.zeros((BINS, 6), np.float32)
+    for b in range(BINS):
+        if count[b] > 0:
+            near[b], top[b] = table[0, b, T_IN], table[0, b, S_TOP]
+            upper[b] = table[0, b, S_CAP]
+            for layer in range(1, count[b]):
+                upper[b] = max(upper[b], table[layer, b, S_TOP], table[layer, b, S_CAP])
+            level[b] = np.int32(table[0, b, LEVEL])
+            stem[b] = texel(np.int32(table[0, b, U]), np.int32(0), level[b])
+            shade[b] = table[0, b, B : B + 6]
+    return near, top, upper, stem, level, shade
+
+
 @njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
 def paint(  # type: ignore[no-untyped-def]  # noqa: ANN201
     rays, rot, p, table, count, elevations, boxes, start, which,  # noqa: ANN001
@@ -254,25 +279,34 @@ def paint(  # type: ignore[no-untyped-def]  # noqa: ANN201
 ):  # fmt: skip
     """Colour every pixel of the static scene.
 
-    rays: (3,h,w) camera frame. rot: (3,3) camera → world. p: (3,) camera, world [m].
-    macro_frame: (3,) x and y origin [m], texels per metre. out: (h,w,3) uint8 BGR.
+    rays: (3,h,w) camera frame. rot: (3,3) camera → world. p: (3,) camera, world [m]. elevations:
+    (2,EBINS) of `ground_table`. ground, macro: hue << 8 | brightness. palette: (HUES × 256,)
+    and sky: BGR as red << 16 | green << 8 | blue. macro_frame: (3,) x and y origin [m], texels
+    per metre. out: (h,w,3) uint8 BGR.
+
+    A row is painted in passes, and textures are packed: a pixel costs one look-up in each, and
+    what is between the look-ups becomes SIMD.
     """
     h, w = rays.shape[1], rays.shape[2]
     px, py, pz = p[0], p[1], p[2]
     r00, r01, r02 = rot[0, 0], rot[0, 1], rot[0, 2]
     r10, r11, r12 = rot[1, 0], rot[1, 1], rot[1, 2]
     r20, r21, r22 = rot[2, 0], rot[2, 1], rot[2, 2]
-    bins = np.empty(w, np.int32)
-    slope = np.empty(w, np.float32)
-    elev = np.empty(w, np.float32)
-    east = np.empty(w, np.float32)
-    north = np.empty(w, np.float32)
-    reach = np.empty(w, np.float32)
+    bins, row = np.empty(w, np.int32), np.empty(w, np.int32)
+    slope, reach = np.empty(w, np.float32), np.empty(w, np.float32)
+    east, north = np.empty(w, np.float32), np.empty(w, np.float32)
     texel_u, texel_v = np.empty(w, np.int32), np.empty(w, np.int32)
-    macro_u, macro_v = np.empty(w, np.int32), np.empty(w, np.int32)
+    texel_m = np.empty(w, np.int32)
+    colour = np.empty(w, np.uint32)
+    gain, mist = np.empty(w, np.float32), np.empty(w, np.float32)
     have_boxes = boxes.shape[0] > 0
+    side = np.int32(macro.shape[0])
     last_macro = np.float32(macro.shape[0] - 1)
+    light_of = macro.reshape(-1)
     mx, my, ms = macro_frame[0], macro_frame[1], macro_frame[2]
+    levels, clears = elevations[0], elevations[1]
+    haze_b, haze_g, haze_r = haze[0], haze[1], haze[2]
+    near, top, upper, stem, bark_level, shade = front_trunks(table, count)
     for y in range(h):
         for x in range(w):  # no branches: the compiler makes this loop SIMD
             a, b_, c_ = rays[0, y, x], rays[1, y, x], rays[2, y, x]
@@ -286,7 +320,8 @@ def paint(  # type: ignore[no-untyped-def]  # noqa: ANN201
             angle = back if dx < ZERO else t
             bins[x] = np.int32(min((angle + np.float32(2)) * _QUARTER, np.float32(BINS - 1)))
             slope[x] = dz * inv
-            elev[x] = dz / (rho + abs(dz))
+            elevation = abs(dz) / (rho + abs(dz))
+            row[x] = np.int32(min(elevation * np.float32(EBINS), np.float32(EBINS - 1)))
             east[x] = dx * inv
             north[x] = dy * inv
             # Where the ray meets the ground; rays that do not are never asked for it.
@@ -295,10 +330,44 @@ def paint(  # type: ignore[no-untyped-def]  # noqa: ANN201
             gx, gy = px + dx * inv * run, py + dy * inv * run
             texel_u[x] = np.int32((gx + SHIFT) * GROUND_TEXELS)
             texel_v[x] = np.int32((gy + SHIFT) * GROUND_TEXELS)
-            macro_u[x] = np.int32(min(max((gx - mx) * ms, ZERO), last_macro))
-            macro_v[x] = np.int32(min(max((gy - my) * ms, ZERO), last_macro))
+            macro_u = np.int32(min(max((gx - mx) * ms, ZERO), last_macro))
+            macro_v = np.int32(min(max((gy - my) * ms, ZERO), last_macro))
+            texel_m[x] = macro_v * side + macro_u
         for x in range(w):
-            b, s, e = bins[x], slope[x], elev[x]
+            b, s = np.uintp(bins[x]), slope[x]
+            gain[x], mist[x] = ONE, ZERO
+            if s < top[b] and near[b] < (reach[x] if s < ZERO else FAR):
+                v = np.int32((pz + s * near[b] + SHIFT) * BARK_TEXELS)
+                level = bark_level[b]
+                light = np.float32(bark[stem[b] + texel(np.int32(0), v, level) - _OFFSETS[level]])
+                blue = np.int32(min(light * shade[b, 0] + shade[b, 3], np.float32(255)))
+                green = np.int32(min(light * shade[b, 1] + shade[b, 4], np.float32(255)))
+                red = np.int32(min(light * shade[b, 2] + shade[b, 5], np.float32(255)))
+                colour[x] = np.uint32(red << np.int32(16) | green << np.int32(8) | blue)
+            elif s < ZERO:
+                e = np.uintp(row[x])
+                leaf = np.uintp(ground[texel(texel_u[x], texel_v[x], np.int32(levels[e]))])
+                lit = np.uintp(light_of[np.uintp(texel_m[x])])
+                hue = min((leaf >> _BYTE) + (lit >> _BYTE), np.uintp(HUES - 1))
+                colour[x] = palette[(hue << _BYTE) + (leaf & _LOW)]
+                gain[x] = np.float32(np.int32(lit & _LOW)) * np.float32(1 / 230) * clears[e]
+                mist[x] = ONE - clears[e]
+            else:
+                colour[x] = sky[np.uintp(row[x]) // _ROWS_PER_SKY, b // _BINS_PER_SKY]
+        line = out[y].reshape(-1)
+        for x in range(w):
+            c = colour[x]
+            blue_ = np.float32(np.int32(c & np.uint32(255)))
+            green_ = np.float32(np.int32(c >> np.uint32(8) & np.uint32(255)))
+            red_ = np.float32(np.int32(c >> np.uint32(16)))
+            line[3 * x] = np.int32(min(blue_ * gain[x] + haze_b * mist[x], np.float32(255)))
+            line[3 * x + 1] = np.int32(min(green_ * gain[x] + haze_g * mist[x], np.float32(255)))
+            line[3 * x + 2] = np.int32(min(red_ * gain[x] + haze_r * mist[x], np.float32(255)))
+        for x in range(w):  # what stands behind the nearest trunks and above them, and boxes
+            b, s = bins[x], slope[x]
+            boxed = have_boxes and start[b] < start[b + 1]
+            if not boxed and (s >= upper[b] or s < top[b]):
+                continue
             limit = FAR
             ground_t = FAR
             if s < ZERO:
@@ -314,7 +383,7 @@ def paint(  # type: ignore[no-untyped-def]  # noqa: ANN201
                 if s < table[layer, b, S_CAP]:
                     kind, limit = 2, (table[layer, b, HEIGHT] - pz) / s
                     break
-            if have_boxes:
+            if boxed:
                 if kind == 0:
                     limit = ground_t
                 dx, dy = east[x], north[x]
@@ -328,20 +397,21 @@ def paint(  # type: ignore[no-untyped-def]  # noqa: ANN201
                         tv, cosine = hy, abs(s)
                         light = np.float32(1.05) if s < ZERO else np.float32(0.5)
                     level = mip(t * pixel_angle * WALL_TEXELS / math.sqrt(max(cosine, 0.1)))
-                    value = wall[texel(int(tu * WALL_TEXELS), int(tv * WALL_TEXELS), level), 0]
+                    u, v = np.int32(tu * WALL_TEXELS), np.int32(tv * WALL_TEXELS)
+                    value = wall[texel(u, v, level)]
                     clear = np.float32(math.exp(-t / FOG_RANGE))
-                    gain = np.float32(value) * light * clear
-                    out[y, x, 0] = int(gain * np.float32(0.80) + haze[0] * (ONE - clear))
-                    out[y, x, 1] = int(gain * np.float32(0.88) + haze[1] * (ONE - clear))
-                    out[y, x, 2] = int(gain + haze[2] * (ONE - clear))
+                    bright = np.float32(value) * light * clear
+                    out[y, x, 0] = int(bright * np.float32(0.80) + haze[0] * (ONE - clear))
+                    out[y, x, 1] = int(bright * np.float32(0.88) + haze[1] * (ONE - clear))
+                    out[y, x, 2] = int(bright + haze[2] * (ONE - clear))
                     continue
             if kind > 0:
-                v, level = pz + s * table[layer, b, T_IN] + SHIFT, int(table[layer, b, LEVEL])
-                gain = ONE
+                v, level = pz + s * table[layer, b, T_IN] + SHIFT, np.int32(table[layer, b, LEVEL])
+                sawn = ONE
                 if kind == 2:  # the sawn top: lighter wood
-                    v, gain = py + north[x] * limit + SHIFT, np.float32(1.35)
-                value = bark[texel(int(table[layer, b, U]), int(v * BARK_TEXELS), level), 0]
-                light = np.float32(value) * gain
+                    v, sawn = py + north[x] * limit + SHIFT, np.float32(1.35)
+                value = bark[texel(np.int32(table[layer, b, U]), np.int32(v * BARK_TEXELS), level)]
+                light = np.float32(value) * sawn
                 out[y, x, 0] = int(
                     min(light * table[layer, b, B] + table[layer, b, FOG_B], np.float32(255))
                 )
@@ -351,22 +421,3 @@ def paint(  # type: ignore[no-untyped-def]  # noqa: ANN201
                 out[y, x, 2] = int(
                     min(light * table[layer, b, R] + table[layer, b, FOG_R], np.float32(255))
                 )
-            elif s < ZERO:
-                ei = min(int(-e * np.float32(EBINS)), EBINS - 1)
-                level = int(elevations[ei, 0])
-                clear = elevations[ei, 1]
-                k = texel(np.int64(texel_u[x]), np.int64(texel_v[x]), level)
-                iu, iv = macro_u[x], macro_v[x]
-                hue = min(np.int64(ground[k, 1]) + np.int64(macro[iv, iu, 1]), HUES - 1)
-                value = ground[k, 0]
-                gain = np.float32(macro[iv, iu, 0]) * np.float32(1 / 230) * clear
-                mist = ONE - clear
-                for c in range(3):
-                    light = np.float32(palette[hue, value, c]) * gain + haze[c] * mist
-                    out[y, x, c] = np.int32(min(light, np.float32(255)))
-            else:
-                i = min(int(e * np.float32(SKY_ROWS)), SKY_ROWS - 1)
-                j = b // _SKY_PER_BIN
-                out[y, x, 0] = sky[i, j, 0]
-                out[y, x, 1] = sky[i, j, 1]
-                out[y, x, 2] = sky[i, j, 2]

@@ -6,6 +6,8 @@ kernel picks a level by distance and never samples finer than a pixel.
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +19,7 @@ UInt8 = NDArray[np.uint8]
 TILE = 512  # texels along a side of the finest level
 LEVELS = 10
 HUES = 32  # columns of the ground palette: 0 = dry litter … 31 = moss
-SKY_SHAPE = (512, 2048)  # elevation bins (diamond, −1…1, upper half used), azimuth bins
+SKY_SHAPE = (256, 1024)  # bins of elevation (diamond, horizon … zenith) and of azimuth
 
 
 def fractal(rng: np.random.Generator, shape: tuple[int, int], beta: float, low: int = 1) -> Float64:
@@ -42,6 +44,13 @@ def pyramid(texture: UInt8) -> UInt8:
         image = image.reshape(half, 2, half, 2, -1).mean(axis=(1, 3))
         levels.append(np.clip(image + 0.5, 0, 255).astype(np.uint8).reshape(-1, image.shape[2]))
     return np.ascontiguousarray(np.concatenate(levels))
+
+
+def packed(channels: UInt8) -> NDArray[Any]:
+    """(…, c) → (…): channel 0 in the lowest byte; uint16 of two, uint32 of three channels."""
+    shifted = (channels[..., c].astype(np.uint32) << 8 * c for c in range(channels.shape[-1]))
+    kind = np.uint16 if channels.shape[-1] == 2 else np.uint32
+    return np.ascontiguousarray(sum(shifted, start=np.uint32(0)).astype(kind))
 
 
 def _to_byte(values: Float64) -> UInt8:
@@ -111,7 +120,7 @@ def wall(rng: np.random.Generator) -> UInt8:
 
 def sky(rng: np.random.Generator, haze: Float32) -> UInt8:
     """(SKY_SHAPE, 3) BGR over diamond elevation and azimuth: gradient, clouds, far tree line."""
-    rows, cols = SKY_SHAPE
+    rows, cols = 2 * SKY_SHAPE[0], 2 * SKY_SHAPE[1]
     e = (np.arange(rows)[:, None] + 0.5) / rows  # 0 horizon … 1 zenith
     elevation = np.degrees(np.arctan2(e, 1 - e))
     up = np.clip(elevation / 60, 0, 1)[..., None] ** 0.6
@@ -129,7 +138,8 @@ def sky(rng: np.random.Generator, haze: Float32) -> UInt8:
         green = np.array([86.0, 112, 92]) * (1 - tint) + np.array(haze) * tint
         texture = 1 + 0.05 * fractal(rng, (rows, cols), 0.7, 20)[..., None]
         colour = colour * (1 - tree) + green * texture * tree
-    return np.ascontiguousarray(_to_byte(colour))
+    small = cv2.resize(colour, SKY_SHAPE[::-1], interpolation=cv2.INTER_AREA)
+    return _to_byte(np.asarray(small, float))
 
 
 def ground_light(
