@@ -42,6 +42,12 @@ class MissionConfig(StrictModel):
         description="Height [m] above the goals' at which the way between them is flown. Each "
         "drone on its own level: those whose ways cross in a narrow place need not all fit in it.",
     )
+    wait: float = Field(
+        0.0,
+        ge=0,
+        description="s to hold where the flight began before setting out: so those who cross in "
+        "the same place need not all be there at once.",
+    )
     auto: bool = Field(
         False, description="Arm, take off, fly and land without being told; else wait for a pilot."
     )
@@ -68,9 +74,13 @@ class Mission:
         self._complete = not self._goals
         self._near = False
         self._turn = 0.0
+        self._begun: VehicleState | None = None
 
     def update(self, own: VehicleState) -> Progress:
         """Advance where the present goal is done; without goals, stay where the drone is."""
+        self._begun = self._begun or own
+        if self._goals and own.time - self._begun.time < self._config.wait:
+            return Progress(self._begun.p, 0, False)
         while not self._complete and self._done(own):
             self._near = False
             self._turn = 0.0

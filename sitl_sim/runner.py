@@ -241,6 +241,7 @@ class Flight:
                 "tolerance": round(s.mission.tolerance * 0.9, 4),
                 "takeoff_altitude": s.mission.altitude,
                 "level": round(float(scenarios.levels(s)[i]), 4),
+                "wait": float(scenarios.waits(s)[i]),
                 "auto": True,
             },
             "log": {"path": str((self.folder / "drones" / name / "flight.mcap").resolve())},

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Field
 
 from mavlink_bridge.settings import (
@@ -69,6 +70,12 @@ class MissionConfig(StrictModel):
         [0.0],
         min_length=1,
         description="m above the targets: the drones' ways are spread over these heights, by lot.",
+    )
+    waits: list[float] = Field(
+        [0.0],
+        min_length=1,
+        description="s after take-off at which drones set out: they are spread over these, and "
+        "those of each level too.",
     )
     tolerance: float = Field(3.0, gt=0, description="A target is reached within this [m].")
     altitude: float = Field(2.0, gt=0.5, description="Of take-off and home [m].")
@@ -300,8 +307,18 @@ def boot_ms(scenario: Scenario) -> list[int]:
 
 def levels(scenario: Scenario) -> Vector:
     """(n,) m above its targets at which each drone flies its way."""
-    heights = np.resize(scenario.mission.levels, scenario.drones.count)
-    return np.random.default_rng([scenario.seed, 4]).permutation(heights)
+    return _by_lot(scenario, scenario.mission.levels)
+
+
+def waits(scenario: Scenario) -> Vector:
+    """(n,) s that each drone waits before it sets out."""
+    return _by_lot(scenario, np.repeat(scenario.mission.waits, len(scenario.mission.levels)))
+
+
+def _by_lot(scenario: Scenario, values: ArrayLike) -> Vector:
+    """(n,) the values in turn; all that are drawn for a seed are drawn in the same order."""
+    n = scenario.drones.count
+    return np.random.default_rng([scenario.seed, 4]).permutation(np.resize(values, n))
 
 
 def targets(scenario: Scenario, start: Vector) -> dict[str, list[list[float]]]:

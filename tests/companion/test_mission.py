@@ -9,8 +9,8 @@ from mavlink_bridge.messages import VehicleState
 GOALS = [[0.0, 20.0, 2.0], [15.0, 20.0, 2.0], [15.0, 0.0, 2.0]]
 
 
-def at(p, v=(0.0, 0.0, 0.0)):
-    return VehicleState(0.0, np.array(p, float), np.array(v, float), np.array([1.0, 0, 0, 0]),
+def at(p, v=(0.0, 0.0, 0.0), time=0.0):
+    return VehicleState(time, np.array(p, float), np.array(v, float), np.array([1.0, 0, 0, 0]),
                         np.zeros(3))  # fmt: skip
 
 
@@ -73,6 +73,13 @@ def test_without_goals_the_drone_stays():
     progress = Mission(MissionConfig()).update(at([1.0, 2.0, 3.0]))
     assert progress.complete
     assert np.array_equal(progress.goal, [1.0, 2.0, 3.0])
+
+
+def test_a_drone_that_waits_holds_where_it_began():
+    mission = Mission(MissionConfig(goals=[[5.0, 0.0, 2.0]], wait=3.0))
+    assert np.array_equal(mission.update(at([0.0, 0.0, 2.0], time=10.0)).goal, [0.0, 0.0, 2.0])
+    assert np.array_equal(mission.update(at([0.3, 0.0, 2.0], time=12.9)).goal, [0.0, 0.0, 2.0])
+    assert np.array_equal(mission.update(at([0.3, 0.0, 2.0], time=13.0)).goal, [5.0, 0.0, 2.0])
 
 
 def test_the_last_goal_wants_a_slow_drone():

@@ -176,3 +176,10 @@ def test_ways_are_spread_over_the_levels_by_lot(missions):
     assert drones.min() >= 6
     assert (one != two).any()
     assert not scenarios.levels(load("crossing", 0, missions)).any()
+
+
+def test_the_drones_of_each_level_are_spread_over_the_waits(missions):
+    scenario = load("lsc-forest", 0, missions)
+    level, wait = scenarios.levels(scenario), scenarios.waits(scenario)
+    for height in scenario.mission.levels:
+        assert np.unique(wait[level == height], return_counts=True)[1].min() >= 2
