@@ -88,6 +88,7 @@ class ObstacleMap:
             scale = trunk.distance / max(math.hypot(*along), 1e-6)
             axis = (float(own.p[0]) + along[0] * scale, float(own.p[1]) + along[1] * scale)
             seen.add(self._merge(axis, trunk, own.time))
+        seen = self._unite(seen)
         forward = (float(r_wc[0, 2]), float(r_wc[1, 2]))
         self._forget(seen, own, forward, half_view)
 
@@ -147,14 +148,32 @@ class ObstacleMap:
         k = self._known[n]
         k.hits, k.misses, k.seen = k.hits + 1, 0, time
 
-    def _same(self, axis: _Place, radius: float) -> int | None:
+    def _same(self, axis: _Place, radius: float, but: int | None = None) -> int | None:
         """The known trunk that one seen at `axis` is: trunks do not grow into one another."""
         c, best, nearest = self._config, None, math.inf
         for n, k in enumerate(self._known):
             apart = math.dist(k.axis, axis)
-            if apart < max(c.associate, c.overlap * (k.radius + radius)) and apart < nearest:
+            if n == but or apart >= nearest:
+                continue
+            if apart < max(c.associate, c.overlap * (k.radius + radius)):
                 best, nearest = n, apart
         return best
+
+    def _unite(self, seen: set[int]) -> set[int]:
+        """Of two that later looks have moved to one place the surer stays; what of it was seen."""
+        gone: set[int] = set()
+        for n in sorted(seen):
+            k = self._known[n]
+            m = self._same(k.axis, k.radius, but=n)
+            if m is None or {n, m} & gone:
+                continue
+            stays, goes = sorted((n, m), key=lambda i: (self._known[i].variance, i))
+            self._see_again(stays, k.seen)
+            seen = seen | {stays}
+            gone.add(goes)
+        left = [n for n in range(len(self._known)) if n not in gone]
+        self._known = [self._known[n] for n in left]
+        return {new for new, old in enumerate(left) if old in seen}
 
     def _forget(self, seen: set[int], own: VehicleState, forward: _Place, half_view: float) -> None:
         c, p = self._config, (float(own.p[0]), float(own.p[1]))

@@ -75,3 +75,12 @@ def test_a_near_one_cut_by_the_picture_stays_where_it_is():
         found = fly(known, 3.2, part)
     assert len(found) == 1
     assert found[0, :2] == pytest.approx(PLACE, abs=0.05)
+
+
+def test_two_that_come_to_one_place_are_one_and_the_surer_place_stays():
+    """A ghost beside a known trunk would close the way for good: each look keeps it alive."""
+    known, ahead = ObstacleMap(ObstacleConfig()), np.array([0.0, 0.0, 1.0])
+    for ghost in [5.3] * 3 + [4.7] * 6:
+        for distance, sigma in ((4.0, 0.1), (ghost, 0.5)):
+            found = fly(known, 0.0, Trunk(ahead, distance, 0.3, sigma))
+    assert found == pytest.approx(np.array([[4.0, 0.0, 0.3]]), abs=0.1)
