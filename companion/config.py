@@ -281,12 +281,12 @@ class CompanionConfig(StrictModel):
                 "takeoff_altitude must lie inside the fence",
             )
         for n, goal in enumerate(self.mission.goals):
-            way = goal[2] + self.mission.level
-            if not self.fence.altitude_min <= way <= self.fence.altitude_max:
-                raise Contradiction(
-                    (f"mission.goals.{n}", "mission.level", low, high),
-                    f"the way to this goal, {way:g} m high, must lie inside the fence",
-                )
+            for what, height in ("goal", goal[2]), ("way to it", goal[2] + self.mission.level):
+                if not self.fence.altitude_min <= height <= self.fence.altitude_max:
+                    raise Contradiction(
+                        (f"mission.goals.{n}", "mission.level", low, high),
+                        f"the {what}, {height:g} m high, must lie inside the fence",
+                    )
         return self
 
     def altitude_planes(self, goal_altitude: float) -> Vector:

@@ -77,9 +77,13 @@ class Mission:
         self._begun: VehicleState | None = None
 
     def update(self, own: VehicleState) -> Progress:
-        """Advance where the present goal is done; without goals, stay where the drone is."""
+        """Advance where the present goal is done; without goals, stay where the drone is.
+
+        While it is to wait, a drone holds where the first update found it.
+        """
         self._begun = self._begun or own
-        if self._goals and own.time - self._begun.time < self._config.wait:
+        # A vehicle's clock that begins anew, after a reboot, must not make the wait endless.
+        if self._goals and 0.0 <= own.time - self._begun.time < self._config.wait:
             return Progress(self._begun.p, 0, False)
         while not self._complete and self._done(own):
             self._near = False

@@ -17,17 +17,17 @@ from numpy.typing import NDArray
 from sitl_sim import textures
 from sitl_sim.fisheye import R_BC, Float32, Float64, Lens, rotation
 from sitl_sim.render_drones import Look, draw_drones, stack_parts
-from sitl_sim.render_scene import (
+from sitl_sim.render_scene import paint
+from sitl_sim.render_sensor import NOISE_BANK, depth_image, develop
+from sitl_sim.render_tables import (
     BINS,
     EBINS,
     FIELDS,
     LAYERS,
     box_lists,
     ground_table,
-    paint,
     trunk_table,
 )  # fmt: skip
-from sitl_sim.render_sensor import NOISE_BANK, depth_image, develop
 from sitl_sim.textures import UInt8
 
 HAZE = np.array([222.0, 216.0, 206.0], np.float32)  # BGR of the far distance

@@ -13,7 +13,8 @@ import numpy as np
 from numba import njit
 
 from sitl_sim.fisheye import Float32, Float64
-from sitl_sim.render_scene import FOG_RANGE, scene_range
+from sitl_sim.render_scene import scene_range
+from sitl_sim.render_tables import FOG_RANGE
 from sitl_sim.textures import UInt8
 
 # Fields of a part, world-independent: 3×3 body → unit sphere, centre, bounding radius, BGR,
@@ -228,6 +229,7 @@ def draw_drones(  # type: ignore[no-untyped-def]  # noqa: ANN201
         if distance[j] < 0.05 or distance[j] > 60.0:
             continue
         parts = parts_all[looks[j]]
+        # One that is wholly beside or behind what the lens takes in costs no more than this.
         size = np.max(np.abs(parts[:, 9:12])) * 2.0 + np.max(parts[:, 12])
         ahead = np.sum(r_wc[:, 2] * (drones_p[j] - p)) / distance[j]
         if size < distance[j] and math.acos(ahead) - math.asin(size / distance[j]) > reach:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -71,7 +71,7 @@ class MissionConfig(StrictModel):
         min_length=1,
         description="m above the targets: the drones' ways are spread over these heights, by lot.",
     )
-    waits: list[float] = Field(
+    waits: list[Annotated[float, Field(ge=0)]] = Field(
         [0.0],
         min_length=1,
         description="s after take-off at which drones set out: they are spread over these, and "

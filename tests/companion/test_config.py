@@ -44,11 +44,11 @@ WRONG = [
     ("mission:\n  goals:\n    - [1, 2, 3]\n    - [1, x, 3]\n", "6:11", "mission.goals.1.1: "),
     ("mission:\n  goals: 3\n", "4:3", "mission.goals: must be a list, got 3"),
     ("mission:\n  takeoff_altitude: 9.0\n", "4:3", "takeoff_altitude must lie inside the fence"),
-    ("mission:\n  goals: [[1, 2, 3], [1, 2, 9]]\n", "4:22", "this goal, 9 m high, must lie inside"),
+    ("mission:\n  goals: [[1, 2, 3], [1, 2, 9]]\n", "4:22", "the goal, 9 m high, must lie inside"),
     (
         "mission:\n  level: 2.5\n  goals: [[1, 2, 3]]\n",
         "5:11",
-        "mission.goals.0: the way to this goal, 5.5 m high, must lie inside the fence",
+        "mission.goals.0: the way to it, 5.5 m high, must lie inside the fence",
     ),
     (
         "fence:\n  altitude_min: 6.0\n",

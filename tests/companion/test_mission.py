@@ -82,6 +82,13 @@ def test_a_drone_that_waits_holds_where_it_began():
     assert np.array_equal(mission.update(at([0.3, 0.0, 2.0], time=13.0)).goal, [5.0, 0.0, 2.0])
 
 
+def test_a_clock_that_begins_anew_ends_the_wait():
+    for wait in (0.0, 3.0):
+        mission = Mission(MissionConfig(goals=[[5.0, 0.0, 2.0]], wait=wait))
+        mission.update(at([0.0, 0.0, 2.0], time=100.0))
+        assert np.array_equal(mission.update(at([0.3, 0.0, 2.0], time=1.0)).goal, [5.0, 0.0, 2.0])
+
+
 def test_the_last_goal_wants_a_slow_drone():
     mission = Mission(MissionConfig(goals=[[5.0, 0.0, 2.0]], final_speed=0.4))
     assert not mission.update(at([5.0, 0.0, 2.0], v=[1.0, 0.0, 0.0])).complete
