@@ -28,21 +28,20 @@ from mavlink_bridge.link import Endpoint, Link, UdpEndpoint
 from mavlink_bridge.memory import MemoryEndpoint
 from mavlink_bridge.video import Frame, FrameServer
 from sitl_sim import scenario as scenarios
-from sitl_sim import sensing
 from sitl_sim.autopilot import Autopilots
+from sitl_sim.companion_config import companion_config
+from sitl_sim.eyes import Eyes
 from sitl_sim.fault_camera import FaultyCamera
 from sitl_sim.fault_link import FaultyLine, FaultyLink, FaultyTelemetry
 from sitl_sim.fault_world import FaultyWorld
 from sitl_sim.inprocess import AtOnce, LocalFrames
 from sitl_sim.own_binary import boot_parameters, own_binary
-from sitl_sim.real_fleet import BRIDGE_DELAY, EXPONENT, HOVER, RealFleet, Wire
-from sitl_sim.render import Renderer
-from sitl_sim.render_sensor import measured
+from sitl_sim.real_fleet import RealFleet, Wire
 from sitl_sim.scenario import QUANTUM_MS, TICK_MS, Scenario
 from sitl_sim.truth import Truth
 from sitl_sim.urgency import COMPANION, hurry
 from sitl_sim.vehicle import Airframe, Vehicles
-from sitl_sim.world import Occluders, Vector, build
+from sitl_sim.world import Vector, build
 
 _TELEMETRY_MS = 20
 _CONNECT_TIMEOUT = 60.0
@@ -98,16 +97,10 @@ class Flight:
         heading = scenarios.headings(scenario, start)
         self.vehicles = Vehicles(Airframe(), start, heading)
         phases = scenarios.boot_ms(scenario)
-        self._occluders = Occluders(self.world)
-        sight = scenario.sensing
-        self._walls = sensing.WallRanges(self._occluders, sight.width, sight.height, sight.fov_deg)
+        self.eyes = Eyes(scenario, self.world)
         self._start = start
         self._autopilots = self._switch_on(phases)
         self._real_time = real_time or isinstance(self._autopilots, RealFleet)
-        self._renderer: Renderer | None = None
-        s = scenario.sensing
-        if "camera" in (s.neighbours, s.obstacles) or s.obstacles == "depth":
-            self._renderer = Renderer(self.world, seed=scenario.seed, lens=scenarios.lens_of(s))
         self._drones: list[_Drone] = []
         emulated = None if isinstance(self._autopilots, RealFleet) else self._autopilots
         self._faults = FaultyWorld(
@@ -213,43 +206,8 @@ class Flight:
             (folder / "config.yaml").write_text(config, encoding="utf-8")
 
     def companion_config(self, i: int) -> dict[str, Any]:
-        """What drone i is told: ports, goals in its own frame. Nothing of the others."""
-        s, wire, name = self.scenario, self.scenario.wire, self.names[i]
-        c, sn = np.cos(-self._yaws[i]), np.sin(-self._yaws[i])
-        turn = np.array([[c, -sn, 0.0], [sn, c, 0.0], [0.0, 0.0, 1.0]])
-        goals = [turn @ (np.array(g) - self._start[i]) for g in self.targets[name]]
-        config: dict[str, Any] = {
-            "fileversion": 1,
-            "name": name,
-            "link": {
-                "endpoint": f"udpin:{wire.host}:{wire.companion_port + i + 1}",
-                "system_id": i + 1,
-                "autopilot": s.drones.autopilot,
-            },
-            "camera": {
-                "source": f"sim:{wire.host}:{wire.frame_port + i + 1}",
-                "width": s.sensing.width,
-                "height": s.sensing.height,
-                "fov_deg": s.sensing.fov_deg,
-                "calibration": s.sensing.calibration and str(Path(s.sensing.calibration).resolve()),
-            },
-            "sensing": {"neighbours": s.sensing.neighbours, "obstacles": s.sensing.obstacles},
-            "timing": {"pace": "clock" if self._real_time else "frames"},
-            "gaze": {"seed": int(np.random.SeedSequence([s.seed, i]).generate_state(1)[0])},
-            "mission": {
-                "goals": [[round(float(a), 4) for a in g] for g in goals],
-                "tolerance": round(s.mission.tolerance * 0.9, 4),
-                "takeoff_altitude": s.mission.altitude,
-                "level": round(float(scenarios.levels(s)[i]), 4),
-                "wait": float(scenarios.waits(s)[i]),
-                "auto": True,
-            },
-            "log": {"path": str((self.folder / "drones" / name / "flight.mcap").resolve())},
-        }
-        if s.drones.autopilot == "betaflight":
-            config["airframe"] = {"hover_thrust": HOVER, "thrust_exponent": EXPONENT}
-            config["timing"]["delay"] = BRIDGE_DELAY
-        return _overlay(config, s.companion)
+        """What drone i is told."""
+        return companion_config(self.scenario, i, self.folder, clock=self._real_time)
 
     def launch(self) -> None:
         """Start a companion for each drone."""
@@ -377,7 +335,7 @@ class Flight:
         drone.capture = self._pool.submit(self._shoot, drone, now, stamp, p, q)
 
     def _shoot(self, drone: _Drone, now: float, stamp: float, p: Vector, q: Vector) -> Shot:
-        return drone.camera.see(now, stamp, self._sense(drone.index, stamp, p, q))
+        return drone.camera.see(now, stamp, self.eyes.see(drone.index, stamp, p, q))
 
     def _show(self, drone: _Drone) -> None:
         """Deliver the frame that was taken for this instant; its tick falls due."""
@@ -394,33 +352,6 @@ class Flight:
     def _send_frame(drone: _Drone, capture: Future[Shot], packets: int, due: float) -> bool:
         taken, arrays = capture.result()
         return drone.frames.send(Frame(taken, arrays, packets, due=due))
-
-    def _sense(self, i: int, stamp: float, p: Vector, q: Vector) -> dict[str, NDArray[Any]]:
-        """What drone i sees: its image, or what a perfect detector would report."""
-        s = self.scenario.sensing
-        others = np.delete(np.arange(len(p)), i)
-        arrays: dict[str, NDArray[Any]] = {}
-        seed = round(stamp * 1e3) * 64 + i
-        if self._renderer is not None and "camera" in (s.neighbours, s.obstacles):
-            arrays["image"] = self._renderer.render(
-                p[i], q[i], p[others], q[others],
-                frame_seed=seed, drones_id=[int(o) for o in others],
-            )  # fmt: skip
-        if self._renderer is not None and s.obstacles == "depth":
-            height = round(s.depth.width * s.height / s.width)
-            depth = self._renderer.depth(p[i], q[i], p[others], q[others], s.depth.width, height)
-            arrays["depth"] = measured(depth, s.depth.range, s.depth.noise, seed)
-        half = np.radians(s.fov_deg) / 2
-        view = (half, half * s.height / s.width)
-        if s.neighbours == "truth":
-            arrays["neighbours"] = sensing.neighbours(
-                p[i], q[i], p[others], self._occluders, view, s.range_max
-            )
-        if s.obstacles == "map":
-            arrays["trunks"] = sensing.trunks(p[i], q[i], self._occluders, view, s.range_max)
-            if self._occluders.boxes:
-                arrays["ranges"] = self._walls(p[i], q[i], s.range_max)
-        return arrays
 
     def _take_answer(self, drone: _Drone) -> None:
         """Wait for the answer that is due and let what was sent take effect."""
@@ -508,13 +439,3 @@ def _end(process: subprocess.Popen[bytes] | None) -> None:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-
-
-def _overlay(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-    """`above` on top of `below`, nested."""
-    merged = dict(below)
-    for key, value in above.items():
-        old = merged.get(key)
-        nested = isinstance(value, dict) and isinstance(old, dict)
-        merged[key] = _overlay(old, value) if nested else value  # type: ignore[arg-type]
-    return merged

@@ -61,7 +61,7 @@ def load(name: str) -> Study:
 def cells(
     study: Study, folder: Path, runs: int, first_seed: int, in_process: bool
 ) -> Iterator[Cell]:
-    """Every case of every scenario; sensing from pixels is flown with processes."""
+    """Every case of every scenario, each with a folder of its own."""
     for scenario in study.scenarios:
         for case, changes in study.cases.items():
             place = folder / scenario / case.replace(" ", "-").replace("/", "-")

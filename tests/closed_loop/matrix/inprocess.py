@@ -22,10 +22,12 @@ from mavlink_bridge.memory import MemoryEndpoint
 from mavlink_bridge.messages import RateSetpoint
 from mavlink_bridge.video import Answer
 from sitl_sim import scenario as scenarios
+from sitl_sim.companion_config import overlay
+from sitl_sim.eyes import Eyes
 from sitl_sim.fault_camera import FaultyCamera
 from sitl_sim.faults import PIXELS, Schedule
 from sitl_sim.metrics import safety
-from sitl_sim.runner import Flight, _overlay
+from sitl_sim.runner import Flight
 from sitl_sim.scenario import Scenario
 from sitl_sim.world import surface_distance
 
@@ -103,7 +105,7 @@ class InProcess(Flight):
 
     def _wire(self, system):
         vehicle = MemoryEndpoint()
-        config = _overlay(self.companion_config(system - 1), OVERRIDES)
+        config = overlay(self.companion_config(system - 1), OVERRIDES)
         self.companions.append(Companion(config, MemoryEndpoint(vehicle)))
         self.companions[-1].clock = lambda: self._now / 1e3
         return self.companions[-1], vehicle, MemoryEndpoint()
@@ -181,22 +183,26 @@ def scenario(faults=(), count=1, seed=1, **more):
     return Scenario.model_validate(data)
 
 
+class NoisyEyes(Eyes):
+    """See a noisy picture too: nothing is detected in it, but it can be looked at."""
+
+    def see(self, i, stamp, p, q):
+        rng = np.random.default_rng(round(stamp * 1e3))
+        row = rng.integers(60, 200, (1, self._sensing.width, 3), np.uint8)
+        picture = np.broadcast_to(row, (self._sensing.height, self._sensing.width, 3))
+        return super().see(i, stamp, p, q) | {"image": picture}
+
+
 class WithPictures(InProcess):
-    """Frames also hold a noisy picture: nothing is detected in it, but it can be looked at."""
+    """Frames also hold a noisy picture."""
 
     def __init__(self, scenario):
         every = Schedule(scenario.faults, scenarios.drone_names(scenario), scenario.seed)
         others = [f for f in scenario.faults if f.kind not in PIXELS]
         super().__init__(scenario.model_copy(update={"faults": others}))
+        self.eyes = NoisyEyes(scenario, self.world)
         for drone in self._drones:
             drone.camera = FaultyCamera(every, drone.index)
-
-    def _sense(self, i, stamp, p, q):
-        rng = np.random.default_rng(round(stamp * 1e3))
-        sight = self.scenario.sensing
-        row = rng.integers(60, 200, (1, sight.width, 3), np.uint8)
-        picture = np.broadcast_to(row, (sight.height, sight.width, 3))
-        return super()._sense(i, stamp, p, q) | {"image": picture}
 
 
 def fly(faults=(), at=None, before=None, pictures=False, **options):

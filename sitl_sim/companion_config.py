@@ -1,0 +1,66 @@
+"""What each companion is told before take-off: its ports and goals, nothing of the others."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sitl_sim import scenario as scenarios
+from sitl_sim.real_fleet import BRIDGE_DELAY, EXPONENT, HOVER
+from sitl_sim.scenario import Scenario
+
+
+def companion_config(scenario: Scenario, i: int, folder: Path, clock: bool) -> dict[str, Any]:
+    """The config.yaml of drone i's companion; goals are in its own frame.
+
+    folder: of the run, where its log goes. clock: whether it paces itself, or frames pace it.
+    """
+    s, wire, name = scenario, scenario.wire, scenarios.drone_names(scenario)[i]
+    start, yaws = scenarios.starts(s), scenarios.frame_yaws(s)
+    c, sn = np.cos(-yaws[i]), np.sin(-yaws[i])
+    turn = np.array([[c, -sn, 0.0], [sn, c, 0.0], [0.0, 0.0, 1.0]])
+    goals = [turn @ (np.array(g) - start[i]) for g in scenarios.targets(s, start)[name]]
+    config: dict[str, Any] = {
+        "fileversion": 1,
+        "name": name,
+        "link": {
+            "endpoint": f"udpin:{wire.host}:{wire.companion_port + i + 1}",
+            "system_id": i + 1,
+            "autopilot": s.drones.autopilot,
+        },
+        "camera": {
+            "source": f"sim:{wire.host}:{wire.frame_port + i + 1}",
+            "width": s.sensing.width,
+            "height": s.sensing.height,
+            "fov_deg": s.sensing.fov_deg,
+            "calibration": s.sensing.calibration and str(Path(s.sensing.calibration).resolve()),
+        },
+        "sensing": {"neighbours": s.sensing.neighbours, "obstacles": s.sensing.obstacles},
+        "timing": {"pace": "clock" if clock else "frames"},
+        "gaze": {"seed": int(np.random.SeedSequence([s.seed, i]).generate_state(1)[0])},
+        "mission": {
+            "goals": [[round(float(a), 4) for a in g] for g in goals],
+            "tolerance": round(s.mission.tolerance * 0.9, 4),
+            "takeoff_altitude": s.mission.altitude,
+            "level": round(float(scenarios.levels(s)[i]), 4),
+            "wait": float(scenarios.waits(s)[i]),
+            "auto": True,
+        },
+        "log": {"path": str((folder / "drones" / name / "flight.mcap").resolve())},
+    }
+    if s.drones.autopilot == "betaflight":
+        config["airframe"] = {"hover_thrust": HOVER, "thrust_exponent": EXPONENT}
+        config["timing"]["delay"] = BRIDGE_DELAY
+    return overlay(config, s.companion)
+
+
+def overlay(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    """`above` on top of `below`, nested; neither is changed."""
+    merged = dict(below)
+    for key, value in above.items():
+        old = merged.get(key)
+        nested = isinstance(value, dict) and isinstance(old, dict)
+        merged[key] = overlay(old, value) if nested else value  # type: ignore[arg-type]
+    return merged
