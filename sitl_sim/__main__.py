@@ -30,12 +30,12 @@ EXIT_OK, EXIT_FELL_SHORT, EXIT_BAD_INPUT = 0, 1, 2
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point of `sitl-sim`."""
-    from sitl_sim.campaign_command import add_arguments as campaign_arguments
-    from sitl_sim.campaign_command import fly_campaign
-    from sitl_sim.scenario_page import add_arguments as scenario_arguments
-    from sitl_sim.scenario_page import show_scenarios
-    from sitl_sim.study_command import add_arguments as study_arguments
-    from sitl_sim.study_command import run_study
+    from sitl_sim.campaigns.command import add_arguments as campaign_arguments
+    from sitl_sim.campaigns.command import fly_campaign
+    from sitl_sim.campaigns.study_command import add_arguments as study_arguments
+    from sitl_sim.campaigns.study_command import run_study
+    from sitl_sim.reporting.scenario_page import add_arguments as scenario_arguments
+    from sitl_sim.reporting.scenario_page import show_scenarios
 
     parser = argparse.ArgumentParser(prog="sitl-sim", description="The simulated world.")
     commands = parser.add_subparsers(dest="command", required=True)
@@ -111,8 +111,8 @@ def _bad_input() -> tuple[type[Exception], ...]:
     from mavlink_bridge.link import EndpointError
     from mavlink_bridge.settings import SettingsError
     from mavlink_bridge.video import VideoError
-    from sitl_sim.external_sitl import ExternalError
-    from sitl_sim.namespace import NamespaceError
+    from sitl_sim.real.external_sitl import ExternalError
+    from sitl_sim.real.namespace import NamespaceError
     from sitl_sim.runfolder import RunError
 
     return ExternalError, NamespaceError, SettingsError, EndpointError, VideoError, RunError
@@ -186,7 +186,7 @@ def _need_viser() -> None:
 
 
 def _report(options: argparse.Namespace) -> int:
-    from sitl_sim.campaign_report import is_campaign, make_campaign_report
+    from sitl_sim.campaigns.report import is_campaign, make_campaign_report
     from sitl_sim.report import make_report
     from sitl_sim.runfolder import load_run
 

@@ -12,17 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mavlink_bridge.messages import Message, Received, StatusText
-from sitl_sim.estimator import BLOCK_SUBSTEPS, TICK_SUBSTEPS, Estimator, SensorNoise
-from sitl_sim.flavour import Mode
-from sitl_sim.flavours import flavour_of
+from sitl_sim.firmware.flavour import Mode
+from sitl_sim.firmware.flavours import flavour_of
+from sitl_sim.firmware.protocol import answer
+from sitl_sim.firmware.streams import SENSORS
+from sitl_sim.firmware.unit import Shared, Unit
 from sitl_sim.geodesy import GeoReference, LocalFrame
-from sitl_sim.kernel import fly, observe, steer
-from sitl_sim.outer_loops import Control, OuterGains, make_setpoints
-from sitl_sim.power import Batteries
-from sitl_sim.protocol import answer
-from sitl_sim.rates import RateGains, make_rate_loop
-from sitl_sim.streams import SENSORS
-from sitl_sim.unit import Shared, Unit
+from sitl_sim.physics.estimator import BLOCK_SUBSTEPS, TICK_SUBSTEPS, Estimator, SensorNoise
+from sitl_sim.physics.kernel import fly, observe, steer
+from sitl_sim.physics.outer_loops import Control, OuterGains, make_setpoints
+from sitl_sim.physics.power import Batteries
+from sitl_sim.physics.rates import RateGains, make_rate_loop
 from sitl_sim.vehicle import SUBSTEP, Vehicles
 
 Floats = NDArray[np.float64]

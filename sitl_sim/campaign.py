@@ -19,7 +19,7 @@ from typing import Any
 
 from mavlink_bridge.settings import SettingsError
 from sitl_sim import scenario as scenarios
-from sitl_sim.campaign_run import Job, die_with_parent, fly, fly_away, metrics_of, unpack
+from sitl_sim.campaigns.run import Job, die_with_parent, fly, fly_away, metrics_of, unpack
 
 REQUEST = "campaign.json"
 

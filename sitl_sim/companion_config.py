@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sitl_sim import scenario as scenarios
-from sitl_sim.real_fleet import BRIDGE_DELAY, EXPONENT, HOVER
+from sitl_sim.real.fleet import BRIDGE_DELAY, EXPONENT, HOVER
 from sitl_sim.scenario import Scenario
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sitl_sim import sensing
 from sitl_sim.render import Renderer
-from sitl_sim.render_sensor import measured
+from sitl_sim.rendering.sensor import measured
 from sitl_sim.scenario import Scenario, lens_of
 from sitl_sim.world import Occluders, Vector
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sitl_sim.faults import Fault, Schedule
-from sitl_sim.flavour import Mode
+from sitl_sim.firmware.flavour import Mode
 
 if TYPE_CHECKING:
     from sitl_sim.autopilot import Autopilots

@@ -21,11 +21,11 @@ import cv2
 import numpy as np
 import yaml
 
-from sitl_sim.fisheye import Lens
 from sitl_sim.render import Renderer, Sensor
-from sitl_sim.render_drones import MAGENTA, Look
+from sitl_sim.rendering.drones import MAGENTA, Look
+from sitl_sim.rendering.fisheye import Lens
+from sitl_sim.rendering.textures import UInt8
 from sitl_sim.scenes import Scene, crowds, flights, stills, trunks_in_view
-from sitl_sim.textures import UInt8
 
 LOOKS = 12  # of drones in one world
 # Bark and litter as the renderer's textures have them.

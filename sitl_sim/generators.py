@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from sitl_sim.world import WorldConfig
+from sitl_sim.world import WorldConfig
 
 _ATTEMPTS = 200  # to find room for one more trunk
+
+
+def build(config: WorldConfig, seed: int) -> dict[str, Any]:
+    """`cylinders` and `boxes` as plain data; the same seed, the same world."""
+    rng = np.random.default_rng([seed, 1])
+    cylinders = [c.model_dump() for c in config.cylinders]
+    boxes = [b.model_dump() for b in config.boxes]
+    if config.generator == "forest":
+        cylinders += forest(config, rng)
+    elif config.generator == "thicket":
+        cylinders += thicket(config, rng)
+    elif config.generator == "tunnel":
+        boxes += tunnel(config, rng)
+    return {"cylinders": cylinders, "boxes": boxes}
 
 
 def forest(config: WorldConfig, rng: np.random.Generator) -> list[dict[str, float]]:

@@ -14,12 +14,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl_sim import textures
-from sitl_sim.fisheye import R_BC, Float32, Float64, Lens, rotation
-from sitl_sim.render_drones import Look, draw_drones, stack_parts
-from sitl_sim.render_scene import paint
-from sitl_sim.render_sensor import NOISE_BANK, depth_image, develop
-from sitl_sim.render_tables import (
+from sitl_sim.rendering import textures
+from sitl_sim.rendering.drones import Look, draw_drones, stack_parts
+from sitl_sim.rendering.fisheye import R_BC, Float32, Float64, Lens, rotation
+from sitl_sim.rendering.scene import paint
+from sitl_sim.rendering.sensor import NOISE_BANK, depth_image, develop
+from sitl_sim.rendering.tables import (
     BINS,
     EBINS,
     FIELDS,
@@ -28,7 +28,7 @@ from sitl_sim.render_tables import (
     ground_table,
     trunk_table,
 )  # fmt: skip
-from sitl_sim.textures import UInt8
+from sitl_sim.rendering.textures import UInt8
 
 HAZE = np.array([222.0, 216.0, 206.0], np.float32)  # BGR of the far distance
 SUN = np.array([0.52, -0.43, 0.738])

@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from sitl_sim import figures, figures_minds
-from sitl_sim.collision import collision
-from sitl_sim.events import Collision, Event, collisions, events
-from sitl_sim.knowledge import Minds
 from sitl_sim.metrics import safety, sanity, timing
-from sitl_sim.page import draw, page
 from sitl_sim.perception import Sight, perception, sights
+from sitl_sim.reporting import figures, figures_minds
+from sitl_sim.reporting.collision import collision
+from sitl_sim.reporting.events import Collision, Event, collisions, events
+from sitl_sim.reporting.knowledge import Minds
+from sitl_sim.reporting.page import draw, page
 from sitl_sim.runfolder import Run
 
 _COLLISIONS = 8

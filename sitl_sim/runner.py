@@ -34,14 +34,15 @@ from sitl_sim.eyes import Eyes
 from sitl_sim.fault_camera import FaultyCamera
 from sitl_sim.fault_link import FaultyLine, FaultyLink, FaultyTelemetry
 from sitl_sim.fault_world import FaultyWorld
+from sitl_sim.generators import build
 from sitl_sim.inprocess import AtOnce, LocalFrames
-from sitl_sim.own_binary import boot_parameters, own_binary
-from sitl_sim.real_fleet import RealFleet, Wire
+from sitl_sim.real.fleet import RealFleet, Wire
+from sitl_sim.real.own_binary import boot_parameters, own_binary
 from sitl_sim.scenario import QUANTUM_MS, TICK_MS, Scenario
 from sitl_sim.truth import Truth
 from sitl_sim.urgency import COMPANION, hurry
 from sitl_sim.vehicle import Airframe, Vehicles
-from sitl_sim.world import Vector, build
+from sitl_sim.world import Vector
 
 _TELEMETRY_MS = 20
 _CONNECT_TIMEOUT = 60.0

@@ -19,8 +19,8 @@ from mavlink_bridge.settings import (
     validate,
 )
 from sitl_sim import faults as fault
-from sitl_sim.fisheye import Lens
 from sitl_sim.missionfile import read_mission
+from sitl_sim.rendering.fisheye import Lens
 from sitl_sim.world import Vector, WorldConfig
 
 QUANTUM_MS = 2  # of the simulated time

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavlink_bridge.frames import quaternion_from_euler
-from sitl_sim.fisheye import R_BC, Lens, rotation
+from sitl_sim.rendering.fisheye import R_BC, Lens, rotation
 from sitl_sim.sensing import camera_rays, seen
 from sitl_sim.world import Occluders, Vector
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl_sim.fisheye import Lens
+from sitl_sim.rendering.fisheye import Lens
 from sitl_sim.world import Occluders, Vector
 
 # Camera axes in the body: right = -y, down = -z, forward = +x.

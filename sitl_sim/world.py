@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from mavlink_bridge.settings import StrictModel
-from sitl_sim import generators
 
 Vector = NDArray[np.float64]
 
@@ -58,20 +57,6 @@ class WorldConfig(StrictModel):
     missions: str | None = Field(None, description="missions: the JSON file that holds them.")
     cylinders: list[Cylinder] = Field([])
     boxes: list[Box] = Field([])
-
-
-def build(config: WorldConfig, seed: int) -> dict[str, Any]:
-    """`cylinders` and `boxes` as plain data; the same seed, the same world."""
-    rng = np.random.default_rng([seed, 1])
-    cylinders = [c.model_dump() for c in config.cylinders]
-    boxes = [b.model_dump() for b in config.boxes]
-    if config.generator == "forest":
-        cylinders += generators.forest(config, rng)
-    elif config.generator == "thicket":
-        cylinders += generators.thicket(config, rng)
-    elif config.generator == "tunnel":
-        boxes += generators.tunnel(config, rng)
-    return {"cylinders": cylinders, "boxes": boxes}
 
 
 def surface_distance(position: Vector, world: dict[str, Any]) -> Vector:

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.heatmap import exposure_gain
-from sitl_sim.fisheye import Lens
 from sitl_sim.frames import CONDITIONS, Conditions, rendered
 from sitl_sim.render import Sensor
+from sitl_sim.rendering.fisheye import Lens
 from sitl_sim.scenes import RADIUS, Scene, stills
 
 SHARD = 250  # pictures

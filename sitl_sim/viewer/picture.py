@@ -7,8 +7,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from sitl_sim.knowledge import Knowledge
 from sitl_sim.render import Renderer
+from sitl_sim.reporting.knowledge import Knowledge
 from sitl_sim.scenario import Scenario, lens_of
 from sitl_sim.viewer.sources import Moment
 from sitl_sim.world import Vector

@@ -8,8 +8,8 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from sitl_sim.figures import colours, shared_targets
-from sitl_sim.knowledge import Knowledge
+from sitl_sim.reporting.figures import colours, shared_targets
+from sitl_sim.reporting.knowledge import Knowledge
 from sitl_sim.scenario import Scenario
 from sitl_sim.viewer import meshes
 from sitl_sim.viewer.sources import Moment

@@ -10,7 +10,7 @@ import numpy as np
 import orjson
 
 from mavlink_bridge.mcapfile import Follower
-from sitl_sim.knowledge import Knowledge, Minds, know
+from sitl_sim.reporting.knowledge import Knowledge, Minds, know
 from sitl_sim.runfolder import Run, log_path, own_frames
 from sitl_sim.scenario import Scenario, drone_names
 from sitl_sim.world import Vector

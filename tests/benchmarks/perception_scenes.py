@@ -17,8 +17,8 @@ import numpy as np
 from companion.camera import Camera
 from companion.detect import ColorDetector, Detector
 from companion.types import Detection
-from sitl_sim.fisheye import R_BC, rotation
 from sitl_sim.render import Renderer, Sensor
+from sitl_sim.rendering.fisheye import R_BC, rotation
 
 MARKER = 0.10
 

@@ -9,8 +9,8 @@ from companion.detectors import ModelError, make_detector
 from companion.heatmap import PACKAGED, CnnConfig, CnnDetector
 from companion.labels import Drones
 from companion.perception_bench import TO_8, Tally, score
-from sitl_sim.fisheye import Lens
 from sitl_sim.frames import CONDITIONS, rendered
+from sitl_sim.rendering.fisheye import Lens
 from sitl_sim.scenes import crowds
 
 LENS, CAMERA = Lens(640, 400), Camera.equidistant(640, 400)

@@ -7,8 +7,8 @@ import time
 import numpy as np
 import pytest
 
-from sitl_sim.fisheye import Lens
 from sitl_sim.render import Renderer
+from sitl_sim.rendering.fisheye import Lens
 from sitl_sim.scenes import stills
 
 LENS = Lens(640, 400)

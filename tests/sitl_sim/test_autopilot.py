@@ -21,8 +21,8 @@ from mavlink_bridge.messages import (
     SystemStatus,
 )
 from sitl_sim.autopilot import Autopilots
-from sitl_sim.estimator import SensorNoise
-from sitl_sim.flavour import Mode
+from sitl_sim.firmware.flavour import Mode
+from sitl_sim.physics.estimator import SensorNoise
 from sitl_sim.vehicle import Airframe, Vehicles
 
 OFFBOARD, HOLD, LAND = 0x00060000, 0x03040000, 0x06040000

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from sitl_sim import ports
 from sitl_sim.__main__ import main
+from sitl_sim.campaigns import ports
 
 SCENARIO = """
 fileversion: 1

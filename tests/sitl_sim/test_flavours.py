@@ -23,7 +23,7 @@ from mavlink_bridge.messages import (
     Source,
     SystemStatus,
 )
-from sitl_sim.flavour import Mode
+from sitl_sim.firmware.flavour import Mode
 from sitl_sim.vehicle import Airframe
 
 HOVER = Airframe().hover_thrust

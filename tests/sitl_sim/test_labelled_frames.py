@@ -3,8 +3,8 @@ import json
 import cv2
 import numpy as np
 
-from sitl_sim.fisheye import Lens
 from sitl_sim.frames import CONDITIONS, label, looks, rendered
+from sitl_sim.rendering.fisheye import Lens
 from sitl_sim.scenes import crowds, flights, stills, visible_shares
 from sitl_sim.world import Occluders
 

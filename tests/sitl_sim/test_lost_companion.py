@@ -8,8 +8,8 @@ tests/mavlink_bridge/test_betaflight_bridge.py.
 
 import pytest
 
-from sitl_sim.flavour import Mode
-from sitl_sim.outer_loops import Control
+from sitl_sim.firmware.flavour import Mode
+from sitl_sim.physics.outer_loops import Control
 from sitl_sim.vehicle import Airframe
 
 HOVER = Airframe().hover_thrust

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from sitl_sim.__main__ import main
-from sitl_sim.ardupilot_json import ArdupilotSitl
-from sitl_sim.external_sitl import ExternalError
 from sitl_sim.geodesy import GeoReference, LocalFrame
-from sitl_sim.px4_hil import Px4Sitl
-from sitl_sim.real_fleet import RealFleet, Wire
+from sitl_sim.real.ardupilot_json import ArdupilotSitl
+from sitl_sim.real.external_sitl import ExternalError
+from sitl_sim.real.fleet import RealFleet, Wire
+from sitl_sim.real.px4_hil import Px4Sitl
 from sitl_sim.vehicle import Airframe, Vehicles
 
 INSTANCE = 7  # UDP 9072, TCP 4567

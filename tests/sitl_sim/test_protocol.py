@@ -37,8 +37,8 @@ from mavlink_bridge.messages import (
     TimeSync,
 )
 from sitl_sim.autopilot import Autopilots
-from sitl_sim.estimator import SensorNoise
-from sitl_sim.flavour import Mode
+from sitl_sim.firmware.flavour import Mode
+from sitl_sim.physics.estimator import SensorNoise
 from sitl_sim.vehicle import Airframe, Vehicles
 
 REAL32, INT32 = 9, 6

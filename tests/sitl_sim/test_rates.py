@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from sitl_sim.estimator import Estimator, SensorNoise
-from sitl_sim.kernel import fly
-from sitl_sim.outer_loops import Control, OuterGains, make_setpoints
-from sitl_sim.rates import RateGains, make_rate_loop, mix
+from sitl_sim.physics.estimator import Estimator, SensorNoise
+from sitl_sim.physics.kernel import fly
+from sitl_sim.physics.outer_loops import Control, OuterGains, make_setpoints
+from sitl_sim.physics.rates import RateGains, make_rate_loop, mix
 from sitl_sim.vehicle import Airframe, Vehicles
 
 AIRFRAME = Airframe()

@@ -5,9 +5,9 @@ import pytest
 
 from companion.camera import Camera
 from mavlink_bridge.settings import SettingsError
-from sitl_sim.fisheye import R_BC, Lens, rotation
 from sitl_sim.render import Renderer, Sensor
-from sitl_sim.render_sensor import measured
+from sitl_sim.rendering.fisheye import R_BC, Lens, rotation
+from sitl_sim.rendering.sensor import measured
 from sitl_sim.scenario import SensingConfig, lens_of
 
 LEVEL = np.array([1.0, 0, 0, 0])

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from sitl_sim.__main__ import main
-from sitl_sim.events import collisions, events
-from sitl_sim.figures_minds import timeline
-from sitl_sim.knowledge import Minds
 from sitl_sim.metrics import sanity
 from sitl_sim.perception import sights
 from sitl_sim.report import summarise, write_report
+from sitl_sim.reporting.events import collisions, events
+from sitl_sim.reporting.figures_minds import timeline
+from sitl_sim.reporting.knowledge import Minds
 from sitl_sim.runfolder import load_run, log_path, salvage_ticks
 from tests.sitl_sim import flights
 

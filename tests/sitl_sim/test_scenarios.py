@@ -7,8 +7,9 @@ import pytest
 
 from mavlink_bridge.settings import SettingsError
 from sitl_sim import scenario as scenarios
+from sitl_sim.generators import build
 from sitl_sim.sensing import WallRanges
-from sitl_sim.world import Occluders, build, surface_distance
+from sitl_sim.world import Occluders, surface_distance
 
 MISSIONS = {
     "drone_radius": 0.15,

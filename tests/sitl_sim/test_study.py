@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from sitl_sim import study as studies
 from sitl_sim.__main__ import main
+from sitl_sim.campaigns import study as studies
 
 STUDY = """
 title: Fast or slow

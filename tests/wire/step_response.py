@@ -25,11 +25,11 @@ from mavlink_bridge.bridge_loop import MspLine, meet, open_controller
 from mavlink_bridge.controller import Controller
 from mavlink_bridge.messages import Command, RateSetpoint, Received, Source
 from sitl_sim.autopilot import Autopilots
-from sitl_sim.betaflight_sitl import BetaflightError, BetaflightSitl
-from sitl_sim.estimator import SensorNoise
 from sitl_sim.geodesy import GeoReference, LocalFrame
-from sitl_sim.namespace import Host
-from sitl_sim.page import draw, page
+from sitl_sim.physics.estimator import SensorNoise
+from sitl_sim.real.betaflight_sitl import BetaflightError, BetaflightSitl
+from sitl_sim.real.namespace import Host
+from sitl_sim.reporting.page import draw, page
 from sitl_sim.urgency import PHYSICS, hurry, relent
 from sitl_sim.vehicle import Airframe, Vehicles
 

@@ -22,7 +22,7 @@ from mavlink_bridge.betaflight import MODES, Betaflight
 from mavlink_bridge.codec import Codec
 from mavlink_bridge.link import Link, UdpEndpoint
 from mavlink_bridge.messages import Attitude, Heartbeat, LocalPosition, RateSetpoint
-from sitl_sim.real_fleet import HOVER, RealFleet, Wire
+from sitl_sim.real.fleet import HOVER, RealFleet, Wire
 from sitl_sim.vehicle import Airframe, Vehicles
 
 pytestmark = [

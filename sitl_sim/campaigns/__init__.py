@@ -1,0 +1,1 @@
+"""Many flights: campaigns, studies, their tables and pages."""

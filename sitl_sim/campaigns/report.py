@@ -1,0 +1,112 @@
+"""campaign.html: all runs of a folder on one page, with links to each one's own."""
+
+from __future__ import annotations
+
+import html
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from sitl_sim.metrics import wilson
+from sitl_sim.reporting.page import draw, page
+from sitl_sim.runfolder import RunError
+
+_COLUMNS = {
+    "scenario": "scenario", "seed": "seed", "drones": "drones", "ok": "verdict",
+    "agent_collisions": "drone collisions", "obstacle_collisions": "obstacle collisions",
+    "min_agent_distance_m": "least between drones [m]",
+    "min_obstacle_distance_m": "least to obstacle [m]", "mean_speed_m_s": "speed [m/s]",
+    "mission_time_s": "all targets [s]",
+    "duration_s": "flown [s]", "real_time_factor": "real-time factor",
+}  # fmt: skip
+_HISTOGRAMS = ("min_agent_distance_m", "min_obstacle_distance_m", "mean_speed_m_s", "duration_s")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One run of a campaign: its folder's name and its metrics."""
+
+    name: str
+    metrics: dict[str, Any]
+
+
+def is_campaign(folder: Path) -> bool:
+    """Whether a folder holds runs rather than being one."""
+    return not (folder / "world.json").exists() and any(folder.glob("*/metrics.json"))
+
+
+def read_campaign(folder: Path) -> list[Entry]:
+    """The runs in a folder, by name.
+
+    Raises:
+        RunError: a run's metrics are empty or foreign, named.
+    """
+    entries = []
+    for path in sorted(folder.glob("*/metrics.json")):
+        try:
+            metrics = json.loads(path.read_text("utf-8"))
+            if not {"ok", "seed", "min_obstacle_distance_m"} <= set(metrics):
+                raise ValueError("no metrics of a flight")
+        except (ValueError, TypeError) as error:
+            raise RunError(f"{path}: {error}") from error
+        entries.append(Entry(path.parent.name, metrics))
+    return entries
+
+
+def make_campaign_report(folder: Path) -> Path:
+    """Write `campaign.html` into the folder."""
+    entries = read_campaign(folder)
+    good = sum(e.metrics["ok"] for e in entries)
+    low, high = wilson(good, len(entries))
+    verdict = (
+        f"<p><b>{good} of {len(entries)}</b> runs succeeded: {good / len(entries):.1%}, "
+        f"95 % interval {low:.1%} to {high:.1%} (Wilson)."
+    )
+    sections = [("Runs", _table(folder, entries)), ("Over all runs", draw(histograms(entries)))]
+    path = folder / "campaign.html"
+    path.write_text(page(f"campaign {folder.name}", verdict, sections), encoding="utf-8")
+    return path
+
+
+def histograms(entries: list[Entry]) -> go.Figure:
+    """How the runs are spread, those that fell short in red."""
+    figure = make_subplots(rows=1, cols=len(_HISTOGRAMS),
+                           subplot_titles=[_COLUMNS[k] for k in _HISTOGRAMS])  # fmt: skip
+    for column, key in enumerate(_HISTOGRAMS):
+        values = [e.metrics.get(key) for e in entries]
+        known = np.array([v for v in values if v is not None], float)
+        edges = np.histogram_bin_edges(known, bins="auto") if len(known) else np.array([0.0, 1.0])
+        for ok, colour in ((True, "#2ca02c"), (False, "#d62728")):
+            some = [v for v, e in zip(values, entries, strict=True)
+                    if v is not None and e.metrics["ok"] is ok]  # fmt: skip
+            counts, _ = np.histogram(some, bins=edges)
+            figure.add_bar(x=edges[:-1], y=counts, width=np.diff(edges), offset=0,
+                           marker_color=colour, row=1, col=column + 1)  # fmt: skip
+    figure.update_layout(height=320, barmode="stack", showlegend=False,
+                         margin={"l": 40, "r": 10, "t": 30, "b": 30})  # fmt: skip
+    return figure
+
+
+def _table(folder: Path, entries: list[Entry]) -> str:
+    head = "".join(f"<th>{html.escape(title)}" for title in _COLUMNS.values())
+    rows = []
+    for e in entries:
+        name = html.escape(e.name, quote=True)
+        cells = "".join(f"<td>{_cell(key, e.metrics.get(key))}" for key in _COLUMNS)
+        there = (folder / e.name / "report.html").exists()
+        title = f"<a href='{name}/report.html'>{name}</a>" if there else name
+        rows.append(f"<tr><td>{title}{cells}")
+    return f"<table><tr><th>run{head}{''.join(rows)}</table>"
+
+
+def _cell(key: str, value: Any) -> str:
+    if key == "ok":
+        return "<b class=good>OK</b>" if value else "<b class=bad>FALLS SHORT</b>"
+    if isinstance(value, float):
+        return f"{value:.2f}"
+    return "–" if value is None else html.escape(str(value))

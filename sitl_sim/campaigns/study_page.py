@@ -1,0 +1,108 @@
+"""A study's page: table in Markdown, plot as SVG, figures as JSON; with the commit that flew."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from mavlink_bridge.settings import SettingsError
+from sitl_sim.campaigns.study import Cell, Study
+
+Row = tuple[Cell, dict[str, Any]]
+_HEAD = ("scenario", "case", "success", "95 % interval", "runs with a collision",
+         "between drones, least / median [m]", "to obstacles, least / median [m]",
+         "all targets, median [s]", "speed [m/s]", "solve p50 / p99 [ms]")  # fmt: skip
+
+
+def write_page(name: str, study: Study, rows: list[Row], command: str, folder: Path) -> Path:
+    """Write NAME.md, NAME.svg and NAME.json into `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    plot(study.title, rows, folder / f"{name}.svg")
+    found = [{"scenario": c.scenario, "case": c.case, **s} for c, s in rows]
+    (folder / f"{name}.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    commits = list(dict.fromkeys(str(s["commit"]) for _, s in rows))
+    seeds = rows[0][0].campaign.seeds
+    text = "\n".join([
+        f"# {study.title}", "",
+        f"`{command}`, seeds {seeds.start} to {seeds.stop - 1}, commit {', '.join(commits)}.", "",
+        *_table(rows), "", f"![success with its 95 % interval]({name}.svg)", "",
+        *_failures(rows),
+    ])  # fmt: skip
+    path = folder / f"{name}.md"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def _table(rows: list[Row]) -> list[str]:
+    lines = ["| " + " | ".join(_HEAD) + " |", "|---" * len(_HEAD) + "|"]
+    for cell, s in rows:
+        low, high = s["wilson_95"]
+        lines.append("| " + " | ".join([
+            cell.scenario, cell.case, f"{s['ok']} of {s['flown']}", f"{low:.0%} – {high:.0%}",
+            str(s["collided"]),
+            _two(s["min_agent_distance_m"]), _two(s["min_obstacle_distance_m"]),
+            _one(s["mission_time_s"]["median"], 1), _one(s["mean_speed_m_s"], 2),
+            f"{_one(s['solve_ms']['p50'], 1)} / {_one(s['solve_ms']['p99'], 1)}",
+        ]) + " |")  # fmt: skip
+    return lines
+
+
+def _failures(rows: list[Row]) -> list[str]:
+    """Every run that fell short, by seed and reason."""
+    lines = []
+    for cell, s in rows:
+        for seed, why in {**s["failures"], **{k: [v] for k, v in s["not_flown"].items()}}.items():
+            lines.append(f"- {cell.scenario}, {cell.case}, seed {seed}: {'; '.join(why)}")
+    return ["## What fell short", "", *lines, ""] if lines else []
+
+
+def new_figure(width: float, height: float) -> Any:
+    """An empty figure [inch] that is saved as the same SVG whenever the figures are the same.
+
+    Raises:
+        SettingsError: matplotlib is not there.
+    """
+    try:
+        import matplotlib as mpl
+        from matplotlib.figure import Figure
+    except ImportError:
+        why = "plots need matplotlib: pip install 'swarm-companion[studies]'"
+        raise SettingsError([why]) from None
+    mpl.rcParams["svg.fonttype"] = "none"
+    mpl.rcParams["svg.hashsalt"] = "swarm-companion"
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def plot(title: str, rows: list[Row], path: Path) -> None:
+    """Success of each case of each scenario as a point on its interval."""
+    cases = list(dict.fromkeys(c.case for c, _ in rows))
+    scenarios = list(dict.fromkeys(c.scenario for c, _ in rows))
+    figure = new_figure(7.5, 0.9 + 0.2 * len(cases) * len(scenarios))
+    axes = figure.add_subplot()
+    for k, case in enumerate(cases):
+        mine = [(scenarios.index(c.scenario), s) for c, s in rows if c.case == case and s["flown"]]
+        if not mine:
+            continue
+        y = [at + (k - (len(cases) - 1) / 2) * 0.8 / len(cases) for at, _ in mine]
+        rate = [s["success"] for _, s in mine]
+        error = [
+            [max(r - s["wilson_95"][0], 0) for r, (_, s) in zip(rate, mine, strict=True)],
+            [max(s["wilson_95"][1] - r, 0) for r, (_, s) in zip(rate, mine, strict=True)],
+        ]
+        axes.errorbar(rate, y, xerr=error, fmt="o", markersize=4, capsize=2, label=case)
+    axes.set_yticks(range(len(scenarios)), scenarios)
+    axes.invert_yaxis()
+    axes.set_xlim(-0.02, 1.02)
+    axes.set_xlabel("success, 95 % interval (Wilson)")
+    axes.set_title(title)
+    axes.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
+    figure.savefig(path, metadata={"Date": None})
+
+
+def _one(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def _two(spread: dict[str, float | None]) -> str:
+    return f"{_one(spread['least'], 2)} / {_one(spread['median'], 2)}"

@@ -1,0 +1,1 @@
+"""Emulated autopilots: modes, parameters, missions, telemetry streams, in three flavours."""

@@ -1,0 +1,1 @@
+"""Rate loops, estimators and batteries around the rigid bodies of `vehicle.py`; compiled."""

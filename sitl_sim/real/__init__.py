@@ -1,0 +1,1 @@
+"""Real autopilots' SITL binaries on our physics."""

@@ -1,0 +1,1 @@
+"""What one flight was like: figures, events, the page of a run."""
