@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
 from typing import Any
 
@@ -93,6 +93,10 @@ def executor(workers: int, scheduler: str | None) -> Iterator[tuple[Executor, bo
         pool = ProcessPoolExecutor(workers, get_context("spawn"), die_with_parent)
         try:
             yield pool, False
+        except BaseException:  # interrupted: a flight under way is flown anew, not waited for
+            for worker in active_children():
+                worker.terminate()
+            raise
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
         return

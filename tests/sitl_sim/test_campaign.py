@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import signal
 import subprocess
 import sys
 import time
@@ -117,7 +118,8 @@ def test_blocks_of_ports_are_apart_and_come_back():
 
 
 @pytest.mark.slow
-def test_a_killed_campaign_goes_on_where_it_was(scenario, tmp_path):
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_a_campaign_that_was_ended_goes_on_where_it_was(scenario, tmp_path, how):
     out = tmp_path / "out"
     command = [sys.executable, "-m", "sitl_sim", "campaign", scenario, "--out", str(out),
                "--runs", "3", "--workers", "1", "--in-process"]  # fmt: skip
@@ -125,8 +127,8 @@ def test_a_killed_campaign_goes_on_where_it_was(scenario, tmp_path):
     deadline = time.monotonic() + 200
     while not (out / "hop-0").exists() and time.monotonic() < deadline:
         time.sleep(0.1)
-    process.kill()
-    process.wait()
+    process.send_signal(how)
+    process.wait(timeout=10.0)
     time.sleep(1.0)
     assert not list((out / "unfinished").glob("*/metrics.json"))
     assert not worker_of(out)
