@@ -231,7 +231,7 @@ class Pipeline:
             goal=way_past(own, out.tracks, out.obstacles.cylinders, goal, config.threat),
             yaw=out.yaw,
             speed=out.speed,
-            v_max=calm_speed(own, out.tracks, config.nmpc.v_max, config.threat),
+            v_max=calm_speed(own, out.tracks, out.speed, config.nmpc.v_max, config.threat),
             # Distance (37) is kept to whoever is near, or a drone that dodges one neighbour flies
             # into the fourth. Cohesion is with the critical ones that fly the same way: at its
             # distance nobody gets past one that stands in the way.

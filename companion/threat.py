@@ -19,6 +19,7 @@ from mavlink_bridge.settings import StrictModel
 
 _LEAST_CALM = 0.7  # m/s: enough to make way
 _AHEAD = 0.3  # cosine of the angle off the way, above which somebody is ahead
+_REMEMBERED = 0.3  # s; whoever was not seen for longer may have stopped
 _NEAR = 2.0  # m; who stands so near ahead is in the way, even beyond the next aim
 _STANDING = 0.3  # m/s along the way; less is within what is known of a velocity
 _FITS = 0.4  # m from a trunk's surface to a drone's centre
@@ -99,18 +100,20 @@ def uncrowded_speed(
 
 
 def calm_speed(
-    own: VehicleState, tracks: Sequence[Track], v_max: float, config: ThreatConfig
+    own: VehicleState, tracks: Sequence[Track], speed: float, v_max: float, config: ThreatConfig
 ) -> float:
     """Bound of (32) [m/s], at most `v_max`: near others, not much faster than they are.
 
-    1 m farther off it is 1 m/s higher.
+    1 m farther off it is 1 m/s higher. How fast one was that is out of sight is no reason to flee
+    from it: `speed` [m/s], at which the own way is to be flown, is fast enough, or `calm`.
     """
-    speed = v_max
+    bound = v_max
     for t in tracks:
         distance = float(np.linalg.norm(t.p - own.p))
-        theirs = float(np.linalg.norm(t.v))
-        speed = min(speed, theirs + config.calm + (distance - config.room))
-    return max(speed, min(_LEAST_CALM, v_max))
+        theirs = float(np.linalg.norm(t.v)) if t.unseen <= _REMEMBERED else 0.0
+        calm = theirs + config.calm + (distance - config.room)
+        bound = min(bound, calm if t.unseen <= _REMEMBERED else max(calm, speed))
+    return max(bound, min(_LEAST_CALM, v_max))
 
 
 def in_the_way(own: VehicleState, track: Track, goal: Vector, config: ThreatConfig) -> bool:

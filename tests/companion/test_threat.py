@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -75,14 +77,22 @@ def test_who_is_behind_or_beside_does_not_count():
     assert free_speed(track(1, [-1.0, 0, 0]), track(2, [0.2, 1.2, 0])) == 1.65
 
 
+def bound(*tracks, speed=0.5):
+    return calm_speed(OWN, tracks, speed, 1.85, CONFIG)
+
+
 def test_near_others_nobody_is_much_faster_than_they_are():
-    standing, flying = (calm_speed(OWN, [track(1, [1.1, 0, 0], v)], 1.85, CONFIG)
-                        for v in ([0, 0, 0], [0.5, 0, 0]))  # fmt: skip
-    assert np.isclose(standing, CONFIG.calm)
-    assert np.isclose(flying, CONFIG.calm + 0.5)
-    assert calm_speed(OWN, [track(1, [4.0, 0, 0])], 1.85, CONFIG) == 1.85
-    assert calm_speed(OWN, [], 1.85, CONFIG) == 1.85
-    assert 0.5 < calm_speed(OWN, [track(1, [0, 0, 0])], 1.85, CONFIG) < CONFIG.calm
+    assert np.isclose(bound(track(1, [1.1, 0, 0])), CONFIG.calm)
+    assert np.isclose(bound(track(1, [1.1, 0, 0], [0.5, 0, 0])), CONFIG.calm + 0.5)
+    assert bound(track(1, [4.0, 0, 0])) == 1.85
+    assert bound() == 1.85
+    assert 0.5 < bound(track(1, [0, 0, 0])) < CONFIG.calm
+
+
+def test_nobody_flees_from_one_out_of_sight_as_fast_as_that_one_was():
+    lost = replace(track(1, [-1.1, 0, 0], [1.0, 0, 0]), unseen=0.6)
+    assert np.isclose(bound(lost), CONFIG.calm)
+    assert bound(lost, speed=1.65) == 1.65  # one that follows close behind holds nobody up
 
 
 def aimed(*tracks, trunks=()):
