@@ -32,7 +32,14 @@ from companion.phases import Phase, Phases
 from companion.reciprocity import yielding
 from companion.sight import Sight, Sighting
 from companion.surfaces import Surfaces
-from companion.threat import calm_speed, in_the_way, rated_neighbours, uncrowded_speed, way_past
+from companion.threat import (
+    calm_speed,
+    doubt,
+    in_the_way,
+    rated_neighbours,
+    uncrowded_speed,
+    way_past,
+)
 from companion.track import Tracker
 from companion.types import Obstacles, Track, Vector
 from mavlink_bridge.autopilots import Identity, adapter
@@ -338,14 +345,12 @@ class Pipeline:
 
     def _neighbour(self, own: VehicleState, track: Track, company: bool) -> Neighbour:
         """A track as the NMPC wants it, carried over the delay, giving way; eq. (13)."""
-        sigma_p = float(np.sqrt(np.trace(track.P[:3, :3]) / 3))
-        sigma_v = float(np.sqrt(np.trace(track.P[3:, 3:]) / 3))
         nmpc = self._config.nmpc
         over = (track.p[2] - own.p[2]) / nmpc.agent_vertical_scale
         apart = math.sqrt(max(nmpc.d_agent_safety**2 - over**2, 0.0))
         v = track.v + yielding(own, track, apart, self._config.reciprocity)
         ahead = track.p + track.v * self._config.timing.delay
-        return Neighbour(ahead, v, (sigma_p, sigma_v), float(company))
+        return Neighbour(ahead, v, doubt(own, track, nmpc.d_agent_safety), float(company))
 
     def _judge(self, out: TickOutputs) -> Verdict:
         """The guard's word on what this tick knows."""

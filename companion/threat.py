@@ -116,6 +116,19 @@ def calm_speed(
     return max(bound, min(_LEAST_CALM, v_max))
 
 
+def doubt(own: VehicleState, track: Track, distance: float) -> tuple[float, float]:
+    """Standard deviations of place [m] and velocity [m/s] that widen (37); distance: its own [m].
+
+    One slack serves all neighbours: room that doubt of one out of sight claims in vain is what
+    the plan then takes from another that is in sight. So that doubt claims free room only.
+    """
+    place, speed = (math.sqrt(float(np.trace(track.P[k : k + 3, k : k + 3])) / 3) for k in (0, 3))
+    if track.unseen <= _REMEMBERED:
+        return place, speed
+    room = max(float(np.linalg.norm(track.p - own.p)) - distance, 0.0)
+    return min(place, room), min(speed, room)
+
+
 def in_the_way(own: VehicleState, track: Track, goal: Vector, config: ThreatConfig) -> bool:
     """Whether a neighbour before the goal (3,) m comes towards one, or stands there."""
     x, y = (goal[:2] - own.p[:2]).tolist()

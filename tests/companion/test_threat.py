@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from companion.threat import (
     ThreatConfig,
     calm_speed,
+    doubt,
     in_the_way,
     rated_neighbours,
     threat,
@@ -93,6 +94,13 @@ def test_nobody_flees_from_one_out_of_sight_as_fast_as_that_one_was():
     lost = replace(track(1, [-1.1, 0, 0], [1.0, 0, 0]), unseen=0.6)
     assert np.isclose(bound(lost), CONFIG.calm)
     assert bound(lost, speed=1.65) == 1.65  # one that follows close behind holds nobody up
+
+
+def test_doubt_of_one_out_of_sight_takes_no_room_that_is_not_free():
+    seen = track(1, [1.0, 0, 0])
+    assert np.allclose(doubt(OWN, seen, 0.8), 1.0)
+    assert np.allclose(doubt(OWN, replace(seen, unseen=0.6), 0.8), 0.2)
+    assert doubt(OWN, replace(seen, unseen=0.6), 1.1) == (0.0, 0.0)
 
 
 def aimed(*tracks, trunks=()):
