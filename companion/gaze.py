@@ -28,6 +28,9 @@ class GazeConfig(StrictModel):
     half_view: float = Field(
         1.2, gt=0, description="A neighbour this far [rad] off the line of sight is in view."
     )
+    close: float = Field(
+        1.0, ge=0, description="The nearest neighbour, nearer than this [m], stays in view."
+    )
     half_period: float = Field(0.9, gt=0, description="Time [s] of one swing to one side.")
     slew: float = Field(2.0, gt=0, description="Fastest turn of the reference [rad/s].")
     speed_min: float = Field(
@@ -61,7 +64,13 @@ class Gaze:
         self._time = 0.0
 
     def update(
-        self, time: float, v: Vector, to_goal: Vector, yaw_now: float, lost: Sequence[float] = ()
+        self,
+        time: float,
+        v: Vector,
+        to_goal: Vector,
+        yaw_now: float,
+        lost: Sequence[float] = (),
+        close: float | None = None,
     ) -> float:
         """ψ [rad] at `time` [s] for velocity v (3,) and direction to the goal (3,).
 
@@ -69,7 +78,8 @@ class Gaze:
         to the goal, so that a drone that must turn round looks before it flies. Over the
         goal itself, where it looks already. lost: world bearings [rad] of near neighbours that
         are out of view, the most threatening first: the next swing goes to the first's side,
-        as far as it takes (within `limit`) to have it in view again.
+        as far as it takes (within `limit`) to have it in view again. close: world bearing [rad] of
+        the nearest neighbour where it is at arm's length: no swing loses sight of it.
         """
         c = self._config
         if self._yaw is None:
@@ -85,7 +95,13 @@ class Gaze:
             self._swing_ends = time + c.half_period
             self._epsilon = self._swing([wrap(bearing - base) for bearing in lost])
         step = c.slew * max(time - self._time, 0.0)
-        turn = wrap(base + self._epsilon - self._yaw)
+        epsilon = self._epsilon
+        if close is not None:
+            off = wrap(close - base)
+            least, most = max(off - c.half_view, -c.limit), min(off + c.half_view, c.limit)
+            if least <= most:
+                epsilon = min(max(epsilon, least), most)
+        turn = wrap(base + epsilon - self._yaw)
         self._yaw = wrap(self._yaw + min(max(turn, -step), step))
         self._time = time
         return self._yaw

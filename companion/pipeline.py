@@ -210,7 +210,9 @@ class Pipeline:
             for t, _ in out.critical
             if t.unseen > _LOST
         ]
-        out.yaw = self._gaze.update(out.time, own.v, goal - own.p, yaw_now, lost)
+        out.yaw = self._gaze.update(
+            out.time, own.v, goal - own.p, yaw_now, lost, self._close(own, out.tracks)
+        )
         cruise = self._config.nmpc.speed
         out.speed = min(
             cruise * seen_speed(self._config.gaze, yaw_now, goal - own.p),
@@ -342,6 +344,14 @@ class Pipeline:
         if self._hold is None:
             self._hold = out.own.p
         return self._hold
+
+    def _close(self, own: VehicleState, tracks: list[Track]) -> float | None:
+        """World bearing [rad] of the nearest neighbour, if it is at arm's length."""
+        offsets = [t.p - own.p for t in tracks]
+        nearest = min(offsets, key=lambda d: float(d @ d), default=None)
+        if nearest is None or np.linalg.norm(nearest) > self._config.gaze.close:
+            return None
+        return math.atan2(nearest[1], nearest[0])
 
     def _neighbour(self, own: VehicleState, track: Track, company: bool) -> Neighbour:
         """A track as the NMPC wants it, carried over the delay, giving way; eq. (13)."""

@@ -41,7 +41,7 @@ def test_one_that_comes_head_on_is_known_to_within_half_a_second():
 
 
 def test_one_that_steps_before_another_does_not_take_its_track():
-    tracker, rng = Tracker(TrackerConfig(gate=11.3)), np.random.default_rng(3)
+    tracker, rng = Tracker(TrackerConfig(gate=11.3, damping=0.0)), np.random.default_rng(3)
     *_, (behind,) = follow(tracker, np.array([6.3, 0.0, 0.0]), CRUISE, 4, rng)
     for k in range(5, 8):
         tracker.update(k / 10, [look(np.array([4.0, 0, 0]), rng)], own(k / 10), LEVEL, None)
@@ -53,7 +53,7 @@ def test_one_that_steps_before_another_does_not_take_its_track():
 
 def test_a_half_hidden_one_is_not_taken_for_another_that_went_out_of_sight():
     """One 1.3 m away leaves the view; a second later half of another shows 50° beside it."""
-    tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
+    tracker, rng = Tracker(TrackerConfig(damping=0.0)), np.random.default_rng(3)
     *_, (gone,) = follow(tracker, np.array([0.6, -1.1, 0.0]), CRUISE, 8, rng)
     half = np.array([2.6, -0.6, 0.0])
     for k in range(18, 20):
@@ -61,3 +61,15 @@ def test_a_half_hidden_one_is_not_taken_for_another_that_went_out_of_sight():
     (left,) = (t for t in tracker.tracks() if t.id == gone.id)
     assert np.linalg.norm(left.p - CRUISE * 1.9 - [0.6, -1.1, 0.0]) < 0.5
     assert np.linalg.norm(left.v - CRUISE) < 0.7
+
+
+def test_one_out_of_sight_is_believed_to_slow_down_but_not_at_the_first_miss():
+    tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
+    *_, (seen,) = follow(tracker, np.array([4.0, 0.0, 0.0]), CRUISE, 8, rng)
+    tracker.predict(0.8)
+    assert np.allclose(tracker.tracks()[0].v, seen.v)
+    for k in range(9, 18):
+        tracker.predict(k / 10)
+    (lost,) = tracker.tracks()
+    assert np.linalg.norm(lost.v) < 0.4 * np.linalg.norm(seen.v)
+    assert np.linalg.norm(lost.p - seen.p) < 0.7 * np.linalg.norm(seen.v)

@@ -1,0 +1,67 @@
+"""The line of sight, eq. (7): along the way, swept at random, and never away from who is close."""
+
+import math
+
+import numpy as np
+import pytest
+
+from companion.gaze import Gaze, GazeConfig, seen_speed, wrap
+
+EAST = np.array([1.5, 0.0, 0.0])
+FAR = np.array([20.0, 0.0, 0.0])
+STILL = GazeConfig(sigma=0.0)
+
+
+def looked(config, seconds=60.0, v=EAST, to_goal=FAR, **seen):
+    """ψ of each tick of a straight flight; it looked east before."""
+    gaze = Gaze(config)
+    return np.array(
+        [gaze.update(k / 10, v, to_goal, 0.0, **seen) for k in range(int(seconds * 10))]
+    )
+
+
+def test_without_a_sweep_it_looks_along_the_way():
+    assert np.allclose(looked(STILL), 0.0)
+
+
+def test_the_sweep_goes_to_both_sides_within_its_limit_and_no_faster_than_it_may():
+    psi = looked(GazeConfig(seed=3))
+    assert psi.min() < -0.3
+    assert psi.max() > 0.3
+    assert np.abs(psi).max() <= GazeConfig().limit + 1e-9
+    assert np.abs(np.diff(psi)).max() <= GazeConfig().slew * 0.1 + 1e-9
+
+
+def test_two_drones_sweep_differently_and_one_always_the_same():
+    one, two = (looked(GazeConfig(seed=s)) for s in (1, 2))
+    assert not np.allclose(one, two)
+    assert np.array_equal(one, looked(GazeConfig(seed=1)))
+
+
+def test_one_that_must_turn_round_looks_before_it_flies():
+    psi = looked(STILL, 3.0, v=np.zeros(3), to_goal=-FAR)
+    assert abs(wrap(psi[-1] - math.pi)) < 1e-6
+
+
+def test_who_is_lost_is_looked_for_on_its_side():
+    psi = looked(GazeConfig(seed=3, sigma=0.1), lost=[-1.7])
+    assert psi[20:].min() == pytest.approx(-0.5, abs=0.1)
+    assert psi[20:].max() < 0.0
+
+
+@pytest.mark.parametrize("bearing", [-1.8, -1.3, 0.0, 0.9, 1.6])
+def test_no_swing_loses_sight_of_who_is_close(bearing):
+    config = GazeConfig(seed=3)
+    off = [abs(wrap(bearing - psi)) for psi in looked(config, close=bearing)[20:]]
+    assert max(off) <= config.half_view + 1e-9
+
+
+def test_who_is_close_behind_does_not_turn_the_look_off_the_way():
+    assert np.array_equal(looked(GazeConfig(seed=3)), looked(GazeConfig(seed=3), close=math.pi))
+
+
+def test_what_is_not_seen_is_entered_at_a_creep():
+    c = GazeConfig()
+    assert seen_speed(c, 0.0, FAR) == 1.0
+    assert seen_speed(c, math.pi, FAR) == c.creep
+    assert c.creep < seen_speed(c, 1.0, FAR) < 1.0
