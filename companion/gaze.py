@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import Field
 
-from companion.types import Vector
+from companion.types import Track, Vector
 from mavlink_bridge.settings import StrictModel
 
 
@@ -115,6 +115,19 @@ class Gaze:
             self._side = math.copysign(1.0, lost[0])
             amplitude = max(amplitude, abs(lost[0]) - c.half_view)
         return self._side * min(amplitude, c.limit)
+
+
+def bearing(p: Vector, track: Track) -> float:
+    """World bearing [rad] of a neighbour from p (3,) m."""
+    return math.atan2(track.p[1] - p[1], track.p[0] - p[0])
+
+
+def close_by(p: Vector, tracks: Sequence[Track], config: GazeConfig) -> float | None:
+    """World bearing [rad] of the neighbour nearest to p (3,) m, if it is nearer than `close`."""
+    nearest = min(tracks, key=lambda t: float(np.linalg.norm(t.p - p)), default=None)
+    if nearest is None or np.linalg.norm(nearest.p - p) >= config.close:
+        return None
+    return bearing(p, nearest)
 
 
 def seen_speed(config: GazeConfig, yaw: float, to_goal: Vector) -> float:

@@ -19,7 +19,7 @@ from companion.baselines import adapted, make_planner
 from companion.config import CompanionConfig
 from companion.eye import Eye, Trouble
 from companion.forecast import Forecast
-from companion.gaze import Gaze, seen_speed
+from companion.gaze import Gaze, bearing, close_by, seen_speed
 from companion.guard import Ask, Guard, Situation, Verdict
 from companion.lift import Lift
 from companion.linkwatch import LinkWatch
@@ -50,7 +50,6 @@ from mavlink_bridge.video import Frame
 _HEARTBEAT_PERIOD = 1.0
 _CLOCK_BACK = 1.0  # s; a vehicle whose clock goes back by more has started anew
 _COPIES = 2  # of a setpoint, besides the first
-_LOST = 0.3  # s unseen: a critical neighbour is looked for
 _COMPANION_HEARTBEAT = Heartbeat(autopilot=8, vehicle_type=18, armed=False, custom_mode=0,
                                  system_status=4)  # fmt: skip
 
@@ -205,14 +204,9 @@ class Pipeline:
         yaw_now = yaw_of(own.q_wb)
         out.near = rated_neighbours(own, out.tracks, self._config.threat)
         out.critical = out.near[: self._config.threat.critical]
-        lost = [
-            math.atan2(t.p[1] - own.p[1], t.p[0] - own.p[0])
-            for t, _ in out.critical
-            if t.unseen > _LOST
-        ]
-        out.yaw = self._gaze.update(
-            out.time, own.v, goal - own.p, yaw_now, lost, self._close(own, out.tracks)
-        )
+        lost = [bearing(own.p, t) for t, _ in out.critical if t.lost]
+        close = close_by(own.p, out.tracks, self._config.gaze)
+        out.yaw = self._gaze.update(out.time, own.v, goal - own.p, yaw_now, lost, close)
         cruise = self._config.nmpc.speed
         out.speed = min(
             cruise * seen_speed(self._config.gaze, yaw_now, goal - own.p),
@@ -344,14 +338,6 @@ class Pipeline:
         if self._hold is None:
             self._hold = out.own.p
         return self._hold
-
-    def _close(self, own: VehicleState, tracks: list[Track]) -> float | None:
-        """World bearing [rad] of the nearest neighbour, if it is at arm's length."""
-        offsets = [t.p - own.p for t in tracks]
-        nearest = min(offsets, key=lambda d: float(d @ d), default=None)
-        if nearest is None or np.linalg.norm(nearest) > self._config.gaze.close:
-            return None
-        return math.atan2(nearest[1], nearest[0])
 
     def _neighbour(self, own: VehicleState, track: Track, company: bool) -> Neighbour:
         """A track as the NMPC wants it, carried over the delay, giving way; eq. (13)."""

@@ -19,7 +19,6 @@ from mavlink_bridge.settings import StrictModel
 
 _LEAST_CALM = 0.7  # m/s: enough to make way
 _AHEAD = 0.3  # cosine of the angle off the way, above which somebody is ahead
-_REMEMBERED = 0.3  # s; whoever was not seen for longer may have stopped
 _NEAR = 2.0  # m; who stands so near ahead is in the way, even beyond the next aim
 _STANDING = 0.3  # m/s along the way; less is within what is known of a velocity
 _FITS = 0.4  # m from a trunk's surface to a drone's centre
@@ -110,20 +109,20 @@ def calm_speed(
     bound = v_max
     for t in tracks:
         distance = float(np.linalg.norm(t.p - own.p))
-        theirs = float(np.linalg.norm(t.v)) if t.unseen <= _REMEMBERED else 0.0
-        calm = theirs + config.calm + (distance - config.room)
-        bound = min(bound, calm if t.unseen <= _REMEMBERED else max(calm, speed))
+        calm = config.calm + (distance - config.room)
+        bound = min(bound, max(calm, speed) if t.lost else calm + float(np.linalg.norm(t.v)))
     return max(bound, min(_LEAST_CALM, v_max))
 
 
 def doubt(own: VehicleState, track: Track, distance: float) -> tuple[float, float]:
-    """Standard deviations of place [m] and velocity [m/s] that widen (37); distance: its own [m].
+    """Standard deviations of place [m] and velocity [m/s] that widen `distance` [m], (37).
 
     One slack serves all neighbours: room that doubt of one out of sight claims in vain is what
-    the plan then takes from another that is in sight. So that doubt claims free room only.
+    the plan then takes from another that is in sight. So that doubt claims free room only now,
+    and with time no more of it than once that room a second.
     """
     place, speed = (math.sqrt(float(np.trace(track.P[k : k + 3, k : k + 3])) / 3) for k in (0, 3))
-    if track.unseen <= _REMEMBERED:
+    if not track.lost:
         return place, speed
     room = max(float(np.linalg.norm(track.p - own.p)) - distance, 0.0)
     return min(place, room), min(speed, room)

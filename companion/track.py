@@ -117,9 +117,8 @@ class Tracker:
         if dt <= 0.0 or not len(self._ids):
             return
         # A neighbour out of sight is believed to slow down rather than to fly on for ever.
-        keep = np.where(time - self._seen > _FADES, np.exp(-self._config.damping * dt), 1.0)[
-            :, None
-        ]
+        fading = time - self._seen > _FADES
+        keep = np.where(fading, np.exp(-self._config.damping * dt), 1.0)[:, None]
         self._mean[:, :3] += dt * self._mean[:, 3:]
         self._mean[:, 3:] *= keep
         # F P F' + Q by blocks: of places a, of both b, of velocities d

@@ -11,6 +11,8 @@ Vector = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Ranges = NDArray[np.float16]
 
+_LOST = 0.3  # s unseen
+
 
 @dataclass(frozen=True)
 class Detection:
@@ -57,6 +59,11 @@ class Track:
     P: Vector
     age: float
     unseen: float
+
+    @property
+    def lost(self) -> bool:
+        """Whether it is out of sight: what it does now is a guess."""
+        return self.unseen > _LOST
 
 
 @dataclass(frozen=True)

@@ -144,7 +144,7 @@ def merge(documents: Iterable[Document]) -> Document:
     """Lay the documents over each other, the last on top; lists are replaced whole."""
     merged = Document()
     for document in documents:
-        _overlay(merged.data, document.data)
+        overlay(merged.data, document.data)
         merged.places.update(document.places)
         merged.problems.extend(document.problems)
     return merged
@@ -208,11 +208,12 @@ def _at(name: str, node: yaml.Node) -> str:
     return f"{name}:{node.start_mark.line + 1}:{node.start_mark.column + 1}"
 
 
-def _overlay(below: dict[str, Any], above: Mapping[str, Any]) -> None:
+def overlay(below: dict[str, Any], above: Mapping[str, Any]) -> None:
+    """Lay `above` over `below`, in place and nested; mappings of either are not shared."""
     for key, value in above.items():
         if isinstance(value, Mapping):
             base = below.get(key)
             below[key] = dict(base) if isinstance(base, Mapping) else {}
-            _overlay(below[key], value)
+            overlay(below[key], value)
         else:
             below[key] = value

@@ -9,9 +9,9 @@ def drop_stale_kernels(package: Path) -> None:
     Numba's cache looks at a kernel's own file, not at the functions and constants that it takes
     from others: after an update the old machine code would fly on.
     """
-    compiled = [*package.glob("**/__pycache__/*.nb[ic]")]
-    newest = max((p.stat().st_mtime for p in package.glob("**/*.py")), default=0.0)
     try:
+        compiled = [*package.glob("**/__pycache__/*.nb[ic]")]
+        newest = max((p.stat().st_mtime for p in package.glob("**/*.py")), default=0.0)
         if any(p.stat().st_mtime < newest for p in compiled):
             for p in compiled:
                 p.unlink(missing_ok=True)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from sitl_sim.scenario import Scenario
 
 EXIT_OK, EXIT_FELL_SHORT, EXIT_BAD_INPUT = 0, 1, 2
+EXIT_INTERRUPTED = 130  # 128 + SIGINT, as a shell says it
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -105,6 +106,9 @@ def main(arguments: list[str] | None = None) -> int:
     except _bad_input() as error:
         print(error, file=sys.stderr)
         return EXIT_BAD_INPUT
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return EXIT_INTERRUPTED
 
 
 def _bad_input() -> tuple[type[Exception], ...]:

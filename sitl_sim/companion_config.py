@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mavlink_bridge.settings import overlay
 from sitl_sim import scenario as scenarios
 from sitl_sim.real.fleet import BRIDGE_DELAY, EXPONENT, HOVER
 from sitl_sim.scenario import Scenario
@@ -53,14 +54,5 @@ def companion_config(scenario: Scenario, i: int, folder: Path, clock: bool) -> d
     if s.drones.autopilot == "betaflight":
         config["airframe"] = {"hover_thrust": HOVER, "thrust_exponent": EXPONENT}
         config["timing"]["delay"] = BRIDGE_DELAY
-    return overlay(config, s.companion)
-
-
-def overlay(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-    """`above` on top of `below`, nested; neither is changed."""
-    merged = dict(below)
-    for key, value in above.items():
-        old = merged.get(key)
-        nested = isinstance(value, dict) and isinstance(old, dict)
-        merged[key] = overlay(old, value) if nested else value  # type: ignore[arg-type]
-    return merged
+    overlay(config, s.companion)
+    return config

@@ -1,6 +1,6 @@
 """Compiled kernels of the static scene: ground, sky, trunks and boxes, O(1) per pixel.
 
-With the tables of `render_tables` a pixel needs one division to find its azimuth bin and one
+With the tables of `tables` a pixel needs one division to find its azimuth bin and one
 comparison to know what it sees.
 """
 

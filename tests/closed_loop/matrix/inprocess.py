@@ -20,9 +20,9 @@ from mavlink_bridge.codec import Codec
 from mavlink_bridge.link import Link
 from mavlink_bridge.memory import MemoryEndpoint
 from mavlink_bridge.messages import RateSetpoint
+from mavlink_bridge.settings import overlay
 from mavlink_bridge.video import Answer
 from sitl_sim import scenario as scenarios
-from sitl_sim.companion_config import overlay
 from sitl_sim.eyes import Eyes
 from sitl_sim.fault_camera import FaultyCamera
 from sitl_sim.faults import PIXELS, Schedule
@@ -105,7 +105,8 @@ class InProcess(Flight):
 
     def _wire(self, system):
         vehicle = MemoryEndpoint()
-        config = overlay(self.companion_config(system - 1), OVERRIDES)
+        config = self.companion_config(system - 1)
+        overlay(config, OVERRIDES)
         self.companions.append(Companion(config, MemoryEndpoint(vehicle)))
         self.companions[-1].clock = lambda: self._now / 1e3
         return self.companions[-1], vehicle, MemoryEndpoint()
