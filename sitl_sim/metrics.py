@@ -1,7 +1,8 @@
 """Figures of a flight: safety from the recorded truth, times and perception from the logs.
 
-Definitions of order, union and connectivity are SwarmLab's: alignment of velocities, one over
-the number of connected groups within `reach`, and the algebraic connectivity over N.
+Definitions of order, union and connectivity are SwarmLab's (Soria, Schiano, Floreano, IROS 2020):
+mean alignment of all pairs' velocities, (N - groups)/(N - 1) with the groups connected within
+`REACH`, and the algebraic connectivity over N.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from sitl_sim.world import Vector, surface_distance
 AIRBORNE = 0.3  # m above ground
 MOVING = 0.3  # m/s
 REACH = 5.0  # m, within which two drones count as connected
+AGENT_SAFETY, OBSTACLE_SAFETY = 2.5, 1.5  # radii of a drone: 0.5 m and 0.3 m for 0.2 m
+STANDING = 0.1  # m/s
 
 
 def safety(
@@ -58,6 +61,12 @@ def safety(
         "min_agent_distance_at": list(closest[1:]) if closest else None,
         "min_obstacle_distance_m": float(surface[nearest]) if near_any else None,
         "min_obstacle_distance_at": [float(t[nearest[0]]), names[nearest[1]]] if near_any else None,
+        "below_agent_safety": any(d < AGENT_SAFETY * radius for d, *_ in pairs),
+        "below_obstacle_safety": bool((surface < OBSTACLE_SAFETY * radius).any()),
+        "longest_standstill_s": max(
+            _longest(t, flying[:, i] & (speed[:, i] < STANDING), instants[n], wanted[n])
+            for i, n in enumerate(names)
+        ),
         "mean_speed_m_s": float(speed[moving].mean()) if moving.any() else 0.0,
         "std_speed_m_s": float(speed[moving].std()) if moving.any() else 0.0,
         "never_flew": [n for i, n in enumerate(names) if not flying[:, i].any()],
@@ -79,6 +88,14 @@ def reached_in_order(path: Vector, targets: list[list[float]], tolerance: float)
         at += int(near.argmax())
         instants.append(at)
     return instants
+
+
+def _longest(t: Vector, standing: NDArray[np.bool_], instants: list[int], wanted: int) -> float:
+    """Longest time [s] that a drone stood still in the air before its last target."""
+    way = standing[: instants[-1] if len(instants) == wanted > 0 else None]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], way, [False]]).astype(int)))
+    spans = t[np.minimum(edges[1::2], len(t) - 1)] - t[edges[::2]]
+    return float(spans.max(initial=0.0))
 
 
 def flocking(

@@ -7,22 +7,22 @@ JSON: `drone_radius` [m]; `missions`: by number, `cylinders` [[x, y, radius], â€
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mavlink_bridge.settings import SettingsError
-from sitl_sim.world import Cylinder
+from pydantic import Field
+
+from mavlink_bridge.settings import SettingsError, StrictModel
+from sitl_sim.world import Cylinder, Place, Spot
 
 
-@dataclass(frozen=True)
-class Mission:
-    """One mission. starts: [x, y] each; goals: [x, y, z] each; drone_radius: m."""
+class Mission(StrictModel):
+    """One mission: a start and a goal for each drone, of this radius [m]."""
 
     cylinders: list[Cylinder]
-    starts: list[list[float]]
-    goals: list[list[float]]
-    drone_radius: float
+    starts: list[Spot]
+    goals: list[Place]
+    drone_radius: float = Field(gt=0)
 
 
 def read_mission(path: Path, seed: int, drones: int) -> Mission:
@@ -37,10 +37,10 @@ def read_mission(path: Path, seed: int, drones: int) -> Mission:
         chosen = missions[seed % len(missions)]
         agents = chosen["agents"]
         mission = Mission(
-            [Cylinder(x=x, y=y, radius=r) for x, y, r in chosen["cylinders"]],
-            [[float(c) for c in a["start"][:2]] for a in agents[:drones]],
-            [[float(c) for c in a["goal"]] for a in agents[:drones]],
-            float(data["drone_radius"]),
+            cylinders=[Cylinder(x=x, y=y, radius=r) for x, y, r in chosen["cylinders"]],
+            starts=[[float(c) for c in a["start"][:2]] for a in agents[:drones]],
+            goals=[[float(c) for c in a["goal"]] for a in agents[:drones]],
+            drone_radius=float(data["drone_radius"]),
         )
     except OSError as error:
         why = f"cannot be read: {error.strerror}"

@@ -21,7 +21,7 @@ from mavlink_bridge.settings import (
 from sitl_sim import faults as fault
 from sitl_sim.missionfile import read_mission
 from sitl_sim.rendering.fisheye import Lens
-from sitl_sim.world import Vector, WorldConfig
+from sitl_sim.world import Place, Spot, Vector, WorldConfig
 
 QUANTUM_MS = 2  # of the simulated time
 TICK_MS = 100  # between frames of a camera
@@ -38,7 +38,7 @@ class DronesConfig(StrictModel):
     heading_deg: float | Literal["target"] = Field(
         90.0, description="Where they look: ENU yaw; target: each to its own first target."
     )
-    starts: list[list[float]] = Field([], description="[x, y] each, instead of a formation.")
+    starts: list[Spot] = Field([], description="[x, y] each, instead of a formation.")
     jitter: float = Field(0.1, ge=0, description="Each start is moved up to this [m].")
     shift: float = Field(0.0, ge=0, description="All starts together, across their heading [m].")
     radius: float = Field(0.2, gt=0, description="Of the sphere around a drone [m].")
@@ -58,8 +58,8 @@ class DronesConfig(StrictModel):
 class MissionConfig(StrictModel):
     """Where to fly, in the world frame."""
 
-    targets: list[list[float]] = Field([], description="[x, y, z] each, for all drones, in order.")
-    targets_of: dict[str, list[list[float]]] = Field({}, description="Instead, by drone name.")
+    targets: list[Place] = Field([], description="[x, y, z] each, for all drones, in order.")
+    targets_of: dict[str, list[Place]] = Field({}, description="Instead, by drone name.")
     spread: bool = Field(
         False, description="The last of the targets is the formation's: each to its place in it."
     )
@@ -166,11 +166,21 @@ def description(name: str) -> str:
 
 
 def load(scenario: str, overrides: list[str]) -> Scenario:
-    """A scenario by name or YAML file, with path.to.key=value overrides on top.
+    """A scenario by name or YAML file, with path.to.key=value overrides on top, ready to fly.
 
     Raises:
         SettingsError: with every mistake at its place, or the valid names.
     """
+    loaded = with_mission(read(scenario, overrides))
+    names_ = drone_names(loaded)
+    if unknown := [n for n in loaded.mission.targets_of if n not in names_]:
+        raise SettingsError([f"mission.targets_of: no drone {unknown[0]!r}; valid: "
+                             f"{', '.join(names_)}"])  # fmt: skip
+    return loaded
+
+
+def read(scenario: str, overrides: list[str]) -> Scenario:
+    """The same as it is written: a mission of `world.missions` is not looked up yet."""
     if scenario in names():
         path = Path(str(resources.files("sitl_sim") / "scenarios" / f"{scenario}.yaml"))
     elif scenario.endswith((".yaml", ".yml")):
@@ -179,7 +189,7 @@ def load(scenario: str, overrides: list[str]) -> Scenario:
         known = ", ".join(names())
         raise SettingsError([f"no scenario {scenario!r}; valid: {known}, or a .yaml file"])
     document = merge([load_yaml(path), assignments(overrides)])
-    return with_mission(validate(Scenario, document, str(path)))
+    return validate(Scenario, document, str(path))
 
 
 def with_mission(scenario: Scenario) -> Scenario:
@@ -260,7 +270,7 @@ def _formation(d: DronesConfig) -> Vector:
     """(n,2) m: where each drone is to stand."""
     n, centre = d.count, np.array(d.centre)
     if d.starts:
-        if len(d.starts) < n or any(len(s) != 2 for s in d.starts):
+        if len(d.starts) < n:
             raise SettingsError([f"drones.starts: needs {n} pairs [x, y], got {len(d.starts)}"])
         return np.array(d.starts[:n], float)
     if d.formation == "circle":

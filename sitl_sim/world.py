@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,8 @@ from pydantic import Field
 from mavlink_bridge.settings import StrictModel
 
 Vector = NDArray[np.float64]
+Spot = Annotated[list[float], Field(min_length=2, max_length=2)]  # [x, y] m
+Place = Annotated[list[float], Field(min_length=3, max_length=3)]  # [x, y, z] m
 
 
 class Cylinder(StrictModel):
@@ -25,8 +27,8 @@ class Cylinder(StrictModel):
 class Box(StrictModel):
     """An axis-aligned block."""
 
-    min: list[float] = Field(min_length=3, max_length=3)
-    max: list[float] = Field(min_length=3, max_length=3)
+    min: Place
+    max: Place
 
 
 class WorldConfig(StrictModel):

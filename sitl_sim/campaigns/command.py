@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The options beside scenario, --set and --controller."""
-    command.add_argument("--runs", type=_count, default=10, metavar="K", help="seeds (10)")
+    command.add_argument("--runs", type=count, default=10, metavar="K", help="seeds (10)")
     command.add_argument("--seed", type=int, default=0, metavar="S", help="the first one (0)")
     command.add_argument("--out", type=Path, metavar="DIR", help="runs/campaign-NAME; resumed")
     command.add_argument(
-        "--workers", type=_count, metavar="W", help="flights at a time (one for each core)"
+        "--workers", type=count, metavar="W", help="flights at a time (one for each core)"
     )
     command.add_argument(
         "--scheduler", metavar="tcp://HOST:PORT", help="of a Dask cluster, instead of processes"
@@ -54,31 +54,35 @@ def fly_campaign(options: argparse.Namespace, overrides: list[str]) -> bool:
 
 def fly(campaign: Campaign, workers: int, scheduler: str | None = None) -> dict[str, Any]:
     """Fly what is missing and sum up what is there; writes `summary.json`, `campaign.html`."""
-    from sitl_sim.campaign import executor, run
+    from sitl_sim.campaign import run
+    from sitl_sim.campaigns.claim import claimed
+    from sitl_sim.campaigns.crew import crew
     from sitl_sim.campaigns.report import make_campaign_report
     from sitl_sim.campaigns.run import metrics_of
     from sitl_sim.campaigns.summary import summary
 
-    campaign.begin()
-    missing = len(campaign.jobs())
-    broken: dict[int, str] = {}
-    if missing:
-        with (
-            executor(min(workers, missing), scheduler) as (pool, elsewhere),
-            _progress(campaign.runs, campaign.runs - missing) as done,
-        ):
-            broken = run(campaign, pool, elsewhere, done)
-    flights = {seed: metrics_of(campaign.run_folder(seed)) for seed in campaign.seeds}
-    flown = {seed: m for seed, m in flights.items() if m is not None}
-    result = summary(campaign.name, flown, broken, campaign.runs)
-    text = json.dumps(result, indent=1)
-    (campaign.folder / "summary.json").write_text(text, encoding="utf-8")
-    if flown:
-        make_campaign_report(campaign.folder)
+    with claimed(campaign.folder, campaign.settings()):
+        missing = len(campaign.jobs())
+        broken: dict[int, str] = {}
+        if missing:
+            with (
+                crew(min(workers, missing), scheduler) as who,
+                _progress(campaign.runs, campaign.runs - missing) as done,
+            ):
+                broken = run(campaign, who, done)
+        flights = {seed: metrics_of(campaign.run_folder(seed)) for seed in campaign.seeds}
+        flown = {seed: m for seed, m in flights.items() if m is not None}
+        result = summary(campaign.name, flown, broken, campaign.runs)
+        text = json.dumps(result, indent=1)
+        (campaign.folder / "summary.json").write_text(text, encoding="utf-8")
+        if flown:
+            names = [campaign.run_folder(seed).name for seed in flown]
+            make_campaign_report(campaign.folder, names, result["not_flown"])
     return result
 
 
-def _count(text: str) -> int:
+def count(text: str) -> int:
+    """An option's whole number, 1 or more."""
     if not text.isdigit() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"must be 1 or more, got {text!r}")
     return int(text)

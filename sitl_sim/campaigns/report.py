@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -58,16 +59,24 @@ def read_campaign(folder: Path) -> list[Entry]:
     return entries
 
 
-def make_campaign_report(folder: Path) -> Path:
-    """Write `campaign.html` into the folder."""
-    entries = read_campaign(folder)
-    good = sum(e.metrics["ok"] for e in entries)
-    low, high = wilson(good, len(entries))
+def make_campaign_report(
+    folder: Path, names: Collection[str] | None = None, not_flown: Mapping[str, str] | None = None
+) -> Path:
+    """Write `campaign.html` into the folder.
+
+    names: the run folders that count, else all. not_flown: why a seed has none.
+    """
+    entries = [e for e in read_campaign(folder) if names is None or e.name in names]
+    broken = not_flown or {}
+    good, tried = sum(e.metrics["ok"] for e in entries), len(entries) + len(broken)
+    low, high = wilson(good, tried)
     verdict = (
-        f"<p><b>{good} of {len(entries)}</b> runs succeeded: {good / len(entries):.1%}, "
+        f"<p><b>{good} of {tried}</b> runs succeeded: {good / tried:.1%}, "
         f"95 % interval {low:.1%} to {high:.1%} (Wilson)."
     )
-    sections = [("Runs", _table(folder, entries)), ("Over all runs", draw(histograms(entries)))]
+    why = "".join(f"<p class=bad>Seed {s} not flown: {html.escape(w)}" for s, w in broken.items())
+    runs = _table(folder, entries) + why
+    sections = [("Runs", runs), ("Over all runs", draw(histograms(entries)))]
     path = folder / "campaign.html"
     path.write_text(page(f"campaign {folder.name}", verdict, sections), encoding="utf-8")
     return path

@@ -84,10 +84,12 @@ def _fly(job: Job, folder: Path) -> None:
     import cv2
 
     from sitl_sim import scenario as scenarios
+    from sitl_sim.codeversion import commit
     from sitl_sim.flightlog import finish
     from sitl_sim.runner import flight
 
     cv2.setNumThreads(1)
+    commit()
     wanted = [*job.overrides, f"seed={job.seed}"]
     started = time.monotonic()
     with _ports(job, scenarios.load(job.scenario, wanted).drones.count) as ports:

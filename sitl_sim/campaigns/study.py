@@ -64,7 +64,7 @@ def cells(
     """Every case of every scenario, each with a folder of its own."""
     for scenario in study.scenarios:
         for case, changes in study.cases.items():
-            place = folder / scenario / case.replace(" ", "-").replace("/", "-")
+            place = folder / Path(scenario).stem / case.replace(" ", "-").replace("/", "-")
             overrides = [*study.set, *changes]
             yield Cell(
                 scenario, case, Campaign(scenario, overrides, runs, first_seed, place, in_process)

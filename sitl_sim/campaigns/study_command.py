@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sitl_sim.campaigns.command import count
+
 if TYPE_CHECKING:
     from sitl_sim.campaigns.study import Study
 
@@ -16,15 +18,16 @@ if TYPE_CHECKING:
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """Its options."""
     command.add_argument("study", help="a name (leaderboard, …) or a YAML file")
-    command.add_argument("--runs", type=int, default=20, metavar="K", help="seeds each (20)")
-    command.add_argument("--seed", type=int, default=10000, metavar="S",
-                         help="the first one (10000: nothing was tuned on these)")  # fmt: skip
+    command.add_argument("--runs", type=count, default=20, metavar="K", help="seeds each (20)")
+    command.add_argument(
+        "--seed", type=int, default=60000, metavar="S", help="the first one (60000)"
+    )
     command.add_argument("--scenarios", metavar="A,B", help="only these of the study's")
     command.add_argument("--cases", metavar="A;B", help="only these of the study's")
     command.add_argument("--out", type=Path, metavar="DIR", help="runs/study-NAME; resumed")
     command.add_argument("--page", type=Path, default=Path("docs/studies"), metavar="DIR",
                          help="where table and plot go (docs/studies)")  # fmt: skip
-    command.add_argument("--workers", type=int, metavar="W", help="flights at a time")
+    command.add_argument("--workers", type=count, metavar="W", help="flights at a time")
     command.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="of a Dask cluster")
     command.add_argument("--processes", action="store_true",
                          help="each companion in a process of its own, as on a drone")  # fmt: skip

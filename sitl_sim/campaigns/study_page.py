@@ -39,7 +39,7 @@ def _table(rows: list[Row]) -> list[str]:
     for cell, s in rows:
         low, high = s["wilson_95"]
         lines.append("| " + " | ".join([
-            cell.scenario, cell.case, f"{s['ok']} of {s['flown']}", f"{low:.0%} – {high:.0%}",
+            cell.scenario, cell.case, f"{s['ok']} of {s['tried']}", f"{low:.0%} – {high:.0%}",
             str(s["collided"]),
             _two(s["min_agent_distance_m"]), _two(s["min_obstacle_distance_m"]),
             _one(s["mission_time_s"]["median"], 1), _one(s["mean_speed_m_s"], 2),
@@ -81,7 +81,7 @@ def plot(title: str, rows: list[Row], path: Path) -> None:
     figure = new_figure(7.5, 0.9 + 0.2 * len(cases) * len(scenarios))
     axes = figure.add_subplot()
     for k, case in enumerate(cases):
-        mine = [(scenarios.index(c.scenario), s) for c, s in rows if c.case == case and s["flown"]]
+        mine = [(scenarios.index(c.scenario), s) for c, s in rows if c.case == case and s["tried"]]
         if not mine:
             continue
         y = [at + (k - (len(cases) - 1) / 2) * 0.8 / len(cases) for at, _ in mine]

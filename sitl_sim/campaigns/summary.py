@@ -16,23 +16,32 @@ _MEANS = ("mean_speed_m_s", "order", "union", "connectivity")
 def summary(
     name: str, flights: dict[int, dict[str, Any]], broken: dict[int, str], runs: int
 ) -> dict[str, Any]:
-    """Figures over all flights; flights: metrics by seed; broken: why a seed did not fly."""
+    """Figures over all flights; flights: metrics by seed; broken: why a seed did not fly.
+
+    A flight that broke off is no success, whoever was to fly it.
+    """
     good = {seed: m for seed, m in flights.items() if m["ok"]}
-    low, high = wilson(len(good), len(flights))
+    tried = len(flights) + len(broken)
+    low, high = wilson(len(good), tried)
     return {
         "scenario": name,
         "commit": ", ".join(sorted({m.get("commit") or "unknown" for m in flights.values()})),
         "runs": runs,
         "flown": len(flights),
+        "tried": tried,
         "ok": len(good),
-        "success": len(good) / len(flights) if flights else None,
+        "success": len(good) / tried if tried else None,
         "wilson_95": [low, high],
         "collided": sum(
             bool(m["agent_collisions"] or m["obstacle_collisions"]) for m in flights.values()
         ),
+        "below_safety": sum(
+            bool(m["below_agent_safety"] or m["below_obstacle_safety"]) for m in flights.values()
+        ),
         "min_agent_distance_m": _spread(m["min_agent_distance_m"] for m in flights.values()),
         "min_obstacle_distance_m": _spread(m["min_obstacle_distance_m"] for m in flights.values()),
         "mission_time_s": _spread(m["mission_time_s"] for m in good.values()),
+        "longest_standstill_s": _spread(m["longest_standstill_s"] for m in flights.values()),
         "solve_ms": {
             "p50": _mean(m["solve_ms"]["p50"] for m in flights.values()),
             "p99": _mean(m["solve_ms"]["p99"] for m in flights.values()),
@@ -51,11 +60,14 @@ def table(s: dict[str, Any]) -> str:
     rate = "–" if s["success"] is None else f"{s['success']:.1%}"
     rows = [
         ("scenario, runs", f"{s['scenario']}, {s['flown']} of {s['runs']} flown"),
-        ("success", f"{s['ok']} of {s['flown']}: {rate}, 95 % {low:.1%} to {high:.1%} (Wilson)"),
+        ("code", s["commit"]),
+        ("success", f"{s['ok']} of {s['tried']}: {rate}, 95 % {low:.1%} to {high:.1%} (Wilson)"),
         ("runs with a collision", str(s["collided"])),
         ("between drones, least / median", _two(s["min_agent_distance_m"], "m")),
         ("to an obstacle, least / median", _two(s["min_obstacle_distance_m"], "m")),
+        ("nearer than asked, runs", str(s["below_safety"])),
         ("mission time, median / most", _two(s["mission_time_s"], "s", ("median", "most"))),
+        ("longest standstill, most", f"{_number(s['longest_standstill_s']['most'])} s"),
         ("speed while moving", f"{_number(s['mean_speed_m_s'])} m/s"),
         ("order / union / connectivity",
          " / ".join(_number(s[k]) for k in ("order", "union", "connectivity"))),

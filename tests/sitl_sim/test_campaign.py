@@ -6,12 +6,16 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import pytest
 
 from sitl_sim.__main__ import main
+from sitl_sim.campaign import Campaign, run
 from sitl_sim.campaigns import ports
+from sitl_sim.campaigns.claim import claimed
 
 SCENARIO = """
 fileversion: 1
@@ -72,18 +76,82 @@ def test_a_campaign_flies_what_is_missing_and_nothing_else(scenario, tmp_path, c
     assert summary == json.loads((out / "summary.json").read_text())
     assert (summary["runs"], summary["flown"], summary["ok"]) == (3, 3, 0)
     assert truths(out) == first | {7: truths(out)[7]}
-    assert (out / "campaign.html").exists()
+    assert "<b>0 of 3</b>" in (out / "campaign.html").read_text()
+    campaign(scenario, out, "--runs", "1", "--seed", "6")  # of what is there, what was asked for
+    assert "0 of 1: 0.0%" in capsys.readouterr().out
+    assert "<b>0 of 1</b>" in (out / "campaign.html").read_text()
 
 
-def test_another_campaign_in_the_same_folder_is_refused(scenario, tmp_path, capsys):
+def settings(scenario, *overrides):
+    return Campaign(scenario, list(overrides), 1, 0, Path("anywhere")).settings()
+
+
+def test_a_folder_of_other_flights_is_refused_and_left_as_it_is(scenario, tmp_path, capsys):
     out = tmp_path / "out"
-    out.mkdir()
-    (out / "campaign.json").write_text(json.dumps({"name": "hop", "overrides": []}))
+    with claimed(out, settings(scenario)):
+        (out / "unfinished" / "hop-0-17").mkdir(parents=True)
+    Path(scenario).write_text(SCENARIO.replace("time_limit: 5.0", "time_limit: 6.0"))
     assert campaign(scenario, out, "--set", "drones.count=1") == 2
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1
-    assert "holds another campaign" in lines[0]
-    assert "drones.count=1" in lines[0]
+    assert "holds another campaign (drones.count 2, not 1, mission.time_limit 5.0, not 6.0)" in (
+        lines[0])  # fmt: skip
+    assert (out / "unfinished" / "hop-0-17").exists()
+
+
+def test_two_campaigns_do_not_fly_into_one_folder(scenario, tmp_path, capsys):
+    out = tmp_path / "out"
+    with claimed(out, settings(scenario)):
+        assert campaign(scenario, out) == 2
+    assert "another campaign is flying into it" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("content", ["", "[1]", "no json"])
+def test_a_spoilt_request_is_one_clear_line(scenario, tmp_path, capsys, content):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "campaign.json").write_text(content)
+    assert campaign(scenario, out) == 2
+    assert "campaign.json: not what a campaign wrote" in capsys.readouterr().err
+
+
+class Fragile:
+    """A crew of two; the worker that flies seed 3 dies, and all that fly beside it."""
+
+    places = 2
+
+    def __init__(self):
+        self.pool = {}
+        self.brought = []
+        self.most = 0
+
+    def submit(self, job):
+        future = self.pool[job.seed] = Future()
+        self.most = max(self.most, sum(not f.done() for f in self.pool.values()))
+        if job.seed == 3:
+            for other in self.pool.values():
+                if not other.done():
+                    other.set_exception(BrokenProcessPool("a worker died"))
+        elif job.seed != 2 or 3 in self.pool:
+            future.set_result(None)
+        return future
+
+    def bring(self, job, result):
+        self.brought.append(job.seed)
+
+    def renew(self):
+        assert all(f.done() for f in self.pool.values())
+
+
+def test_a_worker_that_dies_takes_no_other_flight_with_it(scenario, tmp_path):
+    told, crew = {}, Fragile()
+    flights = Campaign(scenario, [], 6, 0, tmp_path)
+    broken = run(flights, crew, lambda seed, what: told.update({seed: what}))
+    assert list(broken) == [3]
+    assert "BrokenProcessPool" in broken[3]
+    assert sorted(crew.brought) == [0, 1, 2, 4, 5]
+    assert sorted(told) == list(range(6))
+    assert crew.most == 2
 
 
 @pytest.mark.parametrize(
@@ -103,7 +171,7 @@ def test_a_flight_that_cannot_be_flown_is_named_and_the_others_fly(scenario, tmp
     wrong = ["--set", "companion.nmpc.N=1"]  # only a companion knows that this is too few
     assert campaign(scenario, out, "--runs", "1", *wrong, "--json") == 1
     summary = json.loads(capsys.readouterr().out)
-    assert summary["flown"] == 0
+    assert (summary["flown"], summary["tried"], summary["success"]) == (0, 1, 0.0)
     assert "nmpc.N" in summary["not_flown"]["0"]
 
 

@@ -38,6 +38,7 @@ def metrics(seed, ok):
         "targets_reached": {"drone1": "1/1", "drone2": f"{int(ok)}/1"}, "never_flew": [],
         "faults_in_truth": [], "agent_collisions": int(not ok), "obstacle_collisions": 0,
         "min_agent_distance_m": 0.7 + 0.1 * seed if ok else 0.3, "min_obstacle_distance_m": None,
+        "below_agent_safety": not ok, "below_obstacle_safety": False, "longest_standstill_s": 1.0,
         "mission_time_s": 20.0 + seed if ok else None, "duration_s": 30.0,
         "mean_speed_m_s": 1.4, "order": 0.5, "union": 1.0, "connectivity": 0.3,
         "solve_ms": {"p50": 2.0, "p99": 4.0, "max": 5.0},
