@@ -1,6 +1,7 @@
 """Scenarios as data: seeded, free where drones start and go, refused where they make no sense."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -125,6 +126,9 @@ def test_a_mission_comes_from_the_file_that_the_user_names(missions):
         ("[]", "no file of missions"),
         ('{"drone_radius": 0.1, "missions": {}}', "no file of missions"),
         (json.dumps(MISSIONS).replace("0.2]", "-1]"), "no file of missions"),
+        (json.dumps(MISSIONS | {"drone_radius": -1}), "drone_radius"),
+        (json.dumps(MISSIONS | {"drone_radius": float("nan")}), "drone_radius"),
+        (json.dumps(MISSIONS).replace('"goal": [', '"goal": [0, '), "goals"),
     ],
 )
 def test_a_wrong_file_of_missions_is_one_clear_error(text, words, tmp_path):
@@ -134,6 +138,19 @@ def test_a_wrong_file_of_missions_is_one_clear_error(text, words, tmp_path):
     with pytest.raises(SettingsError, match=words) as caught:
         scenarios.load("lsc-forest", given)
     assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("mission.targets=[[1.0, 2.0]]", "mission.targets.0: "),
+        ("mission.targets_of={drone99: [[1.0, 2.0, 3.0]]}", "no drone 'drone99'; valid: drone1,"),
+        ("drones.starts=[[1.0, 2.0, 3.0]]", "drones.starts.0: "),
+    ],
+)
+def test_places_have_three_coordinates_and_belong_to_drones(override, words):
+    with pytest.raises(SettingsError, match=re.escape(words)):
+        scenarios.load("forest", [override])
 
 
 def test_too_few_agents_are_refused(missions):
