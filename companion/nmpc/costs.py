@@ -120,25 +120,20 @@ def speed_excess(v: ca.SX, scene: Scene, w: Weights) -> Hinge:
     return Hinge(excess, w["w_v"], bend=lambda variables: ca.hessian(excess, variables)[0])
 
 
-def blind_motion(v: ca.SX, q: ca.SX, w: Weights) -> Hinge:
-    """Motion out of the cone around the camera's axis: (29) knows no blind side.
+def blind_motion(v: ca.SX, scene: Scene, w: Weights) -> Hinge:
+    """Motion out of the cone around the line of sight: (29) knows no blind side.
 
     Who backs or slides away from what it sees hits what it does not see. Free: speeds below
-    v_blind against the axis, and directions within the cone whose half-angle has the cosine
-    `seen_cone`.
+    v_blind against the line of sight, and directions within the cone whose half-angle has the
+    cosine `seen_cone`. Around (7), not around the camera's axis: who flees is not to look away
+    from what it flees from.
     """
-    axis = _x_body(q)
-    forward = ca.dot(axis, v[:2])
     cone = w["seen_cone"] * ca.sqrt(ca.sumsqr(v[:2]) + 1e-4)
-
-    def bend(variables: ca.SX) -> ca.SX:
-        """Convex in v. By the yaw a: forward, and with the speed s across, 2 ds da <= ds²+da²."""
-        across = ca.vertcat(-axis[1], axis[0]).T @ ca.jacobian(v[:2], variables)
-        yaw = 2 * ca.vertcat(-q[3], -q[2], q[1], q[0]).T @ ca.jacobian(q, variables)
-        turning = (ca.fmax(forward, 0) + 1) * yaw.T @ yaw
-        return ca.hessian(cone, variables)[0] + across.T @ across + turning
-
-    return Hinge(cone - forward - w["v_blind"], w["w_blind"], bend=bend)
+    return Hinge(
+        cone - ca.dot(scene.sight, v[:2]) - w["v_blind"],
+        w["w_blind"],
+        bend=lambda variables: ca.hessian(cone, variables)[0],
+    )
 
 
 def line_of_sight(q: ca.SX, scene: Scene, w: Weights) -> Term:
@@ -156,7 +151,7 @@ def state_terms(x: ca.SX, scene: Scene, w: Weights) -> list[Term]:
         *cohesion(p, scene, w),
         migration(p, v, scene, w),
         speed_excess(v, scene, w),
-        blind_motion(v, q, w),
+        blind_motion(v, scene, w),
         line_of_sight(q, scene, w),
     ]
 
