@@ -106,6 +106,11 @@ class Gaze:
         self._time = time
         return self._yaw
 
+    def rest(self, time: float, yaw: float) -> float:
+        """Somebody else turns the drone: ψ is where it looks, and the sweep begins from there."""
+        self._yaw, self._time, self._epsilon = yaw, time, 0.0
+        return yaw
+
     def _swing(self, lost: Sequence[float]) -> float:
         """ε of the next half-swing; lost: bearings off the base direction."""
         c = self._config

@@ -134,7 +134,6 @@ class Pipeline:
         self._surfaces = Surfaces(self._sight.camera, config.surfaces)
         self._gaze = Gaze(config.gaze)
         self._forecast = Forecast(config.timing.delay)
-        self._hold: Vector | None = None
 
     def tick(self, inputs: TickInputs) -> TickOutputs:
         """Decide once. The same inputs in the same order give the same outputs."""
@@ -196,17 +195,22 @@ class Pipeline:
         """Where to go and where to look; what is in the way."""
         own = out.own
         assert own is not None
-        out.progress = self._mission.update(own) if self._flying else Progress(own.p, 0, False)
+        mine = self._phases.phase in (Phase.FLY, Phase.LAND)
+        out.progress = self._mission.update(own) if mine else Progress(own.p, 0, False)
         cylinders = self._map.obstacles(own.p).cylinders
         points = self._surfaces.points(cylinders)
         room = self._config.nmpc.d_obstacle_safety - self._config.surfaces.rough
-        goal = out.aim = self._surfaces.lane(own.p, self._goal(out), points, room)
+        goal = out.aim = self._surfaces.lane(own.p, out.progress.goal, points, room)
         yaw_now = yaw_of(own.q_wb)
         out.near = rated_neighbours(own, out.tracks, self._config.threat)
         out.critical = out.near[: self._config.threat.critical]
         lost = [bearing(own.p, t) for t, _ in out.critical if t.lost]
         close = close_by(own.p, out.tracks, self._config.gaze)
-        out.yaw = self._gaze.update(out.time, own.v, goal - own.p, yaw_now, lost, close)
+        out.yaw = (
+            self._gaze.update(out.time, own.v, goal - own.p, yaw_now, lost, close)
+            if mine
+            else self._gaze.rest(out.time, yaw_now)
+        )
         cruise = self._config.nmpc.speed
         out.speed = min(
             cruise * seen_speed(self._config.gaze, yaw_now, goal - own.p),
@@ -245,11 +249,12 @@ class Pipeline:
                 for t, _ in out.near
             ],
             cylinders=out.obstacles.cylinders,
+            # The first few are kept: walls before the fence, which the guard minds too.
             planes=np.vstack(
                 [
                     config.altitude_planes(goal[2]),
-                    config.fence.near(own.p),
                     out.obstacles.planes,
+                    config.fence.near(own.p),
                 ]
             ),
             disturbance=self._forecast.disturbance,
@@ -276,6 +281,8 @@ class Pipeline:
             self._stream(out)
         else:
             out.verdict = None
+        if not decision.stream or decision.phase is Phase.ENGAGE:
+            # What was sent is not what flies: the autopilot follows it once it is in offboard.
             self._forecast.forget()
             self._lift.forget()
         out.hover_thrust = self._lift.map.hover_thrust
@@ -325,19 +332,6 @@ class Pipeline:
     @property
     def _flying(self) -> bool:
         return self._phases.phase in (Phase.ENGAGE, Phase.FLY, Phase.LAND)
-
-    def _goal(self, out: TickOutputs) -> Vector:
-        """The mission's goal; while control is being taken, the place where that began."""
-        assert out.own is not None
-        assert out.progress is not None
-        if self._phases.phase is Phase.FLY:
-            return out.progress.goal
-        if self._phases.phase is not Phase.ENGAGE:
-            self._hold = None
-            return out.progress.goal
-        if self._hold is None:
-            self._hold = out.own.p
-        return self._hold
 
     def _neighbour(self, own: VehicleState, track: Track, company: bool) -> Neighbour:
         """A track as the NMPC wants it, carried over the delay, giving way; eq. (13)."""

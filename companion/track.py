@@ -60,7 +60,8 @@ class TrackerConfig(StrictModel):
     )
 
 
-_FADES = 0.15  # s unseen: more than a tick
+_FADES = 0.15  # s unseen in the frames that came: more than a tick
+_LATE = 0.25  # s; what is not in a frame because none came is not out of sight yet
 _STALE = 0.5  # s unseen: where a neighbour is now is a guess
 _EYE = np.eye(3)
 
@@ -71,6 +72,7 @@ class Tracker:
     def __init__(self, config: TrackerConfig) -> None:
         self._config = config
         self._time: float | None = None
+        self._looked = -np.inf
         self._next_id = 1
         self._mean: Vector = np.zeros((0, 6))
         self._covariance: Vector = np.zeros((0, 6, 6))
@@ -94,6 +96,7 @@ class Tracker:
         unconfirmed ones too) whether it should be visible; all unknown where None.
         """
         self.predict(time)
+        self._looked = time
         z, r = self._measurements(detections, own, q_bc)
         clear = np.array([d.sigma_range <= self._config.clear * d.range for d in detections], bool)
         assigned = self._associate(z, r, clear)
@@ -111,15 +114,18 @@ class Tracker:
             self._bear(time, z[detection], r[detection], bool(clear[detection]))
 
     def predict(self, time: float) -> None:
-        """Carry all neighbours to `time` at constant velocity, eq. (14), with growing doubt."""
+        """Carry all neighbours to `time` at constant velocity, eq. (14), with growing doubt.
+
+        Back, too, for a frame that is older than the last tick; doubt stays as it is then.
+        """
         dt = 0.0 if self._time is None else time - self._time
         self._time = time
+        self._mean[:, :3] += dt * self._mean[:, 3:]
         if dt <= 0.0 or not len(self._ids):
             return
         # A neighbour out of sight is believed to slow down rather than to fly on for ever.
-        fading = time - self._seen > _FADES
+        fading = time - min(time - self._looked, _LATE) - self._seen > _FADES
         keep = np.where(fading, np.exp(-self._config.damping * dt), 1.0)[:, None]
-        self._mean[:, :3] += dt * self._mean[:, 3:]
         self._mean[:, 3:] *= keep
         # F P F' + Q by blocks: of places a, of both b, of velocities d
         c, keep, doubt = self._covariance, keep[..., None], self._config.acceleration**2 * _EYE

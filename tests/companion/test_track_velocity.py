@@ -1,6 +1,7 @@
 """What the tracker believes of speed: head on, and where one hides another."""
 
 import numpy as np
+import pytest
 
 from companion.track import Tracker, TrackerConfig
 from companion.types import Detection
@@ -66,10 +67,27 @@ def test_a_half_hidden_one_is_not_taken_for_another_that_went_out_of_sight():
 def test_one_out_of_sight_is_believed_to_slow_down_but_not_at_the_first_miss():
     tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
     *_, (seen,) = follow(tracker, np.array([4.0, 0.0, 0.0]), CRUISE, 8, rng)
-    tracker.predict(0.8)
+    tracker.update(0.8, [], own(0.8), LEVEL, None)
+    tracker.predict(0.83)
     assert np.allclose(tracker.tracks()[0].v, seen.v)
     for k in range(9, 18):
-        tracker.predict(k / 10)
+        tracker.update(k / 10, [], own(k / 10), LEVEL, None)
     (lost,) = tracker.tracks()
     assert np.linalg.norm(lost.v) < 0.4 * np.linalg.norm(seen.v)
-    assert np.linalg.norm(lost.p - seen.p) < 0.7 * np.linalg.norm(seen.v)
+    # In the second since: on at its speed for the first 0.2 to 0.3 s, then slower by damping 1.5.
+    flown = np.linalg.norm(lost.p - seen.p) / np.linalg.norm(seen.v)
+    assert 0.2 + (1 - np.exp(-1.2)) / 1.5 < flown < 0.3 + (1 - np.exp(-1.05)) / 1.5
+
+
+@pytest.mark.parametrize("late", [0.03, 0.12, 0.18, 0.23])
+def test_frames_that_come_late_do_not_slow_anybody_down(late):
+    """Ticks at 10 Hz, each with the frame taken `late` before; one keeps 4 m ahead at cruise."""
+    tracker = Tracker(TrackerConfig())
+    for k in range(20):
+        offset = np.array([4.0, 0.0, 0.0])
+        seen = Detection(offset / 4, 4.0, sigma_bearing=0.003, sigma_range=0.02)
+        tracker.update(k / 10 - late, [seen], own(k / 10 - late), LEVEL, None)
+        tracker.predict(k / 10)
+    (track,) = tracker.tracks()
+    assert np.linalg.norm(track.v - CRUISE) < 0.05
+    assert np.linalg.norm(track.p - CRUISE * 1.9 - offset) < 0.05

@@ -145,7 +145,7 @@ def test_a_wrong_file_of_missions_is_one_clear_error(text, words, tmp_path):
     [
         ("mission.targets=[[1.0, 2.0]]", "mission.targets.0: "),
         ("mission.targets_of={drone99: [[1.0, 2.0, 3.0]]}", "no drone 'drone99'; valid: drone1,"),
-        ("drones.starts=[[1.0, 2.0, 3.0]]", "drones.starts.0: "),
+        ("drones.starts=[[1.0, 2.0, 3.0]]", "drones.starts"),
     ],
 )
 def test_places_have_three_coordinates_and_belong_to_drones(override, words):
