@@ -30,7 +30,7 @@ class Orca:
         c = self._config
         reach = 15.0
         sim = pyrvo.RVOSimulator(
-            _STEP, reach, 12, c.horizon, c.horizon_obstacle, c.radius, max(around.speed, 1e-3)
+            _STEP, reach, 12, c.horizon, c.horizon_obstacle, c.radius, around.fastest
         )
         sim.add_agent((0.0, 0.0))
         sim.set_agent_velocity(0, tuple(around.v.tolist()))

@@ -42,7 +42,7 @@ class VelocityPlanner:
         v = np.zeros(3)
         if finite:
             around = Surroundings.of(instance, self._nmpc)
-            v[:2] = bounded(self._rule.velocity(around), instance.speed)
+            v[:2] = bounded(self._rule.velocity(around), around.fastest)
             v[2] = self._climb(instance)
             finite = bool(np.isfinite(v).all())
         return self._plan(instance, v, finite, started)

@@ -18,16 +18,16 @@ _NEAREST = 0.02  # m: no surface is nearer, whatever the numbers say
 class Surroundings:
     """Horizontal, relative to the drone, world axes; m, m/s.
 
-    v (2,): own velocity. to_goal (2,): unit vector. migration (2,): velocity that the mission
-    asks for, slower near the goal. speed: most that may be flown. neighbours (k,2), their
+    v (2,): own velocity. migration (2,): velocity that the mission asks for, slower near the goal
+    and where that is unseen or crowded. fastest: most that may be flown, to make way too, as for
+    the NMPC. neighbours (k,2), their
     velocities (k,2), and 0…1 how much each is one to stay with (k,). trunks (c,3): x, y, radius.
     walls (h,3): n_x, n_y, free while n·d <= b. surfaces (c+h,2): nearest point of each of them.
     """
 
     v: Vector
-    to_goal: Vector
     migration: Vector
-    speed: float
+    fastest: float
     neighbours: Vector
     velocities: Vector
     cohesion: Vector
@@ -50,9 +50,8 @@ class Surroundings:
         walls = np.column_stack([upright[:, :2] / length[:, None], room])
         return cls(
             v=v,
-            to_goal=e / max(float(np.linalg.norm(e)), 1e-6),
             migration=instance.speed * e / np.sqrt(e @ e + config.goal_smoothing**2),
-            speed=instance.speed,
+            fastest=instance.v_max,
             neighbours=instance.neighbour_p[there, :2] - p,
             velocities=instance.neighbour_v[there, :2],
             cohesion=instance.neighbour_cohesion[there],

@@ -52,6 +52,14 @@ def test_it_gives_way_to_a_neighbour_that_comes_from_the_left(controller):
 
 
 @pytest.mark.parametrize("controller", RULES)
+def test_who_must_go_slowly_towards_its_goal_may_still_make_way(controller):
+    """As the NMPC may, up to its bound of this tick."""
+    comes = Neighbour([-0.6, 0.0, 2.0], [1.0, 0.0, 0.0])
+    v = velocity(controller, speed=0.165, v_max=1.5, neighbours=[comes])
+    assert 0.4 < np.linalg.norm(v) <= 1.5 + 1e-9
+
+
+@pytest.mark.parametrize("controller", RULES)
 @pytest.mark.parametrize(
     "obstacle", [{"cylinders": [[1.3, 0.3, 0.5]]}, {"planes": [[1.0, 0.0, 0.0, 0.8]]}]
 )
