@@ -94,8 +94,10 @@ def main(arguments: list[str] | None = None) -> int:
         if options.command == "campaign":
             fine = fly_campaign(options, _overrides(options))
             return EXIT_OK if fine else EXIT_FELL_SHORT
-        if options.command in ("study", "scenarios"):
-            (run_study if options.command == "study" else show_scenarios)(options)
+        if options.command == "study":
+            return EXIT_OK if run_study(options) else EXIT_FELL_SHORT
+        if options.command == "scenarios":
+            show_scenarios(options)
             return EXIT_OK
         if options.command == "faults":
             print(fault_commands.list_faults())

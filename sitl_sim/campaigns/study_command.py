@@ -33,8 +33,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
                          help="each companion in a process of its own, as on a drone")  # fmt: skip
 
 
-def run_study(options: argparse.Namespace) -> None:
-    """Fly what is missing, write the page, print where it is.
+def run_study(options: argparse.Namespace) -> bool:
+    """Fly what is missing, write the page, print where it is; whether all could be flown.
 
     Raises:
         SettingsError: bad input.
@@ -52,6 +52,7 @@ def run_study(options: argparse.Namespace) -> None:
         workers = options.workers or os.cpu_count() or 1
         rows.append((cell, fly(cell.campaign, workers, options.scheduler)))
     print(write_page(name, study, rows, _command(options), options.page))
+    return not any(s["not_flown"] for _, s in rows)
 
 
 def _command(options: argparse.Namespace) -> str:
