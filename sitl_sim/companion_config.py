@@ -10,7 +10,13 @@ import numpy as np
 from mavlink_bridge.settings import overlay
 from sitl_sim import scenario as scenarios
 from sitl_sim.real.fleet import BRIDGE_DELAY, EXPONENT, HOVER
-from sitl_sim.scenario import Scenario
+from sitl_sim.scenario import Scenario, WireConfig
+
+
+def companion_port(wire: WireConfig, system: int) -> int:
+    """UDP port of the companion of vehicle `system`: the ground stations' is left out."""
+    port = wire.companion_port + system
+    return port + (wire.companion_port < wire.gcs_port <= port)
 
 
 def companion_config(scenario: Scenario, i: int, folder: Path, clock: bool) -> dict[str, Any]:
@@ -27,7 +33,7 @@ def companion_config(scenario: Scenario, i: int, folder: Path, clock: bool) -> d
         "fileversion": 1,
         "name": name,
         "link": {
-            "endpoint": f"udpin:{wire.host}:{wire.companion_port + i + 1}",
+            "endpoint": f"udpin:{wire.host}:{companion_port(wire, i + 1)}",
             "system_id": i + 1,
             "autopilot": s.drones.autopilot,
         },

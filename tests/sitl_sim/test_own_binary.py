@@ -155,11 +155,12 @@ def test_what_is_no_autopilot_is_one_clear_line(tmp_path):
         (["drones.binary=/nowhere/px4"], "drones.binary: /nowhere/px4: no such file"),
         (["drones.binary=/bin/true", "drones.autopilot=betaflight"], "for px4 and ardupilot"),
         (["drones.binary=/bin/true", "wire.companion_port=21000"], "PX4 sends to 14540"),
+        (["drones.binary=/bin/true", "drones.count=10"], "nine fly at most"),
     ],
 )
 def test_a_scenario_that_cannot_have_one(tmp_path, capsys, settings, words):
     more = [part for s in settings for part in ("--set", s)]
-    run = ["run", "forest", "--drones", "1", "--out", str(tmp_path / "run"), *more]
+    run = ["run", "forest", "--set", "drones.count=1", "--out", str(tmp_path / "run"), *more]
     assert main(run) == 2
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1
