@@ -13,6 +13,7 @@ from pathlib import Path
 from mavlink_bridge.settings import SettingsError
 
 _FIRST, _LAST = 16000, 24000  # below what the kernel gives away, away from the fixed ports
+_UNIT = 8  # ports under one lock: the same for all, so flights of any size see each other
 
 
 def overrides(base: int, drones: int) -> list[str]:
@@ -28,23 +29,33 @@ def overrides(base: int, drones: int) -> list[str]:
 def block(drones: int, first: int = _FIRST, last: int = _LAST) -> Iterator[int]:
     """The first port of a block for a flight of `drones`, kept until the end of the context.
 
-    Who holds a block holds a lock on a file, which the kernel lets go of when its process ends.
+    Who holds a block holds locks on files, which the kernel lets go of when its process ends.
 
     Raises:
         SettingsError: every block is taken.
     """
     size = 2 * drones + 2
-    for base in range(first, last - size, size):
-        path = Path(tempfile.gettempdir()) / f"swarm-companion-ports-{base}-{size}.lock"
-        with path.open("a") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                continue
-            if all(_free(port) for port in range(base, base + size)):
+    length = -(-size // _UNIT) * _UNIT
+    for base in range(first, last - length + 1, _UNIT):
+        with contextlib.ExitStack() as held:
+            units = range(base, base + length, _UNIT)
+            if all(_locked(unit, held) for unit in units) and all(
+                _free(port) for port in range(base, base + size)
+            ):
                 yield base
                 return
     raise SettingsError([f"no {size} free ports in a row between {first} and {last}"])
+
+
+def _locked(unit: int, held: contextlib.ExitStack) -> bool:
+    """Whether the ports from `unit` on are now ours, until `held` is closed."""
+    path = Path(tempfile.gettempdir()) / f"swarm-companion-ports-{unit}.lock"
+    file = held.enter_context(path.open("a"))
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
 
 
 def _free(port: int) -> bool:

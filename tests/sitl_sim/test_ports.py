@@ -5,9 +5,13 @@ from pathlib import Path
 
 import pytest
 
+from mavlink_bridge.settings import SettingsError
 from sitl_sim import scenario as scenarios
+from sitl_sim.campaigns import ports
 from sitl_sim.companion_config import companion_config
 from sitl_sim.runner import flight
+
+QUIET = 30000, 30100  # where no flight is
 
 
 def _told(scenario):
@@ -32,3 +36,37 @@ def test_vehicles_speak_to_where_their_companions_were_told_to_listen(tmp_path):
         sent = [d.companion.endpoint.remote[1] for d in f._drones]
     assert table == [[str(port), "28543"] for port in _told(s)]
     assert sent == _told(s)
+
+
+def _block(base, drones):
+    """All ports of a block: companions, frames, the ground stations'."""
+    told = dict(part.split("=") for part in ports.overrides(base, drones))
+    first = {name.removeprefix("wire."): int(port) for name, port in told.items()}
+    return {first["gcs_port"]} | {
+        first[name] + k + 1 for name in ("companion_port", "frame_port") for k in range(drones)
+    }
+
+
+@pytest.mark.parametrize(("one", "other"), [(3, 4), (9, 10), (10, 9), (1, 40)])
+def test_flights_of_any_size_at_once_share_no_port(one, other):
+    with ports.block(one) as a, ports.block(other) as b, ports.block(one) as c:
+        taken = [_block(a, one), _block(b, other), _block(c, one)]
+    assert len(set.union(*taken)) == sum(map(len, taken)) == 2 * one + (2 * other + 1) + 2 * one + 2
+
+
+def test_a_block_that_is_given_back_is_free_for_another_size():
+    with ports.block(2, *QUIET) as small:
+        pass
+    with ports.block(12, *QUIET) as large:
+        assert large == small
+
+
+def test_no_room_is_said():
+    first, _ = QUIET
+    with ports.block(3, first, first + 24) as base:
+        assert base == first
+        with (
+            pytest.raises(SettingsError, match="no 18 free ports"),
+            ports.block(8, first, first + 24),
+        ):
+            pass
