@@ -25,7 +25,7 @@ from sitl_sim.faults import Fault, Schedule
 _DATAGRAM = 1400  # bytes of garbage at a time
 _FLIPS = 8  # most bits flipped in a packet
 _SPEAK = 0.02  # s between two looks at what garbage is due
-_NOT_NUMBERS = (np.nan, np.inf, -np.inf, 5e-324)
+_NOT_NUMBERS = (np.nan, np.inf, -np.inf, 1e-45)  # the last: a denormal as float32 too
 
 
 class FaultyLine:

@@ -40,6 +40,8 @@ class FaultyWorld:
         self._process, self._rebooted = process, rebooted
         self._on: dict[int, Callable[[], None]] = {}  # id of a fault → what takes it off
         self._over: set[int] = set()
+        self._whole = vehicles.body.thrust_max.copy()
+        self._weak: dict[int, tuple[int, slice, float]] = {}  # id of a fault → whose, which, how
         self._winds = {id(f): _wind(f) for f in schedule.all() if f.kind == "gust"}
         self._start: dict[str, Callable[[Fault], Callable[[], None] | None]] = {
             "motor": self._weaken, "thrust_scale": self._weaken, "gyro_bias": self._bias,
@@ -76,14 +78,23 @@ class FaultyWorld:
         return self._autopilots
 
     def _weaken(self, f: Fault) -> Callable[[], None]:
-        row = self._vehicles.body.thrust_max[f.i]
         motors = slice(None) if f.kind == "thrust_scale" else slice(f.rng.integers(4), None, 4)
-        row[motors] *= f.value
+        self._weak[id(f)] = f.i, motors, f.value
+        self._set_thrust(f.i)
 
         def restore() -> None:
-            row[motors] /= f.value
+            del self._weak[id(f)]
+            self._set_thrust(f.i)
 
         return restore
+
+    def _set_thrust(self, i: int) -> None:
+        """From whole motors and what weakens them now: a factor of 0 cannot be divided out."""
+        row = self._vehicles.body.thrust_max[i]
+        row[:] = self._whole[i]
+        for whose, motors, factor in self._weak.values():
+            if whose == i:
+                row[motors] *= factor
 
     def _bias(self, f: Fault) -> Callable[[], None]:
         before = self._emulated().gyro_bias(f.i)

@@ -88,6 +88,9 @@ PIXELS = frozenset({"camera_black", "camera_saturated"})
 REPORTS = frozenset({"missed", "ghosts", "swaps", "range_bias"})
 """Kinds that change what a perfect detector reports (`sensing.neighbours: truth`)."""
 
+PROCESSES = frozenset({"disk_full"})
+"""Kinds that the system does to a companion's process: one inside the simulator has none."""
+
 PilotMode = Literal["hold", "land", "return", "position", "stabilized"]
 
 
@@ -184,10 +187,18 @@ def _struck(number: int, config: FaultConfig, names: Sequence[str]) -> Iterable[
     return [list(names).index(config.drone)]
 
 
-def check(configs: Sequence[FaultConfig], *, emulated: bool, pixels: bool, reports: bool) -> None:
+def check(
+    configs: Sequence[FaultConfig],
+    *,
+    emulated: bool = True,
+    pixels: bool = True,
+    reports: bool = True,
+    processes: bool = True,
+) -> None:
     """Refuse what this flight cannot show.
 
     emulated: the autopilots are. pixels: there is a camera. reports: neighbours are reported.
+    processes: companions are processes of their own.
 
     Raises:
         SettingsError: each fault that could not happen, with what it needs.
@@ -196,6 +207,7 @@ def check(configs: Sequence[FaultConfig], *, emulated: bool, pixels: bool, repor
         (EMULATED, emulated, "needs an emulated autopilot (drones.autopilot)"),
         (PIXELS, pixels, "needs a camera (sensing.neighbours or sensing.obstacles: camera)"),
         (REPORTS, reports, "needs sensing.neighbours: truth"),
+        (PROCESSES, processes, "needs companions in processes of their own (no --in-process)"),
     ]
     problems = [
         f"faults.{n}.kind: {c.kind} {text}"

@@ -27,6 +27,7 @@ from mavlink_bridge.codec import Codec
 from mavlink_bridge.link import Endpoint, Link, UdpEndpoint
 from mavlink_bridge.memory import MemoryEndpoint
 from mavlink_bridge.video import Frame, FrameServer
+from sitl_sim import faults
 from sitl_sim import scenario as scenarios
 from sitl_sim.autopilot import Autopilots
 from sitl_sim.companion_config import companion_config, companion_port
@@ -88,6 +89,7 @@ class Flight:
         self._in_process = in_process
         self.names = scenarios.drone_names(scenario)
         self._schedule = scenarios.fault_schedule(scenario)
+        faults.check(scenario.faults, processes=not in_process)
         start = scenarios.starts(scenario)
         self._yaws = scenarios.frame_yaws(scenario)
         self.targets = scenarios.targets(scenario, start)

@@ -13,6 +13,8 @@ from sitl_sim.fault_camera import FaultyCamera
 from sitl_sim.fault_link import FaultyLine, FaultyTelemetry
 from sitl_sim.fault_world import FaultyWorld
 from sitl_sim.faults import KINDS, Fault, FaultConfig, Kind, Schedule
+from sitl_sim.runner import Flight, flight
+from sitl_sim.scenario import Scenario, WireConfig
 from sitl_sim.vehicle import Airframe, Vehicles
 
 HEAD = "fileversion: 1\nsensing: {neighbours: truth}\ndrones: {count: 2}\n"
@@ -53,6 +55,18 @@ def test_a_fault_that_cannot_be_is_refused(tmp_path, fault, overrides, what):
     file.write_text(HEAD + f"faults: [{fault}]\n")
     with pytest.raises(SettingsError, match=what):
         scenarios.fault_schedule(scenarios.load(str(file), overrides))
+
+
+def test_what_needs_a_process_is_refused_where_companions_have_none(tmp_path):
+    faults = [{"kind": "gust"}, {"kind": "disk_full", "at": 1.0}]
+    drones = {"count": 1, "heading_deg": 0.0}
+    s = Scenario.model_validate({"drones": drones, "faults": faults})
+    with pytest.raises(SettingsError) as caught:
+        Flight(s, tmp_path, in_process=True)
+    assert str(caught.value).startswith("faults.1.kind: disk_full needs companions in processes")
+    wire = {"companion_port": 28740, "gcs_port": 28750, "frame_port": 28760}
+    with flight(s.model_copy(update={"wire": WireConfig(**wire)}), tmp_path):
+        pass
 
 
 def schedule(seed=1, n=2, **fault):
@@ -113,11 +127,19 @@ def test_telemetry_faults():
     for m in told("telemetry_nan"):
         if isinstance(m, Attitude):
             values = np.concatenate([m.q_wb, m.omega])
-            assert not np.isfinite(values).all() or (np.abs(values[values != 0]) < 1e-300).any()
+            assert not np.isfinite(values).all() or (np.abs(values[values != 0]) < 1e-40).any()
     late = [m for m in told("telemetry_late", amount=0.1) if isinstance(m, Attitude)]
     assert len(late) == 45
     assert {round(np.linalg.norm(m.q_wb), 3) for m in told("quaternion", amount=0.5)
             if isinstance(m, Attitude)} == {0.5}  # fmt: skip
+
+
+def test_what_is_no_number_is_none_on_the_wire_either():
+    for m in told("telemetry_nan", n=200):
+        if isinstance(m, LocalPosition):
+            (heard,) = Codec(1, 1).decode(Codec(1, 1).encode([m]))
+            values = np.concatenate([heard.message.p, heard.message.v])
+            assert (~np.isfinite(values) | ((values != 0) & (np.abs(values) < 1e-38))).any()
 
 
 def frames(kind, n=20, **more):
@@ -155,7 +177,19 @@ def test_what_is_laid_on_a_vehicle_is_taken_off_again():
     assert sorted((vehicles.body.thrust_max / whole)[1].round(6)) == [0.8, 1, 1, 1]
     assert (vehicles.body.thrust_max[0] == whole[0]).all()
     world.update(2.0)
-    assert vehicles.body.thrust_max == pytest.approx(whole)
+    assert (vehicles.body.thrust_max == whole).all()
+    dead = FaultyWorld(schedule(kind="motor", amount=0.0, at=1.0, **{"for": 1.0}), vehicles, None)
+    for t in (0.0, 1.0, 2.0):
+        dead.update(t)
+        assert (vehicles.body.thrust_max == 0.0).sum() == 2 * (t == 1.0)
+    assert (vehicles.body.thrust_max == whole).all()
+    configs = [{"kind": "thrust_scale", "at": float(k), "for": 2.0, "amount": a}
+               for k, a in enumerate((0.5, 0.8))]  # fmt: skip
+    faults = [FaultConfig.model_validate(c) for c in configs]
+    both = FaultyWorld(Schedule(faults, ["drone1", "drone2"], 1), vehicles, None)
+    for t, share in enumerate((0.5, 0.4, 0.8, 1.0)):
+        both.update(float(t))
+        assert (vehicles.body.thrust_max / whole).ravel() == pytest.approx([share] * 8)
     gusts = FaultyWorld(schedule(kind="gust", amount=5.0), vehicles, None)
     wind = gusts.wind(0.0, np.array([1.0, 0.0, 0.0]))
     assert np.linalg.norm(wind - [1.0, 0, 0], axis=1) == pytest.approx([5.0, 5.0])
