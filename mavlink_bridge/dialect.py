@@ -27,6 +27,7 @@ from mavlink_bridge.frames import (
 
 _NAN_Q = (math.nan,) * 4
 _HIL_ALL = 0x1FFF  # fields of HIL_SENSOR: all
+_OPEN = 2**31 - 1  # x and y of a mission item without a place
 _NED_FRAMES = (mavlink.MAV_FRAME_LOCAL_NED,)
 _BODY_FRAMES = (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_FRD)
 
@@ -37,6 +38,11 @@ def _ms(time: float) -> int:
 
 def _clip(value: float, low: int, high: int) -> int:
     return min(max(round(value), low), high) if math.isfinite(value) else low
+
+
+def _course(degrees: float) -> int:
+    """0 … 35999 centidegrees: what is rounded up to a full turn is north."""
+    return round(degrees * 100) % 36000
 
 
 def _text(raw: str | bytes) -> str:
@@ -97,7 +103,7 @@ def _odometry(o: m.Odometry) -> Any:
 
 def _global_position(g: m.GlobalPosition) -> Any:
     vx, vy, vz = enu_ned(*(float(a) for a in g.v))
-    heading = 0xFFFF if g.heading is None else round(math.degrees(g.heading) * 100) % 36000
+    heading = 0xFFFF if g.heading is None else _course(math.degrees(g.heading))
     return mavlink.MAVLink_global_position_int_message(
         _ms(g.time), round(g.latitude_deg * 1e7), round(g.longitude_deg * 1e7),
         round(g.altitude * 1e3), round(g.relative_altitude * 1e3),
@@ -133,7 +139,7 @@ def _gps(g: m.GpsRaw) -> Any:
     return mavlink.MAVLink_gps_raw_int_message(
         round(g.time * 1e6), g.fix_type, round(g.latitude_deg * 1e7),
         round(g.longitude_deg * 1e7), round(g.altitude * 1e3), 80, 120,
-        _clip(g.speed * 100, 0, 65535), round(math.degrees(heading_from_yaw(g.course)) * 100),
+        _clip(g.speed * 100, 0, 65535), _course(math.degrees(heading_from_yaw(g.course))),
         g.satellites,
     )  # fmt: skip
 
@@ -156,10 +162,10 @@ def _hil_sensor(s: m.HilSensor) -> Any:
 
 def _hil_gps(g: m.HilGps) -> Any:
     v = [_clip(a * 100, -32768, 32767) for a in enu_ned(*(float(a) for a in g.v))]
-    speed, course = math.hypot(v[0], v[1]), math.degrees(math.atan2(v[1], v[0])) % 360.0
+    speed, course = math.hypot(v[0], v[1]), math.degrees(math.atan2(v[1], v[0]))
     return mavlink.MAVLink_hil_gps_message(
         round(g.time * 1e6), 3, round(g.latitude_deg * 1e7), round(g.longitude_deg * 1e7),
-        round(g.altitude * 1e3), 30, 40, round(speed), *v, round(course * 100), 12,
+        round(g.altitude * 1e3), 30, 40, round(speed), *v, _course(course), 12,
     )  # fmt: skip
 
 
@@ -187,10 +193,15 @@ def _param_value(p: m.ParamValue) -> Any:
     )
 
 
+def _place(degrees: float) -> int:
+    """1e-7 deg in an int32; what is left open is its largest value, as MAVLink has it."""
+    return _clip(degrees * 1e7, -(2**31), _OPEN) if math.isfinite(degrees) else _OPEN
+
+
 def _mission_item(i: m.MissionItem) -> Any:
     return mavlink.MAVLink_mission_item_int_message(
         i.target_system, i.target_component, i.seq, i.frame, i.command, i.current,
-        i.autocontinue, *i.params, round(i.x_deg * 1e7), round(i.y_deg * 1e7), i.z, i.mission_type,
+        i.autocontinue, *i.params, _place(i.x_deg), _place(i.y_deg), i.z, i.mission_type,
     )  # fmt: skip
 
 
@@ -310,10 +321,12 @@ def _from_heartbeat(w: Any) -> m.Heartbeat:
 
 def _from_mission_item(w: Any) -> m.MissionItem:
     params = (w.param1, w.param2, w.param3, w.param4)
-    scale = 1e7 if w.get_type() == "MISSION_ITEM_INT" else 1.0
+    x, y = w.x, w.y
+    if w.get_type() == "MISSION_ITEM_INT":
+        x, y = (math.nan if k == _OPEN else k / 1e7 for k in (w.x, w.y))
     return m.MissionItem(
         w.target_system, w.target_component, w.seq, w.frame, w.command, w.current,
-        w.autocontinue, params, w.x / scale, w.y / scale, w.z, w.mission_type,
+        w.autocontinue, params, x, y, w.z, w.mission_type,
     )  # fmt: skip
 
 

@@ -32,7 +32,9 @@ FLOWN = (WAYPOINT, TAKEOFF, LAND_HERE, RETURN_HOME)
 SKIPPED = (CHANGE_SPEED, 203, 205, 206, 530, 1000, 2000, 2001, 2500, 2501)
 GLOBAL_ALTITUDE_FRAMES = (0, 5)  # above sea level; all others count from home
 MISSION = 0  # MAV_MISSION_TYPE; fence and rally points are not kept
-ACCEPTED, ERROR, UNSUPPORTED, NO_SPACE, INVALID, INVALID_SEQUENCE = 0, 1, 3, 4, 5, 13
+# MAV_MISSION_RESULT
+ACCEPTED, ERROR, UNSUPPORTED, NO_SPACE, INVALID_SEQUENCE = 0, 1, 3, 4, 13
+INVALID_X, INVALID_Y, INVALID_Z = 10, 11, 12
 SIZE_MAX = 500
 
 
@@ -84,9 +86,9 @@ class Missions:
         if m.command not in FLOWN + SKIPPED:
             self._expected = 0
             return [MissionAck(*to, UNSUPPORTED)]
-        if m.command == WAYPOINT and not all(map(math.isfinite, (m.x_deg, m.y_deg, m.z))):
+        if flaw := _flaw(m):
             self._expected = 0
-            return [MissionAck(*to, INVALID)]
+            return [MissionAck(*to, flaw)]
         self._coming.append(m)
         if len(self._coming) < self._expected:
             return [MissionRequest(*to, len(self._coming))]
@@ -137,3 +139,17 @@ class Missions:
         speed = radius if m.command == CHANGE_SPEED and not home else 0.0
         command = CHANGE_SPEED if home else m.command
         return Waypoint(command, (x, y, z), max(stay, 0.0), max(radius, 0.0), speed)
+
+
+def _flaw(m: MissionItem) -> int:
+    """What is wrong with the place an item leads to; ACCEPTED where nothing is, or it has none.
+
+    Take-off and landing may leave latitude and longitude open, as NaN: where the vehicle is.
+    """
+    if m.command not in (WAYPOINT, TAKEOFF, LAND_HERE):
+        return ACCEPTED
+    for degrees, most, flaw in ((m.x_deg, 90.0, INVALID_X), (m.y_deg, 180.0, INVALID_Y)):
+        left_open = m.command != WAYPOINT and math.isnan(degrees)
+        if not left_open and not abs(degrees) <= most:  # NaN is not within anything
+            return flaw
+    return ACCEPTED if math.isfinite(m.z) or m.command == LAND_HERE else INVALID_Z

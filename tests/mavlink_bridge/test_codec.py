@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
 
 from mavlink_bridge import messages as m
 from mavlink_bridge.codec import Codec
@@ -115,3 +116,18 @@ def test_odometry_says_its_velocity_along_the_body_or_the_world():
     np.testing.assert_allclose(FROM_WIRE[331](wire).v, [0.0, 1.5, 0.5], atol=1e-6)
     wire.frame_id = 20  # MAV_FRAME_LOCAL_FRD: where is north?
     assert np.isnan(FROM_WIRE[331](wire).p).all()
+
+
+@pytest.mark.parametrize("off", [0.0, 3e-5, -3e-5])
+def test_a_course_is_less_than_a_full_turn(off):
+    """Just west of north it was rounded to 36000, which is none."""
+    north = np.array([-math.sin(off), math.cos(off), 0.0])
+    for message in (
+        m.GpsRaw(1.0, 3, 47.1, 8.2, 500.0, 9, 1.0, math.pi / 2 + off),
+        m.HilGps(1.0, 47.1, 8.2, 500.0, 300.0 * north),
+        m.GlobalPosition(2.0, 47.1, 8.2, 500.0, 2.0, north, 2 * math.pi - 1e-6),
+    ):
+        (sent,) = mavlink.MAVLink(None).parse_buffer(Codec(1, 1).encode([message]))
+        course = sent.hdg if isinstance(message, m.GlobalPosition) else sent.cog
+        assert course < 36000
+        assert min(course, 36000 - course) <= 1

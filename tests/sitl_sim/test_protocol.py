@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
 
+from mavlink_bridge.codec import Codec
 from mavlink_bridge.messages import (
     Attitude,
     AutopilotVersion,
@@ -43,6 +45,7 @@ from sitl_sim.vehicle import Airframe, Vehicles
 
 REAL32, INT32 = 9, 6
 NAN = math.nan
+OPEN = 2**31 - 1
 
 
 def as_float(value):
@@ -158,6 +161,33 @@ def test_unknown_items_are_refused_and_the_old_mission_stays(make_flight):
     upload(f, square(f))
     assert upload(f, [item(0, 9999)]).result == 3
     assert len(f.autopilots.units[0].missions.items) == 5
+
+
+@pytest.mark.parametrize(
+    ("command", "x", "y", "z", "result"),
+    [(16, NAN, 8.0, 3.0, 10), (16, 500.0, 8.0, 3.0, 10), (21, -90.1, 8.0, 3.0, 10),
+     (16, 47.0, NAN, 3.0, 11), (22, 47.0, 180.1, 3.0, 11), (22, 47.0, -math.inf, 3.0, 11),
+     (16, 47.0, 8.0, NAN, 12), (22, 47.0, 8.0, math.inf, 12), (22, NAN, NAN, NAN, 12)],
+)  # fmt: skip
+def test_a_place_that_is_none_on_earth_is_refused(make_flight, command, x, y, z, result):
+    f = make_flight()
+    upload(f, square(f))
+    assert upload(f, [item(0, command, x, y, z)]) == MissionAck(255, 190, result)
+    assert len(f.autopilots.units[0].missions.items) == 5
+
+
+@pytest.mark.parametrize(
+    ("sent", "told"),
+    [(item(0, 22, NAN, NAN), (OPEN, OPEN)), (item(0, 21, NAN, NAN, NAN), (OPEN, OPEN)),
+     (item(0, 530, NAN, 1e9), (OPEN, OPEN)), (item(0, 178, 500.0, -500.0), (OPEN, -OPEN - 1))],
+)  # fmt: skip
+def test_whatever_was_uploaded_can_be_asked_for(make_flight, sent, told):
+    f, wire = make_flight(), Codec(1, 1)
+    assert upload(f, [sent]) == MissionAck(255, 190, 0)
+    (message,) = mavlink.MAVLink(None).parse_buffer(wire.encode(f.send(MissionRequest(1, 1, 0))))
+    assert (message.x, message.y) == told
+    (heard,) = wire.decode(wire.encode(f.send(MissionRequest(1, 1, 0))))
+    assert math.isnan(heard.message.x_deg) or not math.isnan(sent.x_deg)
 
 
 @pytest.mark.parametrize("yaw_offset", [0.0, 1.0])
