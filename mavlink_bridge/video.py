@@ -23,6 +23,7 @@ _HEAD = struct.Struct("<4sI")
 _MAGIC = b"SWF1"
 _MAX_HEADER = 1 << 16
 _MAX_PAYLOAD = 1 << 26
+_MAX_PATIENCE = 3600.0  # s
 _DTYPES = {"uint8", "uint16", "float32", "float64"}
 # Of a frame's arrays: dtype, and the shape with -1 for what is free.
 _FORMS = {
@@ -32,6 +33,11 @@ _FORMS = {
     "neighbours": ("float64", (-1, 6)),
     "trunks": ("float64", (-1, 6)),
 }
+PATIENCE = 0.2
+"""Wall seconds that a companion waits for the rest of a frame, or for its answer to be taken.
+
+A sender in lockstep says otherwise: a starved machine must not change what is flown there.
+"""
 _BAD_HEADER = (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError)
 
 
@@ -70,7 +76,10 @@ class Answer:
 
 
 class RecordStream:
-    """JSON header + named arrays over a connected stream socket."""
+    """JSON header + named arrays over a connected stream socket.
+
+    The socket's timeout is how long the other end may be silent within a record.
+    """
 
     def __init__(self, connection: socket.socket) -> None:
         self._socket = connection
@@ -88,7 +97,7 @@ class RecordStream:
         """Send one record.
 
         Raises:
-            VideoError: the other end is gone.
+            VideoError: the other end is gone, or does not take it.
         """
         arrays = arrays or {}
         shapes = [(k, a.dtype.name, a.shape) for k, a in arrays.items()]
@@ -101,17 +110,19 @@ class RecordStream:
             raise VideoError(f"frame channel: {error}") from error
 
     def receive(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """Receive one record; blocks until it is whole.
+        """Receive one record; blocks until it begins, however long that takes.
 
         Raises:
-            VideoError: end of stream, or not a record.
+            VideoError: end of stream, not a record, or one that breaks off.
         """
-        magic, length = _HEAD.unpack(self._exactly(_HEAD.size))
+        magic, length = _HEAD.unpack(self._exactly(_HEAD.size, begun=False))
         if magic != _MAGIC or length > _MAX_HEADER:
             raise VideoError("frame channel: not a record")
         try:
             header = json.loads(bytes(self._exactly(length)))
             shapes = [(str(k), str(d), tuple(map(int, s))) for k, d, s in header.pop("arrays")]
+            if "patience" in header:
+                self._socket.settimeout(min(float(header.pop("patience")), _MAX_PATIENCE))
         except _BAD_HEADER as error:
             raise VideoError(f"frame channel: bad header: {error}") from error
         arrays: dict[str, NDArray[Any]] = {}
@@ -130,17 +141,19 @@ class RecordStream:
         """True where a record (or the end of the stream) waits within `timeout` [s]."""
         return bool(select.select([self._socket], [], [], timeout)[0])
 
-    def _exactly(self, size: int) -> bytearray:
+    def _exactly(self, size: int, begun: bool = True) -> bytearray:
         data = bytearray(size)
         view = memoryview(data)
         while view:
             try:
                 got = self._socket.recv_into(view)
             except OSError as error:
+                if isinstance(error, TimeoutError) and not begun:
+                    continue
                 raise VideoError(f"frame channel: {error}") from error
             if not got:
                 raise VideoError("frame channel: the other end closed it")
-            view = view[got:]
+            view, begun = view[got:], True
         return data
 
 
@@ -168,7 +181,7 @@ class FrameClient:
             connection = socket.create_connection((host, port), timeout)
         except OSError as error:
             raise VideoError(f"no frame source at {host}:{port}: {error}") from error
-        connection.settimeout(None)
+        connection.settimeout(PATIENCE)
         self._stream = RecordStream(connection)
 
     def fileno(self) -> int:
@@ -176,7 +189,11 @@ class FrameClient:
         return self._stream.fileno()
 
     def receive(self) -> Frame:
-        """The next frame; blocks. Raises VideoError at the end of the stream, or for no frame."""
+        """The next frame; blocks until it begins.
+
+        Raises:
+            VideoError: at the end of the stream, for no frame, or where one breaks off.
+        """
         header, arrays = self._stream.receive()
         for name, array in arrays.items():
             _check_form(name, array)
@@ -205,9 +222,17 @@ class FrameClient:
 
 
 class FrameServer:
-    """The simulator's end for one vehicle: listens, accepts one companion at a time."""
+    """The simulator's end for one vehicle: listens, accepts one companion at a time.
 
-    def __init__(self, host: str, port: int) -> None:
+    timeout: wall seconds after which one that does not take a frame, or breaks off within an
+    answer, is hung up on; None: never. lockstep: it is told to be as patient.
+    """
+
+    def __init__(
+        self, host: str, port: int, timeout: float | None = None, lockstep: bool = False
+    ) -> None:
+        self._timeout = timeout
+        self._told = {"patience": timeout} if lockstep else {}
         self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -227,7 +252,9 @@ class FrameServer:
     def connected(self) -> bool:
         """True while a companion is on the line; accepts one that waits."""
         if self._stream is None and select.select([self._listener], [], [], 0.0)[0]:
-            self._stream = RecordStream(self._listener.accept()[0])
+            connection = self._listener.accept()[0]
+            connection.settimeout(self._timeout)
+            self._stream = RecordStream(connection)
         return self._stream is not None
 
     def send(self, frame: Frame) -> bool:
@@ -236,11 +263,10 @@ class FrameServer:
             return False
         try:
             due = {} if frame.due is None else {"due_us": round(frame.due * 1e6)}
-            self._stream.send(
-                {"time_us": round(frame.time * 1e6), "packets": frame.packets, **due}, frame.arrays
-            )
+            header = {"time_us": round(frame.time * 1e6), "packets": frame.packets}
+            self._stream.send({**header, **due, **self._told}, frame.arrays)
         except VideoError:
-            self._hang_up()
+            self.hang_up()
             return False
         return True
 
@@ -254,15 +280,16 @@ class FrameServer:
             header, _ = self._stream.receive()
             return Answer(_seconds(header["time_us"]), int(header["packets"]), bool(header["done"]))
         except (VideoError, *_BAD_HEADER):
-            self._hang_up()
+            self.hang_up()
             return None
 
     def close(self) -> None:
         """Stop listening and hang up."""
-        self._hang_up()
+        self.hang_up()
         self._listener.close()
 
-    def _hang_up(self) -> None:
+    def hang_up(self) -> None:
+        """Leave the companion that is on the line, if any; another one may come."""
         if self._stream is not None:
             self._stream.close()
             self._stream = None

@@ -67,6 +67,8 @@ class LocalFrames:
             self._mind.close()
         self._mind = None
 
+    hang_up = close
+
 
 def _wired(time: float) -> float:
     return round(time * 1e6) / 1e6

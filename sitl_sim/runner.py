@@ -164,10 +164,10 @@ class Flight:
         """A vehicle's end of the frame channel, of the companion's and of the ground's link."""
         if self._in_process:
             return LocalFrames(), MemoryEndpoint(), MemoryEndpoint()
-        wire = self.scenario.wire
+        wire, patience = self.scenario.wire, self.scenario.timing.answer_timeout
         try:
             return (
-                FrameServer(wire.host, wire.frame_port + system),
+                FrameServer(wire.host, wire.frame_port + system, patience, not self._real_time),
                 UdpEndpoint(remote=(wire.host, companion_port(wire, system))),
                 UdpEndpoint(remote=(wire.host, wire.gcs_port)),
             )
@@ -363,17 +363,17 @@ class Flight:
             while (late := drone.frames.answer(0.0)) is not None:
                 drone.landed |= late.done
             return
-        deadline = time.monotonic() + self.scenario.timing.answer_timeout
         if drone.delivery is None or not drone.delivery.result():
-            drone.deaf = True
+            self._lose(drone)
             return
+        deadline = time.monotonic() + self.scenario.timing.answer_timeout  # painting not counted
         while True:
             answer = drone.frames.answer(0.2)
             if answer is not None:
                 break
             gone = drone.process is not None and drone.process.poll() is not None
             if gone or not drone.frames.connected or time.monotonic() > deadline:
-                drone.deaf = True
+                self._lose(drone)
                 return
         drone.landed |= answer.done
         while drone.companion.packets_in < answer.packets and time.monotonic() < deadline:
@@ -381,6 +381,12 @@ class Flight:
             if drone.companion.packets_in < answer.packets:
                 drone.companion.wait(0.05)
         self._deliver(drone, drone.companion)
+
+    @staticmethod
+    def _lose(drone: _Drone) -> None:
+        """Wait no more for a companion that does not answer; it is shown nothing any longer."""
+        drone.deaf = True
+        drone.frames.hang_up()
 
     def _idle_until(self, moment: float) -> None:
         """Real time: deliver what comes in until `moment` [CLOCK_MONOTONIC]."""
