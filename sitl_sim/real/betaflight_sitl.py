@@ -146,18 +146,17 @@ class BetaflightSitl:
         with line:
             line.settimeout(1.0)
             while time.monotonic() < end:
-                line.sendall(msp.raw_rc(_STICKS_DOWN) + msp.encode(msp.Msp.STATUS_EX))
                 try:
-                    replies = decoder.decode(line.recv(4096))
-                except TimeoutError:
-                    continue  # a busy machine starves its MSP
+                    line.sendall(msp.raw_rc(_STICKS_DOWN) + msp.encode(msp.Msp.STATUS_EX))
+                    for reply in decoder.decode(line.recv(4096)):
+                        if reply.command == msp.Msp.STATUS_EX:
+                            reasons = msp.arming_reasons(msp.status(reply.payload).arming_disabled)
+                            if not {"BOOTGRACE", "CALIB"} & set(reasons):
+                                return True
+                except (TimeoutError, msp.MspError):
+                    continue  # a busy machine starves its MSP: no answer, or an empty one
                 except OSError:
                     return False
-                for reply in replies:
-                    if reply.command == msp.Msp.STATUS_EX:
-                        reasons = msp.arming_reasons(msp.status(reply.payload).arming_disabled)
-                        if not {"BOOTGRACE", "CALIB"} & set(reasons):
-                            return True
                 time.sleep(0.05)
         return False
 
@@ -322,7 +321,9 @@ class Relay:
         self._connect = connect
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._lines: list[socket.socket] = []
-        threading.Thread(target=self._accept, daemon=True).start()
+        self._pumps: list[threading.Thread] = []
+        self._acceptor = threading.Thread(target=self._accept, daemon=True)
+        self._acceptor.start()
 
     @property
     def port(self) -> int:
@@ -330,8 +331,14 @@ class Relay:
         return int(self._listener.getsockname()[1])
 
     def close(self) -> None:
-        """Hang up."""
+        """Hang up; nothing listens or runs any more."""
+        _wake(self._listener)  # closed alone, it would go on in accept()
+        self._acceptor.join()
         self._listener.close()
+        for line in self._lines:
+            _wake(line)
+        for pump in self._pumps:
+            pump.join()
         for line in self._lines:
             line.close()
 
@@ -340,13 +347,15 @@ class Relay:
         while True:
             try:
                 caller, _ = self._listener.accept()
+                self._lines.append(caller)
                 line = self._connect()
             except (OSError, BetaflightError):
                 return
-            self._lines += [caller, line]
+            self._lines.append(line)
             for a, b in ((caller, line), (line, caller)):
                 a.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                threading.Thread(target=_pump, args=(a, b), daemon=True).start()
+                self._pumps.append(threading.Thread(target=_pump, args=(a, b), daemon=True))
+                self._pumps[-1].start()
 
 
 def _pump(source: socket.socket, sink: socket.socket) -> None:
@@ -355,5 +364,10 @@ def _pump(source: socket.socket, sink: socket.socket) -> None:
         while data := source.recv(4096):
             sink.sendall(data)
     for end in (source, sink):
-        with contextlib.suppress(OSError):
-            end.shutdown(socket.SHUT_RDWR)
+        _wake(end)
+
+
+def _wake(line: socket.socket) -> None:
+    """Let whoever waits on it find it ended."""
+    with contextlib.suppress(OSError):
+        line.shutdown(socket.SHUT_RDWR)
