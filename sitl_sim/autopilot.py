@@ -115,7 +115,7 @@ class Autopilots:
         return [u.commander.mode for u in self.units]
 
     def status_texts(self, i: int) -> list[StatusText]:
-        """All that vehicle i said since the start."""
+        """The newest that vehicle i said, oldest first."""
         return list(self.units[i].commander.texts)
 
     def advance(self, t_end: float, wind: ArrayLike = 0.0) -> None:

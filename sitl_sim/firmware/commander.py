@@ -7,6 +7,7 @@ Time is the world's, in seconds; `tick` runs at 100 Hz. What a mode means for th
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from enum import IntEnum
 
@@ -23,6 +24,7 @@ STREAM_PERIOD_MAX = 0.5  # s; offboard wants setpoints at 2 Hz at least before i
 LANDED_AFTER = 0.5  # s of contact
 LIFTED_HEIGHT = 0.05  # m
 WITHOUT_POSITION = (Mode.OFFBOARD, Mode.ALTITUDE, Mode.STABILIZED, Mode.LAND)
+TEXTS_KEPT = 100  # the newest: who asks for the impossible for hours is answered each time
 EMERGENCY, CRITICAL, WARNING, INFO = 0, 2, 4, 6  # severities of STATUSTEXT
 
 
@@ -48,7 +50,8 @@ class Commander:
         self.failsafe = False
         self.failed: set[str] = set()  # of gyro, accelerometer, magnetometer, gps
         self.remaining = 1.0  # battery
-        self.texts: list[StatusText] = []
+        self.texts: deque[StatusText] = deque(maxlen=TEXTS_KEPT)
+        self.said = 0  # texts since the start
         self.now = 0.0
         self._touched_at = -math.inf
         self._armed_at = self._landed_at = -math.inf
@@ -87,6 +90,7 @@ class Commander:
     def say(self, severity: int, text: str) -> None:
         """Queue a STATUSTEXT."""
         self.texts.append(StatusText(severity, text[:50]))
+        self.said += 1
 
     def configure(self, settings: Settings) -> None:
         """Take changed parameters."""

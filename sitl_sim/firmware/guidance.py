@@ -51,7 +51,7 @@ class Guidance:
         self.home = (0.0, 0.0, 0.0)
         self.mission: list[Waypoint] = []
         self.mission_seq = 0
-        self.reached: list[int] = []
+        self.reached: list[int] = []  # mission items that nobody was told of yet
         self.setpoint: RateSetpoint | None = None
         self.setpoint_at = -math.inf
         self.climb_to = math.nan

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import islice
 
 from mavlink_bridge.messages import Message, MissionCurrent, MissionItemReached
 from sitl_sim.firmware.betaflight_quirks import QUIRKS
@@ -64,7 +65,7 @@ class Unit:
         self._builders = BUILDERS | (QUIRKS if flavour.sticks else {})
         self.schedules = {name: Schedule(dict(flavour.streams[name])) for name in LINKS}
         self._outbox: dict[str, deque[Message]] = {name: deque() for name in LINKS}
-        self._texts_sent = self._reached_sent = 0
+        self._texts_sent = 0
         self.configure()
 
     @property
@@ -127,13 +128,15 @@ class Unit:
 
     def _collect(self) -> None:
         """Events of the commander go to every link once."""
-        texts, reached = self.commander.texts, self.guidance.reached
-        if self._texts_sent == len(texts) and self._reached_sent == len(reached):
+        c, reached = self.commander, self.guidance.reached
+        if self._texts_sent == c.said and not reached:
             return
-        events: list[Message] = list(texts[self._texts_sent :])
-        if self._reached_sent < len(reached):
-            events += [MissionItemReached(seq) for seq in reached[self._reached_sent :]]
+        old = max(len(c.texts) - (c.said - self._texts_sent), 0)
+        events: list[Message] = [*islice(c.texts, old, None)]
+        if reached:
+            events += [MissionItemReached(seq) for seq in reached]
             events.append(MissionCurrent(self.guidance.mission_seq))
-        self._texts_sent, self._reached_sent = len(texts), len(reached)
+            reached.clear()
+        self._texts_sent = c.said
         for outbox in self._outbox.values():
             outbox.extend(events)

@@ -27,8 +27,8 @@ DRIFTS = 9  # position, velocity, attitude
 class SensorNoise:
     """Standard deviations of the estimate's errors, small but real.
 
-    Drifts wander with the time constant given beside them; gyro and accelerometer noise is
-    white, their bias constant, drawn once.
+    Drifts wander with the time constant given beside them; the gyro's noise is white, its bias
+    constant, drawn once. There is no accelerometer: velocity has its own drift.
     """
 
     position: float = 0.02  # m

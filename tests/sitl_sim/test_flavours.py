@@ -15,6 +15,7 @@ from mavlink_bridge.messages import (
     MissionAck,
     MissionCount,
     MissionItem,
+    MissionItemReached,
     MissionRequest,
     ParamRequestList,
     ParamSet,
@@ -163,7 +164,7 @@ def test_ardupilot_mission_begins_behind_home(make_flight):
         assert isinstance(reply, MissionRequest | MissionAck)
     assert reply.result == 0
     assert f.command(300, 0, 0) == 0
-    assert f.run(40.0, lambda: f.autopilots.units[0].guidance.reached[-1:] == [4])
+    assert f.run(40.0, lambda: MissionItemReached(4) in f.heard[0][-20:])
     f.run(1.5)
     assert f.last(Heartbeat).custom_mode == AUTO
 

@@ -36,6 +36,7 @@ from mavlink_bridge.messages import (
     Received,
     RequestDataStream,
     Source,
+    StatusText,
     TimeSync,
 )
 from sitl_sim.autopilot import Autopilots
@@ -225,6 +226,24 @@ def test_items_without_a_place_are_done_at_once(make_flight):
     assert [m.seq for m in f.heard[0] if isinstance(m, MissionItemReached)] == [0, 1, 2]
     f.command(300, 0, 0)  # again, from the start
     assert f.commander.mode is Mode.MISSION
+
+
+def test_what_is_said_for_hours_is_told_once_and_not_kept(make_flight):
+    f = make_flight()
+    for k in range(1, 1001):
+        f.command(176, 1, 6)  # offboard without setpoints: refused, in words
+        f.autopilots.units[0].guidance.reached.append(k)
+        heard = f.autopilots.telemetry(0, "gcs") + f.autopilots.telemetry(0, "companion")
+        told = [m for m in heard if isinstance(m, StatusText)]
+        assert len(told) == 2
+        assert heard.count(MissionItemReached(k)) == 2
+    for _ in range(1000):  # of more than is kept at once, the newest
+        f.command(176, 1, 6)
+    told = [m for m in f.autopilots.telemetry(0, "gcs") if isinstance(m, StatusText)]
+    assert told == f.autopilots.status_texts(0)
+    assert 10 < len(told) <= 100
+    assert not f.autopilots.units[0].guidance.reached
+    assert not [m for m in f.autopilots.telemetry(0, "gcs") if isinstance(m, StatusText)]
 
 
 def test_a_pilot_interrupts_a_mission(make_flight):
