@@ -29,9 +29,19 @@ def list_faults() -> str:
 
 
 def run_soak(options: argparse.Namespace) -> bool:
-    """Fly, a line after each flight; whether nothing collided and nothing grew."""
+    """Fly, a line after each flight; whether nothing collided and nothing grew.
+
+    Raises:
+        SettingsError: nothing can be flown for so long, by so many.
+    """
+    from mavlink_bridge.settings import SettingsError
     from sitl_sim.soak import growth, soak
 
+    least = {"hours": 0.001, "minutes": 0.01, "drones": 1, "seed": 0}
+    wrong = [f"--{k}: must be at least {low:g}" for k, low in least.items()
+             if not getattr(options, k) >= low]  # fmt: skip
+    if wrong:
+        raise SettingsError(wrong)
     passed = []
     for p in soak(options.hours, options.drones, options.minutes, options.seed):
         passed.append(p)

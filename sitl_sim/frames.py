@@ -21,6 +21,7 @@ import cv2
 import numpy as np
 import yaml
 
+from mavlink_bridge.settings import SettingsError
 from sitl_sim.render import Renderer, Sensor
 from sitl_sim.rendering.drones import MAGENTA, Look
 from sitl_sim.rendering.fisheye import Lens
@@ -118,7 +119,12 @@ def write(
 
     That is `count` clean frames, `degraded` of each other kind of conditions, `sequences` flights
     of 4 s, and `neighbours-N`.
+
+    Raises:
+        SettingsError: there is no such seed.
     """
+    if seed < 0:
+        raise SettingsError([f"--seed: must be at least 0, got {seed}"])
     folder.mkdir(parents=True, exist_ok=True)
     lens = Lens(640, 400)
     calibration = {

@@ -19,6 +19,7 @@ from sitl_sim.scenario import Scenario
 from sitl_sim.world import Vector
 
 Truth = dict[str, NDArray[Any]]
+_TOLERANCE = 1.5  # m, of targets where a world does not say
 _ARRAYS = {"t", "position", "velocity", "attitude", "names"}
 
 
@@ -65,9 +66,16 @@ class Run:
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """What the runner wrote down; empty where it did not come so far."""
+        """What the runner wrote down; empty where it did not come so far.
+
+        Raises:
+            RunError: something else is written there.
+        """
         path = self.folder / "metrics.json"
-        return dict(json.loads(path.read_text("utf-8"))) if path.exists() else {}
+        try:
+            return dict(json.loads(path.read_text("utf-8"))) if path.exists() else {}
+        except (ValueError, TypeError) as error:
+            raise RunError(f"{path}: no metrics of a flight: {error}") from error
 
 
 def own_frames(scenario: Scenario) -> list[OwnFrame]:
@@ -114,6 +122,7 @@ def load_run(folder: Path) -> Run:
         logs = {str(n): read_ticks(log_path(folder, str(n))) for n in truth["names"]}
     except (SettingsError, LogError) as error:
         raise RunError(str(error)) from error
+    world["targets"] = {n: world["targets"].get(n, world["targets"].get("*", [])) for n in logs}
     if scenario.drones.count != len(logs):
         raise RunError(f"{folder}: scenario.yaml has {scenario.drones.count} drones, "
                        f"truth.npz {len(logs)}")  # fmt: skip
@@ -121,15 +130,37 @@ def load_run(folder: Path) -> Run:
 
 
 def _world(path: Path) -> dict[str, Any]:
+    """What is there to touch and to reach; what may be left out is filled in."""
     try:
         world = json.loads(path.read_text("utf-8"))
         if not {"drone_radius", "cylinders", "boxes", "targets"} <= set(world):
             raise ValueError("no world of a flight")
+        return {
+            **world,
+            "drone_radius": float(world["drone_radius"]),
+            "cylinders": [_cylinder(c) for c in world["cylinders"]],
+            "boxes": [b | {k: _point(b[k]) for k in ("min", "max")} for b in world["boxes"]],
+            "targets": {n: [_point(t) for t in ts] for n, ts in world["targets"].items()},
+            "target_tolerance": float(world.get("target_tolerance", _TOLERANCE)),
+        }
     except OSError as error:
         raise RunError(f"{path}: cannot be read: {error.strerror}") from error
-    except (ValueError, TypeError) as error:
+    except KeyError as error:
+        raise RunError(f"{path}: not a world: an obstacle lacks {error}") from error
+    except (ValueError, TypeError, AttributeError) as error:
         raise RunError(f"{path}: not a world: {error}") from error
-    return dict(world)
+
+
+def _cylinder(c: dict[str, Any]) -> dict[str, float]:
+    """One without a height goes up for ever."""
+    height = c.get("height")
+    place = {k: float(c[k]) for k in ("x", "y", "radius")}
+    return {**c, **place, "height": np.inf if height is None else float(height)}
+
+
+def _point(p: Any) -> list[float]:
+    x, y, z = map(float, p)
+    return [x, y, z]
 
 
 def _truth(path: Path) -> Truth:

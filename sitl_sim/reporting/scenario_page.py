@@ -36,14 +36,18 @@ def show_scenarios(options: argparse.Namespace) -> None:
 
 
 def draw_plan(scenario: Any, path: Path) -> None:
-    """World, starts and targets of a scenario from above, as SVG."""
-    from matplotlib.patches import Circle, Rectangle
+    """World, starts and targets of a scenario from above, as SVG.
 
+    Raises:
+        SettingsError: matplotlib is not there.
+    """
     from sitl_sim import scenario as scenarios
     from sitl_sim.campaigns.study_page import new_figure
     from sitl_sim.generators import build
 
-    figure = new_figure(4.2, 4.2)
+    figure = new_figure(4.2, 4.2)  # says so where there is no matplotlib
+    from matplotlib.patches import Circle, Rectangle
+
     axes = figure.add_subplot()
     world = build(scenario.world, scenario.seed)
     for c in world["cylinders"]:

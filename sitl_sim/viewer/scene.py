@@ -16,6 +16,7 @@ from sitl_sim.viewer.sources import Moment
 from sitl_sim.world import Vector
 
 _BARK, _TARGET, _THREAT = (135, 115, 85), (208, 0, 0), (230, 30, 30)
+_TALL = 100.0  # m that is drawn of a trunk without an end
 _VIEW_REACH = 2.5  # m of the field of view that is drawn
 
 
@@ -106,7 +107,8 @@ class Scene:
         self._scene.add_grid("/ground", 80.0, 80.0, cell_size=1.0, section_size=10.0,
                              position=(float(centre[0]), float(centre[1]), 0.0))  # fmt: skip
         if world["cylinders"]:
-            c = np.array([[k["x"], k["y"], k["radius"], k["height"]] for k in world["cylinders"]])
+            c = np.array([[k["x"], k["y"], k["radius"], min(k["height"], _TALL)]
+                          for k in world["cylinders"]])  # fmt: skip
             shape, faces = meshes.cylinder()
             self._scene.add_batched_meshes_simple(
                 "/trunks", shape, faces,

@@ -1,6 +1,8 @@
+import contextlib
 import dataclasses
 import json
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from sitl_sim.reporting.events import collisions, events
 from sitl_sim.reporting.figures_minds import timeline
 from sitl_sim.reporting.knowledge import Minds
 from sitl_sim.runfolder import load_run, log_path, salvage_ticks
+from sitl_sim.viewer import Page, Replay
 from tests.sitl_sim import flights
 
 
@@ -115,6 +118,13 @@ def test_logs_meet_truth_in_the_worlds_frame(folder):
         (lambda d: d.rename(d.with_name("gone")), "no such run folder"),
         (lambda d: (d / "world.json").unlink(), "world.json: cannot be read"),
         (lambda d: (d / "world.json").write_text("[]"), "world.json: not a world"),
+        (lambda d: (d / "metrics.json").write_text(""), "metrics.json: no metrics of a flight"),
+        (lambda d: (d / "metrics.json").write_text("[1]"), "metrics.json: no metrics of a flight"),
+        (lambda d: world(d, cylinders=[{"x": 1.0, "y": 2.0}]), "an obstacle lacks 'radius'"),
+        (lambda d: world(d, boxes=[{"min": [0, 0, 0]}]), "an obstacle lacks 'max'"),
+        (lambda d: world(d, targets=[[1, 2, 3]]), "world.json: not a world"),
+        (lambda d: world(d, targets={"*": [[1, 2]]}), "world.json: not a world"),
+        (lambda d: world(d, target_tolerance=[]), "world.json: not a world"),
         (lambda d: (d / "truth.npz").write_bytes(b""), "truth.npz: empty, foreign or cut off"),
         (lambda d: (d / "truth.npz").write_text("hello"), "truth.npz: empty, foreign or cut off"),
         (lambda d: cut(d / "truth.npz"), "truth.npz: empty, foreign or cut off"),
@@ -133,6 +143,44 @@ def test_a_spoilt_folder_is_one_clear_line_and_exit_2(tmp_path, capsys, spoil, w
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1
     assert words in lines[0]
+
+
+def test_what_a_world_leaves_out_is_as_the_judge_has_it(tmp_path):
+    """No tolerance is 1.5 m, no height is without end, `*` are the targets of all others."""
+    folder = flights.write_run(tmp_path / "run")
+    whole = load_run(folder)
+    shared = {"*": [[9.0, 0.0, 2.0]], "drone2": whole.world["targets"]["drone2"]}
+    world(folder, target_tolerance=None, targets=shared, cylinders=[
+        {"x": 3.0, "y": 6.0, "radius": 0.5}, {"x": 5.0, "y": 6.0, "radius": 0.5, "height": None},
+    ])  # fmt: skip
+    run = load_run(folder)
+    assert run.world["target_tolerance"] == 1.5
+    assert run.world["targets"] == {"drone1": shared["*"], "drone2": shared["drone2"],
+                                    "drone3": shared["*"]}  # fmt: skip
+    assert [c["height"] for c in run.world["cylinders"]] == [np.inf] * 2
+    assert main(["report", str(folder)]) == 0
+    assert "drone2 1/1" in (folder / "report.html").read_text()
+    with contextlib.closing(Page(Replay(run), port=0)):
+        pass  # drawn, however tall
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["frames", "frames", "--seed", "-1"], "--seed: must be at least 0, got -1"),
+        (["soak", "--seed", "-1"], "--seed: must be at least 0"),
+        (["soak", "--hours", "0"], "--hours: must be at least 0.001"),
+        (["soak", "--minutes", "nan"], "--minutes: must be at least 0.01"),
+        (["scenarios", "--plans", "plans"], "plots need matplotlib: pip install"),
+    ],
+)
+def test_what_cannot_be_made_is_one_clear_line(tmp_path, monkeypatch, capsys, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    for module in ("matplotlib", "matplotlib.figure", "matplotlib.patches"):
+        monkeypatch.setitem(sys.modules, module, None)  # not installed
+    assert main(arguments) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert words in line
 
 
 def test_a_folder_without_a_flight_is_refused(tmp_path, capsys):
@@ -166,6 +214,13 @@ def test_truth_that_cannot_be_is_noticed():
         world = flights.truth()
         spoil(world)
         assert any(words in fault for fault in sanity(world))
+
+
+def world(folder, **changes):
+    """Change world.json; what is None there is left out."""
+    path = folder / "world.json"
+    told = json.loads(path.read_text()) | changes
+    path.write_text(json.dumps({k: v for k, v in told.items() if v is not None}))
 
 
 def cut(path):
