@@ -307,11 +307,12 @@ class Pipeline:
         return self._forecast.carried(known, time)
 
     def _ready(self, out: TickOutputs) -> bool:
-        """Whether control may be taken: everything works, and what is known can be true."""
+        """Whether control may be taken: everything works, what is known is new and can be true."""
         return (
             self._frame_time > -np.inf
             and out.trouble is Trouble.NONE
             and self._rehearsed
+            and self._own.age(out.time) <= self._config.guard.stale_stop
             and self._own.believable(out.time)
             and not out.objection
         )

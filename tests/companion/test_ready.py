@@ -1,0 +1,68 @@
+"""When a whole pipeline takes control: not on old telemetry, not by pictures from nowhere."""
+
+import numpy as np
+import pytest
+
+from companion.config import CompanionConfig
+from companion.eye import Trouble
+from companion.phases import Phase
+from companion.pipeline import Pipeline, TickInputs
+from mavlink_bridge.messages import Attitude, Command, Heartbeat, LocalPosition, Received, Source
+from mavlink_bridge.px4 import MODES
+from mavlink_bridge.video import Frame
+
+SEEN = {"neighbours": np.array([[0.0, 0, 1, 5, 0.01, 0.1]]), "trunks": np.zeros((0, 6))}
+
+
+class Vehicle:
+    """A pipeline and what it is told, tick by tick."""
+
+    def __init__(self, **mission):
+        config = {
+            "fileversion": 1,
+            "camera": {"width": 64, "height": 64},
+            "sensing": {"neighbours": "truth", "obstacles": "map"},
+            "mission": {"goals": [[40.0, 0.0, 2.0]], **mission},
+        }
+        self.pipeline = Pipeline(CompanionConfig.model_validate(config), lambda: 0.0)
+        self.time = 10.0
+
+    def tick(self, mode="hold", *, armed=True, height=2.0, telemetry=True, frame=-0.03):
+        """The next tick; frame: how much later than the tick its stamp is, None: no frame."""
+        self.time = round(self.time + 0.1, 3)
+        received = [Heartbeat(12, 2, armed, MODES[mode], 4)] if telemetry else []
+        for age in (0.06, 0.04, 0.02) if telemetry else ():
+            p = np.array([0.0, 0.0, height])
+            received += [Attitude(self.time - age, np.array([1.0, 0, 0, 0]), np.zeros(3)),
+                         LocalPosition(self.time - age, p, np.zeros(3))]  # fmt: skip
+        picture = None if frame is None else Frame(self.time + frame, SEEN)
+        heard = [Received(Source(1, 1), m) for m in received]
+        return self.pipeline.tick(TickInputs(self.time, heard, picture))
+
+
+def arming(outs):
+    return [m for out in outs for m in out.messages if isinstance(m, Command) and m.command == 400]
+
+
+@pytest.mark.row("7")
+def test_telemetry_that_ended_is_not_flown_on():
+    vehicle = Vehicle(auto=True)
+    for _ in range(15):
+        assert vehicle.tick(armed=False, height=0.0, frame=None).phase is Phase.WAIT
+    silent = [vehicle.tick(telemetry=False, frame=None) for _ in range(5)]
+    silent += [vehicle.tick(telemetry=False) for _ in range(15)]
+    assert {out.phase for out in silent} == {Phase.WAIT}
+    assert not arming(silent)
+    again = [vehicle.tick(armed=False, height=0.0) for _ in range(5)]
+    assert arming(again)
+
+
+@pytest.mark.row("15")
+def test_a_camera_that_dies_after_the_first_request_ends_the_arming():
+    vehicle = Vehicle(auto=True)
+    while vehicle.tick(armed=False, height=0.0).phase is not Phase.ARM:
+        assert vehicle.time < 12.0
+    blind = [vehicle.tick(armed=False, height=0.0, frame=None) for _ in range(40)]
+    assert blind[-1].trouble is Trouble.DEAD
+    assert blind[-1].phase is Phase.WAIT
+    assert len(arming(blind)) <= 1
