@@ -17,12 +17,13 @@ from companion.framesource import open_source
 from companion.journal import event
 from companion.keys import open_signing
 from companion.pace import ClockPace, FramePace, Pace
-from companion.phases import Phase
+from companion.phases import COMPANION_HEARTBEAT, Phase
 from companion.pipeline import Pipeline, TickInputs, TickOutputs
 from companion.recorder import Recorder
 from companion.supervisor import Supervisor
 from companion.vehiclelock import VehicleLock
 from companion.vital import Vital
+from mavlink_bridge.autopilots import adapter
 from mavlink_bridge.codec import Codec
 from mavlink_bridge.link import Link, open_endpoint
 from mavlink_bridge.messages import Heartbeat, Source
@@ -66,7 +67,13 @@ class Daemon:
         self._pace: Pace = (
             FramePace(self._link, self._frames)
             if config.timing.pace == "frames"
-            else ClockPace(self._link, self._frames, config.timing.period)
+            else ClockPace(
+                self._link,
+                self._frames,
+                config.timing.period,
+                Source(link.system_id, 1),
+                [COMPANION_HEARTBEAT, *adapter(link.autopilot, link.system_id).request_streams()],
+            )
         )
         self._packets: list[tuple[bool, bytes]] = []
         self._recorder: Recorder | None = None

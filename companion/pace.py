@@ -10,19 +10,28 @@ from __future__ import annotations
 import math
 import select
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol
 
 from companion.framesource import FrameSource
 from companion.pipeline import TickInputs
 from mavlink_bridge.link import Link
-from mavlink_bridge.messages import Attitude, LocalPosition, Odometry, Received, SystemTime
+from mavlink_bridge.messages import (
+    Attitude,
+    LocalPosition,
+    Message,
+    Odometry,
+    Received,
+    Source,
+    SystemTime,
+)
 from mavlink_bridge.video import Answer, Frame, VideoError
 
 _PATIENCE = 1.0  # s that a frame waits for telemetry announced but not arrived
 _CLOCK_BACK = (1.0, 3)  # s that the vehicle's clock has to go back, in so many messages on end
 _POLL = 0.2  # s between looks at the stop flag
+_GREET = 1.0  # s between greetings
 
 
 class Pace(Protocol):
@@ -75,11 +84,25 @@ class FramePace:
 
 
 class ClockPace:
-    """A tick every `period` [s] of the vehicle's clock; a late tick is counted, not repeated."""
+    """A tick every `period` [s] of the vehicle's clock; a late tick is counted, not repeated.
 
-    def __init__(self, link: Link, frames: FrameSource, period: float) -> None:
+    vehicle: whose clock it is. greeting: sent each second until that clock is known, to vehicles
+    that tell nothing but HEARTBEAT before they are asked.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        frames: FrameSource,
+        period: float,
+        vehicle: Source,
+        greeting: Sequence[Message] = (),
+    ) -> None:
         self.misses = 0
         self._link = link
+        self._vehicle = vehicle
+        self._greeting = greeting
+        self._greeted = -math.inf
         self._frames: FrameSource | None = frames
         self._period = period
         self._offset = -math.inf  # vehicle's clock minus CLOCK_MONOTONIC, least latency seen
@@ -96,9 +119,17 @@ class ClockPace:
                 self._due = math.ceil(now / self._period) * self._period
             if self._due is not None and now >= self._due:
                 return self._tick(now, received)
+            if self._due is None:
+                self._greet()
             wait = _POLL if self._due is None else min(self._due - now, _POLL)
             received += self._take_in(wait)
         return None
+
+    def _greet(self) -> None:
+        now = time.monotonic()
+        if now - self._greeted >= _GREET:
+            self._greeted = now
+            self._link.send(self._greeting)
 
     def done(self, inputs: TickInputs, landed: bool) -> None:
         """Answer the frame too: its sender may count."""
@@ -146,6 +177,8 @@ class ClockPace:
         """Vehicle's clock against ours: the least delayed message of the recent past counts."""
         now = time.monotonic()
         for r in received:
+            if r.source != self._vehicle:
+                continue
             if isinstance(r.message, Attitude | LocalPosition | Odometry | SystemTime):
                 heard = r.message.time - now
                 back, count = _CLOCK_BACK

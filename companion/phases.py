@@ -13,6 +13,8 @@ from companion.mission import MissionConfig
 from mavlink_bridge.autopilots import Autopilot
 from mavlink_bridge.messages import Heartbeat, Message, VehicleState
 
+COMPANION_HEARTBEAT = Heartbeat(autopilot=8, vehicle_type=18, armed=False, custom_mode=0,
+                                system_status=4)  # fmt: skip
 _ASK_AGAIN = 1.0  # s between repeated requests
 _ASK_RELEASE = 0.3  # the same while there are only two seconds left
 _ANSWER = 2.0  # s after the request to arm in which an armed vehicle is the answer to it

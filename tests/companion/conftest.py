@@ -18,7 +18,8 @@ SCENARIO = """
 fileversion: 1
 name: served
 world: {{cylinders: [{{x: 6.0, y: 2.5, radius: 0.5}}]}}
-drones: {{count: 3, heading_deg: 0.0, spacing: 6.0, parameters: {parameters}}}
+drones: {{count: 3, heading_deg: 0.0, spacing: 6.0, autopilot: {autopilot},
+         parameters: {parameters}}}
 mission: {{targets: [[3.0, 0.0, 2.0]], time_limit: 900.0}}
 sensing: {{neighbours: truth, obstacles: map, width: 64, height: 64}}
 wire: {{companion_port: {p}, gcs_port: {g}, frame_port: {f}}}
@@ -57,14 +58,16 @@ class World:
 def world(tmp_path_factory, request):
     """Three vehicles in real time for the tests of a file, who share them out.
 
-    The file may say PARAMETERS of their autopilots.
+    The file may say which AUTOPILOT they have, and its PARAMETERS.
     """
     tmp_path = tmp_path_factory.mktemp("world")
     base = free_ports(12)
     world = World(tmp_path, base, base + 4, base + 9)
     scenario = tmp_path / "served.yaml"
     parameters = json.dumps(getattr(request.module, "PARAMETERS", {}))
-    scenario.write_text(SCENARIO.format(p=base, f=base + 4, g=base + 9, parameters=parameters))
+    autopilot = getattr(request.module, "AUTOPILOT", "px4")
+    scenario.write_text(SCENARIO.format(p=base, f=base + 4, g=base + 9, parameters=parameters,
+                                        autopilot=autopilot))  # fmt: skip
     with (tmp_path / "serve.log").open("wb") as log:
         process = subprocess.Popen(
             [sys.executable, "-m", "sitl_sim", "serve", str(scenario), "--out",

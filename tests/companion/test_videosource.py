@@ -91,7 +91,7 @@ def test_frames_come_in_the_vehicles_clock(film):
     ahead = 1000.0  # s that the vehicle's clock is ahead of ours
     heard = Attitude(time.monotonic() + ahead, np.array([1.0, 0, 0, 0]), np.zeros(3))
     link = Teller([Received(Source(1, 1), heard)])
-    pace = ClockPace(link, source, 0.1)
+    pace = ClockPace(link, source, 0.1, Source(1, 1))
     pace.next(lambda: False)
     inputs = pace.next(lambda: False)
     assert inputs.frame is not None

@@ -24,7 +24,7 @@ def test_row(row, note):
 def test_a_skewed_clock_is_followed(skew, monkeypatch, note):
     now = 0.0
     monkeypatch.setattr(pace.time, "monotonic", lambda: now)
-    follower, worst = pace.ClockPace(None, None, 0.1), 0.0
+    follower, worst = pace.ClockPace(None, None, 0.1, Source(1, 1)), 0.0
     for k in range(50 * 600):
         now = 0.02 * k
         vehicle = 5.0 + now * (1.0 + skew)
