@@ -1,4 +1,4 @@
-"""Whether the camera shows anything: dead, frozen, black, saturated and late pictures.
+"""Whether the camera shows anything: dead, frozen, black, saturated, late and misfit pictures.
 
 A picture is judged by one pixel in 64. A real sensor's noise never gives the same picture
 twice, and no scene is all black or all white.
@@ -19,6 +19,7 @@ from mavlink_bridge.video import Frame
 _STEP = 8  # px between those looked at, each way
 _PERCENT = 0.01
 _DEAD = 3  # times as late as late: it does not come any more
+_AHEAD = 0.1  # s that a stamp may be after the tick: clocks differ, and a tick may be late
 
 
 class Trouble(Enum):
@@ -30,6 +31,8 @@ class Trouble(Enum):
     BLACK = "black"
     SATURATED = "saturated"
     LATE = "late"
+    AHEAD = "ahead"  # stamped in the future: nobody knows when it was taken
+    MISFIT = "misfit"  # not of the size that the calibration is for
 
 
 class EyeConfig(StrictModel):
@@ -54,11 +57,16 @@ class Eye:
         self._blind_since: float | None = None
         self.trouble = Trouble.DEAD
 
-    def look(self, time: float, frame: Frame | None) -> Trouble:
-        """Judge the newest frame at the tick of `time` [s, vehicle's clock]; once a tick."""
-        if frame is not None and frame.time > self._newest:
+    def look(self, time: float, frame: Frame | None, fits: bool = True) -> Trouble:
+        """Judge the newest frame at the tick of `time` [s, vehicle's clock]; once a tick.
+
+        fits: whether it is such as the camera is calibrated for.
+        """
+        if frame is not None and frame.time > time + _AHEAD:
+            self.trouble = Trouble.AHEAD
+        elif frame is not None and frame.time > self._newest:
             self._newest = frame.time
-            self.trouble = self._judge(frame)
+            self.trouble = self._judge(frame) if fits else Trouble.MISFIT
         if self.shows:
             age, late = time - self._newest, self._config.late
             gone = Trouble.DEAD if age > _DEAD * late else Trouble.LATE

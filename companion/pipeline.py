@@ -166,7 +166,7 @@ class Pipeline:
     def _see(self, inputs: TickInputs, out: TickOutputs) -> None:
         """Neighbours and trunks in the frame, in the camera's frame; each frame once."""
         frame = inputs.frame
-        out.trouble = self._eye.look(inputs.time, frame)
+        out.trouble = self._eye.look(inputs.time, frame, self._sight.fits(frame))
         if frame is not None and frame.time > self._frame_time and self._eye.shows:
             at_capture = self._own.at(frame.time)
             if at_capture is not None:

@@ -82,7 +82,7 @@ class Sight:
 
     def see(self, frame: Frame, own: VehicleState) -> Sighting:
         """Detections in `frame`, taken in state `own`; a frame without an image shows nothing."""
-        image = self._fitting(frame.arrays.get("image"))
+        image = frame.arrays.get("image") if self.fits(frame) else None
         drones: list[Detection] = []
         if self._sensing.neighbours == "truth":
             rows = frame.arrays.get("neighbours", np.zeros((0, 6)))
@@ -116,17 +116,18 @@ class Sight:
         down = self._to_camera(own, np.array([[0.0, 0.0, -1.0]]))[0]
         return self._trunks.detect(image, down, float(own.p[2]))
 
-    def _fitting(self, image: Image | None) -> Image | None:
-        """The picture if it is one that the calibration is for."""
+    def fits(self, frame: Frame | None) -> bool:
+        """Whether the picture, if there is one, is such as the calibration is for."""
+        image = None if frame is None else frame.arrays.get("image")
         if image is None:
-            return None
+            return True
         wanted = (self.camera.height, self.camera.width, 3)
         fits = image.shape == wanted and image.dtype == np.uint8
         self.objection = "" if fits else (
             f"camera: pictures are {'×'.join(map(str, image.shape[1::-1]))} px, camera.width and "
             f"camera.height say {self.camera.width}×{self.camera.height}, in colour"
         )  # fmt: skip
-        return image if fits else None
+        return fits
 
     def _read_depth(
         self, frame: Frame, own: VehicleState, drones: list[Detection]

@@ -119,6 +119,17 @@ def test_what_the_eye_notices():
     assert eye.blind(1.2) == 0.0
 
 
+def test_a_stamp_in_the_future_is_trouble_and_over_with_the_next_frame():
+    eye = Eye(EyeConfig())
+    assert eye.look(10.0, Frame(9.97, {"image": picture(0)})) is Trouble.NONE
+    assert eye.look(10.1, Frame(10.15, {"image": picture(1)})) is Trouble.NONE  # clocks differ
+    assert eye.look(10.2, Frame(70.0, {"image": picture(2)})) is Trouble.AHEAD
+    assert not eye.shows
+    assert eye.blind(10.2) > 0.0
+    assert eye.look(10.3, Frame(10.27, {"image": picture(3)})) is Trouble.NONE
+    assert eye.look(10.6, Frame(10.27, {"image": picture(3)})) is Trouble.LATE
+
+
 def test_the_fence_has_sides_and_a_top():
     fence = FenceConfig(east=[-5.0, 8.0], north=[-3.0, 3.0], altitude_max=5.0)
     assert fence.planes().shape == (5, 4)

@@ -1,10 +1,11 @@
-"""When a whole pipeline takes control: not on old telemetry, not by pictures from nowhere."""
+"""A whole pipeline, blind or deaf: what it is told decides whether it takes control and goes on."""
 
 import numpy as np
 import pytest
 
 from companion.config import CompanionConfig
 from companion.eye import Trouble
+from companion.guard import Reason
 from companion.phases import Phase
 from companion.pipeline import Pipeline, TickInputs
 from mavlink_bridge.messages import Attitude, Command, Heartbeat, LocalPosition, Received, Source
@@ -17,17 +18,18 @@ SEEN = {"neighbours": np.array([[0.0, 0, 1, 5, 0.01, 0.1]]), "trunks": np.zeros(
 class Vehicle:
     """A pipeline and what it is told, tick by tick."""
 
-    def __init__(self, **mission):
+    def __init__(self, sensing="truth", **mission):
         config = {
             "fileversion": 1,
             "camera": {"width": 64, "height": 64},
-            "sensing": {"neighbours": "truth", "obstacles": "map"},
+            "sensing": {"neighbours": sensing, "obstacles": "map"},
             "mission": {"goals": [[40.0, 0.0, 2.0]], **mission},
         }
         self.pipeline = Pipeline(CompanionConfig.model_validate(config), lambda: 0.0)
         self.time = 10.0
 
-    def tick(self, mode="hold", *, armed=True, height=2.0, telemetry=True, frame=-0.03):
+    def tick(self, mode="hold", *, armed=True, height=2.0, telemetry=True, frame=-0.03,
+             seen=SEEN):  # fmt: skip
         """The next tick; frame: how much later than the tick its stamp is, None: no frame."""
         self.time = round(self.time + 0.1, 3)
         received = [Heartbeat(12, 2, armed, MODES[mode], 4)] if telemetry else []
@@ -35,7 +37,7 @@ class Vehicle:
             p = np.array([0.0, 0.0, height])
             received += [Attitude(self.time - age, np.array([1.0, 0, 0, 0]), np.zeros(3)),
                          LocalPosition(self.time - age, p, np.zeros(3))]  # fmt: skip
-        picture = None if frame is None else Frame(self.time + frame, SEEN)
+        picture = None if frame is None else Frame(self.time + frame, seen)
         heard = [Received(Source(1, 1), m) for m in received]
         return self.pipeline.tick(TickInputs(self.time, heard, picture))
 
@@ -66,3 +68,30 @@ def test_a_camera_that_dies_after_the_first_request_ends_the_arming():
     assert blind[-1].trouble is Trouble.DEAD
     assert blind[-1].phase is Phase.WAIT
     assert len(arming(blind)) <= 1
+
+
+@pytest.mark.row("15")
+def test_one_stamp_in_the_future_blinds_for_one_tick():
+    vehicle = Vehicle()
+    for mode in ["hold"] * 10 + ["offboard"] * 20:
+        vehicle.tick(mode)
+    bad = vehicle.tick("offboard", frame=60.0)
+    assert (bad.trouble, bad.sighting.own) == (Trouble.AHEAD, None)
+    assert bad.verdict.reason is Reason.BLIND
+    after = [vehicle.tick("offboard") for _ in range(20)]
+    assert all(out.trouble is Trouble.NONE and out.sighting.own is not None for out in after)
+    assert len(after[-1].tracks) == 1
+
+
+@pytest.mark.row("15")
+def test_pictures_of_another_size_in_flight_are_no_sight():
+    picture = np.random.default_rng(0).integers(50, 200, (40, 64, 64, 3), np.uint8)
+    vehicle = Vehicle("camera")
+    for mode, image in zip(["hold"] * 10 + ["offboard"] * 20, picture, strict=False):
+        out = vehicle.tick(mode, seen=SEEN | {"image": image})
+    assert (out.phase, out.trouble) == (Phase.FLY, Trouble.NONE)
+    out = vehicle.tick("offboard", seen=SEEN | {"image": picture[31, :48]})
+    assert out.trouble is Trouble.MISFIT
+    assert out.verdict.reason is Reason.BLIND
+    assert "64×48 px" in out.objection
+    assert vehicle.tick("offboard", seen=SEEN | {"image": picture[32]}).trouble is Trouble.NONE
