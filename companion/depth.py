@@ -52,15 +52,16 @@ class DepthReader:
     ) -> tuple[list[Trunk], Ranges]:
         """Trunks, nearest first, and ranges (h/2,w/2) to all surfaces, of depth (h,w).
 
-        depth: m along each pixel's ray, inf where nothing is. r_wc: (3,3) camera → world.
-        altitude: m above ground. drones: seen at the same time; what they cover is unknown (NaN).
-        Ranges are inf where the view is free as far as it matters.
+        depth: m along each pixel's ray, inf where nothing is; NaN and 0 are what cameras give for
+        what they cannot tell. r_wc: (3,3) camera → world. altitude: m above ground. drones: seen
+        at the same time. Ranges are inf where the view is free as far as it matters, and NaN where
+        that is unknown, as behind a drone.
         """
         if self._rays.shape[:2] != depth.shape:
             self._rays = self._camera.scaled(depth.shape[1], depth.shape[0]).directions
         c = self._config
-        far = ~(depth <= c.range)
-        ranges = np.where(far, np.inf, depth).astype(np.float64)
+        far = depth > c.range
+        ranges = np.where(far, np.inf, np.where(depth > 0.0, depth, np.nan)).astype(np.float64)
         self._hide(ranges, drones)
         with np.errstate(invalid="ignore"):
             offsets = (self._rays @ r_wc.T) * np.where(far, 0.0, ranges)[..., None]

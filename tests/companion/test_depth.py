@@ -77,6 +77,23 @@ def test_a_neighbour_is_neither_wall_nor_free():
     assert (ranges[:, :30] == 7.0).any()
 
 
+@pytest.mark.parametrize("value", [np.nan, 0.0, -1.0])
+def test_what_the_camera_cannot_tell_is_neither_free_nor_near(value):
+    surfaces = Surfaces(CAMERA, SurfaceConfig())
+    p = np.array([0.0, 0.0, 2.0])
+    wall = to_planes(p, rays(), [((1, 0, 0), 3.0)])
+    for time in (0.0, 0.1):
+        surfaces.update(read(wall, p)[1], state(p, time=time))
+    before = surfaces.points(NO_TRUNKS)
+    trunks, ranges = read(np.full((100, 160), value), p)
+    assert np.isnan(ranges).all()
+    assert trunks == []
+    for time in (0.2, 0.3):
+        surfaces.update(ranges, state(p, time=time))
+    assert len(before) > 100
+    np.testing.assert_array_equal(surfaces.points(NO_TRUNKS), before)
+
+
 TUNNEL = [((0, 1, 0), 1.0), ((0, -1, 0), 1.0), ((0, 0, 1), 3.0), ((0, 0, -1), -1.0)]
 
 
