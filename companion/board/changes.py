@@ -39,7 +39,7 @@ class Changes:
     """Files and links changed, so that all of them can be put back."""
 
     def __init__(self) -> None:
-        self._before: list[tuple[Path, bytes | None, str | None]] = []
+        self._before: list[tuple[Path, bytes | None, int, str | None]] = []
 
     def write(self, path: Path, data: bytes, mode: int = 0o644) -> None:
         """Replace a file in one step."""
@@ -61,18 +61,20 @@ class Changes:
 
     def undo(self) -> None:
         """Put everything back, last first."""
-        for path, data, target in reversed(self._before):
+        for path, data, mode, target in reversed(self._before):
             path.unlink(missing_ok=True)
             if target is not None:
                 path.symlink_to(target)
             elif data is not None:
                 path.write_bytes(data)
+                path.chmod(mode)
         self._before.clear()
 
     def _remember(self, path: Path) -> None:
         target = str(path.readlink()) if path.is_symlink() else None
-        data = path.read_bytes() if target is None and path.exists() else None
-        self._before.append((path, data, target))
+        there = target is None and path.exists()
+        data, mode = (path.read_bytes(), path.stat().st_mode & 0o7777) if there else (None, 0)
+        self._before.append((path, data, mode, target))
 
 
 def run(command: list[str]) -> str:

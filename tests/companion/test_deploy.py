@@ -20,7 +20,7 @@ from deployment import (
 
 from companion.__main__ import main
 from companion.board.bundle import make_bundle
-from companion.board.changes import InstallError, Report
+from companion.board.changes import Changes, InstallError, Report
 from companion.board.installer import Board
 from companion.config import load_config
 from companion.packaged import data_folder
@@ -64,6 +64,21 @@ def test_an_empty_root_gets_everything(first):
         assert str(link) == "../companion@.service"
     assert "etc/udev/rules.d/70-swarm-companion.rules" in there
     assert launched(first / "root") == "version 1.0"
+
+
+def test_what_is_put_back_is_as_it_was(tmp_path):
+    launcher, key, new = (tmp_path / n for n in ("launcher", "key", "new"))
+    for file, mode in ((launcher, 0o755), (key, 0o600)):
+        file.write_bytes(b"old")
+        file.chmod(mode)
+    changes = Changes()
+    for file in (launcher, key, new):
+        changes.write(file, b"new")
+    changes.link(key, "elsewhere")
+    changes.undo()
+    assert not new.exists()
+    assert [f.read_bytes() for f in (launcher, key)] == [b"old", b"old"]
+    assert [f.stat().st_mode & 0o777 for f in (launcher, key)] == [0o755, 0o600]
 
 
 def test_a_bridge_comes_with_its_drone(first, tmp_path):
