@@ -23,7 +23,9 @@ class MissionConfig(StrictModel):
     """What to fly."""
 
     goals: list[list[float]] = Field(
-        [], description="[x, y, z] m each, own ENU frame (origin: where the vehicle booted)."
+        [],
+        description="[x, y, z] m each, own ENU frame (origin: where the vehicle booted). Without "
+        "any the drone stays where it is, until it is told otherwise.",
     )
     tolerance: float = Field(1.0, gt=0, description="A goal is reached within this [m].")
     island: float = Field(
@@ -71,19 +73,21 @@ class Mission:
         self._config = config
         self._goals = [np.array(g, dtype=float) for g in config.goals]
         self._index = 0
-        self._complete = not self._goals
+        self._complete = False
         self._near = False
         self._turn = 0.0
         self._begun: VehicleState | None = None
 
     def update(self, own: VehicleState) -> Progress:
-        """Advance where the present goal is done; without goals, stay where the drone is.
+        """Advance where the present goal is done; without goals, stay where the drone is, for ever.
 
         While it is to wait, a drone holds where the first update found it.
         """
+        if not self._goals:
+            return Progress(own.p, 0, False)
         self._begun = self._begun or own
         # A vehicle's clock that begins anew, after a reboot, must not make the wait endless.
-        if self._goals and 0.0 <= own.time - self._begun.time < self._config.wait:
+        if 0.0 <= own.time - self._begun.time < self._config.wait:
             return Progress(self._begun.p, 0, False)
         while not self._complete and self._done(own):
             self._near = False
@@ -112,8 +116,6 @@ class Mission:
 
     def _aim(self, p: Vector) -> Vector:
         """Where to fly: the last goal itself, before it the way round the goal; on one's level."""
-        if not self._goals:
-            return p
         goal = self._goals[self._index]
         aim = goal if self._last else self._roundabout().aim(p)
         distance = math.hypot(goal[0] - p[0], goal[1] - p[1])
