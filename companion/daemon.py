@@ -86,7 +86,8 @@ class Daemon:
         self._vital = Vital(config.timing.period)
         self._events = Events()
         event("start", drone=config.name, system=config.link.system_id,
-              endpoint=config.link.endpoint, camera=config.camera.source, log=path)  # fmt: skip
+              endpoint=config.link.endpoint, camera=config.camera.source,
+              log=self._recorder and self._recorder.path)  # fmt: skip
 
     def run(self) -> bool:
         """Tick until told to stop or until there is nobody left to fly for.

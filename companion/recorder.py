@@ -7,14 +7,17 @@
 | `/pose` `/tf` `/scene` `/events` `/image` | Foxglove's own types, for any viewer (`scene.py`) |
 
 Chunks end every half second, so that a kill at any instant loses less than one. Recording
-happens after the tick's messages went out.
+happens after the tick's messages went out. A name with `{time}` never takes the place of an older
+log: boards without a clock of their own start at the same second every day.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+import tempfile
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import cv2
 import numpy as np
@@ -24,6 +27,8 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.message import Message
+from mcap.data_stream import RecordBuilder
+from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 from orjson import dumps
@@ -51,6 +56,8 @@ _PROTOBUF = {"/pose": PoseInFrame, "/tf": FrameTransform, "/scene": SceneUpdate,
 class Recorder:
     """Writes the log of one drone; a disk that fails ends the log, never the flight.
 
+    path: the file that it became.
+
     Raises:
         OSError: the file cannot be made.
     """
@@ -59,9 +66,12 @@ class Recorder:
         self.failed: str | None = None
         self._name = config.name
         self._images = config.log.images
-        self._file = path.open("wb")
-        self._tlog = TelemetryLog(path.with_suffix(".tlog")) if config.log.tlog else None
+        self._file = _create(path) if "{time}" in (config.log.path or "") else path.open("wb")
+        self.path = Path(self._file.name)
+        self._tlog = TelemetryLog(self.path.with_suffix(".tlog")) if config.log.tlog else None
         self._writer = Writer(self._file, chunk_size=_CHUNK, compression=CompressionType.ZSTD)
+        self._index = _IndexOnDisk(path.parent)
+        vars(self._writer)["_Writer__chunk_indices"] = self._index  # a list: 5 MB each hour
         self._writer.start(profile="swarm-companion", library="swarm-companion")
         self._writer.add_metadata(CONFIG, _configuration(config))
         self._channels = self._register()
@@ -88,6 +98,7 @@ class Recorder:
                 self._writer.finish()  # type: ignore[no-untyped-call]
             if self._tlog is not None:
                 self._tlog.close()
+            self._index.close()
             self._file.close()
         except OSError as error:
             self.failed = f"flight log ended: {error}"
@@ -166,6 +177,45 @@ class Recorder:
             message = CompressedImage(timestamp=scene.stamp(frame.time), frame_id=self._name,
                                       data=data, format="jpeg")  # fmt: skip
             self._put("/image", frame.time, message)
+
+
+class _IndexOnDisk:
+    """The writer's index of chunks, two a second for as long as the daemon runs, in a file.
+
+    To the writer it is a list of one entry, which writes all of them.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  (for as long as the log)
+
+    def append(self, index: ChunkIndex) -> None:
+        """Keep the entry of one chunk."""
+        record = RecordBuilder()
+        index.write(record)
+        self._file.write(record.end())  # type: ignore[no-untyped-call]
+
+    def __iter__(self) -> Iterator[_IndexOnDisk]:
+        yield self
+
+    def write(self, summary: RecordBuilder) -> None:
+        """Put all entries into the summary."""
+        self._file.seek(0)
+        summary.write(self._file.read())
+
+    def close(self) -> None:
+        """Forget them."""
+        self._file.close()
+
+
+def _create(path: Path) -> IO[bytes]:
+    """A new file of this name, or of the first of NAME-2, NAME-3 … that is free."""
+    names = (path.with_stem(f"{path.stem}-{n}") for n in itertools.count(2))
+    for name in itertools.chain([path], names):
+        try:
+            return name.open("xb")
+        except FileExistsError:
+            continue
+    raise AssertionError("endless")
 
 
 def _configuration(config: CompanionConfig) -> dict[str, str]:

@@ -3,6 +3,7 @@ import multiprocessing
 import os
 import signal
 import time
+import tracemalloc
 
 import cv2
 import numpy as np
@@ -99,6 +100,34 @@ def test_a_full_disk_ends_the_log_and_not_the_flight(tmp_path):
         recorder.write(*tick(n), PACKETS, {})
     assert "No space left" in recorder.failed
     recorder.close()
+
+
+def test_the_memory_of_a_log_does_not_grow(tmp_path):
+    pair = tick(3)
+    recorder = write(tmp_path / "flight.mcap", [pair] * 200)
+    tracemalloc.start()
+    for _ in range(1000):
+        recorder.write(*pair, PACKETS, {})
+    grown, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    recorder.close()
+    assert grown < 50_000  # bytes: 200 chunks
+    assert len(read_log(tmp_path / "flight.mcap").ticks) == 1200
+    assert len(messages(tmp_path / "flight.mcap", "/pose")) == 1200
+
+
+def test_a_log_with_a_time_in_its_name_takes_the_place_of_none(tmp_path):
+    path = tmp_path / "flight-20260101T000000Z.mcap"
+    pattern = config(tmp_path / "flight-{time}.mcap")
+    for n in range(1, 4):
+        recorder = Recorder(pattern, path)
+        recorder.write(*tick(n), PACKETS, {})
+        recorder.close()
+    names = [path, *(path.with_stem(f"{path.stem}-{n}") for n in (2, 3))]
+    assert sorted(tmp_path.glob("*.mcap")) == sorted(names)
+    assert [read_log(name).ticks[0]["time"] for name in names] == [0.1, 0.2, 0.3]
+    assert all(name.with_suffix(".tlog").stat().st_size for name in names)
+    assert recorder.path == names[-1]
 
 
 def _fly_for_ever(path, latest):
