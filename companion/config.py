@@ -52,7 +52,12 @@ class AirframeConfig(StrictModel):
     """What differs from one kind of drone to another."""
 
     name: str = "quad5"
-    radius: float = Field(0.2, gt=0, description="Of the sphere around the drone [m].")
+    radius: float = Field(
+        0.2,
+        gt=0,
+        description="Of the sphere around the drone [m]; the distances that nmpc keeps are from "
+        "its centre and must be larger.",
+    )
     hover_thrust: float = Field(0.33, gt=0, lt=1, description="Normalised thrust that holds it.")
     thrust_exponent: float = Field(
         1.0, ge=0.5, le=3, description="force ∝ thrust^exponent, as the autopilot is set up."
@@ -287,6 +292,47 @@ class CompanionConfig(StrictModel):
                         (f"mission.goals.{n}", "mission.level", low, high),
                         f"the {what}, {height:g} m high, must lie inside the fence",
                     )
+            for key, limits, place in zip(
+                ("fence.east", "fence.north"),
+                (self.fence.east, self.fence.north),
+                goal,
+                strict=False,
+            ):
+                if limits is not None and not limits[0] <= place <= limits[1]:
+                    raise Contradiction(
+                        (f"mission.goals.{n}", key), f"must lie inside {key}, {limits}, got {goal}"
+                    )
+        return self
+
+    @model_validator(mode="after")
+    def _flies(self) -> Self:
+        """Sections that are fine each and together never move, or touch what they fly past."""
+        radius, nmpc, period = self.airframe.radius, self.nmpc, self.timing.period
+        checks = {
+            ("nmpc.d_obstacle_safety", "airframe.radius"): (
+                nmpc.d_obstacle_safety > radius,
+                f"nmpc.d_obstacle_safety, {nmpc.d_obstacle_safety:g}, from the drone's centre, "
+                f"must be above airframe.radius, {radius:g}",
+            ),
+            ("nmpc.d_agent_safety", "airframe.radius"): (
+                nmpc.d_agent_safety > 2.0 * radius,
+                f"nmpc.d_agent_safety, {nmpc.d_agent_safety:g}, from centre to centre, must be "
+                f"above twice airframe.radius, {radius:g}",
+            ),
+            ("nmpc.dt", "timing.period"): (
+                nmpc.dt == period,
+                f"nmpc.dt, {nmpc.dt:g}, must be timing.period, {period:g}: a plan is shifted by "
+                "one step a tick",
+            ),
+            ("guard.late", "timing.period"): (
+                self.guard.late > period,
+                f"guard.late, {self.guard.late:g}, must be above timing.period, {period:g}, or "
+                "every command is late",
+            ),
+        }
+        for keys, (fine, text) in checks.items():
+            if not fine:
+                raise Contradiction(keys, text)
         return self
 
     def altitude_planes(self, goal_altitude: float) -> Vector:

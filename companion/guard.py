@@ -17,18 +17,20 @@ Braking and levelling are laws in closed form, without any solver.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 from enum import Enum
+from typing import Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from companion.nmpc import Result
 from companion.ownstate import integrate
 from companion.types import Vector
 from mavlink_bridge.frames import rotation_matrix
 from mavlink_bridge.messages import RateCommand, VehicleState
-from mavlink_bridge.settings import StrictModel
+from mavlink_bridge.settings import Contradiction, StrictModel
 from mavlink_bridge.thrust import G
 
 _LATE_GAIN = 0.7  # of the error, per command: 1 would be dead-beat
@@ -64,7 +66,7 @@ class GuardConfig(StrictModel):
     """Bounds and thresholds."""
 
     omega_max: float = Field(3.0, gt=0, description="Each body rate [rad/s].")
-    c_min: float = Field(2.0, ge=0, description="m/s².")
+    c_min: float = Field(2.0, ge=0, lt=9.81, description="m/s².")
     c_max: float = Field(20.0, gt=9.81, description="m/s².")
     shifted_max: int = Field(
         2, ge=0, description="Ticks that a shifted plan may fly: the third bad solve brakes."
@@ -119,6 +121,17 @@ class GuardConfig(StrictModel):
     attitude_gain: float = Field(
         9.0, gt=0, description="Rate per attitude error [1/s]; with brake_gain: damping 0.8."
     )
+
+    @model_validator(mode="after")
+    def _ages_in_order(self) -> Self:
+        """Each answer to stale telemetry comes after the milder one."""
+        names = ("stale_predict", "stale_stop", "stale_land", "stale_silent")
+        for mild, strong in itertools.pairwise(names):
+            before, after = getattr(self, mild), getattr(self, strong)
+            if not before < after:
+                text = f"{strong}, {after:g}, must be above {mild}, {before:g}"
+                raise Contradiction((strong, mild), text)
+        return self
 
 
 @dataclass(frozen=True)

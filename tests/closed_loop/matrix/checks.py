@@ -384,20 +384,22 @@ def row_19(note):
 
 
 def row_21(note):
-    inside = {"companion": {"fence": {"east": [-5.0, 8.0]}}}
-    f = fly(**(SHORT | inside))
+    def fenced(most):  # short of the goal, which a config must not be
+        def move(f):
+            pipeline = f.companions[0].pipeline
+            fence = pipeline._config.fence.model_copy(update={"east": [-5.0, most]})
+            pipeline._config = pipeline._config.model_copy(update={"fence": fence})
+
+        return move
+
+    f = fly(at={0.0: fenced(8.0)}, **SHORT)
     p = f.truth.arrays()["position"][:, 0]
     assert p[:, 0].max() < 8.2  # the plan itself stays inside
     assert Reason.FENCE not in f.companions[0].reasons(0.0)
     note("inside by [m]", float(8.0 - p[:, 0].max()))
 
     # The fence is moved inwards in flight: the drone is outside, all of a sudden.
-    def cross(f):
-        pipeline = f.companions[0].pipeline
-        fence = pipeline._config.fence.model_copy(update={"east": [-5.0, 3.0]})
-        pipeline._config = pipeline._config.model_copy(update={"fence": fence})
-
-    f = fly(at={7.51: cross}, **SHORT)
+    f = fly(at={7.51: fenced(3.0)}, **SHORT)
     reasons = f.companions[0].reasons(7.6, 8.0)
     crossed = f.truth.arrays()
     k = int(np.searchsorted(crossed["t"], 7.5))

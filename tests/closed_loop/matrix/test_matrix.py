@@ -61,7 +61,9 @@ WITHOUT = {
     "4: the brake": overridden(guard={"shifted_max": 10**6}),
     "5: the limit on bad solves": overridden(guard={"bad_land": 1e9}),
     "6: the refusal of NaN": lambda p: p.setattr(OwnState, "_sane_attitude", lambda *a: True),
-    "7: the age of telemetry": overridden(guard={"stale_stop": 1e9}),
+    "7: the age of telemetry": overridden(
+        guard={"stale_stop": 1e9, "stale_land": 2e9, "stale_silent": 3e9}
+    ),
     "7_silence: the end of the stream": overridden(guard={"stale_silent": 1e9}),
     "8: disbelief": lambda p: p.setattr(OwnState, "believable", lambda *a: True),
     "8_on_ground: the check of the quaternion": lambda p: p.setattr(
