@@ -37,13 +37,14 @@ from mavlink_bridge.messages import (
 from mavlink_bridge.msp import Msp, MspError, Reply
 from mavlink_bridge.thrust import ThrustMap
 
-POLLED = [Msp.ATTITUDE, Msp.RAW_IMU, Msp.ALTITUDE, Msp.RAW_GPS, Msp.STATUS_EX, Msp.ANALOG]
+POLLED = [Msp.ATTITUDE, Msp.RAW_IMU, Msp.ALTITUDE, Msp.RAW_GPS, Msp.STATUS_EX, Msp.RC, Msp.ANALOG]
 _RATES_AND_THRUST = 128
 _QUADROTOR = 2
 _STANDBY, _ACTIVE, _CRITICAL = 3, 4, 5
 _ERROR, _INFO = 3, 6
 _FIX_3D = 3
 _FORCE = 21196.0
+_IDLE = 1100.0  # µs of throttle; more lifts or may lift
 _NAMES = {number: name for name, number in MODES.items()}
 
 
@@ -111,7 +112,7 @@ class BetaflightBridge:
         self._times = times or BridgeTimes()
         self._state = CoarseState()
         self._level = LevelFlight(thrust)
-        self._lifted = False  # since arming, throttle was given
+        self._lifted = False  # since arming, throttle was given, by whomever
         self._armed_at = -math.inf
         self._arm_switch = False
         self._arm_asked: float | None = None
@@ -138,11 +139,15 @@ class BetaflightBridge:
             return
         try:
             status, motion = msp.status(parts[Msp.STATUS_EX]), _motion(parts)
+            throttle = msp.throttle(parts[Msp.RC])
             self._battery = msp.battery(parts[Msp.ANALOG])
         except MspError:
             return
+        first = not math.isfinite(self._answered)
         self._answered = time
-        self._read_status(time, status)
+        # What the pilot does; at the first answer also what was done before this bridge came.
+        given = throttle if first or self.mode == "pilot" else None
+        self._read_status(time, status, given)
         self._read_motion(time, motion)
         state = self._state.at(time)
         if state is not None:
@@ -168,17 +173,21 @@ class BetaflightBridge:
             self._gps = now
             s.gps(gps.latitude_deg, gps.longitude_deg, gps.v)
 
-    def _read_status(self, time: float, status: msp.Status) -> None:
-        armed = bool(status.modes >> self._controller.arm_bit & 1)
-        self._reasons = status.arming_disabled
-        if self.armed and not armed:
+    def _read_status(self, time: float, status: msp.Status, given: float | None) -> None:
+        """given: throttle [µs] that is not this bridge's doing, where it is not."""
+        armed, before = bool(status.modes >> self._controller.arm_bit & 1), self.armed
+        self._reasons, self.armed = status.arming_disabled, armed
+        if before and not armed:
             self._arm_switch = self._lifted = False
             self._say(_INFO, "Disarmed")
             self._enter("hold" if self._controller.sole else "pilot")
-        elif armed and not self.armed:
+        elif armed and not before:
             self._armed_at = time
             self._say(_INFO, "Armed")
-        self.armed = armed
+        if armed and given is not None:
+            # Armed and flown by somebody else: what is taken over goes on.
+            self._arm_switch = True
+            self._lifted = self._lifted or given > _IDLE
         if self._controller.override_bit is not None:
             self._watch_override(bool(status.modes >> self._controller.override_bit & 1))
         if self._arm_asked is not None and (armed or time - self._arm_asked > self._times.arm):
@@ -244,22 +253,31 @@ class BetaflightBridge:
 
     def _arm(self, time: float, wanted: bool, force: bool) -> int:
         if not wanted:
-            if self.armed and self.mode != "hold" and not force and not self._level.grounded:
-                self._say(_ERROR, "Disarming denied: in flight")
-                return CommandResult.DENIED
-            self._arm_switch = False
-            return CommandResult.ACCEPTED
+            return self._disarm(force)
         reasons = [n for n in msp.arming_reasons(self._reasons) if n != "ARM_SWITCH"]
         if self.armed or self._arm_asked is not None:
             return CommandResult.ACCEPTED
-        if reasons or not self._overridden or self._state.at(time) is None:
-            why = self._why() if reasons else "no position" if self._overridden else "pilot flies"
+        if reasons or self.mode == "pilot" or self._state.at(time) is None:
+            flown = self.mode == "pilot"
+            why = self._why() if reasons else "pilot flies" if flown else "no position"
             self._say(_ERROR, "Arming denied: " + why)
             return CommandResult.TEMPORARILY_REJECTED
         self._arm_switch, self._arm_asked = True, time
         return CommandResult.ACCEPTED
 
+    def _disarm(self, force: bool) -> int:
+        if self.armed and self.mode == "pilot":
+            self._say(_ERROR, "Disarming denied: pilot flies")
+            return CommandResult.TEMPORARILY_REJECTED
+        if self.armed and self._lifted and not force and not self._level.grounded:
+            self._say(_ERROR, "Disarming denied: in flight")
+            return CommandResult.DENIED
+        self._arm_switch, self._arm_asked = False, None
+        return CommandResult.ACCEPTED
+
     def _take_off(self, time: float, height: float) -> int:
+        if self._pilots():
+            return CommandResult.TEMPORARILY_REJECTED
         state = self._state.at(time)
         if not self.armed or state is None or not height > 0.0:
             return CommandResult.DENIED
@@ -272,8 +290,7 @@ class BetaflightBridge:
         return CommandResult.ACCEPTED
 
     def _change(self, time: float, mode: str) -> int:
-        if not self._overridden:
-            self._say(_ERROR, "Mode refused: the pilot flies")
+        if self._pilots():
             return CommandResult.TEMPORARILY_REJECTED
         if mode == "offboard" and time - self._setpoint_at > self._times.setpoint:
             self._say(_ERROR, "Offboard refused: no setpoints")
@@ -283,9 +300,17 @@ class BetaflightBridge:
             self._level.stay(self._state.at(time))
         return CommandResult.ACCEPTED
 
+    def _pilots(self) -> bool:
+        """Whether it is the pilot's turn, until his switch hands over (again); says so."""
+        if self.mode == "pilot":
+            self._say(_ERROR, "Mode refused: the pilot flies")
+        return self.mode == "pilot"
+
     def _enter(self, mode: str) -> None:
         self.mode = mode
         self._lost_at = None
+        if mode == "pilot":  # what he does now with his switch is his
+            self._arm_switch, self._arm_asked = self.armed, None
 
     # --- out -----------------------------------------------------------------------------
 
@@ -333,7 +358,7 @@ class BetaflightBridge:
         elif self.mode == "offboard" and setpoint is not None:
             self._lifted = True
             sticks = np.array(controller.rate_sticks(setpoint.omega))
-            channels = controller.channels(sticks, setpoint.thrust, True, False)
+            channels = controller.channels(sticks, setpoint.thrust, self._arm_switch, False)
         elif not self._lifted:
             channels = controller.channels(np.zeros(3), 0.0, self._arm_switch, True)
         else:

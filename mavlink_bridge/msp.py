@@ -31,6 +31,7 @@ class Msp(IntEnum):
     FEATURE_CONFIG = 36
     RX_MAP = 64
     RAW_IMU = 102
+    RC = 105
     RAW_GPS = 106
     ATTITUDE = 108
     ALTITUDE = 109
@@ -205,6 +206,11 @@ def raw_gps(payload: bytes) -> RawGps:
     along = math.radians(course / 10)
     v = speed / 100 * np.array([math.sin(along), math.cos(along)])
     return RawGps(bool(fix), satellites, lat / 1e7, lon / 1e7, float(height), v)
+
+
+def throttle(payload: bytes) -> float:
+    """RC: throttle [µs] as the controller takes it, whoever gives it."""
+    return float(_unpack("<4H", payload)[3])
 
 
 def battery(payload: bytes) -> tuple[float, float]:

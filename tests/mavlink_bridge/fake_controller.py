@@ -20,6 +20,7 @@ class FakeController:
         self.attitude = (0, 0, 90)  # decidegrees, decidegrees, degrees
         self.gyro = (0, 0, 0)
         self.altitude = 0
+        self.throttle = 1000  # µs, as its receiver has it
 
     def answer(self, command):
         """The payload of one command."""
@@ -38,6 +39,7 @@ class FakeController:
             + bytes([kind, 50]),
             Msp.ATTITUDE: struct.pack("<3h", *self.attitude),
             Msp.RAW_IMU: struct.pack("<9h", 0, 0, 256, *self.gyro, 0, 0, 0),
+            Msp.RC: struct.pack("<6H", 1500, 1500, 1500, self.throttle, 1000, 1000),
             Msp.ALTITUDE: struct.pack("<ih", self.altitude, 0),
             Msp.RAW_GPS: struct.pack("<BBiihHHH", 1, 12, 474000000, 85000000, 488, 0, 0, 10),
             Msp.STATUS_EX: struct.pack("<3HIBHBBBBI", 125, 0, 0, modes, 0, 10, 4, 0, 0, 29,

@@ -13,7 +13,10 @@ from mavlink_bridge.controller import interview
 from mavlink_bridge.frames import euler_from_quaternion
 from mavlink_bridge.messages import (
     Attitude,
+    Command,
     CommandAck,
+    CommandId,
+    CommandResult,
     Heartbeat,
     LocalPosition,
     RateSetpoint,
@@ -29,7 +32,11 @@ STEP = 0.02
 
 
 class Bench:
-    """A bridge, its controller, and simulated time."""
+    """A bridge, its controller, and simulated time.
+
+    pilot: his arm switch and his throttle [µs], in effect where the bridge's frames are not: as
+    Betaflight does it, they hold for 0.3 s, and while he has them overridden.
+    """
 
     def __init__(self, sole=True):
         self.fc = FakeController(sole)
@@ -40,6 +47,7 @@ class Bench:
         self.t = 100.0
         self.heard, self.rc, self.rc_at = [], None, -math.inf
         self.setpoint = None
+        self.pilot = (False, 1000)
         self.run(0.5)
 
     def send(self, messages):
@@ -56,15 +64,45 @@ class Bench:
             self.heard += out.messages
             self.rc = struct.unpack("<16H", out.rc[5:-1]) if out.rc else None
             if self.rc:
-                self.rc_at = self.t
-                # The controller's switches follow the channels.
-                self.fc.armed = self.rc[4] > 1700 and not self.fc.reasons & ~(1 << 28)
+                self.rc_at, self.frame = self.t, self.rc
+            self._obey()
+
+    def _obey(self):
+        """The controller follows whose channels are in effect."""
+        fc, arm = self.fc, self.fc.armed
+        if self.t - self.rc_at <= 0.3 and (self.bridge._controller.sole or fc.override):
+            arm, fc.throttle = self.frame[4] > 1700, self.frame[2]
+        elif not self.bridge._controller.sole:
+            arm, fc.throttle = self.pilot
+        fit = fc.armed or (fc.throttle < 1050 and not fc.reasons & ~(1 << 28))
+        fc.armed = arm and fit
 
     def last(self, kind):
         return [m for m in self.heard if isinstance(m, kind)][-1]
 
     def texts(self):
         return [m.text for m in self.heard if isinstance(m, StatusText)]
+
+    def asked(self, command, *params, component=1):
+        """The answer to a command."""
+        padded = (*params, *(0.0,) * (7 - len(params)))
+        self.send([Command(command, padded, 1, component)])
+        self.run(STEP)
+        return self.last(CommandAck).result
+
+    def climb(self, seconds=1.5):
+        """Up at 1 m/s, by whoever flies."""
+        for _ in range(round(seconds / STEP)):
+            self.fc.altitude += 2
+            self.run(STEP)
+
+    def hover(self):
+        """Armed and taken off by command; in hold."""
+        self.send(self.ask.arm())
+        self.run(1.4)
+        self.send(self.ask.takeoff(1.5))
+        self.climb(2.5)
+        assert self.bridge.mode == "hold"
 
     def fly(self, omega=(0.0, 0.0, 0.0), thrust=0.5):
         """In offboard, with setpoints at every cycle."""
@@ -215,3 +253,120 @@ def test_take_off_climbs_and_never_in_the_first_second():
     assert b.bridge.mode == "takeoff"
     assert b.rc[2] > 1500
     assert b.rc[5] > 1700
+
+
+def flown_by_the_pilot():
+    """In the air at 1.5 m by RC alone; the bridge stands by."""
+    b = Bench(sole=False)
+    b.pilot = (True, 1000)
+    b.run(1.5)
+    b.pilot = (True, 1500)
+    b.climb()
+    assert b.fc.armed
+    return b
+
+
+def test_a_vehicle_that_the_pilot_flies_is_taken_over_in_flight():
+    b = flown_by_the_pilot()
+    assert b.last(LocalPosition).p[2] == pytest.approx(1.5, abs=0.4)
+    b.fc.override = True
+    b.run(1.0)
+    assert b.bridge.mode == "hold"
+    assert b.fc.armed
+    assert b.rc[4] > 1700
+    assert b.rc[2] > 1300  # carried
+    b.fly(thrust=0.6)
+    assert b.rc[2] == 1600
+    b.fc.override = False
+    b.run(1.0)
+    assert b.rc is None
+    assert b.fc.armed
+
+
+def test_handed_over_armed_on_the_ground_the_motors_idle_until_the_first_throttle():
+    b = Bench(sole=False)
+    b.pilot = (True, 1000)
+    b.run(1.5)
+    b.fc.override = True
+    b.run(1.0)
+    assert b.fc.armed
+    assert (b.rc[2], b.rc[4]) == (1000, 1900)
+    b.fly(thrust=0.6)
+    assert b.rc[2] == 1600
+
+
+def test_a_bridge_that_starts_anew_in_flight_goes_on():
+    b = Bench()
+    b.hover()
+    anew = Bench()
+    anew.fc, anew.bridge = (
+        b.fc,
+        BetaflightBridge(1, interview(b.fc.answer), ThrustMap(0.5, 1.75), math.radians(60)),
+    )
+    anew.run(0.5)
+    assert anew.fc.armed
+    assert anew.rc[2] > 1300
+
+
+@pytest.mark.parametrize("mode", ["hold", "takeoff", "offboard", "land"])
+def test_in_flight_it_disarms_by_force_only(mode):
+    b = Bench()
+    if mode == "takeoff":
+        b.send(b.ask.arm())
+        b.run(1.4)
+        b.send(b.ask.takeoff(2.0))
+        b.climb(0.5)
+    else:
+        b.hover()
+        if mode == "offboard":
+            b.fly()
+        if mode == "land":
+            b.send(b.ask.land())
+            b.run(STEP)
+    assert b.bridge.mode == mode
+    assert b.asked(CommandId.COMPONENT_ARM_DISARM, 0.0) == CommandResult.DENIED
+    assert b.texts()[-1] == "Disarming denied: in flight"
+    assert b.fc.armed
+    assert b.asked(CommandId.COMPONENT_ARM_DISARM, 0.0, 21196.0) == CommandResult.ACCEPTED
+    b.run(STEP)
+    assert not b.fc.armed
+
+
+def test_armed_on_the_ground_it_disarms_on_request():
+    b = Bench()
+    b.send(b.ask.arm())
+    b.run(0.5)
+    assert b.asked(CommandId.COMPONENT_ARM_DISARM, 0.0) == CommandResult.ACCEPTED
+    b.run(STEP)
+    assert not b.fc.armed
+
+
+def test_while_the_pilot_flies_nothing_is_taken_and_nothing_kept_for_later():
+    b = flown_by_the_pilot()
+    rejected = CommandResult.TEMPORARILY_REJECTED
+    assert b.asked(CommandId.NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 2.0) == rejected
+    assert b.asked(CommandId.NAV_LAND) == rejected
+    assert b.asked(CommandId.COMPONENT_ARM_DISARM, 0.0, 21196.0) == rejected
+    assert b.rc is None
+    assert b.last(Heartbeat).custom_mode == PILOT
+    b.fc.override = True
+    b.run(1.0)
+    assert b.fc.armed
+
+
+def test_released_to_the_pilot_only_his_switch_hands_over_again():
+    b = flown_by_the_pilot()
+    b.fc.override = True
+    b.run(0.2)
+    b.fly()
+    b.setpoint = None
+    b.run(1.0)
+    assert b.asked(CommandId.DO_SET_MODE, 1.0, MODES["hold"]) == CommandResult.TEMPORARILY_REJECTED
+    assert b.rc is None
+    assert b.fc.armed
+    b.fc.override = False
+    b.run(0.2)
+    b.fc.override = True
+    b.run(0.2)
+    assert b.bridge.mode == "hold"
+    assert b.fc.armed
