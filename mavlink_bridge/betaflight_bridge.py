@@ -33,6 +33,7 @@ from mavlink_bridge.messages import (
     Received,
     StatusText,
     TimeSync,
+    Vector,
 )
 from mavlink_bridge.msp import Msp, MspError, Reply
 from mavlink_bridge.thrust import ThrustMap
@@ -43,6 +44,7 @@ _QUADROTOR = 2
 _STANDBY, _ACTIVE, _CRITICAL = 3, 4, 5
 _ERROR, _INFO = 3, 6
 _FIX_3D = 3
+_SPEED_MAX = 100.0  # m/s; what says more is wrong
 _FORCE = 21196.0
 _IDLE = 1100.0  # µs of throttle; more lifts or may lift
 _NAMES = {number: name for name, number in MODES.items()}
@@ -92,6 +94,11 @@ def _motion(parts: dict[Msp, bytes]) -> _Motion:
         msp.altitude(parts[Msp.ALTITUDE])[0],  # its climb rate lags by 0.3 s
         msp.raw_gps(parts[Msp.RAW_GPS]) if parts[Msp.RAW_GPS] else None,
     )
+
+
+def _credible(v: Vector | None) -> bool:
+    """Whether a velocity [m/s] can be that of a vehicle; none given is."""
+    return v is None or bool((np.abs(v) <= _SPEED_MAX).all())  # False for NaN
 
 
 class BetaflightBridge:
@@ -220,7 +227,7 @@ class BetaflightBridge:
             result = self._command(time, m)
             source = received.source
             self._outbox.append(CommandAck(m.command, result, source.system, source.component))
-        elif isinstance(m, GpsInput) and m.fix_type >= _FIX_3D:
+        elif isinstance(m, GpsInput) and m.fix_type >= _FIX_3D and _credible(m.v):
             self._state.gps(m.latitude_deg, m.longitude_deg, m.v, age=0.0)
         elif isinstance(m, TimeSync) and m.tc1 == 0:
             self._outbox.append(TimeSync(round(time * 1e9), m.ts1))

@@ -6,6 +6,7 @@ into the controller's CLI.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -48,11 +49,11 @@ class Controller:
         """RC channels [µs].
 
         sticks: (3,) deflections −1…1 of roll, pitch, yaw as Betaflight counts them (right, nose
-        down, right). level: ANGLE mode on.
+        down, right). level: ANGLE mode on. Of what is no number: neutral, and no throttle.
         """
         out = [NEUTRAL] * _AUX_1 + [LOW] * (_CHANNELS - _AUX_1)
-        values = [*(NEUTRAL + FULL * min(max(float(s), -1.0), 1.0) for s in sticks),
-                  LOW + 2 * FULL * min(max(thrust, 0.0), 1.0)]  # fmt: skip
+        values = [*(NEUTRAL + FULL * _within(float(s), -1.0, 1.0) for s in sticks),
+                  LOW + 2 * FULL * _within(thrust, 0.0, 1.0)]  # fmt: skip
         for value, place in zip(values, self.order, strict=True):
             out[place] = round(value)
         for switch, on in ((self.arm, armed), (self.angle, level)):
@@ -87,6 +88,11 @@ class Controller:
                 f"tell the mask, the CLI must say msp_override_channels_mask = {mask} or more"
             )
         return lines
+
+
+def _within(value: float, low: float, high: float) -> float:
+    """The nearest in [low, high]; 0 for NaN."""
+    return 0.0 if math.isnan(value) else min(max(value, low), high)
 
 
 def _off(switch: ModeRange) -> int:

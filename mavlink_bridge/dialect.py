@@ -28,6 +28,8 @@ from mavlink_bridge.frames import (
 _NAN_Q = (math.nan,) * 4
 _HIL_ALL = 0x1FFF  # fields of HIL_SENSOR: all
 _OPEN = 2**31 - 1  # x and y of a mission item without a place
+_NO_HORIZONTAL = mavlink.GPS_INPUT_IGNORE_FLAG_VEL_HORIZ
+_NO_VERTICAL = mavlink.GPS_INPUT_IGNORE_FLAG_VEL_VERT
 _NED_FRAMES = (mavlink.MAV_FRAME_LOCAL_NED,)
 _BODY_FRAMES = (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_FRD)
 
@@ -145,11 +147,22 @@ def _gps(g: m.GpsRaw) -> Any:
 
 
 def _gps_input(g: m.GpsInput) -> Any:
+    given = [] if g.v is None else [float(a) for a in g.v]
+    flags = (0 if len(given) > 1 else _NO_HORIZONTAL) | (0 if len(given) > 2 else _NO_VERTICAL)
+    east, north, up = (*given, 0.0, 0.0, 0.0)[:3]
     return mavlink.MAVLink_gps_input_message(
-        round(g.time * 1e6), 0, 0, 0, 0, g.fix_type, round(g.latitude_deg * 1e7),
-        round(g.longitude_deg * 1e7), g.altitude, 0.8, 1.2, *enu_ned(*(float(a) for a in g.v)),
+        round(g.time * 1e6), 0, flags, 0, 0, g.fix_type, round(g.latitude_deg * 1e7),
+        round(g.longitude_deg * 1e7), g.altitude, 0.8, 1.2, *enu_ned(east, north, up),
         0.1, 0.5, 0.8, g.satellites,
     )  # fmt: skip
+
+
+def _gps_velocity(w: Any) -> m.Vector | None:
+    """Of GPS_INPUT, as far as it says that it gives it."""
+    if w.ignore_flags & _NO_HORIZONTAL:
+        return None
+    v = _array(*enu_ned(w.vn, w.ve, w.vd))
+    return v[:2] if w.ignore_flags & _NO_VERTICAL else v
 
 
 def _hil_sensor(s: m.HilSensor) -> Any:
@@ -383,7 +396,7 @@ FROM_WIRE: dict[int, Callable[[Any], m.Message]] = {
     ),
     mavlink.MAVLINK_MSG_ID_GPS_INPUT: lambda w: m.GpsInput(
         w.time_usec / 1e6, w.fix_type, w.lat / 1e7, w.lon / 1e7, w.alt,
-        _array(*enu_ned(w.vn, w.ve, w.vd)), w.satellites_visible,
+        _gps_velocity(w), w.satellites_visible,
     ),
     mavlink.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS: lambda w: m.HilActuators(
         w.time_usec / 1e6, tuple(w.controls), bool(w.mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
@@ -443,22 +456,3 @@ FROM_WIRE: dict[int, Callable[[Any], m.Message]] = {
         w.target_system, w.target_component, bytes(w.payload)
     ),
 }  # fmt: skip
-
-MESSAGE_IDS: dict[type, int] = {
-    m.Heartbeat: mavlink.MAVLINK_MSG_ID_HEARTBEAT,
-    m.Attitude: mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
-    m.EulerAttitude: mavlink.MAVLINK_MSG_ID_ATTITUDE,
-    m.LocalPosition: mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
-    m.Odometry: mavlink.MAVLINK_MSG_ID_ODOMETRY,
-    m.GlobalPosition: mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
-    m.SystemStatus: mavlink.MAVLINK_MSG_ID_SYS_STATUS,
-    m.BatteryStatus: mavlink.MAVLINK_MSG_ID_BATTERY_STATUS,
-    m.ExtendedSystemState: mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
-    m.HomePosition: mavlink.MAVLINK_MSG_ID_HOME_POSITION,
-    m.GpsRaw: mavlink.MAVLINK_MSG_ID_GPS_RAW_INT,
-    m.EstimatorStatus: mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
-    m.AutopilotVersion: mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
-    m.SystemTime: mavlink.MAVLINK_MSG_ID_SYSTEM_TIME,
-    m.MissionCurrent: mavlink.MAVLINK_MSG_ID_MISSION_CURRENT,
-}
-"""MAVLink id of the messages that a vehicle streams or sends on request."""

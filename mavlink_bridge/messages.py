@@ -242,14 +242,17 @@ class GpsRaw:
 
 @dataclass(frozen=True)
 class GpsInput:
-    """GPS_INPUT: what a receiver tells an autopilot; degrees, m, v (3,) m/s ENU."""
+    """GPS_INPUT: what a receiver tells an autopilot; degrees, m.
+
+    v: m/s, (3,) ENU, (2,) where the vertical is not given, None where the horizontal is not.
+    """
 
     time: float
     fix_type: int
     latitude_deg: float
     longitude_deg: float
     altitude: float
-    v: Vector
+    v: Vector | None
     satellites: int = 12
 
 

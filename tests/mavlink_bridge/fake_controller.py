@@ -19,6 +19,7 @@ class FakeController:
         self.armed, self.override, self.reasons = False, False, 0
         self.attitude = (0, 0, 90)  # decidegrees, decidegrees, degrees
         self.gyro = (0, 0, 0)
+        self.gps = True  # whether it has a fix
         self.altitude = 0
         self.throttle = 1000  # µs, as its receiver has it
 
@@ -41,7 +42,7 @@ class FakeController:
             Msp.RAW_IMU: struct.pack("<9h", 0, 0, 256, *self.gyro, 0, 0, 0),
             Msp.RC: struct.pack("<6H", 1500, 1500, 1500, self.throttle, 1000, 1000),
             Msp.ALTITUDE: struct.pack("<ih", self.altitude, 0),
-            Msp.RAW_GPS: struct.pack("<BBiihHHH", 1, 12, 474000000, 85000000, 488, 0, 0, 10),
+            Msp.RAW_GPS: struct.pack("<BBiihHHH", self.gps, 12, 474000000, 85000000, 488, 0, 0, 10),
             Msp.STATUS_EX: struct.pack("<3HIBHBBBBI", 125, 0, 0, modes, 0, 10, 4, 0, 0, 29,
                                        self.reasons) + bytes(3),
             Msp.ANALOG: struct.pack("<BHHhH", 168, 0, 0, 150, 1680),

@@ -9,6 +9,7 @@ from fake_controller import FakeController
 
 from mavlink_bridge.betaflight import MODES, PILOT, Betaflight
 from mavlink_bridge.betaflight_bridge import POLLED, BetaflightBridge
+from mavlink_bridge.codec import Codec
 from mavlink_bridge.controller import interview
 from mavlink_bridge.frames import euler_from_quaternion
 from mavlink_bridge.messages import (
@@ -17,6 +18,7 @@ from mavlink_bridge.messages import (
     CommandAck,
     CommandId,
     CommandResult,
+    GpsInput,
     Heartbeat,
     LocalPosition,
     RateSetpoint,
@@ -370,3 +372,29 @@ def test_released_to_the_pilot_only_his_switch_hands_over_again():
     b.run(0.2)
     assert b.bridge.mode == "hold"
     assert b.fc.armed
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e38])
+def test_a_fix_whose_velocity_is_none_is_refused(bad):
+    b = Bench()
+    b.hover()
+    for k in range(50):
+        v = np.zeros(3)
+        v[k % 3] = bad
+        b.send([GpsInput(0.0, 3, 47.4, 8.5, 488.0, v)])
+        b.run(STEP)
+    assert np.abs(b.last(LocalPosition).v).max() < 1.0
+    assert b.rc[4] > 1700
+
+
+def test_a_fix_without_velocity_does_not_stand_still():
+    """It moves east at 2 m/s, and the receiver tells places only."""
+    b = Bench()
+    b.fc.gps = False
+    b.run(0.5)
+    east = 2.0 / (math.radians(1.0) * 6371008.8 * math.cos(math.radians(47.4)))
+    for k in range(40):
+        told = GpsInput(0.0, 3, 47.4, 8.5 + 0.1 * k * east, 488.0, None)
+        b.send([r.message for r in Codec(1, 1).decode(Codec(1, 220).encode([told]))])
+        b.run(0.1)
+    assert b.last(LocalPosition).v[0] == pytest.approx(2.0, abs=0.3)

@@ -47,6 +47,8 @@ EXAMPLES = [
     m.MissionItemReached(1),
     m.RequestDataStream(1, 1, 0, 4, True),
     m.GpsInput(2.0, 3, 47.1, 8.2, 500.0, np.array([1.0, 0.5, 0.25]), 9),
+    m.GpsInput(2.0, 3, 47.1, 8.2, 500.0, np.array([1.0, 0.5]), 9),
+    m.GpsInput(2.0, 3, 47.1, 8.2, 500.0, None, 9),
     m.EulerAttitude(2.0, np.array([0.8, 0.2, -0.4, 0.4]), np.array([0.1, 0.2, 0.3])),
 ]  # fmt: skip
 

@@ -23,6 +23,17 @@ def test_channels_are_in_the_receivers_order():
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_channels_of_what_is_no_number_are_channels(bad):
+    c = interview(FakeController().answer)
+    for sticks, thrust in (([bad, 0.0, 0.0], 0.5), ([0.0, 0.0, 0.0], bad)):
+        channels = c.channels(np.array(sticks), thrust, armed=True, level=False)
+        assert all(1000 <= value <= 2000 for value in channels)
+    assert c.channels(np.full(3, np.nan), np.nan, armed=True, level=True)[:6] == [
+        1500, 1500, 1000, 1500, 1900, 1900,
+    ]  # fmt: skip
+
+
 def test_body_rates_flu_become_sticks():
     c = interview(FakeController().answer)
     sticks = c.rate_sticks(np.radians([40.0, 80.0, 120.0]))
