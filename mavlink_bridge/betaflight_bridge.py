@@ -57,7 +57,7 @@ class BridgeTimes:
     setpoint: silence that ends offboard. release: from the last setpoint until the pilot has the
     sticks. land: from there to landing where there is no pilot. arm: patience with the arming
     switch. settle: Betaflight zeroes its height at arming; no take-off before. silent: without
-    answers the controller counts as lost.
+    answers the controller counts as lost. fix: so long a position is believed without one.
     """
 
     setpoint: float = 0.2
@@ -66,6 +66,7 @@ class BridgeTimes:
     arm: float = 1.5
     settle: float = 1.0
     silent: float = 0.5
+    fix: float = 1.0
     heartbeat: float = 0.5
 
 
@@ -117,7 +118,7 @@ class BetaflightBridge:
         self.armed = False
         self._system, self._controller, self._limit = system, controller, angle_limit
         self._times = times or BridgeTimes()
-        self._state = CoarseState()
+        self._state = CoarseState(silent=self._times.silent, unfixed=self._times.fix)
         self._level = LevelFlight(thrust)
         self._lifted = False  # since arming, throttle was given, by whomever
         self._armed_at = -math.inf
@@ -156,12 +157,10 @@ class BetaflightBridge:
         given = throttle if first or self.mode == "pilot" else None
         self._read_status(time, status, given)
         self._read_motion(time, motion)
-        state = self._state.at(time)
-        if state is not None:
-            self._outbox += [
-                Attitude(time, state.q_wb, state.omega),
-                LocalPosition(time, state.p, state.v),
-            ]
+        if (state := self._state.at(time, placed=False)) is not None:
+            self._outbox.append(Attitude(time, state.q_wb, state.omega))
+        if (state := self._state.at(time)) is not None:
+            self._outbox.append(LocalPosition(time, state.p, state.v))
 
     def _read_motion(self, time: float, motion: _Motion) -> None:
         s, imu, resting = self._state, motion.imu, not self._lifted
@@ -179,6 +178,8 @@ class BetaflightBridge:
         if gps.fix and now != self._gps:
             self._gps = now
             s.gps(gps.latitude_deg, gps.longitude_deg, gps.v)
+        elif gps.fix:
+            s.fixed()
 
     def _read_status(self, time: float, status: msp.Status, given: float | None) -> None:
         """given: throttle [µs] that is not this bridge's doing, where it is not."""
@@ -209,7 +210,7 @@ class BetaflightBridge:
             self._enter("pilot")
         elif on and not self._overridden:
             self._enter("hold")
-            self._level.stay(self._state.at(self._cycled))
+            self._level.stay()
         self._overridden = on
 
     def _why(self) -> str:
@@ -293,7 +294,7 @@ class BetaflightBridge:
         if self.mode != "takeoff":
             self._enter("takeoff")
             self._lifted = True
-            self._level.stay(state, float(state.p[2]) + height)
+            self._level.stay(float(state.p[2]) + height)
         return CommandResult.ACCEPTED
 
     def _change(self, time: float, mode: str) -> int:
@@ -304,7 +305,7 @@ class BetaflightBridge:
             return CommandResult.TEMPORARILY_REJECTED
         if mode != self.mode:
             self._enter(mode)
-            self._level.stay(self._state.at(time))
+            self._level.stay()
         return CommandResult.ACCEPTED
 
     def _pilots(self) -> bool:
@@ -336,11 +337,11 @@ class BetaflightBridge:
 
     def _watch(self, time: float) -> None:
         """Modes that end by themselves."""
-        state = self._state.at(time)
+        state = self._state.at(time, placed=False)
         if self.mode == "offboard" and time - self._setpoint_at > self._times.setpoint:
             self._say(_ERROR, "Setpoints stopped: level")
             self._enter("hold")
-            self._level.stay(state)
+            self._level.stay()
             self._lost_at = self._setpoint_at
         elif self.mode == "takeoff" and state is not None and self._level.reached(state):
             self._enter("hold")
@@ -369,7 +370,8 @@ class BetaflightBridge:
         elif not self._lifted:
             channels = controller.channels(np.zeros(3), 0.0, self._arm_switch, True)
         else:
-            lean = self._level.step(self._state.at(time), dt, self.mode == "land")
+            state, placed = self._state.at(time, placed=False), self._state.at(time) is not None
+            lean = self._level.step(state, dt, self.mode == "land", placed)
             sticks = np.array([lean.right, lean.forward, 0.0]) / self._limit
             channels = controller.channels(sticks, lean.thrust, self._arm_switch, True)
         return msp.raw_rc(channels)

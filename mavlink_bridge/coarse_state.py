@@ -45,7 +45,12 @@ class CoarseGains:
 class CoarseState:
     """The filter; times in seconds of one clock, world ENU from the first GPS fix, body FLU."""
 
-    def __init__(self, gains: CoarseGains | None = None) -> None:
+    def __init__(
+        self, gains: CoarseGains | None = None, silent: float = 0.5, unfixed: float = 1.5
+    ) -> None:
+        """silent, unfixed: s without telemetry, without a fix, after which nothing is told."""
+        self._silent, self._unfixed = silent, unfixed
+        self._fixed_at = -math.inf
         self._g = gains or CoarseGains()
         self._time: float | None = None
         self._q: Vector | None = None
@@ -58,9 +63,14 @@ class CoarseState:
         self._ground: float | None = None
         self._past: deque[tuple[float, Vector, Vector]] = deque(maxlen=_HISTORY)
 
-    def at(self, time: float) -> VehicleState | None:
-        """State at `time`; None before attitude, position and height have spoken."""
-        if self._q is None or self._origin is None or self._ground is None or self._time is None:
+    def at(self, time: float, placed: bool = True) -> VehicleState | None:
+        """State at `time`; None before attitude, position and height spoke, or where they ceased.
+
+        placed: False: also without a fix; place and horizontal velocity are guesses then.
+        """
+        if self._q is None or self._ground is None or self._time is None:
+            return None
+        if time - self._time > self._silent or (placed and time - self._fixed_at > self._unfixed):
             return None
         dt = min(max(time - self._time, 0.0), _LONGEST_STEP)
         q = _turned(self._q, self._omega * dt)
@@ -112,11 +122,18 @@ class CoarseState:
         age: float | None = None,
     ) -> None:  # fmt: skip
         """A new fix: degrees, velocity (2,) or (3,) m/s ENU, or none; age [s], where known."""
+        lost = self._time is None or self._time - self._fixed_at > self._unfixed
+        self.fixed()
         if self._origin is None:
             self._origin = (latitude_deg, longitude_deg)
         lat0, lon0 = self._origin
         east = math.radians(longitude_deg - lon0) * _EARTH * math.cos(math.radians(lat0))
         north = math.radians(latitude_deg - lat0) * _EARTH
+        if lost:  # what was believed meanwhile was a guess
+            self._p[:2] = east, north
+            self._v[:2] = 0.0 if v is None else v[:2]
+            self._past.clear()
+            return
         p, v_then = self._then(self._g.gps_age if age is None else age)
         error = np.array([east, north]) - p[:2]
         self._p[:2] += self._g.position * error
@@ -125,6 +142,11 @@ class CoarseState:
             return
         k = len(v)
         self._v[:k] += self._g.velocity * (v - v_then[:k])
+
+    def fixed(self) -> None:
+        """The last fix still holds."""
+        if self._time is not None:
+            self._fixed_at = self._time
 
     def height(self, height: float, resting: bool) -> None:
         """Barometer: m above anything; where the vehicle rests is the ground."""

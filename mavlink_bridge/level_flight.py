@@ -40,40 +40,51 @@ class LevelFlight:
     def __init__(self, thrust: ThrustMap) -> None:
         self._thrust = thrust
         self._place: Vector | None = None
-        self._height = 0.0
+        self._height: float | None = None
         self._integral = 0.0
         self._stuck = 0.0  # s without sinking
 
-    def stay(self, state: VehicleState | None, height: float | None = None) -> None:
-        """From now on stay at this place, at `height` [m] or the present one."""
+    def stay(self, height: float | None = None) -> None:
+        """From now on stay: where the next steps find it, at `height` [m] or the one found."""
         self._integral = self._stuck = 0.0
-        if state is not None:
-            self._place = state.p.copy()
-            self._height = float(state.p[2]) if height is None else height
+        self._place, self._height = None, height
 
     def reached(self, state: VehicleState) -> bool:
         """Whether the height is reached."""
-        return float(state.p[2]) > self._height - 0.2
+        return self._height is not None and float(state.p[2]) > self._height - 0.2
 
     @property
     def grounded(self) -> bool:
         """Whether sinking was asked for and nothing gave way for long."""
         return self._stuck > _STUCK
 
-    def step(self, state: VehicleState | None, dt: float, sink: bool = False) -> Lean:
-        """Sticks now; without a state: level and at hover thrust."""
-        if state is None or self._place is None:
+    def step(
+        self, state: VehicleState | None, dt: float, sink: bool = False, placed: bool = True
+    ) -> Lean:
+        """Sticks now; without a state: level and at hover thrust.
+
+        placed: whether its place is known; where not, level, and only its height is seen to.
+        """
+        if state is None:
             return Lean(0.0, 0.0, self._thrust.hover_thrust)
+        lift = self._lift(state, dt, sink)
+        if not placed:
+            self._place = None  # once it is known again it stays there, wherever it drifted
+            return Lean(0.0, 0.0, lift)
+        if self._place is None:
+            self._place = state.p.copy()
         wanted = _POSITION_GAIN * (self._place[:2] - state.p[:2])
         wanted *= min(1.0, _SPEED_MAX / max(float(np.linalg.norm(wanted)), 1e-6))
         east, north = _VELOCITY_GAIN * (wanted - state.v[:2]) / G
         _, _, yaw = euler_from_quaternion(state.q_wb)
         forward = math.cos(yaw) * east + math.sin(yaw) * north
         left = math.cos(yaw) * north - math.sin(yaw) * east
-        return Lean(_lean(-left), _lean(forward), self._lift(state, dt, sink))
+        return Lean(_lean(-left), _lean(forward), lift)
 
     def _lift(self, state: VehicleState, dt: float, sink: bool) -> float:
         height = float(state.p[2])
+        if self._height is None:
+            self._height = height
         if sink:
             climb = -(_SINK_SLOW if height < _SLOW_BELOW else _SINK_MAX)
         else:

@@ -91,10 +91,10 @@ def test_nothing_is_told_before_everything_has_spoken():
 
 def test_a_heading_that_stands_on_a_step_does_not_wander():
     state = CoarseState()
-    state.gps(47.0, 8.0, np.zeros(2))
     state.height(0.0, resting=True)
     for k in range(300):
         state.advance(k / RATE)
+        state.gps(47.0, 8.0, np.zeros(2))
         state.gyro(np.array([0.0, 0.0, 0.002]))  # a bias
         state.angles(0.0, 0.0, math.radians(90))
     yaw = euler_from_quaternion(state.at(5.0).q_wb)[2]
@@ -109,7 +109,26 @@ def test_a_height_that_is_zeroed_in_flight_moves_nothing():
     state.height(4.9, resting=True)
     for k in range(1, 200):
         state.advance(k / RATE)
+        state.fixed()
         state.height(max(4.9 - 0.3 * k, 0.0), resting=False)  # through the controller's filter
     now = state.at(200 / RATE)
     assert abs(now.v[2]) < 0.3
     assert abs(now.p[2]) < 1.0
+
+
+def test_without_fix_or_telemetry_nothing_is_told_and_a_new_fix_is_believed_at_once():
+    state = CoarseState(silent=0.5, unfixed=1.0)
+    for k in range(240):  # s of 60, moving east; the fix ends after one
+        state.advance(k / RATE)
+        state.angles(0.0, 0.0, 0.0)
+        state.height(0.0, resting=True)
+        if k <= 60:
+            state.gps(47.0, 8.0, np.array([1.0, 0.0]))
+        assert (state.at(k / RATE) is None) == (k > 120)
+        assert state.at(k / RATE, placed=False) is not None
+    state.gps(47.0 + math.degrees(5.0 / EARTH), 8.0, np.array([0.0, 2.0]))
+    now = state.at(4.0)
+    assert now.p == pytest.approx([0.0, 5.0, 0.0], abs=0.1)
+    assert now.v == pytest.approx([0.0, 2.0, 0.0], abs=0.01)
+    assert state.at(4.4) is not None
+    assert state.at(4.6, placed=False) is None
