@@ -208,7 +208,10 @@ class SerialEndpoint(ByteStream):
 
     def _write(self, data: bytes) -> int:
         assert self._port is not None
-        return int(self._port.write(data) or 0)
+        try:
+            return os.write(self._port.fileno(), data)  # pyserial's own would try for ever
+        except BlockingIOError:
+            return 0
 
     def _shut(self) -> None:
         if self._port is not None:

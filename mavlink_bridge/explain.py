@@ -61,7 +61,7 @@ def _location(places: Mapping[Key, str], error: dict[str, Any]) -> Key:
 
 def _path(key: str) -> Key:
     """The inverse of `dotted`."""
-    return tuple(int(part) if part.isdigit() else part for part in key.split("."))
+    return tuple(int(part) if part.isdecimal() else part for part in key.split("."))
 
 
 def _place(places: Mapping[Key, str], location: Key, name: str) -> str:

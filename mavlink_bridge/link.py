@@ -1,7 +1,7 @@
 """A UDP, TCP or serial endpoint around the codec.
 
-Endpoints are named as ground stations name them: `udpin:HOST:PORT` binds and answers whoever
-speaks, `udpout:HOST:PORT` speaks first, `tcp:HOST:PORT` connects, `serial:DEVICE:BAUD` is a line.
+Endpoints are named as ground stations name them: `udpin:HOST:PORT` binds and answers whom it
+believes, `udpout:HOST:PORT` speaks first, `tcp:HOST:PORT` connects, `serial:DEVICE:BAUD` is a line.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from mavlink_bridge.messages import Heartbeat, Message, Received, Source
 
 _AUTOPILOT = 1  # MAV_COMP_ID
 _RIVAL_MEMORY = 3.0  # s; a vehicle that starts again may have another port
+_RIVALS = 16  # most places of one vehicle that are remembered
 _RECEIVE_BUFFER = 4 << 20  # a second of telemetry, so that a slow tick loses nothing
+Address = tuple[str, int]
 ENDPOINT_FORMS = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, serial:DEVICE:BAUD"
 
 
@@ -47,16 +49,14 @@ class Endpoint(Protocol):
 
 
 class UdpEndpoint:
-    """One UDP socket with one peer: given, or whoever spoke last.
+    """One UDP socket with one peer: given, or whom `answer_sender` was told to answer last.
 
     local, remote: (host, port); local port 0 takes any free one.
     """
 
-    def __init__(
-        self, local: tuple[str, int] | None = None, remote: tuple[str, int] | None = None
-    ) -> None:
+    def __init__(self, local: Address | None = None, remote: Address | None = None) -> None:
         self.remote = remote
-        self.sender: tuple[str, int] | None = None  # of the latest datagram
+        self.sender: Address | None = None  # of the latest datagram
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
@@ -74,16 +74,22 @@ class UdpEndpoint:
         return int(self._socket.getsockname()[1])
 
     def receive(self) -> Iterator[bytes]:
-        """Every datagram that waits; learns the peer from it unless it was given."""
+        """Every datagram that waits."""
         while True:
             try:
                 data, sender = self._socket.recvfrom(65535)
             except (BlockingIOError, ConnectionError):
                 return
             self.sender = sender
-            if not self._fixed:
-                self.remote = sender
             yield data
+
+    def answer_sender(self) -> None:
+        """Take the latest datagram's sender for the peer, unless one was given.
+
+        Only for what was understood and believed: a stray packet must not turn the stream away.
+        """
+        if not self._fixed:
+            self.remote = self.sender
 
     def send(self, data: bytes) -> bool:
         """Send to the peer; False where none is known or nobody listens."""
@@ -129,13 +135,22 @@ def parse_endpoint(name: str) -> tuple[str, str, int]:
     kind, _, address = name.partition(":")
     host, _, number = address.rpartition(":")
     known = kind in ("udpin", "udpout", "tcp", "serial")
-    if not known or not host or not number.isdigit():
+    if not known or not host or not number.isdecimal():
         raise EndpointError(f"endpoint {name!r} is none of: {ENDPOINT_FORMS}")
     if kind == "serial":
         _check_baud(host, int(number))
-    elif int(number) > 65535:
+    elif int(number) > 65535 or not _encodes(host):
         raise EndpointError(f"endpoint {name!r} is none of: {ENDPOINT_FORMS}")
     return kind, host, int(number)
+
+
+def _encodes(host: str) -> bool:
+    """Whether a socket takes the name at all: `a..b` is no host."""
+    try:
+        host.encode("idna")
+    except UnicodeError:
+        return False
+    return True
 
 
 def _check_baud(device: str, baud: int) -> None:
@@ -171,7 +186,7 @@ class Link:
         self.packets_out = 0
         self.tap: Callable[[bool, bytes], None] | None = None
         self._heard: dict[tuple[Source, type], float] = {}
-        self._senders: dict[int, dict[tuple[str, int], float]] = {}
+        self._senders: dict[int, dict[Address, float]] = {}
         whole = not isinstance(endpoint, ByteStream)
         self._decode = codec.decode_datagram if whole else codec.decode
 
@@ -184,17 +199,29 @@ class Link:
         for system, senders in self._senders.items():
             places = [f"{host}:{port}" for (host, port), at in senders.items() if at > recent]
             if len(places) > 1:
-                return f"two vehicles with system id {system}: {' and '.join(sorted(places))}"
+                two, more = sorted(places)[:2], len(places) - 2
+                text = f"two vehicles with system id {system}: {' and '.join(two)}"
+                return f"{text}, and {more} more" if more else text
         return ""
 
-    def _note_sender(self, received: list[Received]) -> None:
+    def _hear(self, data: bytes) -> list[Received]:
+        """What a packet says; who said something believed is answered from now on."""
+        received = self._decode(data)
+        if isinstance(self.endpoint, UdpEndpoint) and received:
+            self.endpoint.answer_sender()
+            self._note_sender(self.endpoint.sender, received)
+        return received
+
+    def _note_sender(self, sender: Address | None, received: list[Received]) -> None:
         """Remember from where each vehicle's heartbeats come."""
-        if not isinstance(self.endpoint, UdpEndpoint) or self.endpoint.sender is None:
-            return
+        now = time.monotonic()
         for r in received:
             if isinstance(r.message, Heartbeat) and r.source.component == _AUTOPILOT:
-                senders = self._senders.setdefault(r.source.system, {})
-                senders[self.endpoint.sender] = time.monotonic()
+                known = self._senders.get(r.source.system, {})
+                kept = {place: at for place, at in known.items() if at > now - _RIVAL_MEMORY}
+                if sender is not None and (sender in kept or len(kept) < _RIVALS):
+                    kept[sender] = now
+                self._senders[r.source.system] = kept
 
     def age(self, kind: type, system: int, component: int = 1) -> float:
         """Seconds (CLOCK_MONOTONIC) since that sender's last message of this kind, or infinity."""
@@ -208,9 +235,7 @@ class Link:
             self.packets_in += 1
             if self.tap is not None:
                 self.tap(False, data)
-            received = self._decode(data)
-            self._note_sender(received)
-            out += received
+            out += self._hear(data)
         now = time.monotonic()
         for r in out:
             self._heard[r.source, type(r.message)] = now

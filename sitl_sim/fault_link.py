@@ -102,7 +102,7 @@ class FaultyLink(Link):
         for data in self.endpoint.receive():
             self.packets_in += 1
             for packet in self.line.carry(data, to_companion=False):
-                out += self.codec.decode_datagram(packet)
+                out += self._hear(packet)
         return out
 
 

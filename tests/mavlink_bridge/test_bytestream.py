@@ -3,6 +3,7 @@
 import contextlib
 import os
 import pty
+import signal
 import socket
 import threading
 import time
@@ -30,6 +31,22 @@ def line(tmp_path):
     for file in (master, slave):
         with contextlib.suppress(OSError):  # the test may have unplugged it
             os.close(file)
+
+
+@contextlib.contextmanager
+def in_time(seconds):
+    """Fail where what is done inside blocks."""
+
+    def late(number, frame):
+        raise AssertionError(f"still blocked after {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def heard(link, count, seconds=10.0):
@@ -70,6 +87,27 @@ def test_serial_sends(line):
     link.send([HEARTBEAT])
     received = Codec(1, 1).decode(os.read(master, 1000))
     assert received[0].source.component == 191
+    link.close()
+
+
+def test_a_serial_line_that_nobody_reads_refuses_and_blocks_nobody(line):
+    master, name, _ = line
+    link = Link(open_endpoint(f"serial:{name}:{BAUD}"), Codec(1, 191))
+    sender = Codec(1, 191)
+    frames = [sender.encode([HEARTBEAT]) for _ in range(2000)]
+    with in_time(5.0):
+        taken = [link.endpoint.send(frame) for frame in frames]
+        assert link.receive() == []
+    assert taken[0]
+    assert not taken[-1]
+    assert link.problem == ""
+    # What was taken arrives whole, once somebody reads.
+    reader, count = Codec(1, 1), 0
+    with in_time(5.0):
+        while count < sum(taken):
+            count += len(reader.decode(os.read(master, 65536)))
+            link.receive()
+    assert reader.statistics.bad_bytes == 0
     link.close()
 
 
@@ -146,6 +184,9 @@ def test_age_of_a_stream_belongs_to_its_sender(line):
         ("tcp:localhost", "endpoint 'tcp:localhost' is none of: udpin:"),
         ("tcp:localhost:70000", "is none of: udpin:"),
         ("usb:1:2", "is none of: udpin:"),
+        ("udpin:127.0.0.1:²", "is none of: udpin:"),
+        ("serial:/dev/null:²", "is none of: udpin:"),
+        ("udpin:a..b:14550", "is none of: udpin:"),
     ],
 )
 def test_a_bad_endpoint_is_one_clear_line(name, words):
