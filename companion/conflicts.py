@@ -8,7 +8,7 @@ from pathlib import Path
 
 from companion.config import CompanionConfig, bridge_of, is_bridge, is_layer, resolve
 from mavlink_bridge.bridge_config import BridgeConfig
-from mavlink_bridge.link import EndpointError, parse_endpoint
+from mavlink_bridge.link import parse_endpoint
 from mavlink_bridge.settings import Document, SettingsError, load_yaml, validate
 
 
@@ -61,11 +61,9 @@ def bridge_problems(drone: Drone) -> list[str]:
     try:
         document = load_yaml(path)
         bridge = validate(BridgeConfig, document, str(path))
-        kind, _, port = parse_endpoint(bridge.link.endpoint)
     except SettingsError as error:
         return error.problems
-    except EndpointError as error:
-        return [f"{document.places.get(('link', 'endpoint'), path)}: link.endpoint: {error}"]
+    kind, _, port = parse_endpoint(bridge.link.endpoint)
     problems = []
     link = drone.config.link
     if bridge.link.system_id != link.system_id:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import sys
 from pathlib import Path
@@ -14,11 +15,15 @@ from mavlink_bridge.link import EndpointError
 from mavlink_bridge.msp import MspError
 from mavlink_bridge.settings import SettingsError
 
-EXIT_UNFIT, EXIT_BAD_INPUT = 1, 2
+EXIT_UNFIT, EXIT_BAD_INPUT, EXIT_UNAVAILABLE = 1, 2, os.EX_UNAVAILABLE
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Entry point of `mavlink-bridge`. Exit 0: told to stop; 1: controller unfit; 2: bad input."""
+    """Entry point of `mavlink-bridge`.
+
+    Exit 0: told to stop; 1: controller silent or unfit; 2: bad input; 69: no such device, or a
+    port is taken: may be otherwise in a moment.
+    """
     parser = argparse.ArgumentParser(
         prog="mavlink-bridge", description="Autopilots that speak no MAVLink, as MAVLink vehicles."
     )
@@ -44,9 +49,12 @@ def _betaflight(options: argparse.Namespace) -> int:
     except MspError as error:
         print(error, file=sys.stderr)
         return EXIT_UNFIT
-    except (SettingsError, EndpointError) as error:
+    except SettingsError as error:
         print(error, file=sys.stderr)
         return EXIT_BAD_INPUT
+    except EndpointError as error:
+        print(error, file=sys.stderr)
+        return EXIT_UNAVAILABLE
     stop = _Stop()
     loop.run(lambda: stop.asked)
     return 0

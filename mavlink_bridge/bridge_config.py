@@ -4,22 +4,37 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
+from mavlink_bridge.link import parse_endpoint
 from mavlink_bridge.settings import StrictModel, assignments, load_yaml, merge, validate
 from mavlink_bridge.thrust import ThrustMap
+
+
+def _endpoint(name: str) -> str:
+    parse_endpoint(name)
+    return name
+
+
+def _stream(name: str) -> str:
+    if parse_endpoint(name)[0] not in ("serial", "tcp"):
+        raise ValueError("must be serial:DEVICE:BAUD or tcp:HOST:PORT")
+    return name
+
+
+Endpoint = Annotated[str, AfterValidator(_endpoint)]
 
 
 class BridgeLinkConfig(StrictModel):
     """The MAVLink side."""
 
-    endpoint: str = Field("udpout:127.0.0.1:14541", description="Where the companion listens.")
-    ground: str | None = Field(
+    endpoint: Endpoint = Field("udpout:127.0.0.1:14541", description="Where the companion listens.")
+    ground: Endpoint | None = Field(
         "udpout:127.0.0.1:14550", description="Where a ground station listens; null: nowhere."
     )
-    gps: str | None = Field(
+    gps: Endpoint | None = Field(
         None,
         description="Where a receiver on the board gives GPS_INPUT, if the controller has none: "
         "udpin:HOST:PORT.",
@@ -38,7 +53,7 @@ class BridgeConfig(StrictModel):
     """Everything that one bridge needs to know."""
 
     fileversion: Literal[1] = 1
-    controller: str = Field(
+    controller: Annotated[str, AfterValidator(_stream)] = Field(
         "serial:/dev/ttyACM0:115200",
         description="Betaflight's MSP port: serial:DEVICE:BAUD or tcp:HOST:PORT.",
     )

@@ -13,7 +13,7 @@ from mavlink_bridge.bridge_config import BridgeConfig
 from mavlink_bridge.bytestream import ByteStream
 from mavlink_bridge.codec import Codec
 from mavlink_bridge.controller import Controller, interview
-from mavlink_bridge.link import EndpointError, Link, open_endpoint
+from mavlink_bridge.link import Link, open_endpoint
 from mavlink_bridge.messages import Message, RateSetpoint, StatusText
 from mavlink_bridge.msp import Msp, MspDecoder, MspError, Reply
 
@@ -49,13 +49,11 @@ class MspLine:
 
 
 def open_controller(name: str) -> MspLine:
-    """The line to the controller.
+    """The line to the controller, `serial:DEVICE:BAUD` or `tcp:HOST:PORT`.
 
     Raises:
-        EndpointError: not a serial or TCP endpoint, or no such device.
+        EndpointError: no such device.
     """
-    if not name.startswith(("serial:", "tcp:")):
-        raise EndpointError(f"controller {name!r} is none of: serial:DEVICE:BAUD, tcp:HOST:PORT")
     endpoint = open_endpoint(name)
     assert isinstance(endpoint, ByteStream)
     return MspLine(endpoint)
