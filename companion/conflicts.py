@@ -54,18 +54,21 @@ def conflicts(drones: Iterable[Drone]) -> list[str]:
 
 
 def bridge_problems(drone: Drone) -> list[str]:
-    """Where a drone's bridge is not the other end of it; nothing for a drone without one."""
+    """Where a drone and its bridge do not fit together; the bridge's file need not be there."""
+    link = drone.config.link
+    problems = []
+    if link.autopilot == "betaflight" and link.signing is not None:
+        problems.append(f"{drone.place('link.signing')}: link.signing: mavlink-bridge does not "
+                        "sign, so a Betaflight would not be heard")  # fmt: skip
     path = bridge_of(drone.path)
     if not path.exists():
-        return []
+        return problems
     try:
         document = load_yaml(path)
         bridge = validate(BridgeConfig, document, str(path))
     except SettingsError as error:
-        return error.problems
+        return [*problems, *error.problems]
     kind, _, port = parse_endpoint(bridge.link.endpoint)
-    problems = []
-    link = drone.config.link
     if bridge.link.system_id != link.system_id:
         place = document.places.get(("link", "system_id"), path)
         problems.append(f"{place}: link.system_id: is {bridge.link.system_id}, "
@@ -75,6 +78,15 @@ def bridge_problems(drone: Drone) -> list[str]:
         place = document.places.get(("link", "endpoint"), path)
         problems.append(f"{place}: link.endpoint: port {port}, {drone.config.name} "
                         f"listens on {there}")  # fmt: skip
+    airframe, throttle = drone.config.airframe, bridge.throttle
+    for key, is_, name, wanted in (
+        ("hover", throttle.hover, "hover_thrust", airframe.hover_thrust),
+        ("exponent", throttle.exponent, "thrust_exponent", airframe.thrust_exponent),
+    ):
+        if is_ != wanted:  # the bridge passes thrust on as throttle
+            place = document.places.get(("throttle", key), path)
+            problems.append(f"{place}: throttle.{key}: is {is_}, airframe.{name} of "
+                            f"{drone.config.name} {wanted}")  # fmt: skip
     return problems
 
 

@@ -207,18 +207,39 @@ def test_two_drones_that_want_the_same(folder, capsys, other, key, what):
         ("link: {endpoint: 'udpout:127.0.0.1:9'}\n", ":2:8: link.endpoint: port 9, one listens on"),
         ("link: {endpoint: somewhere}\n", ":2:8: link.endpoint: endpoint 'somewhere' is none of"),
         ("controler: x\n", ":2:1: controler: unknown key; did you mean 'controller'?"),
+        (
+            "throttle: {hover: 0.5}\n",
+            ":2:12: throttle.hover: is 0.5, airframe.hover_thrust of one 0.4",
+        ),
+        (
+            "throttle: {exponent: 1.0, hover: 0.4}\n",
+            ":2:12: throttle.exponent: is 1.0, airframe.thrust_exponent",
+        ),
         ("link: {system_id: 1}\n", None),
     ],
 )
 def test_a_bridge_must_be_the_other_end(folder, capsys, bridge, what):
     (folder / "bridges").mkdir()
-    (folder / "bridges" / "one.yaml").write_text(f"fileversion: 1\n{bridge}")
-    (folder / "one.yaml").write_text(HEAD)
+    throttle = "" if "throttle" in bridge else "throttle: {hover: 0.4}\n"
+    (folder / "bridges" / "one.yaml").write_text(f"fileversion: 1\n{bridge}{throttle}")
+    (folder / "one.yaml").write_text(
+        HEAD + "airframe: {hover_thrust: 0.4, thrust_exponent: 1.75}\n"
+    )
     status = main(["check", str(folder / "one.yaml"), str(folder / "bridges" / "one.yaml")])
     said = capsys.readouterr().err
     assert status == (2 if what else 0)
     assert said.startswith(f"{folder}/bridges/one.yaml{what}" if what else "")
     assert len(said.splitlines()) == bool(what)
+
+
+def test_a_betaflight_is_not_signed_for(folder, capsys):
+    drone = HEAD + "link: {{autopilot: {kind}, signing: {{key: autopilot.key}}}}\n"
+    for kind in ("px4", "betaflight"):
+        (folder / "one.yaml").write_text(drone.format(kind=kind))
+        status = main(["check", str(folder / "one.yaml")])
+        said = capsys.readouterr().err
+        assert status == (2 if kind == "betaflight" else 0)
+        assert ("one.yaml:3:31: link.signing: mavlink-bridge does not sign" in said) == bool(status)
 
 
 def test_boards_have_ports_of_their_own(folder):
