@@ -54,10 +54,11 @@ _NAMES = {number: name for name, number in MODES.items()}
 class BridgeTimes:
     """When the bridge acts by itself [s].
 
-    setpoint: silence that ends offboard. release: from the last setpoint until the pilot has the
-    sticks. land: from there to landing where there is no pilot. arm: patience with the arming
-    switch. settle: Betaflight zeroes its height at arming; no take-off before. silent: without
-    answers the controller counts as lost. fix: so long a position is believed without one.
+    setpoint: silence that ends offboard. release: from the last setpoint to the last frame where a
+    pilot stands by; Betaflight holds that one for 0.3 s more, then he has the sticks. land: from
+    the last setpoint to landing where there is no pilot. arm: patience with the arming switch.
+    settle: Betaflight zeroes its height at arming; no take-off before. silent: without answers
+    the controller counts as lost. fix: so long a position is believed without one.
     """
 
     setpoint: float = 0.2

@@ -10,6 +10,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from mavlink_bridge import msp
 from mavlink_bridge.messages import Vector
 from mavlink_bridge.msp import ModeRange, Msp, MspError
@@ -18,9 +20,11 @@ from mavlink_bridge.rate_profile import RateProfile, rate_profile
 OLDEST_API = (1, 43)  # Betaflight 4.2: the kind of rates is told
 _RX_MSP = 1 << 14  # FEATURE_CONFIG
 _BOX_ARM, _BOX_ANGLE, _BOX_OVERRIDE = 0, 1, 50  # permanent box ids
+_FIX_ARM, _FIX_ANGLE = "aux 0 0 0 1700 2100 0 0", "aux 1 1 1 1700 2100 0 0"
 NEUTRAL, LOW, FULL = 1500, 1000, 500
 _AUX_1 = 4  # place of AUX1 among the channels
 _CHANNELS = 16
+_OVERRIDE_ENDS = (1, 47)  # Betaflight 4.6: a frame of MSP OVERRIDE ends after 300 ms
 
 QUESTIONS = (Msp.API_VERSION, Msp.FC_VARIANT, Msp.FC_VERSION, Msp.FEATURE_CONFIG, Msp.RX_MAP,
              Msp.BOXIDS, Msp.MODE_RANGES, Msp.RC_TUNING)  # fmt: skip
@@ -124,22 +128,61 @@ def read_controller(answers: dict[Msp, bytes]) -> Controller:
     ranges = msp.mode_ranges(answers[Msp.MODE_RANGES])
     features = int.from_bytes(answers[Msp.FEATURE_CONFIG][:4], "little")
     sole = bool(features & _RX_MSP)
-    if not sole and not any(r.box == _BOX_OVERRIDE for r in ranges):
-        raise MspError(
-            "no way in: neither feature RX_MSP nor a switch for mode MSP OVERRIDE; "
-            "CLI: aux 2 50 2 1700 2100 0 0, and set msp_override_channels_mask"
-        )
-    return Controller(
+    if not sole:
+        _check_override(api, boxes, ranges)
+    controller = Controller(
         version=".".join(str(b) for b in answers[Msp.FC_VERSION][:3]),
         api=api,
         profile=rate_profile(answers[Msp.RC_TUNING]),
         order=_order(answers[Msp.RX_MAP]),
-        arm=_switch(ranges, _BOX_ARM, "ARM", "aux 0 0 0 1700 2100 0 0"),
-        angle=_switch(ranges, _BOX_ANGLE, "ANGLE", "aux 1 1 1 1700 2100 0 0"),
+        arm=_switch(ranges, _BOX_ARM, "ARM", _FIX_ARM),
+        angle=_switch(ranges, _BOX_ANGLE, "ANGLE", _FIX_ANGLE),
         arm_bit=boxes.index(_BOX_ARM),
-        override_bit=boxes.index(_BOX_OVERRIDE) if not sole and _BOX_OVERRIDE in boxes else None,
+        override_bit=None if sole else boxes.index(_BOX_OVERRIDE),
         sole=sole,
     )
+    _check_switches(controller, ranges)
+    return controller
+
+
+def _check_override(api: tuple[int, int], boxes: list[int], ranges: list[ModeRange]) -> None:
+    """Whether a pilot can hand over, and gets back what falls silent."""
+    if not any(r.box == _BOX_OVERRIDE for r in ranges):
+        raise MspError(
+            "no way in: neither feature RX_MSP nor a switch for mode MSP OVERRIDE; "
+            "CLI: aux 2 50 2 1700 2100 0 0, and set msp_override_channels_mask"
+        )
+    if _BOX_OVERRIDE not in boxes:
+        raise MspError(
+            "mode MSP OVERRIDE has a switch but is not there (MSP_BOXIDS): "
+            "CLI: set msp_override_channels_mask"
+        )
+    if api < _OVERRIDE_ENDS:
+        raise MspError(
+            f"MSP API {api[0]}.{api[1]} holds the last MSP OVERRIDE frame for ever: a bridge that "
+            f"stops would not give the vehicle back; needs {_OVERRIDE_ENDS[0]}.{_OVERRIDE_ENDS[1]} "
+            "(Betaflight 4.6) or newer, or feature RX_MSP"
+        )
+
+
+def _check_switches(controller: Controller, ranges: list[ModeRange]) -> None:
+    """Whether ARM and ANGLE go on and off as `channels` wants them, each by itself."""
+    if controller.arm.aux == controller.angle.aux:
+        raise MspError(
+            f"modes ARM and ANGLE are both on AUX{controller.arm.aux + 1}: "
+            f"each needs its own; CLI: {_FIX_ANGLE}"
+        )
+    off = controller.channels(np.zeros(3), 0.0, armed=False, level=False)[_AUX_1:]
+    # The rest are the pilot's where there is one.
+    ours = range(len(off)) if controller.sole else (controller.arm.aux, controller.angle.aux)
+    modes = {_BOX_ARM: ("ARM", _FIX_ARM), _BOX_ANGLE: ("ANGLE", _FIX_ANGLE)}
+    for r in ranges:
+        if r.box in modes and r.aux in ours and r.holds(off[r.aux]):
+            name, fix = modes[r.box]
+            raise MspError(
+                f"mode {name} cannot be switched off: AUX{r.aux + 1} has it on from "
+                f"{r.low} to {r.high} µs, {off[r.aux]} µs included; CLI: {fix}"
+            )
 
 
 def _order(rx_map: bytes) -> tuple[int, ...]:

@@ -147,6 +147,10 @@ class ModeRange:
         """µs that switches it on."""
         return (self.low + self.high) // 2
 
+    def holds(self, value: int) -> bool:
+        """Whether a channel at `value` µs has it on."""
+        return self.low <= value < self.high
+
 
 # Names of the bits of Status.arming_disabled, API 1.47 (the lower ones are older).
 ARMING_DISABLED = (
@@ -178,8 +182,9 @@ def _unpack(form: str, payload: bytes, at: int = 0) -> tuple[Any, ...]:
 def status(payload: bytes) -> Status:
     """STATUS_EX, from its fixed head and the flags behind its variable middle."""
     modes, extra = _unpack("<I5xB", payload, 6)
-    (flags,) = _unpack("<I", payload, 17 + (extra & 0x0F))
-    return Status(modes, flags)
+    more = extra & 0x0F  # bytes of modes beyond the first 32
+    (flags,) = _unpack("<I", payload, 17 + more)
+    return Status(modes | int.from_bytes(payload[16 : 16 + more], "little") << 32, flags)
 
 
 def raw_imu(payload: bytes) -> RawImu:

@@ -16,6 +16,7 @@ class FakeController:
         self.features = RX_MSP if sole else 0
         self.ranges = [(0, 0, 32, 48), (1, 1, 32, 48)] + ([] if sole else [(50, 2, 32, 48)])
         self.rates = (40, 0, 40, 40, 40, 3)  # rc_rate, expo, three srates, ACTUAL
+        self.boxes = BOXES
         self.armed, self.override, self.reasons = False, False, 0
         self.attitude = (0, 0, 90)  # decidegrees, decidegrees, degrees
         self.gyro = (0, 0, 0)
@@ -33,7 +34,7 @@ class FakeController:
             Msp.FC_VERSION: bytes(self.version),
             Msp.FEATURE_CONFIG: struct.pack("<I", self.features),
             Msp.RX_MAP: bytes([0, 1, 3, 2, 4, 5, 6, 7]),
-            Msp.BOXIDS: bytes(BOXES),
+            Msp.BOXIDS: bytes(self.boxes),
             Msp.MODE_RANGES: b"".join(bytes(r) for r in [*self.ranges, (0, 0, 0, 0)]),
             Msp.RC_TUNING: bytes([rc_rate, expo, *srates, 0, 50, 0, 0, 0, expo, rc_rate, rc_rate,
                                   expo, 0, 100]) + struct.pack("<3H", *[1998] * 3)

@@ -53,10 +53,49 @@ def test_the_pilots_receiver_wants_the_mask_told():
         ({"features": 0}, "no way in: neither feature RX_MSP nor a switch for mode MSP OVERRIDE"),
         ({"ranges": [(1, 1, 32, 48)]}, "no switch for mode ARM; CLI: aux 0 0 0 1700 2100 0 0"),
         ({"ranges": [(0, 0, 32, 48)]}, "no switch for mode ANGLE; CLI: aux 1 1 1 1700 2100 0 0"),
+        (
+            {"ranges": [(0, 0, 32, 48), (1, 0, 32, 48)]},
+            "modes ARM and ANGLE are both on AUX1",
+        ),
+        (
+            {"ranges": [(0, 0, 32, 48), (1, 1, 0, 48)]},
+            "mode ANGLE cannot be switched off: AUX2 has it on from 900 to 2100 µs, 2000 µs",
+        ),
+        (
+            {"ranges": [(0, 0, 32, 48), (1, 1, 32, 48), (1, 1, 0, 16)]},
+            "mode ANGLE cannot be switched off: AUX2 has it on from 900 to 1300 µs, 1000 µs",
+        ),
+        (
+            {"ranges": [(0, 0, 32, 48), (1, 1, 32, 48), (0, 5, 0, 48)]},
+            "mode ARM cannot be switched off: AUX6 has it on from 900 to 2100 µs",
+        ),
     ],
 )
 def test_an_unfit_controller_is_one_clear_line(change, words):
+    _refused(FakeController(), change, words)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            {"boxes": [0, 1]},
+            "mode MSP OVERRIDE has a switch but is not there (MSP_BOXIDS)",
+        ),
+        ({"api": (1, 46)}, "MSP API 1.46 holds the last MSP OVERRIDE frame for ever"),
+    ],
+)
+def test_a_pilot_must_be_able_to_hand_over_and_gets_it_back(change, words):
+    _refused(FakeController(sole=False), change, words)
+
+
+def test_the_only_receiver_may_be_older():
     fake = FakeController()
+    fake.api = (1, 46)
+    assert interview(fake.answer).sole
+
+
+def _refused(fake, change, words):
     for name, value in change.items():
         setattr(fake, name, value)
     with pytest.raises(MspError) as error:

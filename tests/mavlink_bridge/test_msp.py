@@ -1,6 +1,7 @@
 """MSP frames, what they mean, and the rate profile with its inverse."""
 
 import math
+import struct
 
 import pytest
 from fake_controller import FakeController
@@ -59,6 +60,12 @@ def test_several_answers_in_one():
     flags = msp.status(parts[Msp.STATUS_EX]).arming_disabled
     assert msp.arming_reasons(flags) == ["THROTTLE", "ARM_SWITCH"]
     assert msp.battery(parts[Msp.ANALOG]) == (16.8, 1.5)
+
+
+def test_modes_beyond_the_first_32_are_read():
+    head, flags = struct.pack("<3HIBHBB", 125, 0, 0, 1, 0, 10, 4, 0), struct.pack("<BI", 29, 4)
+    status = msp.status(head + b"\2\0\1" + flags)
+    assert status == msp.Status(1 | 1 << 40, 4)
 
 
 def test_linear_actual_rates_are_exact():
