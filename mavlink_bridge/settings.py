@@ -83,7 +83,7 @@ class _StrictLoader(yaml.SafeLoader):
 _StrictLoader.yaml_implicit_resolvers = {}
 for _tag, _pattern, _first in (
     ("bool", r"true|false", "tf"),
-    ("null", r"~|null|", "~n"),
+    ("null", r"~|null|", ["~", "n", ""]),
     ("int", r"[-+]?(?:0|[1-9][0-9]*)|0x[0-9a-fA-F]+", "-+0123456789"),
     (
         "float",
@@ -158,12 +158,18 @@ def assignments(items: Iterable[str], name: str = "--set") -> Document:
         if not equals or not all(path.split(".")):
             raise SettingsError([f"{name} {item}: must be path.to.key=value"])
         keys = path.split(".")
-        parsed = parse_yaml(f"v: {value}", f"{name} {item}").data["v"]
-        data: dict[str, Any] = {keys[-1]: parsed}
+        parsed = parse_yaml(f"v: {value}", f"{name} {item}")
+        if list(parsed.data) != ["v"]:
+            raise SettingsError([f"{name} {item}: must be path.to.key=value"])
+        problems = [
+            f"{name} {item}: {path}.{p.removeprefix(f'{name} {item}').split(': v.', 1)[1]}"
+            for p in parsed.problems
+        ]
+        data: dict[str, Any] = {keys[-1]: parsed.data["v"]}
         for key in reversed(keys[:-1]):
             data = {key: data}
         places: dict[Key, str] = {tuple(keys[: n + 1]): f"{name} {item}" for n in range(len(keys))}
-        documents.append(Document(data, places))
+        documents.append(Document(data, places, problems))
     return merge(documents)
 
 

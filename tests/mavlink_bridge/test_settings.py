@@ -73,6 +73,26 @@ def test_layers_and_assignments():
         assignments(["sizes"])
 
 
+@pytest.mark.parametrize("value", ["{rate_hz: 1, rate_hz: 2}", "{on: true,\n on: true}"])
+def test_a_key_that_stands_twice_in_an_assignment_is_told(value):
+    with pytest.raises(SettingsError) as caught:
+        validate(Outer, merge([parse_yaml("name: a\n", "f"), assignments([f"inner={value}"])]), "f")
+    assert len(caught.value.problems) == 1
+    assert caught.value.problems[0].startswith(f"--set inner={value}: inner.")
+    assert "stands twice" in caught.value.problems[0]
+
+
+def test_an_assignment_is_one_value():
+    with pytest.raises(SettingsError, match=r"must be path\.to\.key=value"):
+        assignments(["name=a\ninner: {}"])
+
+
+@pytest.mark.parametrize("text", ["a:\n", "a: ~\n", "a: null\n", "{a: , b: 1}\n"])
+def test_no_value_is_null(text):
+    assert parse_yaml(text, "f").data["a"] is None
+    assert parse_yaml("a: ''\n", "f").data["a"] == ""
+
+
 def test_data_without_places_is_explained_too():
     with pytest.raises(SettingsError, match=r"^f: inner\.rate: unknown key; did you mean"):
         validate(Outer, Document({"name": "a", "inner": {"rate": 1}}), "f")
