@@ -141,6 +141,9 @@ class Codec:
         if not self._allowed(system, component):
             self.statistics.foreign += 1
             return None
+        if b[start] == _V2 and b[start + 2] & ~_SIGNED:
+            self.statistics.bad_frames += 1  # of a kind that is to be discarded where not known
+            return None
         source, convert = Source(system, component), FROM_WIRE.get(message_id)
         if convert is None and message_id not in mavlink.mavlink_map:
             self.statistics.unknown += 1

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
+from pymavlink.generator.mavcrc import x25crc
 
 from mavlink_bridge import messages as m
 from mavlink_bridge.codec import Codec
@@ -133,3 +134,18 @@ def test_a_course_is_less_than_a_full_turn(off):
         course = sent.hdg if isinstance(message, m.GlobalPosition) else sent.cog
         assert course < 36000
         assert min(course, 36000 - course) <= 1
+
+
+@pytest.mark.parametrize("flags", [0x02, 0x80])
+def test_a_frame_of_an_unknown_kind_is_discarded(flags):
+    frame = bytearray(Codec(7, 191).encode([EXAMPLES[2]]))
+    frame[2] = flags  # incompat_flags; with a checksum that is right
+    kind = mavlink.mavlink_map[mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION]
+    crc = x25crc(frame[1:-2] + bytes([kind.crc_extra])).crc
+    frame[-2:] = crc.to_bytes(2, "little")
+    codec = Codec(1, 1)
+    assert codec.decode_datagram(bytes(frame)) == []
+    assert codec.statistics.bad_frames == 1
+    frame[2] = 0
+    frame[-2:] = x25crc(frame[1:-2] + bytes([kind.crc_extra])).crc.to_bytes(2, "little")
+    assert len(codec.decode_datagram(bytes(frame))) == 1
