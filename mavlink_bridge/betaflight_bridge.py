@@ -41,6 +41,7 @@ from mavlink_bridge.thrust import ThrustMap
 POLLED = [Msp.ATTITUDE, Msp.RAW_IMU, Msp.ALTITUDE, Msp.RAW_GPS, Msp.STATUS_EX, Msp.RC, Msp.ANALOG]
 _RATES_AND_THRUST = 128
 _QUADROTOR = 2
+_AUTOPILOT = 1  # MAV_COMP_ID
 _STANDBY, _ACTIVE, _CRITICAL = 3, 4, 5
 _ERROR, _INFO = 3, 6
 _FIX_3D = 3
@@ -225,7 +226,7 @@ class BetaflightBridge:
         m = received.message
         if isinstance(m, RateSetpoint):
             self._follow(time, m)
-        elif isinstance(m, Command) and m.target_system in (0, self._system):
+        elif isinstance(m, Command) and self._means_me(m):
             result = self._command(time, m)
             source = received.source
             self._outbox.append(CommandAck(m.command, result, source.system, source.component))
@@ -234,9 +235,14 @@ class BetaflightBridge:
         elif isinstance(m, TimeSync) and m.tc1 == 0:
             self._outbox.append(TimeSync(round(time * 1e9), m.ts1))
 
+    def _means_me(self, m: Command | RateSetpoint) -> bool:
+        """Whether it is for this vehicle's autopilot: a gimbal's commands are none of ours."""
+        ours = m.target_system in (0, self._system)
+        return ours and m.target_component in (0, _AUTOPILOT)
+
     def _follow(self, time: float, m: RateSetpoint) -> None:
         sane = bool(np.isfinite(m.omega).all()) and math.isfinite(m.thrust)
-        if m.type_mask == _RATES_AND_THRUST and sane and m.target_system in (0, self._system):
+        if m.type_mask == _RATES_AND_THRUST and sane and self._means_me(m):
             self._setpoint, self._setpoint_at = m, time
 
     def _command(self, time: float, m: Command) -> int:
@@ -376,6 +382,13 @@ class BetaflightBridge:
             sticks = np.array([lean.right, lean.forward, 0.0]) / self._limit
             channels = controller.channels(sticks, lean.thrust, self._arm_switch, True)
         return msp.raw_rc(channels)
+
+    def parting(self) -> bytes:
+        """The last RC frame, for when the bridge ends: level; none where the pilot flies."""
+        if self.mode == "pilot":
+            return b""
+        thrust = self._level.step(None, 0.0).thrust if self.armed and self._lifted else 0.0
+        return msp.raw_rc(self._controller.channels(np.zeros(3), thrust, self._arm_switch, True))
 
     def _heartbeat(self, time: float) -> Heartbeat:
         silent = time - self._answered > self._times.silent

@@ -110,6 +110,8 @@ class BridgeLoop:
                     self._line.stream.send(out.rc)
                 self._tell(out.messages)
             self._poll(now)
+        if parting := self._bridge.parting():
+            self._line.stream.send(parting)
         self.close()
 
     def close(self) -> None:

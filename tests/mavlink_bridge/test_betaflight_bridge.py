@@ -9,6 +9,8 @@ from fake_controller import FakeController
 
 from mavlink_bridge.betaflight import MODES, PILOT, Betaflight
 from mavlink_bridge.betaflight_bridge import POLLED, BetaflightBridge
+from mavlink_bridge.bridge_config import BridgeConfig
+from mavlink_bridge.bridge_loop import BridgeLoop, MspLine
 from mavlink_bridge.codec import Codec
 from mavlink_bridge.controller import interview
 from mavlink_bridge.frames import euler_from_quaternion
@@ -438,3 +440,51 @@ def test_a_controller_that_answers_no_more_is_flown_level():
     assert rc[:2] == (1500, 1500)
     assert 1300 < rc[2] < 1700
     assert rc[4] > 1700
+
+
+@pytest.mark.parametrize("component", [100, 154, 191])
+def test_what_is_for_another_component_is_not_ours(component):
+    b = Bench()
+    b.send([Command(CommandId.COMPONENT_ARM_DISARM, (1.0, *(0.0,) * 6), 1, component)])
+    b.setpoint = RateSetpoint(0.0, np.zeros(3), 0.5, 1, component)
+    b.run(1.0)
+    assert not b.fc.armed
+    assert not [m for m in b.heard if isinstance(m, CommandAck)]
+    b.send(b.ask.offboard())
+    b.run(STEP)
+    assert "Offboard refused: no setpoints" in b.texts()
+    assert b.asked(CommandId.COMPONENT_ARM_DISARM, 1.0, component=0) == CommandResult.ACCEPTED
+
+
+class Stream:
+    """A line that keeps what is sent."""
+
+    problem = ""
+
+    def __init__(self):
+        self.sent = []
+
+    def send(self, data):
+        self.sent.append(data)
+        return True
+
+    def close(self):
+        pass
+
+
+@pytest.mark.parametrize("sole", [True, False])
+def test_the_last_thing_sent_is_level_sticks(sole):
+    b = Bench(sole)
+    b.fc.override = True
+    b.run(0.2)
+    b.fly(np.radians([100.0, 50.0, 0.0]), 0.6)
+    config, stream = BridgeConfig.model_validate({"link": {"ground": None}}), Stream()
+    loop = BridgeLoop(config, MspLine(stream), b.bridge._controller)
+    loop._bridge = b.bridge
+    loop.run(lambda: True)
+    rc = struct.unpack("<16H", stream.sent[-1][5:-1])
+    assert rc[:6] == (1500, 1500, 1500, 1500, 1900, 1900)  # at hover thrust, armed, ANGLE on
+
+
+def test_a_bridge_that_ends_says_nothing_into_the_pilots_flight():
+    assert flown_by_the_pilot().bridge.parting() == b""
