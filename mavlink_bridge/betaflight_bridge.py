@@ -35,10 +35,10 @@ from mavlink_bridge.messages import (
     TimeSync,
     Vector,
 )
-from mavlink_bridge.msp import Msp, MspError, Reply
+from mavlink_bridge.msp import Reply
+from mavlink_bridge.polling import Answer, read_answer
 from mavlink_bridge.thrust import ThrustMap
 
-POLLED = [Msp.ATTITUDE, Msp.RAW_IMU, Msp.ALTITUDE, Msp.RAW_GPS, Msp.STATUS_EX, Msp.RC, Msp.ANALOG]
 _RATES_AND_THRUST = 128
 _QUADROTOR = 2
 _AUTOPILOT = 1  # MAV_COMP_ID
@@ -48,6 +48,7 @@ _FIX_3D = 3
 _SPEED_MAX = 100.0  # m/s; what says more is wrong
 _FORCE = 21196.0
 _IDLE = 1100.0  # µs of throttle; more lifts or may lift
+_LANDED, _LOW = 2.0, 1.0  # s without throttle so low [m]: it stands
 _NAMES = {number: name for name, number in MODES.items()}
 
 
@@ -80,25 +81,6 @@ class Output:
     messages: list[Message] = field(default_factory=list)
 
 
-@dataclass(frozen=True)
-class _Motion:
-    """Of one answer: angles [rad] of `msp.attitude`, height [m]."""
-
-    imu: msp.RawImu
-    attitude: tuple[float, float, float]
-    height: float
-    gps: msp.RawGps | None
-
-
-def _motion(parts: dict[Msp, bytes]) -> _Motion:
-    return _Motion(
-        msp.raw_imu(parts[Msp.RAW_IMU]),
-        msp.attitude(parts[Msp.ATTITUDE]),
-        msp.altitude(parts[Msp.ALTITUDE])[0],  # its climb rate lags by 0.3 s
-        msp.raw_gps(parts[Msp.RAW_GPS]) if parts[Msp.RAW_GPS] else None,
-    )
-
-
 def _credible(v: Vector | None) -> bool:
     """Whether a velocity [m/s] can be that of a vehicle; none given is."""
     return v is None or bool((np.abs(v) <= _SPEED_MAX).all())  # False for NaN
@@ -123,7 +105,7 @@ class BetaflightBridge:
         self._state = CoarseState(silent=self._times.silent, unfixed=self._times.fix)
         self._level = LevelFlight(thrust)
         self._lifted = False  # since arming, throttle was given, by whomever
-        self._armed_at = -math.inf
+        self._armed_at = self._throttle_at = -math.inf
         self._arm_switch = False
         self._arm_asked: float | None = None
         self._reasons = 0
@@ -142,40 +124,31 @@ class BetaflightBridge:
 
     def read(self, time: float, reply: Reply) -> None:
         """An answer of the controller, at `time` [s]; one that cannot be read counts as none."""
-        if reply.command != Msp.MULTIPLE_MSP or reply.refused:
+        answer = read_answer(reply)
+        if answer is None:
             return
-        parts = msp.split(POLLED, reply.payload)
-        if len(parts) < len(POLLED):
-            return
-        try:
-            status, motion = msp.status(parts[Msp.STATUS_EX]), _motion(parts)
-            throttle = msp.throttle(parts[Msp.RC])
-            self._battery = msp.battery(parts[Msp.ANALOG])
-        except MspError:
-            return
-        first = not math.isfinite(self._answered)
-        self._answered = time
         # What the pilot does; at the first answer also what was done before this bridge came.
-        given = throttle if first or self.mode == "pilot" else None
-        self._read_status(time, status, given)
-        self._read_motion(time, motion)
+        theirs = self.mode == "pilot" or not math.isfinite(self._answered)
+        self._answered, self._battery = time, answer.battery
+        self._read_status(time, answer, theirs)
+        self._read_motion(time, answer)
         if (state := self._state.at(time, placed=False)) is not None:
             self._outbox.append(Attitude(time, state.q_wb, state.omega))
         if (state := self._state.at(time)) is not None:
             self._outbox.append(LocalPosition(time, state.p, state.v))
 
-    def _read_motion(self, time: float, motion: _Motion) -> None:
-        s, imu, resting = self._state, motion.imu, not self._lifted
+    def _read_motion(self, time: float, answer: Answer) -> None:
+        s, imu, resting = self._state, answer.imu, not self._lifted
         s.advance(time)
         s.gyro(imu.omega)
-        roll, pitch, heading = motion.attitude
+        roll, pitch, heading = answer.attitude
         # Whole degrees were cut off, not rounded.
         s.angles(roll, pitch, math.pi / 2 - heading - math.radians(0.5))
         s.force(imu.force, resting)
-        s.height(motion.height, resting)
-        gps = motion.gps
+        s.height(answer.height, resting)
+        gps = answer.gps
         if gps is None:
-            return  # firmware built without GPS: then GPS_INPUT has to do
+            return
         now = (gps.latitude_deg, gps.longitude_deg, *gps.v)
         if gps.fix and now != self._gps:
             self._gps = now
@@ -183,8 +156,9 @@ class BetaflightBridge:
         elif gps.fix:
             s.fixed()
 
-    def _read_status(self, time: float, status: msp.Status, given: float | None) -> None:
-        """given: throttle [µs] that is not this bridge's doing, where it is not."""
+    def _read_status(self, time: float, answer: Answer, theirs: bool) -> None:
+        """theirs: what it does is not this bridge's doing."""
+        status = answer.status
         armed, before = bool(status.modes >> self._controller.arm_bit & 1), self.armed
         self._reasons, self.armed = status.arming_disabled, armed
         if before and not armed:
@@ -194,10 +168,9 @@ class BetaflightBridge:
         elif armed and not before:
             self._armed_at = time
             self._say(_INFO, "Armed")
-        if armed and given is not None:
-            # Armed and flown by somebody else: what is taken over goes on.
+        if armed and theirs:  # what is taken over goes on
             self._arm_switch = True
-            self._lifted = self._lifted or given > _IDLE
+            self._watch_throttle(time, answer.throttle > _IDLE)
         if self._controller.override_bit is not None:
             self._watch_override(bool(status.modes >> self._controller.override_bit & 1))
         if self._arm_asked is not None and (armed or time - self._arm_asked > self._times.arm):
@@ -205,6 +178,14 @@ class BetaflightBridge:
                 self._arm_switch = False
                 self._say(_ERROR, "Arming denied: " + self._why())
             self._arm_asked = None
+
+    def _watch_throttle(self, time: float, up: bool) -> None:
+        """Whether it was lifted by somebody else, or put down again."""
+        if up:
+            self._lifted, self._throttle_at = True, time
+        state = self._state.at(time, placed=False)
+        if time - self._throttle_at > _LANDED and state is not None and state.p[2] < _LOW:
+            self._lifted = False
 
     def _watch_override(self, on: bool) -> None:
         """The pilot hands over and takes back by his switch."""

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 
 from mavlink_bridge import msp
-from mavlink_bridge.betaflight_bridge import POLLED, BetaflightBridge, BridgeTimes
+from mavlink_bridge.betaflight_bridge import BetaflightBridge, BridgeTimes
 from mavlink_bridge.bridge_config import BridgeConfig
 from mavlink_bridge.bytestream import ByteStream
 from mavlink_bridge.codec import Codec
@@ -16,6 +16,7 @@ from mavlink_bridge.controller import Controller, interview
 from mavlink_bridge.link import Link, open_endpoint
 from mavlink_bridge.messages import Message, RateSetpoint, StatusText
 from mavlink_bridge.msp import Msp, MspDecoder, MspError, Reply
+from mavlink_bridge.polling import POLLED
 
 _CYCLE = 0.025  # s between RC frames; a new setpoint goes out at once
 _POLL = 0.014  # s between questions, never two at a time: Betaflight answers 100 a second

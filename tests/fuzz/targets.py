@@ -26,12 +26,13 @@ from companion.phases import Phase
 from companion.pipeline import Pipeline, TickInputs
 from companion.replay import replay
 from mavlink_bridge import msp
-from mavlink_bridge.betaflight_bridge import POLLED, BetaflightBridge
+from mavlink_bridge.betaflight_bridge import BetaflightBridge
 from mavlink_bridge.codec import Codec
 from mavlink_bridge.controller import QUESTIONS, interview
 from mavlink_bridge.dialect import FROM_WIRE
 from mavlink_bridge.mcapfile import Follower, LogError, salvage, whole_records
 from mavlink_bridge.messages import RateSetpoint, Source
+from mavlink_bridge.polling import POLLED
 from mavlink_bridge.settings import SettingsError, assignments
 from mavlink_bridge.signing import Signing
 from mavlink_bridge.thrust import ThrustMap

@@ -7,9 +7,10 @@ import numpy as np
 from fake_controller import FakeController
 
 from mavlink_bridge.betaflight import Betaflight
-from mavlink_bridge.betaflight_bridge import POLLED, BetaflightBridge
+from mavlink_bridge.betaflight_bridge import BetaflightBridge
 from mavlink_bridge.controller import interview
 from mavlink_bridge.messages import Command, CommandAck, RateSetpoint, Received, Source, StatusText
+from mavlink_bridge.polling import POLLED
 from mavlink_bridge.thrust import ThrustMap
 
 COMPANION = Source(1, 191)

@@ -8,7 +8,6 @@ import pytest
 from bench import STEP, Bench
 
 from mavlink_bridge.betaflight import MODES
-from mavlink_bridge.betaflight_bridge import POLLED
 from mavlink_bridge.bridge_config import BridgeConfig
 from mavlink_bridge.bridge_loop import BridgeLoop, MspLine
 from mavlink_bridge.frames import euler_from_quaternion
@@ -23,6 +22,7 @@ from mavlink_bridge.messages import (
     RateSetpoint,
 )
 from mavlink_bridge.msp import Msp, Reply
+from mavlink_bridge.polling import POLLED
 
 
 def test_telemetry_at_50_hz_with_body_rates():

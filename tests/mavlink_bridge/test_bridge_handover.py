@@ -53,6 +53,29 @@ def test_handed_over_armed_on_the_ground_the_motors_idle_until_the_first_throttl
     assert b.rc[2] == 1600
 
 
+def test_landed_by_the_pilot_and_still_armed_the_motors_idle_until_the_first_throttle():
+    b = flown_by_the_pilot()
+    for _ in range(round(1.5 / STEP)):
+        b.fc.altitude -= 2
+        b.run(STEP)
+    b.pilot = (True, 1000)
+    b.run(3.0)
+    b.fc.override = True
+    b.run(1.0)
+    assert b.fc.armed
+    assert (b.rc[2], b.rc[4]) == (1000, 1900)
+
+
+def test_a_pilots_dive_is_no_landing():
+    b = flown_by_the_pilot()
+    b.climb(6.0)
+    b.pilot = (True, 1000)
+    b.run(3.0)
+    b.fc.override = True
+    b.run(0.5)
+    assert b.rc[2] > 1300
+
+
 def test_a_bridge_that_starts_anew_in_flight_goes_on():
     b = Bench()
     b.hover()
