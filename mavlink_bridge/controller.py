@@ -24,7 +24,9 @@ _FIX_ARM, _FIX_ANGLE = "aux 0 0 0 1700 2100 0 0", "aux 1 1 1 1700 2100 0 0"
 NEUTRAL, LOW, FULL = 1500, 1000, 500
 _AUX_1 = 4  # place of AUX1 among the channels
 _CHANNELS = 16
-_OVERRIDE_ENDS = (1, 47)  # Betaflight 4.6: a frame of MSP OVERRIDE ends after 300 ms
+# Betaflight 2026.6: MSP OVERRIDE ends 300 ms after the last frame. Before, the last one holds for
+# ever, and where none came yet all channels go to their lowest at the hand-over, ARM as well.
+_OVERRIDE_ENDS = (1, 48)
 
 QUESTIONS = (Msp.API_VERSION, Msp.FC_VARIANT, Msp.FC_VERSION, Msp.FEATURE_CONFIG, Msp.RX_MAP,
              Msp.BOXIDS, Msp.MODE_RANGES, Msp.RC_TUNING)  # fmt: skip
@@ -159,9 +161,9 @@ def _check_override(api: tuple[int, int], boxes: list[int], ranges: list[ModeRan
         )
     if api < _OVERRIDE_ENDS:
         raise MspError(
-            f"MSP API {api[0]}.{api[1]} holds the last MSP OVERRIDE frame for ever: a bridge that "
-            f"stops would not give the vehicle back; needs {_OVERRIDE_ENDS[0]}.{_OVERRIDE_ENDS[1]} "
-            "(Betaflight 4.6) or newer, or feature RX_MSP"
+            f"MSP API {api[0]}.{api[1]} disarms when MSP OVERRIDE hands over and holds its last "
+            f"frame for ever; needs {_OVERRIDE_ENDS[0]}.{_OVERRIDE_ENDS[1]} (Betaflight 2026.6) or "
+            "newer, or feature RX_MSP"
         )
 
 

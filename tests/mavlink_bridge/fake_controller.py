@@ -12,7 +12,8 @@ class FakeController:
     """Answers by command; change its attributes to make it something else."""
 
     def __init__(self, sole=True):
-        self.variant, self.api, self.version = b"BTFL", (1, 47), (4, 6, 0)
+        self.variant = b"BTFL"
+        self.api, self.version = ((1, 47), (4, 6, 0)) if sole else ((1, 48), (26, 6, 0))
         self.features = RX_MSP if sole else 0
         self.ranges = [(0, 0, 32, 48), (1, 1, 32, 48)] + ([] if sole else [(50, 2, 32, 48)])
         self.rates = (40, 0, 40, 40, 40, 3)  # rc_rate, expo, three srates, ACTUAL

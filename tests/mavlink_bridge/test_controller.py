@@ -82,7 +82,10 @@ def test_an_unfit_controller_is_one_clear_line(change, words):
             {"boxes": [0, 1]},
             "mode MSP OVERRIDE has a switch but is not there (MSP_BOXIDS)",
         ),
-        ({"api": (1, 46)}, "MSP API 1.46 holds the last MSP OVERRIDE frame for ever"),
+        (
+            {"api": (1, 47)},
+            "MSP API 1.47 disarms when MSP OVERRIDE hands over and holds its",
+        ),
     ],
 )
 def test_a_pilot_must_be_able_to_hand_over_and_gets_it_back(change, words):
