@@ -28,7 +28,7 @@ from companion.model import yaw_of
 from companion.nmpc import Instance, Neighbour, Result, make_instance
 from companion.obstacles import ObstacleMap
 from companion.ownstate import OwnState
-from companion.phases import Phase, Phases
+from companion.phases import COMPANION_HEARTBEAT, Phase, Phases
 from companion.reciprocity import yielding
 from companion.sight import Sight, Sighting
 from companion.surfaces import Surfaces
@@ -50,8 +50,6 @@ from mavlink_bridge.video import Frame
 _HEARTBEAT_PERIOD = 1.0
 _CLOCK_BACK = 1.0  # s; a vehicle whose clock goes back by more has started anew
 _COPIES = 2  # of a setpoint, besides the first
-_COMPANION_HEARTBEAT = Heartbeat(autopilot=8, vehicle_type=18, armed=False, custom_mode=0,
-                                 system_status=4)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -276,7 +274,7 @@ class Pipeline:
         out.messages += decision.requests
         if out.time - self._heartbeat_sent >= _HEARTBEAT_PERIOD:
             self._heartbeat_sent = out.time
-            out.messages.append(_COMPANION_HEARTBEAT)
+            out.messages.append(COMPANION_HEARTBEAT)
         if decision.stream:
             self._stream(out)
         else:
