@@ -79,15 +79,14 @@ class Mission:
         self._begun: VehicleState | None = None
 
     def update(self, own: VehicleState) -> Progress:
-        """Advance where the present goal is done; without goals, stay where the drone is, for ever.
+        """Advance where the present goal is done.
 
-        While it is to wait, a drone holds where the first update found it.
+        While it is to wait, and for ever without goals, a drone holds where the first update found
+        it.
         """
-        if not self._goals:
-            return Progress(own.p, 0, False)
         self._begun = self._begun or own
         # A vehicle's clock that begins anew, after a reboot, must not make the wait endless.
-        if 0.0 <= own.time - self._begun.time < self._config.wait:
+        if not self._goals or 0.0 <= own.time - self._begun.time < self._config.wait:
             return Progress(self._begun.p, 0, False)
         while not self._complete and self._done(own):
             self._near = False
