@@ -145,6 +145,9 @@ def merge(documents: Iterable[Document]) -> Document:
     merged = Document()
     for document in documents:
         overlay(merged.data, document.data)
+        whole = document.places.keys() - {key[:-1] for key in document.places}
+        for key in [k for k in merged.places if any(k[:n] in whole for n in range(1, len(k)))]:
+            del merged.places[key]  # of an item of a list that is replaced
         merged.places.update(document.places)
         merged.problems.extend(document.problems)
     return merged

@@ -143,7 +143,7 @@ def test_a_wrong_file_of_missions_is_one_clear_error(text, words, tmp_path):
 @pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("mission.targets=[[1.0, 2.0]]", "mission.targets.0: "),
+        ("mission.targets=[[1.0, 2.0]]", "--set mission.targets=[[1.0, 2.0]]: mission.targets"),
         ("mission.targets_of={drone99: [[1.0, 2.0, 3.0]]}", "no drone 'drone99'; valid: drone1,"),
         ("drones.starts=[[1.0, 2.0, 3.0]]", "drones.starts"),
     ],
