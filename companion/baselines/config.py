@@ -43,7 +43,7 @@ class VasarhelyiConfig(StrictModel):
     v_frict: float = Field(0.4, ge=0, description="Velocity slack of alignment [m/s].")
     p_frict: float = Field(1.5, gt=0, description="Gain of the braking curve [1/s].")
     a_frict: float = Field(1.5, gt=0, description="Acceleration of the braking curve [m/s²].")
-    r0_shill: float = Field(0.4, ge=0, description="Stopping point before obstacles [m].")
+    r0_shill: float = Field(0.8, ge=0, description="Stopping point before obstacles [m].")
     v_shill: float = Field(1.5, ge=0, description="Speed of shill agents [m/s].")
     p_shill: float = Field(1.5, gt=0, description="Gain of the braking curve [1/s].")
     a_shill: float = Field(2.0, gt=0, description="Acceleration of the braking curve [m/s²].")
@@ -54,7 +54,7 @@ class PotentialFieldConfig(StrictModel):
 
     eta_agent: float = Field(3.0, ge=0, description="Strength between drones [m⁴/s].")
     rho_agent: float = Field(3.0, gt=0, description="Reach between surfaces of drones [m].")
-    eta_obstacle: float = Field(0.4, ge=0, description="Strength of obstacles [m⁴/s].")
+    eta_obstacle: float = Field(2.0, ge=0, description="Strength of obstacles [m⁴/s].")
     rho_obstacle: float = Field(1.5, gt=0, description="Reach of obstacles [m].")
 
 
