@@ -20,9 +20,9 @@ class Surroundings:
 
     v (2,): own velocity. migration (2,): velocity that the mission asks for, slower near the goal
     and where that is unseen or crowded. fastest: most that may be flown, to make way too, as for
-    the NMPC. neighbours (k,2), their
-    velocities (k,2), and 0…1 how much each is one to stay with (k,). trunks (c,3): x, y, radius.
-    walls (h,3): n_x, n_y, free while n·d <= b. surfaces (c+h,2): nearest point of each of them.
+    the NMPC. neighbours (k,2), their velocities (k,2), and 0…1 how much each is one to stay with
+    (k,). trunks (c,3): x, y, radius. walls (h,3): n_x, n_y, free while n·d <= b. surfaces (c+h,2):
+    nearest point of each of them.
     """
 
     v: Vector

@@ -14,6 +14,7 @@ from mavlink_bridge.settings import SettingsError
 
 REQUEST = "campaign.json"
 _LOCK = ".lock"
+_TOLD = 5  # differences; a folder of another version may differ in all
 
 
 @contextmanager
@@ -63,6 +64,8 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _differences(before: dict[str, Any], asked: dict[str, Any]) -> list[str]:
-    """The settings that are not the same, in words."""
-    return [f"{k} {before.get(k)!r}, not {asked.get(k)!r}" for k in {**before, **asked}
-            if before.get(k) != asked.get(k)]  # fmt: skip
+    """The settings that are not the same, in words; the first few."""
+    found = [f"{k} {before.get(k)!r}, not {asked.get(k)!r}" for k in {**before, **asked}
+             if before.get(k) != asked.get(k)]  # fmt: skip
+    more = [f"and {len(found) - _TOLD} more"] if len(found) > _TOLD else []
+    return found[:_TOLD] + more

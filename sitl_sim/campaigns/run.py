@@ -89,7 +89,7 @@ def _fly(job: Job, folder: Path) -> None:
     from sitl_sim.runner import flight
 
     cv2.setNumThreads(1)
-    commit()
+    commit()  # looked up now: what is committed during the flight did not fly
     wanted = [*job.overrides, f"seed={job.seed}"]
     started = time.monotonic()
     with _ports(job, scenarios.load(job.scenario, wanted).drones.count) as ports:

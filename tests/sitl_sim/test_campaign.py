@@ -99,6 +99,14 @@ def test_a_folder_of_other_flights_is_refused_and_left_as_it_is(scenario, tmp_pa
     assert (out / "unfinished" / "hop-0-17").exists()
 
 
+def test_a_folder_of_another_version_is_refused_in_a_line(scenario, tmp_path, capsys):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "campaign.json").write_text(json.dumps({"name": "hop", "overrides": []}))
+    assert campaign(scenario, out) == 2
+    assert len(capsys.readouterr().err) < 600
+
+
 def test_two_campaigns_do_not_fly_into_one_folder(scenario, tmp_path, capsys):
     out = tmp_path / "out"
     with claimed(out, settings(scenario)):
