@@ -2,7 +2,8 @@
 
 L = atan2(v_y, v_x) + ε, ε ~ N(μ, σ²). A fresh ε every tick would only shake the drone, so
 each half-swing draws its amplitude from the distribution and swings to alternate sides; the
-reference is slew-limited, as the drone can turn only so fast.
+reference is slew-limited, as the drone can turn only so fast. Before it sets out a drone looks
+once all round: two that start abeam of each other are both beyond the edge of the other's view.
 """
 
 from __future__ import annotations
@@ -48,6 +49,9 @@ class GazeConfig(StrictModel):
     creep: float = Field(
         0.1, gt=0, le=1, description="Part of the speed at which the unseen is entered."
     )
+    survey: float = Field(
+        2 * math.pi, ge=0, description="Turn [rad] on the spot before setting out; 0: none."
+    )
     seed: int = Field(0, ge=0, description="Of the random sweep; each drone its own.")
 
 
@@ -62,6 +66,12 @@ class Gaze:
         self._epsilon = 0.0
         self._yaw: float | None = None
         self._time = 0.0
+        self._to_survey = config.survey
+
+    @property
+    def surveyed(self) -> bool:
+        """Whether the look round before setting out is over."""
+        return self._to_survey <= 0.0
 
     def update(
         self,
@@ -76,14 +86,19 @@ class Gaze:
 
         The base is the direction of motion and of what it is about to become: v plus a pull
         to the goal, so that a drone that must turn round looks before it flies. Over the
-        goal itself, where it looks already. lost: world bearings [rad] of near neighbours that
-        are out of view, the most threatening first: the next swing goes to the first's side,
-        as far as it takes (within `limit`) to have it in view again. close: world bearing [rad] of
-        the nearest neighbour where it is at arm's length: no swing loses sight of it.
+        goal itself, where it looks already. Until `surveyed`, a turn on the spot instead.
+        lost: world bearings [rad] of near neighbours that are out of view, the most threatening
+        first: the next swing goes to the first's side, as far as it takes (within `limit`) to
+        have it in view again. close: world bearing [rad] of the nearest neighbour where it is at
+        arm's length: no swing loses sight of it.
         """
         c = self._config
         if self._yaw is None:
             self._yaw, self._time = yaw_now, time
+        step = c.slew * max(time - self._time, 0.0)
+        if not self.surveyed:
+            self._to_survey -= step
+            return self._turned(self._side * step, time)
         far = math.hypot(to_goal[0], to_goal[1])
         pull = c.goal_pull / far if far > 1.0 else 0.0
         motion = (v[0] + pull * to_goal[0], v[1] + pull * to_goal[1])
@@ -94,7 +109,6 @@ class Gaze:
         if time >= self._swing_ends:
             self._swing_ends = time + c.half_period
             self._epsilon = self._swing([wrap(bearing - base) for bearing in lost])
-        step = c.slew * max(time - self._time, 0.0)
         epsilon = self._epsilon
         if close is not None:
             off = wrap(close - base)
@@ -102,14 +116,19 @@ class Gaze:
             if least <= most:
                 epsilon = min(max(epsilon, least), most)
         turn = wrap(base + epsilon - self._yaw)
-        self._yaw = wrap(self._yaw + min(max(turn, -step), step))
-        self._time = time
-        return self._yaw
+        return self._turned(min(max(turn, -step), step), time)
 
     def rest(self, time: float, yaw: float) -> float:
-        """Somebody else turns the drone: ψ is where it looks, and the sweep begins from there."""
+        """Somebody else turns the drone: ψ is where it looks, and all begins from there."""
         self._yaw, self._time, self._epsilon = yaw, time, 0.0
+        self._to_survey = self._config.survey
         return yaw
+
+    def _turned(self, by: float, time: float) -> float:
+        """ψ at `time`, `by` [rad] further than before."""
+        assert self._yaw is not None
+        self._yaw, self._time = wrap(self._yaw + by), time
+        return self._yaw
 
     def _swing(self, lost: Sequence[float]) -> float:
         """ε of the next half-swing; lost: bearings off the base direction."""

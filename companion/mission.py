@@ -78,15 +78,16 @@ class Mission:
         self._turn = 0.0
         self._begun: VehicleState | None = None
 
-    def update(self, own: VehicleState) -> Progress:
+    def update(self, own: VehicleState, surveyed: bool = True) -> Progress:
         """Advance where the present goal is done.
 
-        While it is to wait, and for ever without goals, a drone holds where the first update found
-        it.
+        Until it has looked round and waited, and for ever without goals, a drone holds where the
+        first update found it.
         """
         self._begun = self._begun or own
         # A vehicle's clock that begins anew, after a reboot, must not make the wait endless.
-        if not self._goals or 0.0 <= own.time - self._begun.time < self._config.wait:
+        waits = 0.0 <= own.time - self._begun.time < self._config.wait
+        if not self._goals or waits or not surveyed:
             return Progress(self._begun.p, 0, False)
         while not self._complete and self._done(own):
             self._near = False

@@ -194,7 +194,8 @@ class Pipeline:
         own = out.own
         assert own is not None
         mine = self._phases.phase in (Phase.FLY, Phase.LAND)
-        out.progress = self._mission.update(own) if mine else Progress(own.p, 0, False)
+        surveyed = self._gaze.surveyed
+        out.progress = self._mission.update(own, surveyed) if mine else Progress(own.p, 0, False)
         cylinders = self._map.obstacles(own.p).cylinders
         points = self._surfaces.points(cylinders)
         room = self._config.nmpc.d_obstacle_safety - self._config.surfaces.rough

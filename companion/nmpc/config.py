@@ -147,7 +147,7 @@ class NmpcConfig(StrictModel):
 
     # Solver: counts, never times, so that the same input gives the same bytes
     sqp_iterations: int = Field(2, ge=1, le=50, description="Each tick, at least.")
-    sqp_iterations_max: int = Field(4, ge=1, le=500, description="While the step is large.")
+    sqp_iterations_max: int = Field(8, ge=1, le=500, description="While the step is large.")
     sqp_iterations_cold: int = Field(15, ge=1, le=500, description="The first tick.")
     sqp_iterations_rescue: int = Field(
         15, ge=1, le=500, description="From braking to a halt, where a plan intrudes."

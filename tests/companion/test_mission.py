@@ -84,6 +84,13 @@ def test_a_drone_that_waits_holds_where_it_began():
     assert np.array_equal(mission.update(at([0.3, 0.0, 2.0], time=13.0)).goal, [5.0, 0.0, 2.0])
 
 
+def test_nobody_sets_out_before_having_looked_round():
+    mission = Mission(MissionConfig(goals=[[5.0, 0.0, 2.0]]))
+    assert np.allclose(mission.update(at([1.0, 1.0, 2.0]), surveyed=False).goal, [1.0, 1.0, 2.0])
+    assert np.allclose(mission.update(at([1.2, 1.0, 2.0]), surveyed=False).goal, [1.0, 1.0, 2.0])
+    assert np.allclose(mission.update(at([1.0, 1.0, 2.0], time=5.0)).goal, [5.0, 0.0, 2.0])
+
+
 def test_a_clock_that_begins_anew_ends_the_wait():
     for wait in (0.0, 3.0):
         mission = Mission(MissionConfig(goals=[[5.0, 0.0, 2.0]], wait=wait))

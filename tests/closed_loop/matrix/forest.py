@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 from checks import OFFBOARD, first_with, mode_after, modes_from, nan_between, spoil_solves
-from inprocess import WithPictures, run
+from inprocess import SET_OUT_AT_ONCE, WithPictures, run
 
 from companion.eye import Trouble
 from companion.guard import Ask, Reason
@@ -387,7 +387,8 @@ def scenario(drones, seed, seconds, parameters, faults):
         [f"drones.count={drones}", f"seed={seed}", f"mission.time_limit={seconds}",
          "sensing.neighbours=truth", "sensing.obstacles=map",
          f"mission.targets={TARGETS}", "mission.home=false",
-         f"drones.parameters={json.dumps(parameters)}", f"faults={json.dumps(faults)}"],
+         f"drones.parameters={json.dumps(parameters)}", f"faults={json.dumps(faults)}",
+         f"companion={json.dumps(SET_OUT_AT_ONCE)}"],
     )  # fmt: skip
 
 

@@ -165,6 +165,10 @@ class InProcess(Flight):
                     if name == "OFFBOARD"), default=np.inf)  # fmt: skip
 
 
+# Without a look round first, so that the times of rows are of full flight.
+SET_OUT_AT_ONCE = {"gaze": {"survey": 0.0}}
+
+
 def scenario(faults=(), count=1, seed=1, **more):
     """A short flight: fly 12 m east among a few trunks and stay there; perfect detectors."""
     data = {
@@ -174,6 +178,7 @@ def scenario(faults=(), count=1, seed=1, **more):
         "mission": {"targets": [[14.0, 0.0, 2.0]], "home": False, "time_limit": 20.0},
         "sensing": {"neighbours": "truth", "obstacles": "map", "width": 64, "height": 64},
         "faults": list(faults),
+        "companion": SET_OUT_AT_ONCE,
     }  # fmt: skip
     for path, value in more.items():
         section, _, key = path.partition("__")
