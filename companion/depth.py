@@ -29,6 +29,11 @@ class DepthConfig(StrictModel):
     range: float = Field(8.0, gt=0, description="Used up to here [m].")
     ground: float = Field(0.35, ge=0, description="Lower than this [m] above take-off is ground.")
     band: float = Field(0.5, gt=0, description="Scan: this far [m] above and below the drone.")
+    tall: float = Field(
+        0.5,
+        ge=0,
+        description="A trunk shows at least this much [m] of itself, near the ground less.",
+    )
     jump: float = Field(0.3, gt=0, description="A step [m] between two things; 5 % of range more.")
     roundness: float = Field(0.06, gt=0, description="Mean misfit [m] a trunk may have.")
     max_radius: float = Field(2.5, gt=0, description="Rounder things [m] count as walls.")
@@ -66,7 +71,7 @@ class DepthReader:
         with np.errstate(invalid="ignore"):
             offsets = (self._rays @ r_wc.T) * np.where(far, 0.0, ranges)[..., None]
         ranges[altitude + offsets[..., 2] < c.ground] = np.inf
-        trunks = self._trunks(offsets[np.isfinite(ranges)], r_wc)
+        trunks = self._trunks(offsets[np.isfinite(ranges)], r_wc, altitude)
         return trunks, _halved(ranges).astype(np.float16)
 
     def _hide(self, ranges: Vector, drones: Sequence[Detection]) -> None:
@@ -77,13 +82,26 @@ class DepthReader:
             near = np.abs(ranges - drone.range) < c.neighbour + 0.15 * drone.range
             ranges[near & (self._rays @ drone.direction > cosine)] = np.nan
 
-    def _trunks(self, offsets: Vector, r_wc: Vector) -> list[Trunk]:
-        """Round things in the level scan of surface points (n,3), world axes from the camera."""
-        x, y, _ = offsets[np.abs(offsets[:, 2]) < self._config.band].T
+    def _trunks(self, offsets: Vector, r_wc: Vector, altitude: float) -> list[Trunk]:
+        """Round tall things in the level scan of surface points (n,3), world axes, from the camera.
+
+        What is round but not tall is a neighbour that was not found as one: at the edge of the
+        picture, most of all.
+        """
+        c = self._config
+        x, y, z = offsets[np.abs(offsets[:, 2]) < c.band].T
         scan = np.full(_BINS, np.inf)
         bins = ((np.arctan2(y, x) + math.pi) / _STEP).astype(int) % _BINS
-        np.minimum.at(scan, bins, np.hypot(x, y))
-        found = [t for run in self._runs(scan) if (t := self._fit(scan, run, r_wc)) is not None]
+        far = np.hypot(x, y)
+        np.minimum.at(scan, bins, far)
+        first = far < scan[bins] + c.jump  # not what stands behind
+        top, foot = np.full(_BINS, -np.inf), np.full(_BINS, np.inf)
+        np.maximum.at(top, bins[first], z[first])
+        np.minimum.at(foot, bins[first], z[first])
+        shown = c.band + min(c.band, altitude - c.ground)
+        tall = min(c.tall, 0.8 * shown)
+        runs = [run for run in self._runs(scan) if top[run].max() - foot[run].min() >= tall]
+        found = [t for run in runs if (t := self._fit(scan, run, r_wc)) is not None]
         return sorted(found, key=lambda t: t.distance - t.radius)
 
     def _runs(self, scan: Vector) -> list[NDArray[np.int_]]:

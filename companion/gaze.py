@@ -35,10 +35,13 @@ class GazeConfig(StrictModel):
     half_period: float = Field(0.9, gt=0, description="Time [s] of one swing to one side.")
     slew: float = Field(2.0, gt=0, description="Fastest turn of the reference [rad/s].")
     speed_min: float = Field(
-        0.3, ge=0, description="Below this [m/s] atan2 says nothing: keep looking there."
+        0.3, ge=0, description="Below this [m/s] atan2 says nothing: sweep about where it looked."
     )
     goal_pull: float = Field(
         1.5, ge=0, description="Weight [m/s] of the direction to the goal beside the velocity."
+    )
+    goal_near: float = Field(
+        0.5, gt=0, description="Nearer than this [m] to the goal, its direction says nothing."
     )
     seen_full: float = Field(
         0.7, gt=0, description="Off the line of sight by at most this [rad]: full speed."
@@ -65,7 +68,7 @@ class Gaze:
         self._swing_ends = -math.inf
         self._epsilon = 0.0
         self._yaw: float | None = None
-        self._time = 0.0
+        self._base = self._time = 0.0
         self._to_survey = config.survey
 
     @property
@@ -88,24 +91,23 @@ class Gaze:
         to the goal, so that a drone that must turn round looks before it flies. Over the
         goal itself, where it looks already. Until `surveyed`, a turn on the spot instead.
         lost: world bearings [rad] of near neighbours that are out of view, the most threatening
-        first: the next swing goes to the first's side, as far as it takes (within `limit`) to
-        have it in view again. close: world bearing [rad] of the nearest neighbour where it is at
+        first: the next swing goes to the side of the first that can be had in view again within
+        `limit`, as far as that takes. close: world bearing [rad] of the nearest neighbour where it is at
         arm's length: no swing loses sight of it.
         """
         c = self._config
         if self._yaw is None:
-            self._yaw, self._time = yaw_now, time
+            self._yaw, self._base, self._time = yaw_now, yaw_now, time
         step = c.slew * max(time - self._time, 0.0)
         if not self.surveyed:
             self._to_survey -= step
             return self._turned(self._side * step, time)
         far = math.hypot(to_goal[0], to_goal[1])
-        pull = c.goal_pull / far if far > 1.0 else 0.0
+        pull = c.goal_pull / far if far > c.goal_near else 0.0
         motion = (v[0] + pull * to_goal[0], v[1] + pull * to_goal[1])
         if math.hypot(*motion) >= c.speed_min:
-            base = math.atan2(motion[1], motion[0])
-        else:
-            base = self._yaw - self._epsilon
+            self._base = math.atan2(motion[1], motion[0])
+        base = self._base
         if time >= self._swing_ends:
             self._swing_ends = time + c.half_period
             self._epsilon = self._swing([wrap(bearing - base) for bearing in lost])
@@ -120,7 +122,7 @@ class Gaze:
 
     def rest(self, time: float, yaw: float) -> float:
         """Somebody else turns the drone: ψ is where it looks, and all begins from there."""
-        self._yaw, self._time, self._epsilon = yaw, time, 0.0
+        self._yaw, self._base, self._time = yaw, yaw, time
         self._to_survey = self._config.survey
         return yaw
 
@@ -133,6 +135,7 @@ class Gaze:
     def _swing(self, lost: Sequence[float]) -> float:
         """ε of the next half-swing; lost: bearings off the base direction."""
         c = self._config
+        lost = [off for off in lost if abs(off) < c.half_view + c.limit]
         amplitude = c.mean + abs(float(self._rng.normal(0.0, c.sigma)))
         self._side = -self._side
         if lost and c.sigma > 0.0:

@@ -19,7 +19,7 @@ AIRBORNE = 0.3  # m above ground
 MOVING = 0.3  # m/s
 REACH = 5.0  # m, within which two drones count as connected
 AGENT_SAFETY, OBSTACLE_SAFETY = 2.5, 1.5  # radii of a drone: 0.5 m and 0.3 m for 0.2 m
-STANDING = 0.1  # m/s
+STANDING = 0.5  # m: who stays within this of a place makes no way
 
 
 def safety(
@@ -63,9 +63,14 @@ def safety(
         "min_obstacle_distance_at": [float(t[nearest[0]]), names[nearest[1]]] if near_any else None,
         "below_agent_safety": any(d < AGENT_SAFETY * radius for d, *_ in pairs),
         "below_obstacle_safety": bool((surface < OBSTACLE_SAFETY * radius).any()),
-        "longest_standstill_s": max(
-            _longest(t, flying[:, i] & (speed[:, i] < STANDING), instants[n], wanted[n])
-            for i, n in enumerate(names)
+        **standstills(
+            t,
+            p,
+            flying,
+            [
+                at[wanted[n] - 1] if len(at) == wanted[n] > 0 else len(t)
+                for n, at in instants.items()
+            ],
         ),
         "mean_speed_m_s": float(speed[moving].mean()) if moving.any() else 0.0,
         "std_speed_m_s": float(speed[moving].std()) if moving.any() else 0.0,
@@ -90,12 +95,29 @@ def reached_in_order(path: Vector, targets: list[list[float]], tolerance: float)
     return instants
 
 
-def _longest(t: Vector, standing: NDArray[np.bool_], instants: list[int], wanted: int) -> float:
-    """Longest time [s] that a drone stood still in the air before its last target."""
-    way = standing[: instants[-1] if len(instants) == wanted > 0 else None]
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], way, [False]]).astype(int)))
-    spans = t[np.minimum(edges[1::2], len(t) - 1)] - t[edges[::2]]
-    return float(spans.max(initial=0.0))
+def standstills(
+    t: Vector, p: Vector, flying: NDArray[np.bool_], ends: list[int]
+) -> dict[str, float]:
+    """Longest that one drone stood on its way, and that all did who were on theirs [s], at 10 Hz.
+
+    t (T,), p (T,n,3), flying (T,n). By place, not by speed: who is held up wavers about. On its
+    way a drone is from when it leaves the place above its start until `ends`, index into t.
+    """
+    step = max(1, round(0.1 / max(float(np.diff(t).mean()), 1e-3))) if len(t) > 1 else 1
+    gone = flying & (np.linalg.norm(p[..., :2] - p[0, :, :2], axis=-1) > STANDING)
+    index = np.arange(len(t))[:, None]
+    under_way = (np.cumsum(gone, axis=0) > 0) & (index < np.array(ends))
+    t, p, under_way = t[::step], p[::step], under_way[::step]
+    one = everyone = 0.0
+    for k in np.flatnonzero(under_way.any(axis=1)):
+        who = under_way[k]
+        # Who arrives has made way.
+        off = np.linalg.norm(p[k:, who] - p[k, who], axis=-1) > STANDING
+        off |= ~under_way[k:, who]
+        stood = np.where(off.any(axis=0), off.argmax(axis=0), len(off)) - 1
+        one = max(one, float(t[k + stood.max()] - t[k]))
+        everyone = max(everyone, float(t[k + stood.min()] - t[k]))
+    return {"longest_standstill_s": one, "longest_deadlock_s": everyone}
 
 
 def flocking(

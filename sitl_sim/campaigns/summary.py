@@ -42,6 +42,7 @@ def summary(
         "min_obstacle_distance_m": _spread(m["min_obstacle_distance_m"] for m in flights.values()),
         "mission_time_s": _spread(m["mission_time_s"] for m in good.values()),
         "longest_standstill_s": _spread(m["longest_standstill_s"] for m in flights.values()),
+        "longest_deadlock_s": _spread(m["longest_deadlock_s"] for m in flights.values()),
         "solve_ms": {
             "p50": _mean(m["solve_ms"]["p50"] for m in flights.values()),
             "p99": _mean(m["solve_ms"]["p99"] for m in flights.values()),
@@ -67,7 +68,9 @@ def table(s: dict[str, Any]) -> str:
         ("to an obstacle, least / median", _two(s["min_obstacle_distance_m"], "m")),
         ("nearer than asked, runs", str(s["below_safety"])),
         ("mission time, median / most", _two(s["mission_time_s"], "s", ("median", "most"))),
-        ("longest standstill, most", f"{_number(s['longest_standstill_s']['most'])} s"),
+        ("longest standstill of one / all, most",
+         f"{_number(s['longest_standstill_s']['most'])} / "
+         f"{_number(s['longest_deadlock_s']['most'])} s"),
         ("speed while moving", f"{_number(s['mean_speed_m_s'])} m/s"),
         ("order / union / connectivity",
          " / ".join(_number(s[k]) for k in ("order", "union", "connectivity"))),

@@ -56,6 +56,26 @@ def test_trunks_with_place_and_radius(pitch):
     assert np.array(found) == pytest.approx(np.array(sorted(stand)), abs=0.12)
 
 
+@pytest.mark.parametrize(("x", "y"), [(1.2, 0.4), (0.2, 0.95), (3.0, -2.0)])
+def test_a_drone_that_nobody_found_is_no_trunk(x, y):
+    p = np.array([0.0, 0.0, 2.0])
+    d = rays()
+    body = to_cylinder(p, d, x, y, 0.15)
+    z = np.where(np.isfinite(body), body, 0.0) * d[..., 2]
+    wall = to_planes(p, d, [((1, 0, 0), 6.0), ((0, 0, -1), 0.0)])
+    depth = np.minimum(np.where(np.abs(z) < 0.12, body, np.inf), wall)
+    assert read(np.minimum(body, wall), p)[0]  # the same with a foot is one
+    assert read(depth, p)[0] == []
+
+
+def test_a_trunk_is_known_from_low_above_the_ground():
+    p = np.array([0.0, 0.0, 0.6])
+    depth = np.minimum(
+        to_cylinder(p, rays(), 2.0, 0.5, 0.3), to_planes(p, rays(), [((0, 0, -1), 0.0)])
+    )
+    assert [t.radius for t in read(depth, p)[0]] == pytest.approx([0.3], abs=0.1)
+
+
 def test_a_wall_is_no_trunk_and_the_ground_nothing():
     p = np.array([0.0, 0.0, 2.0])
     trunks, ranges = read(to_planes(p, rays(), [((1, 0, 0), 3.0), ((0, 0, -1), 0.0)]), p)

@@ -54,11 +54,28 @@ def test_who_is_lost_is_looked_for_on_its_side():
     assert psi[20:].max() < 0.0
 
 
+def test_who_is_lost_behind_does_not_hold_the_look_to_one_side():
+    psi = looked(sweeping(seed=3), lost=[2.5])
+    assert np.array_equal(psi, looked(sweeping(seed=3)))
+
+
 @pytest.mark.parametrize("bearing", [-1.8, -1.3, 0.0, 0.9, 1.6])
 def test_no_swing_loses_sight_of_who_is_close(bearing):
     config = sweeping(seed=3)
     off = [abs(wrap(bearing - psi)) for psi in looked(config, close=bearing)[20:]]
     assert max(off) <= config.half_view + 1e-9
+
+
+def test_who_stands_at_its_goal_sweeps_on_about_where_it_looked():
+    psi = looked(sweeping(seed=3), 30.0, v=np.zeros(3), to_goal=np.array([0.0, 0.3, 0.0]))
+    assert psi.min() < -0.3
+    assert psi.max() > 0.3
+    assert np.abs(psi).max() <= GazeConfig().limit + 1e-9
+
+
+def test_who_stands_short_of_its_goal_looks_there():
+    psi = looked(STILL, v=np.zeros(3), to_goal=np.array([0.0, 0.8, 0.0]))
+    assert psi[-1] == pytest.approx(math.pi / 2)
 
 
 def test_who_is_close_behind_does_not_turn_the_look_off_the_way():

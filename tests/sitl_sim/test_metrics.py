@@ -9,27 +9,30 @@ DT = 0.02
 TRUNK = {"x": 4.0, "y": -1.0, "radius": 0.5, "height": 8.0}
 
 
-def truth(gap, stops):
-    """drone1 flies 10 m at 1 m/s, standing still for `stops` [s] at 2 m; drone2 beside it."""
-    t = np.arange(0.0, 10.0 + sum(stops) + 4.0, DT)
-    way, x, until = [], 0.0, 0.0
+def truth(gap, stops, others):
+    """a flies 10 m at 1 m/s, standing still for `stops` [s] at 2 m, 3 m, …; b beside it."""
+    t = np.arange(0.0, 10.0 + sum(stops) + sum(others) + 4.0, DT)
+    p = np.stack([way(t, stops), way(t, others) + np.array([0.0, gap, 0.0])], axis=1)
+    return {"t": t, "position": p, "velocity": np.gradient(p, DT, axis=0)}
+
+
+def way(t, stops):
+    xs, x, until = [], 0.0, 0.0
     pauses = {2.0 + k: s for k, s in enumerate(stops)}
     for now in t:
         if now >= until:
             x += DT
             for place in [p for p in pauses if p <= x]:
                 until = now + pauses.pop(place)
-        way.append(min(x, 10.0))
-    one = np.column_stack([way, np.zeros_like(t), np.full_like(t, 2.0)])
-    p = np.stack([one, one + np.array([0.0, gap, 0.0])], axis=1)
-    v = np.gradient(p, DT, axis=0)
-    return {"t": t, "position": p, "velocity": v}
+        # On the spot it wavers by a hand's breadth, at 0.6 m/s.
+        xs.append(min(x, 10.0) + (0.1 * np.sin(6.0 * now) if now < until else 0.0))
+    return np.column_stack([xs, np.zeros_like(t), np.full_like(t, 2.0)])
 
 
-def figures(gap=1.0, stops=(), trunk=TRUNK, radius=0.2):
+def figures(gap=1.0, stops=(), others=(), trunk=TRUNK, radius=0.2):
     world = {"drone_radius": radius, "cylinders": [trunk], "boxes": [], "target_tolerance": 0.5,
              "targets": {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, gap, 2.0]]}}  # fmt: skip
-    return safety(truth(gap, stops), world, ["a", "b"])
+    return safety(truth(gap, stops, others), world, ["a", "b"])
 
 
 @pytest.mark.parametrize(
@@ -52,6 +55,20 @@ def test_distances_to_obstacles(y, collides, below):
     assert (f["obstacle_collisions"], f["below_obstacle_safety"]) == (collides, below)
 
 
-def test_the_longest_standstill_is_that_before_the_last_target():
-    assert figures()["longest_standstill_s"] == 0.0  # though both hover at the end
-    assert figures(stops=(3.0, 5.0))["longest_standstill_s"] == pytest.approx(5.0, abs=3 * DT)
+def test_the_longest_standstill_is_that_on_the_way():
+    moving = figures()
+    assert moving["longest_standstill_s"] == pytest.approx(0.5, abs=0.15)  # though both hover then
+    held_up = figures(stops=(2.0, 3.0))
+    assert held_up["longest_standstill_s"] == pytest.approx(3.0 + 0.5, abs=0.2)
+    assert held_up["longest_deadlock_s"] == pytest.approx(0.5, abs=0.15)  # b flies on
+    both = figures(stops=(2.0, 3.0), others=(3.0, 1.0))
+    assert both["longest_deadlock_s"] == pytest.approx(2.0 + 0.5, abs=0.2)
+
+
+def test_who_never_sets_out_stands_nobody_up():
+    flight = truth(1.0, (), ())
+    flight["position"][:, 1, 0] = 0.0
+    world = {"drone_radius": 0.2, "cylinders": [], "boxes": [], "target_tolerance": 0.5,
+             "targets": {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, 1.0, 2.0]]}}  # fmt: skip
+    assert not safety(flight, world, ["a", "b"])["mission_complete"]
+    assert safety(flight, world, ["a", "b"])["longest_deadlock_s"] < 1.0
