@@ -91,9 +91,9 @@ class Gaze:
         to the goal, so that a drone that must turn round looks before it flies. Over the
         goal itself, where it looks already. Until `surveyed`, a turn on the spot instead.
         lost: world bearings [rad] of near neighbours that are out of view, the most threatening
-        first: the next swing goes to the side of the first that can be had in view again within
-        `limit`, as far as that takes. close: world bearing [rad] of the nearest neighbour where it is at
-        arm's length: no swing loses sight of it.
+        first: the next swing goes to the first that one within `limit` brings into view again, as
+        far as that takes. close: world bearing [rad] of the nearest neighbour where it is at arm's
+        length: no swing loses sight of it.
         """
         c = self._config
         if self._yaw is None:

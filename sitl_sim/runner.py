@@ -10,18 +10,15 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from mavlink_bridge.codec import Codec
 from mavlink_bridge.link import Endpoint, Link, UdpEndpoint
@@ -40,37 +37,13 @@ from sitl_sim.inprocess import AtOnce, LocalFrames
 from sitl_sim.real.fleet import RealFleet, Wire
 from sitl_sim.real.own_binary import boot_parameters, own_binary
 from sitl_sim.scenario import QUANTUM_MS, TICK_MS, Scenario
+from sitl_sim.station import Shot, Station
 from sitl_sim.truth import Truth
-from sitl_sim.urgency import COMPANION, hurry
 from sitl_sim.vehicle import Airframe, Vehicles
 from sitl_sim.world import Vector
 
 _TELEMETRY_MS = 20
 _CONNECT_TIMEOUT = 60.0
-
-
-Shot = tuple[float, dict[str, NDArray[Any]]]  # capture time [s, vehicle's clock], what it shows
-
-
-@dataclass
-class _Drone:
-    """Everything of one vehicle that is on the wire."""
-
-    name: str
-    index: int
-    boot_ms: int
-    companion: Link
-    ground: Link
-    frames: FrameServer | LocalFrames
-    line: FaultyLine
-    telemetry: FaultyTelemetry
-    camera: FaultyCamera
-    process: subprocess.Popen[bytes] | None = None
-    capture: Future[Shot] | None = None  # the picture taken for the next tick
-    delivery: Future[bool] | None = None  # and on its way to the companion
-    due_ms: int | None = None  # when the answer to the frame under way takes effect
-    landed: bool = False
-    deaf: bool = False  # its companion was there and is gone
 
 
 class Flight:
@@ -104,10 +77,14 @@ class Flight:
         self._start = start
         self._autopilots = self._switch_on(phases)
         self._real_time = real_time or isinstance(self._autopilots, RealFleet)
-        self._drones: list[_Drone] = []
+        self._drones: list[Station] = []
         emulated = None if isinstance(self._autopilots, RealFleet) else self._autopilots
         self._faults = FaultyWorld(
-            self._schedule, self.vehicles, emulated, self._process_id, self._rebooted
+            self._schedule,
+            self.vehicles,
+            emulated,
+            lambda i: self._drones[i].process_id,
+            self._rebooted,
         )
         for i, name in enumerate(self.names):
             self._drones.append(self._open(i, name, phases[i]))
@@ -150,11 +127,11 @@ class Flight:
             parameters=boot_parameters(s.drones),
         )
 
-    def _open(self, i: int, name: str, boot_ms: int) -> _Drone:
+    def _open(self, i: int, name: str, boot_ms: int) -> Station:
         system = i + 1
         frames, companion, ground = self._wire(system)
         line = FaultyLine(self._schedule, i)
-        return _Drone(
+        return Station(
             name, i, boot_ms,
             FaultyLink(companion, Codec(system, 1), line), Link(ground, Codec(system, 1)), frames,
             line, FaultyTelemetry(self._schedule, i), FaultyCamera(self._schedule, i),
@@ -178,11 +155,6 @@ class Flight:
     def _rebooted(self, i: int) -> None:
         """Drone i's clock begins anew; its camera stamps by it."""
         self._drones[i].boot_ms = -self._now
-
-    def _process_id(self, i: int) -> int | None:
-        """Of drone i's companion, where it runs."""
-        process = self._drones[i].process
-        return process.pid if process is not None and process.poll() is None else None
 
     def wire_table(self) -> list[str]:
         """Where each vehicle listens and speaks, a line each."""
@@ -214,20 +186,9 @@ class Flight:
 
     def launch(self) -> None:
         """Start a companion for each drone."""
+        urgent = isinstance(self._autopilots, RealFleet)
         for drone in self._drones:
-            folder = self.folder / "drones" / drone.name
-            if isinstance(drone.frames, LocalFrames):
-                end = drone.companion.endpoint
-                assert isinstance(end, MemoryEndpoint)
-                drone.frames.board(folder / "config.yaml", MemoryEndpoint(end))
-                continue
-            with (folder / "stderr.log").open("wb") as log:
-                drone.process = subprocess.Popen(
-                    [sys.executable, "-m", "companion", "run", str(folder / "config.yaml")],
-                    stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-                )  # fmt: skip
-            if isinstance(self._autopilots, RealFleet):
-                hurry(COMPANION, drone.process.pid)
+            drone.launch(self.folder / "drones" / drone.name, urgent)
 
     def wait_for_companions(self) -> None:
         """Until every launched companion is on its frame channel.
@@ -237,14 +198,7 @@ class Flight:
         """
         deadline = time.monotonic() + _CONNECT_TIMEOUT
         for drone in self._drones:
-            while drone.process is not None and not drone.frames.connected:
-                if drone.process.poll() is not None:
-                    log = self.folder / "drones" / drone.name / "stderr.log"
-                    tail = log.read_text(errors="replace").strip().splitlines()[-3:]
-                    raise RuntimeError(f"{drone.name}: companion ended: " + " | ".join(tail))
-                if time.monotonic() > deadline:
-                    raise RuntimeError(f"{drone.name}: companion did not connect in time")
-                time.sleep(0.01)
+            drone.wait(self.folder / "drones" / drone.name, deadline)
 
     # --- flying --------------------------------------------------------------------------
 
@@ -313,20 +267,20 @@ class Flight:
                 following = min(following, max(drone.due_ms, self._now + QUANTUM_MS))
         return following
 
-    def _speak(self, drone: _Drone) -> None:
+    def _speak(self, drone: Station) -> None:
         """Telemetry that is due, on both links."""
         told = self._autopilots.telemetry(drone.index, "companion")
         drone.companion.send(drone.telemetry.alter(self._now / 1e3, told))
         nobody = not drone.ground.packets_in
         drone.ground.send(self._autopilots.telemetry(drone.index, "gcs", quiet=nobody))
 
-    def _deliver(self, drone: _Drone, link: Link) -> None:
+    def _deliver(self, drone: Station, link: Link) -> None:
         """Messages that wait on a link, to the vehicle; its replies back at once."""
         name = "companion" if link is drone.companion else "gcs"
         for received in link.receive():
             link.send(self._autopilots.receive(drone.index, received, name))
 
-    def _capture(self, drone: _Drone) -> None:
+    def _capture(self, drone: Station) -> None:
         """Start painting what drone sees at this instant."""
         if not drone.frames.connected:
             drone.deaf |= drone.process is not None
@@ -337,10 +291,10 @@ class Flight:
         p, q = self.vehicles.p.copy(), self.vehicles.q.copy()
         drone.capture = self._pool.submit(self._shoot, drone, now, stamp, p, q)
 
-    def _shoot(self, drone: _Drone, now: float, stamp: float, p: Vector, q: Vector) -> Shot:
+    def _shoot(self, drone: Station, now: float, stamp: float, p: Vector, q: Vector) -> Shot:
         return drone.camera.see(now, stamp, self.eyes.see(drone.index, stamp, p, q))
 
-    def _show(self, drone: _Drone) -> None:
+    def _show(self, drone: Station) -> None:
         """Deliver the frame that was taken for this instant; its tick falls due."""
         if drone.capture is None or drone.due_ms is not None:
             return  # none was taken, or its companion is still busy with the last one
@@ -352,11 +306,11 @@ class Flight:
         drone.due_ms = self._now + round((self.scenario.timing.compute_delay + paused) * 1e3)
 
     @staticmethod
-    def _send_frame(drone: _Drone, capture: Future[Shot], packets: int, due: float) -> bool:
+    def _send_frame(drone: Station, capture: Future[Shot], packets: int, due: float) -> bool:
         taken, arrays = capture.result()
         return drone.frames.send(Frame(taken, arrays, packets, due=due))
 
-    def _take_answer(self, drone: _Drone) -> None:
+    def _take_answer(self, drone: Station) -> None:
         """Wait for the answer that is due and let what was sent take effect."""
         drone.due_ms = None
         if self._real_time:
@@ -364,16 +318,15 @@ class Flight:
                 drone.landed |= late.done
             return
         if drone.delivery is None or not drone.delivery.result():
-            self._lose(drone)
+            drone.lose()
             return
         deadline = time.monotonic() + self.scenario.timing.answer_timeout  # painting not counted
         while True:
             answer = drone.frames.answer(0.2)
             if answer is not None:
                 break
-            gone = drone.process is not None and drone.process.poll() is not None
-            if gone or not drone.frames.connected or time.monotonic() > deadline:
-                self._lose(drone)
+            if drone.lost(deadline):
+                drone.lose()
                 return
         drone.landed |= answer.done
         while drone.companion.packets_in < answer.packets and time.monotonic() < deadline:
@@ -381,12 +334,6 @@ class Flight:
             if drone.companion.packets_in < answer.packets:
                 drone.companion.wait(0.05)
         self._deliver(drone, drone.companion)
-
-    @staticmethod
-    def _lose(drone: _Drone) -> None:
-        """Wait no more for a companion that does not answer; it is shown nothing any longer."""
-        drone.deaf = True
-        drone.frames.hang_up()
 
     def _idle_until(self, moment: float) -> None:
         """Real time: deliver what comes in until `moment` [CLOCK_MONOTONIC]."""
@@ -405,11 +352,9 @@ class Flight:
         if isinstance(fleet, RealFleet):
             fleet.close()
         for drone in getattr(self, "_drones", []):
-            drone.frames.close()
-            drone.companion.close()
-            drone.ground.close()
+            drone.close()
         for drone in getattr(self, "_drones", []):
-            _end(drone.process)
+            drone.end()
         if hasattr(self, "_pool"):
             self._pool.shutdown(wait=True, cancel_futures=True)
 
@@ -433,18 +378,3 @@ def flight(
         yield f
     finally:
         f.close()
-
-
-def _end(process: subprocess.Popen[bytes] | None) -> None:
-    """Let a companion finish its log; make it end where it does not."""
-    if process is None:
-        return
-    try:
-        process.wait(timeout=0.5)
-    except subprocess.TimeoutExpired:
-        process.terminate()
-        try:
-            process.wait(timeout=10.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
