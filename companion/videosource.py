@@ -1,6 +1,8 @@
 """Cameras that `cv2.VideoCapture` opens, as a frame source: device, RTSP, GStreamer, file.
 
-A thread takes each picture as it comes and keeps the newest; a pipe tells select() about it.
+A thread takes each picture as it comes and keeps the newest; a pipe tells select() about it. A
+camera that breaks off is opened again each second: until then there are no pictures, which `eye`
+notices.
 """
 
 from __future__ import annotations
@@ -9,6 +11,7 @@ import os
 import select
 import threading
 import time
+from functools import partial
 
 import cv2
 
@@ -16,6 +19,7 @@ from mavlink_bridge.video import Answer, Frame, VideoError
 
 _OPEN_TIMEOUT, _READ_TIMEOUT = 5000, 2000  # ms, of network streams
 _STAMP_MAX = 0.5  # s; a driver's time stamp older than this is of another clock
+_AGAIN = 1.0  # s between attempts to open a camera that broke off
 _DEFAULT_FPS = 10.0  # of a file that does not say
 
 
@@ -31,7 +35,8 @@ class VideoSource:
         latency: s from exposure to the driver's hands, where the driver does not say.
         """  # noqa: D205
         self._name, self._kind, self._latency = f"camera {kind}:{address}", kind, latency
-        self._capture = _open(kind, address, size)
+        self._open = partial(_open, kind, address, size)
+        self._capture = self._open()
         if not self._capture.isOpened():
             raise VideoError(f"{self._name} cannot be opened; {_HINTS[kind]}")
         self._period = 0.0
@@ -45,7 +50,7 @@ class VideoSource:
         self._thread.start()
 
     def fileno(self) -> int:
-        """For select(): readable when a frame waits, or the camera is gone."""
+        """For select(): readable when a frame waits, or the film is over."""
         return self._read_end
 
     def waits(self, timeout: float = 0.0) -> bool:
@@ -53,7 +58,7 @@ class VideoSource:
         return bool(select.select([self._read_end], [], [], timeout)[0])
 
     def receive(self) -> Frame:
-        """The newest frame; blocks. Raises VideoError once the camera is gone."""
+        """The newest frame; blocks. Raises VideoError once a file is at its end."""
         os.read(self._read_end, 1)
         with self._lock:
             frame, self._newest = self._newest, None
@@ -75,18 +80,28 @@ class VideoSource:
 
     def _run(self) -> None:
         """Take pictures until there are no more."""
+        self._film()
+        while self._kind != "file" and not self._over.is_set():
+            self._capture.release()
+            if self._over.wait(_AGAIN):
+                return
+            self._capture = self._open()
+            self._film()
+        self._put(None)
+
+    def _film(self) -> None:
+        """Take pictures until the camera gives none."""
         due = time.monotonic()
         while not self._over.is_set() and self._capture.grab():
             taken = self._taken(time.monotonic())
             fine, image = self._capture.retrieve()
             if not fine:
-                break
+                return
             if self._period:  # a file is shown at the rate it was taken at
                 due += self._period
                 self._over.wait(max(due - time.monotonic(), 0.0))
                 taken = time.monotonic()
             self._put(Frame(taken, {"image": image}, local=True))
-        self._put(None)
 
     def _taken(self, now: float) -> float:
         """When the picture was taken: as the driver of a device says, else some time ago."""

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from companion import videosource
 from companion.config import CompanionConfig
 from companion.framesource import check_source, open_source
 from companion.pace import ClockPace
@@ -63,6 +64,45 @@ def test_a_file_is_shown_at_its_rate_and_then_ends(film):
     assert (np.diff(seen) > 10).all()
     assert stamps[-1] - begun > 0.25
     assert all(begun <= s <= time.monotonic() for s in stamps)
+    source.close()
+
+
+class Loose:
+    """A camera whose cable works loose after each third picture; opened again it is found twice
+    in vain."""
+
+    def __init__(self, found):
+        self.found, self.left, self.released = found, 3, False
+
+    def isOpened(self):
+        return self.found
+
+    def grab(self):
+        self.left -= 1
+        return self.found and self.left >= 0
+
+    def retrieve(self):
+        return True, np.zeros((48, 64, 3), np.uint8)
+
+    def get(self, what):
+        return 0.0
+
+    def release(self):
+        self.released = True
+
+
+def test_a_camera_that_breaks_off_is_opened_again(monkeypatch):
+    made = [Loose(True), Loose(False), Loose(False), Loose(True)]
+    coming = iter(made)
+    monkeypatch.setattr(videosource, "_open", lambda *a: next(coming, made[1]))
+    monkeypatch.setattr(videosource, "_AGAIN", 0.02)
+    source = open_source(camera("device:0"))
+    until = time.monotonic() + 5.0
+    while made[-1].left > 0 and time.monotonic() < until:
+        if source.waits(0.05):
+            assert source.receive().arrays["image"].shape == (48, 64, 3)
+    assert made[-1].left <= 0  # the second camera was seen through as well
+    assert all(c.released for c in made[:3])  # or the device would be busy
     source.close()
 
 
