@@ -27,6 +27,7 @@ _PATCH = 0.6  # m around a point in which its surface may be flat
 _FLAT = 0.05  # m, 1 σ from flat
 _LIKE = 0.9  # cosine between a surface's own normal and the one that is asked for
 _CREEP = 0.3  # m ahead, at least, of a place beside
+_TURNS = [0.0, *(sign * 0.05 * n for n in range(1, 9) for sign in (-1.0, 1.0))]  # rad to the left
 _STEPS = [sign * 0.1 * n for n in range(1, 31) for sign in (-1.0, 1.0)]  # m to the left
 _DEEPER = 0.3  # m beyond a cube that must be in view before it counts as gone
 
@@ -79,25 +80,32 @@ class Surfaces:
         return result
 
     def lane(self, p: Vector, goal: Vector, points: Vector, room: float) -> Vector:
-        """(3,) m: the goal, or where the way to it leads into a wall, a place beside p (3,).
+        """(3,) m: the goal, or where walls want another way than the straight one to it, its end.
 
-        From there a way of the same direction is free of points (n,3), `room` [m] to each side.
-        The free room of `planes` says where nothing is, not where to leave it by: against a wall
-        that the way meets squarely, nobody would ever move towards the opening beside him.
+        Another: from p (3,), in the nearest direction in which points (n,3) leave `room` [m] to
+        each side. Where there is none, first a place beside p from which a way of the same
+        direction is free. The free room of `planes` says where nothing is, not where to leave it
+        by: against a wall that the way meets squarely, nobody would ever move towards the opening
+        beside him.
         """
         x, y = (goal[:2] - p[:2]).tolist()
         length = math.hypot(x, y)
         level = points[np.abs(points[:, 2] - p[2]) < room] if len(points) else points
         if length < 1e-6 or not len(level):
             return goal
-        way, left = np.array([x, y]) / length, np.array([-y, x]) / length
         offsets = level[:, :2] - p[:2]
+        reach = min(length, self._config.range)
+        for turn in _TURNS:
+            c, s = math.cos(turn), math.sin(turn)
+            way = np.array([c * x - s * y, s * x + c * y]) / length
+            along, aside = offsets @ way, offsets @ np.array([-way[1], way[0]])
+            if not ((along > 0.0) & (along < reach) & (np.abs(aside) < room)).any():
+                return np.array([*(p[:2] + length * way), goal[2]]) if turn else goal
+        way, left = np.array([x, y]) / length, np.array([-y, x]) / length
         along, aside = offsets @ way, offsets @ left
-        near = (along > -room) & (along < min(length, self._config.range))
+        near = (along > -room) & (along < reach)
         along, aside = along[near], aside[near]
         ahead = along[(along > 0.0) & (np.abs(aside) < room)]
-        if not len(ahead):
-            return goal
         for step in _STEPS:
             if not (np.abs(aside - step) < room).any():
                 on = max(float(ahead.min()) - 2.0 * room, _CREEP)

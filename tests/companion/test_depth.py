@@ -188,6 +188,14 @@ def test_beside_an_opening_the_way_leads_sideways_to_it():
     assert p == pytest.approx(goal, abs=0.1)
 
 
+def test_a_slanting_way_is_turned_past_the_wall_and_stays_on_its_side():
+    surfaces, points = Surfaces(CAMERA, SurfaceConfig()), wall_with_opening()
+    p = np.array([0.5, 3.6, 2.0])
+    d = surfaces.lane(p, np.array([0.95, 9.5, 2.0]), points, 0.4) - p
+    at_mouth, at_end = (p[0] + d[0] / d[1] * (y - p[1]) for y in (5.0, 8.0))
+    assert 0.2 < at_end <= at_mouth <= 0.6  # who comes the other way has the left side
+
+
 def test_a_way_that_is_free_or_has_no_other_stays_as_it_is():
     surfaces, points = Surfaces(CAMERA, SurfaceConfig()), wall_with_opening()
     goal = np.array([0.0, 9.5, 2.0])
