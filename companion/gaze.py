@@ -17,6 +17,8 @@ from pydantic import Field
 from companion.types import Track, Vector
 from mavlink_bridge.settings import StrictModel
 
+_RIM = 0.2  # rad beyond `half_view` that the picture still shows, if not well
+
 
 class GazeConfig(StrictModel):
     """The sweep of eq. (7)."""
@@ -135,7 +137,7 @@ class Gaze:
     def _swing(self, lost: Sequence[float]) -> float:
         """ε of the next half-swing; lost: bearings off the base direction."""
         c = self._config
-        lost = [off for off in lost if abs(off) < c.half_view + c.limit]
+        lost = [off for off in lost if abs(off) < c.half_view + _RIM + c.limit]
         amplitude = c.mean + abs(float(self._rng.normal(0.0, c.sigma)))
         self._side = -self._side
         if lost and c.sigma > 0.0:

@@ -55,8 +55,12 @@ class TrackerConfig(StrictModel):
     damping: float = Field(
         1.5,
         ge=0,
-        description="Rate [1/s] at which an unseen one's speed is believed to fade: near others "
-        "everybody slows, and what flies on in memory alone leaves its place free.",
+        description="Rate [1/s] at which an unseen one's velocity is believed to fade, to the own "
+        "one where it flew along, else to rest: near others everybody slows, and what flies on in "
+        "memory alone leaves its place free.",
+    )
+    along: float = Field(
+        0.7, ge=0, description="Velocities that differ by less [m/s] are of two who fly along."
     )
 
 
@@ -81,6 +85,8 @@ class Tracker:
         self._seen: Vector = np.zeros(0)
         self._hits = np.zeros(0, dtype=int)
         self._misses = np.zeros(0, dtype=int)
+        self._along = np.zeros(0, dtype=bool)  # whether it flew along when it was last seen
+        self._pace: Vector = np.zeros(3)  # the own velocity
 
     def update(
         self,
@@ -108,6 +114,9 @@ class Tracker:
             self._seen[track] = time
             self._hits[track] += clear[looks]
             self._misses[track] = 0
+            off = np.linalg.norm(self._mean[track, 3:] - own.v, axis=1)
+            self._along[track] = off < self._config.along
+        self._pace = own.v
         fresh = sorted(set(range(len(z))) - {d for _, d in assigned})
         self._bury(time)
         for detection in fresh:
@@ -123,10 +132,12 @@ class Tracker:
         self._mean[:, :3] += dt * self._mean[:, 3:]
         if dt <= 0.0 or not len(self._ids):
             return
-        # A neighbour out of sight is believed to slow down rather than to fly on for ever.
+        # A neighbour out of sight is believed to slow down rather than to fly on for ever, but
+        # for one abeam in formation: it would fall back in memory alone.
         fading = time - min(time - self._looked, _LATE) - self._seen > _FADES
         keep = np.where(fading, np.exp(-self._config.damping * dt), 1.0)[:, None]
-        self._mean[:, 3:] *= keep
+        to = np.where(self._along[:, None], self._pace, 0.0)
+        self._mean[:, 3:] = to + keep * (self._mean[:, 3:] - to)
         # F P F' + Q by blocks: of places a, of both b, of velocities d
         c, keep, doubt = self._covariance, keep[..., None], self._config.acceleration**2 * _EYE
         a, b, d = c[:, :3, :3], c[:, :3, 3:], c[:, 3:, 3:]
@@ -217,6 +228,7 @@ class Tracker:
         self._seen = np.append(self._seen, time)
         self._hits = np.append(self._hits, int(clear))
         self._misses = np.append(self._misses, 0)
+        self._along = np.append(self._along, False)
         self._next_id += 1
 
     def _bury(self, time: float) -> None:
@@ -229,4 +241,4 @@ class Tracker:
         self._mean, self._covariance = self._mean[keep], self._covariance[keep]
         self._ids, self._born = self._ids[keep], self._born[keep]
         self._seen, self._hits = self._seen[keep], self._hits[keep]
-        self._misses = self._misses[keep]
+        self._misses, self._along = self._misses[keep], self._along[keep]

@@ -66,7 +66,8 @@ def test_a_half_hidden_one_is_not_taken_for_another_that_went_out_of_sight():
 
 def test_one_out_of_sight_is_believed_to_slow_down_but_not_at_the_first_miss():
     tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
-    *_, (seen,) = follow(tracker, np.array([4.0, 0.0, 0.0]), CRUISE, 8, rng)
+    across = np.array([0.0, 1.5, 0.0])
+    *_, (seen,) = follow(tracker, np.array([4.0, -1.0, 0.0]), across, 8, rng)
     tracker.update(0.8, [], own(0.8), LEVEL, None)
     tracker.predict(0.83)
     assert np.allclose(tracker.tracks()[0].v, seen.v)
@@ -77,6 +78,22 @@ def test_one_out_of_sight_is_believed_to_slow_down_but_not_at_the_first_miss():
     # In the second since: on at its speed for the first 0.2 to 0.3 s, then slower by damping 1.5.
     flown = np.linalg.norm(lost.p - seen.p) / np.linalg.norm(seen.v)
     assert 0.2 + (1 - np.exp(-1.2)) / 1.5 < flown < 0.3 + (1 - np.exp(-1.05)) / 1.5
+
+
+def test_one_that_flew_along_is_believed_to_fly_along():
+    """One 2 m abeam leaves the view; both go on, then both slow down to a third."""
+    tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
+    abeam = np.array([0.3, 2.0, 0.0])
+    list(follow(tracker, abeam, CRUISE, 8, rng))
+    p, v = CRUISE * 0.7, CRUISE
+    for k in range(8, 28):
+        v = CRUISE if k < 18 else CRUISE / 3
+        p = p + v * 0.1
+        state = VehicleState(k / 10, p, v, LEVEL, np.zeros(3))
+        tracker.update(k / 10, [], state, LEVEL, None)
+    (lost,) = tracker.tracks()
+    assert np.linalg.norm(lost.v - v) < 0.3
+    assert np.linalg.norm(lost.p - p - abeam) < 0.9  # at rest it would be 2 m behind by now
 
 
 @pytest.mark.parametrize("late", [0.03, 0.12, 0.18, 0.23])
