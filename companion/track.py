@@ -59,6 +59,12 @@ class TrackerConfig(StrictModel):
         "one where it flew along, else to rest: near others everybody slows, and what flies on in "
         "memory alone leaves its place free.",
     )
+    speed_max: float = Field(
+        3.0,
+        gt=0,
+        description="Nobody is believed to be faster [m/s]: one that comes out from behind another "
+        "shows wider look by look, as if it came on at 6 m/s.",
+    )
     along: float = Field(
         0.7, ge=0, description="Velocities that differ by less [m/s] are of two who fly along."
     )
@@ -210,6 +216,8 @@ class Tracker:
         p = self._covariance[n]
         k = np.linalg.solve(p[:, :3, :3] + r, p[:, :3, :]).transpose(0, 2, 1)
         self._mean[n] += (k @ (z - self._mean[n, :3])[..., None])[..., 0]
+        speed = np.linalg.norm(self._mean[n, 3:], axis=1)[:, None]
+        self._mean[n, 3:] *= np.minimum(1.0, self._config.speed_max / np.maximum(speed, 1e-9))
         a = np.tile(np.eye(6), (len(n), 1, 1))
         a[:, :, :3] -= k
         corrected = a @ p @ a.transpose(0, 2, 1) + k @ r @ k.transpose(0, 2, 1)

@@ -80,6 +80,19 @@ def test_one_out_of_sight_is_believed_to_slow_down_but_not_at_the_first_miss():
     assert 0.2 + (1 - np.exp(-1.2)) / 1.5 < flown < 0.3 + (1 - np.exp(-1.05)) / 1.5
 
 
+def test_one_that_comes_out_from_behind_another_is_not_believed_to_rush_on():
+    """It hovers 5 m off; half of it looks 8 m off, then more and more of it shows."""
+    tracker, still = Tracker(TrackerConfig()), np.zeros(3)
+    for k in range(12):
+        away = 8.0 - 0.4 * min(k, 8)
+        seen = Detection(np.array([1.0, 0.0, 0.0]), away, sigma_bearing=0.003, sigma_range=0.02)
+        state = VehicleState(k / 10, still, still, LEVEL, still)
+        tracker.update(k / 10, [seen], state, LEVEL, None)
+        assert all(np.linalg.norm(t.v) <= 3.0 for t in tracker.tracks())
+    (track,) = tracker.tracks()
+    assert abs(track.p[0] - away) < 0.1
+
+
 def test_one_that_flew_along_is_believed_to_fly_along():
     """One 2 m abeam leaves the view; both go on, then both slow down to a third."""
     tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
