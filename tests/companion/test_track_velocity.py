@@ -81,16 +81,16 @@ def test_one_out_of_sight_is_believed_to_slow_down_but_not_at_the_first_miss():
 
 
 def test_one_that_comes_out_from_behind_another_is_not_believed_to_rush_on():
-    """It hovers 5 m off; half of it looks 8 m off, then more and more of it shows."""
+    """It hovers 4.4 m off; half of it looks 8 m off, then more and more of it shows."""
     tracker, still = Tracker(TrackerConfig()), np.zeros(3)
     for k in range(12):
-        away = 8.0 - 0.4 * min(k, 8)
-        seen = Detection(np.array([1.0, 0.0, 0.0]), away, sigma_bearing=0.003, sigma_range=0.02)
+        away = 8.0 - 0.6 * min(k, 6)
+        seen = Detection(np.array([1.0, 0.0, 0.0]), away, 0.003, sigma_range=0.1 * away)
         state = VehicleState(k / 10, still, still, LEVEL, still)
         tracker.update(k / 10, [seen], state, LEVEL, None)
         assert all(np.linalg.norm(t.v) <= 3.0 for t in tracker.tracks())
     (track,) = tracker.tracks()
-    assert abs(track.p[0] - away) < 0.1
+    assert abs(track.p[0] - away) < 0.5
 
 
 def test_one_that_flew_along_is_believed_to_fly_along():
