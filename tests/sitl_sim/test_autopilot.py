@@ -91,6 +91,19 @@ def test_offboard_is_acknowledged_but_not_entered_without_a_stream(make_flight):
     assert f.last(Heartbeat).custom_mode == OFFBOARD
 
 
+def test_one_new_setpoint_is_enough_for_offboard_and_an_old_one_is_not(make_flight):
+    # MAVSDK asks for the mode right after its first setpoint; the second may come later.
+    f = make_flight()
+    f.in_the_air()
+    f.send(RateSetpoint(0.0, np.zeros(3), HOVER, 1))
+    f.run(1.5)
+    f.command(176, 1, 6, 0)
+    assert f.commander.mode is Mode.HOLD
+    f.send(RateSetpoint(0.0, np.zeros(3), HOVER, 1))
+    f.command(176, 1, 6, 0)
+    assert f.commander.mode is Mode.OFFBOARD
+
+
 def offboard(f):
     f.in_the_air()
     f.stream([0, 0, 0], HOVER)
