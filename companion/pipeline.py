@@ -336,11 +336,13 @@ class Pipeline:
     def _neighbour(self, own: VehicleState, track: Track, company: bool) -> Neighbour:
         """A track as the NMPC wants it, carried over the delay, giving way; eq. (13)."""
         nmpc = self._config.nmpc
-        over = (track.p[2] - own.p[2]) / nmpc.agent_vertical_scale
+        scale = nmpc.agent_vertical_scale
+        over = (track.p[2] - own.p[2]) / scale
         apart = math.sqrt(max(nmpc.d_agent_safety**2 - over**2, 0.0))
         v = track.v + yielding(own, track, apart, self._config.reciprocity)
         ahead = track.p + track.v * self._config.timing.delay
-        return Neighbour(ahead, v, doubt(own, track, nmpc.d_agent_safety), float(company))
+        sigmas = doubt(own, track, nmpc.d_agent_safety, scale)
+        return Neighbour(ahead, v, sigmas, float(company))
 
     def _judge(self, out: TickOutputs) -> Verdict:
         """The guard's word on what this tick knows."""

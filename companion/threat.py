@@ -114,8 +114,12 @@ def calm_speed(
     return max(bound, min(_LEAST_CALM, v_max))
 
 
-def doubt(own: VehicleState, track: Track, distance: float) -> tuple[float, float]:
+def doubt(
+    own: VehicleState, track: Track, distance: float, vertical_scale: float = 1.0
+) -> tuple[float, float]:
     """Standard deviations of place [m] and velocity [m/s] that widen `distance` [m], (37).
+
+    vertical_scale: how much taller than wide the ellipsoid of (37) is.
 
     One slack serves all neighbours: room that doubt of one out of sight claims in vain is what
     the plan then takes from another that is in sight. So that doubt claims free room only now,
@@ -124,7 +128,8 @@ def doubt(own: VehicleState, track: Track, distance: float) -> tuple[float, floa
     place, speed = (math.sqrt(float(np.trace(track.P[k : k + 3, k : k + 3])) / 3) for k in (0, 3))
     if not track.lost:
         return place, speed
-    room = max(float(np.linalg.norm(track.p - own.p)) - distance, 0.0)
+    apart = (track.p - own.p) / (1.0, 1.0, vertical_scale)
+    room = max(float(np.linalg.norm(apart)) - distance, 0.0)
     return min(place, room), min(speed, room)
 
 
