@@ -93,6 +93,7 @@ class Tracker:
         self._misses = np.zeros(0, dtype=int)
         self._along = np.zeros(0, dtype=bool)  # whether it flew along when it was last seen
         self._pace: Vector = np.zeros(3)  # the own velocity
+        self._last = (-np.inf, self._mean, self._covariance)  # as after the last frame
 
     def update(
         self,
@@ -127,12 +128,20 @@ class Tracker:
         self._bury(time)
         for detection in fresh:
             self._bear(time, z[detection], r[detection], bool(clear[detection]))
+        self._last = (time, self._mean.copy(), self._covariance.copy())
 
     def predict(self, time: float) -> None:
         """Carry all neighbours to `time` at constant velocity, eq. (14), with growing doubt.
 
-        Back, too, for a frame that is older than the last tick; doubt stays as it is then.
+        Back, too, for a frame that is older than the last tick: from the last frame anew, or
+        doubt would grow, and velocity fade, with every tick that goes back and forth.
         """
+        if self._time is not None and self._last[0] <= time < self._time:
+            self._time, self._mean, self._covariance = (
+                self._last[0],
+                self._last[1].copy(),
+                self._last[2].copy(),
+            )
         dt = 0.0 if self._time is None else time - self._time
         self._time = time
         self._mean[:, :3] += dt * self._mean[:, 3:]

@@ -121,3 +121,24 @@ def test_frames_that_come_late_do_not_slow_anybody_down(late):
     (track,) = tracker.tracks()
     assert np.linalg.norm(track.v - CRUISE) < 0.05
     assert np.linalg.norm(track.p - CRUISE * 1.9 - offset) < 0.05
+
+
+@pytest.mark.parametrize("late", [0.12, 0.2])
+def test_of_one_out_of_sight_late_frames_say_as_much_as_early_ones(late):
+    """Ticks at 10 Hz; the last frames show it no more, each taken `late` before its tick."""
+
+    def known(late):
+        tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
+        across = np.array([0.0, 1.5, 0.0])
+        for k in range(20):
+            offset = np.array([4.0, -1.0, 0.0]) + (across - CRUISE) * k / 10
+            seen = [look(offset, rng)] if k < 10 else []
+            tracker.update(k / 10, seen, own(k / 10), LEVEL, None)
+            tracker.predict(k / 10 + late)
+        tracker.predict(1.9)
+        (track,) = tracker.tracks()
+        return track
+
+    early, behind = known(0.0), known(late)
+    assert np.allclose(behind.v, early.v, rtol=0.05)
+    assert np.allclose(np.diag(behind.P), np.diag(early.P), rtol=0.05)
