@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from companion.types import Track, Vector
-from mavlink_bridge.settings import StrictModel
+from mavlink_bridge.settings import Contradiction, StrictModel
 
 _RIM = 0.2  # rad beyond `half_view` that the picture still shows, if not well
 
@@ -58,6 +59,13 @@ class GazeConfig(StrictModel):
         2 * math.pi, ge=0, description="Turn [rad] on the spot before setting out; 0: none."
     )
     seed: int = Field(0, ge=0, description="Of the random sweep; each drone its own.")
+
+    @model_validator(mode="after")
+    def _check_seen(self) -> Self:
+        if not self.seen_full < self.seen_none:
+            text = f"seen_none, {self.seen_none:g}, must be above seen_full, {self.seen_full:g}"
+            raise Contradiction(("seen_none", "seen_full"), text)
+        return self
 
 
 class Gaze:
