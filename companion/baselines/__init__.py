@@ -60,5 +60,6 @@ def make_planner(config: CompanionConfig, stopwatch: Callable[[], float]) -> Pla
         rule(config.controller, config.baselines, flocking=config.nmpc.w_short > 0.0),
         config.nmpc,
         config.baselines.tracking,
+        config.threat.level,
         stopwatch,
     )

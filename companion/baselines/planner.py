@@ -25,11 +25,13 @@ class VelocityPlanner:
         rule: Rule,
         nmpc: NmpcConfig,
         tracking: TrackingConfig,
+        level: float,
         stopwatch: Callable[[], float],
     ) -> None:
         self._rule = rule
         self._nmpc = nmpc
         self._tracking = tracking
+        self._level = level
         self._stopwatch = stopwatch
 
     def reset(self) -> None:
@@ -41,7 +43,7 @@ class VelocityPlanner:
         finite = instance.finite()
         v = np.zeros(3)
         if finite:
-            around = Surroundings.of(instance, self._nmpc)
+            around = Surroundings.of(instance, self._nmpc, self._level)
             v[:2] = bounded(self._rule.velocity(around), around.fastest)
             v[2] = self._climb(instance)
             finite = bool(np.isfinite(v).all())

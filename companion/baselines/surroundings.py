@@ -36,10 +36,14 @@ class Surroundings:
     surfaces: Vector
 
     @classmethod
-    def of(cls, instance: Instance, config: NmpcConfig) -> Self:
-        """From the numbers that the NMPC would plan on."""
+    def of(cls, instance: Instance, config: NmpcConfig, level: float) -> Self:
+        """From the numbers that the NMPC would plan on; who is `level` [m] up or down is not there.
+
+        A rule in the plane would flee from one that has landed.
+        """
         p, v = instance.x0[:2], instance.x0[3:5]
         there = instance.neighbour_active > 0.5
+        there &= np.abs(instance.neighbour_p[:, 2] - instance.x0[2]) < level
         e = instance.goal[:2] - p
         trunks = instance.cylinders[instance.cylinder_active > 0.5].copy()
         trunks[:, :2] -= p

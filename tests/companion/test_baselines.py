@@ -52,6 +52,12 @@ def test_it_gives_way_to_a_neighbour_that_comes_from_the_left(controller):
 
 
 @pytest.mark.parametrize("controller", RULES)
+def test_one_that_has_landed_is_in_nobodys_way(controller):
+    landed = Neighbour([0.7, 0.0, 0.0], [0.0, 0.0, 0.0])
+    assert velocity(controller, neighbours=[landed]) == pytest.approx(velocity(controller))
+
+
+@pytest.mark.parametrize("controller", RULES)
 def test_who_must_go_slowly_towards_its_goal_may_still_make_way(controller):
     """As the NMPC may, up to its bound of this tick."""
     comes = Neighbour([-0.6, 0.0, 2.0], [1.0, 0.0, 0.0])
@@ -86,6 +92,7 @@ def test_reynolds_rests_where_cohesion_and_separation_balance():
         seen = Surroundings.of(
             instance(config, goal=[0, 0, 2], neighbours=[Neighbour([0, distance, 2], [0, 0, 0])]),
             config,
+            level=1.2,
         )
         return rules[flocking].velocity(seen)[1]
 
