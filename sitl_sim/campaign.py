@@ -17,6 +17,7 @@ from typing import Any
 from sitl_sim import scenario as scenarios
 from sitl_sim.campaigns.crew import Crew
 from sitl_sim.campaigns.run import Job, metrics_of
+from sitl_sim.companion_config import check_companions
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class Campaign:
     def __post_init__(self) -> None:
         """Read the scenario: bad input shows here, before anything flies."""
         loaded = scenarios.load(self.scenario, [*self.overrides, f"seed={self.first_seed}"])
+        check_companions(loaded, self.in_process)
         object.__setattr__(self, "name", loaded.name)
 
     @property
@@ -71,10 +73,14 @@ def run(campaign: Campaign, crew: Crew, done: Callable[[int, str], None]) -> dic
     broken: dict[int, str] = {}
     while waiting or suspects or flying:
         alone = bool(suspects)
-        while (suspects or waiting) and len(flying) < (1 if alone else crew.places):
-            job = (suspects or waiting).popleft()
-            flying[crew.submit(job)] = job, alone
         died = False  # a worker, and its pool with it
+        while (suspects or waiting) and len(flying) < (1 if alone else crew.places) and not died:
+            queue = suspects or waiting
+            try:
+                flying[crew.submit(queue[0])] = queue[0], alone
+                queue.popleft()
+            except BrokenExecutor:  # between two flights
+                died = True
         for future in wait(flying, return_when=FIRST_COMPLETED).done:
             job, alone = flying.pop(future)
             try:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
-from mavlink_bridge.settings import overlay
+from mavlink_bridge.settings import SettingsError, overlay, parse_yaml, validate
 from sitl_sim import scenario as scenarios
 from sitl_sim.real.fleet import BRIDGE_DELAY, EXPONENT, HOVER
 from sitl_sim.scenario import Scenario, WireConfig
+
+_SETTINGS = ("companion.config", "CompanionConfig")  # by name, as a process's module is
 
 
 def companion_port(wire: WireConfig, system: int) -> int:
@@ -62,3 +66,20 @@ def companion_config(scenario: Scenario, i: int, folder: Path, clock: bool) -> d
         config["timing"]["delay"] = BRIDGE_DELAY
     overlay(config, s.companion)
     return config
+
+
+def check_companions(scenario: Scenario, in_process: bool) -> None:
+    """See that companions will take what they are to be told, before anything flies.
+
+    Raises:
+        SettingsError: with every mistake of the first that does not; or they cannot be where the
+            autopilots are.
+    """
+    if in_process and scenario.drones.real:
+        raise SettingsError(["real autopilots talk to companions in processes: no --in-process"])
+    module, name = _SETTINGS
+    model = getattr(importlib.import_module(module), name)
+    for i, drone in enumerate(scenarios.drone_names(scenario)):
+        file = f"drones/{drone}/config.yaml"  # as a run folder would have it
+        config = yaml.safe_dump(companion_config(scenario, i, Path(), clock=True), sort_keys=False)
+        validate(model, parse_yaml(config, file), file)

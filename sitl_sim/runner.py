@@ -23,11 +23,12 @@ import yaml
 from mavlink_bridge.codec import Codec
 from mavlink_bridge.link import Endpoint, Link, UdpEndpoint
 from mavlink_bridge.memory import MemoryEndpoint
+from mavlink_bridge.settings import SettingsError
 from mavlink_bridge.video import Frame, FrameServer
 from sitl_sim import faults
 from sitl_sim import scenario as scenarios
 from sitl_sim.autopilot import Autopilots
-from sitl_sim.companion_config import companion_config, companion_port
+from sitl_sim.companion_config import check_companions, companion_config, companion_port
 from sitl_sim.eyes import Eyes
 from sitl_sim.fault_camera import FaultyCamera
 from sitl_sim.fault_link import FaultyLine, FaultyLink, FaultyTelemetry
@@ -51,7 +52,7 @@ class Flight:
 
     Raises:
         EndpointError, VideoError: a port is in use, named.
-        SettingsError: a fault that this scenario cannot have.
+        SettingsError: what this scenario, or a companion of it, cannot have.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class Flight:
         self.names = scenarios.drone_names(scenario)
         self._schedule = scenarios.fault_schedule(scenario)
         faults.check(scenario.faults, processes=not in_process)
+        check_companions(scenario, in_process)
         start = scenarios.starts(scenario)
         self._yaws = scenarios.frame_yaws(scenario)
         self.targets = scenarios.targets(scenario, start)
@@ -102,7 +104,7 @@ class Flight:
     def _switch_on(self, phases: list[int]) -> Autopilots | RealFleet:
         """The vehicles' autopilots: emulated, or real ones on our physics."""
         s, systems = self.scenario, list(range(1, len(self.names) + 1))
-        if s.drones.autopilot == "betaflight" or s.drones.binary:
+        if s.drones.real:
             w = s.wire
             folders = [self.folder / "drones" / name for name in self.names]
             wires = [Wire(w.host, companion_port(w, k), w.gcs_port) for k in systems]
@@ -168,8 +170,15 @@ class Flight:
         ]
 
     def write_inputs(self) -> None:
-        """Run folder: the resolved scenario, the world, and each companion's config."""
-        self.folder.mkdir(parents=True, exist_ok=True)
+        """Run folder: the resolved scenario, the world, and each companion's config.
+
+        Raises:
+            SettingsError: there can be no such folder.
+        """
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise SettingsError([f"{self.folder}: no run folder: {error.strerror}"]) from error
         text = yaml.safe_dump(self.scenario.model_dump(by_alias=True), sort_keys=False)
         (self.folder / "scenario.yaml").write_text(text, encoding="utf-8")
         world = json.dumps(self.world, indent=1)

@@ -54,6 +54,11 @@ class DronesConfig(StrictModel):
     )
     parameters: dict[str, float] = Field({}, description="Autopilot parameters at boot.")
 
+    @property
+    def real(self) -> bool:
+        """Whether real autopilots fly, not emulated ones."""
+        return self.autopilot == "betaflight" or bool(self.binary)
+
 
 class MissionConfig(StrictModel):
     """Where to fly, in the world frame."""
@@ -138,7 +143,7 @@ class Scenario(StrictModel):
     """One flight, completely described."""
 
     fileversion: Literal[1] = 1
-    name: str = "scenario"
+    name: str = Field("scenario", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,62}$")
     description: str = ""
     seed: int = Field(0, ge=0)
     world: WorldConfig = WorldConfig()
@@ -224,7 +229,7 @@ def fault_schedule(scenario: Scenario) -> fault.Schedule:
     s = scenario.sensing
     fault.check(
         scenario.faults,
-        emulated=scenario.drones.autopilot != "betaflight" and not scenario.drones.binary,
+        emulated=not scenario.drones.real,
         pixels="camera" in (s.neighbours, s.obstacles),
         reports=s.neighbours == "truth",
     )

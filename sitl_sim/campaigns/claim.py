@@ -27,9 +27,10 @@ def claimed(folder: Path, settings: dict[str, Any]) -> Iterator[None]:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        lock = (folder / _LOCK).open("a")
     except OSError as error:
         raise SettingsError([f"{folder}: no folder for a campaign: {error.strerror}"]) from error
-    with (folder / _LOCK).open("a") as lock:
+    with lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -43,7 +44,8 @@ def claimed(folder: Path, settings: dict[str, Any]) -> Iterator[None]:
         elif other := _differences(_read(path), asked):
             why = f"holds another campaign ({', '.join(other)}); choose another --out"
             raise SettingsError([f"{folder}: {why}"])
-        shutil.rmtree(folder / "unfinished", ignore_errors=True)
+        else:  # only a campaign's own folder holds what a campaign left unfinished
+            shutil.rmtree(folder / "unfinished", ignore_errors=True)
         yield
 
 

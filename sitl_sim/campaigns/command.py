@@ -47,13 +47,18 @@ def fly_campaign(options: argparse.Namespace, overrides: list[str]) -> bool:
     )
     result = fly(campaign, options.workers or os.cpu_count() or 1, options.scheduler)
     print(json.dumps(result, indent=1) if options.json else table(result))
-    if not options.json:
+    if not options.json and result["flown"]:
         print(f"{folder / 'campaign.html'}")
     return bool(result["ok"] == result["runs"])
 
 
 def fly(campaign: Campaign, workers: int, scheduler: str | None = None) -> dict[str, Any]:
-    """Fly what is missing and sum up what is there; writes `summary.json`, `campaign.html`."""
+    """Fly what is missing and sum up what is there; writes `summary.json`, `campaign.html`.
+
+    Raises:
+        SettingsError: a folder that cannot be used.
+    """
+    from mavlink_bridge.settings import SettingsError
     from sitl_sim.campaign import run
     from sitl_sim.campaigns.claim import claimed
     from sitl_sim.campaigns.crew import crew
@@ -61,8 +66,17 @@ def fly(campaign: Campaign, workers: int, scheduler: str | None = None) -> dict[
     from sitl_sim.campaigns.run import metrics_of
     from sitl_sim.campaigns.summary import summary
 
+    def sum_up(broken: dict[int, str]) -> tuple[dict[int, Any], dict[str, Any]]:
+        flights = {seed: metrics_of(campaign.run_folder(seed)) for seed in campaign.seeds}
+        flown = {seed: m for seed, m in flights.items() if m is not None}
+        try:
+            return flown, summary(campaign.name, flown, broken, campaign.runs)
+        except KeyError as error:
+            why = f"holds runs of another version, without {error}; choose another --out"
+            raise SettingsError([f"{campaign.folder}: {why}"]) from error
+
     with claimed(campaign.folder, campaign.settings()):
-        missing = len(campaign.jobs())
+        missing = campaign.runs - len(sum_up({})[0])  # what is there can be used, or none flies
         broken: dict[int, str] = {}
         if missing:
             with (
@@ -70,9 +84,7 @@ def fly(campaign: Campaign, workers: int, scheduler: str | None = None) -> dict[
                 _progress(campaign.runs, campaign.runs - missing) as done,
             ):
                 broken = run(campaign, who, done)
-        flights = {seed: metrics_of(campaign.run_folder(seed)) for seed in campaign.seeds}
-        flown = {seed: m for seed, m in flights.items() if m is not None}
-        result = summary(campaign.name, flown, broken, campaign.runs)
+        flown, result = sum_up(broken)
         text = json.dumps(result, indent=1)
         (campaign.folder / "summary.json").write_text(text, encoding="utf-8")
         if flown:

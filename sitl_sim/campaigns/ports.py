@@ -50,8 +50,9 @@ def block(drones: int, first: int = _FIRST, last: int = _LAST) -> Iterator[int]:
 def _locked(unit: int, held: contextlib.ExitStack) -> bool:
     """Whether the ports from `unit` on are now ours, until `held` is closed."""
     path = Path(tempfile.gettempdir()) / f"swarm-companion-ports-{unit}.lock"
-    file = held.enter_context(path.open("a"))
     try:
+        # Read only where it is there: another user's is locked as well as one's own.
+        file = held.enter_context(path.open("r" if path.exists() else "a"))
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         return False

@@ -18,6 +18,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from mavlink_bridge.settings import SettingsError
+
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
@@ -116,6 +118,13 @@ def _ports(job: Job, drones: int) -> Iterator[list[str]]:
 
 
 def metrics_of(folder: Path) -> dict[str, Any] | None:
-    """What a finished run wrote down; None where there is none."""
+    """What a finished run wrote down; None where there is none.
+
+    Raises:
+        SettingsError: a file that no run wrote.
+    """
     path = folder / "metrics.json"
-    return dict(json.loads(path.read_text("utf-8"))) if path.exists() else None
+    try:
+        return dict(json.loads(path.read_text("utf-8"))) if path.exists() else None
+    except (OSError, ValueError, TypeError) as error:
+        raise SettingsError([f"{path}: not what a run wrote: {error}"]) from error

@@ -6,7 +6,6 @@ page in Markdown with a table and a plot, made of nothing but the campaigns' sum
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -58,14 +57,17 @@ def load(name: str) -> Study:
     return validate(Study, load_yaml(path), str(path))
 
 
-def cells(
-    study: Study, folder: Path, runs: int, first_seed: int, in_process: bool
-) -> Iterator[Cell]:
-    """Every case of every scenario, each with a folder of its own."""
+def cells(study: Study, folder: Path, runs: int, first_seed: int, in_process: bool) -> list[Cell]:
+    """Every case of every scenario, each with a folder of its own.
+
+    Raises:
+        SettingsError: what a case asks for is wrong.
+    """
+    found = []
     for scenario in study.scenarios:
         for case, changes in study.cases.items():
             place = folder / Path(scenario).stem / case.replace(" ", "-").replace("/", "-")
             overrides = [*study.set, *changes]
-            yield Cell(
-                scenario, case, Campaign(scenario, overrides, runs, first_seed, place, in_process)
-            )
+            campaign = Campaign(scenario, overrides, runs, first_seed, place, in_process)
+            found.append(Cell(scenario, case, campaign))
+    return found

@@ -41,12 +41,13 @@ def run_study(options: argparse.Namespace) -> bool:
     """
     from sitl_sim.campaigns import study as studies
     from sitl_sim.campaigns.command import fly
-    from sitl_sim.campaigns.study_page import write_page
+    from sitl_sim.campaigns.study_page import new_figure, write_page
 
     name = Path(options.study).stem
     study = _chosen(studies.load(options.study), options)
     folder = options.out or Path("runs") / f"study-{name}"
     rows = []
+    new_figure(1.0, 1.0)  # now, not after all flights, is told what is missing
     for cell in studies.cells(study, folder, options.runs, options.seed, not options.processes):
         print(f"{cell.scenario}, {cell.case}", file=sys.stderr, flush=True)
         workers = options.workers or os.cpu_count() or 1

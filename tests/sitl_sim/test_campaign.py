@@ -107,6 +107,33 @@ def test_a_folder_of_another_version_is_refused_in_a_line(scenario, tmp_path, ca
     assert len(capsys.readouterr().err) < 600
 
 
+def test_what_was_there_before_a_campaign_stays(scenario, tmp_path):
+    theirs = tmp_path / "out" / "unfinished" / "thesis.txt"
+    theirs.parent.mkdir(parents=True)
+    theirs.touch()
+    with claimed(tmp_path / "out", settings(scenario)):
+        assert theirs.exists()
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ('{"ok": tr', "metrics.json: not what a run wrote"),
+        ("[1]", "metrics.json: not what a run wrote"),
+        ('{"ok": true}', "runs of another version, without 'agent_collisions'"),
+    ],
+)
+def test_runs_that_cannot_be_counted_are_named_before_more_are_flown(
+    scenario, tmp_path, capsys, content, words
+):
+    run_folder = tmp_path / "out" / "hop-0"
+    run_folder.mkdir(parents=True)
+    (run_folder / "metrics.json").write_text(content)
+    assert campaign(scenario, tmp_path / "out", "--runs", "2") == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "out" / "hop-1").exists()
+
+
 def test_two_campaigns_do_not_fly_into_one_folder(scenario, tmp_path, capsys):
     out = tmp_path / "out"
     with claimed(out, settings(scenario)):
@@ -151,6 +178,31 @@ class Fragile:
         assert all(f.done() for f in self.pool.values())
 
 
+class Idle(Fragile):
+    """A crew whose idle worker dies: the pool takes no work until it is renewed."""
+
+    def __init__(self):
+        super().__init__()
+        self.ill = False
+
+    def submit(self, job):
+        if self.ill:
+            raise BrokenProcessPool("a worker died")
+        self.ill = job.seed == 1
+        future = Future()
+        future.set_result(None)
+        return future
+
+    def renew(self):
+        self.ill = False
+
+
+def test_a_worker_that_dies_between_flights_costs_none(scenario, tmp_path):
+    told, crew = {}, Idle()
+    assert run(Campaign(scenario, [], 4, 0, tmp_path), crew, told.__setitem__) == {}
+    assert sorted(crew.brought) == sorted(told) == [0, 1, 2, 3]
+
+
 def test_a_worker_that_dies_takes_no_other_flight_with_it(scenario, tmp_path):
     told, crew = {}, Fragile()
     flights = Campaign(scenario, [], 6, 0, tmp_path)
@@ -167,6 +219,9 @@ def test_a_worker_that_dies_takes_no_other_flight_with_it(scenario, tmp_path):
     [
         (["--set", "drones.cuont=1"], "drones.cuont: unknown key"),
         (["--scheduler", "tcp://127.0.0.1:1"], "--scheduler tcp://127.0.0.1:1"),
+        (["--controller", "foo"], ": controller: must be 'nmpc', "),
+        (["--set", "companion.nmpc.typo=1"], ": nmpc.typo: unknown key"),
+        (["--set", "drones.autopilot=betaflight"], "no --in-process"),
     ],
 )
 def test_bad_input_is_exit_2(scenario, tmp_path, capsys, options, words):
@@ -176,11 +231,11 @@ def test_bad_input_is_exit_2(scenario, tmp_path, capsys, options, words):
 
 def test_a_flight_that_cannot_be_flown_is_named_and_the_others_fly(scenario, tmp_path, capsys):
     out = tmp_path / "out"
-    wrong = ["--set", "companion.nmpc.N=1"]  # only a companion knows that this is too few
+    wrong = ["--set", "sensing.calibration=missing.yaml"]  # nobody reads it before it flies
     assert campaign(scenario, out, "--runs", "1", *wrong, "--json") == 1
     summary = json.loads(capsys.readouterr().out)
     assert (summary["flown"], summary["tried"], summary["success"]) == (0, 1, 0.0)
-    assert "nmpc.N" in summary["not_flown"]["0"]
+    assert "missing.yaml" in summary["not_flown"]["0"]
 
 
 def test_blocks_of_ports_are_apart_and_come_back():
@@ -191,6 +246,21 @@ def test_blocks_of_ports_are_apart_and_come_back():
                      f"wire.gcs_port={one + 7}"]  # fmt: skip
     with ports.block(3) as again:
         assert again == one
+
+
+def test_files_that_another_user_has_made_are_locked_too(monkeypatch):
+    with ports.block(3) as one:
+        pass
+    opened = Path.open
+
+    def theirs(path, mode="r", *arguments, **keys):
+        if mode != "r" and path.exists():
+            raise PermissionError(13, "Permission denied")
+        return opened(path, mode, *arguments, **keys)
+
+    monkeypatch.setattr(Path, "open", theirs)
+    with ports.block(3) as mine, ports.block(3) as other:
+        assert mine == one != other
 
 
 @pytest.mark.slow
