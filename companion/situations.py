@@ -13,6 +13,7 @@ import numpy as np
 
 from companion.nmpc import Instance, NmpcConfig
 from companion.nmpc.instancefile import Run
+from mavlink_bridge.distance import between, to_cylinder
 
 _LENGTH = 6  # ticks of a window
 _NEAR = 3.0  # m, a neighbour or trunk that counts as near
@@ -51,9 +52,8 @@ def _kind(window: Sequence[Instance], config: NmpcConfig) -> str:
 
 
 def _inside(instance: Instance, config: NmpcConfig) -> bool:
-    d = instance.neighbour_p - instance.x0[:3]
-    d[:, 2] /= config.agent_vertical_scale
-    near = np.linalg.norm(d, axis=1)[instance.neighbour_active > 0]
+    apart = between(instance.neighbour_p, instance.x0[:3], config.agent_vertical_scale)
+    near = apart[instance.neighbour_active > 0]
     return bool((near < config.d_agent_safety).any()) or _to_trunk(instance) < (
         config.d_obstacle_safety
     )
@@ -69,7 +69,7 @@ def _head_on(instance: Instance, config: NmpcConfig) -> bool:
 
 
 def _crowded(instance: Instance, config: NmpcConfig) -> bool:
-    distance = np.linalg.norm(instance.neighbour_p - instance.x0[:3], axis=1)
+    distance = between(instance.neighbour_p, instance.x0[:3])
     near = (distance < _NEAR) & (instance.neighbour_active > 0)
     return int(near.sum()) >= 2 and _to_trunk(instance) < _NEAR
 
@@ -77,5 +77,5 @@ def _crowded(instance: Instance, config: NmpcConfig) -> bool:
 def _to_trunk(instance: Instance) -> float:
     """Distance [m] to the nearest cylinder's surface."""
     active = instance.cylinders[instance.cylinder_active > 0]
-    d = np.hypot(*(active[:, :2] - instance.x0[:2]).T) - active[:, 2]
+    d = to_cylinder(instance.x0, *active.T)
     return float(d.min(initial=np.inf))

@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from companion.types import Track, Vector
+from mavlink_bridge.distance import between
 from mavlink_bridge.messages import VehicleState
 from mavlink_bridge.settings import StrictModel
 
@@ -69,7 +70,7 @@ def rated_neighbours(
 
     The first `critical` of them are the critical neighbours.
     """
-    near = [t for t in tracks if np.linalg.norm(t.p - own.p) <= config.range_max]
+    near = [t for t in tracks if between(t.p, own.p) <= config.range_max]
     rated = [(t, threat(own, t.p, t.v, config)) for t in near]
     return sorted(rated, key=lambda r: (-r[1], r[0].id))
 
@@ -108,7 +109,7 @@ def calm_speed(
     """
     bound = v_max
     for t in tracks:
-        distance = float(np.linalg.norm(t.p - own.p))
+        distance = float(between(t.p, own.p))
         calm = config.calm + (distance - config.room)
         bound = min(bound, max(calm, speed) if t.lost else calm + float(np.linalg.norm(t.v)))
     return max(bound, min(_LEAST_CALM, v_max))
@@ -128,8 +129,7 @@ def doubt(
     place, speed = (math.sqrt(float(np.trace(track.P[k : k + 3, k : k + 3])) / 3) for k in (0, 3))
     if not track.lost:
         return place, speed
-    apart = (track.p - own.p) / (1.0, 1.0, vertical_scale)
-    room = max(float(np.linalg.norm(apart)) - distance, 0.0)
+    room = max(float(between(track.p, own.p, vertical_scale)) - distance, 0.0)
     return min(place, room), min(speed, room)
 
 

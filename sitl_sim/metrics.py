@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mavlink_bridge.distance import between
 from sitl_sim.world import Vector, surface_distance
 
 AIRBORNE = 0.3  # m above ground
@@ -35,7 +36,7 @@ def safety(
     pairs = []
     for i, j in itertools.combinations(range(p.shape[1]), 2):
         both = flying[:, i] & flying[:, j]
-        apart = np.where(both, np.linalg.norm(p[:, i] - p[:, j], axis=-1), np.inf)
+        apart = np.where(both, between(p[:, i], p[:, j]), np.inf)
         k = int(apart.argmin())
         pairs.append((float(apart[k]), float(t[k]), names[i], names[j]))
     tolerance = world["target_tolerance"]

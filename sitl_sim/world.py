@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from mavlink_bridge.distance import to_cylinder
 from mavlink_bridge.settings import StrictModel
 
 Vector = NDArray[np.float64]
@@ -65,7 +66,7 @@ def surface_distance(position: Vector, world: dict[str, Any]) -> Vector:
     """Signed distance (...,) [m] from each point (...,3) to the nearest obstacle surface."""
     nearest = np.full(position.shape[:-1], np.inf)
     for c in world.get("cylinders", []):
-        radial = np.hypot(position[..., 0] - c["x"], position[..., 1] - c["y"]) - c["radius"]
+        radial = to_cylinder(position, c["x"], c["y"], c["radius"])
         above = position[..., 2] - c["height"]
         outside = np.hypot(np.maximum(radial, 0), np.maximum(above, 0))
         inside = (radial < 0) & (above < 0)

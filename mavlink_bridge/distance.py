@@ -1,0 +1,30 @@
+"""How far apart: one measure for the controller, what feeds it, and the metrics.
+
+The NMPC says the same in CasADi's terms (`companion/nmpc/constraints.py`); a test holds them
+together.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+
+
+def between(a: Vector, b: Vector, vertical_scale: float = 1.0) -> Vector:
+    """(...,) m from points a (...,3) to b (...,3), centre to centre; (15), (37).
+
+    vertical_scale: by how much heights count less, as in the NMPC's ellipsoid; 1: not at all.
+    """
+    apart: Vector = np.linalg.norm((a - b) / np.array([1.0, 1.0, vertical_scale]), axis=-1)
+    return apart
+
+
+def to_cylinder(p: Vector, x: Vector | float, y: Vector | float, radius: Vector | float) -> Vector:
+    """(...,) m from points p (...,2 or 3) to the side of upright cylinders; (19), (38).
+
+    Negative inside. x, y, radius: m, of one for all or of one for each.
+    """
+    aside: Vector = np.hypot(p[..., 0] - x, p[..., 1] - y) - radius
+    return aside
