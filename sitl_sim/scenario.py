@@ -143,7 +143,7 @@ class Scenario(StrictModel):
     """One flight, completely described."""
 
     fileversion: Literal[1] = 1
-    name: str = Field("scenario", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,62}$")
+    name: str = Field("scenario", pattern=r"^[^./][^/]*$", max_length=100)
     description: str = ""
     seed: int = Field(0, ge=0)
     world: WorldConfig = WorldConfig()
