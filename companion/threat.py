@@ -116,7 +116,7 @@ def calm_speed(
 
 
 def doubt(
-    own: VehicleState, track: Track, distance: float, vertical_scale: float = 1.0
+    own: VehicleState, track: Track, distance: float, vertical_scale: float
 ) -> tuple[float, float]:
     """Standard deviations of place [m] and velocity [m/s] that widen `distance` [m], (37).
 

@@ -7,9 +7,8 @@ together.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Vector = NDArray[np.float64]
+from mavlink_bridge.messages import Vector
 
 
 def between(a: Vector, b: Vector, vertical_scale: float = 1.0) -> Vector:

@@ -98,11 +98,11 @@ def test_nobody_flees_from_one_out_of_sight_as_fast_as_that_one_was():
 
 def test_doubt_of_one_out_of_sight_takes_no_room_that_is_not_free():
     seen = track(1, [1.0, 0, 0])
-    assert np.allclose(doubt(OWN, seen, 0.8), 1.0)
-    assert np.allclose(doubt(OWN, replace(seen, unseen=0.6), 0.8), 0.2)
-    assert doubt(OWN, replace(seen, unseen=0.6), 1.1) == (0.0, 0.0)
+    assert np.allclose(doubt(OWN, seen, 0.8, 4.0), 1.0)
+    assert np.allclose(doubt(OWN, replace(seen, unseen=0.6), 0.8, 4.0), 0.2)
+    assert doubt(OWN, replace(seen, unseen=0.6), 1.1, 4.0) == (0.0, 0.0)
     below = replace(track(1, [0.3, 0, -1.0]), unseen=0.6)  # (37) sees it 0.5 m away
-    assert np.allclose(doubt(OWN, below, 0.4, vertical_scale=2.5), 0.1)
+    assert np.allclose(doubt(OWN, below, 0.4, 2.5), 0.1)
 
 
 def aimed(*tracks, trunks=()):

@@ -85,6 +85,14 @@ def test_what_does_not_exist_is_named_with_what_does(arguments, words, capsys):
     assert words in capsys.readouterr().err
 
 
+def test_a_mistake_in_the_last_case_is_told_before_the_first_one_flies(study, tmp_path, capsys):
+    study.write_text(STUDY + "  wrong: [drones.cuont=3]\n")
+    runs = tmp_path / "nothing"
+    assert main(["study", str(study), "--runs", "1", "--out", str(runs)]) == 2
+    assert "drones.cuont: unknown key" in capsys.readouterr().err
+    assert not runs.exists()
+
+
 def test_scenarios_are_listed_and_drawn(tmp_path, capsys):
     assert main(["scenarios", "--plans", str(tmp_path)]) == 0
     listed = capsys.readouterr().out
