@@ -1,11 +1,13 @@
 """Whether the camera shows anything: dead, frozen, black, saturated, late and misfit pictures.
 
 A picture is judged by one pixel in 64. A real sensor's noise never gives the same picture
-twice, and no scene is all black or all white.
+twice, and no scene is all black or all white. What shows nothing is not looked at: a thing that is
+not seen in it is not gone.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import Enum
 from typing import Any
 
@@ -18,6 +20,7 @@ from mavlink_bridge.video import Frame
 
 _STEP = 8  # px between those looked at, each way
 _PERCENT = 0.01
+_RANGES = 0.05  # share of a depth image that must know something; 0 and NaN do not
 _DEAD = 3  # times as late as late: it does not come any more
 _AHEAD = 0.1  # s that a stamp may be after the tick: clocks differ, and a tick may be late
 
@@ -26,10 +29,11 @@ class Trouble(Enum):
     """What is wrong with the newest frame; NONE: nothing."""
 
     NONE = "none"
-    DEAD = "dead"  # no frame, or none with a picture
+    DEAD = "dead"  # no frame, or none with all that is to be looked at
     FROZEN = "frozen"
     BLACK = "black"
     SATURATED = "saturated"
+    NO_DEPTH = "no_depth"  # a depth image that knows hardly any range
     LATE = "late"
     AHEAD = "ahead"  # stamped in the future: nobody knows when it was taken
     MISFIT = "misfit"  # not of the size that the calibration is for
@@ -48,10 +52,11 @@ class EyeConfig(StrictModel):
 
 
 class Eye:
-    """Follows the frames of one camera."""
+    """Follows the frames of one camera; needs: names of the arrays that each must bring."""
 
-    def __init__(self, config: EyeConfig) -> None:
+    def __init__(self, config: EyeConfig, needs: Iterable[str] = ()) -> None:
         self._config = config
+        self._needs = frozenset(needs)
         self._before: NDArray[Any] | None = None
         self._newest = -np.inf
         self._blind_since: float | None = None
@@ -87,8 +92,11 @@ class Eye:
         return self.trouble in (Trouble.NONE, Trouble.LATE)
 
     def _judge(self, frame: Frame) -> Trouble:
-        if not frame.arrays:
+        if not frame.arrays or self._needs - frame.arrays.keys():
             return Trouble.DEAD
+        depth = frame.arrays.get("depth")
+        if depth is not None and np.count_nonzero(depth > 0.0) < _RANGES * depth.size:
+            return Trouble.NO_DEPTH
         image = frame.arrays.get("image")
         if image is None:  # a report instead of a picture
             return Trouble.NONE

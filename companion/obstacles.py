@@ -8,7 +8,7 @@ drone is kept until it is far away.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,8 +69,12 @@ class ObstacleMap:
         own: VehicleState,
         q_bc: Vector,
         half_view: float,
+        tells: Callable[[Vector], bool] = lambda place: True,
     ) -> None:
         """One frame's trunks, seen in state `own`; half_view: half the field of view [rad].
+
+        tells: whether the frame knows what is in the direction of a place (3,); where it does not,
+        a trunk that is not seen is not gone.
 
         So near that its foot is out of the picture, or cut by the picture's edge, a thin trunk
         looks like a thick one far off: one that is known to stand there stays where it is.
@@ -90,7 +94,10 @@ class ObstacleMap:
             seen.add(self._merge(axis, trunk, own.time))
         seen = self._unite(seen)
         forward = (float(r_wc[0, 2]), float(r_wc[1, 2]))
-        self._forget(seen, own, forward, half_view)
+        for n in self._missing(seen, own, forward, half_view):
+            if tells(np.array([*self._known[n].axis, own.p[2]])):
+                self._known[n].misses += 1
+        self._forget(own)
 
     def obstacles(self, p: Vector) -> Obstacles:
         """Confirmed trunks, nearest surface to p (3,) first."""
@@ -175,20 +182,27 @@ class ObstacleMap:
         self._known = [self._known[n] for n in left]
         return {new for new, old in enumerate(left) if old in seen}
 
-    def _forget(self, seen: set[int], own: VehicleState, forward: _Place, half_view: float) -> None:
-        c, p = self._config, (float(own.p[0]), float(own.p[1]))
-        kept = []
+    def _missing(
+        self, seen: set[int], own: VehicleState, forward: _Place, half_view: float
+    ) -> Iterator[int]:
+        """Trunks that should be in plain view and were not seen."""
+        p = (float(own.p[0]), float(own.p[1]))
         for n, k in enumerate(self._known):
             offset = (k.axis[0] - p[0], k.axis[1] - p[1])
-            distance = math.hypot(*offset)
-            bearing = _angle(forward, offset)
-            in_view = bearing < half_view - 0.2 and k.radius + 0.3 < distance < c.view_range
+            near = k.radius + 0.3 < math.hypot(*offset) < self._config.view_range
+            in_view = near and _angle(forward, offset) < half_view - 0.2
             if n not in seen and in_view and not self._shadowed(n, p):
-                k.misses += 1
-            fresh = k.hits >= c.hits_to_keep or own.time - k.seen <= c.doubtful_unseen
-            if k.misses < c.misses_to_forget and distance < c.keep_range and fresh:
-                kept.append(k)
-        self._known = kept
+                yield n
+
+    def _forget(self, own: VehicleState) -> None:
+        c, p = self._config, (float(own.p[0]), float(own.p[1]))
+        self._known = [
+            k
+            for k in self._known
+            if k.misses < c.misses_to_forget
+            and math.dist(k.axis, p) < c.keep_range
+            and (k.hits >= c.hits_to_keep or own.time - k.seen <= c.doubtful_unseen)
+        ]
 
     def _shadowed(self, n: int, p: _Place) -> bool:
         """Whether another, nearer trunk covers part of trunk n as seen from p."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -126,7 +127,7 @@ class Pipeline:
         self._held = 0.0
         self._watch = LinkWatch()
         self._reboots = self._own.counters.reboots
-        self._eye = Eye(config.eye)
+        self._eye = Eye(config.eye, self._sight.needs)
         self._tracker = Tracker(config.tracker)
         self._map = ObstacleMap(config.obstacles)
         self._surfaces = Surfaces(self._sight.camera, config.surfaces)
@@ -177,7 +178,10 @@ class Pipeline:
         sighting, q_bc = out.sighting, self._sight.camera.mount
         if sighting.own is not None:
             if sighting.searched:
-                self._map.update(sighting.trunks, sighting.own, q_bc, self._sight.half_view)
+                self._map.update(
+                    sighting.trunks, sighting.own, q_bc, self._sight.half_view,
+                    tells=partial(self._sight.tells, sighting),
+                )  # fmt: skip
             if sighting.ranges is not None:
                 self._surfaces.update(sighting.ranges, sighting.own)
             self._tracker.predict(out.sighting.time)

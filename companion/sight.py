@@ -19,6 +19,8 @@ from mavlink_bridge.frames import rotation_matrix
 from mavlink_bridge.messages import VehicleState
 from mavlink_bridge.video import Frame
 
+# By which array a frame shows what is sensed this way.
+_ARRAYS = {"camera": "image", "depth": "depth", "truth": "neighbours", "map": "trunks"}
 _LENGTHS = (1e-6, 1e4)  # m; distances, radii and standard deviations lie between
 
 
@@ -58,7 +60,8 @@ def load_camera(config: CameraConfig) -> Camera:
 class Sight:
     """The camera and the detectors chosen by the config.
 
-    objection: why its frames are not to be flown by, one line; empty where they are fine.
+    needs: the arrays that each frame must bring. objection: why its frames are not to be flown by,
+    one line; empty where they are fine.
 
     Raises:
         CalibrationError, ModelError: a file that cannot be used.
@@ -67,6 +70,7 @@ class Sight:
     def __init__(self, camera: CameraConfig, sensing: SensingConfig) -> None:
         self.camera = load_camera(camera)
         self.half_view = camera.width / 2 / self.camera.fx
+        self.needs = {_ARRAYS[sensing.neighbours], _ARRAYS[sensing.obstacles]}
         self.objection = ""
         self._sensing = sensing
         self._frames = 0
@@ -118,23 +122,24 @@ class Sight:
 
     def fits(self, frame: Frame | None) -> bool:
         """Whether the picture, if there is one, is such as the calibration is for."""
-        image = None if frame is None else frame.arrays.get("image")
-        if image is None:
-            return True
+        arrays = {} if frame is None else frame.arrays
+        image, depth = arrays.get("image"), arrays.get("depth")
         wanted = (self.camera.height, self.camera.width, 3)
-        fits = image.shape == wanted and image.dtype == np.uint8
-        self.objection = "" if fits else (
-            f"camera: pictures are {'×'.join(map(str, image.shape[1::-1]))} px, camera.width and "
-            f"camera.height say {self.camera.width}×{self.camera.height}, in colour"
-        )  # fmt: skip
-        return fits
+        if image is not None and (image.shape != wanted or image.dtype != np.uint8):
+            self.objection = (
+                f"camera: pictures are {'×'.join(map(str, image.shape[1::-1]))} px, camera.width "
+                f"and camera.height say {self.camera.width}×{self.camera.height}, in colour"
+            )
+        elif depth is not None and (depth.ndim != 2 or depth.dtype.kind != "f"):
+            self.objection = f"camera: depth is {depth.dtype}, {depth.ndim}-D, not metres (h,w)"
+        else:
+            self.objection = ""
+        return not self.objection
 
     def _read_depth(
         self, frame: Frame, own: VehicleState, drones: list[Detection]
     ) -> tuple[list[Trunk], Ranges | None]:
-        depth: NDArray[np.float32] | None = frame.arrays.get("depth")
-        if depth is None:
-            return [], None
+        depth: NDArray[np.float32] = frame.arrays["depth"]
         return self._depth.read(depth, self._rotation(own), float(own.p[2]), drones)
 
     def in_view(self, own: VehicleState, points: Vector, margin: float = 0.05) -> list[bool]:
@@ -145,6 +150,19 @@ class Sight:
         w, h = self.camera.width, self.camera.height
         inside = (pixels > np.array([w, h]) * margin) & (pixels < np.array([w, h]) * (1 - margin))
         return [bool(b[0] and b[1]) for b in inside]
+
+    def tells(self, sighting: Sighting, place: Vector) -> bool:
+        """Whether the frame knows what is in the direction of `place` (3,), own ENU frame.
+
+        A depth image does not where it is NaN, and behind a neighbour.
+        """
+        if sighting.ranges is None or sighting.own is None:
+            return True
+        h, w = sighting.ranges.shape
+        offset = self._to_camera(sighting.own, (place - sighting.own.p)[None])
+        u, v = np.round(self.camera.scaled(w, h).project(offset)[0])
+        inside = 0 <= u < w and 0 <= v < h
+        return not inside or not np.isnan(sighting.ranges[int(v), int(u)])
 
     def _to_camera(self, own: VehicleState, vectors: Vector) -> Vector:
         """World vectors (n,3) in the camera frame."""

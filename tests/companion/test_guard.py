@@ -119,6 +119,17 @@ def test_what_the_eye_notices():
     assert eye.blind(1.2) == 0.0
 
 
+def test_a_frame_without_all_that_is_to_be_looked_at_shows_nothing():
+    eye, far = Eye(EyeConfig(), {"image", "depth"}), np.full((20, 32), np.inf)
+    unknown = np.where(np.arange(32) < 31, np.nan, far)
+    frames = [({"depth": far}, Trouble.NONE), ({}, Trouble.DEAD), ({"depth": far * np.nan}, None),
+              ({"depth": np.zeros((20, 32))}, None), ({"depth": unknown}, None)]  # fmt: skip
+    for n, (depth, trouble) in enumerate(frames):
+        frame = Frame(0.1 * n, {"image": picture(n), **depth})
+        assert eye.look(0.1 * n, frame) is (trouble or Trouble.NO_DEPTH), n
+    assert eye.look(0.6, Frame(0.6, {"depth": far})) is Trouble.DEAD
+
+
 def test_a_stamp_in_the_future_is_trouble_and_over_with_the_next_frame():
     eye = Eye(EyeConfig())
     assert eye.look(10.0, Frame(9.97, {"image": picture(0)})) is Trouble.NONE

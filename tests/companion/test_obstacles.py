@@ -12,10 +12,10 @@ LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 THIN, PLACE = 0.24, np.array([4.0, 0.3])
 
 
-def fly(known, x, trunk):
+def fly(known, x, trunk, **tells):
     """One look from (x, 0, 2) m."""
     own = VehicleState(x / 1.5, np.array([x, 0, 2.0]), np.array([1.5, 0, 0]), LEVEL, np.zeros(3))
-    known.update([trunk] if trunk else [], own, FORWARD, np.radians(80.0))
+    known.update([trunk] if trunk else [], own, FORWARD, np.radians(80.0), **tells)
     return known.obstacles(own.p).cylinders
 
 
@@ -60,6 +60,8 @@ def test_one_that_should_be_seen_and_is_not_is_forgotten():
     known = ObstacleMap(ObstacleConfig())
     for _ in range(6):
         fly(known, 1.0, look(1.0))
+    for _ in range(ObstacleConfig().misses_to_forget):
+        assert len(fly(known, 1.0, None, tells=lambda place: place[0] < PLACE[0] - 0.5))
     for _ in range(ObstacleConfig().misses_to_forget):
         left = fly(known, 1.0, None)
     assert not len(left)

@@ -18,11 +18,11 @@ SEEN = {"neighbours": np.array([[0.0, 0, 1, 5, 0.01, 0.1]]), "trunks": np.zeros(
 class Vehicle:
     """A pipeline and what it is told, tick by tick."""
 
-    def __init__(self, sensing="truth", **mission):
+    def __init__(self, sensing="truth", obstacles="map", **mission):
         config = {
             "fileversion": 1,
             "camera": {"width": 64, "height": 64},
-            "sensing": {"neighbours": sensing, "obstacles": "map"},
+            "sensing": {"neighbours": sensing, "obstacles": obstacles},
             "mission": {"goals": [[40.0, 0.0, 2.0]], **mission},
         }
         self.pipeline = Pipeline(CompanionConfig.model_validate(config), lambda: 0.0)
@@ -95,3 +95,32 @@ def test_pictures_of_another_size_in_flight_are_no_sight():
     assert out.verdict.reason is Reason.BLIND
     assert "64×48 px" in out.objection
     assert vehicle.tick("offboard", seen=SEEN | {"image": picture[32]}).trouble is Trouble.NONE
+
+
+def depth_of_a_trunk(camera, unknown=0.0):
+    """A depth image of a trunk of 0.3 m, 3 m ahead; unknown: of its width [rad], from ahead."""
+    x, y, z = np.moveaxis(camera.scaled(160, 160).directions.astype(float), -1, 0)
+    across, level = np.hypot(x, z), np.arctan2(np.abs(x), z)
+    root = np.maximum(0.3**2 - (3.0 * np.sin(level)) ** 2, 0.0)
+    depth = np.where((root > 0) & (z > 0), (3.0 * np.cos(level) - np.sqrt(root)) / across, np.inf)
+    return np.where(level < unknown, np.nan, depth).astype(np.float32)
+
+
+@pytest.mark.parametrize("unknown", [0.2, 3.2])
+def test_a_depth_image_that_knows_nothing_is_no_free_view(unknown):
+    """Of the trunk's direction, or of any: what was seen there before is remembered."""
+    vehicle = Vehicle(obstacles="depth")
+    camera, drones = vehicle.pipeline._sight.camera, {"neighbours": SEEN["neighbours"][:0]}
+    for _ in range(12):
+        known = vehicle.tick("offboard", seen=drones | {"depth": depth_of_a_trunk(camera)})
+    assert len(known.obstacles.cylinders) == 1
+    for _ in range(20):
+        later = vehicle.tick("offboard", seen=drones | {"depth": depth_of_a_trunk(camera, unknown)})
+    assert later.obstacles.cylinders == pytest.approx(known.obstacles.cylinders)
+    assert later.trouble is (Trouble.NONE if unknown < 1.0 else Trouble.NO_DEPTH)
+    for _ in range(20):
+        later = vehicle.tick("offboard", seen=drones)
+    assert (len(later.obstacles.cylinders), later.trouble) == (1, Trouble.DEAD)
+    for _ in range(20):
+        gone = vehicle.tick("offboard", seen=drones | {"depth": np.full((64, 64), np.inf)})
+    assert not len(gone.obstacles.cylinders)
