@@ -7,10 +7,11 @@ streams mix, and say nothing.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable
 
-from mavlink_bridge.messages import Received
+from mavlink_bridge.messages import Heartbeat, Received
 
 _WINDOW = 1.0  # s
 _LEAST = 20  # frames; fewer say nothing
@@ -18,9 +19,16 @@ _SOUND = 0.05  # share that may be missing from a line whose numbers are believe
 
 
 class LinkWatch:
-    """The autopilot's frames of the last second."""
+    """The autopilot's frames of the last second.
 
-    def __init__(self) -> None:
+    silence: s without any after which the mode that it last told of is not known any more: a pilot
+    may have taken the vehicle meanwhile. knows_mode: whether a heartbeat has come since.
+    """
+
+    def __init__(self, silence: float) -> None:
+        self.knows_mode = False
+        self._silence = silence
+        self._last = math.inf
         self._counts: deque[tuple[float, int, int]] = deque()  # (time, came, missing)
         self._sound = False
 
@@ -32,9 +40,12 @@ class LinkWatch:
     def hear(self, time: float, received: Iterable[Received]) -> None:
         """What came of the autopilot since the last tick; `time` [s] of this one."""
         came = missing = 0
+        self.knows_mode &= time - self._last <= self._silence
         for r in received:
             came += 1 + r.unread
             missing += r.missing
+            self.knows_mode |= isinstance(r.message, Heartbeat)
+            self._last = time
         self._counts.append((time, came, missing))
         while self._counts[0][0] <= time - _WINDOW:
             self._counts.popleft()

@@ -66,7 +66,7 @@ class Phases:
 
     def rebooted(self) -> None:
         """The autopilot started anew: what was asked of it is forgotten, control is not ours."""
-        self._asked = -1e9
+        self._asked = self._asked_to_arm = -1e9
         if self.phase is not Phase.WAIT:
             self.phase = Phase.PASSIVE
 

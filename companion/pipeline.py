@@ -125,7 +125,7 @@ class Pipeline:
         config = self._config
         self._time = self._frame_time = self._heartbeat_sent = -np.inf
         self._held = 0.0
-        self._watch = LinkWatch()
+        self._watch = LinkWatch(config.guard.stale_silent)
         self._reboots = self._own.counters.reboots
         self._eye = Eye(config.eye, self._sight.needs)
         self._tracker = Tracker(config.tracker)
@@ -273,7 +273,7 @@ class Pipeline:
             out.verdict = self._judge(out)
             if out.verdict.ask is not Ask.NOTHING:
                 self._phases.release(land=out.verdict.ask is not Ask.HOLD)
-        heartbeat = self._identity.heartbeat
+        heartbeat = self._identity.heartbeat if self._watch.knows_mode else None
         decision = self._phases.update(out.time, heartbeat, out.own, self._ready(out), complete)
         out.phase = decision.phase
         out.messages += decision.requests

@@ -22,7 +22,7 @@ def frames():
 
 def lost(packets):
     """What is lost in the end, of two seconds at ten ticks each."""
-    codec, watch = Codec(1, 191), LinkWatch()
+    codec, watch = Codec(1, 191), LinkWatch(2.0)
     for k, part in enumerate(np.array_split(np.arange(len(packets)), 20)):
         watch.hear(0.1 * k, [r for n in part for r in codec.decode_datagram(packets[n])])
     return watch.lost

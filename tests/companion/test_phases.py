@@ -221,3 +221,17 @@ def test_a_vehicle_that_a_pilot_has_flown_is_not_armed_when_he_disarms():
     landed = [flown.tick("pilot", armed=False) for _ in range(30)]
     assert {d.phase for d in landed} == {Phase.WAIT}
     assert not {m for d in landed for m in d.requests} & set(Px4(1).arm())
+
+
+def test_a_vehicle_that_a_pilot_flies_after_a_reboot_is_his():
+    """Its clock begins anew: the request to arm from before is no answer's."""
+    flown = Flown(ArduPilot(1), ARDUPILOT | {"pilot": 5}, auto=True)
+    flown.time = 100.0
+    flown.until(Phase.ARM)
+    flown.tick("offboard", armed=False, ready=False)
+    flown.phases.rebooted()
+    flown.time = 0.0
+    flown.tick("pilot", ready=False)
+    decisions = [flown.tick("pilot", height=1.0) for _ in range(30)]
+    assert {d.phase for d in decisions} == {Phase.WAIT}
+    assert not {m for d in decisions for m in d.requests} & set(ArduPilot(1).takeoff(2.0))

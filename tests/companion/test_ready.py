@@ -30,9 +30,12 @@ class Vehicle:
 
     def tick(self, mode="hold", *, armed=True, height=2.0, telemetry=True, frame=-0.03,
              seen=SEEN):  # fmt: skip
-        """The next tick; frame: how much later than the tick its stamp is, None: no frame."""
+        """The next tick; mode None: no heartbeat.
+
+        frame: how much later than the tick its stamp is, None: no frame.
+        """
         self.time = round(self.time + 0.1, 3)
-        received = [Heartbeat(12, 2, armed, MODES[mode], 4)] if telemetry else []
+        received = [Heartbeat(12, 2, armed, MODES[mode], 4)] if telemetry and mode else []
         for age in (0.06, 0.04, 0.02) if telemetry else ():
             p = np.array([0.0, 0.0, height])
             received += [Attitude(self.time - age, np.array([1.0, 0, 0, 0]), np.zeros(3)),
@@ -57,6 +60,18 @@ def test_telemetry_that_ended_is_not_flown_on():
     assert not arming(silent)
     again = [vehicle.tick(armed=False, height=0.0) for _ in range(5)]
     assert arming(again)
+
+
+@pytest.mark.row("7")
+def test_after_a_silence_nothing_is_asked_of_it_before_a_heartbeat_says_whose_it_is():
+    vehicle = Vehicle()
+    for mode in ["hold"] * 10 + ["offboard"] * 20:
+        assert not (vehicle.tick(mode).phase is Phase.PASSIVE)
+    silent = [vehicle.tick(telemetry=False) for _ in range(35)]
+    assert any(m.command == 176 for out in silent for m in out.messages if isinstance(m, Command))
+    back = [vehicle.tick(None) for _ in range(9)] + [vehicle.tick("rtl") for _ in range(20)]
+    assert {type(m) for out in back for m in out.messages} == {Heartbeat}
+    assert back[-1].phase is Phase.PASSIVE
 
 
 @pytest.mark.row("15")
