@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from companion.baselines.config import BaselinesConfig, Controller
+from companion.consistency import contradictions
 from companion.depth import DepthConfig
 from companion.detect import ColorSettings
 from companion.eye import EyeConfig
@@ -42,6 +43,7 @@ from mavlink_bridge.settings import (
     merge,
     validate,
 )
+from mavlink_bridge.thrust import HOVER_MAX, HOVER_MIN
 
 FILEVERSION = 1
 _FENCE_REACH = 6.0  # m, more than the horizon's 2 s at any speed
@@ -58,7 +60,9 @@ class AirframeConfig(StrictModel):
         description="Of the sphere around the drone [m]; the distances that nmpc keeps are from "
         "its centre and must be larger.",
     )
-    hover_thrust: float = Field(0.33, gt=0, lt=1, description="Normalised thrust that holds it.")
+    hover_thrust: float = Field(
+        0.33, ge=HOVER_MIN, le=HOVER_MAX, description="Normalised thrust that holds it."
+    )
     thrust_exponent: float = Field(
         1.0, ge=0.5, le=3, description="force ∝ thrust^exponent, as the autopilot is set up."
     )
@@ -86,7 +90,9 @@ class LinkConfig(StrictModel):
         "udpin:127.0.0.1:14541", description=ENDPOINT_FORMS
     )
     system_id: int = Field(1, ge=1, le=255, description="Of the vehicle.")
-    component_id: int = Field(191, ge=1, le=255, description="Of the companion.")
+    component_id: int = Field(
+        191, ge=2, le=255, description="Of the companion; 1 is the autopilot's."
+    )
     autopilot: AutopilotName = "px4"
     allow: list[list[int]] = Field(
         [],
@@ -157,7 +163,7 @@ class TimingConfig(StrictModel):
         description="clock: every period of the vehicle's clock; frames: when a frame comes "
         "(lockstep: the sender waits for the answer).",
     )
-    period: float = Field(0.1, ge=0.02, le=0.5, description="s.")
+    period: float = Field(0.1, ge=0.02, le=0.2, description="s.")
     delay: float = Field(
         0.06, ge=0, le=0.5, description="From tick to effect [s]: compute, transport, rate loop."
     )
@@ -265,74 +271,8 @@ class CompanionConfig(StrictModel):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        for n, goal in enumerate(self.mission.goals):
-            if len(goal) != 3:
-                raise Contradiction((f"mission.goals.{n}",), f"must be [x, y, z], got {goal}")
-        if self.timing.pace == "frames" and not self.camera.source.startswith("sim:"):
-            raise Contradiction(
-                ("timing.pace", "camera.source"), "pace: frames needs the simulator as source"
-            )
-        if self.sensing.detector == "yolo" and self.sensing.model is None:
-            raise Contradiction(
-                ("sensing.detector", "sensing.model"),
-                "detector: yolo needs sensing.model: FILE.onnx",
-            )
-        low, high = "fence.altitude_min", "fence.altitude_max"
-        if self.fence.altitude_max <= self.fence.altitude_min:
-            raise Contradiction((high, low), "altitude_max must be above altitude_min")
-        if not self.fence.altitude_min < self.mission.takeoff_altitude < self.fence.altitude_max:
-            raise Contradiction(
-                ("mission.takeoff_altitude", low, high),
-                "takeoff_altitude must lie inside the fence",
-            )
-        for n, goal in enumerate(self.mission.goals):
-            for what, height in ("goal", goal[2]), ("way to it", goal[2] + self.mission.level):
-                if not self.fence.altitude_min <= height <= self.fence.altitude_max:
-                    raise Contradiction(
-                        (f"mission.goals.{n}", "mission.level", low, high),
-                        f"the {what}, {height:g} m high, must lie inside the fence",
-                    )
-            for key, limits, place in zip(
-                ("fence.east", "fence.north"),
-                (self.fence.east, self.fence.north),
-                goal,
-                strict=False,
-            ):
-                if limits is not None and not limits[0] <= place <= limits[1]:
-                    raise Contradiction(
-                        (f"mission.goals.{n}", key), f"must lie inside {key}, {limits}, got {goal}"
-                    )
-        return self
-
-    @model_validator(mode="after")
-    def _flies(self) -> Self:
-        """Sections that are fine each and together never move, or touch what they fly past."""
-        radius, nmpc, period = self.airframe.radius, self.nmpc, self.timing.period
-        checks = {
-            ("nmpc.d_obstacle_safety", "airframe.radius"): (
-                nmpc.d_obstacle_safety > radius,
-                f"nmpc.d_obstacle_safety, {nmpc.d_obstacle_safety:g}, from the drone's centre, "
-                f"must be above airframe.radius, {radius:g}",
-            ),
-            ("nmpc.d_agent_safety", "airframe.radius"): (
-                nmpc.d_agent_safety > 2.0 * radius,
-                f"nmpc.d_agent_safety, {nmpc.d_agent_safety:g}, from centre to centre, must be "
-                f"above twice airframe.radius, {radius:g}",
-            ),
-            ("nmpc.dt", "timing.period"): (
-                nmpc.dt == period,
-                f"nmpc.dt, {nmpc.dt:g}, must be timing.period, {period:g}: a plan is shifted by "
-                "one step a tick",
-            ),
-            ("guard.late", "timing.period"): (
-                self.guard.late > period,
-                f"guard.late, {self.guard.late:g}, must be above timing.period, {period:g}, or "
-                "every command is late",
-            ),
-        }
-        for keys, (fine, text) in checks.items():
-            if not fine:
-                raise Contradiction(keys, text)
+        for wrong in contradictions(self):
+            raise wrong
         return self
 
     def altitude_planes(self, goal_altitude: float) -> Vector:

@@ -112,7 +112,7 @@ class ColorDetector:
         # Linear in the light, so that a pixel half covered by the ball reads half.
         chroma = patch @ self._weights
         inside = chroma[y - y0 : y - y0 + h, x - x0 : x - x0 + w].ravel()
-        quarter = max(2, inside.size // 4)
+        quarter = min(max(2, inside.size // 4), inside.size)
         full = float(np.partition(inside, -quarter)[-quarter:].mean())
         corners = sorted(
             chroma[[0, 0, -1, -1, 0, 0, -1, -1], [0, -1, 0, -1, 1, -2, 1, -2]].tolist()

@@ -17,6 +17,7 @@ from mavlink_bridge.messages import VehicleState
 
 # Between two looks farther apart than this [s] the forecast says nothing of the disturbance.
 _LONGEST_GAP = 0.25
+_KEPT = 64  # inputs: the longest delay and age at the shortest period
 
 
 class Forecast:
@@ -25,7 +26,7 @@ class Forecast:
     def __init__(self, delay: float) -> None:
         self.disturbance: Vector = np.zeros(3)
         self._delay = delay
-        self._sent: deque[tuple[float, Vector]] = deque(maxlen=16)
+        self._sent: deque[tuple[float, Vector]] = deque(maxlen=_KEPT)
         self._before: tuple[float, Vector] | None = None
 
     @property

@@ -33,6 +33,8 @@ from mavlink_bridge.messages import RateCommand, VehicleState
 from mavlink_bridge.settings import Contradiction, StrictModel
 from mavlink_bridge.thrust import G
 
+# s that shifted plans and braking may last before the watchdog takes the companion for dead
+FALLBACK_MAX = 2.5
 _LATE_GAIN = 0.7  # of the error, per command: 1 would be dead-beat
 _LATE_BRAKE = 0.25  # of the attitude's gain
 _ON_THE_WAY = 0.75  # share of the time between late commands before one acts
@@ -65,14 +67,17 @@ class Ask(Enum):
 class GuardConfig(StrictModel):
     """Bounds and thresholds."""
 
-    omega_max: float = Field(3.0, gt=0, description="Each body rate [rad/s].")
+    omega_max: float = Field(3.0, ge=0.5, description="Each body rate [rad/s].")
     c_min: float = Field(2.0, ge=0, lt=9.81, description="m/s².")
     c_max: float = Field(20.0, gt=9.81, description="m/s².")
     shifted_max: int = Field(
         2, ge=0, description="Ticks that a shifted plan may fly: the third bad solve brakes."
     )
     bad_land: float = Field(
-        2.0, gt=0, description="No usable plan for this long [s]: LAND; a solver does not recover."
+        2.0,
+        gt=0,
+        lt=FALLBACK_MAX,
+        description="No usable plan for this long [s]: LAND; a solver does not recover.",
     )
     stale_predict: float = Field(
         0.15,

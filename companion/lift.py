@@ -12,6 +12,7 @@ from mavlink_bridge.messages import VehicleState
 from mavlink_bridge.thrust import G, HoverThrustEstimator, ThrustMap
 
 _LONGEST_GAP = 0.25  # s between two looks that still belong together
+_KEPT = 64  # inputs: the longest delay and gap at the shortest period
 _UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -22,7 +23,7 @@ class Lift:
         """start: as configured. delay: s from a tick to its effect."""
         self._estimator = HoverThrustEstimator(start)
         self._delay = delay
-        self._sent: deque[tuple[float, float]] = deque(maxlen=16)
+        self._sent: deque[tuple[float, float]] = deque(maxlen=_KEPT)
         self._before: VehicleState | None = None
 
     @property

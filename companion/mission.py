@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from companion.types import Vector
 from mavlink_bridge.messages import VehicleState
-from mavlink_bridge.settings import StrictModel
+from mavlink_bridge.settings import Contradiction, StrictModel
 
 _STRAIGHT = 0.6  # rad, a turn smaller than this has no side
 _U_TURN = 2.8  # rad, nor one larger than this
 _AHEAD = 0.8  # rad round the island that the aim keeps ahead
 _LEVEL_FROM, _LEVEL_FULL = 0.5, 1.5  # m from a goal: its own height, and the drone's level
+_RING = 0.1  # m between island and tolerance
 _LEAVING = 0.35  # rad before the place to leave at: the next goal is aimed at
 
 
@@ -30,8 +32,8 @@ class MissionConfig(StrictModel):
     tolerance: float = Field(1.0, gt=0, description="A goal is reached within this [m].")
     island: float = Field(
         0.65,
-        ge=0,
-        lt=1,
+        ge=0.05,
+        le=0.9,
         description="A goal on the way is passed as a roundabout: its island has this part of the "
         "tolerance as radius. Those who come and those who go then never meet head on.",
     )
@@ -55,6 +57,18 @@ class MissionConfig(StrictModel):
     )
     takeoff_altitude: float = Field(2.0, gt=0.5, description="m above where it stood.")
     land: bool = Field(True, description="Land at the last goal; else hold there.")
+
+    @model_validator(mode="after")
+    def _ring(self) -> Self:
+        """Who goes round the island at some distance must still be near the goal."""
+        ring = self.tolerance * (1.0 - self.island)
+        if len(self.goals) > 1 and ring < _RING:
+            raise Contradiction(
+                ("island", "tolerance"),
+                f"between island and tolerance {ring:.2g} m are left, which must be {_RING:g}: "
+                "island smaller or tolerance larger, or the way round it never ends",
+            )
+        return self
 
 
 @dataclass(frozen=True)
@@ -108,7 +122,7 @@ class Mission:
         if self._last:
             slow = float(np.linalg.norm(own.v)) <= c.final_speed
             return distance <= c.final_tolerance and slow
-        self._near |= distance <= c.tolerance
+        self._near |= float(np.linalg.norm(self._raised(own.p) - own.p)) <= c.tolerance
         if self._turn == 0.0:
             before = self._goals[self._index - 1] if self._index else own.p
             self._turn = turn_side(before, goal, self._goals[self._index + 1])
@@ -116,12 +130,17 @@ class Mission:
 
     def _aim(self, p: Vector) -> Vector:
         """Where to fly: the last goal itself, before it the way round the goal; on one's level."""
-        goal = self._goals[self._index]
+        goal = self._raised(p)
         aim = goal if self._last else self._roundabout().aim(p)
+        return np.array([aim[0], aim[1], goal[2]])
+
+    def _raised(self, p: Vector) -> Vector:
+        """The goal, as high as it is flown to from p: on one's level until it is near."""
+        goal = self._goals[self._index]
         distance = math.hypot(goal[0] - p[0], goal[1] - p[1])
         share = (distance - _LEVEL_FROM) / (_LEVEL_FULL - _LEVEL_FROM)
         level = self._config.level * min(max(share, 0.0), 1.0)
-        return np.array([aim[0], aim[1], aim[2] + level])
+        return np.array([goal[0], goal[1], goal[2] + level])
 
     def _roundabout(self) -> Roundabout:
         radius = self._config.island * self._config.tolerance

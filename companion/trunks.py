@@ -15,16 +15,17 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
+from typing import Self
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from companion.camera import Camera
 from companion.panorama import Level, Panorama
 from companion.types import Image, Trunk, Vector
-from mavlink_bridge.settings import StrictModel
+from mavlink_bridge.settings import Contradiction, StrictModel
 
 Mask = NDArray[np.bool_]
 CUT_WIDTH = 1.35  # typical true over visible width of a trunk cut by the picture's edge
@@ -45,6 +46,16 @@ class TrunkSettings(StrictModel):
     attitude_sigma: float = Field(0.006, ge=0, description="Std [rad] of the own attitude.")
     min_radius: float = Field(0.08, gt=0, description="Thinner things [m] are no trunks.")
     max_radius: float = Field(2.5, gt=0, description="Thicker ones [m] neither.")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if not self.min_radius <= self.radius <= self.max_radius:
+            raise Contradiction(
+                ("radius", "min_radius", "max_radius"),
+                f"radius, {self.radius:g}, must lie between min_radius, {self.min_radius:g}, and "
+                f"max_radius, {self.max_radius:g}",
+            )
+        return self
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,8 @@ made up its mind: a companion that waits for a pilot is watched as well.
 
 from __future__ import annotations
 
+from companion.guard import FALLBACK_MAX
 from companion.pipeline import TickOutputs
-
-# s that shifted plans and braking may last; LAND is asked for after 2 s of them.
-FALLBACK_MAX = 2.5
 
 
 class Vital:

@@ -7,6 +7,7 @@ Reads the two layouts in use: (1, 4 + classes, n) without objectness (version 8 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import cv2
 import numpy as np
@@ -24,7 +25,9 @@ class YoloConfig(StrictModel):
     """What the network was trained for."""
 
     size: int = Field(640, ge=32, le=2048, multiple_of=32, description="Its square input [px].")
-    classes: list[int] = Field([], description="Classes that are drones; none given: all.")
+    classes: list[Annotated[int, Field(ge=0)]] = Field(
+        [], description="Classes that are drones; none given: all."
+    )
     threshold: float = Field(0.35, gt=0, lt=1, description="Least confidence.")
     overlap: float = Field(0.45, gt=0, lt=1, description="Boxes that share more are one.")
     radius: float = Field(0.2, gt=0, description="m, half of what a box is wide.")
@@ -45,6 +48,10 @@ class YoloDetector:
         if len(shape) != 3 or shape[0] != 1 or min(shape[1:]) < 5:
             raise ModelError(f"{model}: gives {shape}; a YOLO gives (1, 4+classes, n) "
                              "or (1, n, 5+classes)")  # fmt: skip
+        known = shape[1] - 4 if shape[1] < shape[2] else shape[2] - 5
+        if unknown := [n for n in config.classes if n >= known]:
+            raise ModelError(f"{model}: tells {known} classes, from 0 on; "
+                             f"sensing.yolo.classes names {unknown}")  # fmt: skip
 
     def detect(self, image: Image) -> list[Detection]:
         """Drones in image (H,W,3) uint8 BGR, nearest first."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 G = 9.80665
+HOVER_MIN, HOVER_MAX = 0.05, 0.8  # normalised thrust; no drone that can be flown hovers outside
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class HoverThrustEstimator:
     variance: float = 4e-3
     process: float = 2e-6
     noise: float = 0.05
-    bounds: tuple[float, float] = (0.05, 0.8)
+    bounds: tuple[float, float] = (HOVER_MIN, HOVER_MAX)
 
     def update(self, thrust: float, c_measured: float, dt: float) -> HoverThrustEstimator:
         """One step: `thrust` was in effect while the accelerometer axis gave c_measured [m/s²]."""

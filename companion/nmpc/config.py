@@ -35,7 +35,9 @@ class NmpcConfig(StrictModel):
         "near. With the critical three alone, who dodges one flies into a fourth.",
     )
     cylinders: int = Field(8, ge=0, le=64, description="Nearest cylinders taken.")
-    planes: int = Field(6, ge=0, le=64, description="Nearest half-spaces taken: walls, fence.")
+    planes: int = Field(
+        6, ge=2, le=64, description="Half-spaces taken: floor, ceiling, then nearest walls, fence."
+    )
 
     # What is wanted
     speed: float = Field(
@@ -87,9 +89,9 @@ class NmpcConfig(StrictModel):
     # Bounds
     c_min: float = Field(2.0, ge=0, description="(35) [m/s²]; the propellers never stop.")
     c_max: float = Field(20.0, gt=0, description="(35) [m/s²]; twice hover.")
-    omega_max: float = Field(3.0, gt=0, description="(36) [rad/s] on each axis.")
-    delta_c_max: float = Field(4.0, gt=0, description="(33) [m/s² per step], both ways.")
-    delta_omega_max: float = Field(1.5, gt=0, description="(34) [rad/s per step], each axis.")
+    omega_max: float = Field(3.0, ge=0.5, description="(36) [rad/s] on each axis.")
+    delta_c_max: float = Field(4.0, ge=0.5, description="(33) [m/s² per step], both ways.")
+    delta_omega_max: float = Field(1.5, ge=0.1, description="(34) [rad/s per step], each axis.")
     v_max: float = Field(
         1.85, gt=0, description="(32) [m/s], soft; evasions above it only hit somebody else."
     )

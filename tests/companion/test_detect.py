@@ -73,6 +73,13 @@ def test_uncertainty_grows_with_range():
     assert sigma == sorted(sigma)
 
 
+def test_a_pixel_in_the_markers_colour_ends_no_look():
+    image = picture((towards(0.0), 2.0, 0.1))
+    image[200, 100] = MAGENTA
+    (found,) = ColorDetector(CAMERA, ColorSettings(min_area=0.5)).detect(image)
+    assert found.range == pytest.approx(2.0, rel=0.05)
+
+
 def test_nothing_in_grey_noise():
     image = np.random.default_rng(1).normal(110, 6, (400, 640, 3)).clip(0, 255).astype(np.uint8)
     assert ColorDetector(CAMERA).detect(image) == []

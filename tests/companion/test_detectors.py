@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -6,6 +8,7 @@ from companion.config import CompanionConfig
 from companion.detectors import ModelError, make_detector
 from companion.heatmap import CHANNELS, HEIGHT, STRIDE, WIDTH, CnnConfig, CnnDetector
 from companion.sight import Sight, load_camera
+from companion.yolo import YoloConfig, YoloDetector
 from mavlink_bridge.messages import VehicleState
 from mavlink_bridge.settings import SettingsError, assignments, validate
 from mavlink_bridge.video import Frame
@@ -72,6 +75,15 @@ def test_missing_and_wrong_models_are_one_error(tmp_path):
         wanted = config(sensing={"detector": detector, "model": str(tmp_path / "bad.onnx")})
         with pytest.raises(ModelError, match=r"bad\.onnx: not a model that OpenCV reads"):
             make_detector(CAMERA, wanted.sensing)
+
+
+@pytest.mark.parametrize(("shape", "highest"), [((1, 84, 8400), 79), ((1, 25200, 7), 1)])
+def test_classes_that_a_yolo_does_not_know_are_named(monkeypatch, tmp_path, shape, highest):
+    network = SimpleNamespace(shape=shape)
+    monkeypatch.setattr("companion.yolo.OnnxNetwork", lambda model, w, h: network)
+    YoloDetector(CAMERA, YoloConfig(classes=[0, highest]), tmp_path / "y.onnx")
+    with pytest.raises(ModelError, match=rf"tells {highest + 1} classes.*\[{highest + 1}\]"):
+        YoloDetector(CAMERA, YoloConfig(classes=[0, highest + 1]), tmp_path / "y.onnx")
 
 
 def test_yolo_without_a_model_is_refused_with_its_keys():

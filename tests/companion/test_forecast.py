@@ -38,6 +38,14 @@ def test_a_long_delay_holds_several_inputs_in_flight():
     assert ahead[5] == pytest.approx(0.1 * 1.0 + 0.1 * 2.0 + 0.05 * 4.0)
 
 
+def test_at_the_shortest_period_all_that_the_longest_delay_holds_is_remembered():
+    f = Forecast(0.5)
+    for k in range(50):
+        f.sent(0.02 * k, np.array([GRAVITY + (k < 26), 0.0, 0.0, 0.0]))
+    ahead = f.ahead(vehicle(0.98, rest()))  # to 1.48: 26 of 50 were strong, the last until 1.02
+    assert ahead[5] == pytest.approx(1.02 - 0.98)
+
+
 def test_drag_is_learnt_as_a_disturbance():
     f, x, drag = Forecast(DELAY), rest(), np.array([-0.4, 0.2, 0.0])
     f.sent(-0.1, HOVER)

@@ -111,3 +111,13 @@ def test_the_way_is_flown_on_the_drones_own_level_and_the_goal_reached_at_its_he
     middle = path[np.abs(path[:, 1] - 7.0).argmin()]
     assert middle[2] == pytest.approx(2.6, abs=0.25)
     assert path[-1][2] == pytest.approx(2.0, abs=config.final_tolerance)
+
+
+@pytest.mark.parametrize("level", [0.0, 6.0])
+def test_a_goal_on_the_way_is_passed_on_the_drones_level(level):
+    """However high that is above the goal; but one above the other is not passed from below."""
+    config = MissionConfig(goals=[[0.0, 10.0, 2.0], [10.0, 10.0, 2.0], [10.0, 10.0, 6.0],
+                                  [0.0, 0.0, 2.0]], level=level)  # fmt: skip
+    path, progress = walk(Mission(config), [0.0, 0.0, 2.0])
+    assert progress.complete
+    assert path[:, 2].max() > 6.0 - config.tolerance

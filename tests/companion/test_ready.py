@@ -66,7 +66,7 @@ def test_telemetry_that_ended_is_not_flown_on():
 def test_after_a_silence_nothing_is_asked_of_it_before_a_heartbeat_says_whose_it_is():
     vehicle = Vehicle()
     for mode in ["hold"] * 10 + ["offboard"] * 20:
-        assert not (vehicle.tick(mode).phase is Phase.PASSIVE)
+        assert vehicle.tick(mode).phase is not Phase.PASSIVE
     silent = [vehicle.tick(telemetry=False) for _ in range(35)]
     assert any(m.command == 176 for out in silent for m in out.messages if isinstance(m, Command))
     back = [vehicle.tick(None) for _ in range(9)] + [vehicle.tick("rtl") for _ in range(20)]
@@ -114,7 +114,7 @@ def test_pictures_of_another_size_in_flight_are_no_sight():
 
 def depth_of_a_trunk(camera, unknown=0.0):
     """A depth image of a trunk of 0.3 m, 3 m ahead; unknown: of its width [rad], from ahead."""
-    x, y, z = np.moveaxis(camera.scaled(160, 160).directions.astype(float), -1, 0)
+    x, _, z = np.moveaxis(camera.scaled(160, 160).directions.astype(float), -1, 0)
     across, level = np.hypot(x, z), np.arctan2(np.abs(x), z)
     root = np.maximum(0.3**2 - (3.0 * np.sin(level)) ** 2, 0.0)
     depth = np.where((root > 0) & (z > 0), (3.0 * np.cos(level) - np.sqrt(root)) / across, np.inf)
