@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Literal, Protocol
 
@@ -82,14 +83,14 @@ class Identity:
         self._parameters: dict[str, float] = {}
 
     def hear(self, messages: Iterable[Message]) -> None:
-        """Take the vehicle's own messages."""
+        """Take the vehicle's own messages; a parameter that is no number is as good as none."""
         for m in messages:
             if isinstance(m, Heartbeat):
                 self.heartbeat = m
             elif isinstance(m, AutopilotVersion):
                 n = m.flight_sw_version
                 self.version = f"{n >> 24}.{n >> 16 & 0xFF}.{n >> 8 & 0xFF}"
-            elif isinstance(m, ParamValue):
+            elif isinstance(m, ParamValue) and math.isfinite(m.value):
                 self._parameters[m.name] = m.value
 
     def objection(self) -> str:

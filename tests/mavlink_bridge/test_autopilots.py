@@ -1,5 +1,7 @@
 """Which autopilot is on the line, and whether it may be flown as it is set up."""
 
+import math
+
 import pytest
 
 from mavlink_bridge.autopilots import ADAPTERS, Identity, adapter
@@ -28,6 +30,8 @@ def options(value):
          "GUID_OPTIONS is 0: thrust would be taken as a climb rate; set GUID_OPTIONS to 8 (bit 3)"),
         ("ardupilot", [beat(3), options(1.0)], "set GUID_OPTIONS to 9 (bit 3)"),
         ("ardupilot", [beat(3), options(9.0)], ""),
+        ("ardupilot", [beat(3), options(math.nan)], "waiting for parameter GUID_OPTIONS"),
+        ("ardupilot", [beat(3), options(8.0), options(-math.inf)], ""),
         ("betaflight", [beat(0, 101)], ""),
         ("betaflight", [beat(0, 1)], "takes no setpoints; start mavlink-bridge betaflight"),
         ("px4", [], ""),
