@@ -5,6 +5,8 @@ A lock file would outlive a crash, and needs a folder that every user may write 
 
 from __future__ import annotations
 
+import errno
+import hashlib
 import socket
 import struct
 
@@ -19,16 +21,19 @@ class VehicleLock:
     vehicle: what two daemons must not share, the endpoint and the system id.
 
     Raises:
-        VehicleTaken: it is held already.
+        VehicleTaken: it is held already. OSError: it cannot be asked for.
     """
 
     def __init__(self, vehicle: str) -> None:
-        address = f"\0swarm-companion/{vehicle}"
+        # A hash, for an address has at most 108 bytes, and a device by its id may have more.
+        address = f"\0swarm-companion/{hashlib.sha256(vehicle.encode()).hexdigest()}"
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_CLOEXEC)
         try:
             self._socket.bind(address)
-        except OSError:
+        except OSError as error:
             self._socket.close()
+            if error.errno != errno.EADDRINUSE:
+                raise
             raise VehicleTaken(
                 f"vehicle {vehicle} is flown by another daemon already{_holder(address)}"
             ) from None
