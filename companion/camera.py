@@ -69,7 +69,7 @@ class Camera:
         """
         try:
             data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-        except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
+        except (OSError, yaml.YAMLError, ValueError) as error:  # no text, or a 31st of June
             raise CalibrationError(f"{path}: cannot read calibration: {error}") from error
         valid = f"valid keys: {', '.join(KEYS)}, mount"
         if not isinstance(data, dict):
@@ -83,9 +83,10 @@ class Camera:
             mount = np.array(data.get("mount", FORWARD), float)
         except (TypeError, ValueError) as error:
             raise CalibrationError(f"{path}: every value is a number: {error}") from error
-        if not np.isfinite([*n.values(), *mount]).all() or min(n[key] for key in KEYS[:4]) <= 0:
+        if not np.isfinite([*n.values()]).all() or min(n[key] for key in KEYS[:4]) <= 0:
             raise CalibrationError(f"{path}: width, height, fx, fy must be positive and finite")
-        if mount.shape != (4,) or abs(np.linalg.norm(mount) - 1.0) > 1e-3:
+        # Of a mount that is no number the comparison is false.
+        if mount.shape != (4,) or not abs(np.linalg.norm(mount) - 1.0) <= 1e-3:
             raise CalibrationError(f"{path}: mount must be a unit quaternion w, x, y, z")
         k = np.array([n["k1"], n["k2"], n["k3"], n["k4"]])
         return Camera(

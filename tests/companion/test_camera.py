@@ -78,7 +78,11 @@ GOOD = "width: 640\nheight: 400\nfx: 229\nfy: 229\ncx: 319.5\ncy: 199.5\n"
         (GOOD + "k1: .nan", "finite"),
         (GOOD.replace("fx: 229", "fx: -1"), "positive"),
         (GOOD + "mount: [1, 1, 0, 0]", "unit quaternion"),
+        (GOOD + "mount:", "unit quaternion"),
+        (GOOD + "mount: 1", "unit quaternion"),
+        (GOOD + "mount: [.nan, 1, 0, 0]", "unit quaternion"),
         ("a: [", "cannot read"),
+        ("a: 2026-99-99", "cannot read"),
     ],
 )
 def test_a_bad_calibration_says_what_is_wrong(tmp_path, text, word):
