@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from companion import perception_table
+from mavlink_bridge.options import count, natural
 
 if TYPE_CHECKING:
     from companion.nmpc.instancefile import Run
@@ -26,8 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     nmpc = what.add_parser("nmpc", help="real-time solver and IPOPT on the same instances")
     nmpc.add_argument("--instances", type=Path, help="another set than the stored one (npz)")
     nmpc.add_argument("--solver", action="append", choices=_SOLVERS, help="only this; repeatable")
-    nmpc.add_argument("--every", type=int, default=1, metavar="K", help="every K-th sequence only")
-    nmpc.add_argument("--ticks", type=int, default=10_000, help="of the longest run (10000)")
+    nmpc.add_argument("--every", type=count, default=1, metavar="K", help="only each K-th sequence")
+    nmpc.add_argument("--ticks", type=natural, default=10_000, help="of the longest run (10000)")
     nmpc.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides")
     nmpc.add_argument(
         "--cpu-time", action="store_true", help="of the thread, where others share the machine"
@@ -40,21 +41,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     record = what.add_parser("record", help="a set of instances from flight logs, by situation")
     record.add_argument("file", type=Path, help="npz to write")
     record.add_argument("log", nargs="+", metavar="FLIGHT=LOG", help="name and flight log (MCAP)")
-    record.add_argument("--each", type=int, default=6, help="windows of each flight and kind (6)")
-    record.add_argument("--seed", type=int, default=0, help="of the draw")
+    record.add_argument("--each", type=count, default=6, help="windows of each flight and kind (6)")
+    record.add_argument("--seed", type=natural, default=0, help="of the draw")
 
 
 def run(options: argparse.Namespace) -> int:
     """Measure or record."""
     if options.what == "perception":
         return perception_table.run(options)
+    from companion.camera import CalibrationError
     from companion.nmpc.instancefile import InstancesError
     from mavlink_bridge.mcapfile import LogError
     from mavlink_bridge.settings import SettingsError
 
     try:
         return _nmpc(options) if options.what == "nmpc" else _record(options)
-    except (InstancesError, LogError, SettingsError) as error:
+    except (CalibrationError, InstancesError, LogError, SettingsError) as error:
         print(error, file=sys.stderr)
         return EXIT_BAD_INPUT
 
@@ -93,9 +95,11 @@ def _progress(total: int) -> Callable[[str, int], None]:
 
 
 def _record(options: argparse.Namespace) -> int:
-    from companion.nmpc.instancefile import save
+    from companion.nmpc.instancefile import InstancesError, save
     from companion.situations import drawn
 
+    if not options.file.parent.is_dir():  # now, not after minutes
+        raise InstancesError(f"{options.file}: cannot be written: no folder {options.file.parent}")
     runs = drawn(_windows(options.log), options.each, options.seed)
     save(options.file, runs)
     for flight, kind in sorted({(r.flight, r.kind) for r in runs}):

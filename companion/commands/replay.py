@@ -21,6 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compare, and say where the first difference is."""
+    from companion.camera import CalibrationError
     from companion.logfile import read_log
     from companion.replay import replay
     from mavlink_bridge.mcapfile import LogError
@@ -28,7 +29,7 @@ def run(options: argparse.Namespace) -> int:
 
     try:
         outcome = replay(read_log(options.log), options.overrides)
-    except (LogError, SettingsError) as error:
+    except (CalibrationError, LogError, SettingsError) as error:
         print(error, file=sys.stderr)
         return EXIT_BAD_INPUT
     print(json.dumps(asdict(outcome), indent=1) if options.json else outcome.text())

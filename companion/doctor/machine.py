@@ -12,7 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from companion.camera import CalibrationError
 from companion.config import CompanionConfig
+from companion.detectors import ModelError
 from companion.directories import log_path
 from companion.doctor.finding import Finding, Level, either, rated
 from companion.nmpc import Nmpc
@@ -49,14 +51,22 @@ def _speed(config: CompanionConfig) -> Iterator[Finding]:
     yield either("solver", nmpc.backend == "compiled", nmpc.backend, todo, Level.AMBER)
     instances = [i for run in load(stored(), config.nmpc) for i in run.instances][:_SOLVES]
     solve = float(np.percentile([nmpc.solve(i).solve_time for i in instances], 99))
-    tick = solve + _look(config)
+    try:
+        tick = solve + _look(config)
+    except (CalibrationError, ModelError) as error:
+        yield Finding("speed", Level.AMBER, f"not tried: {error}", "put that right first")
+        return
     text = f"{tick * 1e3:.0f} ms a tick (solver p99 {solve * 1e3:.1f} ms) of {config.timing.period * 1e3:.0f} ms"  # noqa: E501
     limits = (0.5 * config.timing.period, 0.8 * config.timing.period)
     yield rated("speed", tick, limits, text, "faster board, smaller camera frames, fewer processes")
 
 
 def _look(config: CompanionConfig) -> float:
-    """Seconds that the detectors take on a frame of coloured noise, which is a hard one."""
+    """Seconds that the detectors take on a frame of coloured noise, which is a hard one.
+
+    Raises:
+        CalibrationError, ModelError: a file that they need cannot be used.
+    """
     sight = Sight(config.camera, config.sensing)
     shape = (config.camera.height, config.camera.width, 3)
     image = np.random.default_rng(0).integers(0, 255, shape, dtype=np.uint8)

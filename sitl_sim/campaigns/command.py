@@ -11,6 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mavlink_bridge.options import count
+
 if TYPE_CHECKING:
     from sitl_sim.campaign import Campaign
 
@@ -91,13 +93,6 @@ def fly(campaign: Campaign, workers: int, scheduler: str | None = None) -> dict[
             names = [campaign.run_folder(seed).name for seed in flown]
             make_campaign_report(campaign.folder, names, result["not_flown"])
     return result
-
-
-def count(text: str) -> int:
-    """An option's whole number, 1 or more."""
-    if not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"must be 1 or more, got {text!r}")
-    return int(text)
 
 
 def _folder(options: argparse.Namespace) -> Path:

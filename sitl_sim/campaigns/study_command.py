@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sitl_sim.campaigns.command import count
+from mavlink_bridge.options import count
 
 if TYPE_CHECKING:
     from sitl_sim.campaigns.study import Study

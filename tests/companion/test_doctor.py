@@ -87,6 +87,22 @@ def test_the_machine(tmp_path):
     assert by_name(machine.examine(load_config(file)))["log"].level is Level.AMBER
 
 
+@pytest.mark.parametrize(
+    ("wrong", "named"),
+    [
+        (["camera.calibration=none.yaml"], "none.yaml"),
+        (["sensing.detector=cnn", "sensing.model=none.onnx"], "none.onnx"),
+    ],
+)
+def test_what_cannot_be_read_is_not_tried(tmp_path, wrong, named):
+    file = tmp_path / "one.yaml"
+    file.write_text("fileversion: 1\n")
+    speed = by_name(machine.examine(load_config(file, wrong)))["speed"]
+    assert speed.level is Level.AMBER
+    assert named in speed.text
+    assert speed.todo
+
+
 def test_limits():
     levels = [rated("x", v, (1.0, 2.0), "", "do").level for v in (1.0, 1.5, 2.5)]
     assert levels == [Level.GREEN, Level.AMBER, Level.RED]

@@ -65,6 +65,11 @@ def test_a_config_of_another_time_is_one_clear_error(flight, capsys):
     assert "nmpc.no_such: unknown key" in capsys.readouterr().err
 
 
+def test_a_calibration_that_is_not_here_is_one_clear_error(flight, capsys):
+    assert main(["replay", str(flight), "--set", "camera.calibration=none.yaml"]) == 2
+    assert "none.yaml: cannot read calibration" in capsys.readouterr().err
+
+
 def test_a_key_that_is_gone_is_one_clear_error(log):
     config = log.config | {"tracker": {"gone": 1.0}}
     with pytest.raises(

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from companion.__main__ import main
+from companion.logfile import read_log
 from companion.nmpc import Neighbour, Nmpc, NmpcConfig
 from companion.nmpc.bench import bench, within_bounds
 from companion.nmpc.goals import Goal, goals, table
@@ -92,6 +93,35 @@ def test_recorded_from_a_flight_log(tmp_path, capsys):
     assert all(i.finite() for run in load(tmp_path / "set.npz", CONFIG) for i in run.instances)
     assert main(["bench", "record", str(tmp_path / "set.npz"), str(log)]) == 2
     assert "FLIGHT=LOG" in capsys.readouterr().err
+
+
+def test_what_cannot_be_recorded_is_told(tmp_path, capsys, monkeypatch):
+    """A drone's calibration that is not on this machine; a folder that is not there."""
+    file = Path(__file__).parents[2] / "replay/flight.mcap"
+    to, named = tmp_path / "none" / "set.npz", f"mine={file}"
+    assert main(["bench", "record", str(to), named]) == 2
+    assert f"{to}: cannot be written: no folder {to.parent}" in capsys.readouterr().err
+    log = read_log(file)
+    log.config["camera"]["calibration"] = "none.yaml"
+    monkeypatch.setattr("companion.logfile.read_log", lambda _: log)
+    assert main(["bench", "record", str(tmp_path / "set.npz"), named]) == 2
+    assert "none.yaml: cannot read calibration" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nmpc", "--every", "0"], "--every: must be 1 or more, got '0'"),
+        (["nmpc", "--ticks", "-1"], "--ticks: must be 0 or more, got '-1'"),
+        (["record", "set.npz", "a=b", "--each", "none"], "--each: must be 1 or more, got 'none'"),
+        (["record", "set.npz", "a=b", "--seed", "-1"], "--seed: must be 0 or more, got '-1'"),
+    ],
+)
+def test_numbers_that_make_no_sense_are_refused(arguments, words, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["bench", *arguments])
+    assert ended.value.code == 2
+    assert words in capsys.readouterr().err
 
 
 def test_round_trip(tmp_path):
