@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 from mavsdk import ComponentType, Configuration
 from mavsdk.asyncio import Mavsdk, System
+from mavsdk.asyncio.exceptions import MavsdkConnectionError
 from mavsdk.asyncio.plugins.action import ActionAsync
 from mavsdk.asyncio.plugins.mavlink_direct import MavlinkDirectAsync
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
@@ -25,11 +26,16 @@ from mavsdk.plugins.mavlink_direct import MavlinkMessage
 
 from companion.config import CompanionConfig
 from mavlink_bridge.autopilots import adapter
+from mavlink_bridge.link import EndpointError
 from mavlink_bridge.messages import Command
 
 _TELL = 2.0  # s for the first word of each telemetry stream
 _RATE = 2.0  # Hz
 _ACCEPTED = 0
+_URLS = (
+    "valid: udpin://HOST:PORT, udpout://HOST:PORT, tcpin://HOST:PORT, tcpout://HOST:PORT, "
+    "serial://DEVICE:BAUD; no other program may hold it"
+)
 _Value = TypeVar("_Value")
 
 
@@ -54,11 +60,17 @@ async def act(
 
     url: where the vehicles speak to ground stations, as MAVSDK writes it. patience [s]: for
     vehicles to appear.
+
+    Raises:
+        EndpointError: nobody can be heard there; names the URL.
     """
     log_subscribe(lambda *line: True)  # handled: MAVSDK would print each vehicle it meets
     configuration = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
     async with Mavsdk(configuration) as mavsdk:
-        await mavsdk.add_any_connection(url)
+        try:
+            await mavsdk.add_any_connection(url)
+        except MavsdkConnectionError as error:
+            raise EndpointError(f"{url}: {error}; {_URLS}") from error
         systems = await _find(mavsdk, {d.link.system_id for d in drones}, patience)
         rows = [_one(action, d, systems.get(d.link.system_id)) for d in drones]
         return list(await asyncio.gather(*rows))

@@ -44,18 +44,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do it with all at once; 1 where any did not."""
+    from mavlink_bridge.link import EndpointError
     from mavlink_bridge.settings import SettingsError
 
     try:
         drones = _drones(options.drones, None if options.all else options.only)
         from companion.fleet import act
+
+        rows = asyncio.run(act(options.action, drones, options.url, options.patience))
     except SettingsError as error:
         print(error, file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except EndpointError as error:
+        print(f"--url {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
     except ModuleNotFoundError:
         print("MAVSDK is not installed: pip install 'swarm-companion[fleet]'", file=sys.stderr)
         return EXIT_BAD_INPUT
-    rows = asyncio.run(act(options.action, drones, options.url, options.patience))
     if options.json:
         print(json.dumps([asdict(row) for row in rows], indent=1))
     else:

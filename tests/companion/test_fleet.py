@@ -1,8 +1,10 @@
 """The pilot's commands from a ground station: MAVSDK, real vehicles on the wire, one companion."""
 
 import json
+import socket
 
 import pytest
+from deployment import write_drones
 
 from companion.__main__ import main
 
@@ -64,6 +66,22 @@ def test_who_is_not_there_has_a_row(fleet):
     assert rows[0] == {"drone": "ghost", "system": 77, "result": "not found", "ok": False,
                        "armed": None, "mode": "", "height": None,
                        "battery_percent": None}  # fmt: skip
+
+
+def test_a_place_where_nobody_can_be_heard(tmp_path, capsys):
+    """No such URL, and a port that a ground station holds: one line each."""
+    write_drones(tmp_path, ["one"])
+    arguments = ["fleet", "status", "--all", "--drones", str(tmp_path), "--url"]
+    assert main([*arguments, "nonsense"]) == 2
+    told = capsys.readouterr().err
+    assert "--url nonsense: Connection failed: CONNECTION_URL_INVALID; valid: udpin://" in told
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("0.0.0.0", 0))
+        url = f"udpin://0.0.0.0:{other.getsockname()[1]}"
+        assert main([*arguments, url]) == 2
+    told = capsys.readouterr().err
+    assert f"--url {url}: Connection failed: BIND_ERROR" in told
+    assert "no other program may hold it" in told
 
 
 def test_a_name_that_is_not_there(fleet):
