@@ -17,6 +17,7 @@ from companion.packaged import data_folder
 
 UNITS = "etc/systemd/system"
 RULES = "etc/udev/rules.d"
+_WHEEL_PARTS = 5  # at least; a build number is one more
 # `python3 BUNDLE` is the installer, on whatever board the folder lies.
 _MAIN = "import sys\n\nfrom board.installer import main\n\nsys.exit(main())\n"
 # By its real path: a daemon that runs must not see an upgrade.
@@ -48,9 +49,20 @@ def build_wheel(folder: Path) -> Path:
 
 
 def release_name(wheel: Path) -> str:
-    """Version and content: the same wheel is the same release."""
-    version = wheel.name.split("-")[1]
-    return f"{version}-{hashlib.sha256(wheel.read_bytes()).hexdigest()[:10]}"
+    """Version and content: the same wheel is the same release.
+
+    Raises:
+        BundleError: there is no such file, or its name is no wheel's.
+    """
+    parts = wheel.name.split("-")
+    if wheel.suffix != ".whl" or len(parts) < _WHEEL_PARTS:
+        raise BundleError(f"--wheel {wheel}: must be named as a wheel, "
+                          "NAME-VERSION-PYTHON-ABI-PLATFORM.whl")  # fmt: skip
+    try:
+        content = wheel.read_bytes()
+    except OSError as error:
+        raise BundleError(f"--wheel {wheel}: cannot be read: {error.strerror}") from error
+    return f"{parts[1]}-{hashlib.sha256(content).hexdigest()[:10]}"
 
 
 def make_bundle(
@@ -65,8 +77,9 @@ def make_bundle(
     board without internet.
 
     Raises:
-        BundleError: a calibration or model that lies elsewhere.
+        BundleError: no such wheel, or a calibration or model that lies elsewhere.
     """
+    release = release_name(wheel)
     for name in ("__init__.py", "changes.py", "installer.py"):
         _copy(Path(installer.__file__).with_name(name), folder / "board" / name)
     (folder / "__main__.py").write_text(_MAIN)
@@ -77,7 +90,7 @@ def make_bundle(
     for path, config in drones:
         _put_drone(folder, path, config)
     plan = {
-        "release": release_name(wheel),
+        "release": release,
         "drones": [{"name": c.name, "units": _units_of(p)} for p, c in drones],
     }
     (folder / "plan.json").write_text(json.dumps(plan, indent=1))

@@ -34,10 +34,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--wheel", type=Path, help="default: built from this checkout")
     parser.add_argument("--wheelhouse", type=Path, metavar="DIR",
                         help="wheels of all dependencies, for boards without internet")  # fmt: skip
-    parser.add_argument("--rsh", default=SSH, metavar="COMMAND", help=f"default: {SSH}")
+    parser.add_argument("--rsh", type=_command, default=SSH, metavar="COMMAND",
+                        help=f"default: {SSH}")  # fmt: skip
     parser.add_argument("--allow-auto", action="store_true",
                         help="also drones that arm and take off by themselves")  # fmt: skip
     parser.add_argument("--json", action="store_true", help="for machines")
+
+
+def _command(text: str) -> list[str]:
+    """A command and its options, quoted as for a shell."""
+    try:
+        words = shlex.split(text)
+    except ValueError:
+        words = []
+    if not words:
+        raise argparse.ArgumentTypeError(f"must be a command, its quotes closed, got {text!r}")
+    return words
 
 
 def run(options: argparse.Namespace) -> int:
@@ -101,7 +113,6 @@ def _deploy(
     from companion.board.transport import install_here, install_over_ssh
 
     flags = ["--dry-run"] * options.dry_run + ["--rollback"] * options.rollback
-    shell = shlex.split(options.rsh)
 
     with tempfile.TemporaryDirectory() as folder:
         wheel = options.wheel or build_wheel(Path(folder))
@@ -112,7 +123,7 @@ def _deploy(
             if host is None:
                 return install_here(bundle, ["--root", str(options.root.resolve()), *flags])
             arguments = ["--root", str(options.remote_root), *flags]
-            return install_over_ssh(bundle, arguments, host, shell)
+            return install_over_ssh(bundle, arguments, host, options.rsh)
 
         with ThreadPoolExecutor(max_workers=16) as pool:
             return dict(zip(boards, pool.map(one, boards), strict=True))

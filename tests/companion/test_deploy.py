@@ -253,6 +253,26 @@ def test_what_is_not_deployed(tmp_path, capsys, more, arguments, what):
     assert f"{file}{what}" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", ["none-1.0-py3-none-any.whl", "foo.whl", "foo-1.0.zip"])
+def test_what_is_no_wheel_is_told_before_anything_is_done(tmp_path, capsys, name):
+    files = write_drones(tmp_path / "drones", ["alpha"])
+    wheel = tmp_path / name
+    if not name.startswith("none"):
+        wheel.write_bytes(b"")
+    assert deploy(files, wheel, tmp_path / "root") == 2
+    assert f"--wheel {wheel}: " in capsys.readouterr().err
+    assert not (tmp_path / "root").exists()
+
+
+@pytest.mark.parametrize("shell", ["", " ", "ssh 'x"])
+def test_what_is_no_remote_shell_is_told(tmp_path, capsys, shell):
+    (file,) = write_drones(tmp_path / "drones", ["alpha"])
+    with pytest.raises(SystemExit) as ended:
+        main(["deploy", str(file), "--host", "board", "--rsh", shell])
+    assert ended.value.code == 2
+    assert f"--rsh: must be a command, its quotes closed, got {shell!r}" in capsys.readouterr().err
+
+
 @pytest.fixture
 def ssh(tmp_path):
     if sshd_path() is None or shutil.which("ssh") is None:
