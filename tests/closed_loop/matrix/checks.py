@@ -274,6 +274,11 @@ def row_9(note):
     assert f.figures()["obstacle_collisions"] == f.figures()["agent_collisions"] == 0
     f.check_always()
     assert f.most_tilt(CRUISE) < 45.0
+    for c in f.companions:  # a plan whose commands get lost is not flown for long
+        noticed = first_with(c, CRUISE, Reason.LATE)
+        assert all(o.verdict is None or o.verdict.reason is not Reason.PLAN
+                   for _, o in c.ticks(noticed)), noticed  # fmt: skip
+        assert noticed < CRUISE + 1.5
     note("complete to 20 %, safe at 50 %", None)
     note("HOLD at 50 %", mode_after(f, CRUISE, "HOLD"))
 

@@ -1,17 +1,21 @@
 """The fault matrix: each row as it must be, and rows that fail where their mechanism is out."""
 
+from dataclasses import replace
+
 import checks
 import inprocess
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from companion import ownstate, pace, pipeline
 from companion.eye import Eye
-from companion.guard import Guard
+from companion.guard import Ask, Guard
 from companion.ownstate import OwnState
 from companion.phases import Phase, Phases
 from companion.track import Tracker
 from mavlink_bridge.messages import Attitude, Received, Source
+from mavlink_bridge.settings import SettingsError
 
 
 @pytest.mark.parametrize("row", [pytest.param(r, marks=pytest.mark.row(r)) for r in checks.ROWS])
@@ -56,10 +60,16 @@ def never_start_over(patch):
     patch.setattr(pipeline, "_CLOCK_BACK", 1e9)
 
 
+def never_land(patch):
+    without_plan = Guard._without_plan
+    patch.setattr(Guard, "_without_plan",
+                  lambda *a: replace(without_plan(*a), ask=Ask.NOTHING))  # fmt: skip
+
+
 WITHOUT = {
     "3: the shifted plan": overridden(guard={"shifted_max": 0}),
     "4: the brake": overridden(guard={"shifted_max": 10**6}),
-    "5: the limit on bad solves": overridden(guard={"bad_land": 1e9}),
+    "5: the limit on bad solves": never_land,
     "6: the refusal of NaN": lambda p: p.setattr(OwnState, "_sane_attitude", lambda *a: True),
     "7: the age of telemetry": overridden(
         guard={"stale_stop": 1e9, "stale_land": 2e9, "stale_silent": 3e9}
@@ -93,6 +103,7 @@ def test_a_row_fails_without(name, monkeypatch, record_property):
     try:
         with pytest.raises((AssertionError, ValueError, StopIteration, RuntimeWarning)) as failed:
             checks.ROWS[row](lambda what, value: None)
+        assert not isinstance(failed.value, (SettingsError, ValidationError)), failed.value
         said = str(failed.traceback[-1].statement).strip()
     finally:
         record_property("without", (f"{mechanism} | {row}", f"`{said}`"))
