@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from mavlink_bridge.settings import (
+    Contradiction,
     SettingsError,
     StrictModel,
     assignments,
@@ -53,6 +54,18 @@ class DronesConfig(StrictModel):
         0.0, description="Yaw of each vehicle's own frame in the world: no frame is shared."
     )
     parameters: dict[str, float] = Field({}, description="Autopilot parameters at boot.")
+
+    @model_validator(mode="after")
+    def _knows_its_parameters(self) -> Self:
+        if self.binary or not self.parameters:  # an own binary has more than the emulated ones
+            return self
+        from sitl_sim.firmware.flavours import FLAVOURS  # slow to import, seldom needed here
+        from sitl_sim.firmware.parameters import unfit
+
+        for name, value in self.parameters.items():
+            if why := unfit(FLAVOURS[self.autopilot], name, value):
+                raise Contradiction((f"parameters.{name}",), why)
+        return self
 
     @property
     def real(self) -> bool:

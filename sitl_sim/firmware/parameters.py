@@ -7,9 +7,26 @@ import struct
 from collections.abc import Mapping
 
 from mavlink_bridge.messages import ParamRequestRead, ParamSet, ParamValue
-from sitl_sim.firmware.flavour import REAL32, Flavour, Settings
+from sitl_sim.firmware.flavour import INT8, INT16, INT32, REAL32, Flavour, Settings
 
-RANGES = {2: (-128, 127), 4: (-32768, 32767), 6: (-(2**31), 2**31 - 1)}  # MAV_PARAM_TYPE
+_LARGEST = (2.0 - 2.0**-23) * 2.0**127
+RANGES: dict[int, tuple[float, float]] = {
+    INT8: (-128, 127), INT16: (-32768, 32767), INT32: (-(2**31), 2**31 - 1),
+    REAL32: (-_LARGEST, _LARGEST),
+}  # fmt: skip
+
+
+def unfit(flavour: Flavour, name: str, value: float) -> str:
+    """Why a parameter cannot have this value; empty where it can."""
+    if name not in flavour.parameters:
+        valid = ", ".join(sorted(flavour.parameters))
+        return f"{flavour.name} has no such parameter; valid: {valid}"
+    kind = flavour.parameters[name][0]
+    low, high = RANGES[kind]
+    if low <= value <= high and (kind == REAL32 or value == int(value)):
+        return ""
+    what = "number" if kind == REAL32 else "whole number"
+    return f"must be a {what}, {low:.10g}…{high:.10g}, got {value:g}"
 
 
 class Parameters:
@@ -21,9 +38,8 @@ class Parameters:
         self._values = {name: float(flavour.parameters[name][1]) for name in self._types}
         self._names = list(self._types)
         for name, value in overrides.items():
-            if name not in self._types:
-                known = ", ".join(self._names)
-                raise ValueError(f"{flavour.name} has no parameter {name!r}: choose from {known}")
+            if why := unfit(flavour, name, value):
+                raise ValueError(f"{name}: {why}")
             self._values[name] = float(value)
 
     def __getitem__(self, name: str) -> float:
@@ -51,15 +67,11 @@ class Parameters:
         if m.name not in self._types:
             return []
         value = self._decode(m.value, m.param_type)
-        if value is not None and self._fits(m.name, value):
+        if not unfit(self._flavour, m.name, value):
             self._values[m.name] = value
         return [self._message(m.name)]
 
-    def _fits(self, name: str, value: float) -> bool:
-        low, high = RANGES.get(self._types[name], (-math.inf, math.inf))
-        return math.isfinite(value) and low <= value <= high
-
-    def _decode(self, raw: float, param_type: int) -> float | None:
+    def _decode(self, raw: float, param_type: int) -> float:
         if self._flavour.bytewise and param_type != REAL32:
             return float(struct.unpack("<i", struct.pack("<f", raw))[0])
         return raw if param_type == REAL32 or not math.isfinite(raw) else float(round(raw))

@@ -221,6 +221,7 @@ def test_a_worker_that_dies_takes_no_other_flight_with_it(scenario, tmp_path):
         (["--scheduler", "tcp://127.0.0.1:1"], "--scheduler tcp://127.0.0.1:1"),
         (["--controller", "foo"], ": controller: must be 'nmpc', "),
         (["--set", "companion.nmpc.typo=1"], ": nmpc.typo: unknown key"),
+        (["--set", "drones.parameters.FOO=1"], "px4 has no such parameter; valid: BAT1_CAP"),
         (["--set", "drones.autopilot=betaflight"], "no --in-process"),
     ],
 )

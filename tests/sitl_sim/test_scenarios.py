@@ -153,6 +153,28 @@ def test_places_have_three_coordinates_and_belong_to_drones(override, words):
         scenarios.load("forest", [override])
 
 
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["FOO=1"], "--set drones.parameters.FOO=1: drones.parameters.FOO: px4 has no such "
+         "parameter; valid: BAT1_CAPACITY, "),
+        (["MAV_SYS_ID=1e10"], "MAV_SYS_ID: must be a whole number, -2147483648…2147483647, got"),
+        (["COM_OBL_RC_ACT=1.5"], "COM_OBL_RC_ACT: must be a whole number"),
+        (["MPC_THR_HOVER=1e39"], "MPC_THR_HOVER: must be a number, -3.4"),
+        (["MPC_THR_HOVER=.inf"], "MPC_THR_HOVER: must be a"),
+    ],
+)  # fmt: skip
+def test_a_parameter_that_the_autopilot_cannot_have_is_refused(overrides, words):
+    given = [f"drones.parameters.{o}" for o in overrides]
+    with pytest.raises(SettingsError, match=re.escape(words)):
+        scenarios.load("forest", given)
+
+
+def test_an_own_binary_has_parameters_of_its_own():
+    own = ["drones.binary=px4", "drones.parameters.SIM_GZ_EN=1"]
+    assert scenarios.load("forest", own).drones.parameters == {"SIM_GZ_EN": 1.0}
+
+
 def test_too_few_agents_are_refused(missions):
     with pytest.raises(SettingsError, match="20 agents, not 21"):
         load("lsc-forest", 0, missions, "drones.count=21")
