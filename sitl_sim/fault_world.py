@@ -38,32 +38,41 @@ class FaultyWorld:
     ) -> None:
         self._schedule, self._vehicles, self._autopilots = schedule, vehicles, autopilots
         self._process, self._rebooted = process, rebooted
-        self._on: dict[int, Callable[[], None]] = {}  # id of a fault → what takes it off
-        self._over: set[int] = set()
+        self._on: dict[int, Fault] = {}  # by id, in the order in which they began
         self._whole = vehicles.body.thrust_max.copy()
-        self._weak: dict[int, tuple[int, slice, float]] = {}  # id of a fault → whose, which, how
+        self._own_bias = [autopilots.gyro_bias(i) if autopilots else np.zeros(3)
+                          for i in range(len(vehicles))]  # fmt: skip
+        self._limits: dict[int, tuple[int, int]] = {}  # of a process, by id: as it had them
+        self._motors = {id(f): _motors(f) for f in schedule.all()}
         self._winds = {id(f): _wind(f) for f in schedule.all() if f.kind == "gust"}
-        self._start: dict[str, Callable[[Fault], Callable[[], None] | None]] = {
-            "motor": self._weaken, "thrust_scale": self._weaken, "gyro_bias": self._bias,
-            "position_lost": self._lose_position, "position_jump": self._jump,
+        # Faults may overlap: what a kind does to vehicle i is made anew, whenever one of them
+        # begins or ends, from how the vehicle is without any and from all that are on.
+        self._lasting: dict[str, Callable[[int], None]] = {
+            "motor": self._set_thrust, "thrust_scale": self._set_thrust,
+            "gyro_bias": self._set_bias, "position_lost": self._set_gps,
+            "position_jump": self._set_offset, "disk_full": self._set_disk,
+        }  # fmt: skip
+        self._sudden: dict[str, Callable[[Fault], None]] = {
             "battery": self._drain, "reboot": self._reboot, "stop": self._stop,
             "turn_into": self._turn_into, "kill": self._kill, "mode": self._change_mode,
-            "disk_full": self._fill_disk,
         }  # fmt: skip
 
     def update(self, now: float) -> None:
-        """Everything that begins or ends at `now` [s of the flight]."""
+        """Everything that begins or ends at `now` [s of the flight], which never goes back."""
         for fault in self._schedule.all():
             key, active = id(fault), fault.config.active(now)
             if active and fault.kind == "disarm" and self._autopilots is not None:
                 self._autopilots.units[fault.i].commander.disarm()
-            if fault.kind not in self._start:
+            if active == (key in self._on):
                 continue
-            if active and key not in self._on and key not in self._over:
-                self._on[key] = self._start[fault.kind](fault) or _nothing
-            elif not active and key in self._on:
-                self._on.pop(key)()
-                self._over.add(key)
+            if active:
+                self._on[key] = fault
+            else:
+                del self._on[key]
+            if fault.kind in self._lasting:
+                self._lasting[fault.kind](fault.i)
+            elif active and fault.kind in self._sudden:
+                self._sudden[fault.kind](fault)
 
     def wind(self, now: float, base: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,3) m/s, world: `base` (3,) and the gusts of each drone."""
@@ -77,43 +86,47 @@ class FaultyWorld:
         assert self._autopilots is not None  # `faults.check` has seen to it
         return self._autopilots
 
-    def _weaken(self, f: Fault) -> Callable[[], None]:
-        motors = slice(None) if f.kind == "thrust_scale" else slice(f.rng.integers(4), None, 4)
-        self._weak[id(f)] = f.i, motors, f.value
-        self._set_thrust(f.i)
-
-        def restore() -> None:
-            del self._weak[id(f)]
-            self._set_thrust(f.i)
-
-        return restore
+    def _of(self, i: int, *kinds: str) -> list[Fault]:
+        """Vehicle i's faults of these kinds that are on."""
+        return [f for f in self._on.values() if f.i == i and f.kind in kinds]
 
     def _set_thrust(self, i: int) -> None:
-        """From whole motors and what weakens them now: a factor of 0 cannot be divided out."""
+        """From whole motors: a factor of 0 cannot be divided out."""
         row = self._vehicles.body.thrust_max[i]
         row[:] = self._whole[i]
-        for whose, motors, factor in self._weak.values():
-            if whose == i:
-                row[motors] *= factor
+        for f in self._of(i, "motor", "thrust_scale"):
+            row[self._motors[id(f)]] *= f.value
 
-    def _bias(self, f: Fault) -> Callable[[], None]:
-        before = self._emulated().gyro_bias(f.i)
-        self._emulated().bias_gyro(f.i, before + f.value)
-        return lambda: self._emulated().bias_gyro(f.i, before)
+    def _set_bias(self, i: int) -> None:
+        more = sum(f.value for f in self._of(i, "gyro_bias"))
+        self._emulated().bias_gyro(i, self._own_bias[i] + more)
 
-    def _lose_position(self, f: Fault) -> Callable[[], None]:
-        self._emulated().fail(f.i, "gps")
-        return lambda: self._emulated().fail(f.i, "gps", failed=False)
+    def _set_gps(self, i: int) -> None:
+        self._emulated().fail(i, "gps", failed=bool(self._of(i, "position_lost")))
 
-    def _jump(self, f: Fault) -> Callable[[], None]:
-        self._emulated().shift_position(f.i, [f.value, 0.0, 0.0])
-        return lambda: self._emulated().shift_position(f.i, [0.0, 0.0, 0.0])
+    def _set_offset(self, i: int) -> None:
+        east = sum(f.value for f in self._of(i, "position_jump"))
+        self._emulated().shift_position(i, [east, 0.0, 0.0])
+
+    def _set_disk(self, i: int) -> None:
+        """Its files may not grow: writing fails as on a full disk."""
+        pid = self._process(i)
+        if pid is None:
+            return
+        try:
+            before = self._limits.setdefault(pid, resource.prlimit(pid, resource.RLIMIT_FSIZE))
+            full = (0, before[1])
+            limits = full if self._of(i, "disk_full") else before
+            resource.prlimit(pid, resource.RLIMIT_FSIZE, limits)
+        except ProcessLookupError:
+            return  # it has ended
 
     def _drain(self, f: Fault) -> None:
         self._emulated().set_battery(f.i, f.value)
 
     def _reboot(self, f: Fault) -> None:
         self._emulated().reboot(f.i)
+        self._set_gps(f.i)  # a sensor that has failed is not mended by it
         self._rebooted(f.i)
 
     def _stop(self, f: Fault) -> None:
@@ -135,27 +148,12 @@ class FaultyWorld:
         aim = p[f.i] + towards / np.linalg.norm(towards) * _THROUGH
         self._emulated().fly_to(f.i, aim, f.value)
 
-    def _fill_disk(self, f: Fault) -> Callable[[], None] | None:
-        """Its files may not grow: writing fails as on a full disk."""
-        pid = self._process(f.i)
-        if pid is None:
-            return None
-        before = resource.prlimit(pid, resource.RLIMIT_FSIZE)
-        resource.prlimit(pid, resource.RLIMIT_FSIZE, (0, before[1]))
-        return lambda: _unlimit(pid, before)
 
-
-def _unlimit(pid: int, limits: tuple[int, int]) -> None:
-    try:
-        resource.prlimit(pid, resource.RLIMIT_FSIZE, limits)
-    except ProcessLookupError:
-        return  # it has ended
+def _motors(f: Fault) -> slice:
+    """Which motors it weakens."""
+    return slice(int(f.rng.integers(4)), None, 4) if f.kind == "motor" else slice(None)
 
 
 def _wind(f: Fault) -> NDArray[np.float64]:
     angle = f.rng.uniform(0.0, 2.0 * np.pi)
     return f.value * np.array([np.cos(angle), np.sin(angle), 0.0])
-
-
-def _nothing() -> None:
-    """What takes nothing off."""

@@ -1,5 +1,7 @@
 """Faults as data: what a scenario may say, and that the same seed breaks the same things."""
 
+import resource
+import subprocess
 from typing import get_args
 
 import numpy as np
@@ -9,6 +11,7 @@ from mavlink_bridge.codec import Codec
 from mavlink_bridge.messages import Attitude, Heartbeat, LocalPosition
 from mavlink_bridge.settings import SettingsError
 from sitl_sim import scenario as scenarios
+from sitl_sim.autopilot import Autopilots
 from sitl_sim.fault_camera import FaultyCamera
 from sitl_sim.fault_link import FaultyLine, FaultyTelemetry
 from sitl_sim.fault_world import FaultyWorld
@@ -17,6 +20,7 @@ from sitl_sim.runner import Flight, flight
 from sitl_sim.scenario import Scenario, WireConfig
 from sitl_sim.vehicle import Airframe, Vehicles
 
+FILE_SIZE = resource.RLIMIT_FSIZE
 HEAD = "fileversion: 1\nsensing: {neighbours: truth}\ndrones: {count: 2}\n"
 WRONG = [
     ("faults: [{kind: link_los}]\n", "4:11", "faults.0.kind: must be 'link_loss', "),
@@ -194,3 +198,49 @@ def test_what_is_laid_on_a_vehicle_is_taken_off_again():
     wind = gusts.wind(0.0, np.array([1.0, 0.0, 0.0]))
     assert np.linalg.norm(wind - [1.0, 0, 0], axis=1) == pytest.approx([5.0, 5.0])
     assert isinstance(next(iter(s.all())), Fault)
+
+
+@pytest.fixture
+def victim():
+    """A process whose files may be forbidden to grow; its id."""
+    with subprocess.Popen(["sleep", "60"]) as process:
+        yield process.pid
+        process.kill()
+
+
+@pytest.mark.parametrize("first", [2.0, 4.0])  # s it lasts: ends before the second, or after it
+@pytest.mark.parametrize(
+    ("kind", "state", "once", "both"),
+    [
+        ("gyro_bias", lambda a: (a.gyro_bias(0) - a.truly)[0], 0.05, 0.1),
+        ("position_jump", lambda a: a.offset[0, 0], 3.0, 6.0),
+        ("position_lost", lambda a: float("gps" in a.units[0].commander.failed), 1.0, 1.0),
+        ("disk_full", lambda a: float(resource.prlimit(a.pid, FILE_SIZE)[0] == 0), 1.0, 1.0),
+    ],
+)
+def test_faults_that_overlap_end_each_in_its_time(victim, kind, state, once, both, first):
+    vehicles = Vehicles(Airframe(), np.zeros((1, 3)), 0.0)
+    a = Autopilots(vehicles, [1])
+    a.truly, a.offset, a.pid = a.gyro_bias(0), a._shared.estimate.offset, victim
+    times = [{"at": 1.0, "for": first}, {"at": 2.0, "for": 2.0}]
+    faults = [FaultConfig.model_validate({"kind": kind} | t) for t in times]
+    world = FaultyWorld(Schedule(faults, ["drone1"], 1), vehicles, a, lambda i: victim)
+    found = []
+    for t in range(6):
+        world.update(float(t))
+        found.append(state(a))
+    expected = [0.0, once, both, *([both, once] if first == 4.0 else [once, 0.0]), 0.0]
+    assert found == pytest.approx(expected)
+
+
+def test_a_reboot_mends_no_sensor():
+    vehicles = Vehicles(Airframe(), np.zeros((1, 3)), 0.0)
+    a = Autopilots(vehicles, [1])
+    faults = [{"kind": "position_lost", "for": 2.0}, {"kind": "reboot", "at": 1.0}]
+    configs = [FaultConfig.model_validate(f) for f in faults]
+    world = FaultyWorld(Schedule(configs, ["drone1"], 1), vehicles, a)
+    found = []
+    for t in range(3):
+        world.update(float(t))
+        found.append("gps" in a.units[0].commander.failed)
+    assert found == [True, True, False]
