@@ -81,7 +81,7 @@ class Phases:
         """One tick at `time` [s]; ready: a frame was seen and a plan solved; complete: mission."""
         if heartbeat is None:
             return Decision(self.phase)
-        mode = self._autopilot.mode(heartbeat)
+        mode, new = self._autopilot.mode(heartbeat), not self._met
         self._meet(time, mode, heartbeat.armed)
         if own is None:  # ArduPilot tells nothing before it is asked
             return Decision(self.phase, self._ask(time, mode) if self.phase is Phase.WAIT else [])
@@ -90,6 +90,8 @@ class Phases:
         self._advance(mode, heartbeat.armed, own, ready, complete)
         self._mode = mode
         requests = self._ask(time, mode)
+        if new and self.phase is not Phase.WAIT:  # which asks for them until they come
+            requests = self._autopilot.request_streams() + requests
         stream = self.phase in (Phase.ENGAGE, Phase.FLY) or (
             self.phase is Phase.LAND and mode == "offboard"
         )

@@ -235,3 +235,11 @@ def test_a_vehicle_that_a_pilot_flies_after_a_reboot_is_his():
     decisions = [flown.tick("pilot", height=1.0) for _ in range(30)]
     assert {d.phase for d in decisions} == {Phase.WAIT}
     assert not {m for d in decisions for m in d.requests} & set(ArduPilot(1).takeoff(2.0))
+
+
+def test_streams_are_asked_for_even_where_all_is_there_at_once():
+    """At the rates of some other setting, perhaps: an age of 0.3 s is young enough to begin."""
+    flown = Flown(Px4(1), PX4, auto=True)
+    asked = [m for _ in range(30) for m in flown.tick("hold", armed=False).requests]
+    assert flown.phases.phase is Phase.ARM
+    assert [m for m in asked if m in Px4(1).request_streams()] == Px4(1).request_streams()
