@@ -29,6 +29,7 @@ _Sample = TypeVar("_Sample", Attitude, LocalPosition)
 _SILENT = 0.5  # s without ATTITUDE_QUATERNION or LOCAL_POSITION_NED: then others have to do
 _JUMP = 1.0  # m beyond what velocity and acceleration explain: another place, not a motion
 _ACCELERATION = 10.0  # m/s², most that a drone may have had since the sample before
+_RATE_MAX = 35.0  # rad/s about an axis: what the gyros of such vehicles can tell, 2000 °/s
 _PERSISTS = (5, 0.15)  # samples on end, or s: then it is no slip, whatever it is
 _DOUBT = 1.0  # s that what cannot be believed, and persists, casts doubt
 _POSITION_LOST = 0.18  # s without a position while attitudes come
@@ -53,6 +54,7 @@ class OwnStateCounters:
 
     not_finite: int = 0
     not_unit: int = 0
+    too_fast: int = 0
     out_of_order: int = 0
     jumps: int = 0
     reboots: int = 0
@@ -91,7 +93,7 @@ class OwnState:
         self._positions: deque[LocalPosition] = deque(maxlen=_HISTORY)
         self._doubted = self._garbled = -np.inf
         self._from_the_past = 0
-        self._not_unit, self._elsewhere = _Slip(), _Slip()
+        self._wild, self._elsewhere = _Slip(), _Slip()
 
     def _reset(self) -> None:
         """Forget everything: the autopilot has rebooted."""
@@ -190,15 +192,22 @@ class OwnState:
     def _sane_attitude(self, a: Attitude) -> bool:
         if not (np.isfinite(a.q_wb).all() and np.isfinite(a.omega).all()):
             self.counters.not_finite += 1
-        elif abs(float(np.linalg.norm(a.q_wb)) - 1.0) > 0.02:
-            self.counters.not_unit += 1
-            if self._not_unit.persists(a.time):
+        elif self._impossible(a):
+            if self._wild.persists(a.time):
                 self._doubted = max(self._doubted, a.time)
         else:
             if not isinstance(a, EulerAttitude):  # angles are always those of some rotation
-                self._not_unit.over()
+                self._wild.over()
             return self._in_order(a.time, self._attitudes)
         return False
+
+    def _impossible(self, a: Attitude) -> bool:
+        """No rotation, or faster than any gyro can tell; counted."""
+        not_unit = abs(float(np.linalg.norm(a.q_wb)) - 1.0) > 0.02
+        too_fast = float(np.abs(a.omega).max()) > _RATE_MAX
+        self.counters.not_unit += not_unit
+        self.counters.too_fast += too_fast
+        return not_unit or too_fast
 
     def _sane_position(self, lp: LocalPosition) -> bool:
         if not (np.isfinite(lp.p).all() and np.isfinite(lp.v).all()):

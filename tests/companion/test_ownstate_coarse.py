@@ -98,3 +98,17 @@ def test_odometry_steps_in_where_a_stream_falls_silent():
     for k in range(30, 60):
         own.add([odometry(k / 30)])
     assert own.at(59 / 30).p[0] == pytest.approx(truth(59 / 30)[0][0], abs=0.01)
+
+
+def test_a_body_rate_that_no_gyro_can_tell_is_not_believed():
+    own, level = OwnState(), np.array([1.0, 0.0, 0.0, 0.0])
+    for k in range(10):
+        own.add([LocalPosition(k / 50, np.zeros(3), np.zeros(3)),
+                 Attitude(k / 50, level, np.array([34.0, 0.0, 0.0]))])  # fmt: skip
+    wild = [Attitude(0.2 + k / 50, level, np.array([0.0, -150.0, 0.0])) for k in range(5)]
+    own.add(wild[:1])
+    assert own.at(0.2).omega.tolist() == [34.0, 0.0, 0.0]
+    assert own.believable(0.2)  # once is a slip
+    own.add(wild[1:])
+    assert own.counters.too_fast == 5
+    assert not own.believable(0.3)
