@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
-from mavlink_bridge.signing import EPOCH, KEY_BYTES, LAST, TICKS, Signing
+from mavlink_bridge.signing import KEY_BYTES, LAST, TICKS, Signing, timestamp_at
 
 _SAVE_EVERY = 1.0  # s; what was heard since the last save could be played again after a crash
 _FOR_OTHERS = stat.S_IRWXG | stat.S_IRWXO
@@ -65,7 +65,7 @@ class Timestamps:
         """path: where they are kept; None: nowhere, and after a restart only the clock counts."""
         self._path = path
         self._saved = -1e9
-        self.signing = Signing(key, round((_now() - EPOCH) * TICKS), link_id)
+        self.signing = Signing(key, timestamp_at(_now()), link_id)
         if path is not None:
             self._load(path)
 

@@ -23,6 +23,11 @@ LAST = (1 << 48) - 1  # timestamp that fits
 Stream = tuple[int, int, int]
 
 
+def timestamp_at(unix_time: float) -> int:
+    """Of a moment [s]; 0 before 2015, where a clock stands that was never set."""
+    return max(round((unix_time - EPOCH) * TICKS), 0)
+
+
 @dataclass
 class Signing:
     """One end's key and timestamps; no clock: `advance` tells the time.
@@ -42,7 +47,7 @@ class Signing:
 
     def advance(self, unix_time: float) -> None:
         """It is now `unix_time` [s]; a clock that goes back is not followed."""
-        self.timestamp = max(self.timestamp, round((unix_time - EPOCH) * TICKS))
+        self.timestamp = max(self.timestamp, timestamp_at(unix_time))
 
     def accepts(self, frame: bytes, system: int, component: int) -> bool:
         """Whether a whole frame is signed with the key, and newer than all before it."""

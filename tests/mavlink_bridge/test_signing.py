@@ -130,6 +130,29 @@ def test_timestamps_outlive_a_restart(tmp_path):
     assert abs(Timestamps(KEY, 0, file).signing.timestamp - start) < 60 * TICKS
 
 
+def test_a_clock_that_was_never_set_still_signs_and_only_goes_on(tmp_path, monkeypatch):
+    """A board without a battery starts in 1970; timestamps begin in 2015."""
+    now = 0.0
+    monkeypatch.setattr("companion.keys._now", lambda: now)
+    stamps = []
+
+    def sign():
+        kept = Timestamps(KEY, 0, tmp_path / "signing.json")
+        kept.tick(1.0)
+        frame = Codec(1, 1, signing=kept.signing).encode([HEARTBEAT])
+        stamps.append(int.from_bytes(frame[-12:-6], "little"))
+        kept.save()
+
+    sign()
+    sign()
+    now = EPOCH + 400e6
+    sign()
+    now = 0.0
+    sign()
+    assert 0 <= stamps[0] < stamps[1] < TICKS * 10
+    assert TICKS * 400e6 <= stamps[2] < stamps[3]
+
+
 def test_a_full_disk_ends_the_keeping_only(tmp_path):
     kept = Timestamps(KEY, 0, tmp_path / "nowhere" / "signing.json")
     kept.tick(10.0)
