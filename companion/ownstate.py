@@ -6,6 +6,7 @@ needs the attitude at its capture, a tick needs the state now. Refuses what cann
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -25,6 +26,7 @@ from mavlink_bridge.messages import (
     VehicleState,
 )
 
+_TINY = float(np.finfo(np.float32).tiny)
 _Sample = TypeVar("_Sample", Attitude, LocalPosition)
 _SILENT = 0.5  # s without ATTITUDE_QUATERNION or LOCAL_POSITION_NED: then others have to do
 _JUMP = 1.0  # m beyond what velocity and acceleration explain: another place, not a motion
@@ -190,7 +192,7 @@ class OwnState:
         )
 
     def _sane_attitude(self, a: Attitude) -> bool:
-        if not (np.isfinite(a.q_wb).all() and np.isfinite(a.omega).all()):
+        if not (_numbers(a.q_wb) and _numbers(a.omega)):
             self.counters.not_finite += 1
         elif self._impossible(a):
             if self._wild.persists(a.time):
@@ -210,7 +212,7 @@ class OwnState:
         return not_unit or too_fast
 
     def _sane_position(self, lp: LocalPosition) -> bool:
-        if not (np.isfinite(lp.p).all() and np.isfinite(lp.v).all()):
+        if not (_numbers(lp.p) and _numbers(lp.v)):
             self.counters.not_finite += 1
             self._garbled = lp.time
             return False
@@ -244,6 +246,14 @@ class OwnState:
             return True
         self.counters.out_of_order += 1
         return False
+
+
+def _numbers(values: Vector) -> bool:
+    """Whether all are finite, and none so small that only garbage is: no float32 of full precision.
+
+    A velocity of 1e-45 m/s from one sample to the next would be believed as a halt.
+    """
+    return all(x == 0.0 or _TINY <= abs(x) < math.inf for x in values.tolist())
 
 
 def integrate(q: Vector, omega: Vector, dt: float) -> Vector:

@@ -112,3 +112,14 @@ def test_a_body_rate_that_no_gyro_can_tell_is_not_believed():
     own.add(wild[1:])
     assert own.counters.too_fast == 5
     assert not own.believable(0.3)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e-45, -1e-40])
+def test_what_is_no_number_is_refused_and_counted(bad):
+    """As float32 a denormal is garbage: of a velocity, it would be believed as a halt."""
+    own, level, v = OwnState(), np.array([1.0, 0.0, 0.0, 0.0]), np.array([1.5, 0.0, 0.0])
+    own.add([Attitude(0.0, level, np.zeros(3)), LocalPosition(0.0, np.zeros(3), v)])
+    spoilt = np.array([bad, 0.0, 0.0])
+    own.add([Attitude(0.02, level, spoilt), LocalPosition(0.02, 0.02 * v, spoilt)])
+    assert own.counters.not_finite == 2
+    assert (own.at(0.1).p, own.at(0.1).v) == (pytest.approx(0.1 * v), pytest.approx(v))
