@@ -1,16 +1,20 @@
 """TCP and serial endpoints: bytes in any chunks, and a line that may go and come back.
 
 Neither blocks and neither raises once open: a lost line is retried every half second, counted,
-and named in `problem` until it is back.
+and named in `problem` until it is back. What a line does not take waits for a moment only: an old
+setpoint is worse than none.
 """
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import socket
+import termios
 import time
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Iterator
 
 import serial
@@ -18,6 +22,7 @@ import serial
 _RETRY = 0.5  # s between attempts to reconnect
 _CHUNK = 65536
 _PENDING_MAX = 8192  # bytes that wait for a slow line; what comes on top is refused
+_STALE = 0.2  # s that anything waits for a line: two ticks of a companion
 BAUD_RATES = tuple(b for b in serial.Serial.BAUDRATES if b >= 9600)
 
 
@@ -31,7 +36,9 @@ class ByteStream(ABC):
         self.name = name
         self.problem = ""
         self.reconnects = 0
-        self._pending = bytearray()
+        self._pending: deque[tuple[float, bytes]] = deque()  # what was sent, and when
+        self._cut = False  # the first of them has gone out in part
+        self._stuck_since: float | None = None  # the line has taken nothing from then on
         self._retry_at = -1.0
         self._was_up = False
         # select() wants a file that lives even while the line is down.
@@ -53,6 +60,10 @@ class ByteStream(ABC):
     @abstractmethod
     def _write(self, data: bytes) -> int:
         """Write what fits now, return how much. Raises OSError where the line is dead."""
+
+    @abstractmethod
+    def _take_back(self) -> bool:
+        """Discard what was written and has not left yet; False: what is written will arrive."""
 
     @abstractmethod
     def _shut(self) -> None:
@@ -80,14 +91,22 @@ class ByteStream(ABC):
             yield data
 
     def send(self, data: bytes) -> bool:
-        """Send, or keep for the next call what the line does not take now; False: refused."""
-        if not self._ensure() or len(self._pending) + len(data) > _PENDING_MAX:
+        """Send whole messages, or keep them for a moment where the line does not take them now.
+
+        False: refused, because too much waits, or the line has been stuck for too long.
+        """
+        self._drop_stale()
+        waiting = sum(len(chunk) for _, chunk in self._pending)
+        if not self._ensure() or waiting + len(data) > _PENDING_MAX:
             return False
-        self._pending += data
+        self._pending.append((time.monotonic(), data))
         try:
             self._flush()
         except OSError as error:
             self._lose(error)
+            return False
+        if self._stuck():  # so nothing of it has gone out
+            self._pending.pop()
             return False
         return True
 
@@ -117,16 +136,40 @@ class ByteStream(ABC):
         self._was_up, self.problem = True, ""
         return True
 
+    def _stuck(self) -> bool:
+        """Whether the line has taken nothing for longer than anything may wait."""
+        return self._stuck_since is not None and time.monotonic() - self._stuck_since > _STALE
+
+    def _drop_stale(self) -> None:
+        """All but the rest of what is cut: without it the next message would be taken for it."""
+        first = int(self._cut)
+        oldest = time.monotonic() - _STALE
+        while len(self._pending) > first and self._pending[first][0] < oldest:
+            del self._pending[first]
+
     def _flush(self) -> None:
+        """Write what waits and is not too old."""
+        self._drop_stale()
         while self._pending:
-            written = self._write(bytes(self._pending))
+            at, data = self._pending[0]
+            written = self._write(data)
             if not written:
+                if self._stuck_since is None:
+                    self._stuck_since = time.monotonic()
                 return
-            del self._pending[:written]
+            moves_again, self._stuck_since = self._stuck(), None
+            if moves_again and self._take_back() and not self._cut:
+                continue  # this one went with the old ones
+            self._cut = written < len(data)
+            if self._cut:
+                self._pending[0] = at, data[written:]
+            else:
+                self._pending.popleft()
 
     def _lose(self, error: OSError) -> None:
         self._shut()
         self._pending.clear()
+        self._cut, self._stuck_since = False, None
         self._retry_at = time.monotonic() + _RETRY
         self.problem = f"{self.name}: {error.strerror or error}"
 
@@ -175,6 +218,9 @@ class TcpEndpoint(ByteStream):
         except BlockingIOError:
             return 0
 
+    def _take_back(self) -> bool:
+        return False
+
     def _shut(self) -> None:
         if self._socket is not None:
             self._socket.close()
@@ -212,6 +258,12 @@ class SerialEndpoint(ByteStream):
             return os.write(self._port.fileno(), data)  # pyserial's own would try for ever
         except BlockingIOError:
             return 0
+
+    def _take_back(self) -> bool:
+        assert self._port is not None
+        with contextlib.suppress(termios.error):  # of a line that has died: the next read tells
+            termios.tcflush(self._port.fileno(), termios.TCOFLUSH)
+        return True
 
     def _shut(self) -> None:
         if self._port is not None:

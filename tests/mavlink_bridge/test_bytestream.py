@@ -3,6 +3,7 @@
 import contextlib
 import os
 import pty
+import select
 import signal
 import socket
 import threading
@@ -18,6 +19,7 @@ from mavlink_bridge.messages import Attitude, Heartbeat
 
 BAUD = 921600
 HEARTBEAT = Heartbeat(12, 2, False, 0, 3)
+FRAME = 44  # bytes, an attitude
 
 
 @pytest.fixture
@@ -90,7 +92,8 @@ def test_serial_sends(line):
     link.close()
 
 
-def test_a_serial_line_that_nobody_reads_refuses_and_blocks_nobody(line):
+def test_a_serial_line_that_nobody_reads_refuses_and_blocks_nobody(line, monkeypatch):
+    monkeypatch.setattr("mavlink_bridge.bytestream._STALE", 60.0)  # as if it were at once
     master, name, _ = line
     link = Link(open_endpoint(f"serial:{name}:{BAUD}"), Codec(1, 191))
     sender = Codec(1, 191)
@@ -107,6 +110,75 @@ def test_a_serial_line_that_nobody_reads_refuses_and_blocks_nobody(line):
         while count < sum(taken):
             count += len(reader.decode(os.read(master, 65536)))
             link.receive()
+    assert reader.statistics.bad_bytes == 0
+    link.close()
+
+
+def said(link, at, size=FRAME):
+    """Whether the line takes a packet of `size` bytes: attitudes of this time [s], and zeros."""
+    level = Attitude(at, np.array([1.0, 0, 0, 0]), np.zeros(3))
+    return link.endpoint.send(link.codec.encode([level] * (size // FRAME)).ljust(size, b"\0"))
+
+
+def stall(link, size):
+    """Fill the line until it takes no more; the number of packets that it took."""
+    taken, moved = 0, time.monotonic()
+    while time.monotonic() - moved < 0.4:
+        while said(link, 0.0, size):
+            taken, moved = taken + 1, time.monotonic()
+        time.sleep(0.02)
+    return taken
+
+
+def times(reader, data):
+    """Of the attitudes that `data` completes."""
+    return [r.message.time for r in reader.decode(data)]
+
+
+@pytest.mark.parametrize("size", [FRAME, 64])  # cut by what a pty takes, or not
+def test_a_serial_line_that_was_stuck_delivers_nothing_old(line, size):
+    master, name, _ = line
+    link, reader = Link(open_endpoint(f"serial:{name}:{BAUD}"), Codec(1, 191)), Codec(1, 1)
+    with in_time(20.0):
+        stall(link, size)
+        assert not said(link, 1.0)
+        beyond_reach = os.read(master, 65536)  # the reading side of a pty has it already
+        found = times(reader, beyond_reach)
+        while not said(link, 2.0):
+            time.sleep(0.01)
+        for at in (3.0, 4.0):
+            assert said(link, at)
+        while 4.0 not in found:
+            found += times(reader, os.read(master, 65536))
+    old = found.count(0.0)
+    assert found == [0.0] * old + [2.0, 3.0, 4.0]
+    # As much again has come over before the next message said that somebody reads.
+    assert old <= 2 * len(beyond_reach) / size + 1
+    link.close()
+
+
+def test_a_tcp_line_that_was_stuck_drops_whole_packets():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        link = Link(open_endpoint(f"tcp:127.0.0.1:{server.getsockname()[1]}"), Codec(1, 191))
+        assert heard(link, 1, 0.05) == []
+        peer, _ = server.accept()
+    reader, found, at = Codec(1, 1), [], 2.0
+    with peer, in_time(20.0):
+        assert heard(link, 1, 0.05) == []
+        with socket.socket(fileno=os.dup(link.endpoint.fileno())) as ours:
+            ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 8192)  # soon full
+        taken = stall(link, 30 * FRAME)
+        assert not said(link, 1.0)
+        while not found or found[-1] < 2.0:
+            said(link, at)
+            at += 1.0
+            while select.select([peer], [], [], 0.02)[0]:
+                found += times(reader, peer.recv(65536))
+    old = found.count(0.0)
+    assert found[:old] == [0.0] * old
+    assert 1.0 not in found
+    assert old % 30 == 0  # of what was cut, the rest came
+    assert old < 30 * (taken - 2)  # what waited did not
     assert reader.statistics.bad_bytes == 0
     link.close()
 
