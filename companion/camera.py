@@ -85,6 +85,8 @@ class Camera:
             raise CalibrationError(f"{path}: every value is a number: {error}") from error
         if not np.isfinite([*n.values()]).all() or min(n[key] for key in KEYS[:4]) <= 0:
             raise CalibrationError(f"{path}: width, height, fx, fy must be positive and finite")
+        if n["width"] % 1 or n["height"] % 1:
+            raise CalibrationError(f"{path}: width and height must be whole numbers of pixels")
         # Of a mount that is no number the comparison is false.
         if mount.shape != (4,) or not abs(np.linalg.norm(mount) - 1.0) <= 1e-3:
             raise CalibrationError(f"{path}: mount must be a unit quaternion w, x, y, z")

@@ -58,6 +58,8 @@ class Lens:
             numbers += [float(data.get(f"k{n}", 0.0)) for n in (1, 2, 3, 4)]
         except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
             raise ValueError(f"{path}: cannot be used as calibration: {error!r}") from error
+        if not np.isfinite(numbers).all() or min(width, height, *numbers[:2]) <= 0:
+            raise ValueError(f"{path}: width, height, fx, fy must be positive and finite")
         flat = Lens(width, height, 160.0, tuple(numbers))
         edge = flat.angle(np.array([width / 2 / numbers[0]]))[0]
         return replace(flat, fov_deg=float(np.degrees(2 * edge)))
