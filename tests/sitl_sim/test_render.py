@@ -184,5 +184,5 @@ def test_a_calibration_that_cannot_be_used_is_told(tmp_path):
         lens_of(SensingConfig(calibration=str(tmp_path / "camera.yaml")))
     flat = (tmp_path / "camera.yaml").read_text().replace("fx: ", "fx: 0.0 # ")
     (tmp_path / "camera.yaml").write_text(flat)
-    with pytest.raises(SettingsError, match=r"camera\.yaml: width, height, fx, fy must be positive"):
+    with pytest.raises(SettingsError, match=r"camera\.yaml: .* fx, fy must be positive"):
         lens_of(SensingConfig(calibration=str(tmp_path / "camera.yaml")))
