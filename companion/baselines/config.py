@@ -61,9 +61,9 @@ class PotentialFieldConfig(StrictModel):
 class OrcaConfig(StrictModel):
     """Optimal reciprocal collision avoidance."""
 
-    radius: float = Field(0.4, gt=0, description="Of a drone, with margin [m].")
+    radius: float = Field(0.5, gt=0, description="Of a drone, with margin [m].")
     horizon: float = Field(3.0, gt=0, description="Time free of collision with drones [s].")
-    horizon_obstacle: float = Field(1.5, gt=0, description="The same with obstacles [s].")
+    horizon_obstacle: float = Field(3.0, gt=0, description="The same with obstacles [s].")
     aside: float = Field(
         0.05, ge=0, description="Preferred velocity is turned right by this [rad]: breaks ties."
     )
