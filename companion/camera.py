@@ -91,8 +91,27 @@ class Camera:
         if mount.shape != (4,) or not abs(np.linalg.norm(mount) - 1.0) <= 1e-3:
             raise CalibrationError(f"{path}: mount must be a unit quaternion w, x, y, z")
         k = np.array([n["k1"], n["k2"], n["k3"], n["k4"]])
-        return Camera(
+        camera = Camera(
             int(n["width"]), int(n["height"]), n["fx"], n["fy"], n["cx"], n["cy"], k, mount=mount
+        )
+        if objection := camera.objection:
+            raise CalibrationError(f"{path}: {objection}")
+        return camera
+
+    @property
+    def objection(self) -> str:
+        """Why nobody should fly by it, one line; empty where it can be true.
+
+        A polynomial that was fitted to the middle alone bends back farther out: a neighbour at the
+        side would be believed to be behind.
+        """
+        across = [(-0.5 - self.cx) / self.fx, (self.width - 0.5 - self.cx) / self.fx]
+        down = [(-0.5 - self.cy) / self.fy, (self.height - 0.5 - self.cy) / self.fy]
+        if float(self.radius(np.array(self._peak))) > np.abs(across + down).max():
+            return ""
+        return (
+            f"k1…k4 bend back at {np.degrees(self._peak):.0f}° off the axis, inside the picture: "
+            "calibrate anew, with the board near the edges, too"
         )
 
     def scaled(self, width: int, height: int) -> Camera:
@@ -163,12 +182,22 @@ class Camera:
         result: Vector = 1.0 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))
         return result
 
+    @cached_property
+    def _peak(self) -> float:
+        """Angle [rad] up to which `radius` grows; π where it always does."""
+        theta = np.linspace(0.0, np.pi, 1000)
+        falls = self._slope(theta) <= 0.0
+        return float(theta[int(np.argmax(falls))]) if falls.any() else np.pi
+
     def _angle(self, radius: Vector) -> Vector:
-        """Inverse of `radius` by Newton's method; exact without distortion."""
+        """Inverse of `radius` by Newton's method; exact without distortion.
+
+        Beyond what the lens images, in the picture's corners, the largest angle that it does.
+        """
         theta = np.array(radius, float)
         if self.k.any():
             for _ in range(NEWTON_STEPS):
                 step = (self.radius(theta) - radius) / np.maximum(self._slope(theta), 0.1)
-                theta = np.clip(theta - step, 0.0, np.pi)
+                theta = np.clip(theta - step, 0.0, self._peak)
         result: Vector = np.minimum(theta, np.pi)
         return result

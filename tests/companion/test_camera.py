@@ -82,6 +82,7 @@ GOOD = "width: 640\nheight: 400\nfx: 229\nfy: 229\ncx: 319.5\ncy: 199.5\n"
         (GOOD + "mount: 1", "unit quaternion"),
         (GOOD + "mount: [.nan, 1, 0, 0]", "unit quaternion"),
         (GOOD.replace("640", "0.5"), "whole numbers"),
+        (GOOD + "k1: 0.3\nk2: -0.5", "bend back at 53° off the axis"),
         ("a: [", "cannot read"),
         ("a: 2026-99-99", "cannot read"),
     ],
@@ -97,3 +98,12 @@ def test_a_bad_calibration_says_what_is_wrong(tmp_path, text, word):
 def test_a_missing_calibration_says_so(tmp_path):
     with pytest.raises(CalibrationError, match="cannot read"):
         Camera.load(tmp_path / "none.yaml")
+
+
+def test_no_pixel_looks_back_where_the_lens_images_nothing():
+    """Its polynomial peaks at 101°, which is beyond the picture's sides but not its corners."""
+    camera = Camera(640, 400, 229.0, 229.0, 319.5, 199.5, np.array([0.05, -0.03, 0.0, 0.0]))
+    assert not camera.objection
+    angles = np.arccos(camera.directions[..., 2])
+    assert np.degrees(angles[0, 0]) == pytest.approx(101.4, abs=0.2)
+    assert (np.diff(angles[0, :320]) < 1e-3).all()  # smaller towards the middle
