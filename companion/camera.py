@@ -110,8 +110,8 @@ class Camera:
         if float(self.radius(np.array(self._peak))) > np.abs(across + down).max():
             return ""
         return (
-            f"k1…k4 bend back at {np.degrees(self._peak):.0f}° off the axis, inside the picture: "
-            "calibrate anew, with the board near the edges, too"
+            f"fx, fy, k1…k4 image nothing beyond {np.degrees(self._peak):.0f}° off the axis, which "
+            "lies inside the picture: calibrate anew, with the board near the edges, too"
         )
 
     def scaled(self, width: int, height: int) -> Camera:

@@ -10,7 +10,7 @@ import asyncio
 import contextlib
 import json
 import time
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Awaitable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -56,7 +56,9 @@ class Row:
 async def act(
     action: str, drones: Sequence[CompanionConfig], url: str, patience: float
 ) -> list[Row]:
-    """Do `action` with every drone at once; a row each.
+    """Do `action` with every drone as soon as it is heard; a row each.
+
+    None waits for another: who is to hold or to land may be about to collide.
 
     url: where the vehicles speak to ground stations, as MAVSDK writes it. patience [s]: for
     vehicles to appear.
@@ -71,27 +73,25 @@ async def act(
             await mavsdk.add_any_connection(url)
         except MavsdkConnectionError as error:
             raise EndpointError(f"{url}: {error}; {_URLS}") from error
-        systems = await _find(mavsdk, {d.link.system_id for d in drones}, patience)
-        rows = [_one(action, d, systems.get(d.link.system_id)) for d in drones]
+        deadline = time.monotonic() + patience
+        rows = [_one(action, d, _find(mavsdk, d.link.system_id, deadline)) for d in drones]
         return list(await asyncio.gather(*rows))
 
 
-async def _find(mavsdk: Mavsdk, wanted: set[int], patience: float) -> dict[int, System]:
-    """The wanted vehicles by system id, as many as appear in time."""
-    deadline = time.monotonic() + patience
+async def _find(mavsdk: Mavsdk, wanted: int, deadline: float) -> System | None:
+    """The vehicle of this system id; None where it does not appear in time."""
     while True:
-        found = {
-            await system.get_system_id(): system
-            for system in await mavsdk.get_systems()
-            if await system.has_autopilot()
-        }
-        if wanted <= set(found) or time.monotonic() > deadline:
-            return found
+        for system in await mavsdk.get_systems():
+            if await system.get_system_id() == wanted and await system.has_autopilot():
+                return system
+        if time.monotonic() > deadline:
+            return None
         await asyncio.sleep(0.1)
 
 
-async def _one(action: str, drone: CompanionConfig, system: System | None) -> Row:
+async def _one(action: str, drone: CompanionConfig, heard: Awaitable[System | None]) -> Row:
     row = Row(drone.name, drone.link.system_id)
+    system = await heard
     if system is None:
         return row
     try:

@@ -94,7 +94,11 @@ class Sight:
         elif image is not None:
             drones = self._drones.detect(image)
         self._frames += 1
-        searched = self._frames % self._sensing.trunks_every == 0
+        shown = frame.arrays.keys() - ({"image"} if image is None else set())
+        searched = (
+            self._frames % self._sensing.trunks_every == 0
+            and _ARRAYS[self._sensing.obstacles] in shown
+        )
         given = frame.arrays.get("ranges")
         # As coarse as the log keeps them, so that a replay sees the same.
         ranges: Ranges | None = None if given is None else given.astype(np.float16)
@@ -115,8 +119,7 @@ class Sight:
             return [  # a replay tells a seventh
                 Trunk(r[:3], float(r[3]), float(r[4]), float(r[5]), bool(r[6:].any())) for r in rows
             ]
-        if image is None:
-            return []
+        assert image is not None  # or nothing is looked for
         down = self._to_camera(own, np.array([[0.0, 0.0, -1.0]]))[0]
         return self._trunks.detect(image, down, float(own.p[2]))
 

@@ -245,7 +245,9 @@ class SerialEndpoint(ByteStream):
         return self._port is not None
 
     def _open(self) -> bool:
-        self._port = serial.Serial(self._device, self._baud, timeout=0, write_timeout=0)
+        self._port = serial.Serial(
+            self._device, self._baud, timeout=0, write_timeout=0, exclusive=True
+        )
         return True
 
     def _read(self) -> bytes:

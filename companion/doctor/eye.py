@@ -58,6 +58,9 @@ def _detector(config: CompanionConfig) -> Finding:
         return Finding("detector", Level.AMBER, "not tried without calibration", "see above")
     except ModelError as error:
         return Finding("detector", Level.RED, str(error), "put the file there; sensing.model")
+    if config.sensing.detector == "color":
+        todo = "mount the balls, or set sensing.detector: cnn"
+        return Finding("detector", Level.AMBER, "color: sees drones with a ball, no others", todo)
     return Finding("detector", Level.GREEN, config.sensing.detector)
 
 

@@ -17,6 +17,7 @@ from companion.config import CompanionConfig
 from companion.detectors import ModelError
 from companion.directories import log_path
 from companion.doctor.finding import Finding, Level, either, rated
+from companion.keys import SigningKeyError, read_key
 from companion.nmpc import Nmpc
 from companion.nmpc.instancefile import load, stored
 from companion.sight import Sight
@@ -37,6 +38,7 @@ def examine(config: CompanionConfig) -> Iterator[Finding]:
     yield from _governor()
     yield _logs(config)
     yield from _serial_port(config)
+    yield from _signing_key(config)
 
 
 def _software() -> Finding:
@@ -110,3 +112,20 @@ def _serial_port(config: CompanionConfig) -> Iterator[Finding]:
         todo = f"sudo usermod -a -G {path.group()} {os.environ.get('USER', 'USER')}; log in again"
         allowed = os.access(path, os.R_OK | os.W_OK)
         yield either("serial port", allowed, f"{device} of group {path.group()}", todo)
+
+
+def _signing_key(config: CompanionConfig) -> Iterator[Finding]:
+    """Whether the service will be able to sign."""
+    if config.link.signing is None:
+        return
+    key = config.link.signing.key
+    if "/" not in key and not Path(key).exists():
+        text = f"{key}: a credential of the service, which nobody else can look at"
+        yield Finding("signing key", Level.AMBER, text, "LoadCredential= must name it")
+        return
+    try:
+        read_key(Path(key))
+    except SigningKeyError as error:
+        yield Finding("signing key", Level.RED, str(error), "the daemon does not start without")
+    else:
+        yield Finding("signing key", Level.GREEN, key)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import struct
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from companion.config import CompanionConfig
 from companion.doctor.finding import Finding, Level, either, rated
+from companion.vehiclelock import VehicleLock, VehicleTaken
 from mavlink_bridge.autopilots import Identity, adapter
 from mavlink_bridge.codec import Codec
 from mavlink_bridge.link import EndpointError, Link, open_endpoint
@@ -61,6 +63,16 @@ class Heard:
 
 def examine(config: CompanionConfig, hover_known: bool) -> Iterator[Finding]:
     """All findings about the vehicle; hover_known: a file says its hover thrust."""
+    try:  # on a serial line each byte has one reader: not to be shared with who flies
+        lock = VehicleLock(f"{config.link.endpoint}#{config.link.system_id}")
+    except VehicleTaken as error:
+        yield Finding("link", Level.RED, str(error), f"systemctl stop companion@{config.name}")
+        return
+    with closing(lock):
+        yield from _on_the_line(config, hover_known)
+
+
+def _on_the_line(config: CompanionConfig, hover_known: bool) -> Iterator[Finding]:
     try:
         link = Link(
             open_endpoint(config.link.endpoint),

@@ -82,7 +82,7 @@ GOOD = "width: 640\nheight: 400\nfx: 229\nfy: 229\ncx: 319.5\ncy: 199.5\n"
         (GOOD + "mount: 1", "unit quaternion"),
         (GOOD + "mount: [.nan, 1, 0, 0]", "unit quaternion"),
         (GOOD.replace("640", "0.5"), "whole numbers"),
-        (GOOD + "k1: 0.3\nk2: -0.5", "bend back at 53° off the axis"),
+        (GOOD + "k1: 0.3\nk2: -0.5", "nothing beyond 53° off the axis"),
         ("a: [", "cannot read"),
         ("a: 2026-99-99", "cannot read"),
     ],

@@ -104,3 +104,12 @@ def test_pictures_of_another_size_are_an_objection_until_they_fit():
     assert "640×480" in sight.objection
     sight.see(Frame(0.2, {"image": np.zeros((400, 640, 3), np.uint8)}), state())
     assert sight.objection == ""
+
+
+@pytest.mark.parametrize("obstacles", ["camera", "depth", "map"])
+def test_a_frame_without_what_shows_obstacles_says_nothing_of_them(obstacles):
+    parts = config(sensing={"obstacles": obstacles, "trunks_every": 1})
+    sight = Sight(parts.camera, parts.sensing)
+    assert not sight.see(Frame(0.0, {"neighbours": np.zeros((0, 6))}), state()).searched
+    small = np.zeros((64, 64, 3), np.uint8)
+    assert not sight.see(Frame(0.1, {"image": small}), state()).searched

@@ -1,13 +1,15 @@
 """The doctor: all green before a good vehicle, and each fault by its name with what to do."""
 
 import json
+from contextlib import closing
 
 import pytest
 
 from companion.__main__ import main
-from companion.config import load_config
+from companion.config import CompanionConfig, load_config
 from companion.doctor import Level, eye, machine, vehicle
 from companion.doctor.finding import rated
+from companion.vehiclelock import VehicleLock
 
 
 def by_name(findings):
@@ -52,6 +54,29 @@ def test_a_port_that_a_daemon_holds(world, supervise):
     assert "systemctl stop companion@drone2" in finding.todo
 
 
+def test_a_vehicle_that_a_daemon_flies_is_left_alone():
+    """On a serial line each byte has one reader."""
+    config = CompanionConfig()
+    with closing(VehicleLock(f"{config.link.endpoint}#{config.link.system_id}")):
+        (finding,) = vehicle.examine(config, hover_known=True)
+    assert (finding.level, finding.name) == (Level.RED, "link")
+    assert "flown by another daemon already" in finding.text
+
+
+@pytest.mark.parametrize(
+    ("key", "level", "text"),
+    [("none/key", Level.RED, "No such file"), ("swarm.key", Level.AMBER, "a credential"),
+     ("{folder}/key", Level.GREEN, "key")],
+)  # fmt: skip
+def test_the_signing_key(tmp_path, key, level, text):
+    (tmp_path / "key").write_bytes(bytes(range(32)))
+    (tmp_path / "key").chmod(0o600)
+    link = {"signing": {"key": key.format(folder=tmp_path)}}
+    finding = by_name(machine.examine(CompanionConfig.model_validate({"link": link})))
+    assert finding["signing key"].level is level
+    assert text in finding["signing key"].text
+
+
 def test_a_camera_that_is_not_there(world):
     config = load_config(world.config(1), ["camera.source=sim:127.0.0.1:1"])
     found = by_name(eye.examine(config))
@@ -63,7 +88,7 @@ def test_a_camera_that_is_not_there(world):
     ("calibration", "level", "text"),
     [
         ("width: 64\nheight: 64\nfx: 20\nfy: 20\ncx: 31\ncy: 31\n", Level.GREEN, "64×64"),
-        ("width: 640\nheight: 400\nfx: 20\nfy: 20\ncx: 31\ncy: 31\n", Level.RED, "640×400"),
+        ("width: 640\nheight: 400\nfx: 229\nfy: 229\ncx: 31\ncy: 31\n", Level.RED, "640×400"),
         ("width: 64\n", Level.RED, "missing height"),
     ],
 )

@@ -1,12 +1,16 @@
 """The pilot's commands from a ground station: MAVSDK, real vehicles on the wire, one companion."""
 
+import asyncio
 import json
 import socket
+from unittest.mock import AsyncMock, MagicMock
 
 import pytest
 from deployment import write_drones
 
+from companion import fleet as commands
 from companion.__main__ import main
+from companion.config import CompanionConfig
 
 
 @pytest.fixture
@@ -66,6 +70,31 @@ def test_who_is_not_there_has_a_row(fleet):
     assert rows[0] == {"drone": "ghost", "system": 77, "result": "not found", "ok": False,
                        "armed": None, "mode": "", "height": None,
                        "battery_percent": None}  # fmt: skip
+
+
+def test_nobody_waits_for_who_is_not_there(monkeypatch):
+    """Drone 2 is looked for until drone 1 has been told to hold."""
+    told = asyncio.Event()
+
+    async def find(mavsdk, wanted, deadline):
+        if wanted == 1:
+            return "vehicle 1"
+        await told.wait()
+        return None
+
+    async def do(action, drone, system):
+        assert (action, drone.name, system) == ("hold", "drone1", "vehicle 1")
+        told.set()
+
+    for name, stand_in in {"Mavsdk": MagicMock(), "_find": find, "_do": do,
+                           "_state": AsyncMock()}.items():  # fmt: skip
+        monkeypatch.setattr(f"companion.fleet.{name}", stand_in)
+    commands.Mavsdk.return_value.__aenter__.return_value = AsyncMock()
+    drones = [CompanionConfig.model_validate({"name": f"drone{n}", "link": {"system_id": n}})
+              for n in (1, 2)]  # fmt: skip
+    act = commands.act("hold", drones, "udpin://127.0.0.1:0", 1e9)
+    rows = asyncio.run(asyncio.wait_for(act, 10.0))
+    assert [(r.ok, r.result) for r in rows] == [(True, "done"), (False, "not found")]
 
 
 def test_a_place_where_nobody_can_be_heard(tmp_path, capsys):

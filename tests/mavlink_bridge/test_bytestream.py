@@ -92,6 +92,15 @@ def test_serial_sends(line):
     link.close()
 
 
+def test_a_serial_line_has_one_reader(line):
+    """Two would have half of the telemetry each."""
+    _, name, _ = line
+    first = open_endpoint(f"serial:{name}:{BAUD}")
+    with pytest.raises(EndpointError, match="lock"):
+        open_endpoint(f"serial:{name}:{BAUD}")
+    first.close()
+
+
 def test_a_serial_line_that_nobody_reads_refuses_and_blocks_nobody(line, monkeypatch):
     monkeypatch.setattr("mavlink_bridge.bytestream._STALE", 60.0)  # as if it were at once
     master, name, _ = line

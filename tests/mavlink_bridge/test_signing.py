@@ -5,7 +5,7 @@ import hashlib
 import numpy as np
 import pytest
 
-from companion.keys import SigningKeyError, Timestamps, find_key, read_key
+from companion.keys import SigningKeyError, Timestamps, find_key, open_signing, read_key
 from mavlink_bridge.codec import Codec
 from mavlink_bridge.messages import Attitude, Heartbeat, Source
 from mavlink_bridge.signing import EPOCH, TICKS, Signing
@@ -112,6 +112,20 @@ def test_the_key_is_for_the_service_alone(tmp_path):
         read_key(tmp_path / "none")
     assert find_key("key", {"CREDENTIALS_DIRECTORY": str(tmp_path)}) == file
     assert find_key("key", {}).name == "key"
+
+
+def test_a_credential_may_show_the_mask_of_its_acl(tmp_path, monkeypatch):
+    """With DynamicUser systemd lets the service in by an ACL: mode 440, and still its own."""
+    file = tmp_path / "key"
+    file.write_text(KEY.hex())
+    file.chmod(0o440)
+    with pytest.raises(SigningKeyError, match="others can read it too"):
+        open_signing("one", str(file), 0)
+    monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(tmp_path))
+    assert open_signing("one", "key", 0).signing.key == KEY
+    file.chmod(0o444)
+    with pytest.raises(SigningKeyError, match="others can read it too"):
+        open_signing("one", "key", 0)
 
 
 def test_timestamps_outlive_a_restart(tmp_path):
