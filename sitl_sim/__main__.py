@@ -7,7 +7,6 @@ import gc
 import importlib.util
 import json
 import os
-import shutil
 import signal
 import sys
 import time
@@ -23,7 +22,6 @@ from sitl_sim import fault_commands  # noqa: E402  # numpy must find those varia
 
 if TYPE_CHECKING:
     from sitl_sim.runner import Flight
-    from sitl_sim.scenario import Scenario
 
 EXIT_OK, EXIT_FELL_SHORT, EXIT_BAD_INPUT = 0, 1, 2
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as a shell says it
@@ -218,10 +216,11 @@ def _fly(options: argparse.Namespace, serve: bool) -> int:
     if options.seed is not None:
         overrides.append(f"seed={options.seed}")
     scenario = scenarios.load(options.scenario, overrides)
-    folder = options.out or _run_folder(scenario)
+    folder = options.out or Path("runs") / f"{scenario.name}-{scenario.seed}"
     started = time.monotonic()
     real_time = serve or options.real_time
-    with flight(scenario, folder, real_time, getattr(options, "in_process", False)) as f:
+    in_process = getattr(options, "in_process", False)
+    with flight(scenario, folder, real_time, in_process, anew=options.out is None) as f:
         f.write_inputs()
         print("\n".join(f.wire_table()), file=sys.stderr)
         if not serve:
@@ -256,14 +255,6 @@ def _overrides(options: argparse.Namespace) -> list[str]:
     if getattr(options, "controller", None) is not None:
         overrides.append(f"companion.controller={options.controller}")
     return overrides
-
-
-def _run_folder(scenario: Scenario) -> Path:
-    """runs/<scenario>-<seed>, made anew."""
-    folder = Path("runs") / f"{scenario.name}-{scenario.seed}"
-    if folder.exists():
-        shutil.rmtree(folder)
-    return folder
 
 
 class progress_bar:

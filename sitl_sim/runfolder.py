@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -88,6 +89,26 @@ def own_frames(scenario: Scenario) -> list[OwnFrame]:
 def log_path(folder: Path, name: str) -> Path:
     """Where a drone's flight log is."""
     return folder / "drones" / name / "flight.mcap"
+
+
+def remove(folder: Path) -> None:
+    """Delete a run folder, where there is one.
+
+    Raises:
+        SettingsError: it cannot be deleted.
+    """
+    try:
+        if folder.exists():
+            shutil.rmtree(folder)
+    except OSError as error:
+        raise SettingsError([f"{folder}: cannot be made anew: {error.strerror}"]) from error
+
+
+def forget(folder: Path) -> None:
+    """Delete what would be read as this flight's where an earlier one has left it."""
+    for pattern in ("drones/*/flight.*", "truth.npz", "metrics.json", "report.html"):
+        for path in folder.glob(pattern):
+            path.unlink()
 
 
 def read_ticks(path: Path) -> list[dict[str, Any]]:

@@ -37,6 +37,7 @@ from sitl_sim.generators import build
 from sitl_sim.inprocess import AtOnce, LocalFrames
 from sitl_sim.real.fleet import RealFleet, Wire
 from sitl_sim.real.own_binary import boot_parameters, own_binary
+from sitl_sim.runfolder import forget, remove
 from sitl_sim.scenario import QUANTUM_MS, TICK_MS, Scenario
 from sitl_sim.station import Shot, Station
 from sitl_sim.truth import Truth
@@ -56,8 +57,10 @@ class Flight:
     """
 
     def __init__(
-        self, scenario: Scenario, folder: Path, real_time: bool = False, in_process: bool = False
-    ) -> None:
+        self, scenario: Scenario, folder: Path, real_time: bool = False, in_process: bool = False,
+        anew: bool = False,
+    ) -> None:  # fmt: skip
+        """anew: a folder that is there already is deleted, once the ports are ours."""
         self.scenario = scenario
         self.folder = folder
         self._in_process = in_process
@@ -77,19 +80,23 @@ class Flight:
         phases = scenarios.boot_ms(scenario)
         self.eyes = Eyes(scenario, self.world)
         self._start = start
-        self._autopilots = self._switch_on(phases)
-        self._real_time = real_time or isinstance(self._autopilots, RealFleet)
+        self._real_time = real_time or scenario.drones.real
         self._drones: list[Station] = []
-        emulated = None if isinstance(self._autopilots, RealFleet) else self._autopilots
-        self._faults = FaultyWorld(
-            self._schedule,
-            self.vehicles,
-            emulated,
-            lambda i: self._drones[i].process_id,
-            self._rebooted,
-        )
         for i, name in enumerate(self.names):
             self._drones.append(self._open(i, name, phases[i]))
+        # Whoever flies into this folder now has these ports: it is not touched before.
+        try:
+            if anew:
+                remove(folder)
+            self._autopilots = self._switch_on(phases)
+        except BaseException:
+            self.close()
+            raise
+        emulated = None if isinstance(self._autopilots, RealFleet) else self._autopilots
+        self._faults = FaultyWorld(
+            self._schedule, self.vehicles, emulated,
+            lambda i: self._drones[i].process_id, self._rebooted,
+        )  # fmt: skip
         self._pool: Executor = (
             # Deliveries wait for captures that were submitted before them, so not all can wait.
             AtOnce() if in_process else ThreadPoolExecutor(max_workers=2 * (os.cpu_count() or 1))
@@ -177,6 +184,7 @@ class Flight:
         """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
+            forget(self.folder)
         except OSError as error:
             raise SettingsError([f"{self.folder}: no run folder: {error.strerror}"]) from error
         text = yaml.safe_dump(self.scenario.model_dump(by_alias=True), sort_keys=False)
@@ -379,10 +387,11 @@ class Flight:
 
 @contextmanager
 def flight(
-    scenario: Scenario, folder: Path, real_time: bool = False, in_process: bool = False
-) -> Iterator[Flight]:
+    scenario: Scenario, folder: Path, real_time: bool = False, in_process: bool = False,
+    anew: bool = False,
+) -> Iterator[Flight]:  # fmt: skip
     """A flight whose processes and ports are released whatever happens."""
-    f = Flight(scenario, folder, real_time, in_process)
+    f = Flight(scenario, folder, real_time, in_process, anew)
     try:
         yield f
     finally:
