@@ -9,7 +9,7 @@ from typing import Any, Literal
 from sitl_sim.codeversion import commit
 from sitl_sim.metrics import timing
 from sitl_sim.perception import perception, sights
-from sitl_sim.report import summarise, write_report
+from sitl_sim.report import shortcomings, summarise, write_report
 from sitl_sim.runfolder import Run, log_path, salvage_ticks
 from sitl_sim.runner import Flight
 
@@ -23,7 +23,8 @@ def finish(
     logs = {n: salvage_ticks(log_path(folder, n)) for n in flight.names}
     run = Run(folder, flight.scenario, flight.world, flight.truth.arrays(), logs)
     seen = sights(run.scenario, run.world, run.truth, logs)
-    metrics = summarise(run, seen)
+    codes = flight.exit_codes()
+    metrics = summarise(run, seen, codes)
     metrics["real_time_factor"] = metrics["duration_s"] / max(flight.wall_seconds, 1e-9)
     metrics["wall_s"] = {"setup": setup_seconds, "flight": flight.wall_seconds}
     metrics["truth_sha256"] = sha
@@ -31,7 +32,6 @@ def finish(
     metrics["seed"] = flight.scenario.seed
     metrics["commit"] = commit()
     metrics["controller"] = flight.scenario.companion.get("controller", "nmpc")
-    codes = flight.exit_codes()
     metrics["per_drone"] = {
         n: {"targets": metrics["targets_reached"][n], "companion_exit": codes[n],
             **timing({n: logs[n]}), "perception": perception({n: seen[n]})}
@@ -73,7 +73,7 @@ def table(m: dict[str, Any], folder: Path) -> str:
         ("real-time factor", f"{m['real_time_factor']:.2f}"),
         ("truth", m["truth_sha256"][:16]),
         ("run folder", str(folder)),
-        ("verdict", "OK" if m["ok"] else "FALLS SHORT"),
+        ("verdict", "OK" if m["ok"] else "FALLS SHORT: " + "; ".join(shortcomings(m))),
     ]  # fmt: skip
     width = max(len(k) for k, _ in rows)
     return "\n".join(f"{k:<{width}}  {v}" for k, v in rows)

@@ -7,6 +7,7 @@ memory endpoint, frames in, answers out; the class is found by name, as a proces
 from __future__ import annotations
 
 import importlib
+import traceback
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
@@ -37,9 +38,12 @@ class LocalFrames:
     def __init__(self) -> None:
         self._mind: Mind | None = None
         self._answers: deque[Answer] = deque()
+        self._said = Path()
+        self.failed = False
 
     def board(self, config: Path, endpoint: MemoryEndpoint) -> None:
         """Let a companion of this configuration hear `endpoint`'s peer and see the frames."""
+        self._said = config.with_name("stderr.log")
         module, name = _COMPANION
         self._mind = getattr(importlib.import_module(module), name)(config, endpoint)
 
@@ -49,13 +53,21 @@ class LocalFrames:
         return self._mind is not None
 
     def send(self, frame: Frame) -> bool:
-        """Let the companion tick on a frame; times are rounded as they are on the wire."""
+        """Let the companion tick on a frame; times are rounded as they are on the wire.
+
+        One that raises is gone, as its process would be: its vehicle flies on without it.
+        """
         if self._mind is None:
             return False
         due = None if frame.due is None else _wired(frame.due)
         shown = Frame(_wired(frame.time), frame.arrays, frame.packets, due)
-        self._answers.append(self._mind.answer(shown))
-        return True
+        try:
+            self._answers.append(self._mind.answer(shown))
+        except Exception:
+            self._said.write_text(traceback.format_exc(), encoding="utf-8")
+            self.failed = True
+            self.close()
+        return not self.failed
 
     def answer(self, timeout: float) -> Answer | None:
         """The next answer; there is nothing to wait for."""

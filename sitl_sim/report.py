@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Iterator
+import signal
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,19 +18,30 @@ from sitl_sim.reporting.page import draw, page
 from sitl_sim.runfolder import Run
 
 _COLLISIONS = 8
+# Ended from outside: at the end of a flight, or by who tries what its loss does.
+_ENDED = {0, -signal.SIGTERM, -signal.SIGINT, -signal.SIGKILL}
 _LEFT_OUT = ("per_drone", "stage_ms", "perception")
 
 
-def summarise(run: Run, seen: dict[str, list[Sight]]) -> dict[str, Any]:
-    """The figures of `metrics.json` that truth and logs give, and the verdict."""
+def summarise(
+    run: Run, seen: dict[str, list[Sight]], exits: Mapping[str, int | None]
+) -> dict[str, Any]:
+    """The figures of `metrics.json` that truth and logs give, and the verdict.
+
+    exits: how each companion ended, as `Flight.exit_codes` says it.
+    """
     summary = safety(run.truth, run.world, run.names) | timing(run.logs)
     summary["perception"] = perception(seen)
     summary["faults_in_truth"] = sanity(run.truth)
+    summary["companion_errors"] = {
+        n: code for n, code in exits.items() if code is not None and code not in _ENDED
+    }
     summary["ok"] = bool(
         summary["mission_complete"]
         and not summary["agent_collisions"]
         and not summary["obstacle_collisions"]
         and not summary["never_flew"]
+        and not summary["companion_errors"]
         and not summary["faults_in_truth"]
     )
     return summary
@@ -38,7 +50,9 @@ def summarise(run: Run, seen: dict[str, list[Sight]]) -> dict[str, Any]:
 def make_report(run: Run) -> Path:
     """Write `report.html` into the run folder; everything in it is computed anew."""
     seen = sights(run.scenario, run.world, run.truth, run.logs)
-    return write_report(run, run.metrics | summarise(run, seen), seen)
+    each = run.metrics.get("per_drone", {})
+    exits = {n: each.get(n, {}).get("companion_exit") for n in run.names}
+    return write_report(run, run.metrics | summarise(run, seen, exits), seen)
 
 
 def write_report(run: Run, summary: dict[str, Any], seen: dict[str, list[Sight]]) -> Path:
@@ -98,6 +112,8 @@ def shortcomings(s: dict[str, Any]) -> Iterator[str]:
         yield f"{s['obstacle_collisions']} drone(s) hit an obstacle"
     if s["never_flew"]:
         yield "never flew: " + ", ".join(s["never_flew"])
+    for name, code in s.get("companion_errors", {}).items():
+        yield f"{name}'s companion ended with an error, exit {code}"
     yield from s["faults_in_truth"]
 
 

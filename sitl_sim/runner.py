@@ -382,7 +382,7 @@ class Flight:
 
     def exit_codes(self) -> dict[str, int | None]:
         """How each companion ended; negative: by that signal."""
-        return {d.name: d.process.returncode if d.process else None for d in self._drones}
+        return {d.name: d.exit_code for d in self._drones}
 
 
 @contextmanager

@@ -54,7 +54,11 @@ class Passed:
 
 
 def soak(hours: float, drones: int, minutes: float, seed: int) -> Iterator[Passed]:
-    """Fly until `hours` of simulated time are over; a result after each flight."""
+    """Fly until `hours` of simulated time are over; a result after each flight.
+
+    Raises:
+        RuntimeError: a companion ended with an error; what it said.
+    """
     flown, number = 0.0, 0
     while flown < hours * 3600.0:
         rng = np.random.default_rng([seed, number])
@@ -78,6 +82,9 @@ def _fly(scenario: Scenario, grounded: set[int], before: float) -> Passed:
         f.write_inputs()
         f.launch()
         f.run()
+        if failed := [n for n, code in f.exit_codes().items() if code]:
+            said = (Path(folder) / "drones" / failed[0] / "stderr.log").read_text("utf-8")
+            raise RuntimeError(f"{failed[0]}: its companion ended:\n{said}")
         truth = f.truth.arrays()
         targets = f.world["targets"]
         world = f.world

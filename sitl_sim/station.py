@@ -48,6 +48,13 @@ class Station:
         """Of the companion's process, where there is one and it runs."""
         return self.process.pid if self.process is not None and self._runs() else None
 
+    @property
+    def exit_code(self) -> int | None:
+        """How the companion ended; negative: by that signal. 1: raised, in this process."""
+        if isinstance(self.frames, LocalFrames):
+            return 1 if self.frames.failed else None
+        return self.process.returncode if self.process is not None else None
+
     def launch(self, folder: Path, urgent: bool) -> None:
         """Start the companion of `folder`/config.yaml; urgent: its process is hurried."""
         config = folder / "config.yaml"

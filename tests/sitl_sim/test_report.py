@@ -10,7 +10,7 @@ import pytest
 from sitl_sim.__main__ import main
 from sitl_sim.metrics import sanity
 from sitl_sim.perception import sights
-from sitl_sim.report import summarise, write_report
+from sitl_sim.report import shortcomings, summarise, write_report
 from sitl_sim.reporting.events import collisions, events
 from sitl_sim.reporting.figures_minds import timeline
 from sitl_sim.reporting.knowledge import Minds
@@ -49,6 +49,16 @@ def test_a_collision_is_shown_with_what_led_to_it(tmp_path):
     (crash,) = collisions(load_run(folder))
     assert (crash.drone, crash.other) == (1, 2)
     assert crash.distance == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(("code", "ok"), [(1, False), (-11, False), (-15, True), (None, True)])
+def test_a_companion_that_ended_with_an_error_falls_short(folder, code, ok):
+    run = load_run(folder)
+    summary = summarise(run, {}, {"drone1": 0, "drone2": code})
+    assert summary["ok"] is ok
+    assert list(shortcomings(summary)) == (
+        [] if ok else [f"drone2's companion ended with an error, exit {code}"]
+    )
 
 
 def test_a_verdict_does_not_rest_on_the_programs_own_word(tmp_path):
@@ -198,7 +208,7 @@ def test_after_the_flight_a_killed_companions_log_still_counts(tmp_path):
     assert logs["drone3"] == []
     cut_short = dataclasses.replace(run, logs=logs)
     seen = sights(run.scenario, run.world, run.truth, logs)
-    summary = summarise(cut_short, seen)
+    summary = summarise(cut_short, seen, {})
     assert summary["ok"]
     assert write_report(cut_short, summary, seen).stat().st_size > 1e6
 
