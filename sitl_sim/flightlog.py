@@ -57,6 +57,7 @@ def table(m: dict[str, Any], folder: Path) -> str:
         ("scenario, seed, drones", f"{m['scenario']}, {m['seed']}, {m['drones']}"),
         ("all targets reached by", f"{done} of {m['drones']}"),
         ("collisions, drones / obstacles", f"{m['agent_collisions']} / {m['obstacle_collisions']}"),
+        ("ground strikes", str(m["ground_strikes"])),
         ("least distance between drones", metres(m["min_agent_distance_m"])),
         ("least distance to an obstacle", metres(m["min_obstacle_distance_m"])),
         ("speed while moving", f"{m['mean_speed_m_s']:.2f} ± {m['std_speed_m_s']:.2f} m/s"),

@@ -18,6 +18,7 @@ from sitl_sim.world import Vector, surface_distance
 
 AIRBORNE = 0.3  # m above ground
 MOVING = 0.3  # m/s
+LANDING = 1.5  # m/s: who is faster on the ground, and does not climb, has struck it
 REACH = 5.0  # m, within which two drones count as connected
 AGENT_SAFETY, OBSTACLE_SAFETY = 2.5, 1.5  # radii of a drone: 0.5 m and 0.3 m for 0.2 m
 STANDING = 0.5  # m: who stays within this of a place makes no way
@@ -58,6 +59,7 @@ def safety(
         "targets_reached": {n: f"{reached[n]}/{wanted[n]}" for n in names},
         "agent_collisions": sum(d < 2 * radius for d, *_ in pairs),
         "obstacle_collisions": int((surface.min(axis=0) < radius).sum()),
+        "ground_strikes": int(ground_strikes(p, v).sum()),
         "min_agent_distance_m": closest[0] if closest else None,
         "min_agent_distance_at": list(closest[1:]) if closest else None,
         "min_obstacle_distance_m": float(surface[nearest]) if near_any else None,
@@ -78,6 +80,18 @@ def safety(
         "never_flew": [n for i, n in enumerate(names) if not flying[:, i].any()],
         **flocking(p, v, flying, moving),
     }
+
+
+def ground_strikes(p: Vector, v: Vector) -> NDArray[np.bool_]:
+    """(n,) who came down faster than one lands, or slid along the ground; p, v (T,n,3).
+
+    A climb does not count: a take-off is as fast as its autopilot likes.
+    """
+    down = np.concatenate([v[..., :2], np.minimum(v[..., 2:], 0.0)], axis=-1)
+    struck: NDArray[np.bool_] = (
+        (p[..., 2] <= AIRBORNE) & (np.linalg.norm(down, axis=-1) > LANDING)
+    ).any(axis=0)
+    return struck
 
 
 def reached_in_order(path: Vector, targets: list[list[float]], tolerance: float) -> list[int]:

@@ -40,6 +40,7 @@ def summarise(
         summary["mission_complete"]
         and not summary["agent_collisions"]
         and not summary["obstacle_collisions"]
+        and not summary["ground_strikes"]
         and not summary["never_flew"]
         and not summary["companion_errors"]
         and not summary["faults_in_truth"]
@@ -110,6 +111,8 @@ def shortcomings(s: dict[str, Any]) -> Iterator[str]:
         yield f"{s['agent_collisions']} pair(s) of drones collided"
     if s["obstacle_collisions"]:
         yield f"{s['obstacle_collisions']} drone(s) hit an obstacle"
+    if s.get("ground_strikes"):
+        yield f"{s['ground_strikes']} drone(s) struck the ground"
     if s["never_flew"]:
         yield "never flew: " + ", ".join(s["never_flew"])
     for name, code in s.get("companion_errors", {}).items():

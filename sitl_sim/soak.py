@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 
 from sitl_sim.faults import FaultConfig
+from sitl_sim.metrics import AIRBORNE, ground_strikes
 from sitl_sim.runner import flight
 from sitl_sim.scenario import Scenario
 from sitl_sim.world import surface_distance
 
 _LEG = 14.0  # m
 _LEG_SECONDS = 12.0
-_UP, _LANDING = 0.3, 1.5  # m, m/s: whoever is faster below falls
 _WARM_UP = 2  # flights before memory counts: compiled kernels, caches
 # What a flight survives, with the amounts drawn from; how long each lasts [s].
 PASSING: dict[str, tuple[float, float] | None] = {
@@ -146,14 +146,14 @@ def _collisions(
     p = truth["position"].astype(float)
     healthy = [i for i in range(p.shape[1]) if i not in grounded]
     pairs = [(a, b) for a in healthy for b in healthy if b < a]
-    up = p[..., 2] > _UP
+    up = p[..., 2] > AIRBORNE
     together = sum(
         bool(((np.linalg.norm(p[:, a] - p[:, b], axis=1) < 2 * radius) & up[:, a] & up[:, b]).any())
         for a, b in pairs
     )
     struck = up & (surface_distance(p, world) < radius)
-    fallen = ~up & (np.linalg.norm(truth["velocity"], axis=-1) > _LANDING)
-    return together + sum(bool(struck[:, i].any()) + bool(fallen[:, i].any()) for i in healthy)
+    fallen = ground_strikes(p, truth["velocity"].astype(float))
+    return together + sum(bool(struck[:, i].any()) + bool(fallen[i]) for i in healthy)
 
 
 def _rss() -> float:

@@ -72,3 +72,20 @@ def test_who_never_sets_out_stands_nobody_up():
              "targets": {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, 1.0, 2.0]]}}  # fmt: skip
     assert not safety(flight, world, ["a", "b"])["mission_complete"]
     assert safety(flight, world, ["a", "b"])["longest_deadlock_s"] < 1.0
+
+
+@pytest.mark.parametrize(
+    ("low", "forward", "strikes"),
+    [(0.0, 1.0, 1), (0.0, 0.4, 0), (0.5, 1.0, 0)],
+)
+def test_who_touches_the_ground_on_the_way_has_struck_it(low, forward, strikes):
+    """A take-off at 2 m/s, a dip to `low` [m] at `forward` × 3 m/s, a landing at 1 m/s."""
+    t = np.arange(0.0, 20.0, DT)
+    z = np.interp(t, [0.0, 1.0, 5.0, 8.0, 9.0, 12.0, 16.0, 18.0], [0, 2, 2, low, low, 2, 2, 0])
+    x = np.clip(t - 2.0, 0.0, 10.0) * 3.0 * forward
+    p = np.column_stack([x, np.zeros_like(t), z])[:, None]
+    v = np.gradient(p, DT, axis=0)
+    world = {"drone_radius": 0.2, "cylinders": [], "boxes": [], "target_tolerance": 0.5,
+             "targets": {"a": [[*x[-1:].tolist(), 0.0, 2.0]]}}  # fmt: skip
+    flown = safety({"t": t, "position": p, "velocity": v}, world, ["a"])
+    assert flown["ground_strikes"] == strikes
