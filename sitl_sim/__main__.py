@@ -206,10 +206,12 @@ def _fly(options: argparse.Namespace, serve: bool) -> int:
     import cv2
 
     from sitl_sim import scenario as scenarios
+    from sitl_sim.codeversion import commit
     from sitl_sim.flightlog import finish, table
     from sitl_sim.runner import flight
 
     cv2.setNumThreads(1)
+    commit()  # looked up now: what is committed during the flight did not fly
     if getattr(options, "view", False):
         _need_viser()
     overrides = _overrides(options)

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import functools
 import subprocess
+import tomllib
 from pathlib import Path
+
+_PACKAGE = "swarm-companion"
 
 
 @functools.cache
@@ -13,12 +16,26 @@ def commit() -> str | None:
 
     Ask before anything flies: a commit made later is not what this process has loaded.
     """
-    here = Path(__file__).parent
+    return commit_at(Path(__file__).parent)
+
+
+def commit_at(place: Path) -> str | None:
+    """The commit of the checkout of this package around `place`.
+
+    None in any other: an environment within somebody's project is none of its commits.
+    """
     try:
-        said = subprocess.run(
-            ["git", "describe", "--always", "--dirty=+", "--exclude=*"],
-            cwd=here, capture_output=True, text=True, timeout=10, check=True,
-        )  # fmt: skip
-    except (OSError, subprocess.SubprocessError):
+        top = Path(_git(place, "rev-parse", "--show-toplevel"))
+        project = tomllib.loads((top / "pyproject.toml").read_text("utf-8")).get("project", {})
+        if project.get("name") != _PACKAGE:
+            return None
+        return _git(place, "describe", "--always", "--dirty=+", "--exclude=*")
+    except (OSError, ValueError, subprocess.SubprocessError):
         return None
+
+
+def _git(place: Path, *arguments: str) -> str:
+    said = subprocess.run(
+        ["git", *arguments], cwd=place, capture_output=True, text=True, timeout=10, check=True
+    )
     return said.stdout.strip()
