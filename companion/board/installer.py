@@ -92,11 +92,8 @@ class Board:
         Raises:
             InstallError: a daemon there says that its vehicle is armed.
         """
-        for file in sorted((self.root / RUN).glob("*/state.json")):
-            with contextlib.suppress(OSError, ValueError):
-                state = json.loads(file.read_text())
-                if state.get("armed") and Path(f"/proc/{state.get('pid')}").exists():
-                    raise InstallError(f"{file.parent.name} is armed ({state.get('phase')})")
+        for name, phase in self._armed().items():
+            raise InstallError(f"{name} is armed ({phase})")
 
     # --- its parts, in order -------------------------------------------------------------
 
@@ -209,11 +206,15 @@ class Board:
         self._reload_rules()
         for drone in drones:
             for template in drone["units"]:
-                unit = template.replace("@", f"@{drone['name']}")
-                self._restarted.append(unit)
-                self._ask("restart", "--no-block", unit)
-                self._stays_up(unit)
-                self.report.add("restart", unit)
+                self._restart_unit(template.replace("@", f"@{drone['name']}"))
+
+    def _restart_unit(self, unit: str) -> None:
+        self.refuse_while_armed()  # the restart before this one took its time
+        before = self._show(unit).get("InvocationID", "")
+        self._restarted.append(unit)
+        self._ask("restart", "--no-block", unit)
+        self._stays_up(unit, before)
+        self.report.add("restart", unit)
 
     def _reload_rules(self) -> None:
         """The udev rule holds for what is plugged in already, too."""
@@ -222,15 +223,20 @@ class Board:
             run([udevadm, "control", "--reload"])
             run([udevadm, "trigger", "--subsystem-match=tty"])
 
-    def _stays_up(self, unit: str) -> None:
+    def _stays_up(self, unit: str, before: str) -> None:
+        """Judge only what was started since; the invocation `before` still says what it said.
+
+        Raises:
+            InstallError: it failed, or did not come as far as waiting for its vehicle.
+        """
         deadline = time.monotonic() + START_WITHIN
         while time.monotonic() < deadline:
-            shown = self._ask("show", "-p", "ActiveState,SubState,StatusText", unit)
-            state = dict(line.split("=", 1) for line in shown.splitlines() if "=" in line)
-            if state.get("ActiveState") == "failed" or state.get("SubState") == "auto-restart":
-                raise InstallError(f"{unit} does not start: see `journalctl -u {unit}`")
-            if state.get("ActiveState") == "active" or "waiting for" in state.get("StatusText", ""):
-                return
+            state = self._show(unit)
+            if state.get("InvocationID", "") != before:
+                if _failed(state):
+                    raise InstallError(f"{unit} does not start: see `journalctl -u {unit}`")
+                if _up(state):
+                    return
             time.sleep(0.2)
         raise InstallError(f"{unit} did not start within {START_WITHIN:.0f} s")
 
@@ -247,8 +253,26 @@ class Board:
         self._changes.undo()
         if self._restarted:
             self._ask("daemon-reload")
-            for unit in self._restarted:
+        for unit in self._restarted:
+            if unit.partition("@")[2].removesuffix(".service") in self._armed():
+                self.report.note("restart", f"{unit} is armed by now and runs on as it is")
+            else:
                 self._ask("restart", "--no-block", unit)
+
+    def _armed(self) -> dict[str, str]:
+        """The phase of each drone whose daemon says that its vehicle is armed."""
+        armed = {}
+        for file in sorted((self.root / RUN).glob("*/state.json")):
+            with contextlib.suppress(OSError, ValueError):
+                state = json.loads(file.read_text())
+                if state.get("armed") and Path(f"/proc/{state.get('pid')}").exists():
+                    armed[file.parent.name] = str(state.get("phase"))
+        return armed
+
+    def _show(self, unit: str) -> dict[str, str]:
+        """What the service manager says of a unit."""
+        shown = self._ask("show", "-p", "ActiveState,SubState,StatusText,InvocationID", unit)
+        return dict(line.split("=", 1) for line in shown.splitlines() if "=" in line)
 
     def _ask(self, *arguments: str) -> str:
         assert self._systemctl is not None
@@ -272,6 +296,16 @@ class Board:
             except OSError:
                 raise InstallError("another deployment is under way there") from None
             yield
+
+
+def _failed(state: dict[str, str]) -> bool:
+    return state.get("ActiveState") == "failed" or state.get("SubState") == "auto-restart"
+
+
+def _up(state: dict[str, str]) -> bool:
+    """Ready, or started as far as can be without its autopilot or camera."""
+    active, text = state.get("ActiveState"), state.get("StatusText", "")
+    return active == "active" or (active == "activating" and "waiting for" in text)
 
 
 def _pip(bundle: Path) -> list[str]:

@@ -1,9 +1,11 @@
 """What the tests of deployment share: small wheels, drones' files, an ssh server."""
 
+import json
 import os
 import shutil
 import socket
 import subprocess
+import sys
 import time
 import zipfile
 from pathlib import Path
@@ -13,6 +15,37 @@ name: {name}
 link: {{system_id: {i}, endpoint: 'udpin:127.0.0.1:{port}'}}
 camera: {{source: 'sim:127.0.0.1:{frames}'}}
 """
+
+
+SYSTEMCTL = """
+import json, pathlib, sys
+given = json.loads(sys.argv[1])
+log = pathlib.Path(given["log"])
+with log.open("a") as f:
+    f.write(" ".join(sys.argv[2:]) + "\\n")
+if sys.argv[2] == "show":
+    unit = sys.argv[-1]
+    print(given["states"].get(unit, given["state"]))
+    if given["starts"]:
+        print("InvocationID=%d" % log.read_text().count(f"restart --no-block {unit}"))
+if sys.argv[2] == "restart" and given["writes"]:
+    path, text = given["writes"]
+    pathlib.Path(path).parent.mkdir(parents=True, exist_ok=True)
+    pathlib.Path(path).write_text(text)
+"""
+
+
+def fake_systemctl(folder, state, states=None, starts=True, writes=None):
+    """A service manager that notes what it is told and answers `show` with `state`.
+
+    states: by unit, where one's is another. starts: whether a restart makes a new invocation.
+    writes: a file and its text that a restart leaves.
+    """
+    script = folder / "systemctl.py"
+    script.write_text(SYSTEMCTL)
+    given = {"log": str(folder / "asked"), "state": state, "states": states or {},
+             "starts": starts, "writes": writes and [str(w) for w in writes]}  # fmt: skip
+    return [sys.executable, str(script), json.dumps(given)]
 
 
 def free_ports(count):

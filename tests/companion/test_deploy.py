@@ -5,12 +5,12 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 
 import pytest
 from deployment import (
     SshServer,
     contents,
+    fake_systemctl,
     free_ports,
     launched,
     small_wheel,
@@ -26,6 +26,7 @@ from companion.config import load_config
 from companion.packaged import data_folder
 
 HOME = "opt/swarm-companion"
+WAITING = "ActiveState=activating\nStatusText=waiting for camera frame"
 
 
 def deploy(files, wheel, root, *more):
@@ -174,23 +175,6 @@ def test_a_failed_upgrade_leaves_the_old_one(board, capsys):
     assert len(list((board / "root" / HOME / "releases").iterdir())) == 1
 
 
-SYSTEMCTL = """
-import pathlib, sys
-log, state = pathlib.Path(sys.argv[1]), sys.argv[2]
-with log.open("a") as f:
-    f.write(" ".join(sys.argv[3:]) + "\\n")
-if sys.argv[3] == "show":
-    print(state)
-"""
-
-
-def fake_systemctl(folder, state):
-    """A service manager that notes what it is told and answers `show` with `state`."""
-    script = folder / "systemctl.py"
-    script.write_text(SYSTEMCTL)
-    return [sys.executable, str(script), str(folder / "asked"), state]
-
-
 def bundle_of(board, wheel):
     drones = [(f, load_config(f)) for f in files_of(board)]
     (board / "bundle").mkdir()
@@ -199,7 +183,7 @@ def bundle_of(board, wheel):
 
 def test_daemons_that_stay_up_are_restarted(board):
     bundle = bundle_of(board, small_wheel(board / "2", "2.0"))
-    asked = fake_systemctl(board, "StatusText=waiting for camera frame")
+    asked = fake_systemctl(board, WAITING)
     Board(board / "root", Report(False), asked).install(bundle)
     lines = (board / "asked").read_text().splitlines()
     assert lines[0] == "daemon-reload"
@@ -224,6 +208,48 @@ def test_a_daemon_that_does_not_start_brings_everything_back(board):
     assert (board / "asked").read_text().splitlines()[-1] == (
         "restart --no-block companion@alpha.service"
     )
+
+
+def test_who_arms_meanwhile_is_not_restarted(board):
+    """Beta arms while alpha's restart is waited for: beta flies on, alpha goes back."""
+    bundle = bundle_of(board, small_wheel(board / "2", "2.0"))
+    state = board / "root/run/swarm-companion/beta/state.json"
+    arms = json.dumps({"pid": os.getpid(), "armed": True, "phase": "fly"})
+    asked = fake_systemctl(board, WAITING, writes=(state, arms))
+    with pytest.raises(InstallError, match=r"beta is armed \(fly\)"):
+        Board(board / "root", Report(False), asked).install(bundle)
+    restarts = [s for s in (board / "asked").read_text().splitlines() if "restart" in s]
+    assert restarts == ["restart --no-block companion@alpha.service"] * 2
+    assert launched(board / "root") == "version 1.0"
+
+
+def test_what_is_put_back_is_not_restarted_where_it_armed(board):
+    bundle = bundle_of(board, small_wheel(board / "2", "2.0"))
+    state = board / "root/run/swarm-companion/alpha/state.json"
+    arms = json.dumps({"pid": os.getpid(), "armed": True, "phase": "fly"})
+    asked = fake_systemctl(board, WAITING, writes=(state, arms))
+    report = Report(False)
+    with pytest.raises(InstallError, match=r"alpha is armed \(fly\)"):
+        Board(board / "root", report, asked).install(bundle)
+    assert (board / "asked").read_text().count("restart ") == 1
+    assert "companion@alpha.service is armed by now" in report.steps[-1]["detail"]
+
+
+@pytest.mark.parametrize(
+    ("state", "started"),
+    [
+        (WAITING, False),  # the old daemon, not yet told to stop
+        ("ActiveState=deactivating\nStatusText=waiting for heartbeat", True),
+        ("ActiveState=active", False),
+    ],
+)
+def test_the_daemon_before_does_not_pass_for_the_new_one(board, monkeypatch, state, started):
+    monkeypatch.setattr("companion.board.installer.START_WITHIN", 1.0)
+    bundle = bundle_of(board, small_wheel(board / "2", "2.0"))
+    asked = fake_systemctl(board, state, starts=started)
+    with pytest.raises(InstallError, match="did not start within 1 s"):
+        Board(board / "root", Report(False), asked).install(bundle)
+    assert launched(board / "root") == "version 1.0"
 
 
 def test_never_while_armed(board, capsys):
