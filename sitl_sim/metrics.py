@@ -40,6 +40,7 @@ def safety(
         apart = np.where(both, between(p[:, i], p[:, j]), np.inf)
         k = int(apart.argmin())
         pairs.append((float(apart[k]), float(t[k]), names[i], names[j]))
+    pairs = [pair for pair in pairs if np.isfinite(pair[0])]  # the others never flew together
     tolerance = world["target_tolerance"]
     instants = {
         name: reached_in_order(p[:, i], world["targets"][name], tolerance)

@@ -50,7 +50,8 @@ def read_campaign(folder: Path) -> list[Entry]:
     entries = []
     for path in sorted(folder.glob("*/metrics.json")):
         try:
-            metrics = json.loads(path.read_text("utf-8"))
+            # Earlier versions wrote Infinity where nobody flew at the same time.
+            metrics = json.loads(path.read_text("utf-8"), parse_constant=lambda _: None)
             if not {"ok", "seed", "min_obstacle_distance_m"} <= set(metrics):
                 raise ValueError("no metrics of a flight")
         except (ValueError, TypeError) as error:

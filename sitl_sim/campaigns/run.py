@@ -125,6 +125,9 @@ def metrics_of(folder: Path) -> dict[str, Any] | None:
     """
     path = folder / "metrics.json"
     try:
-        return dict(json.loads(path.read_text("utf-8"))) if path.exists() else None
+        if not path.exists():
+            return None
+        # Earlier versions wrote Infinity where nobody flew at the same time.
+        return dict(json.loads(path.read_text("utf-8"), parse_constant=lambda _: None))
     except (OSError, ValueError, TypeError) as error:
         raise SettingsError([f"{path}: not what a run wrote: {error}"]) from error

@@ -1,8 +1,10 @@
 import json
+import re
 
 import pytest
 
 from sitl_sim.__main__ import main
+from sitl_sim.campaigns.run import metrics_of
 from sitl_sim.metrics import wilson
 
 
@@ -29,6 +31,15 @@ def test_all_runs_on_one_page(tmp_path, capsys):
     assert page.count("<b class=good>OK</b>") == 7
     assert "<a href='forest-3/report.html'>forest-3</a>" in page
     assert "forest-1/report.html" not in page
+
+
+def test_an_infinite_distance_of_an_earlier_version_is_none(tmp_path):
+    write_runs(tmp_path, good=3, bad=0)
+    path = tmp_path / "forest-1" / "metrics.json"
+    path.write_text(path.read_text().replace("0.4", "Infinity"))
+    assert metrics_of(path.parent)["min_agent_distance_m"] is None
+    assert main(["report", str(tmp_path)]) == 0
+    assert "inf" not in re.findall("<td>([^<]*)", (tmp_path / "campaign.html").read_text())
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", "no json"])

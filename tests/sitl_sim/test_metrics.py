@@ -1,5 +1,7 @@
 """Safety from a made-up truth of two drones whose figures are known by construction."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -89,3 +91,14 @@ def test_who_touches_the_ground_on_the_way_has_struck_it(low, forward, strikes):
              "targets": {"a": [[*x[-1:].tolist(), 0.0, 2.0]]}}  # fmt: skip
     flown = safety({"t": t, "position": p, "velocity": v}, world, ["a"])
     assert flown["ground_strikes"] == strikes
+
+
+def test_drones_that_never_fly_together_have_no_distance():
+    flight = truth(1.0, (), ())
+    flight["position"][:, 1, 2] = 0.0
+    world = {"drone_radius": 0.2, "cylinders": [], "boxes": [], "target_tolerance": 0.5,
+             "targets": {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, 1.0, 2.0]]}}  # fmt: skip
+    flown = safety(flight, world, ["a", "b"])
+    assert (flown["min_agent_distance_m"], flown["min_agent_distance_at"]) == (None, None)
+    assert (flown["agent_collisions"], flown["below_agent_safety"]) == (0, False)
+    json.dumps(flown, allow_nan=False)
