@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from sitl_sim.metrics import safety
+from sitl_sim.metrics import safety, timing
 
 DT = 0.02
 TRUNK = {"x": 4.0, "y": -1.0, "radius": 0.5, "height": 8.0}
@@ -102,3 +102,11 @@ def test_drones_that_never_fly_together_have_no_distance():
     assert (flown["min_agent_distance_m"], flown["min_agent_distance_at"]) == (None, None)
     assert (flown["agent_collisions"], flown["below_agent_safety"]) == (0, False)
     json.dumps(flown, allow_nan=False)
+
+
+@pytest.mark.parametrize(("took", "counted", "misses"), [(153.0, 0, 4), (99.0, 3, 3), (99.0, 0, 0)])
+def test_a_tick_longer_than_its_period_is_a_miss_though_the_world_waited(took, counted, misses):
+    tick = {"stages_ms": {"tick": took}, "counters": {"deadline_misses": counted}}
+    figures = timing({"a": [tick] * 4, "b": []})
+    assert figures["deadline_misses"] == misses
+    assert figures["deadline_miss_rate"] == misses / 4
