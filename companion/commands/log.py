@@ -15,9 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", required=True)
     recover = actions.add_parser("recover", help="save what a cut-off log still holds")
     recover.add_argument("log", type=Path, help="the cut-off MCAP file")
-    recover.add_argument(
-        "--out", type=Path, help="default: NAME.recovered.mcap beside it; may be the file itself"
-    )
+    recover.add_argument("--out", type=Path, help="default: NAME.recovered.mcap beside it")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -27,6 +25,9 @@ def run(options: argparse.Namespace) -> int:
 
     to = options.out or options.log.with_suffix(".recovered.mcap")
     try:
+        if to.exists() and to.samefile(options.log):
+            # Whoever still writes it would write on into a file that no longer has a name.
+            raise LogError(f"--out {to}: is the log itself; give another name")
         count = recover(options.log, to)
     except (LogError, OSError) as error:
         print(error, file=sys.stderr)

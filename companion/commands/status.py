@@ -7,6 +7,10 @@ import json
 import sys
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from companion.status import Status
 
 HELP = "show a running daemon: state, stage times, tracks, guard reason"
 EXIT_BAD_INPUT = 2
@@ -29,13 +33,46 @@ def run(options: argparse.Namespace) -> int:
     try:
         status = Status(options.config)
         while True:
-            status.update()
-            print(json.dumps(status.record) if options.json else status.text(), flush=True)
+            try:
+                print(_look(status, options.json), flush=True)
+            except FileNotFoundError:
+                if not options.watch:
+                    raise
+                print(f"{options.config}: the log is gone, waiting", file=sys.stderr, flush=True)
+                status = _another(options.config)
+                continue
             if not options.watch:
                 return 0
             time.sleep(_PERIOD)
-    except (SettingsError, LogError, NoStatus) as error:
+    except (SettingsError, LogError, NoStatus, FileNotFoundError) as error:
         print(error, file=sys.stderr)
         return EXIT_BAD_INPUT
     except KeyboardInterrupt:
         return 0
+
+
+def _look(status: Status, as_json: bool) -> str:
+    """The last tick.
+
+    Raises:
+        NoStatus: there has been none so far.
+        FileNotFoundError: the log is no longer there.
+    """
+    status.update()
+    text = status.text()
+    return json.dumps(status.record) if as_json else text
+
+
+def _another(config: Path) -> Status:
+    """Wait for a log with a tick in it: the one followed was moved or deleted."""
+    from companion.status import NoStatus, Status
+    from mavlink_bridge.mcapfile import LogError
+
+    while True:
+        time.sleep(_PERIOD)
+        try:
+            status = Status(config)
+            status.update()
+            return status
+        except (LogError, NoStatus, FileNotFoundError):
+            continue

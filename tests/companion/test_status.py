@@ -4,6 +4,7 @@ import pytest
 
 from companion import status as status_module
 from companion.__main__ import main
+from companion.commands import status as status_command
 from companion.recorder import Recorder
 from tests.companion.ticks import config, tick
 
@@ -50,6 +51,27 @@ def test_a_daemon_that_stopped_is_told_from_one_that_runs(drone, tmp_path, capsy
     monkeypatch.setattr(status_module, "_STALE", -1.0)
     main(["status", str(drone)])
     assert capsys.readouterr().out.startswith("not running, last tick at 0.4 s")
+
+
+@pytest.mark.parametrize("options", [[], ["--json"]])
+def test_watching_goes_on_with_the_next_log_when_one_is_gone(
+    drone, tmp_path, capsys, monkeypatch, options
+):
+    (log,) = tmp_path.glob("*.mcap")
+    away = tmp_path / "away"
+    steps = iter([lambda: log.rename(away), lambda: None, lambda: away.rename(log), None])
+
+    def sleep(seconds):
+        step = next(steps)
+        if step is None:
+            raise KeyboardInterrupt
+        step()
+
+    monkeypatch.setattr(status_command.time, "sleep", sleep)
+    assert main(["status", "--watch", *options, str(drone)]) == 0
+    said = capsys.readouterr()
+    assert said.err.splitlines() == [f"{drone}: the log is gone, waiting"]
+    assert said.out.count("4 drones, 5 trunks" if not options else '"phase"') == 2
 
 
 @pytest.mark.parametrize(
