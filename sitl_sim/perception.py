@@ -31,12 +31,13 @@ _BLOCK = 2048  # sight lines at a time: what the processor's cache holds
 _BEARING_GATE = np.radians(3.0)
 _SIZE_GATE = 0.3  # m across the line of sight: near drones fill more than the angle above
 _TRACK_GATE = 1.0  # m
+_WELL = "none"  # no trouble with the camera, as a log says it
 _FRESH = 0.2  # s since last seen: whose velocity counts
 
 
 @dataclass(frozen=True)
 class Sight:
-    """One frame of one drone against truth.
+    """One frame of one drone against truth; one that was due and did not come shows nothing.
 
     time: of the world [s]. in_view, found: drones to see and seen; detections, right: given and
     true. bearing [rad], range_error (share of the range): of what was right. The same of tracks;
@@ -103,9 +104,9 @@ class _Judge:
         )
 
     def frames(self, i: int, frame: OwnFrame, log: list[dict[str, Any]]) -> Iterator[Sight]:
-        """Frames that drone i took in flight."""
-        log = [r for r in log if r.get("frame") is not None and "own" in r]
-        times = np.array([r["frame"] for r in log]) - frame.boot
+        """Frames that drone i took in flight, or that were due while its eye was in trouble."""
+        log = [r for r in log if _due(r) is not None and "own" in r]
+        times = np.array([_due(r) for r in log], float) - frame.boot
         flown = (times >= self._t[0]) & (times <= self._t[-1])
         flown[flown] &= self._at(self._p, times[flown])[:, i, 2] >= AIRBORNE
         log, times = [r for r, f in zip(log, flown, strict=True) if f], times[flown]
@@ -166,6 +167,16 @@ class _Judge:
         share = ((times - self._t[k]) / (self._t[k + 1] - self._t[k]))[:, None, None]
         between: Vector = series[k] + share * (series[k + 1] - series[k])
         return between
+
+
+def _due(record: dict[str, Any]) -> float | None:
+    """When the frame of a tick was taken, or fell due that showed nothing; None: there was none.
+
+    A tick without a frame while the eye is well lies between two frames.
+    """
+    taken: float | None = record.get("frame")
+    blind = record.get("eye", _WELL) != _WELL
+    return float(record["time"]) if taken is None and blind else taken
 
 
 @dataclass(frozen=True)

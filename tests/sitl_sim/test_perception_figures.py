@@ -31,6 +31,18 @@ def test_misses_and_ghosts(miss, ghost):
     assert (f["precision"] < 0.97) == (ghost > 0)
 
 
+@pytest.mark.parametrize(("eye", "recall"), [("dead", 0.5), ("none", 1.0)])
+def test_frames_that_did_not_come_are_missed_where_the_eye_is_in_trouble(eye, recall):
+    """A tick without a frame and without trouble lies between two frames."""
+    truth = flights.truth()
+    logs = {n: flights.log(i, truth) for i, n in enumerate(flights.NAMES)}
+    for tick in logs["drone1"][1::2]:
+        tick.update(frame=None, detections=[], eye=eye)
+    f = perception(sights(flights.scenario(), flights.WORLD, truth, logs))
+    assert f["recall"] == pytest.approx(recall, abs=0.02)
+    assert f["track_recall"] == 1.0
+
+
 def test_errors_of_range_bearing_and_velocity():
     f = figures(stretch=1.07, turn=np.radians(1.0), slow=0.4)
     assert f["range_error_median"] == pytest.approx(0.07, abs=1e-6)
