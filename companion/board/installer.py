@@ -43,6 +43,7 @@ class Board:
         self._systemctl = systemctl
         self._changes = Changes()
         self._restarted: list[str] = []
+        self._switched = False
 
     # --- the whole -----------------------------------------------------------------------
 
@@ -108,13 +109,13 @@ class Board:
                 python = str(release / "bin/python")
                 run([python, *_pip(bundle), "--force-reinstall", "--no-deps"])
                 run([python, *_pip(bundle)])  # what it depends on and is not there yet
-                self._try(release, bundle)
+                self._try_bundle(release, bundle)
             except BaseException:
                 shutil.rmtree(release, ignore_errors=True)
                 raise
             complete.touch()
         elif complete.exists():
-            self._try(release, bundle)
+            self._try_bundle(release, bundle)
 
     def _make_environment(self, release: Path) -> None:
         """Empty, or with what the release in use has: linked, it costs neither time nor space.
@@ -135,11 +136,31 @@ class Board:
             raise InstallError(f"{free / 1e6:.0f} MB free, {SPACE / 1e6:.0f} MB needed")
         run([sys.executable, "-m", "venv", str(release)])
 
-    def _try(self, release: Path, bundle: Path) -> None:
-        """The new release must understand the configurations that it is going to run."""
+    def _try_bundle(self, release: Path, bundle: Path) -> None:
+        """What comes, and the drones that are there already: they share release and board."""
         folders = sorted((bundle / "config").iterdir())
+        coming = {f.name for f in folders}
+        self._try(release, [*folders, *(f for f in self._installed() if f.name not in coming)])
+
+    def _try(self, release: Path, folders: list[Path]) -> None:
+        """A release must understand the configurations that it is going to run.
+
+        Raises:
+            InstallError: it does not, or two drones want the same thing.
+        """
         configs = [str(folder / f"{folder.name}.yaml") for folder in folders]
-        run([str(release / "bin/python"), "-I", "-m", "companion", "check", *configs])
+        try:
+            run([str(release / "bin/python"), "-I", "-m", "companion", "check", *configs])
+        except InstallError as error:
+            for folder in self._installed():
+                if str(folder) in str(error):
+                    raise InstallError(f"{error}; {_how_to_remove(folder)}") from None
+            raise
+
+    def _installed(self) -> list[Path]:
+        """The folder of each drone on the board."""
+        folders = sorted((self.root / CONFIG).glob("*"))
+        return [f for f in folders if (f / f"{f.name}.yaml").exists()]
 
     def _put_files(self, bundle: Path) -> None:
         """Units, rule and launchers are ours; configuration belongs to whoever edits it."""
@@ -184,9 +205,12 @@ class Board:
                 self._changes.link(path, target)
 
     def _switch(self, release: str) -> None:
-        """From here on a start uses the new release."""
+        """From here on a start uses the new release, of whichever drone of the board."""
         before = link_target(self.home / "current")
-        if self.report.add("current", release, before != release):
+        self._switched = self.report.add("current", release, before != release)
+        if self.report.changed and not self.report.dry_run:  # with what was edited here
+            self._try(self.home / "releases" / release, self._installed())
+        if self._switched:
             if before is not None:
                 self._changes.link(self.home / "previous", f"releases/{before}")
             self._changes.link(self.home / "current", f"releases/{release}")
@@ -207,6 +231,15 @@ class Board:
         for drone in drones:
             for template in drone["units"]:
                 self._restart_unit(template.replace("@", f"@{drone['name']}"))
+        if self._switched:
+            for unit in self._others({d["name"] for d in drones}):
+                self._restart_unit(unit)
+
+    def _others(self, deployed: set[str]) -> list[str]:
+        """Units that run for the board's other drones; who is not up takes what is there then."""
+        names = [f.name for f in self._installed() if f.name not in deployed]
+        units = [f"{kind}@{n}.service" for n in names for kind in ("mavlink-bridge", "companion")]
+        return [unit for unit in units if _runs(self._show(unit))]
 
     def _restart_unit(self, unit: str) -> None:
         self.refuse_while_armed()  # the restart before this one took its time
@@ -302,10 +335,20 @@ def _failed(state: dict[str, str]) -> bool:
     return state.get("ActiveState") == "failed" or state.get("SubState") == "auto-restart"
 
 
+def _runs(state: dict[str, str]) -> bool:
+    return state.get("ActiveState") in ("active", "activating") and not _failed(state)
+
+
 def _up(state: dict[str, str]) -> bool:
     """Ready, or started as far as can be without its autopilot or camera."""
     active, text = state.get("ActiveState"), state.get("StatusText", "")
     return active == "active" or (active == "activating" and "waiting for" in text)
+
+
+def _how_to_remove(folder: Path) -> str:
+    name = folder.name
+    return (f"if {name} is no drone of this board any more: `sudo systemctl disable --now "
+            f"companion@{name} mavlink-bridge@{name}; sudo rm -r {folder}`")  # fmt: skip
 
 
 def _pip(bundle: Path) -> list[str]:

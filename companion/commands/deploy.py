@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 HELP = "install or upgrade drones on their boards"
 EXIT_FAILED, EXIT_BAD_INPUT = 1, 2
+RESERVED = ("airframes", "bridge", "bridges", "default")  # what lies in each drone's folder
 SSH = "ssh -o BatchMode=yes -o ConnectTimeout=10"
 Drones = list[tuple[Path, "CompanionConfig"]]
 
@@ -97,6 +98,9 @@ def _boards(options: argparse.Namespace) -> dict[str | None, Drones]:
 def _unfit(drone: Drone, options: argparse.Namespace) -> list[str]:
     """What is fine to fly in a simulation and not fit for a board."""
     problems = []
+    if drone.config.name in RESERVED:
+        problems.append(f"{drone.place('name')}: name: {drone.config.name!r} is the name of a file "
+                        "or folder beside the drone's own")  # fmt: skip
     if drone.config.mission.auto and not options.allow_auto:
         problems.append(f"{drone.place('mission.auto')}: mission.auto: it would arm and take off "
                         "whenever the board starts; false, or --allow-auto")  # fmt: skip

@@ -75,7 +75,7 @@ def write_drones(folder, names, more=""):
 
 
 def small_wheel(folder, version, check=0):
-    """A wheel with the product's name whose `companion` prints its version; exit: `check`."""
+    """A wheel with the product's name whose `companion` prints its version; exits with `check`."""
     folder.mkdir(exist_ok=True)
     path = folder / f"swarm_companion-{version}-py3-none-any.whl"
     info = f"swarm_companion-{version}.dist-info"

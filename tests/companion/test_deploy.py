@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 
 import pytest
 from deployment import (
@@ -175,8 +176,8 @@ def test_a_failed_upgrade_leaves_the_old_one(board, capsys):
     assert len(list((board / "root" / HOME / "releases").iterdir())) == 1
 
 
-def bundle_of(board, wheel):
-    drones = [(f, load_config(f)) for f in files_of(board)]
+def bundle_of(board, wheel, count=2):
+    drones = [(f, load_config(f)) for f in files_of(board)[:count]]
     (board / "bundle").mkdir()
     return make_bundle(board / "bundle", drones, wheel)
 
@@ -250,6 +251,57 @@ def test_the_daemon_before_does_not_pass_for_the_new_one(board, monkeypatch, sta
     with pytest.raises(InstallError, match="did not start within 1 s"):
         Board(board / "root", Report(False), asked).install(bundle)
     assert launched(board / "root") == "version 1.0"
+
+
+def test_the_other_drone_of_a_board_is_tried_and_restarted_too(board, capsys):
+    """`current` is theirs both: alpha alone is deployed, beta runs."""
+    refuses = small_wheel(board / "2", "2.0", check="'/beta/' in str(sys.argv) and 'beta refused'")
+    assert deploy(files_of(board)[:1], refuses, board / "root") == 1
+    assert "beta refused; nothing was changed" in capsys.readouterr().err
+    assert launched(board / "root") == "version 1.0"
+
+    bundle = bundle_of(board, small_wheel(board / "3", "3.0"), count=1)
+    stopped = {f"mavlink-bridge@{n}.service": "ActiveState=inactive" for n in ("alpha", "beta")}
+    asked = fake_systemctl(board, WAITING, stopped)
+    Board(board / "root", Report(False), asked).install(bundle)
+    assert [s for s in (board / "asked").read_text().splitlines() if s.startswith("restart")] == [
+        "restart --no-block companion@alpha.service",
+        "restart --no-block companion@beta.service",
+    ]
+
+
+def test_a_drone_renamed_does_not_stay_beside_itself(board, capsys):
+    alpha = board / "drones/alpha.yaml"
+    renamed = alpha.with_name("gamma.yaml")
+    renamed.write_text(alpha.read_text().replace("alpha", "gamma"))
+    real = f"__import__('subprocess').call([{sys.executable!r}, '-m', 'companion', *sys.argv[1:]])"
+    wheel = small_wheel(board / "2", "2.0", check=real)
+    before = contents(board / "root")
+    assert deploy([renamed], wheel, board / "root") == 1
+    told = capsys.readouterr().err
+    assert "system id 1 is taken by gamma" in told
+    assert "`sudo systemctl disable --now companion@alpha mavlink-bridge@alpha; sudo rm" in told
+    assert contents(board / "root") == before
+
+
+def test_what_was_edited_on_the_board_is_tried(board):
+    """What comes is fine; what is kept there and would run is not."""
+    edited = board / "root/etc/swarm-companion/alpha/alpha.yaml"
+    edited.write_text(edited.read_text() + "gaze: {sigma: 0.3}\n")
+    refuses = "any('sigma' in open(f).read() for f in sys.argv[2:])"
+    before = contents(board / "root")
+    assert deploy(files_of(board), small_wheel(board / "2", "2.0", refuses), board / "root") == 1
+    after = contents(board / "root")
+    assert {k: v[1:] for k, v in after.items()} == {k: v[1:] for k, v in before.items()}
+    assert launched(board / "root") == "version 1.0"
+
+
+@pytest.mark.parametrize("name", ["default", "bridge", "bridges", "airframes"])
+def test_a_drone_is_not_named_as_what_lies_beside_it(tmp_path, capsys, name):
+    (file,) = write_drones(tmp_path / "drones", ["alpha"])
+    file.write_text(file.read_text().replace("alpha", name))
+    assert deploy([file], "none.whl", tmp_path / "root") == 2
+    assert f"{file}:2:1: name: {name!r} is the name of a file" in capsys.readouterr().err
 
 
 def test_never_while_armed(board, capsys):
