@@ -51,8 +51,6 @@ def read_log(path: Path) -> FlightLog:
 def recover(path: Path, to: Path) -> int:
     """Write what `path` still holds as a whole log to `to`; gives the number of messages.
 
-    `to` may be `path` itself: it is replaced when all is saved.
-
     Raises:
         LogError: `path` is no MCAP file, or holds nothing.
     """
