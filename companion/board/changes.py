@@ -84,7 +84,9 @@ def run(command: list[str]) -> str:
         InstallError: it failed; with the end of what it said.
     """
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
-    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    done = subprocess.run(
+        command, capture_output=True, text=True, errors="replace", env=environment
+    )
     if done.returncode:
         said = (done.stderr or done.stdout).strip().splitlines()[-3:]
         raise InstallError(f"{Path(command[0]).name} {' '.join(command[1:4])}: {' | '.join(said)}")

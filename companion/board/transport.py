@@ -31,7 +31,7 @@ $s python3 "$d" "$d" {arguments}
 def install_here(bundle: Path, arguments: Sequence[str]) -> Outcome:
     """Run the installer on this machine."""
     command = [sys.executable, str(bundle), str(bundle), *arguments]
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace")
     return _outcome(done.stdout, done.stderr)
 
 
@@ -54,7 +54,8 @@ def install_over_ssh(
     out, err = process.communicate()
     feeder.join()
     stdin.close()
-    return _outcome(out.decode(), err.decode())
+    # A board may speak Latin-1; its line must not cost those of the others.
+    return _outcome(out.decode(errors="replace"), err.decode(errors="replace"))
 
 
 def _feed(bundle: Path, stream: IO[bytes]) -> None:
