@@ -96,7 +96,7 @@ def test_a_broken_library_is_made_anew(cache, monkeypatch):
         {"N": 40},
         {"neighbours": 0},
         {"neighbours": 9},
-        {"cylinders": 0, "planes": 0},
+        {"cylinders": 0, "planes": 2},
         {"cylinders": 16},
         {"M": 20, "M_constraint": 20},
     ],
