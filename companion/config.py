@@ -204,9 +204,13 @@ class FenceConfig(StrictModel):
                 rows.append(row)
         return np.array([*rows, [0.0, 0.0, 1.0, self.altitude_max]])
 
+    def sides(self) -> Vector:
+        """(K,4) half-spaces n·p <= b, upright."""
+        return self.planes()[:-1]
+
     def near(self, p: Vector) -> Vector:
         """(K,4) the sides that a plan from p (3,) could reach."""
-        sides = self.planes()[:-1]
+        sides = self.sides()
         near: Vector = sides[sides[:, 3] - sides[:, :3] @ p < _FENCE_REACH]
         return near
 

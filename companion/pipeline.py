@@ -18,6 +18,7 @@ import numpy as np
 
 from companion.baselines import adapted, make_planner
 from companion.config import CompanionConfig
+from companion.detour import way_round
 from companion.eye import Eye, Trouble
 from companion.forecast import Forecast
 from companion.gaze import Gaze, bearing, close_by, seen_speed
@@ -81,7 +82,7 @@ class TickOutputs:
     critical: list[tuple[Track, float]] = field(default_factory=list)
     obstacles: Obstacles = field(default_factory=Obstacles.none)
     progress: Progress | None = None
-    aim: Vector = field(default_factory=lambda: np.zeros(3))  # the goal, or the way round a wall
+    aim: Vector = field(default_factory=lambda: np.zeros(3))  # the goal, or a way round
     yaw: float = 0.0
     speed: float = 0.0
     instance: Instance | None = None
@@ -202,8 +203,10 @@ class Pipeline:
         out.progress = self._mission.update(own, surveyed) if mine else Progress(own.p, 0, False)
         cylinders = self._map.obstacles(own.p).cylinders
         points = self._surfaces.points(cylinders)
-        room = self._config.nmpc.d_obstacle_safety - self._config.surfaces.rough
-        goal = out.aim = self._surfaces.lane(own.p, out.progress.goal, points, room)
+        room = self._config.nmpc.d_obstacle_safety
+        goal = way_round(own.p, out.progress.goal, cylinders, room, self._config.fence.sides())
+        rough = self._config.surfaces.rough
+        goal = out.aim = self._surfaces.lane(own.p, goal, points, room - rough)
         yaw_now = yaw_of(own.q_wb)
         out.near = rated_neighbours(own, out.tracks, self._config.threat)
         out.critical = out.near[: self._config.threat.critical]
