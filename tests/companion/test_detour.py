@@ -64,7 +64,7 @@ def test_trunks_with_room_between_change_nothing():
 
 
 def test_a_thicket_beside_the_way_changes_nothing():
-    goal = HERE + [3.0, 0.0, 0.0]
+    goal = np.array([HERE[0] + 3.0, HERE[1], HERE[2]])
     assert way_round(HERE, goal, nearest_first(HERE, POCKET[:2]), ROOM, OPEN) is goal
 
 
