@@ -27,6 +27,7 @@ SCHEMA = {
         "eye": {"type": "string"},
         "own": {"type": "object"},
         "goal": {"type": "object"},
+        "aim": {"type": "array"},
         "detections": {"type": "array"},
         "trunks": {"type": "array"},
         "tracks": {"type": "array"},
@@ -65,6 +66,7 @@ def record(out: TickOutputs) -> dict[str, Any]:
         r["own"] = {"p": own[:3], "v": own[3:6], "q": own[6:10], "omega": own[10:]}
     if out.progress is not None:
         r["goal"] = {"p": _rounded(out.progress.goal), "index": out.progress.index}
+        r["aim"] = _rounded(out.aim)
     return r | _planned(out) | _commanded(out)
 
 
