@@ -18,7 +18,7 @@ import numpy as np
 
 from companion.baselines import adapted, make_planner
 from companion.config import CompanionConfig
-from companion.detour import way_round
+from companion.detour import Detour
 from companion.eye import Eye, Trouble
 from companion.forecast import Forecast
 from companion.gaze import Gaze, bearing, close_by, seen_speed
@@ -132,6 +132,7 @@ class Pipeline:
         self._tracker = Tracker(config.tracker)
         self._map = ObstacleMap(config.obstacles)
         self._surfaces = Surfaces(self._sight.camera, config.surfaces)
+        self._detour = Detour(config.fence.sides())
         self._gaze = Gaze(config.gaze)
         self._forecast = Forecast(config.timing.delay)
 
@@ -204,7 +205,7 @@ class Pipeline:
         cylinders = self._map.obstacles(own.p).cylinders
         points = self._surfaces.points(cylinders)
         room = self._config.nmpc.d_obstacle_safety
-        goal = way_round(own.p, out.progress.goal, cylinders, room, self._config.fence.sides())
+        goal = self._detour.aim(own.p, out.progress.goal, cylinders, room)
         rough = self._config.surfaces.rough
         goal = out.aim = self._surfaces.lane(own.p, goal, points, room - rough)
         yaw_now = yaw_of(own.q_wb)
