@@ -24,7 +24,7 @@ class CoarseTelemetry:
     """Turns coarse messages into the fine ones that the own state is made of."""
 
     def __init__(self) -> None:
-        self._state = CoarseState(_GAINS)
+        self._state = CoarseState(_GAINS, jumps=False)
         self._time: float | None = None
         self._seen = False
 

@@ -35,6 +35,20 @@ def _sources(config: CompanionConfig) -> Iterator[Contradiction]:
         if chosen in choices and not simulated:
             text = f"{key}: {chosen} needs the simulator as source; a camera has {key}: camera"
             yield Contradiction((f"sensing.{key}", "camera.source"), text)
+    if config.camera.latency >= config.eye.late:
+        yield Contradiction(
+            ("camera.latency", "eye.late"),
+            f"every frame is late: camera.latency, {config.camera.latency:g}, must be below "
+            f"eye.late, {config.eye.late:g}",
+        )
+    looks, life = 2 * config.sensing.trunks_every, config.obstacles.doubtful_unseen
+    if looks * config.timing.period >= life:
+        yield Contradiction(
+            ("sensing.trunks_every", "obstacles.doubtful_unseen"),
+            f"trunks would be forgotten between two looks: sensing.trunks_every, "
+            f"{config.sensing.trunks_every}, is too many frames for obstacles.doubtful_unseen, "
+            f"{life:g}",
+        )
     if config.sensing.detector == "yolo" and config.sensing.model is None:
         yield Contradiction(
             ("sensing.detector", "sensing.model"),

@@ -24,7 +24,10 @@ class ObstacleConfig(StrictModel):
     """Numbers of the obstacle memory."""
 
     associate: float = Field(
-        1.2, gt=0, description="Two looks this near [m] are the same trunk; trunks stand apart."
+        1.2,
+        gt=0,
+        description="Looks farther apart [m] are of different trunks, however little they tell; "
+        "surer ones need not be as far apart.",
     )
     overlap: float = Field(
         0.7, ge=0, description="So are two nearer than this part of the sum of their radii."
@@ -41,6 +44,7 @@ class ObstacleConfig(StrictModel):
 
 
 _Place = tuple[float, float]
+_LIKELY, _SIGMAS = 0.3, 4.0  # m, and standard deviations: what looks at one trunk differ by
 _WIDER = 1.5  # times as wide as known, a trunk of which only the width shows is not that one
 
 
@@ -53,7 +57,7 @@ class _Known:
     variance: float
     seen: float
     hits: int = 1
-    misses: int = 0
+    misses: float = 0.0
 
 
 class ObstacleMap:
@@ -69,12 +73,12 @@ class ObstacleMap:
         own: VehicleState,
         q_bc: Vector,
         half_view: float,
-        tells: Callable[[Vector], bool] = lambda place: True,
+        tells: Callable[[Vector], float] = lambda place: 1.0,
     ) -> None:
         """One frame's trunks, seen in state `own`; half_view: half the field of view [rad].
 
-        tells: whether the frame knows what is in the direction of a place (3,); where it does not,
-        a trunk that is not seen is not gone.
+        tells: how much of a look the frame is at a place (3,), 0…1; where it does not know what is
+        there, a trunk that is not seen is not gone.
 
         So near that its foot is out of the picture, or cut by the picture's edge, a thin trunk
         looks like a thick one far off: one that is known to stand there stays where it is.
@@ -91,12 +95,11 @@ class ObstacleMap:
                 continue
             scale = trunk.distance / max(math.hypot(*along), 1e-6)
             axis = (float(own.p[0]) + along[0] * scale, float(own.p[1]) + along[1] * scale)
-            seen.add(self._merge(axis, trunk, own.time))
+            seen.add(self._merge(axis, trunk, own.time, seen))
         seen = self._unite(seen)
         forward = (float(r_wc[0, 2]), float(r_wc[1, 2]))
         for n in self._missing(seen, own, forward, half_view):
-            if tells(np.array([*self._known[n].axis, own.p[2]])):
-                self._known[n].misses += 1
+            self._known[n].misses += tells(np.array([*self._known[n].axis, own.p[2]]))
         self._forget(own)
 
     def obstacles(self, p: Vector) -> Obstacles:
@@ -136,9 +139,9 @@ class ObstacleMap:
                 best, nearest = n, distance
         return best
 
-    def _merge(self, axis: _Place, trunk: Trunk, time: float) -> int:
+    def _merge(self, axis: _Place, trunk: Trunk, time: float, seen: set[int]) -> int:
         variance = trunk.sigma**2
-        n = self._same(axis, trunk.radius)
+        n = self._same(axis, trunk.radius, variance, seen)
         if n is None:
             self._known.append(_Known(axis, trunk.radius, variance, time))
             return len(self._known) - 1
@@ -153,16 +156,30 @@ class ObstacleMap:
 
     def _see_again(self, n: int, time: float) -> None:
         k = self._known[n]
-        k.hits, k.misses, k.seen = k.hits + 1, 0, time
+        k.hits, k.misses, k.seen = k.hits + 1, 0.0, time
 
-    def _same(self, axis: _Place, radius: float, but: int | None = None) -> int | None:
-        """The known trunk that one seen at `axis` is: trunks do not grow into one another."""
+    def _same(
+        self,
+        axis: _Place,
+        radius: float,
+        variance: float,
+        seen: set[int],
+        but: int | None = None,
+    ) -> int | None:
+        """The known trunk that one seen at `axis` is: trunks do not grow into one another.
+
+        One of `seen`, which the same frame shows too, is another, unless the two overlap.
+        """
         c, best, nearest = self._config, None, math.inf
         for n, k in enumerate(self._known):
             apart = math.dist(k.axis, axis)
             if n == but or apart >= nearest:
                 continue
-            if apart < max(c.associate, c.overlap * (k.radius + radius)):
+            gate = c.overlap * (k.radius + radius)
+            if n not in seen:
+                doubt = _SIGMAS * math.sqrt(variance + k.variance)
+                gate = max(gate, min(c.associate, _LIKELY + doubt))
+            if apart < gate:
                 best, nearest = n, apart
         return best
 
@@ -171,7 +188,7 @@ class ObstacleMap:
         gone: set[int] = set()
         for n in sorted(seen):
             k = self._known[n]
-            m = self._same(k.axis, k.radius, but=n)
+            m = self._same(k.axis, k.radius, k.variance, seen, but=n)
             if m is None or {n, m} & gone:
                 continue
             stays, goes = sorted((n, m), key=lambda i: (self._known[i].variance, i))

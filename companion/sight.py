@@ -21,6 +21,7 @@ from mavlink_bridge.video import Frame
 
 # By which array a frame shows what is sensed this way.
 _ARRAYS = {"camera": "image", "depth": "depth", "truth": "neighbours", "map": "trunks"}
+_FOOTLESS = 0.05  # of a look at a trunk
 _LENGTHS = (1e-6, 1e4)  # m; distances, radii and standard deviations lie between
 
 
@@ -154,18 +155,26 @@ class Sight:
         inside = (pixels > np.array([w, h]) * margin) & (pixels < np.array([w, h]) * (1 - margin))
         return [bool(b[0] and b[1]) for b in inside]
 
-    def tells(self, sighting: Sighting, place: Vector) -> bool:
-        """Whether the frame knows what is in the direction of `place` (3,), own ENU frame.
+    def tells(self, sighting: Sighting, place: Vector) -> float:
+        """How much of a look at a trunk at `place` (3,), own ENU frame, the frame is; 0…1.
 
-        A depth image does not where it is NaN, and behind a neighbour.
+        None where the place is out of the picture, whatever its lens and mount, or where a depth
+        image is NaN, as behind a neighbour. Little of one where pixels show no foot: a thin trunk
+        is then taken for one too far off to be told.
         """
-        if sighting.ranges is None or sighting.own is None:
-            return True
+        assert sighting.own is not None
+        if not self.in_view(sighting.own, place[None], margin=0.0)[0]:
+            return 0.0
+        if self._sensing.obstacles == "camera":
+            foot = np.array([[place[0], place[1], 0.0]])
+            return 1.0 if self.in_view(sighting.own, foot)[0] else _FOOTLESS
+        if sighting.ranges is None:
+            return 1.0
         h, w = sighting.ranges.shape
         offset = self._to_camera(sighting.own, (place - sighting.own.p)[None])
         u, v = np.round(self.camera.scaled(w, h).project(offset)[0])
         inside = 0 <= u < w and 0 <= v < h
-        return not inside or not np.isnan(sighting.ranges[int(v), int(u)])
+        return float(not inside or not np.isnan(sighting.ranges[int(v), int(u)]))
 
     def _to_camera(self, own: VehicleState, vectors: Vector) -> Vector:
         """World vectors (n,3) in the camera frame."""

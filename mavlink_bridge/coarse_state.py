@@ -46,9 +46,17 @@ class CoarseState:
     """The filter; times in seconds of one clock, world ENU from the first GPS fix, body FLU."""
 
     def __init__(
-        self, gains: CoarseGains | None = None, silent: float = 0.5, unfixed: float = 1.5
+        self,
+        gains: CoarseGains | None = None,
+        silent: float = 0.5,
+        unfixed: float = 1.5,
+        jumps: bool = True,
     ) -> None:
-        """silent, unfixed: s without telemetry, without a fix, after which nothing is told."""
+        """silent, unfixed: s without telemetry, without a fix, after which nothing is told.
+
+        jumps: whether the barometer's zero may move by more than a metre; else it climbed.
+        """
+        self._jumps = jumps
         self._silent, self._unfixed = silent, unfixed
         self._fixed_at = -math.inf
         self._g = gains or CoarseGains()
@@ -156,7 +164,7 @@ class CoarseState:
             return
         p, _ = self._then(self._g.baro_age)
         error = height - self._ground - p[2]
-        if abs(error) > _JUMP:
+        if self._jumps and abs(error) > _JUMP:
             self._ground += error
             return
         self._p[2] += self._g.height * error

@@ -96,6 +96,16 @@ WRONG = [
     ("nmpc:\n  penalty: -1\n", "4:3", "nmpc.penalty: must be > 0, got -1"),
     ("camera:\n  fov_deg: 400\n", "4:3", "camera.fov_deg: must be > 10, < 240, got 400"),
     ("camera:\n  source: usb0\n", "4:3", "camera.source: must be sim:HOST:PORT"),
+    (
+        "camera: {latency: 0.3}\n",
+        "3:10",
+        "camera.latency: every frame is late: camera.latency, 0.3, must be below eye.late, 0.18",
+    ),
+    (
+        "sensing: {trunks_every: 8}\n",
+        "3:11",
+        "sensing.trunks_every: trunks would be forgotten between two looks",
+    ),
     ("timing:\n  pace: fast\n", "4:3", "timing.pace: must be 'clock' or 'frames', got 'fast'"),
     ("airframe: quad7\n", "3:1", "airframe.name: unknown airframe 'quad7'; valid: quad5"),
     ("airframe: {hover_thrust: 33}\n", "3:12", "hover_thrust: must be ≥ 0.05, ≤ 0.8, got 33"),

@@ -1,14 +1,16 @@
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from companion.camera import CalibrationError, Camera
+from companion.camera import FORWARD, CalibrationError, Camera
 from companion.config import CompanionConfig
 from companion.detectors import ModelError, make_detector
 from companion.heatmap import CHANNELS, HEIGHT, STRIDE, WIDTH, CnnConfig, CnnDetector
-from companion.sight import Sight, load_camera
+from companion.sight import Sight, Sighting, load_camera
 from companion.yolo import YoloConfig, YoloDetector
+from mavlink_bridge.frames import multiply
 from mavlink_bridge.messages import VehicleState
 from mavlink_bridge.settings import SettingsError, assignments, validate
 from mavlink_bridge.video import Frame
@@ -113,3 +115,23 @@ def test_a_frame_without_what_shows_obstacles_says_nothing_of_them(obstacles):
     assert not sight.see(Frame(0.0, {"neighbours": np.zeros((0, 6))}), state()).searched
     small = np.zeros((64, 64, 3), np.uint8)
     assert not sight.see(Frame(0.1, {"image": small}), state()).searched
+
+
+@pytest.mark.parametrize(("obstacles", "near"), [("camera", 0.05), ("depth", 1.0), ("map", 1.0)])
+def test_how_much_of_a_look_at_a_trunk_a_frame_is(obstacles, near):
+    """From 2 m up its foot is out of the picture within 1.7 m; behind nothing is seen."""
+    parts = config(sensing={"obstacles": obstacles, "trunks_every": 1})
+    sight = Sight(parts.camera, parts.sensing)
+    sighting = Sighting(0.0, state(), searched=True)
+    told = [sight.tells(sighting, np.array([x, y, 2.0])) for x, y in ((4, 0), (1.2, 0), (-4, 0))]
+    assert told == [1.0, near, 0.0]
+
+
+def test_on_a_camera_on_its_side_less_is_beside():
+    portrait = [0.7071067811865476, 0.0, 0.0, 0.7071067811865476]  # rolled about its axis
+    mount = multiply(np.array(FORWARD), np.array(portrait))
+    parts = config(sensing={"obstacles": "map"})
+    sight = Sight(parts.camera, parts.sensing)
+    sight.camera = dataclasses.replace(CAMERA, mount=mount)
+    aside = 4.0 * np.array([np.cos(1.05), np.sin(1.05), 0.0])  # 60° off; 50° are in the picture
+    assert sight.tells(Sighting(0.0, state()), state().p + aside) == 0.0

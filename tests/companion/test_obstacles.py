@@ -12,10 +12,10 @@ LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 THIN, PLACE = 0.24, np.array([4.0, 0.3])
 
 
-def fly(known, x, trunk, **tells):
+def fly(known, x, *trunks, **tells):
     """One look from (x, 0, 2) m."""
     own = VehicleState(x / 1.5, np.array([x, 0, 2.0]), np.array([1.5, 0, 0]), LEVEL, np.zeros(3))
-    known.update([trunk] if trunk else [], own, FORWARD, np.radians(80.0), **tells)
+    known.update([t for t in trunks if t], own, FORWARD, np.radians(80.0), **tells)
     return known.obstacles(own.p).cylinders
 
 
@@ -86,3 +86,43 @@ def test_two_that_come_to_one_place_are_one_and_the_surer_place_stays():
         for distance, sigma in ((4.0, 0.1), (ghost, 0.5)):
             found = fly(known, 0.0, Trunk(ahead, distance, 0.3, sigma))
     assert found == pytest.approx(np.array([[4.0, 0.0, 0.3]]), abs=0.1)
+
+
+@pytest.mark.parametrize("sigma", [0.05, 0.15])
+def test_two_that_one_frame_shows_are_two(sigma):
+    """One in their middle would be flown into, and past on either side."""
+    known = ObstacleMap(ObstacleConfig())
+    axes = [np.array([5.0, y]) for y in (-0.45, 0.45)]
+    rng = np.random.default_rng(0)
+    for x in np.arange(0.0, 3.0, 0.1):
+        looks = []
+        for axis in axes:
+            offset = axis - [x, 0.0]
+            distance = float(np.hypot(*offset))
+            ray = np.array([-offset[1], 0.0, offset[0]]) / distance
+            looks.append(Trunk(ray, distance + sigma * rng.normal(), 0.3, sigma))
+        seen = looks if round(10 * x) % 3 else looks[:1]  # one of them is missed now and then
+        found = fly(known, x, *seen)
+    assert found[np.argsort(found[:, 1])][:, :2] == pytest.approx(np.array(axes), abs=0.1)
+
+
+def test_one_seen_twice_in_a_frame_is_one():
+    """Its bark parted by a shadow, say: the two would overlap."""
+    known = ObstacleMap(ObstacleConfig())
+    for _ in range(6):
+        halves = [Trunk(np.array([s, 0.0, 1.0]) / np.hypot(s, 1.0), 4.0, 0.4, 0.1)
+                  for s in (-0.05, 0.05)]  # fmt: skip
+        found = fly(known, 0.0, *halves)
+    assert len(found) == 1
+
+
+def test_where_little_of_a_look_is_had_one_is_forgotten_late():
+    known = ObstacleMap(ObstacleConfig())
+    for _ in range(6):
+        fly(known, 1.0, look(1.0))
+    for _ in range(40):
+        left = fly(known, 1.0, tells=lambda place: 0.05)
+    assert len(left)
+    for _ in range(60):
+        left = fly(known, 1.0, tells=lambda place: 0.05)
+    assert not len(left)

@@ -61,6 +61,18 @@ def test_a_weave_is_followed(velocity, position_rms, speed_rms):
     assert rate_error < 0.06
 
 
+def test_a_climb_while_no_place_came_is_a_climb():
+    """1.4 m up within a gap of 1.3 s: no zero has moved, and it will land where it started."""
+    own = OwnState()
+    for k in range(1250):
+        t = k / 50
+        height = min(max(t - 10.0, 0.0), 3.0)
+        own.add([EulerAttitude(t, np.array([1.0, 0, 0, 0]), np.zeros(3))])
+        if k % 5 == 0 and not 10.0 <= t < 11.3:
+            own.add([GlobalPosition(t, 47.0, 8.0, 500.0 + height, 0.0, np.zeros(3))])
+    assert own.at(t).p[2] == pytest.approx(3.0, abs=0.1)
+
+
 def test_fine_telemetry_passes_as_it_is():
     own = OwnState()
     q = quaternion_from_euler(0.1, 0.2, 0.3)
