@@ -208,10 +208,16 @@ class FenceConfig(StrictModel):
         """(K,4) half-spaces n·p <= b, upright."""
         return self.planes()[:-1]
 
-    def near(self, p: Vector) -> Vector:
-        """(K,4) the sides that a plan from p (3,) could reach."""
+    def near(self, p: Vector, apart: float) -> Vector:
+        """(K,4) the sides that a plan from p (3,) could reach, which keeps `apart` [m] from them.
+
+        One that is crossed already only lets it go no farther. Sides and trunks share one slack:
+        who were to come back at any price would come through a trunk.
+        """
         sides = self.sides()
-        near: Vector = sides[sides[:, 3] - sides[:, :3] @ p < _FENCE_REACH]
+        beyond = sides[:, :3] @ p - sides[:, 3]
+        sides[:, 3] += np.where(beyond > 0.0, beyond + apart, 0.0)
+        near: Vector = sides[beyond > -_FENCE_REACH]
         return near
 
     def across(self, p: Vector, v: Vector) -> tuple[float, float]:

@@ -261,7 +261,7 @@ class Pipeline:
                 [
                     config.altitude_planes(goal[2]),
                     out.obstacles.planes,
-                    config.fence.near(own.p),
+                    config.fence.near(own.p, config.nmpc.d_obstacle_safety),
                 ]
             ),
             disturbance=self._forecast.disturbance,

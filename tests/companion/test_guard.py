@@ -147,10 +147,20 @@ def test_the_fence_has_sides_and_a_top():
     outside, outward = fence.across(np.array([9.0, 0.0, 2.0]), np.array([1.0, 0.0, 0.0]))
     assert (outside, outward) == (1.0, 1.0)
     assert fence.across(np.array([0.0, 0.0, 2.0]), np.zeros(3))[0] == -3.0
-    assert len(fence.near(np.array([7.0, 0.0, 2.0]))) == 3
-    assert FenceConfig().near(np.zeros(3)).shape == (0, 4)
+    assert len(fence.near(np.array([7.0, 0.0, 2.0]), 0.6)) == 3
+    assert FenceConfig().near(np.zeros(3), 0.6).shape == (0, 4)
     with pytest.raises(SettingsError, match=r"f:1:1: east: must be \[least, most\]"):
         validate(FenceConfig, parse_yaml("east: [3.0, -3.0]", "f"), "f")
+
+
+def test_a_side_that_is_crossed_lets_one_go_no_farther():
+    """It would else be come back over at any price: sides and trunks share one slack."""
+    fence = FenceConfig(east=[-5.0, 5.0], north=[-5.0, 5.0])
+    outside = fence.near(np.array([5.7, 4.8, 2.0]), 0.6)
+    east, north = outside[outside[:, 0] > 0][0], outside[outside[:, 1] > 0][0]
+    assert east[3] == pytest.approx(5.7 + 0.6)
+    assert north[3] == 5.0
+    assert fence.across(np.array([5.7, 4.8, 2.0]), np.zeros(3))[0] == pytest.approx(0.7)
 
 
 def fed(*samples):
