@@ -172,7 +172,7 @@ class TimingConfig(StrictModel):
 class FenceConfig(StrictModel):
     """Where the drone may be, own ENU frame [m]; planes of the NMPC."""
 
-    altitude_min: float = Field(0.8, description="Not below, once in flight.")
+    altitude_min: float = Field(0.8, description="No plan leads below, once in flight.")
     altitude_max: float = Field(5.0, gt=1, description="Not above.")
     altitude_band: float = Field(
         1.0,

@@ -25,7 +25,7 @@ class GazeConfig(StrictModel):
     """The sweep of eq. (7)."""
 
     mean: float = Field(0.0, description="μ [rad].")
-    sigma: float = Field(0.6, ge=0, description="σ [rad]; 0 switches the sweep off.")
+    sigma: float = Field(0.6, ge=0, description="σ [rad]; 0, where μ is 0, switches the sweep off.")
     limit: float = Field(
         0.8, gt=0, description="Most |ε| [rad]: what lies ahead stays inside ±80° of view."
     )
@@ -151,7 +151,7 @@ class Gaze:
         if lost and c.sigma > 0.0:
             self._side = math.copysign(1.0, lost[0])
             amplitude = max(amplitude, abs(lost[0]) - c.half_view)
-        return self._side * min(amplitude, c.limit)
+        return self._side * min(max(amplitude, -c.limit), c.limit)
 
 
 def bearing(p: Vector, track: Track) -> float:

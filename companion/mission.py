@@ -62,7 +62,7 @@ class MissionConfig(StrictModel):
     def _ring(self) -> Self:
         """Who goes round the island at some distance must still be near the goal."""
         ring = self.tolerance * (1.0 - self.island)
-        if len(self.goals) > 1 and ring < _RING:
+        if len(self.goals) > 1 and ring < _RING - 1e-9:
             raise Contradiction(
                 ("island", "tolerance"),
                 f"between island and tolerance {ring:.2g} m are left, which must be {_RING:g}: "

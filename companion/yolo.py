@@ -1,7 +1,9 @@
 """A user's own network of the YOLO family, as ONNX (detector: yolo).
 
-Reads the two layouts in use: (1, 4 + classes, n) without objectness (version 8 and later) and
-(1, n, 5 + classes) with it (5 and 7); boxes are centre, width and height in the input's pixels.
+Reads the three layouts in use: (1, 4 + classes, n) without objectness (version 8 and later) and
+(1, n, 5 + classes) with it (5 and 7), where boxes are centre, width and height in the input's
+pixels; and (1, n, 6), two corners, score and class, where the net itself picks what it found
+(version 10, others exported end to end).
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from companion.types import Detection, Image, Vector
 from mavlink_bridge.settings import StrictModel
 
 _PADDING = 114  # grey that these networks are trained with
+_ROWS, _COLUMNS, _FOUND = "rows", "columns", "found"
 
 
 class YoloConfig(StrictModel):
@@ -46,10 +49,11 @@ class YoloDetector:
         self.network = OnnxNetwork(model, config.size, config.size)
         shape = self.network.shape
         if len(shape) != 3 or shape[0] != 1 or min(shape[1:]) < 5:
-            raise ModelError(f"{model}: gives {shape}; a YOLO gives (1, 4+classes, n) "
-                             "or (1, n, 5+classes)")  # fmt: skip
-        known = shape[1] - 4 if shape[1] < shape[2] else shape[2] - 5
-        if unknown := [n for n in config.classes if n >= known]:
+            raise ModelError(f"{model}: gives {shape}; a YOLO gives (1, 4+classes, n), "
+                             "(1, n, 5+classes) or (1, n, 6)")  # fmt: skip
+        self._layout = _layout(shape, config.size)
+        known = {_ROWS: shape[1] - 4, _COLUMNS: shape[2] - 5}.get(self._layout)
+        if known is not None and (unknown := [n for n in config.classes if n >= known]):
             raise ModelError(f"{model}: tells {known} classes, from 0 on; "
                              f"sensing.yolo.classes names {unknown}")  # fmt: skip
 
@@ -68,8 +72,15 @@ class YoloDetector:
         return sorted(found, key=lambda d: d.range)
 
     def _boxes(self, out: Tensor) -> tuple[Vector, Vector]:
-        """Boxes (n,4) and scores (n,) of either layout."""
-        if out.shape[0] < out.shape[1]:  # 4 + classes rows
+        """Boxes (n,4), centre and size, and scores (n,) of whatever layout."""
+        if self._layout == _FOUND:
+            rows = out.astype(float)
+            wanted = self._config.classes
+            drones = np.isin(np.round(rows[:, 5]), wanted) | (not wanted)
+            boxes = np.hstack([(rows[:, :2] + rows[:, 2:4]) / 2, rows[:, 2:4] - rows[:, :2]])
+            likely = (rows[:, 4] >= self._config.threshold) & drones
+            return boxes[likely], rows[likely, 4]
+        if self._layout == _ROWS:
             rows, first = out.T.astype(float), 4
             objectness = np.ones(len(rows))
         else:
@@ -89,3 +100,15 @@ class YoloDetector:
         distance = self._config.radius / max(float(np.sin(half)), 1e-3)
         return Detection(middle, distance, 0.1 * float(half) + 0.002,
                          self._config.sigma_range * distance, score)  # fmt: skip
+
+
+def _layout(shape: tuple[int, ...], size: int) -> str:
+    """Which it is, by the number of boxes that a net of this input size tells, else by shape."""
+    cells = 21 * (size // 32) ** 2  # of strides 8, 16 and 32
+    if shape[2] == cells:
+        return _ROWS
+    if shape[1] == 3 * cells:  # three boxes each
+        return _COLUMNS
+    if shape[2] == 6:
+        return _FOUND
+    return _ROWS if shape[1] < shape[2] else _COLUMNS

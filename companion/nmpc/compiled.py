@@ -54,7 +54,7 @@ def library(stage: Stage, config: NmpcConfig) -> ctypes.CDLL | None:
                     return ctypes.CDLL(str(path))
             _compile(compiler, source, path)
             return ctypes.CDLL(str(path))
-    except (OSError, subprocess.SubprocessError):
+    except (OSError, RuntimeError, subprocess.SubprocessError):  # Runtime: nobody's home is known
         return None
 
 

@@ -88,6 +88,37 @@ def test_classes_that_a_yolo_does_not_know_are_named(monkeypatch, tmp_path, shap
         YoloDetector(CAMERA, YoloConfig(classes=[0, highest + 1]), tmp_path / "y.onnx")
 
 
+def yolo(monkeypatch, out, **settings):
+    """What a network with this output (1,…) sees in a picture."""
+    network = SimpleNamespace(shape=out.shape, run=lambda image, swap: out)
+    monkeypatch.setattr("companion.yolo.OnnxNetwork", lambda model, w, h: network)
+    detector = YoloDetector(CAMERA, YoloConfig(**settings), "y.onnx")
+    return detector.detect(np.zeros((400, 640, 3), np.uint8))
+
+
+@pytest.mark.parametrize(
+    ("size", "layout"), [(640, "rows"), (640, "columns"), (640, "found"), (64, "rows")]
+)
+def test_yolo_of_each_layout_sees_the_same(monkeypatch, size, layout):
+    """A box of 32 x 20 px in the middle; of 80 classes the third, of a small input too."""
+    scale, cells = size / 640, 21 * (size // 32) ** 2
+    u, v, w, h = (x * scale for x in (320.0, 200.0, 32.0, 20.0))
+    if layout == "rows":
+        out = np.zeros((1, 84, cells), np.float32)
+        out[0, [0, 1, 2, 3, 6], 5] = u, v, w, h, 0.9
+    elif layout == "columns":
+        out = np.zeros((1, 3 * cells, 85), np.float32)
+        out[0, 5, [0, 1, 2, 3, 4, 7]] = u, v, w, h, 1.0, 0.9
+    else:
+        out = np.zeros((1, 300, 6), np.float32)
+        out[0, 0] = u - w / 2, v - h / 2, u + w / 2, v + h / 2, 0.9, 2
+    (seen,) = yolo(monkeypatch, out, size=size, classes=[2])
+    assert seen.direction == pytest.approx([0, 0, 1], abs=0.01)
+    assert seen.range == pytest.approx(0.2 / np.sin(np.radians(160) * 16 / 640), rel=0.02)
+    assert seen.score == pytest.approx(0.9)
+    assert yolo(monkeypatch, out, size=size, classes=[1]) == []
+
+
 def test_yolo_without_a_model_is_refused_with_its_keys():
     with pytest.raises(SettingsError, match=r"sensing\.detector: .*sensing\.model"):
         validate(CompanionConfig, assignments(["sensing.detector=yolo"]), "x")

@@ -25,6 +25,12 @@ def looked(config, seconds=60.0, v=EAST, to_goal=FAR, **seen):
     )
 
 
+@pytest.mark.parametrize("mean", [-2.5, 2.5])
+def test_no_mean_leads_beyond_the_limit(mean):
+    psi = looked(sweeping(mean=mean, sigma=0.0))
+    assert np.abs(psi).max() == pytest.approx(GazeConfig().limit)
+
+
 def test_without_a_sweep_it_looks_along_the_way():
     assert np.allclose(looked(STILL), 0.0)
 

@@ -121,3 +121,7 @@ def test_a_goal_on_the_way_is_passed_on_the_drones_level(level):
     path, progress = walk(Mission(config), [0.0, 0.0, 2.0])
     assert progress.complete
     assert path[:, 2].max() > 6.0 - config.tolerance
+
+
+def test_as_much_room_round_the_island_as_there_must_be_is_enough():
+    assert MissionConfig(goals=[[0, 0, 2], [9, 0, 2]], tolerance=1.0, island=0.9).island == 0.9

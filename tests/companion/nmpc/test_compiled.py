@@ -44,6 +44,15 @@ def test_a_cache_that_cannot_be_written_is_no_cache(tmp_path, monkeypatch):
     assert Nmpc(CONFIG).backend == "piqp"
 
 
+def test_a_user_without_a_home_has_no_cache(monkeypatch):
+    def unknown():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "home", unknown)
+    assert Nmpc(CONFIG).backend == "piqp"
+
+
 def test_compiled_once_for_all_weights(cache, monkeypatch):
     needs_compiler()
     assert Nmpc(CONFIG).backend == "compiled"
