@@ -27,6 +27,9 @@ _LEAST_ARC = 0.5
 _WHOLE_ARC, _WHOLE_FILL = 0.85, 0.75
 
 
+_BLOBS = 40  # largest ones looked at: a picture full of the marker's colour must not end the tick
+
+
 class Detector(Protocol):
     """Anything that finds drones in a frame."""
 
@@ -38,7 +41,11 @@ class Detector(Protocol):
 class ColorSettings(StrictModel):
     """What the marker looks like."""
 
-    hue_deg: float = Field(300.0, description="Of the marker: 300 magenta, 25 orange, 120 green.")
+    hue_deg: float = Field(
+        300.0,
+        description="Of the marker: 300 is magenta, which neither tree, grass, earth nor sky is; "
+        "`camera` obstacles leave out magenta neighbours alone.",
+    )
     hue_width_deg: float = Field(30.0, gt=0, le=180, description="Accepted distance from it.")
     marker_radius: float = Field(0.10, gt=0, description="Of the ball [m].")
     min_chroma: float = Field(
@@ -85,11 +92,12 @@ class ColorDetector:
         chroma = cv2.blur(self._chroma(image), (3, 3))
         mask = cv2.threshold(chroma, s.min_chroma, 255, cv2.THRESH_BINARY)[1]
         outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        boxes = [box for box in map(cv2.boundingRect, outlines) if box[2] * box[3] >= s.min_area]
+        if len(boxes) > _BLOBS:
+            boxes = sorted(boxes, key=lambda box: -box[2] * box[3])[:_BLOBS]
         found: list[Detection] = []
-        for outline in outlines:
-            x, y, w, h = cv2.boundingRect(outline)
-            if w * h >= s.min_area:
-                found += self._blob(image, x, y, w, h)
+        for x, y, w, h in boxes:
+            found += self._blob(image, x, y, w, h)
         return sorted(found, key=lambda d: d.range)
 
     def _chroma(self, image: Image) -> Image:
@@ -132,6 +140,8 @@ class ColorDetector:
         if not balls or area < 9.0 * pixel * pixel:
             balls = [self._small(solid, area, x0, y0)]
         whole = sum(2.0 * math.pi * (1.0 - math.cos(ball.angle)) for ball in balls)
+        if whole <= 0.0:
+            return []
         found = [self._detection(ball, pixel, clipped, area / whole) for ball in balls]
         return [d for d in found if d is not None]
 

@@ -82,7 +82,7 @@ def bench(
         rows[name] = row
     first = rows[solvers[0]]["warm_ms"]["p99"]
     for row in rows.values():
-        row["ratio_p99"] = row["warm_ms"]["p99"] / first
+        row["ratio_p99"] = row["warm_ms"]["p99"] / first if first else 0.0
     return {"instances": sum(len(r.instances) for r in runs), "solvers": rows}
 
 

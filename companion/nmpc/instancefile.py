@@ -25,7 +25,6 @@ from dataclasses import dataclass, fields
 from importlib import resources
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -83,17 +82,24 @@ def load(path: Path, config: NmpcConfig) -> list[Run]:
         InstancesError: no such file, not an npz, or an array that is missing or does not fit.
     """
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
             given = {name: data[name] for name in data.files}
-    except (OSError, ValueError, BadZipFile, AttributeError) as error:
+    except Exception as error:  # numpy raises what a damaged file happens to lead to
         raise InstancesError(f"{path}: not an npz of arrays: {error}") from error
     given.setdefault("v_max", np.full(np.shape(given.get("speed", ())), config.v_max))
     missing = [name for name in ("sequence", *AXES) if name not in given]
     if missing:
         raise InstancesError(f"{path}: no array {missing[0]!r}; needed: sequence, {_list(AXES)}")
     sequence = given["sequence"]
+    if np.ndim(sequence) != 1 or not len(sequence) or not np.isfinite(sequence).all():
+        raise InstancesError(f"{path}: sequence is {sequence.dtype} {np.shape(sequence)}, wanted "
+                             "a number for each instance, one at least")  # fmt: skip
     rows = {name: _fitted(path, name, given[name], len(sequence), config) for name in AXES}
     names = {n: given.get(n, np.full(len(sequence), "all")) for n in ("flight", "kind")}
+    for name, given_names in names.items():
+        if np.shape(given_names) != np.shape(sequence):
+            raise InstancesError(f"{path}: {name} is {np.shape(given_names)}, "
+                                 f"wanted {np.shape(sequence)}")  # fmt: skip
     found = []
     for number in np.unique(sequence):
         which = np.flatnonzero(sequence == number)

@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import pytest
 
@@ -96,3 +97,14 @@ def test_another_colour_is_not_the_marker():
 def test_points_on_a_line_are_no_circle():
     x = np.linspace(0, 1, 30)
     assert fit_circles(x, 2 * x, 0.01) == []
+
+
+def test_a_picture_full_of_the_markers_colour_costs_no_more_than_forty_balls():
+    image = np.full((400, 640, 3), 128, np.uint8)
+    for row in range(10, 390, 14):
+        for column in range(10, 630, 14):
+            cv2.circle(image, (column, row), 3, MAGENTA, -1)
+    cv2.circle(image, (320, 200), 30, MAGENTA, -1)
+    found = ColorDetector(CAMERA).detect(image)
+    assert 1 <= len(found) <= 80  # a blob may be two balls
+    assert found[0].range < 1.0  # the largest is among them

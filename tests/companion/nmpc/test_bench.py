@@ -1,5 +1,6 @@
 """The stored set and its measure: what was gained is kept."""
 
+import contextlib
 import json
 from pathlib import Path
 
@@ -151,7 +152,14 @@ def test_a_file_that_lacks_an_array_is_refused_by_name(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("goal", np.zeros((1, 2))), ("yaw", np.array(["north"])), ("cylinders", np.zeros((1, 3)))],
+    [
+        ("goal", np.zeros((1, 2))),
+        ("yaw", np.array(["north"])),
+        ("cylinders", np.zeros((1, 3))),
+        ("sequence", np.array(3)),
+        ("sequence", np.zeros(0)),
+        ("flight", np.array("x")),
+    ],
 )
 def test_an_array_that_does_not_fit_is_refused_by_name(name, value, tmp_path):
     save(tmp_path / "set.npz", [Run("x", "a", (random_scene(1),))])
@@ -160,3 +168,18 @@ def test_an_array_that_does_not_fit_is_refused_by_name(name, value, tmp_path):
     np.savez(tmp_path / "set.npz", **{**arrays, name: value})
     with pytest.raises(InstancesError, match=name):
         load(tmp_path / "set.npz", CONFIG)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_damaged_file_is_one_error(seed, tmp_path):
+    """Cut short, empty, or with a byte turned: refused, or read where the byte did not matter."""
+    save(tmp_path / "set.npz", [Run("x", "a", (random_scene(1),))])
+    data, rng = bytearray((tmp_path / "set.npz").read_bytes()), np.random.default_rng(seed)
+    if seed < 3:
+        data = data[: [0, 30, len(data) // 2][seed]]
+    else:
+        data[int(rng.integers(len(data)))] ^= int(rng.integers(1, 255))
+    (tmp_path / "set.npz").write_bytes(bytes(data))
+    with contextlib.suppress(InstancesError):
+        assert len(load(tmp_path / "set.npz", CONFIG)) == 1
+        assert seed >= 3
