@@ -73,12 +73,12 @@ class ObstacleMap:
         own: VehicleState,
         q_bc: Vector,
         half_view: float,
-        tells: Callable[[Vector], float] = lambda place: 1.0,
+        tells: Callable[[Vector], Vector] = lambda places: np.ones(len(places)),
     ) -> None:
         """One frame's trunks, seen in state `own`; half_view: half the field of view [rad].
 
-        tells: how much of a look the frame is at a place (3,), 0…1; where it does not know what is
-        there, a trunk that is not seen is not gone.
+        tells: how much of a look the frame is at each of places (n,3), (n,) 0…1; where it does not
+        know what is there, a trunk that is not seen is not gone.
 
         So near that its foot is out of the picture, or cut by the picture's edge, a thin trunk
         looks like a thick one far off: one that is known to stand there stays where it is.
@@ -98,8 +98,11 @@ class ObstacleMap:
             seen.add(self._merge(axis, trunk, own.time, seen))
         seen = self._unite(seen)
         forward = (float(r_wc[0, 2]), float(r_wc[1, 2]))
-        for n in self._missing(seen, own, forward, half_view):
-            self._known[n].misses += tells(np.array([*self._known[n].axis, own.p[2]]))
+        missing = list(self._missing(seen, own, forward, half_view))
+        if missing:
+            places = np.array([[*self._known[n].axis, own.p[2]] for n in missing])
+            for n, look in zip(missing, tells(places).tolist(), strict=True):
+                self._known[n].misses += look
         self._forget(own)
 
     def obstacles(self, p: Vector) -> Obstacles:

@@ -155,26 +155,28 @@ class Sight:
         inside = (pixels > np.array([w, h]) * margin) & (pixels < np.array([w, h]) * (1 - margin))
         return [bool(b[0] and b[1]) for b in inside]
 
-    def tells(self, sighting: Sighting, place: Vector) -> float:
-        """How much of a look at a trunk at `place` (3,), own ENU frame, the frame is; 0…1.
+    def tells(self, sighting: Sighting, places: Vector) -> Vector:
+        """(n,) how much of a look at trunks at `places` (n,3), own ENU frame, the frame is; 0…1.
 
         None where the place is out of the picture, whatever its lens and mount, or where a depth
         image is NaN, as behind a neighbour. Little of one where pixels show no foot: a thin trunk
         is then taken for one too far off to be told.
         """
-        assert sighting.own is not None
-        if not self.in_view(sighting.own, place[None], margin=0.0)[0]:
-            return 0.0
+        own = sighting.own
+        assert own is not None
+        told = np.array(self.in_view(own, places, margin=0.0), float)
         if self._sensing.obstacles == "camera":
-            foot = np.array([[place[0], place[1], 0.0]])
-            return 1.0 if self.in_view(sighting.own, foot)[0] else _FOOTLESS
+            feet = np.column_stack([places[:, :2], np.zeros(len(places))])
+            return told * np.where(self.in_view(own, feet), 1.0, _FOOTLESS)
         if sighting.ranges is None:
-            return 1.0
+            return told
         h, w = sighting.ranges.shape
-        offset = self._to_camera(sighting.own, (place - sighting.own.p)[None])
-        u, v = np.round(self.camera.scaled(w, h).project(offset)[0])
-        inside = 0 <= u < w and 0 <= v < h
-        return float(not inside or not np.isnan(sighting.ranges[int(v), int(u)]))
+        offsets = self._to_camera(own, places - own.p)
+        u, v = np.round(self.camera.scaled(w, h).project(offsets)).T
+        inside = (u >= 0) & (u < w) & (v >= 0) & (v < h)
+        rows, columns = (np.where(inside, x, 0).astype(int) for x in (v, u))
+        told[inside & np.isnan(sighting.ranges[rows, columns])] = 0.0
+        return told
 
     def _to_camera(self, own: VehicleState, vectors: Vector) -> Vector:
         """World vectors (n,3) in the camera frame."""

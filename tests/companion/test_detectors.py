@@ -154,8 +154,8 @@ def test_how_much_of_a_look_at_a_trunk_a_frame_is(obstacles, near):
     parts = config(sensing={"obstacles": obstacles, "trunks_every": 1})
     sight = Sight(parts.camera, parts.sensing)
     sighting = Sighting(0.0, state(), searched=True)
-    told = [sight.tells(sighting, np.array([x, y, 2.0])) for x, y in ((4, 0), (1.2, 0), (-4, 0))]
-    assert told == [1.0, near, 0.0]
+    told = sight.tells(sighting, np.array([[4.0, 0, 2], [1.2, 0, 2], [-4.0, 0, 2]]))
+    assert told.tolist() == [1.0, near, 0.0]
 
 
 def test_on_a_camera_on_its_side_less_is_beside():
@@ -165,4 +165,4 @@ def test_on_a_camera_on_its_side_less_is_beside():
     sight = Sight(parts.camera, parts.sensing)
     sight.camera = dataclasses.replace(CAMERA, mount=mount)
     aside = 4.0 * np.array([np.cos(1.05), np.sin(1.05), 0.0])  # 60° off; 50° are in the picture
-    assert sight.tells(Sighting(0.0, state()), state().p + aside) == 0.0
+    assert sight.tells(Sighting(0.0, state()), (state().p + aside)[None])[0] == 0.0

@@ -61,7 +61,7 @@ def test_one_that_should_be_seen_and_is_not_is_forgotten():
     for _ in range(6):
         fly(known, 1.0, look(1.0))
     for _ in range(ObstacleConfig().misses_to_forget):
-        assert len(fly(known, 1.0, None, tells=lambda place: place[0] < PLACE[0] - 0.5))
+        assert len(fly(known, 1.0, None, tells=lambda places: places[:, 0] < PLACE[0] - 0.5))
     for _ in range(ObstacleConfig().misses_to_forget):
         left = fly(known, 1.0, None)
     assert not len(left)
@@ -121,8 +121,8 @@ def test_where_little_of_a_look_is_had_one_is_forgotten_late():
     for _ in range(6):
         fly(known, 1.0, look(1.0))
     for _ in range(40):
-        left = fly(known, 1.0, tells=lambda place: 0.05)
+        left = fly(known, 1.0, tells=lambda places: np.full(len(places), 0.05))
     assert len(left)
     for _ in range(60):
-        left = fly(known, 1.0, tells=lambda place: 0.05)
+        left = fly(known, 1.0, tells=lambda places: np.full(len(places), 0.05))
     assert not len(left)
