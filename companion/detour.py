@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.types import Vector
+from mavlink_bridge.distance import to_ways
 
 _NODES = 8  # around a trunk
 _OUT = 1.02 / math.cos(math.pi / _NODES)  # so far out that the way from one to the next is free
@@ -47,14 +48,17 @@ class Detour:
         self._goal = goal
         cylinders = cylinders[:_NEAREST]
         axes, reach = cylinders[:, :2], cylinders[:, 2] + room
-        between = np.linalg.norm(axes[:, None] - axes[None], axis=2)
-        closed = np.argwhere(np.triu(between < reach[:, None] + reach[None], k=1))
+        apart = np.linalg.norm(axes[:, None] - axes[None], axis=2)
+        closed = np.argwhere(np.triu(apart < reach[:, None] + reach[None], k=1))
+        if not len(closed):
+            self._side = 0.0
+            return goal
         ends = np.stack([p[:2], goal[:2]])
         doors, wall = axes[closed], np.unique(closed)
         # Who is there already is not to be told that he has no room.
-        own = np.linalg.norm(ends[:, None] - axes[None], axis=2).min(axis=0, initial=math.inf)
+        own = np.linalg.norm(ends[:, None] - axes[None], axis=2).min(axis=0)
         allowed = np.minimum(reach, _INSIDE * own)
-        if not len(closed) or _free(ends[0], ends[1:], axes[wall], allowed[wall], doors)[0]:
+        if _free(ends[0], ends[1:], axes[wall], allowed[wall], doors)[0]:
             self._side = 0.0
             return goal
         nodes = _around(axes, reach, wall)
@@ -93,15 +97,12 @@ def _free(
 
     And lead through none of doors (m,2,2), from axis to axis.
     """
-    way, offsets = ends - start, axes - start
-    square = np.maximum((way**2).sum(axis=1), 1e-12)
-    along = np.clip(way @ offsets.T / square[:, None], 0.0, 1.0)
-    gap = np.linalg.norm(offsets - along[..., None] * way[:, None], axis=2)
     first, second, to = doors[None, :, 0], doors[None, :, 1], ends[:, None]
     crossed = (_side(start, to, first) * _side(start, to, second) < 0.0) & (
         _side(first, second, start) * _side(first, second, to) < 0.0
     )
-    free: NDArray[np.bool_] = (gap >= reach).all(axis=1) & ~crossed.any(axis=1)
+    free: NDArray[np.bool_] = np.all(to_ways(axes, start, ends) >= reach, axis=1)
+    free &= ~np.any(crossed, axis=1)
     return free
 
 

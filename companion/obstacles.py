@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import Field
 
 from companion.types import Obstacles, Trunk, Vector
+from mavlink_bridge.distance import to_ways
 from mavlink_bridge.frames import rotation_matrix
 from mavlink_bridge.messages import VehicleState
 from mavlink_bridge.settings import StrictModel
@@ -117,13 +118,10 @@ class ObstacleMap:
         """Whether a known trunk stands between `eye` (3,) and each of `points` (n,3); eq. (6)."""
         if not self._known or not len(points):
             return [False] * len(points)
-        axes = np.array([k.axis for k in self._known]) - eye[:2]
+        axes = np.array([k.axis for k in self._known])
         radii = np.array([k.radius for k in self._known])
-        d = points[:, None, :2] - eye[:2]
-        length2 = np.maximum((d**2).sum(axis=-1), 1e-9)
-        along = np.clip((d * axes).sum(axis=-1) / length2, 0.0, 1.0)
-        miss = along[..., None] * d - axes
-        return [bool(h) for h in ((miss**2).sum(axis=-1) < radii**2).any(axis=1)]
+        gaps = to_ways(axes, eye[:2], points[:, :2])
+        return [bool((row < radii).any()) for row in gaps]
 
     def _known_there(self, trunk: Trunk, along: _Place, own: VehicleState) -> int | None:
         """The nearest confirmed trunk in the direction of one of which only the width shows.

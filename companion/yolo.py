@@ -107,7 +107,8 @@ def _layout(shape: tuple[int, ...], size: int) -> str:
     cells = 21 * (size // 32) ** 2  # of strides 8, 16 and 32
     if shape[2] == cells:
         return _ROWS
-    if shape[1] == 3 * cells:  # three boxes each
+    boxes = 3 * cells, 3 * (cells + (size // 64) ** 2)  # three a cell; of four strides, too
+    if shape[1] in boxes:
         return _COLUMNS
     if shape[2] == 6:
         return _FOUND

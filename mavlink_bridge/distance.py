@@ -27,3 +27,12 @@ def to_cylinder(p: Vector, x: Vector | float, y: Vector | float, radius: Vector 
     """
     aside: Vector = np.hypot(p[..., 0] - x, p[..., 1] - y) - radius
     return aside
+
+
+def to_ways(points: Vector, start: Vector, ends: Vector) -> Vector:
+    """(n,K) m from points (K,2) to the straight ways from start (2,) to each of ends (n,2)."""
+    way, offsets = ends - start, points - start
+    square = np.maximum((way**2).sum(axis=1), 1e-12)
+    along = np.clip(way @ offsets.T / square[:, None], 0.0, 1.0)
+    gap: Vector = np.linalg.norm(offsets - along[..., None] * way[:, None], axis=2)
+    return gap

@@ -119,6 +119,13 @@ def test_yolo_of_each_layout_sees_the_same(monkeypatch, size, layout):
     assert yolo(monkeypatch, out, size=size, classes=[1]) == []
 
 
+def test_yolo_of_one_class_and_four_strides_is_no_list_of_corners(monkeypatch):
+    out = np.zeros((1, 3 * (8400 + 100), 6), np.float32)
+    out[0, 5] = 320.0, 200.0, 32.0, 20.0, 1.0, 0.9
+    (seen,) = yolo(monkeypatch, out)
+    assert seen.direction == pytest.approx([0, 0, 1], abs=0.01)
+
+
 def test_yolo_without_a_model_is_refused_with_its_keys():
     with pytest.raises(SettingsError, match=r"sensing\.detector: .*sensing\.model"):
         validate(CompanionConfig, assignments(["sensing.detector=yolo"]), "x")
