@@ -83,8 +83,12 @@ class Gaze:
 
     @property
     def surveyed(self) -> bool:
-        """Whether the look round before setting out is over."""
+        """Whether the look round, before setting out or since asked for, is over."""
         return self._to_survey <= 0.0
+
+    def look_round(self) -> None:
+        """Turn once all round on the spot, from now on."""
+        self._to_survey = self._config.survey
 
     def update(
         self,
@@ -133,7 +137,7 @@ class Gaze:
     def rest(self, time: float, yaw: float) -> float:
         """Somebody else turns the drone: ψ is where it looks, and all begins from there."""
         self._yaw, self._base, self._time = yaw, yaw, time
-        self._to_survey = self._config.survey
+        self.look_round()
         return yaw
 
     def _turned(self, by: float, time: float) -> float:

@@ -57,6 +57,12 @@ class MissionConfig(StrictModel):
     )
     takeoff_altitude: float = Field(2.0, gt=0.5, description="m above where it stood.")
     land: bool = Field(True, description="Land at the last goal; else hold there.")
+    land_wait: float = Field(
+        0.0,
+        ge=0,
+        description="Before that, turn once all round, then wait while somebody known is below, "
+        "both for at most this long [s]; 0: land at once. For worlds of several levels.",
+    )
 
     @model_validator(mode="after")
     def _ring(self) -> Self:
@@ -101,7 +107,7 @@ class Mission:
         self._begun = self._begun or own
         # A vehicle's clock that begins anew, after a reboot, must not make the wait endless.
         waits = 0.0 <= own.time - self._begun.time < self._config.wait
-        if not self._goals or waits or not surveyed:
+        if not self._goals or waits or not (surveyed or self._complete):
             return Progress(self._begun.p, 0, False)
         while not self._complete and self._done(own):
             self._near = False

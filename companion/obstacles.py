@@ -46,7 +46,9 @@ class ObstacleConfig(StrictModel):
 
 _Place = tuple[float, float]
 _LIKELY, _SIGMAS = 0.3, 4.0  # m, and standard deviations: what looks at one trunk differ by
-_WIDER = 1.5  # times as wide as known, a trunk of which only the width shows is not that one
+# This much wider than known, a trunk of which only the width shows is not that one. A thin one is a
+# few columns wide, of which two at either edge are missed in one look and added in another.
+_WIDER, _COLUMNS = 1.5, 0.04  # times, and rad: on either side
 
 
 @dataclass
@@ -136,7 +138,8 @@ class ObstacleMap:
             if k.hits < self._config.hits_to_confirm or not k.radius < distance < nearest:
                 continue
             known_half = math.asin(k.radius / distance)
-            if _angle(along, offset) < max(half, known_half) and half < _WIDER * known_half:
+            widest = max(_WIDER * known_half, known_half + _COLUMNS)
+            if _angle(along, offset) < max(half, known_half) and half < widest:
                 best, nearest = n, distance
         return best
 

@@ -23,6 +23,7 @@ from companion.eye import Eye, Trouble
 from companion.forecast import Forecast
 from companion.gaze import Gaze, bearing, close_by, seen_speed
 from companion.guard import Ask, Guard, Situation, Verdict
+from companion.landing import Landing
 from companion.lift import Lift
 from companion.linkwatch import LinkWatch
 from companion.mission import Mission, Progress
@@ -134,6 +135,7 @@ class Pipeline:
         self._surfaces = Surfaces(self._sight.camera, config.surfaces)
         self._detour = Detour(config.fence.sides())
         self._gaze = Gaze(config.gaze)
+        self._landing = Landing(config.mission, config.nmpc.d_agent_safety)
         self._forecast = Forecast(config.timing.delay)
 
     def tick(self, inputs: TickInputs) -> TickOutputs:
@@ -271,6 +273,8 @@ class Pipeline:
     def _command(self, inputs: TickInputs, out: TickOutputs) -> None:
         """Requests to the autopilot, and the setpoint where it is ours to send."""
         complete = out.progress is not None and out.progress.complete and self._flying
+        if complete and out.own is not None:
+            complete = self._landing.may(out.own, out.tracks, self._gaze)
         if inputs.leave:
             self._phases.release()
         if self._flying:

@@ -39,6 +39,20 @@ def test_a_thin_trunk_whose_foot_left_the_picture_stays_where_it_is():
         assert trunk[2] == pytest.approx(THIN, abs=0.01)
 
 
+def test_a_thin_trunk_that_shows_columns_wider_than_known_stays_where_it_is():
+    """Known from its foot two columns too narrow; without the foot, two too wide (`lsc-forest`)."""
+    known = ObstacleMap(ObstacleConfig(associate=0.5))
+    for _ in range(6):
+        fly(known, 2.0, Trunk(look(2.0).direction, 2.0, 0.075, 0.08))
+    for _ in range(6):
+        found = fly(known, 2.05, Trunk(look(2.05).direction, 2.26, 0.15, 0.4, assumed=True))
+    assert found[:, 2] == pytest.approx([0.075])
+    nearer = Trunk(look(2.05).direction, 1.0, 0.15, 0.1, assumed=True)
+    for _ in range(3):
+        found = fly(known, 2.05, nearer)
+    assert found[:, 2] == pytest.approx([0.15, 0.075])
+
+
 def test_one_that_nobody_knows_is_as_thick_as_assumed():
     known = ObstacleMap(ObstacleConfig())
     for _ in range(3):
