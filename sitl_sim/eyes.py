@@ -27,6 +27,11 @@ class Eyes:
         if "camera" in (s.neighbours, s.obstacles) or s.obstacles == "depth":
             self._renderer = Renderer(world, seed=scenario.seed, lens=lens_of(s))
 
+    @property
+    def paint(self) -> bool:
+        """Whether any sensor's picture is rendered."""
+        return self._renderer is not None
+
     def see(self, i: int, stamp: float, p: Vector, q: Vector) -> dict[str, NDArray[Any]]:
         """Arrays of drone i's frame, named as on the frame channel (`mavlink_bridge.video`).
 

@@ -97,9 +97,11 @@ class Flight:
             self._schedule, self.vehicles, emulated,
             lambda i: self._drones[i].process_id, self._rebooted,
         )  # fmt: skip
+        # Threads pay where there is something to paint, and where nobody may be waited for.
+        at_once = in_process or not (self._real_time or self.eyes.paint)
         self._pool: Executor = (
             # Deliveries wait for captures that were submitted before them, so not all can wait.
-            AtOnce() if in_process else ThreadPoolExecutor(max_workers=2 * (os.cpu_count() or 1))
+            AtOnce() if at_once else ThreadPoolExecutor(max_workers=2 * (os.cpu_count() or 1))
         )
         self._latency_ms = round(scenario.sensing.latency * 1e3 / QUANTUM_MS) * QUANTUM_MS
         self.truth = Truth(self.names)
