@@ -30,7 +30,8 @@ class Landing:
         if self._since is None:
             self._since = own.time
             gaze.look_round()
-        if own.time - self._since >= self._wait:
+        # A vehicle's clock that begins anew, after a reboot, must not make the wait endless.
+        if not 0.0 <= own.time - self._since < self._wait:
             return True
         return gaze.surveyed and not any(self._below(own, t) for t in tracks)
 

@@ -59,3 +59,10 @@ def test_it_waits_for_who_is_below(p, waits):
 
 def test_it_does_not_wait_for_ever():
     assert lands_at({"land_wait": 5.0}, lambda time: [track(0.0, 0.0, 0.6)]) == 5.0
+
+
+def test_a_clock_that_begins_anew_does_not_keep_it_up():
+    landing, gaze = Landing(MissionConfig(goals=[GOAL], land_wait=10.0), 0.5), Gaze(GazeConfig())
+    below = [track(0.0, 0.0, 0.6)]
+    assert not landing.may(at(900.0), below, gaze)
+    assert landing.may(at(1.0), below, gaze)
