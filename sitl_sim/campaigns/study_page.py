@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from mavlink_bridge.settings import SettingsError
 from sitl_sim.campaigns.study import Cell, Study
 
 Row = tuple[Cell, dict[str, Any]]
+_Bar = tuple[float, float, float]  # low, middle, high
 _HEAD = ("scenario", "case", "success", "95 % interval", "runs with a collision",
          "between drones, least / median [m]", "to obstacles, least / median [m]",
          "all targets, median [s]", "speed [m/s]", "solve p50 / p99 [ms]")  # fmt: skip
@@ -26,7 +30,7 @@ def write_page(name: str, study: Study, rows: list[Row], command: str, folder: P
     text = "\n".join([
         f"# {study.title}", "",
         f"`{command}`, seeds {seeds.start} to {seeds.stop - 1}, commit {', '.join(commits)}.", "",
-        *_table(rows), "", f"![success with its 95 % interval]({name}.svg)", "",
+        *_table(rows), "", f"![success, distances, times]({name}.svg)", "",
         *_failures(rows),
     ])  # fmt: skip
     path = folder / f"{name}.md"
@@ -75,29 +79,51 @@ def new_figure(width: float, height: float) -> Any:
 
 
 def plot(title: str, rows: list[Row], path: Path) -> None:
-    """Success of each case of each scenario as a point on its interval."""
+    """Success of each case with its interval; distances and times as median, least and most."""
     cases = list(dict.fromkeys(c.case for c, _ in rows))
     scenarios = list(dict.fromkeys(c.scenario for c, _ in rows))
-    figure = new_figure(7.5, 0.9 + 0.2 * len(cases) * len(scenarios))
-    axes = figure.add_subplot()
+    figure = new_figure(11, 1.1 + 0.2 * len(cases) * len(scenarios))
+    panels = figure.subplots(1, len(_PANELS), sharey=True)
     for k, case in enumerate(cases):
-        mine = [(scenarios.index(c.scenario), s) for c, s in rows if c.case == case and s["tried"]]
-        if not mine:
-            continue
-        y = [at + (k - (len(cases) - 1) / 2) * 0.8 / len(cases) for at, _ in mine]
-        rate = [s["success"] for _, s in mine]
-        error = [
-            [max(r - s["wilson_95"][0], 0) for r, (_, s) in zip(rate, mine, strict=True)],
-            [max(s["wilson_95"][1] - r, 0) for r, (_, s) in zip(rate, mine, strict=True)],
-        ]
-        axes.errorbar(rate, y, xerr=error, fmt="o", markersize=4, capsize=2, label=case)
-    axes.set_yticks(range(len(scenarios)), scenarios)
-    axes.invert_yaxis()
-    axes.set_xlim(-0.02, 1.02)
-    axes.set_xlabel("success, 95 % interval (Wilson)")
-    axes.set_title(title)
-    axes.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
+        mine = [(scenarios.index(c.scenario), s) for c, s in rows if c.case == case]
+        offset = (k - (len(cases) - 1) / 2) * 0.8 / len(cases)
+        for axes, (_, bar) in zip(panels, _PANELS, strict=True):
+            found = [(at + offset, *b) for at, s in mine if (b := bar(s)) is not None]
+            y, low, middle, high = np.array(found).reshape(-1, 4).T
+            error = np.maximum([middle - low, high - middle], 0)
+            axes.errorbar(
+                middle, y, xerr=error, fmt="o", markersize=4, capsize=2, color=f"C{k}", label=case
+            )
+    for axes, (label, _) in zip(panels, _PANELS, strict=True):
+        axes.set_xlabel(label)
+        axes.set_xlim(left=min(0.0, axes.get_xlim()[0]))
+    panels[0].set_xlim(-0.02, 1.02)
+    panels[0].set_yticks(range(len(scenarios)), scenarios)
+    panels[0].invert_yaxis()
+    figure.suptitle(title)
+    panels[-1].legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
     figure.savefig(path, metadata={"Date": None})
+
+
+def _success(s: dict[str, Any]) -> _Bar | None:
+    return (s["wilson_95"][0], s["success"], s["wilson_95"][1]) if s["tried"] else None
+
+
+def _range(key: str) -> Callable[[dict[str, Any]], _Bar | None]:
+    def bar(s: dict[str, Any]) -> _Bar | None:
+        spread = s[key]
+        known = spread["median"] is not None
+        return (spread["least"], spread["median"], spread["most"]) if known else None
+
+    return bar
+
+
+_PANELS = (
+    ("success, 95 % interval (Wilson)", _success),
+    ("between drones [m]", _range("min_agent_distance_m")),
+    ("to a surface [m]", _range("min_obstacle_distance_m")),
+    ("all targets [s]", _range("mission_time_s")),
+)
 
 
 def _one(value: float | None, digits: int) -> str:
