@@ -28,8 +28,8 @@ class Eyes:
             self._renderer = Renderer(world, seed=scenario.seed, lens=lens_of(s))
 
     @property
-    def paint(self) -> bool:
-        """Whether any sensor's picture is rendered."""
+    def renders(self) -> bool:
+        """Whether any sensor's picture has to be rendered."""
         return self._renderer is not None
 
     def see(self, i: int, stamp: float, p: Vector, q: Vector) -> dict[str, NDArray[Any]]:

@@ -97,8 +97,8 @@ class Flight:
             self._schedule, self.vehicles, emulated,
             lambda i: self._drones[i].process_id, self._rebooted,
         )  # fmt: skip
-        # Threads pay where there is something to paint, and where nobody may be waited for.
-        at_once = in_process or not (self._real_time or self.eyes.paint)
+        # Threads pay where there is something to render, and where nobody may be waited for.
+        at_once = in_process or not (self._real_time or self.eyes.renders)
         self._pool: Executor = (
             # Deliveries wait for captures that were submitted before them, so not all can wait.
             AtOnce() if at_once else ThreadPoolExecutor(max_workers=2 * (os.cpu_count() or 1))
