@@ -16,9 +16,8 @@ from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-Vector = NDArray[np.float64]
+from mavlink_bridge.shared.arrays import Vector
 
 GRAVITY = 9.81
 NX = 10

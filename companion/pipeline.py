@@ -16,26 +16,20 @@ from functools import partial
 
 import numpy as np
 
-from companion.baselines import adapted, make_planner
-from companion.config import CompanionConfig
-from companion.detour import Detour
-from companion.eye import Eye, Trouble
-from companion.forecast import Forecast
-from companion.gaze import Gaze, bearing, close_by, seen_speed
-from companion.guard import Ask, Guard, Situation, Verdict
-from companion.landing import Landing
-from companion.lift import Lift
-from companion.linkwatch import LinkWatch
-from companion.mission import Mission, Progress
-from companion.model import yaw_of
-from companion.nmpc import Instance, Neighbour, Result, make_instance
-from companion.obstacles import ObstacleMap
-from companion.ownstate import OwnState
-from companion.phases import COMPANION_HEARTBEAT, Phase, Phases
-from companion.reciprocity import yielding
-from companion.sight import Sight, Sighting
-from companion.surfaces import Surfaces
-from companion.threat import (
+from companion.control.baselines import make_planner
+from companion.control.nmpc import Instance, Neighbour, make_instance
+from companion.estimation.hover_thrust import Lift
+from companion.estimation.link_quality import LinkWatch
+from companion.estimation.obstacle_map import ObstacleMap
+from companion.estimation.own_state import OwnState
+from companion.estimation.prediction import Forecast
+from companion.estimation.surface_map import Surfaces
+from companion.estimation.tracker import Tracker
+from companion.guidance.detour import Detour
+from companion.guidance.landing import Landing
+from companion.guidance.line_of_sight import Gaze, bearing, close_by, seen_speed
+from companion.guidance.reciprocity import yielding
+from companion.guidance.threat import (
     calm_speed,
     doubt,
     in_the_way,
@@ -43,12 +37,26 @@ from companion.threat import (
     uncrowded_speed,
     way_past,
 )
-from companion.track import Tracker
-from companion.types import Obstacles, Track, Vector
-from mavlink_bridge.autopilots import Identity, adapter
-from mavlink_bridge.messages import Heartbeat, Message, RateSetpoint, Received, Source, VehicleState
-from mavlink_bridge.thrust import G, ThrustMap
-from mavlink_bridge.video import Frame
+from companion.guidance.waypoints import Mission, Progress
+from companion.model import yaw_of
+from companion.perception.camera_health import Eye, Trouble
+from companion.perception.frontend import Sight, Sighting
+from companion.settings.config import CompanionConfig, adapted
+from companion.supervision.guard import Ask, Guard, Situation, Verdict
+from companion.supervision.phases import COMPANION_HEARTBEAT, Phase, Phases
+from companion.types import Obstacles, Result, Track
+from mavlink_bridge.autopilots.registry import Identity, adapter
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.thrust import G, ThrustMap
+from mavlink_bridge.wire.messages import (
+    Heartbeat,
+    Message,
+    RateSetpoint,
+    Received,
+    Source,
+    VehicleState,
+)
+from mavlink_bridge.wire.video import Frame
 
 _HEARTBEAT_PERIOD = 1.0
 _CLOCK_BACK = 1.0  # s; a vehicle whose clock goes back by more has started anew
@@ -113,7 +121,9 @@ class Pipeline:
         link = config.link
         self._identity = Identity(link.autopilot, link.system_id)
         self._phases = Phases(config.mission, adapter(link.autopilot, link.system_id))
-        self._planner = make_planner(config, stopwatch)
+        self._planner = make_planner(
+            config.controller, config.nmpc, config.baselines, config.threat.level, stopwatch
+        )
         self._guard = Guard(config.guard)
         self._lift = Lift(
             ThrustMap(config.airframe.hover_thrust, config.airframe.thrust_exponent),
@@ -261,7 +271,7 @@ class Pipeline:
             # The first few are kept: walls before the fence, which the guard minds too.
             planes=np.vstack(
                 [
-                    config.altitude_planes(goal[2]),
+                    config.fence.altitude_planes(goal[2]),
                     out.obstacles.planes,
                     config.fence.near(own.p, config.nmpc.d_obstacle_safety),
                 ]

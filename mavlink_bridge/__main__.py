@@ -9,11 +9,11 @@ import sys
 from pathlib import Path
 from types import FrameType
 
-from mavlink_bridge.bridge_config import load_bridge_config
-from mavlink_bridge.bridge_loop import BridgeLoop, meet, open_controller
-from mavlink_bridge.link import EndpointError
-from mavlink_bridge.msp import MspError
-from mavlink_bridge.settings import SettingsError
+from mavlink_bridge.betaflight.config import load_bridge_config
+from mavlink_bridge.betaflight.msp import MspError
+from mavlink_bridge.betaflight.process import BridgeLoop, meet, open_controller
+from mavlink_bridge.shared.settings import SettingsError
+from mavlink_bridge.wire.link import EndpointError
 
 EXIT_UNFIT, EXIT_BAD_INPUT, EXIT_UNAVAILABLE = 1, 2, os.EX_UNAVAILABLE
 

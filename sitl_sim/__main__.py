@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
-from sitl_sim import fault_commands  # noqa: E402  # numpy must find those variables
+from sitl_sim.commands import faults as fault_commands  # noqa: E402  # numpy must find those variables
 
 if TYPE_CHECKING:
-    from sitl_sim.runner import Flight
+    from sitl_sim.flight.runner import Flight
 
 EXIT_OK, EXIT_FELL_SHORT, EXIT_BAD_INPUT = 0, 1, 2
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as a shell says it
@@ -29,12 +29,12 @@ EXIT_INTERRUPTED = 130  # 128 + SIGINT, as a shell says it
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point of `sitl-sim`."""
-    from sitl_sim.campaigns.command import add_arguments as campaign_arguments
-    from sitl_sim.campaigns.command import fly_campaign
-    from sitl_sim.campaigns.study_command import add_arguments as study_arguments
-    from sitl_sim.campaigns.study_command import run_study
-    from sitl_sim.reporting.scenario_page import add_arguments as scenario_arguments
-    from sitl_sim.reporting.scenario_page import show_scenarios
+    from sitl_sim.commands.campaign import add_arguments as campaign_arguments
+    from sitl_sim.commands.campaign import fly_campaign
+    from sitl_sim.commands.scenarios import add_arguments as scenario_arguments
+    from sitl_sim.commands.scenarios import show_scenarios
+    from sitl_sim.commands.study import add_arguments as study_arguments
+    from sitl_sim.commands.study import run_study
 
     parser = argparse.ArgumentParser(prog="sitl-sim", description="The simulated world.")
     commands = parser.add_subparsers(dest="command", required=True)
@@ -112,12 +112,12 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _bad_input() -> tuple[type[Exception], ...]:
-    from mavlink_bridge.link import EndpointError
-    from mavlink_bridge.settings import SettingsError
-    from mavlink_bridge.video import VideoError
-    from sitl_sim.real.external_sitl import ExternalError
-    from sitl_sim.real.namespace import NamespaceError
-    from sitl_sim.runfolder import RunError
+    from mavlink_bridge.shared.settings import SettingsError
+    from mavlink_bridge.wire.link import EndpointError
+    from mavlink_bridge.wire.video import VideoError
+    from sitl_sim.external.external_sitl import ExternalError
+    from sitl_sim.external.namespace import NamespaceError
+    from sitl_sim.recording.run_folder import RunError
 
     return ExternalError, NamespaceError, SettingsError, EndpointError, VideoError, RunError
 
@@ -125,7 +125,7 @@ def _bad_input() -> tuple[type[Exception], ...]:
 def _frames(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
-    from sitl_sim.frames import write
+    from sitl_sim.sensors.labelled_frames import write
 
     degraded, flights = options.count // 4, max(options.count // 20, 1)
     with tqdm(unit=" frames", disable=not sys.stderr.isatty()) as bar:
@@ -136,7 +136,7 @@ def _frames(options: argparse.Namespace) -> int:
 
 
 def _view(options: argparse.Namespace) -> int:
-    from sitl_sim.runfolder import load_run
+    from sitl_sim.recording.run_folder import load_run
 
     _need_viser()
     run = load_run(options.folder)
@@ -183,7 +183,7 @@ def _both(
 
 def _need_viser() -> None:
     """Viewing is an extra; say so at once."""
-    from mavlink_bridge.settings import SettingsError
+    from mavlink_bridge.shared.settings import SettingsError
 
     if importlib.util.find_spec("viser") is None:
         raise SettingsError(["viewing needs viser: pip install 'swarm-companion[view]'"])
@@ -191,8 +191,8 @@ def _need_viser() -> None:
 
 def _report(options: argparse.Namespace) -> int:
     from sitl_sim.campaigns.report import is_campaign, make_campaign_report
-    from sitl_sim.report import make_report
-    from sitl_sim.runfolder import load_run
+    from sitl_sim.figures.report import make_report
+    from sitl_sim.recording.run_folder import load_run
 
     gc.disable()  # millions of records that live to the end: looking for rubbish costs a second
     if is_campaign(options.folder):
@@ -205,10 +205,10 @@ def _report(options: argparse.Namespace) -> int:
 def _fly(options: argparse.Namespace, serve: bool) -> int:
     import cv2
 
-    from sitl_sim import scenario as scenarios
-    from sitl_sim.codeversion import commit
-    from sitl_sim.flightlog import finish, table
-    from sitl_sim.runner import flight
+    from sitl_sim.flight.results import finish, table
+    from sitl_sim.flight.runner import flight
+    from sitl_sim.recording.code_version import commit
+    from sitl_sim.scenarios import scenario as scenarios
 
     cv2.setNumThreads(1)
     commit()  # looked up now: what is committed during the flight did not fly

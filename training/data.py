@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.heatmap import exposure_gain
-from sitl_sim.frames import CONDITIONS, Conditions, rendered
-from sitl_sim.render import Sensor
-from sitl_sim.rendering.fisheye import Lens
-from sitl_sim.scenes import RADIUS, Scene, stills
+from companion.perception.cnn import exposure_gain
+from sitl_sim.sensors.fisheye import Lens
+from sitl_sim.sensors.labelled_frames import CONDITIONS, Conditions, rendered
+from sitl_sim.sensors.renderer import Sensor
+from sitl_sim.sensors.scenes import RADIUS, Scene, stills
 
 SHARD = 250  # pictures
 REACH = 13.0  # m, farthest drone drawn

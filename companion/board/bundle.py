@@ -12,8 +12,8 @@ from pathlib import Path
 
 import companion
 from companion.board import installer
-from companion.config import CompanionConfig, bridge_of, layers_of
-from companion.packaged import data_folder
+from companion.settings.config import CompanionConfig, bridge_of, layers_of
+from companion.settings.packaged import data_folder
 
 UNITS = "etc/systemd/system"
 RULES = "etc/udev/rules.d"

@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from companion import perception_table
-from mavlink_bridge.options import count, natural
+from companion.bench import perception_table
+from mavlink_bridge.shared.options import count, natural
 
 if TYPE_CHECKING:
-    from companion.nmpc.instancefile import Run
+    from companion.control.nmpc.instance_file import Run
 
 HELP = "measure solver and perception; record instances for the solver from flight logs"
 EXIT_BAD_INPUT = 2
@@ -49,10 +49,10 @@ def run(options: argparse.Namespace) -> int:
     """Measure or record."""
     if options.what == "perception":
         return perception_table.run(options)
-    from companion.camera import CalibrationError
-    from companion.nmpc.instancefile import InstancesError
-    from mavlink_bridge.mcapfile import LogError
-    from mavlink_bridge.settings import SettingsError
+    from companion.control.nmpc.instance_file import InstancesError
+    from companion.perception.camera import CalibrationError
+    from mavlink_bridge.shared.mcap_file import LogError
+    from mavlink_bridge.shared.settings import SettingsError
 
     try:
         return _nmpc(options) if options.what == "nmpc" else _record(options)
@@ -62,11 +62,11 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _nmpc(options: argparse.Namespace) -> int:
-    from companion.nmpc import NmpcConfig
-    from companion.nmpc.bench import bench
-    from companion.nmpc.goals import table
-    from companion.nmpc.instancefile import load, stored
-    from mavlink_bridge.settings import assignments, validate
+    from companion.bench.solver import bench
+    from companion.bench.solver_table import table
+    from companion.control.nmpc import NmpcConfig
+    from companion.control.nmpc.instance_file import load, stored
+    from mavlink_bridge.shared.settings import assignments, validate
 
     config = validate(NmpcConfig, assignments(options.overrides), "--set")
     runs = load(options.instances or stored(), config)[:: options.every]
@@ -95,8 +95,8 @@ def _progress(total: int) -> Callable[[str, int], None]:
 
 
 def _record(options: argparse.Namespace) -> int:
-    from companion.nmpc.instancefile import InstancesError, save
-    from companion.situations import drawn
+    from companion.bench.situations import drawn
+    from companion.control.nmpc.instance_file import InstancesError, save
 
     if not options.file.parent.is_dir():  # now, not after minutes
         raise InstancesError(f"{options.file}: cannot be written: no folder {options.file.parent}")
@@ -109,10 +109,10 @@ def _record(options: argparse.Namespace) -> int:
 
 
 def _windows(logs: list[str]) -> Iterator[Run]:
-    from companion.logfile import read_log
-    from companion.replay import configured, flown
-    from companion.situations import windows
-    from mavlink_bridge.mcapfile import LogError
+    from companion.bench.situations import windows
+    from companion.flightlog.reader import read_log
+    from companion.flightlog.replay import configured, flown
+    from mavlink_bridge.shared.mcap_file import LogError
 
     for named in logs:
         flight, _, path = named.partition("=")

@@ -26,8 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate, write, tell how well it fits."""
-    from companion.camera import CalibrationError
-    from companion.chessboard import calibrate
+    from companion.perception.camera import CalibrationError
+    from companion.perception.chessboard import calibrate
 
     try:
         made = calibrate(options.pictures, options.board, options.square)

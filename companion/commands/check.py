@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from companion.config import CompanionConfig
-    from companion.conflicts import Drone
+    from companion.settings.config import CompanionConfig
+    from companion.settings.conflicts import Drone
 
 HELP = "validate configurations, each and together"
 EXIT_BAD_INPUT = 2
@@ -26,8 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Tell every mistake; 0 only where there is none."""
-    from companion.config import is_bridge
-    from companion.conflicts import bridge_problems, conflicts
+    from companion.settings.config import is_bridge
+    from companion.settings.conflicts import bridge_problems, conflicts
 
     problems: dict[Path, list[str]] = {}
     drones: list[Drone] = []
@@ -47,9 +47,9 @@ def run(options: argparse.Namespace) -> int:
 
 def _check(path: Path, drones: list[Drone]) -> list[str]:
     """Problems of one file; a drone's file that is fine joins `drones`."""
-    from companion.config import CompanionConfig, is_layer, resolve
-    from companion.conflicts import Drone
-    from mavlink_bridge.settings import SettingsError, validate
+    from companion.settings.config import CompanionConfig, is_layer, resolve
+    from companion.settings.conflicts import Drone
+    from mavlink_bridge.shared.settings import SettingsError, validate
 
     try:
         document = resolve(path)
@@ -64,9 +64,9 @@ def _check(path: Path, drones: list[Drone]) -> list[str]:
 
 def _unfit_files(config: CompanionConfig) -> list[str]:
     """What is wrong with the calibration and the model that a drone names."""
-    from companion.camera import CalibrationError
-    from companion.detectors import ModelError, make_detector
-    from companion.sight import load_camera
+    from companion.perception.camera import CalibrationError
+    from companion.perception.detectors import ModelError, make_detector
+    from companion.perception.frontend import load_camera
 
     try:
         make_detector(load_camera(config.camera), config.sensing)

@@ -33,8 +33,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _show(options: argparse.Namespace) -> int:
-    from companion.config import CompanionConfig, resolve
-    from mavlink_bridge.settings import SettingsError, validate
+    from companion.settings.config import CompanionConfig, resolve
+    from mavlink_bridge.shared.settings import SettingsError, validate
 
     try:
         document = resolve(options.config, options.overrides)
@@ -77,7 +77,7 @@ def _lines(rows: list[Row]) -> list[str]:
 
 
 def _examples(options: argparse.Namespace) -> int:
-    from companion.packaged import data_folder
+    from companion.settings.packaged import data_folder
 
     folder = data_folder("configs/drones")
     if options.copy is None:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from companion.board.transport import Outcome
-    from companion.config import CompanionConfig
-    from companion.conflicts import Drone
+    from companion.settings.config import CompanionConfig
+    from companion.settings.conflicts import Drone
 
 HELP = "install or upgrade drones on their boards"
 EXIT_FAILED, EXIT_BAD_INPUT = 1, 2
@@ -56,7 +56,7 @@ def _command(text: str) -> list[str]:
 def run(options: argparse.Namespace) -> int:
     """Every board at once, and a table of what came of it."""
     from companion.board.bundle import BundleError
-    from mavlink_bridge.settings import SettingsError
+    from mavlink_bridge.shared.settings import SettingsError
 
     try:
         boards = _boards(options)
@@ -79,8 +79,8 @@ def _boards(options: argparse.Namespace) -> dict[str | None, Drones]:
     Raises:
         SettingsError: whatever must not be deployed.
     """
-    from companion.conflicts import bridge_problems, conflicts, read_drones
-    from mavlink_bridge.settings import SettingsError
+    from companion.settings.conflicts import bridge_problems, conflicts, read_drones
+    from mavlink_bridge.shared.settings import SettingsError
 
     drones, problems = read_drones(options.config)
     problems += [p for drone in drones for p in _unfit(drone, options)]

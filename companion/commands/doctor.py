@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Tell as it goes; 1 where anything is red."""
     from companion.doctor import Level
-    from mavlink_bridge.settings import SettingsError
+    from mavlink_bridge.shared.settings import SettingsError
 
     found: list[Finding] = []
     try:
@@ -54,10 +54,11 @@ def examine(path: Path, overrides: list[str]) -> Iterator[Finding]:
     """
     import cv2
 
-    from companion.config import CompanionConfig, resolve
-    from companion.doctor import Level, eye, machine, vehicle
+    from companion.doctor import Level, machine, vehicle
+    from companion.doctor import camera as eye
     from companion.doctor.finding import either
-    from mavlink_bridge.settings import validate
+    from companion.settings.config import CompanionConfig, resolve
+    from mavlink_bridge.shared.settings import validate
 
     cv2.setNumThreads(1)
     document = resolve(path, overrides)

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from companion.config import CompanionConfig
-    from companion.fleet import Row
+    from companion.ground.fleet import Row
+    from companion.settings.config import CompanionConfig
 
 HELP = "arm, take off, start, hold, land: many vehicles at once"
 EXIT_FAILED, EXIT_BAD_INPUT = 1, 2
@@ -44,12 +44,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do it with all at once; 1 where any did not."""
-    from mavlink_bridge.link import EndpointError
-    from mavlink_bridge.settings import SettingsError
+    from mavlink_bridge.shared.settings import SettingsError
+    from mavlink_bridge.wire.link import EndpointError
 
     try:
         drones = _drones(options.drones, None if options.all else options.only)
-        from companion.fleet import act
+        from companion.ground.fleet import act
 
         rows = asyncio.run(act(options.action, drones, options.url, options.patience))
     except SettingsError as error:
@@ -74,8 +74,8 @@ def _drones(folder: Path, names: list[str] | None) -> list[CompanionConfig]:
     Raises:
         SettingsError: a bad file, a name that is not there, two with one system id.
     """
-    from companion.conflicts import conflicts, read_drones
-    from mavlink_bridge.settings import SettingsError
+    from companion.settings.conflicts import conflicts, read_drones
+    from mavlink_bridge.shared.settings import SettingsError
 
     drones, problems = read_drones(sorted(folder.glob("*.yaml")))
     problems += conflicts(drones)

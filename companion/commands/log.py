@@ -20,8 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Recover, the one action so far."""
-    from companion.logfile import recover
-    from mavlink_bridge.mcapfile import LogError
+    from companion.flightlog.reader import recover
+    from mavlink_bridge.shared.mcap_file import LogError
 
     to = options.out or options.log.with_suffix(".recovered.mcap")
     try:

@@ -21,11 +21,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compare, and say where the first difference is."""
-    from companion.camera import CalibrationError
-    from companion.logfile import read_log
-    from companion.replay import replay
-    from mavlink_bridge.mcapfile import LogError
-    from mavlink_bridge.settings import SettingsError
+    from companion.flightlog.reader import read_log
+    from companion.flightlog.replay import replay
+    from companion.perception.camera import CalibrationError
+    from mavlink_bridge.shared.mcap_file import LogError
+    from mavlink_bridge.shared.settings import SettingsError
 
     try:
         outcome = replay(read_log(options.log), options.overrides)

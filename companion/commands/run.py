@@ -23,14 +23,14 @@ def run(options: argparse.Namespace) -> int:
 
     import cv2
 
-    from companion import journal
-    from companion.camera import CalibrationError
-    from companion.config import load_config
-    from companion.daemon import Daemon
-    from companion.detectors import ModelError
-    from mavlink_bridge.link import EndpointError
-    from mavlink_bridge.settings import SettingsError
-    from mavlink_bridge.video import VideoError
+    from companion.perception.camera import CalibrationError
+    from companion.perception.detectors import ModelError
+    from companion.process import journal
+    from companion.process.daemon import Daemon
+    from companion.settings.config import load_config
+    from mavlink_bridge.shared.settings import SettingsError
+    from mavlink_bridge.wire.link import EndpointError
+    from mavlink_bridge.wire.video import VideoError
 
     journal.set_up()
     faulthandler.enable()  # a hung tick ends by the watchdog's SIGABRT and shows where it hung

@@ -21,7 +21,7 @@ def run(options: argparse.Namespace) -> int:
 
 def schema() -> dict[str, Any]:
     """The schema; every key has its description, only `fileversion` must stand in each file."""
-    from companion.config import CompanionConfig
+    from companion.settings.config import CompanionConfig
 
     made = CompanionConfig.model_json_schema()
     airframe = {"type": "string", "description": "Name of a file in airframes/."}

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from companion.status import Status
+    from companion.flightlog.status import Status
 
 HELP = "show a running daemon: state, stage times, tracks, guard reason"
 EXIT_BAD_INPUT = 2
@@ -26,9 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Follow the log; show its last tick."""
-    from companion.status import NoStatus, Status
-    from mavlink_bridge.mcapfile import LogError
-    from mavlink_bridge.settings import SettingsError
+    from companion.flightlog.status import NoStatus, Status
+    from mavlink_bridge.shared.mcap_file import LogError
+    from mavlink_bridge.shared.settings import SettingsError
 
     try:
         status = Status(options.config)
@@ -65,8 +65,8 @@ def _look(status: Status, as_json: bool) -> str:
 
 def _another(config: Path) -> Status:
     """Wait for a log with a tick in it: the one followed was moved or deleted."""
-    from companion.status import NoStatus, Status
-    from mavlink_bridge.mcapfile import LogError
+    from companion.flightlog.status import NoStatus, Status
+    from mavlink_bridge.shared.mcap_file import LogError
 
     while True:
         time.sleep(_PERIOD)

@@ -12,18 +12,18 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.camera import CalibrationError
-from companion.config import CompanionConfig
-from companion.detectors import ModelError
-from companion.directories import log_path
+from companion.control.nmpc import Nmpc
+from companion.control.nmpc.instance_file import load, stored
 from companion.doctor.finding import Finding, Level, either, rated
-from companion.keys import SigningKeyError, read_key
-from companion.nmpc import Nmpc
-from companion.nmpc.instancefile import load, stored
-from companion.sight import Sight
-from mavlink_bridge.link import parse_endpoint
-from mavlink_bridge.messages import VehicleState
-from mavlink_bridge.video import Frame
+from companion.perception.camera import CalibrationError
+from companion.perception.detectors import ModelError
+from companion.perception.frontend import Sight
+from companion.process.directories import log_path
+from companion.process.signing_keys import SigningKeyError, read_key
+from companion.settings.config import CompanionConfig
+from mavlink_bridge.wire.link import parse_endpoint
+from mavlink_bridge.wire.messages import VehicleState
+from mavlink_bridge.wire.video import Frame
 
 LIBRARIES = ("numpy", "casadi", "opencv-python-headless", "pymavlink", "scipy")
 _SOLVES, _LOOKS = 100, 10
@@ -48,7 +48,7 @@ def _software() -> Finding:
 
 def _speed(config: CompanionConfig) -> Iterator[Finding]:
     """A short bench: recorded instances through the solver, noise through the detectors."""
-    nmpc = Nmpc(config.nmpc)
+    nmpc = Nmpc(config.nmpc, time.perf_counter)
     todo = "install gcc: the first start compiles the solver's kernel, once"
     yield either("solver", nmpc.backend == "compiled", nmpc.backend, todo, Level.AMBER)
     instances = [i for run in load(stored(), config.nmpc) for i in run.instances][:_SOLVES]

@@ -10,13 +10,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from companion.config import CompanionConfig
 from companion.doctor.finding import Finding, Level, either, rated
-from companion.vehiclelock import VehicleLock, VehicleTaken
-from mavlink_bridge.autopilots import Identity, adapter
-from mavlink_bridge.codec import Codec
-from mavlink_bridge.link import EndpointError, Link, open_endpoint
-from mavlink_bridge.messages import (
+from companion.process.vehicle_lock import VehicleLock, VehicleTaken
+from companion.settings.config import CompanionConfig
+from mavlink_bridge.autopilots.registry import Identity, adapter
+from mavlink_bridge.wire.codec import Codec
+from mavlink_bridge.wire.link import EndpointError, Link, open_endpoint
+from mavlink_bridge.wire.messages import (
     Attitude,
     Command,
     CommandId,

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from mavlink_bridge.settings import SettingsError
+from mavlink_bridge.shared.settings import SettingsError
 
 REQUEST = "campaign.json"
 _LOCK = ".lock"

@@ -9,7 +9,7 @@ from multiprocessing import active_children, get_context
 from pathlib import Path
 from typing import Any, Protocol
 
-from mavlink_bridge.settings import SettingsError
+from mavlink_bridge.shared.settings import SettingsError
 from sitl_sim.campaigns.run import Job, die_with_parent, fly, fly_away, unpack
 
 _ANY_NUMBER = 1_000_000

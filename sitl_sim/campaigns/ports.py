@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from mavlink_bridge.settings import SettingsError
+from mavlink_bridge.shared.settings import SettingsError
 
 _FIRST, _LAST = 16000, 24000  # below what the kernel gives away, away from the fixed ports
 _UNIT = 8  # ports under one lock: the same for all, so flights of any size see each other

@@ -13,9 +13,9 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from sitl_sim.metrics import wilson
-from sitl_sim.reporting.page import draw, page
-from sitl_sim.runfolder import RunError
+from sitl_sim.figures.metrics import wilson
+from sitl_sim.figures.page import draw, page
+from sitl_sim.recording.run_folder import RunError
 
 _COLUMNS = {
     "scenario": "scenario", "seed": "seed", "drones": "drones", "ok": "verdict",

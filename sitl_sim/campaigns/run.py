@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mavlink_bridge.settings import SettingsError
+from mavlink_bridge.shared.settings import SettingsError
 
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
@@ -85,10 +85,10 @@ def _whole(folder: Path) -> Iterator[Path]:
 def _fly(job: Job, folder: Path) -> None:
     import cv2
 
-    from sitl_sim import scenario as scenarios
-    from sitl_sim.codeversion import commit
-    from sitl_sim.flightlog import finish
-    from sitl_sim.runner import flight
+    from sitl_sim.flight.results import finish
+    from sitl_sim.flight.runner import flight
+    from sitl_sim.recording.code_version import commit
+    from sitl_sim.scenarios import scenario as scenarios
 
     cv2.setNumThreads(1)
     commit()  # looked up now: what is committed during the flight did not fly

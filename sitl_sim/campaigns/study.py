@@ -12,8 +12,8 @@ from pathlib import Path
 
 from pydantic import Field
 
-from mavlink_bridge.settings import SettingsError, StrictModel, load_yaml, validate
-from sitl_sim.campaign import Campaign
+from mavlink_bridge.shared.settings import SettingsError, StrictModel, load_yaml, validate
+from sitl_sim.campaigns.campaign import Campaign
 
 
 class Study(StrictModel):
@@ -36,7 +36,7 @@ class Cell:
 
 def names() -> list[str]:
     """Studies that come with the package."""
-    folder = resources.files("sitl_sim") / "studies"
+    folder = resources.files("sitl_sim") / "campaigns" / "studies"
     return sorted(f.name.removesuffix(".yaml") for f in folder.iterdir()
                   if f.name.endswith(".yaml"))  # fmt: skip
 
@@ -48,7 +48,7 @@ def load(name: str) -> Study:
         SettingsError: with every mistake at its place, or the valid names.
     """
     if name in names():
-        path = Path(str(resources.files("sitl_sim") / "studies" / f"{name}.yaml"))
+        path = Path(str(resources.files("sitl_sim") / "campaigns" / "studies" / f"{name}.yaml"))
     elif name.endswith((".yaml", ".yml")):
         path = Path(name)
     else:

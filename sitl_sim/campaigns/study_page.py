@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mavlink_bridge.settings import SettingsError
+from mavlink_bridge.shared.settings import SettingsError
 from sitl_sim.campaigns.study import Cell, Study
 
 Row = tuple[Cell, dict[str, Any]]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from sitl_sim.reporting.knowledge import Knowledge
+from sitl_sim.figures.knowledge import Knowledge
 from sitl_sim.viewer.picture import Pictures
 from sitl_sim.viewer.scene import Scene
 from sitl_sim.viewer.sources import Moment, Source

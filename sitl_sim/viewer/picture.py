@@ -7,11 +7,11 @@ from typing import Any
 import cv2
 import numpy as np
 
-from sitl_sim.render import Renderer
-from sitl_sim.reporting.knowledge import Knowledge
-from sitl_sim.scenario import Scenario, lens_of
+from mavlink_bridge.shared.arrays import Vector
+from sitl_sim.figures.knowledge import Knowledge
+from sitl_sim.scenarios.scenario import Scenario, lens_of
+from sitl_sim.sensors.renderer import Renderer
 from sitl_sim.viewer.sources import Moment
-from sitl_sim.world import Vector
 
 _GREEN, _BROWN = (80, 255, 80), (60, 150, 255)  # BGR
 

@@ -8,12 +8,12 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from sitl_sim.reporting.figures import colours, shared_targets
-from sitl_sim.reporting.knowledge import Knowledge
-from sitl_sim.scenario import Scenario
+from mavlink_bridge.shared.arrays import Vector
+from sitl_sim.figures.curves import colours, shared_targets
+from sitl_sim.figures.knowledge import Knowledge
+from sitl_sim.scenarios.scenario import Scenario
 from sitl_sim.viewer import meshes
 from sitl_sim.viewer.sources import Moment
-from sitl_sim.world import Vector
 
 _BARK, _TARGET, _THREAT = (135, 115, 85), (208, 0, 0), (230, 30, 30)
 _TALL = 100.0  # m that is drawn of a trunk without an end

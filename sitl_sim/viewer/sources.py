@@ -9,11 +9,11 @@ from typing import Any, Protocol
 import numpy as np
 import orjson
 
-from mavlink_bridge.mcapfile import Follower
-from sitl_sim.reporting.knowledge import Knowledge, Minds, know
-from sitl_sim.runfolder import Run, log_path, own_frames
-from sitl_sim.scenario import Scenario, drone_names
-from sitl_sim.world import Vector
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.mcap_file import Follower
+from sitl_sim.figures.knowledge import Knowledge, Minds, know
+from sitl_sim.recording.run_folder import Run, log_path, own_frames
+from sitl_sim.scenarios.scenario import Scenario, drone_names
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from companion.bench.solver import percentiles, solve_all, worse_percent
+from companion.control.nmpc import Instance, IpoptNmpc, Neighbour, Nmpc, NmpcConfig, make_instance
+from companion.control.nmpc.instance_file import Run
 from companion.model import HOVER, yaw_quaternion
-from companion.nmpc import Instance, IpoptNmpc, Neighbour, Nmpc, NmpcConfig, make_instance
-from companion.nmpc.bench import percentiles, solve_all, worse_percent
-from companion.nmpc.instancefile import Run
 
 SCENES, TICKS = 6, 4
 STUDIES = {
@@ -117,7 +117,7 @@ def study(name: str) -> None:
 
 def crossing() -> None:
     """Ten drones across each other in a forest, for each M."""
-    from tests.companion.nmpc.plant import drone, fly, forest
+    from tests.companion.control.nmpc.plant import drone, fly, forest
 
     _print("M", "arrived", "seconds", "least distance m", "mean speed m/s")
     _print(*["---"] * 5)

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from companion.camera import Camera
-from companion.detect import ColorDetector, Detector
+from companion.perception.ball import ColorDetector, Detector
+from companion.perception.camera import Camera
 from companion.types import Detection
-from sitl_sim.render import Renderer, Sensor
-from sitl_sim.rendering.fisheye import R_BC, rotation
+from sitl_sim.sensors.fisheye import R_BC, rotation
+from sitl_sim.sensors.renderer import Renderer, Sensor
 
 MARKER = 0.10
 

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from companion.camera import Camera
-from companion.config import SensingConfig
-from companion.detectors import ModelError, make_detector
-from companion.heatmap import PACKAGED, CnnConfig, CnnDetector
-from companion.labels import Drones
-from companion.perception_bench import TO_8, Tally, score
-from sitl_sim.frames import CONDITIONS, rendered
-from sitl_sim.rendering.fisheye import Lens
-from sitl_sim.scenes import crowds
+from companion.bench.labels import Drones
+from companion.bench.perception import TO_8, Tally, score
+from companion.perception.camera import Camera
+from companion.perception.cnn import PACKAGED, CnnConfig, CnnDetector
+from companion.perception.config import SensingConfig
+from companion.perception.detectors import ModelError, make_detector
+from sitl_sim.sensors.fisheye import Lens
+from sitl_sim.sensors.labelled_frames import CONDITIONS, rendered
+from sitl_sim.sensors.scenes import crowds
 
 LENS, CAMERA = Lens(640, 400), Camera.equidistant(640, 400)
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from companion.camera import Camera
-from companion.detect import ColorDetector
+from companion.perception.ball import ColorDetector
+from companion.perception.camera import Camera
 from tests.benchmarks import perception_scenes, trunk_scenes
 
 

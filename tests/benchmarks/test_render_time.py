@@ -7,9 +7,9 @@ import time
 import numpy as np
 import pytest
 
-from sitl_sim.render import Renderer
-from sitl_sim.rendering.fisheye import Lens
-from sitl_sim.scenes import stills
+from sitl_sim.sensors.fisheye import Lens
+from sitl_sim.sensors.renderer import Renderer
+from sitl_sim.sensors.scenes import stills
 
 LENS = Lens(640, 400)
 

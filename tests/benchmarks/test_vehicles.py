@@ -9,10 +9,10 @@ import time
 import numpy as np
 import pytest
 
-from mavlink_bridge.codec import Codec
-from mavlink_bridge.messages import Command, CommandId, RateSetpoint, Received, Source
-from sitl_sim.autopilot import Autopilots
-from sitl_sim.vehicle import Airframe, Vehicles
+from mavlink_bridge.wire.codec import Codec
+from mavlink_bridge.wire.messages import Command, CommandId, RateSetpoint, Received, Source
+from sitl_sim.vehicles.emulated import Autopilots
+from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
 
 SECONDS = 4.0
 PERIOD = 0.02

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from companion.camera import Camera
-from companion.trunks import TrunkDetector
+from companion.perception.camera import Camera
+from companion.perception.trunks import TrunkDetector
 from companion.types import Trunk
-from sitl_sim.render import Renderer, Sensor
+from sitl_sim.sensors.renderer import Renderer, Sensor
 from tests.benchmarks.perception_scenes import Scene, scenes
 
 

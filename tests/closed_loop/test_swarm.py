@@ -11,10 +11,10 @@ import threading
 import numpy as np
 import pytest
 
-from sitl_sim import scenario as scenarios
 from sitl_sim.__main__ import main
-from sitl_sim.metrics import safety
-from sitl_sim.runner import flight
+from sitl_sim.figures.metrics import safety
+from sitl_sim.flight.runner import flight
+from sitl_sim.scenarios import scenario as scenarios
 
 SCENARIO = """
 fileversion: 1

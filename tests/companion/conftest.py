@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-from deployment import free_ports
+
+from tests.companion.deployment import free_ports
 
 SCENARIO = """
 fileversion: 1

@@ -5,8 +5,8 @@ import struct
 import threading
 import time
 
-from mavlink_bridge.codec import Codec
-from mavlink_bridge.messages import RateSetpoint
+from mavlink_bridge.wire.codec import Codec
+from mavlink_bridge.wire.messages import RateSetpoint
 
 _SO_TIMESTAMP = 29  # asm-generic/socket.h; Python has no name for it
 _STAMP = struct.Struct("@qq")  # struct timeval

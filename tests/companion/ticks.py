@@ -2,16 +2,15 @@
 
 import numpy as np
 
-from companion.config import CompanionConfig
-from companion.guard import Reason, Verdict
-from companion.mission import Progress
-from companion.nmpc import Result, Status
-from companion.phases import Phase
+from companion.guidance.waypoints import Progress
+from companion.perception.frontend import Sighting
 from companion.pipeline import TickInputs, TickOutputs
-from companion.sight import Sighting
-from companion.types import Detection, Obstacles, Track, Trunk
-from mavlink_bridge.messages import RateCommand, VehicleState
-from mavlink_bridge.video import Frame
+from companion.settings.config import CompanionConfig
+from companion.supervision.guard import Reason, Verdict
+from companion.supervision.phases import Phase
+from companion.types import Detection, Obstacles, Result, Status, Track, Trunk
+from mavlink_bridge.wire.messages import RateCommand, VehicleState
+from mavlink_bridge.wire.video import Frame
 
 
 def config(path=None, **log):

@@ -17,7 +17,7 @@ OURS = ["companion", "mavlink_bridge", "sitl_sim"]  # whose coverage is followed
 os.environ["NUMBA_DISABLE_JIT"] = "1"  # nothing compiled can be followed
 
 with atheris.instrument_imports(include=OURS):
-    import targets
+    from tests.fuzz import targets
 
 
 def main():

@@ -11,11 +11,11 @@ import time
 
 import numpy as np
 
-from mavlink_bridge import messages as m
-from mavlink_bridge import msp
-from mavlink_bridge.codec import Codec
-from mavlink_bridge.messages import Source
-from mavlink_bridge.signing import Signing
+from mavlink_bridge.betaflight import msp
+from mavlink_bridge.wire import messages as m
+from mavlink_bridge.wire.codec import Codec
+from mavlink_bridge.wire.messages import Source
+from mavlink_bridge.wire.signing import Signing
 
 KEY = bytes(range(32))
 NOW = 4_000_000_000_000

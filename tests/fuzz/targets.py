@@ -7,7 +7,6 @@ A target catches what the product's own callers catch, and nothing else.
 """
 
 import io
-import sys
 import tempfile
 from dataclasses import replace
 from functools import lru_cache
@@ -16,30 +15,28 @@ from pathlib import Path
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-sys.path.append(str(Path(__file__).parents[1] / "mavlink_bridge"))
-from fake_controller import FakeController
-
-from companion.config import CompanionConfig, load_config
-from companion.keys import Timestamps
-from companion.logfile import read_log, recover
-from companion.phases import Phase
+from companion.flightlog.reader import read_log, recover
+from companion.flightlog.replay import replay
 from companion.pipeline import Pipeline, TickInputs
-from companion.replay import replay
-from mavlink_bridge import msp
-from mavlink_bridge.betaflight_bridge import BetaflightBridge
-from mavlink_bridge.codec import Codec
-from mavlink_bridge.controller import QUESTIONS, interview
-from mavlink_bridge.dialect import FROM_WIRE
-from mavlink_bridge.mcapfile import Follower, LogError, salvage, whole_records
-from mavlink_bridge.messages import RateSetpoint, Source
-from mavlink_bridge.polling import POLLED
-from mavlink_bridge.settings import SettingsError, assignments
-from mavlink_bridge.signing import Signing
-from mavlink_bridge.thrust import ThrustMap
-from mavlink_bridge.video import Frame, FrameClient, FrameServer, RecordStream, VideoError
-from sitl_sim import scenario as scenarios
-from sitl_sim.autopilot import Autopilots
-from sitl_sim.vehicle import Airframe, Vehicles
+from companion.process.signing_keys import Timestamps
+from companion.settings.config import CompanionConfig, load_config
+from companion.supervision.phases import Phase
+from mavlink_bridge.betaflight import msp
+from mavlink_bridge.betaflight.bridge import BetaflightBridge
+from mavlink_bridge.betaflight.controller import QUESTIONS, interview
+from mavlink_bridge.betaflight.polling import POLLED
+from mavlink_bridge.shared.mcap_file import Follower, LogError, salvage, whole_records
+from mavlink_bridge.shared.settings import SettingsError, assignments
+from mavlink_bridge.shared.thrust import ThrustMap
+from mavlink_bridge.wire.codec import Codec
+from mavlink_bridge.wire.dialect import FROM_WIRE
+from mavlink_bridge.wire.messages import RateSetpoint, Source
+from mavlink_bridge.wire.signing import Signing
+from mavlink_bridge.wire.video import Frame, FrameClient, FrameServer, RecordStream, VideoError
+from sitl_sim.scenarios import scenario as scenarios
+from sitl_sim.vehicles.emulated import Autopilots
+from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from tests.mavlink_bridge.betaflight.fake_controller import FakeController
 
 CORPUS = Path(__file__).parent / "corpus"
 KEY = bytes(range(32))

@@ -1,15 +1,14 @@
 """A short run of every fuzzing target: its corpus, and what hypothesis makes of bytes."""
 
-import mutate
 import numpy as np
 import pytest
-import targets
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from companion.guard import Guard, GuardConfig, Situation
-from companion.nmpc import Result, Status
-from mavlink_bridge.messages import VehicleState
+from companion.supervision.guard import Guard, GuardConfig, Situation
+from companion.types import Result, Status
+from mavlink_bridge.wire.messages import VehicleState
+from tests.fuzz import mutate, targets
 
 QUICK = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 

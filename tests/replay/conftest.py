@@ -6,7 +6,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from companion.recorder import CONFIG
+from companion.flightlog.recorder import CONFIG
 from sitl_sim.__main__ import main
 
 HERE = Path(__file__).parent

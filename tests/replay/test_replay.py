@@ -10,10 +10,10 @@ import json
 import pytest
 
 from companion.__main__ import main
-from companion.config import CompanionConfig
-from companion.logfile import read_log
-from companion.replay import replay, rerun
-from mavlink_bridge.settings import SettingsError
+from companion.flightlog.reader import read_log
+from companion.flightlog.replay import replay, rerun
+from companion.settings.config import CompanionConfig
+from mavlink_bridge.shared.settings import SettingsError
 
 
 @pytest.fixture(scope="module")

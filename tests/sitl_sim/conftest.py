@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from mavlink_bridge.messages import Command, RateSetpoint, Received, Source
-from sitl_sim.autopilot import Autopilots
-from sitl_sim.vehicle import Airframe, Vehicles
+from mavlink_bridge.wire.messages import Command, RateSetpoint, Received, Source
+from sitl_sim.vehicles.emulated import Autopilots
+from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
 
 GCS = Source(255, 190)
 

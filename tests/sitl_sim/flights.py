@@ -6,9 +6,9 @@ import numpy as np
 import yaml
 from mcap.writer import Writer
 
-from sitl_sim import scenario as scenarios
-from sitl_sim.runfolder import own_frames
-from sitl_sim.sensing import camera_rays
+from sitl_sim.recording.run_folder import own_frames
+from sitl_sim.scenarios import scenario as scenarios
+from sitl_sim.sensors.perfect_detector import camera_rays
 
 DRONES = 3
 SECONDS = 12.0

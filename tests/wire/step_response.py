@@ -20,18 +20,18 @@ import numpy as np
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
-from mavlink_bridge import msp
-from mavlink_bridge.bridge_loop import MspLine, meet, open_controller
-from mavlink_bridge.controller import Controller
-from mavlink_bridge.messages import Command, RateSetpoint, Received, Source
-from sitl_sim.autopilot import Autopilots
-from sitl_sim.geodesy import GeoReference, LocalFrame
-from sitl_sim.physics.estimator import SensorNoise
-from sitl_sim.real.betaflight_sitl import BetaflightError, BetaflightSitl
-from sitl_sim.real.namespace import Host
-from sitl_sim.reporting.page import draw, page
-from sitl_sim.urgency import PHYSICS, hurry, relent
-from sitl_sim.vehicle import Airframe, Vehicles
+from mavlink_bridge.betaflight import msp
+from mavlink_bridge.betaflight.controller import Controller
+from mavlink_bridge.betaflight.process import MspLine, meet, open_controller
+from mavlink_bridge.wire.messages import Command, RateSetpoint, Received, Source
+from sitl_sim.external.betaflight_sitl import BetaflightError, BetaflightSitl
+from sitl_sim.external.namespace import Host
+from sitl_sim.external.priority import PHYSICS, hurry, relent
+from sitl_sim.figures.page import draw, page
+from sitl_sim.vehicles.emulated import Autopilots
+from sitl_sim.vehicles.estimator import SensorNoise
+from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.worlds.geodesy import GeoReference, LocalFrame
 
 Floats = NDArray[np.float64]
 

@@ -16,14 +16,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from served import free_ports
 
-from mavlink_bridge.betaflight import MODES, Betaflight
-from mavlink_bridge.codec import Codec
-from mavlink_bridge.link import Link, UdpEndpoint
-from mavlink_bridge.messages import Attitude, Heartbeat, LocalPosition, RateSetpoint
-from sitl_sim.real.fleet import HOVER, RealFleet, Wire
-from sitl_sim.vehicle import Airframe, Vehicles
+from mavlink_bridge.autopilots.betaflight import MODES, Betaflight
+from mavlink_bridge.wire.codec import Codec
+from mavlink_bridge.wire.link import Link, UdpEndpoint
+from mavlink_bridge.wire.messages import Attitude, Heartbeat, LocalPosition, RateSetpoint
+from sitl_sim.external.fleet import HOVER, RealFleet, Wire
+from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from tests.wire.served import free_ports
 
 pytestmark = [
     pytest.mark.slow,

@@ -10,7 +10,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from served import free_ports, served
+
+from tests.wire.served import free_ports, served
 
 CLIENTS = Path(__file__).parent / "clients"
 PARAMETERS = {"px4": (29, 4, 5), "ardupilot": (20, 0, 8)}  # how many, one of them before and after

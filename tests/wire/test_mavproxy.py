@@ -6,7 +6,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from served import Lines, served
+
+from tests.wire.served import Lines, served
 
 # Parameters, one of them to set, before the take-off, and how to land. MAVProxy 1.8.75 cannot
 # set PX4's modes by name (it sends the whole triple as one number), so there a command lands.

@@ -6,7 +6,8 @@ import time
 
 from pymavlink import mavutil  # noqa: TID251 - as most clients
 from pymavlink.dialects.v20 import common as m
-from served import served
+
+from tests.wire.served import served
 
 OFFBOARD = 6  # PX4's main mode
 

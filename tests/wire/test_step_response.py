@@ -3,7 +3,8 @@
 import importlib.util
 
 import pytest
-from step_response import AXES, STEPS_DEG, compare, emulated
+
+from tests.wire.step_response import AXES, STEPS_DEG, compare, emulated
 
 
 @pytest.mark.parametrize("axis", AXES)

@@ -9,12 +9,12 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from inprocess import Companion, fly
 
-from companion.eye import Trouble
-from companion.guard import Ask, Reason
-from companion.phases import Phase
-from mavlink_bridge.messages import Command, CommandId, Heartbeat
+from companion.perception.camera_health import Trouble
+from companion.supervision.guard import Ask, Reason
+from companion.supervision.phases import Phase
+from mavlink_bridge.wire.messages import Command, CommandId, Heartbeat
+from tests.closed_loop.matrix.inprocess import Companion, fly
 
 OFFBOARD = 0x00060000  # PX4's custom_mode
 CRUISE = 8.0  # s, in full flight

@@ -11,13 +11,20 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
-from checks import OFFBOARD, first_with, mode_after, modes_from, nan_between, spoil_solves
-from inprocess import SET_OUT_AT_ONCE, WithPictures, run
 
-from companion.eye import Trouble
-from companion.guard import Ask, Reason
-from companion.phases import Phase
-from sitl_sim import scenario as scenarios
+from companion.perception.camera_health import Trouble
+from companion.supervision.guard import Ask, Reason
+from companion.supervision.phases import Phase
+from sitl_sim.scenarios import scenario as scenarios
+from tests.closed_loop.matrix.checks import (
+    OFFBOARD,
+    first_with,
+    mode_after,
+    modes_from,
+    nan_between,
+    spoil_solves,
+)
+from tests.closed_loop.matrix.inprocess import SET_OUT_AT_ONCE, WithPictures, run
 
 AT = 9.0  # s
 TARGETS = [[-3.5, -10.5, 2.0], [-10.5, -3.5, 2.0], [3.5, 17.5, 2.0]]

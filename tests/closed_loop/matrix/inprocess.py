@@ -13,23 +13,23 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.config import CompanionConfig
-from companion.phases import Phase
 from companion.pipeline import Pipeline, TickInputs
-from mavlink_bridge.codec import Codec
-from mavlink_bridge.link import Link
-from mavlink_bridge.memory import MemoryEndpoint
-from mavlink_bridge.messages import RateSetpoint
-from mavlink_bridge.settings import overlay
-from mavlink_bridge.video import Answer
-from sitl_sim import scenario as scenarios
-from sitl_sim.eyes import Eyes
-from sitl_sim.fault_camera import FaultyCamera
-from sitl_sim.faults import PIXELS, Schedule
-from sitl_sim.metrics import safety
-from sitl_sim.runner import Flight
-from sitl_sim.scenario import Scenario
-from sitl_sim.world import surface_distance
+from companion.settings.config import CompanionConfig
+from companion.supervision.phases import Phase
+from mavlink_bridge.shared.settings import overlay
+from mavlink_bridge.wire.codec import Codec
+from mavlink_bridge.wire.link import Link
+from mavlink_bridge.wire.memory import MemoryEndpoint
+from mavlink_bridge.wire.messages import RateSetpoint
+from mavlink_bridge.wire.video import Answer
+from sitl_sim.faults.camera import FaultyCamera
+from sitl_sim.faults.catalogue import PIXELS, Schedule
+from sitl_sim.figures.metrics import safety
+from sitl_sim.flight.runner import Flight
+from sitl_sim.flight.sensors import Eyes
+from sitl_sim.scenarios import scenario as scenarios
+from sitl_sim.scenarios.scenario import Scenario
+from sitl_sim.worlds.world import surface_distance
 
 OVERRIDES = {}  # of every companion's config: a test that takes a mechanism out
 

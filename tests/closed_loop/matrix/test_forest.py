@@ -5,7 +5,8 @@ Slow: twenty minutes of one core.
 """
 
 import pytest
-from forest import NINE, ROWS, THREE, flown
+
+from tests.closed_loop.matrix.forest import NINE, ROWS, THREE, flown
 
 SEEDS = 10
 

@@ -2,20 +2,21 @@
 
 from dataclasses import replace
 
-import checks
-import inprocess
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from companion import ownstate, pace, pipeline
-from companion.eye import Eye
-from companion.guard import Ask, Guard
-from companion.ownstate import OwnState
-from companion.phases import Phase, Phases
-from companion.track import Tracker
-from mavlink_bridge.messages import Attitude, Received, Source
-from mavlink_bridge.settings import SettingsError
+from companion import pipeline
+from companion.estimation import own_state as ownstate
+from companion.estimation.own_state import OwnState
+from companion.estimation.tracker import Tracker
+from companion.perception.camera_health import Eye
+from companion.process import pace
+from companion.supervision.guard import Ask, Guard
+from companion.supervision.phases import Phase, Phases
+from mavlink_bridge.shared.settings import SettingsError
+from mavlink_bridge.wire.messages import Attitude, Received, Source
+from tests.closed_loop.matrix import checks, inprocess
 
 
 @pytest.mark.parametrize("row", [pytest.param(r, marks=pytest.mark.row(r)) for r in checks.ROWS])

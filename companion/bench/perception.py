@@ -1,0 +1,245 @@
+"""Perception measured on labelled frames: tables per range, conditions apart, tracks, time.
+
+In view is what shows to 35 % at least. A detection is right where a drone is within 3° of it (or,
+near by, within a third of a metre) and between half and twice as far away; what is found of a
+drone that shows less is neither right nor wrong.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from companion.bench.labels import Drones, Labelled
+from companion.estimation.assignment import assign
+from companion.estimation.tracker import Tracker, TrackerConfig
+from companion.perception.ball import Detector
+from companion.perception.camera import Camera
+from companion.perception.trunks import TrunkDetector
+from companion.types import Detection, Image, Trunk
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.frames import rotation_matrix
+
+BANDS = ((0.3, 2.0), (2.0, 4.0), (4.0, 6.0), (6.0, 8.0), (8.0, 10.0), (10.0, 12.0))
+TO_8, TO_10 = (0.3, 8.0), (0.3, 10.0)
+TRUNK_BANDS = ((0.0, 2.0), (2.0, 5.0), (5.0, 8.0), (0.0, 5.0), (0.0, 8.0))
+VISIBLE = 0.35
+CROWD = "neighbours-"  # conditions that only time is taken of
+_FAR = 1e3
+_SAME_ANGLE, _SAME_SIZE = np.radians(3.0), 0.33
+_TRACK_GATE = 1.0  # m
+_FRESH = 0.2  # s
+
+
+@dataclass
+class Tally:
+    """Counts and errors of one band. bearing: rad. relative: of range. velocity: m/s."""
+
+    wanted: int = 0
+    found: int = 0
+    false: int = 0
+    bearing: list[float] = field(default_factory=list)
+    relative: list[float] = field(default_factory=list)
+    velocity: list[float] = field(default_factory=list)
+
+    def figures(self) -> dict[str, float | int | None]:
+        """As reported; None where there was nothing to measure."""
+        relative = np.array(self.relative, float)
+        return {
+            "wanted": self.wanted,
+            "recall": _share(self.found, self.wanted),
+            "precision": _share(self.found, self.found + self.false),
+            "bearing_rms_deg": _rms(np.degrees(self.bearing)),
+            "range_error_median": _percentile(np.abs(relative), 50),
+            "range_bias_median": _percentile(relative, 50),
+            "range_error_p95": float(np.percentile(np.abs(relative), 95))
+            if len(relative)
+            else None,
+            "velocity_rmse_m_s": _rms(self.velocity),
+        }
+
+
+def measure(
+    camera: Camera, frames: Sequence[Labelled], detector: Detector,
+    beside: dict[str, Callable[[Image], object]], progress: Callable[[], None] = lambda: None,
+) -> dict[str, Any]:  # fmt: skip
+    """All tables. beside: by name, what else time is taken of."""
+    drones: dict[str, dict[tuple[float, float], Tally]] = {}
+    tracked = {band: Tally() for band in (*BANDS, TO_8, TO_10)}
+    trunks = Trunks(camera)
+    times: dict[str, list[float]] = {"detect_track": [], **{name: [] for name in beside}}
+    crowds: dict[int, list[float]] = {}
+    flight: Flight | None = None
+    for frame in frames:
+        image = frame.image()
+        if frame.sequence is not None and (flight is None or flight.number != frame.sequence):
+            flight = Flight(frame.sequence, camera, tracked)
+        begun = time.thread_time()
+        found = detector.detect(image)
+        if frame.sequence is not None and flight is not None:
+            flight.update(frame, found)
+        taken = (time.thread_time() - begun) * 1e3
+        if frame.conditions.startswith(CROWD):
+            crowds.setdefault(int(frame.conditions.removeprefix(CROWD)), []).append(taken)
+        else:
+            bands = drones.setdefault(
+                frame.conditions, {band: Tally() for band in (*BANDS, TO_8, TO_10)}
+            )
+            score(bands, found, frame.drones)
+        if frame.sequence is not None and flight is not None:
+            flight.score(frame)
+            times["detect_track"].append(taken)
+            for name, run in beside.items():
+                begun = time.thread_time()
+                run(image)
+                times[name].append((time.thread_time() - begun) * 1e3)
+        if frame.conditions == "clean" and frame.sequence is None and frame.trunks is not None:
+            trunks.add(frame, image)
+        progress()
+    return {
+        "drones": {name: _table(bands) for name, bands in drones.items()},
+        "tracks": _table(tracked),
+        "trunks": trunks.table(),
+        "time_ms": {name: _times(t) for name, t in times.items()}
+        | {"trunks": _times(trunks.times)},
+        "scaling_ms": {n: _times(t) for n, t in sorted(crowds.items())},
+    }
+
+
+def score(bands: dict[tuple[float, float], Tally], found: list[Detection], drones: Drones) -> None:
+    """Match one frame's detections to its drones and count them."""
+    rays = np.array([d.direction for d in found]).reshape(-1, 3)
+    ranges = np.array([d.range for d in found])
+    angle = np.arccos(np.clip(rays @ drones.rays.T, -1.0, 1.0))
+    ratio = ranges[:, None] / np.maximum(drones.ranges, 1e-9)
+    gate = np.maximum(_SAME_ANGLE, _SAME_SIZE / np.maximum(drones.ranges, 0.3))
+    pairs = match(angle, (angle < gate) & (ratio > 0.5) & (ratio < 2.0))
+    right = {drone: detection for detection, drone in pairs}
+    for drone, distance in enumerate(drones.ranges):
+        if drones.visible[drone] < VISIBLE:
+            continue
+        for (low, high), tally in bands.items():
+            if low <= distance < high:
+                tally.wanted += 1
+                if drone in right:
+                    tally.found += 1
+                    tally.bearing.append(float(angle[right[drone], drone]))
+                    tally.relative.append(float(ratio[right[drone], drone] - 1.0))
+    for n in sorted(set(range(len(found))) - set(right.values())):
+        for (low, high), tally in bands.items():
+            tally.false += bool(low <= ranges[n] < high)
+
+
+class Flight:
+    """The tracker over one sequence, and its tracks against truth."""
+
+    def __init__(
+        self, number: int, camera: Camera, tallies: dict[tuple[float, float], Tally]
+    ) -> None:
+        self.number = number
+        self._camera, self._tallies = camera, tallies
+        self._tracker = Tracker(TrackerConfig())
+
+    def update(self, frame: Labelled, found: list[Detection]) -> None:
+        """One frame's detections into the tracker."""
+        self._tracker.update(frame.own.time, found, frame.own, self._camera.mount)
+
+    def score(self, frame: Labelled) -> None:
+        """Compare the tracks that were seen just now; the first half second is a start."""
+        tracks = [t for t in self._tracker.tracks() if t.unseen <= _FRESH]
+        if frame.own.time < 0.5:
+            return
+        drones = frame.drones
+        r_wc = rotation_matrix(frame.own.q_wb) @ rotation_matrix(self._camera.mount)
+        true = frame.own.p + drones.rays * drones.ranges[:, None] @ r_wc.T
+        places = np.array([t.p for t in tracks]).reshape(-1, 3)
+        gap = np.linalg.norm(places[:, None] - true[None], axis=-1)
+        right = {drone: track for track, drone in match(gap, gap < _TRACK_GATE)}
+        for (low, high), tally in self._tallies.items():
+            for drone, distance in enumerate(drones.ranges):
+                if not low <= distance < high:
+                    continue
+                in_view = bool(drones.visible[drone] >= VISIBLE)
+                tally.wanted += in_view
+                if drone in right:
+                    tally.found += in_view
+                    error = tracks[right[drone]].v - drones.velocities[drone]
+                    tally.velocity.append(float(np.linalg.norm(error)))
+            lost = sorted(set(range(len(tracks))) - set(right.values()))
+            apart = np.linalg.norm(places[lost] - frame.own.p, axis=1)
+            tally.false += int(((apart >= low) & (apart < high)).sum())
+
+
+class Trunks:
+    """The trunk detector against truth."""
+
+    def __init__(self, camera: Camera) -> None:
+        self._camera, self._detector = camera, TrunkDetector(camera)
+        self._bands = {band: Tally() for band in TRUNK_BANDS}
+        self.times: list[float] = []
+
+    def add(self, frame: Labelled, image: Any) -> None:
+        """Run on one frame and count."""
+        assert frame.trunks is not None
+        r_wc = rotation_matrix(frame.own.q_wb) @ rotation_matrix(self._camera.mount)
+        begun = time.thread_time()
+        found = self._detector.detect(image, -r_wc[2], float(frame.own.p[2]))
+        self.times.append((time.thread_time() - begun) * 1e3)
+        self._score(found, frame.trunks)
+
+    def _score(self, found: list[Trunk], trunks: Vector) -> None:
+        """Same bearing within the trunk's own width, and about as far away."""
+        rays = np.array([t.direction for t in found]).reshape(-1, 3)
+        surface = np.array([t.distance - t.radius for t in found])
+        true = trunks[:, 3] - trunks[:, 4]
+        angle = np.arccos(np.clip(rays @ trunks[:, :3].T, -1.0, 1.0))
+        width = np.arcsin(np.minimum(trunks[:, 4] / trunks[:, 3], 1.0))
+        gap = np.abs(surface[:, None] - true)
+        pairs = match(gap, (angle < 0.9 * width + 0.02) & (gap < 0.3 * true + 0.5))
+        right = {trunk: detection for detection, trunk in pairs}
+        lost = surface[sorted(set(range(len(found))) - set(right.values()))]
+        for (low, high), tally in self._bands.items():
+            tally.false += int(((lost >= low) & (lost < high)).sum())
+            here = (true >= low) & (true < high) & (trunks[:, 5] >= VISIBLE)
+            for n in np.flatnonzero(here).tolist():
+                tally.wanted += 1
+                if n in right:
+                    tally.found += 1
+                    tally.relative.append(float(surface[right[n]] / max(true[n], 0.05) - 1.0))
+
+    def table(self) -> dict[str, Any]:
+        """Figures per band of surface distance."""
+        return _table(self._bands)
+
+
+def match(cost: Vector, allowed: Any) -> list[tuple[int, int]]:
+    """Pairs (row, column) among the allowed ones, least total cost."""
+    if not cost.size:
+        return []
+    return [pair for pair in assign(np.where(allowed, cost, _FAR)) if allowed[pair]]
+
+
+def _table(bands: dict[tuple[float, float], Tally]) -> dict[str, Any]:
+    return {f"{low:g}–{high:g} m": tally.figures() for (low, high), tally in bands.items()}
+
+
+def _times(values: list[float]) -> dict[str, float] | None:
+    if not values:
+        return None
+    return {name: float(np.percentile(values, q)) for name, q in (("p50", 50), ("p99", 99))}
+
+
+def _percentile(values: Vector, q: float) -> float | None:
+    return float(np.percentile(values, q)) if len(values) else None
+
+
+def _share(part: int, whole: int) -> float | None:
+    return part / whole if whole else None
+
+
+def _rms(values: Any) -> float | None:
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else None

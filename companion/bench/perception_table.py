@@ -1,0 +1,125 @@
+"""`companion bench perception`: detection, tracking and trunks on labelled frames, as tables."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from companion.types import Image
+
+EXIT_BAD_INPUT = 2
+_DRONE_COLUMNS = {
+    "recall": "recall", "precision": "precision", "bearing_rms_deg": "bearing°",
+    "range_error_median": "|range| med", "range_bias_median": "bias", "range_error_p95": "p95",
+    "velocity_rmse_m_s": "velocity", "wanted": "n",
+}  # fmt: skip
+
+
+def add_arguments(perception: argparse.ArgumentParser) -> None:
+    """Its command line."""
+    source = perception.add_mutually_exclusive_group()
+    source.add_argument("--frames", type=Path, metavar="DIR", help="labelled frames to measure on")
+    source.add_argument("--seed", type=int, default=20260, help="of the frames rendered (20260)")
+    perception.add_argument("--count", type=int, default=200, help="clean frames rendered (200)")
+    perception.add_argument("--detector", choices=["color", "cnn", "yolo"], default="color")
+    perception.add_argument("--model", help="ONNX file of cnn or yolo")
+    perception.add_argument("--json", action="store_true", help="for machines")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Render where nothing is given, measure, print."""
+    import cv2
+
+    from companion.bench.labels import LabelError
+    from companion.perception.camera import CalibrationError
+    from companion.perception.detectors import ModelError
+
+    cv2.setNumThreads(1)
+    try:
+        if options.frames is not None:
+            result = _measure(options.frames, options)
+        else:
+            with tempfile.TemporaryDirectory() as folder:
+                _render(Path(folder), options)
+                result = _measure(Path(folder), options)
+    except (CalibrationError, LabelError, ModelError) as error:
+        print(error, file=sys.stderr)
+        return EXIT_BAD_INPUT
+    print(json.dumps(result, indent=1) if options.json else "\n".join(_lines(result)))
+    return 0
+
+
+def _render(folder: Path, options: argparse.Namespace) -> None:
+    """The simulator's own command: the two meet on the disk."""
+    from companion.bench.labels import LabelError
+
+    looks = "marked" if options.detector == "color" else "bare"
+    command = [sys.executable, "-m", "sitl_sim", "frames", str(folder), "--seed",
+               str(options.seed), "--count", str(options.count), "--looks", looks]  # fmt: skip
+    done = subprocess.run(command, stdout=sys.stderr)
+    if done.returncode:
+        raise LabelError("no frames: `sitl-sim frames` failed; is the `sim` extra installed? "
+                         "--frames DIR measures on frames from elsewhere")  # fmt: skip
+
+
+def _measure(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
+    from companion.bench.labels import load
+    from companion.bench.perception import measure
+    from companion.perception.cnn import CnnDetector
+    from companion.perception.config import SensingConfig
+    from companion.perception.detectors import make_detector
+    from companion.perception.yolo import YoloDetector
+
+    camera, frames = load(folder)
+    sensing = SensingConfig(detector=options.detector, model=options.model)
+    detector = make_detector(camera, sensing)
+    beside: dict[str, Callable[[Image], object]] = {
+        "color": make_detector(camera, SensingConfig()).detect
+    }
+    if isinstance(detector, CnnDetector | YoloDetector):
+        network = detector.network
+        beside["forward_pass"] = lambda _: network.forward()
+    result = {"detector": options.detector, **measure(camera, frames, detector, beside)}
+    whole = result["time_ms"]["detect_track"]
+    if whole is not None:
+        result["times_as_long_as"] = {
+            name: whole["p50"] / result["time_ms"][name]["p50"] for name in beside
+        }
+    return result
+
+
+def _lines(result: dict[str, Any]) -> list[str]:
+    """Tables for a person."""
+    lines = []
+    for name, table in result["drones"].items():
+        if name not in ("clean", "sequence"):  # the whole is enough
+            table = {band: f for band, f in table.items() if band in ("0.3–8 m", "0.3–10 m")}
+        lines += _table(f"{result['detector']}, {name}", table, "velocity_rmse_m_s")
+    lines += _table("with tracking", result["tracks"], "bearing_rms_deg", "range_error_median",
+                    "range_bias_median", "range_error_p95")  # fmt: skip
+    lines += _table("trunks, by surface distance", result["trunks"], "bearing_rms_deg",
+                    "velocity_rmse_m_s")  # fmt: skip
+    for name, t in {**result["time_ms"], **{f"{n} neighbours": t for n, t in
+                                           result["scaling_ms"].items()}}.items():  # fmt: skip
+        if t is not None:
+            lines.append(f"{name:16s} p50 {t['p50']:6.2f} ms   p99 {t['p99']:6.2f} ms")
+    for name, ratio in result.get("times_as_long_as", {}).items():
+        lines.append(f"detect_track takes {ratio:.2f} times as long as {name}")
+    return lines
+
+
+def _table(title: str, table: dict[str, Any], *without: str) -> list[str]:
+    columns = {k: v for k, v in _DRONE_COLUMNS.items() if k not in without}
+    lines = [f"{title:28s}" + "".join(f"{head:>12s}" for head in columns.values())]
+    for band, figures in table.items():
+        cells = [figures[k] for k in columns]
+        shown = ["–" if c is None else f"{c}" if isinstance(c, int) else f"{c:.3f}" for c in cells]
+        lines.append(f"  {band:26s}" + "".join(f"{c:>12s}" for c in shown))
+    return [*lines, ""]

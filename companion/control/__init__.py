@@ -1,0 +1,1 @@
+"""The drone's model, the NMPC, and the controllers that it is compared with."""

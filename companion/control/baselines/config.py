@@ -1,0 +1,80 @@
+"""Numbers of the controllers to compare with; docs/studies.md says how they were found."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from mavlink_bridge.shared.settings import StrictModel
+
+Controller = Literal[
+    "nmpc", "single-horizon", "reynolds", "vasarhelyi", "potential-field", "orca"
+]  # fmt: skip
+
+
+class TrackingConfig(StrictModel):
+    """From a velocity to body rates and thrust; the same for every rule."""
+
+    velocity_gain: float = Field(2.5, gt=0, description="Acceleration per error [1/s].")
+    acceleration_max: float = Field(5.0, gt=0, description="m/s², horizontal: 27° of tilt.")
+    attitude_gain: float = Field(6.0, gt=0, description="Rate per attitude error [1/s].")
+    yaw_gain: float = Field(2.0, gt=0, description="Rate per yaw error [1/s].")
+    climb_gain: float = Field(1.0, gt=0, description="Climb per height error [1/s].")
+    climb_max: float = Field(0.8, gt=0, description="m/s.")
+
+
+class ReynoldsConfig(StrictModel):
+    """Separation, cohesion, migration as vision flocks fly them."""
+
+    separation: float = Field(8.0, ge=0, description="k_sep [m²/s].")
+    cohesion: float = Field(2.0, ge=0, description="k_coh [1/s]; rest at sqrt(k_sep/k_coh) m.")
+    obstacle: float = Field(1.5, ge=0, description="k_sep of obstacles as virtual agents [m²/s].")
+    obstacle_range: float = Field(3.0, gt=0, description="Obstacles farther off [m] do not count.")
+
+
+class VasarhelyiConfig(StrictModel):
+    """Repulsion, friction and shill agents; scaled from 4 m/s outdoors to 1.5 m/s in a forest."""
+
+    r0_rep: float = Field(2.0, gt=0, description="Repulsion begins [m].")
+    p_rep: float = Field(1.0, ge=0, description="Repulsion per metre [1/s].")
+    r0_frict: float = Field(1.5, ge=0, description="Stopping point off this distance [m].")
+    c_frict: float = Field(0.3, ge=0, description="Strength of alignment [-].")
+    v_frict: float = Field(0.4, ge=0, description="Velocity slack of alignment [m/s].")
+    p_frict: float = Field(1.5, gt=0, description="Gain of the braking curve [1/s].")
+    a_frict: float = Field(1.5, gt=0, description="Acceleration of the braking curve [m/s²].")
+    r0_shill: float = Field(0.8, ge=0, description="Stopping point before obstacles [m].")
+    v_shill: float = Field(1.5, ge=0, description="Speed of shill agents [m/s].")
+    p_shill: float = Field(1.5, gt=0, description="Gain of the braking curve [1/s].")
+    a_shill: float = Field(2.0, gt=0, description="Acceleration of the braking curve [m/s²].")
+
+
+class PotentialFieldConfig(StrictModel):
+    """Attraction to the goal, repulsion from everything within reach."""
+
+    eta_agent: float = Field(3.0, ge=0, description="Strength between drones [m⁴/s].")
+    rho_agent: float = Field(3.0, gt=0, description="Reach between surfaces of drones [m].")
+    eta_obstacle: float = Field(2.0, ge=0, description="Strength of obstacles [m⁴/s].")
+    rho_obstacle: float = Field(1.5, gt=0, description="Reach of obstacles [m].")
+
+
+class OrcaConfig(StrictModel):
+    """Optimal reciprocal collision avoidance."""
+
+    radius: float = Field(0.5, gt=0, description="Of a drone, with margin [m].")
+    horizon: float = Field(3.0, gt=0, description="Time free of collision with drones [s].")
+    horizon_obstacle: float = Field(3.0, gt=0, description="The same with obstacles [s].")
+    aside: float = Field(
+        0.05, ge=0, description="Preferred velocity is turned right by this [rad]: breaks ties."
+    )
+
+
+class BaselinesConfig(StrictModel):
+    """One section for each rule."""
+
+    radius: float = Field(0.2, gt=0, description="Of a drone [m].")
+    tracking: TrackingConfig = TrackingConfig()
+    reynolds: ReynoldsConfig = ReynoldsConfig()
+    vasarhelyi: VasarhelyiConfig = VasarhelyiConfig()
+    potential_field: PotentialFieldConfig = PotentialFieldConfig()
+    orca: OrcaConfig = OrcaConfig()

@@ -1,0 +1,71 @@
+"""van den Berg et al., "Reciprocal n-body collision avoidance", ISRR 2011, by its authors' RVO2.
+
+Each drone solves its own step: itself and the neighbours that it sees, as they move.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pyrvo
+
+from companion.control.baselines.config import OrcaConfig
+from companion.control.baselines.surroundings import Surroundings
+from mavlink_bridge.shared.arrays import Vector
+
+_STEP = 0.1  # s, the companion's tick
+_CORNERS = 8  # of the polygon around a trunk
+_WALL = 20.0  # m of wall, centred on its nearest point
+
+
+class Orca:
+    """The velocity nearest to the preferred one that all agree on without a word."""
+
+    def __init__(self, config: OrcaConfig) -> None:
+        self._config = config
+
+    def velocity(self, around: Surroundings) -> Vector:
+        """One step of a simulator in which the drone is agent 0."""
+        c = self._config
+        reach = 15.0
+        sim = pyrvo.RVOSimulator(
+            _STEP, reach, 12, c.horizon, c.horizon_obstacle, c.radius, around.fastest
+        )
+        sim.add_agent((0.0, 0.0))
+        sim.set_agent_velocity(0, tuple(around.v.tolist()))
+        sim.set_agent_pref_velocity(0, _turned_right(around.migration, c.aside))
+        places = zip(around.neighbours.tolist(), around.velocities.tolist(), strict=True)
+        for k, (offset, velocity) in enumerate(places, start=1):
+            sim.add_agent(tuple(offset))
+            sim.set_agent_velocity(k, tuple(velocity))
+            sim.set_agent_pref_velocity(k, tuple(velocity))
+        for polygon in [*_trunks(around.trunks), *_walls(around.walls)]:
+            sim.add_obstacle(polygon)
+        sim.process_obstacles()
+        sim.do_step()
+        chosen = sim.get_agent_velocity(0)
+        return np.array([chosen.x, chosen.y])
+
+
+def _turned_right(v: Vector, angle: float) -> tuple[float, float]:
+    c, s = math.cos(angle), math.sin(angle)
+    return float(c * v[0] + s * v[1]), float(c * v[1] - s * v[0])
+
+
+def _trunks(trunks: Vector) -> list[list[tuple[float, float]]]:
+    """Polygons around the trunks, counter-clockwise."""
+    turn = 2.0 * np.pi * np.arange(_CORNERS) / _CORNERS
+    ring = np.column_stack([np.cos(turn), np.sin(turn)]) / math.cos(math.pi / _CORNERS)
+    return [[(float(a), float(b)) for a, b in ring * r + (x, y)] for x, y, r in trunks]
+
+
+def _walls(walls: Vector) -> list[list[tuple[float, float]]]:
+    """The planes as long thin blocks behind their surface, counter-clockwise."""
+    blocks = []
+    for nx, ny, room in walls.tolist():
+        normal, along = np.array([nx, ny]), np.array([-ny, nx]) * (_WALL / 2)
+        near, far = normal * room, normal * (room + 0.5)
+        corners = [near + along, near - along, far - along, far + along]
+        blocks.append([(float(a), float(b)) for a, b in corners])
+    return blocks

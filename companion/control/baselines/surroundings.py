@@ -1,0 +1,76 @@
+"""What a rule for the velocity looks at: an instance seen from the drone, in the plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from companion.control.nmpc import Instance, NmpcConfig
+from mavlink_bridge.shared.arrays import Vector
+
+_WALL = 0.5  # |n_z| of a plane below which it stands like a wall
+_NEAREST = 0.02  # m: no surface is nearer, whatever the numbers say
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Horizontal, relative to the drone, world axes; m, m/s.
+
+    v (2,): own velocity. migration (2,): velocity that the mission asks for, slower near the goal
+    and where that is unseen or crowded. fastest: most that may be flown, to make way too, as for
+    the NMPC. neighbours (k,2), their velocities (k,2), and 0…1 how much each is one to stay with
+    (k,). trunks (c,3): x, y, radius. walls (h,3): n_x, n_y, free while n·d <= b. surfaces (c+h,2):
+    nearest point of each of them.
+    """
+
+    v: Vector
+    migration: Vector
+    fastest: float
+    neighbours: Vector
+    velocities: Vector
+    cohesion: Vector
+    trunks: Vector
+    walls: Vector
+    surfaces: Vector
+
+    @classmethod
+    def of(cls, instance: Instance, config: NmpcConfig, level: float) -> Self:
+        """From the numbers that the NMPC would plan on; who is `level` [m] up or down is not there.
+
+        A rule in the plane would flee from one that has landed.
+        """
+        p, v = instance.x0[:2], instance.x0[3:5]
+        there = instance.neighbour_active > 0.5
+        there &= np.abs(instance.neighbour_p[:, 2] - instance.x0[2]) < level
+        e = instance.goal[:2] - p
+        trunks = instance.cylinders[instance.cylinder_active > 0.5].copy()
+        trunks[:, :2] -= p
+        planes = instance.planes[instance.plane_active > 0.5]
+        upright = planes[np.abs(planes[:, 2]) < _WALL]
+        length = np.linalg.norm(upright[:, :2], axis=1)
+        room = (upright[:, 3] - upright[:, :3] @ instance.x0[:3]) / length
+        walls = np.column_stack([upright[:, :2] / length[:, None], room])
+        return cls(
+            v=v,
+            migration=instance.speed * e / np.sqrt(e @ e + config.goal_smoothing**2),
+            fastest=instance.v_max,
+            neighbours=instance.neighbour_p[there, :2] - p,
+            velocities=instance.neighbour_v[there, :2],
+            cohesion=instance.neighbour_cohesion[there],
+            trunks=trunks,
+            walls=walls,
+            surfaces=np.vstack([_nearest_of_trunks(trunks), _scaled(walls[:, :2], walls[:, 2])]),
+        )
+
+
+def _nearest_of_trunks(trunks: Vector) -> Vector:
+    """(c,2) nearest surface point of each trunk."""
+    distance = np.linalg.norm(trunks[:, :2], axis=1)
+    return _scaled(trunks[:, :2] / np.maximum(distance, 1e-6)[:, None], distance - trunks[:, 2])
+
+
+def _scaled(directions: Vector, lengths: Vector) -> Vector:
+    points: Vector = directions * np.maximum(lengths, _NEAREST)[:, None]
+    return points

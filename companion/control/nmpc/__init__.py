@@ -1,0 +1,15 @@
+"""Dual-horizon NMPC, eq. (11)-(38): one problem, a real-time solver and a reference solver."""
+
+from companion.control.nmpc.config import NmpcConfig
+from companion.control.nmpc.instance import Instance, Neighbour, make_instance
+from companion.control.nmpc.ipopt import IpoptNmpc
+from companion.control.nmpc.rti import Nmpc
+
+__all__ = [
+    "Instance",
+    "IpoptNmpc",
+    "Neighbour",
+    "Nmpc",
+    "NmpcConfig",
+    "make_instance",
+]

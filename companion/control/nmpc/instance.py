@@ -1,0 +1,115 @@
+"""One problem as data: what changes from tick to tick, padded to the sizes of the config."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from companion.control.nmpc.config import NmpcConfig
+from mavlink_bridge.shared.arrays import Vector
+
+
+class Neighbour(NamedTuple):
+    """A neighbour to keep away from and, by `cohesion` (0…1), to stay with.
+
+    p [m], v [m/s], world ENU; sigma: standard deviations of p [m] and v [m/s] along one axis.
+    """
+
+    p: ArrayLike
+    v: ArrayLike
+    sigma: tuple[float, float] = (0.0, 0.0)
+    cohesion: float = 1.0
+
+
+@dataclass(frozen=True)
+class Instance:
+    """One problem. World ENU, SI. `active` flags are 0 or 1; what is inactive has no effect.
+
+    x0 (10,) p, v, q at the moment the input takes effect. u_last (4,) c, omega, the last sent.
+    goal (3,). speed: C [m/s] of this tick; v_max: bound of (32) [m/s] of this tick. yaw: line of
+    sight [rad]. K, H, J: sizes of the config. neighbour_p, neighbour_v (J,3), neighbour_sigma
+    (J,2), neighbour_cohesion (J,).
+    cylinders (K,3) x, y, radius. planes (H,4) n, b: free where n·p <= b, |n| = 1.
+    disturbance (3,) [m/s²]: acceleration the model knows nothing of (wind, drag).
+    """
+
+    x0: Vector
+    u_last: Vector
+    goal: Vector
+    speed: float
+    v_max: float
+    yaw: float
+    neighbour_p: Vector
+    neighbour_v: Vector
+    neighbour_sigma: Vector
+    neighbour_cohesion: Vector
+    neighbour_active: Vector
+    cylinders: Vector
+    cylinder_active: Vector
+    planes: Vector
+    plane_active: Vector
+    disturbance: Vector = field(default_factory=lambda: np.zeros(3))
+
+    def finite(self) -> bool:
+        """Whether every number is finite, inactive rows included."""
+        return all(bool(np.all(np.isfinite(getattr(self, f.name)))) for f in fields(self))
+
+
+def make_instance(
+    config: NmpcConfig,
+    *,
+    x0: ArrayLike,
+    u_last: ArrayLike,
+    goal: ArrayLike,
+    yaw: float,
+    speed: float | None = None,
+    v_max: float | None = None,
+    neighbours: Sequence[Neighbour] = (),
+    cylinders: ArrayLike = (),
+    planes: ArrayLike = (),
+    disturbance: ArrayLike = (0.0, 0.0, 0.0),
+) -> Instance:
+    """Instance from lists of any length: keeps the first of each, pads the rest as inactive.
+
+    Give the most critical neighbour and the nearest obstacle first.
+    """
+    near = list(neighbours)[: config.neighbours]
+    p, v = (
+        _rows(np.array([n[i] for n in near], dtype=float), config.neighbours, 3)[0] for i in (0, 1)
+    )
+    sigma, active = _rows([n.sigma for n in near], config.neighbours, 2)
+    cohesion, _ = _rows([[n.cohesion] for n in near], config.neighbours, 1)
+    padded_cylinders, cylinder_active = _rows(cylinders, config.cylinders, 3)
+    padded_planes, plane_active = _rows(planes, config.planes, 4)
+    return Instance(
+        x0=np.array(x0, dtype=float),
+        u_last=np.array(u_last, dtype=float),
+        goal=np.array(goal, dtype=float),
+        speed=float(config.speed if speed is None else speed),
+        v_max=float(config.v_max if v_max is None else v_max),
+        yaw=float(yaw),
+        neighbour_p=p,
+        neighbour_v=v,
+        neighbour_sigma=sigma,
+        neighbour_cohesion=cohesion[:, 0],
+        neighbour_active=active,
+        cylinders=padded_cylinders,
+        cylinder_active=cylinder_active,
+        planes=padded_planes,
+        plane_active=plane_active,
+        disturbance=np.array(disturbance, dtype=float),
+    )
+
+
+def _rows(values: ArrayLike, count: int, width: int) -> tuple[Vector, Vector]:
+    """First `count` rows of `values`, zero-padded, and the flags of those that are there."""
+    given = np.asarray(values, dtype=float).reshape(-1, width)[:count]
+    padded = np.zeros((count, width))
+    padded[: len(given)] = given
+    active = np.zeros(count)
+    active[: len(given)] = 1.0
+    return padded, active

@@ -1,0 +1,195 @@
+"""The reference solver: the same problem, converged by IPOPT. For tests, studies, benchmarks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from companion.control.nmpc.config import NmpcConfig
+from companion.control.nmpc.instance import Instance
+from companion.control.nmpc.outcome import (
+    Plan,
+    cold_guess,
+    failed,
+    hover,
+    judged,
+    no_clock,
+    penalised,
+    shifted,
+)
+from companion.control.nmpc.parameters import Numbers, weight_numbers
+from companion.control.nmpc.problem import build_stage
+from companion.control.nmpc.qp import change_bounds, input_bounds
+from companion.model import NU, NX, normalise
+from companion.types import Result, Status
+from mavlink_bridge.shared.arrays import Vector
+
+INFINITY = float("inf")
+
+
+class IpoptNmpc:
+    """Multiple shooting on the stage functions of `problem.py`, solved to convergence.
+
+    expand: SX (fast); without it the MX graph is left as most people write it (benchmark).
+    barrier: IPOPT's first barrier parameter; a small one finds the minimum next to the guess
+    rather than a better one further off.
+    """
+
+    def __init__(
+        self,
+        config: NmpcConfig,
+        clock: Callable[[], float] = no_clock,
+        *,
+        expand: bool = True,
+        tolerance: float = 1e-8,
+        barrier: float = 0.1,
+    ) -> None:
+        self.config = config
+        self._clock = clock
+        self._stage = build_stage(config)
+        self._weights = weight_numbers(config)
+        self._numbers = Numbers(config)
+        self._build(expand, tolerance, barrier)
+        self._plan: Plan | None = None
+
+    def _build(self, expand: bool, tolerance: float, barrier: float) -> None:
+        config, N, stage = self.config, self.config.N, self._stage
+        X, U = ca.MX.sym("X", NX, N), ca.MX.sym("U", NU, N)
+        slack = ca.MX.sym("slack", 2, N)
+        x0, u_last = ca.MX.sym("x0", NX), ca.MX.sym("u_last", NU)
+        stages = ca.MX.sym("stages", stage.linearise.nnz_in(4), N)
+        scene = ca.MX.sym("scene", stage.linearise.nnz_in(5))
+        weights = ca.MX.sym("weights", len(self._weights))
+        cost, rows, low, high = ca.MX(0), [], [], []
+        change = change_bounds(config)
+        for k in range(N):
+            before = U[:, k - 1] if k > 0 else u_last
+            x = X[:, k - 1] if k > 0 else x0
+            arguments = (x, before, U[:, k], X[:, k], stages[:, k], scene, weights)
+            reached, stage_cost, margins = stage.evaluate(*arguments)
+            cost += stage_cost + self._penalty(slack[:, k])
+            agents, obstacles = margins[: config.neighbours], margins[config.neighbours :]
+            given = [reached - X[:, k], U[:, k] - before]
+            low += [0.0] * NX + [-c for c in change]
+            high += [0.0] * NX + [*change]
+            if k < config.M_constraint:
+                given.append(agents + slack[0, k])
+            given.append(obstacles + slack[1, k])
+            count = sum(int(g.shape[0]) for g in given[2:])
+            low += [0.0] * count
+            high += [INFINITY] * count
+            rows += given
+        self._low, self._high = np.array(low), np.array(high)
+        problem: Any = {
+            "x": ca.veccat(X, U, slack),
+            "f": cost,
+            "g": ca.vertcat(*rows),
+            "p": ca.veccat(x0, u_last, stages, scene, weights),
+        }
+        # The bounds that the real-time solver plans within: one problem, one optimum.
+        least, most = input_bounds(config)
+        bounds = np.full(NX * N, INFINITY)
+        self._least = np.concatenate([-bounds, np.tile(least, N), np.zeros(2 * N)])
+        self._most = np.concatenate([bounds, np.tile(most, N), np.full(2 * N, INFINITY)])
+        options: Any = {
+            "expand": expand,
+            "print_time": False,
+            "ipopt": {
+                "print_level": 0,
+                "sb": "yes",
+                "tol": tolerance,
+                "max_iter": 500,
+                "mu_init": barrier,
+            },
+        }
+        self._solver = ca.nlpsol("reference", "ipopt", problem, options)
+
+    def _penalty(self, slack: ca.MX) -> ca.MX:
+        linear, quadratic = self.config.penalty, self.config.penalty_quadratic
+        return linear * ca.sum1(slack) + 0.5 * quadratic * ca.sumsqr(slack)
+
+    def reset(self) -> None:
+        """Forget the previous plan."""
+        self._plan = None
+
+    def guess(self, plan: Plan) -> None:
+        """Take `plan` as the previous plan, already shifted: start from there next time."""
+        x, u = plan
+        self._plan = (
+            np.concatenate([x[:1], x[:-1]]),
+            np.concatenate([u[:1], u[:-1]]),
+        )
+
+    def solve(self, instance: Instance, steps: int = 1) -> Result:
+        """Converged plan of the instance; never raises, never gives a non-finite number."""
+        started = self._clock()
+        with np.errstate(all="ignore"):
+            return self._solve(instance, steps, started)
+
+    def _solve(self, instance: Instance, steps: int, started: float) -> Result:
+        config, N = self.config, self.config.N
+        if self._plan is not None:
+            self._plan = shifted(self._plan, steps, config.dt)
+        low, high = self._least[NX * N :][:NU], self._most[NX * N :][:NU]
+        u_last = np.clip(instance.u_last, low, high)
+        x0 = instance.x0.copy()
+        x0[6:10] = normalise(x0[6:10])
+        self._numbers.fill(instance)
+        scene, stages = self._numbers.scene, self._numbers.stages.T
+        if not all(np.isfinite(a).all() for a in (x0, u_last, scene, stages)):
+            return self._failure(instance, Status.NOT_FINITE, 0, started)
+        x, u = self._plan if self._plan is not None else cold_guess(config, instance, x0)
+        x = x.copy()
+        if float(x[0, 6:10] @ x0[6:10]) < 0.0:
+            x[:, 6:10] *= -1.0
+        origin = np.concatenate([x0[:3], np.zeros(7)])
+        start = np.concatenate([(x[1:] - origin).ravel(), u.ravel(), np.full(2 * N, 1e-3)])
+        here = x0 - origin
+        parameters = np.concatenate([here, u_last, stages.T.ravel(), scene, self._weights])
+        answer = self._solver(
+            x0=start, p=parameters, lbx=self._least, ubx=self._most, lbg=self._low, ubg=self._high
+        )
+        statistics = self._solver.stats()
+        iterations = int(statistics["iter_count"])
+        solution = answer["x"].full().ravel()
+        if not (statistics["success"] and np.isfinite(solution).all()):
+            return self._failure(instance, Status.INFEASIBLE, iterations, started)
+        x = np.concatenate([here[None], solution[: NX * N].reshape(N, NX)])
+        u = solution[NX * N : (NX + NU) * N].reshape(N, NU)
+        cost, margins = self._evaluate(x, u, u_last, stages, scene)
+        x = x + origin
+        x[:, 6:10] = normalise(x[:, 6:10])
+        self._plan = x, u
+        return judged(
+            config,
+            instance,
+            self._plan,
+            cost,
+            margins,
+            status=Status.SOLVED,
+            iterations=iterations,
+            step_norm=0.0,
+            elapsed=lambda: self._clock() - started,
+        )
+
+    def _evaluate(
+        self, x: Vector, u: Vector, u_last: Vector, stages: Vector, scene: Vector
+    ) -> tuple[float, Vector]:
+        """Cost and margins of a plan, by the functions the real-time solver reports with."""
+        N = self.config.N
+        before = np.concatenate([u_last[None], u[:-1]])
+        shared = [np.tile(c[:, None], N) for c in (scene, self._weights)]
+        columns = (x[:-1].T, before.T, u.T, x[1:].T, stages, *shared)
+        _, costs, margins = self._stage.evaluate.map(N)(*columns)
+        margins = margins.full().T
+        return float(costs.full().sum()) + penalised(self.config, margins), margins
+
+    def _failure(
+        self, instance: Instance, status: Status, iterations: int, started: float
+    ) -> Result:
+        plan = self._plan if self._plan is not None else hover(self.config, instance.x0)
+        took = self._clock() - started
+        return failed(plan, status=status, iterations=iterations, solve_time=took)

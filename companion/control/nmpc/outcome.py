@@ -1,0 +1,181 @@
+"""What a plan amounts to: cost, intrusion, the constraints it leans on; and the fallback plan."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from companion.control.nmpc.config import NmpcConfig
+from companion.control.nmpc.instance import Instance
+from companion.model import GRAVITY, HOVER, NU, yaw_of, yaw_quaternion
+from companion.types import Result, Status
+from mavlink_bridge.shared.arrays import Vector
+
+Plan = tuple[Vector, Vector]
+
+# A constraint nearer than this to its bound is named in Result.active.
+ACTIVE = 1e-3
+
+# Deceleration [m/s²] of the guess that brakes.
+_BRAKING = 3.0
+
+
+def no_clock() -> float:
+    """Return 0.0: the clock of a solver whose solve times are of no interest."""
+    return 0.0
+
+
+def shifted(plan: Plan, steps: int, dt: float) -> Plan:
+    """The plan as seen `steps` ticks later; the last input is held.
+
+    steps is cut to the horizon: what is older than the plan is hover-like anyway.
+    """
+    x, u = plan
+    for _ in range(min(steps, len(u))):
+        last_x, last_u = x[-1].tolist(), u[-1].tolist()
+        x = np.concatenate([x[1:], [_held(last_x, last_u, dt)]])
+        u = np.concatenate([u[1:], u[-1:]])
+    return x, u
+
+
+def _held(x: list[float], u: list[float], dt: float) -> list[float]:
+    """State after `dt` of a held input to second order: a guess, so plain and fast."""
+    px, py, pz, vx, vy, vz, w, i, j, k = x
+    c, a, b, r = u
+    n = 1.0 / math.sqrt(w * w + i * i + j * j + k * k)
+    w, i, j, k, h = w * n, i * n, j * n, k * n, 0.5 * dt
+    ax, ay = c * 2.0 * (i * k + w * j), c * 2.0 * (j * k - w * i)
+    az = c * (w * w - i * i - j * j + k * k) - GRAVITY
+    return [
+        px + dt * (vx + h * ax),
+        py + dt * (vy + h * ay),
+        pz + dt * (vz + h * az),
+        vx + dt * ax,
+        vy + dt * ay,
+        vz + dt * az,
+        w + h * (-i * a - j * b - k * r),
+        i + h * (w * a + j * r - k * b),
+        j + h * (w * b - i * r + k * a),
+        k + h * (w * r + i * b - j * a),
+    ]
+
+
+def hover(config: NmpcConfig, x0: Vector) -> Plan:
+    """Staying where one is, level; also what stands in for a state that is not finite."""
+    state = np.zeros(10)
+    state[6] = 1.0
+    if np.all(np.isfinite(x0)):
+        state[:3] = x0[:3]
+    return np.tile(state, (config.N + 1, 1)), np.tile(HOVER, (config.N, 1))
+
+
+def cold_guess(config: NmpcConfig, instance: Instance, x0: Vector) -> Plan:
+    """Where nothing is known: level flight straight to the goal, at speed within a second."""
+    k = np.arange(config.N + 1)[:, None] * config.dt
+    e = instance.goal - x0[:3]
+    wanted = instance.speed * e / np.sqrt(e @ e + config.goal_smoothing**2)
+    v = x0[3:6] + (wanted - x0[3:6]) * np.minimum(k, 1.0)
+    p = x0[:3] + np.concatenate([np.zeros((1, 3)), np.cumsum(v[:-1], axis=0) * config.dt])
+    q = yaw_quaternion(yaw_of(x0[6:10]))
+    q = q if float(q @ x0[6:10]) >= 0.0 else -q
+    x = np.concatenate([p, v, np.tile(q, (config.N + 1, 1))], axis=1)
+    x[0] = x0
+    return x, np.tile(HOVER, (config.N, 1))
+
+
+def brake_guess(config: NmpcConfig, x0: Vector) -> Plan:
+    """Straight on to a halt at `_BRAKING`, level: the other way out where a plan is stuck."""
+    k = np.arange(config.N + 1)[:, None] * config.dt
+    speed = max(float(np.linalg.norm(x0[3:6])), 1e-6)
+    left = np.maximum(1.0 - _BRAKING / speed * k, 0.0)
+    v = x0[3:6] * left
+    p = x0[:3] + np.concatenate([np.zeros((1, 3)), np.cumsum(v[:-1], axis=0) * config.dt])
+    q = yaw_quaternion(yaw_of(x0[6:10]))
+    q = q if float(q @ x0[6:10]) >= 0.0 else -q
+    x = np.concatenate([p, v, np.tile(q, (config.N + 1, 1))], axis=1)
+    x[0] = x0
+    return x, np.tile(HOVER, (config.N, 1))
+
+
+def penalised(config: NmpcConfig, margins: Vector) -> float:
+    """Penalty of the deepest intrusion [m] per stage and kind; margins as for `judged`."""
+    J = config.neighbours
+    kinds = (margins[:, :J].min(axis=1, initial=0.0), margins[:, J:].min(axis=1, initial=0.0))
+    deep = -np.concatenate(kinds)
+    return float(np.sum(config.penalty * deep + 0.5 * config.penalty_quadratic * deep**2))
+
+
+def judged(
+    config: NmpcConfig,
+    instance: Instance,
+    plan: Plan,
+    cost: float,
+    margins: Vector,
+    *,
+    status: Status,
+    iterations: int,
+    step_norm: float,
+    elapsed: Callable[[], float],
+) -> Result:
+    """Result of a usable plan. margins (N, rows): agents, cylinders, planes at 1…N.
+
+    cost: (29) with the penalties. A neighbour's margin beyond M_constraint is that of a row
+    switched off.
+    """
+    J, K = config.neighbours, config.neighbours + config.cylinders
+    rows = margins.min(axis=0).tolist()
+    nearest = [min(part, default=math.inf) for part in (rows[:J], rows[J:K], rows[K:])]
+    names = [n for n, m in zip(("agent", "cylinder", "plane"), nearest, strict=True) if m < ACTIVE]
+    x, u = plan
+    return Result(
+        x=x,
+        u=u,
+        status=status,
+        usable=True,
+        iterations=iterations,
+        step_norm=step_norm,
+        slack_agent=max(0.0, -nearest[0]),
+        slack_obstacle=max(0.0, -nearest[1]),
+        slack_plane=max(0.0, -nearest[2]),
+        active=(*names, *_active_inputs(config, instance.u_last, u), *_speeding(instance, x)),
+        cost=cost,
+        solve_time=elapsed(),
+    )
+
+
+def _active_inputs(config: NmpcConfig, u_last: Vector, u: Vector) -> list[str]:
+    changes = np.abs(u - np.concatenate([u_last[None], u[:-1]])).max(axis=0).tolist()
+    most, least = u.max(axis=0).tolist(), u.min(axis=0).tolist()
+    leaning = {
+        "c": most[0] > config.c_max - ACTIVE or least[0] < config.c_min + ACTIVE,
+        "omega": max(*most[1:], -min(least[1:])) > config.omega_max - ACTIVE,
+        "delta_c": changes[0] > config.delta_c_max - ACTIVE,
+        "delta_omega": max(changes[1:]) > config.delta_omega_max - ACTIVE,
+    }
+    return [name for name, leans in leaning.items() if leans]
+
+
+def _speeding(instance: Instance, x: Vector) -> list[str]:
+    v = x[1:, 3:6]
+    fastest = math.sqrt(float((v * v).sum(axis=1).max()))
+    return ["v_max"] if fastest > instance.v_max - ACTIVE else []
+
+
+def failed(plan: Plan, *, status: Status, iterations: int, solve_time: float) -> Result:
+    """Result of a solve that gave nothing: `plan` is the fallback."""
+    return Result(
+        x=plan[0],
+        u=plan[1].reshape(-1, NU),
+        status=status,
+        usable=False,
+        iterations=iterations,
+        solve_time=solve_time,
+        step_norm=0.0,
+        slack_agent=0.0,
+        slack_obstacle=0.0,
+        slack_plane=0.0,
+        active=(),
+        cost=0.0,
+    )

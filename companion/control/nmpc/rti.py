@@ -1,0 +1,246 @@
+"""The real-time solver: a few full SQP steps from the shifted previous plan.
+
+No line search: every cost term's Hessian majorises it (`costs.py`), and distances are linearised
+to their safe side (`constraints.py`), so full steps converge, but for what the dynamics bend
+where a plan is pressed hard. After more steps than a tick ever takes, when an optimum is
+wanted, only what makes the plan cheaper is taken of each.
+
+A plan that intrudes on others may be no more than a bad local minimum: it is then compared
+with what follows from braking to a halt, and the cheaper of the two flies.
+
+Everything iterates by count, never by the clock: the same instances give the same bytes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.control.nmpc.compiled import CompiledProgram, library
+from companion.control.nmpc.config import NmpcConfig
+from companion.control.nmpc.instance import Instance
+from companion.control.nmpc.outcome import (
+    Plan,
+    brake_guess,
+    cold_guess,
+    failed,
+    hover,
+    judged,
+    no_clock,
+    penalised,
+    shifted,
+)
+from companion.control.nmpc.problem import build_stage
+from companion.control.nmpc.qp import Program
+from companion.control.nmpc.stages import Stages
+from companion.types import Result, Status
+from mavlink_bridge.shared.arrays import Vector
+
+# Length below which a quaternion says nothing.
+SMALLEST = 1e-3
+
+# Steps from a guess that are taken in full; how often a later one is halved; the share of the
+# cost that it must gain, else the optimum is found.
+FULL_STEPS, HALVINGS, LEAST_GAIN = 20, 10, 1e-8
+
+
+@dataclass(frozen=True)
+class _Descent:
+    """Where the steps from one guess ended. cost: with penalties; gap: left open in (31)."""
+
+    plan: Plan
+    cost: float
+    gap: float
+    margins: Vector
+    iterations: int
+    step_norm: float
+
+    def intrusion(self, planes: int) -> float:
+        """Deepest [m] into what (37), (38) keep free; `planes`: how many of the rows are such.
+
+        Into a plane, only what is deeper than at the first step: in 0.1 s no plan gets out, and
+        who is being landed through the floor of the flying height has no better one.
+        """
+        deep = -np.minimum(self.margins, 0.0)
+        most = deep.max(axis=0)
+        others = len(most) - planes
+        most[others:] -= deep[0, others:]
+        return float(most.max(initial=0.0))
+
+    def merit(self, config: NmpcConfig) -> float:
+        """What two descents are compared by: a plan that cannot be flown as it stands is dear."""
+        return self.cost + config.penalty * self.gap
+
+
+class Nmpc:
+    """SQP-RTI on the problem of `problem.py`; keeps its own previous plan."""
+
+    def __init__(
+        self,
+        config: NmpcConfig,
+        clock: Callable[[], float] = no_clock,
+        *,
+        compiled: bool = True,
+    ) -> None:
+        """Build the solver.
+
+        compiled: use a C compiler if there is one. `backend` says what came of it; the first
+        start with a new size of problem then takes seconds, later ones read the cache.
+        """
+        self.config = config
+        self._clock = clock
+        stage = build_stage(config)
+        found = library(stage, config) if compiled else None
+        self.backend = "piqp" if found is None else "compiled"
+        self._program: Program | CompiledProgram = (
+            Program(config, stage) if found is None else CompiledProgram(config, stage, found)
+        )
+        linearised = self._program.source[: config.N * stage.size]
+        self._stages = Stages(config, stage, linearised, found)
+        self._plan: Plan | None = None
+        self._other: Plan | None = None  # a second start that the last tick had to break off
+        self._work = 0  # interior-point iterations of this tick
+
+    def reset(self) -> None:
+        """Forget the previous plan: the next solve starts cold."""
+        self._plan = self._other = None
+
+    def solve(self, instance: Instance, steps: int = 1) -> Result:
+        """Plan from the instance; never raises, never gives a non-finite number.
+
+        steps: ticks since the previous solve, by which its plan is shifted.
+        """
+        started = self._clock()
+        with np.errstate(all="ignore"):
+            return self._solve(instance, steps, started)
+
+    def _solve(self, instance: Instance, steps: int, started: float) -> Result:
+        config, stages, program = self.config, self._stages, self._program
+        self._work = 0
+        self._plan, self._other = (
+            None if plan is None else shifted(plan, steps, config.dt)
+            for plan in (self._plan, self._other)
+        )
+        u_last = np.clip(instance.u_last, program.u_min, program.u_max)
+        x0 = instance.x0.copy()
+        attitude = math.sqrt(float(x0[6:10] @ x0[6:10]))
+        # A quaternion of no length is no attitude.
+        if not (stages.place(instance, u_last) and attitude > SMALLEST and math.isfinite(x0.sum())):
+            return self._failure(instance, Status.NOT_FINITE, 0, started)
+        x0[6:10] /= attitude
+        best = self._best(instance, x0, u_last)
+        if best is None:
+            return self._failure(instance, Status.QP_FAILED, 0, started)
+        self._plan = best.plan
+        converged = best.step_norm <= config.step_tolerance
+        return judged(
+            config,
+            instance,
+            best.plan,
+            best.cost,
+            best.margins,
+            status=Status.SOLVED if converged else Status.MAX_ITERATIONS,
+            iterations=best.iterations,
+            step_norm=best.step_norm,
+            elapsed=lambda: self._clock() - started,
+        )
+
+    def _best(self, instance: Instance, x0: Vector, u_last: Vector) -> _Descent | None:
+        """The descent from the previous plan, or where that intrudes, a cheaper one."""
+        config = self.config
+        if self._plan is None:
+            guess, most = cold_guess(config, instance, x0), config.sqp_iterations_cold
+        else:
+            guess, most = self._plan, config.sqp_iterations_max
+        best = self._descend(guess, x0, u_last, most)
+        carried, self._other = self._other, None
+        if best is not None and best.intrusion(config.planes) <= config.rescue_slack:
+            return best
+        guess = brake_guess(config, x0) if carried is None else carried
+        other = self._descend(guess, x0, u_last, config.sqp_iterations_rescue)
+        if best is None or (other is not None and other.merit(config) < best.merit(config)):
+            return other
+        if other is not None and self._work >= config.work_max:
+            self._other = other.plan
+        return best
+
+    def _descend(self, guess: Plan, x0: Vector, u_last: Vector, most: int) -> _Descent | None:
+        """At least `sqp_iterations`, at most `most` steps from a guess; None: found nothing.
+
+        What an earlier iteration found still stands when a later one finds nothing.
+        """
+        config, stages = self.config, self._stages
+        self._start_from(guess, x0)
+        iterations, step_norm = 0, math.inf
+        while iterations < config.sqp_iterations or (
+            iterations < most and step_norm > config.step_tolerance and self._work < config.work_max
+        ):
+            if iterations >= FULL_STEPS:
+                stages.roll_out()
+            stages.linearise()
+            found = self._program.solve(stages.u, u_last)
+            self._work += abs(self._program.iterations)
+            if found is None:
+                step_norm = math.inf
+                break
+            dx, du = found
+            largest = float(np.abs(dx).max()), float(np.abs(du).max())
+            if not math.isfinite(sum(largest)):
+                step_norm = math.inf
+                break
+            step_norm = max(largest)
+            iterations += 1
+            if iterations <= FULL_STEPS:
+                stages.x[1:] += dx
+                stages.u += du
+            elif not self._improve(du):
+                step_norm = 0.0
+        cost = self._cost()
+        if iterations == 0 or not math.isfinite(cost):
+            return None
+        gap = float(np.abs(stages.reached - stages.x[1:]).sum())
+        x = stages.x.copy()
+        x[:, :3] += x0[:3]
+        q = x[:, 6:10]
+        q /= np.sqrt((q * q).sum(axis=1))[:, None]
+        return _Descent(
+            (x, stages.u.copy()), cost, gap, stages.margins.copy(), iterations, min(step_norm, 1e9)
+        )
+
+    def _improve(self, du: Vector) -> bool:
+        """Take as much of a step as makes what is flown from here cheaper; False: none of it."""
+        stages = self._stages
+        u, cost = stages.u.copy(), self._cost()
+        for halvings in range(HALVINGS):
+            stages.u[:] = u + 0.5**halvings * du
+            stages.roll_out()
+            if self._cost() < cost - LEAST_GAIN * (1.0 + cost):
+                return True
+        stages.u[:] = u
+        stages.roll_out()
+        return False
+
+    def _cost(self) -> float:
+        """(29) with the penalties, at the iterate."""
+        stages = self._stages
+        stages.evaluate()
+        return float(stages.costs.sum()) + penalised(self.config, stages.margins)
+
+    def _start_from(self, guess: Plan, x0: Vector) -> None:
+        """Set the iterate: relative to x0's place, quaternions on its side of the sphere."""
+        stages = self._stages
+        stages.x[:], stages.u[:] = guess
+        if float(stages.x[0, 6:10] @ x0[6:10]) < 0.0:
+            stages.x[:, 6:10] *= -1.0
+        stages.x[0] = x0
+        stages.x[:, :3] -= x0[:3]
+
+    def _failure(
+        self, instance: Instance, status: Status, iterations: int, started: float
+    ) -> Result:
+        plan = self._plan if self._plan is not None else hover(self.config, instance.x0)
+        took = self._clock() - started
+        return failed(plan, status=status, iterations=iterations, solve_time=took)

@@ -1,0 +1,111 @@
+"""The stage functions over all stages at once, called on arrays that stay in place."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from companion.control.nmpc.compiled import Sweep
+from companion.control.nmpc.config import NmpcConfig
+from companion.control.nmpc.instance import Instance
+from companion.control.nmpc.parameters import Numbers, weight_numbers
+from companion.control.nmpc.problem import Stage
+from companion.model import NU, NX, step
+from mavlink_bridge.shared.arrays import Vector
+
+
+class Stages:
+    """An iterate (x, u), the parameters, and the stage functions evaluated on them.
+
+    All arrays are read and written in place by the generated functions; fill them, never
+    replace them. `source` is where the linearisation goes.
+    """
+
+    def __init__(
+        self,
+        config: NmpcConfig,
+        stage: Stage,
+        source: Vector,
+        library: ctypes.CDLL | None = None,
+    ) -> None:
+        N = config.N
+        self.config = config
+        self.x, self.u = np.zeros((N + 1, NX)), np.zeros((N, NU))
+        self.reached, self.costs = np.zeros((N, NX)), np.zeros(N)
+        self.margins = np.zeros((N, stage.evaluate.nnz_out(2)))
+        self._before = np.zeros((N, NU))
+        self._numbers = Numbers(config)
+        self._weights = weight_numbers(config)
+        inputs = [
+            (self.x[:-1], NX),
+            (self._before, NU),
+            (self.u, NU),
+            (self.x[1:], NX),
+            (self._numbers.stages, self._numbers.stages.shape[1]),
+            (self._numbers.scene, 0),
+            (self._weights, 0),
+        ]
+        outputs = [(self.reached, NX), (self.costs, 1), (self.margins, self.margins.shape[1])]
+        linear = [(source, stage.size)]
+        if library is not None:
+            self._linearise: Callable[[], None] = Sweep(library, stage.linearise, N, inputs, linear)
+            self._evaluate: Callable[[], None] = Sweep(library, stage.evaluate, N, inputs, outputs)
+        else:
+            self._buffers: list[object] = []
+            self._linearise = self._bind(stage.linearise, inputs, linear)
+            self._evaluate = self._bind(stage.evaluate, inputs, outputs)
+
+    def _bind(
+        self,
+        function: ca.Function,
+        inputs: list[tuple[Vector, int]],
+        outputs: list[tuple[Vector, int]],
+    ) -> Callable[[], None]:
+        """The function mapped over the stages in CasADi's virtual machine."""
+        shared = [i for i, (_, stride) in enumerate(inputs) if stride == 0]
+        name = function.name() + "_all"
+        mapped = function.map(name, "serial", self.config.N, shared, [])
+        buffer: Any
+        buffer, call = mapped.buffer()
+        for i, (array, _) in enumerate(inputs):
+            buffer.set_arg(i, _memory(array))
+        for i, (array, _) in enumerate(outputs):
+            buffer.set_res(i, _memory(array))
+        self._buffers.append(buffer)
+        return call  # type: ignore[no-any-return]
+
+    def place(self, instance: Instance, u_last: Vector) -> bool:
+        """Set the parameters of an instance; False if one of them is not finite."""
+        self._numbers.fill(instance)
+        self._before[0] = u_last
+        # A sum is finite only if every term is, short of overflow, which is no plan either.
+        total = self._numbers.scene.sum() + self._numbers.stages.sum() + self._before[0].sum()
+        return math.isfinite(total)
+
+    def roll_out(self) -> None:
+        """Replace the states by what the inputs lead to from the first one."""
+        disturbance, x = self._numbers.scene[6:9].tolist(), self.x[0].tolist()
+        for k, u in enumerate(self.u.tolist()):
+            x = self.x[k + 1] = step(x, u, self.config.dt, disturbance)
+
+    def linearise(self) -> None:
+        """Fill `source` at the iterate."""
+        self._before[1:] = self.u[:-1]
+        self._linearise()
+
+    def evaluate(self) -> None:
+        """Fill `reached`, `costs` and `margins` at the iterate."""
+        self._before[1:] = self.u[:-1]
+        self._evaluate()
+
+
+def _memory(array: Vector) -> Any:
+    """The numbers of an array, in place; CasADi's stubs know only the C side of its buffers."""
+    flat = array.reshape(-1)
+    assert np.shares_memory(flat, array)
+    return memoryview(flat)  # type: ignore[arg-type]

@@ -1,0 +1,193 @@
+"""Walls, floors and ceilings from depth: remembered for a while, and the free room between them.
+
+Surfaces are kept as small cubes of the drone's own world. What has left the view stays for some
+seconds; what the view shows to be free goes at once. The free room around the drone is cut out
+plane by plane: the nearest surface point gives a half-space, which hides all points beyond it,
+and so on; "nearest" stretched along the way to the goal, so that the room reaches ahead (after
+Liu et al., "Planning dynamically feasible trajectories for quadrotors using safe flight corridors",
+2017).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from companion.perception.camera import Camera
+from companion.types import Ranges
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.frames import rotation_matrix
+from mavlink_bridge.shared.settings import StrictModel
+from mavlink_bridge.wire.messages import VehicleState
+
+_OFFSET = 1 << 20  # cubes: makes indices positive
+_PATCH = 0.6  # m around a point in which its surface may be flat
+_FLAT = 0.05  # m, 1 σ from flat
+_LIKE = 0.9  # cosine between a surface's own normal and the one that is asked for
+_CREEP = 0.3  # m ahead, at least, of a place beside
+_TURNS = [0.0, *(sign * 0.05 * n for n in range(1, 9) for sign in (-1.0, 1.0))]  # rad to the left
+_STEPS = [sign * 0.1 * n for n in range(1, 31) for sign in (-1.0, 1.0)]  # m to the left
+_DEEPER = 0.3  # m beyond a cube that must be in view before it counts as gone
+
+
+class SurfaceConfig(StrictModel):
+    """Numbers of the memory of surfaces."""
+
+    cube: float = Field(0.2, gt=0.02, description="Edge [m] of what is remembered at once.")
+    memory: float = Field(4.0, ge=0, description="s that what left the view is kept.")
+    range: float = Field(5.0, gt=0, description="Farther than this [m] is forgotten.")
+    hits_to_count: int = Field(2, ge=1, description="Looks before a cube counts.")
+    stretch: float = Field(
+        2.5, ge=1, description="What lies ahead counts as this many times nearer: the free room "
+        "is as many times longer than wide."
+    )  # fmt: skip
+    rough: float = Field(0.1, ge=0, description="A plane may cut off this much [m] of a surface.")
+    planes: int = Field(4, ge=0, le=32, description="Half-spaces at most.")
+    trunk_margin: float = Field(0.35, ge=0, description="This near [m] to a trunk it is that.")
+
+
+class Surfaces:
+    """Surface cubes known to one drone, in its own ENU frame."""
+
+    def __init__(self, camera: Camera, config: SurfaceConfig) -> None:
+        self._camera = camera
+        self._config = config
+        self._lens: Camera | None = None
+        self._keys: NDArray[np.int64] = np.zeros(0, np.int64)
+        self._points: Vector = np.zeros((0, 3))
+        self._seen: Vector = np.zeros(0)
+        self._hits: NDArray[np.int64] = np.zeros(0, np.int64)
+
+    def update(self, ranges: Ranges, own: VehicleState) -> None:
+        """Take in the ranges (h,w) [m; inf free, NaN unknown] of one frame seen in state `own`."""
+        if self._lens is None or (self._lens.height, self._lens.width) != ranges.shape:
+            self._lens = self._camera.scaled(ranges.shape[1], ranges.shape[0])
+        r_wc = rotation_matrix(own.q_wb) @ rotation_matrix(self._camera.mount)
+        wide = ranges.astype(np.float64)
+        self._forget(wide, own, r_wc, self._lens)
+        met = np.isfinite(wide) & (wide < self._config.range)
+        self._add(own.p + self._lens.directions[met] * wide[met, None] @ r_wc.T, own.time)
+
+    def points(self, cylinders: Vector) -> Vector:
+        """(n,3) m: confirmed surface points that belong to no trunk of cylinders (k,3)."""
+        sure = self._points[self._hits >= self._config.hits_to_count]
+        if not len(cylinders) or not len(sure):
+            return sure
+        gap = np.linalg.norm(sure[:, None, :2] - cylinders[None, :, :2], axis=-1)
+        result: Vector = sure[(gap > cylinders[:, 2] + self._config.trunk_margin).all(axis=1)]
+        return result
+
+    def lane(self, p: Vector, goal: Vector, points: Vector, room: float) -> Vector:
+        """(3,) m: the goal, or where walls want another way than the straight one to it, its end.
+
+        Another: from p (3,), in the nearest direction in which points (n,3) leave `room` [m] to
+        each side. Where there is none, first a place beside p from which a way of the same
+        direction is free. The free room of `planes` says where nothing is, not where to leave it
+        by: against a wall that the way meets squarely, nobody would ever move towards the opening
+        beside him.
+        """
+        x, y = (goal[:2] - p[:2]).tolist()
+        length = math.hypot(x, y)
+        level = points[np.abs(points[:, 2] - p[2]) < room] if len(points) else points
+        if length < 1e-6 or not len(level):
+            return goal
+        offsets = level[:, :2] - p[:2]
+        reach = min(length, self._config.range)
+        for turn in _TURNS:
+            c, s = math.cos(turn), math.sin(turn)
+            way = np.array([c * x - s * y, s * x + c * y]) / length
+            along, aside = offsets @ way, offsets @ np.array([-way[1], way[0]])
+            if not ((along > 0.0) & (along < reach) & (np.abs(aside) < room)).any():
+                return np.array([*(p[:2] + length * way), goal[2]]) if turn else goal
+        way, left = np.array([x, y]) / length, np.array([-y, x]) / length
+        along, aside = offsets @ way, offsets @ left
+        near = (along > -room) & (along < reach)
+        along, aside = along[near], aside[near]
+        ahead = along[(along > 0.0) & (np.abs(aside) < room)]
+        for step in _STEPS:
+            if not (np.abs(aside - step) < room).any():
+                on = max(float(ahead.min()) - 2.0 * room, _CREEP)
+                return np.array([*(p[:2] + step * left + on * way), goal[2]])
+        return goal
+
+    def planes(self, p: Vector, goal: Vector, points: Vector) -> Vector:
+        """(n,4) half-spaces n·x <= b, nearest first: free room around p (3,) towards goal (3,)."""
+        way = goal - p
+        way = way / max(float(np.linalg.norm(way)), 1e-6)
+        left = points - p
+        made: list[Vector] = []
+        while len(left) and len(made) < self._config.planes:
+            along = left @ way
+            # Points of equal distance form an ellipsoid, long ahead, round behind.
+            scale = np.where(along > 0.0, 1.0 / self._config.stretch**2, 1.0)
+            metric = left + (along * (scale - 1.0))[:, None] * way
+            nearest = int(np.argmin((metric * left).sum(axis=1)))
+            length = float(np.linalg.norm(metric[nearest]))
+            if length < 1e-6:  # in the very place: no side to be on
+                left = np.delete(left, nearest, axis=0)
+                continue
+            normal = _own_normal(left, left[nearest], metric[nearest] / length)
+            reach = float(normal @ left[nearest])
+            made.append(np.array([*normal, normal @ p + reach]))
+            left = left[left @ normal < reach - self._config.rough - 1e-9]
+        made.sort(key=lambda row: float(row[3] - row[:3] @ p))
+        return np.array(made).reshape(-1, 4)
+
+    def _forget(self, ranges: Vector, own: VehicleState, r_wc: Vector, lens: Camera) -> None:
+        """Drop what is old, far, or in plain view no longer there."""
+        if not len(self._keys):
+            return
+        offsets = self._points - own.p
+        distance = np.linalg.norm(offsets, axis=1)
+        pixels = lens.project(offsets @ r_wc)
+        inside = (pixels > 0.0) & (pixels < np.array([lens.width - 1, lens.height - 1]))
+        shown = np.full(len(offsets), np.nan)
+        u, v = np.round(pixels[inside.all(axis=1)]).astype(int).T
+        shown[inside.all(axis=1)] = _nearest_around(ranges)[v, u]
+        gone = shown > distance + _DEEPER
+        old = own.time - self._seen > self._config.memory
+        self._keep(~(gone | old | (distance > self._config.range)))
+
+    def _add(self, points: Vector, time: float) -> None:
+        """Merge surface points (n,3) of one frame: one look per cube."""
+        cells = np.floor(points / self._config.cube).astype(np.int64) + _OFFSET
+        keys = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
+        keys, which, count = np.unique(keys, return_inverse=True, return_counts=True)
+        sums = [np.bincount(which, axis, len(keys)) for axis in points.T]
+        points = np.stack(sums, axis=1) / count[:, None]
+        known = np.isin(self._keys, keys, assume_unique=True)
+        self._seen[known] = time
+        self._hits[known] += 1
+        new = ~np.isin(keys, self._keys, assume_unique=True)
+        self._keys = np.concatenate([self._keys, keys[new]])
+        self._points = np.concatenate([self._points, points[new]])
+        self._seen = np.concatenate([self._seen, np.full(new.sum(), time)])
+        self._hits = np.concatenate([self._hits, np.ones(new.sum(), np.int64)])
+
+    def _keep(self, keep: NDArray[np.bool_]) -> None:
+        self._keys, self._points = self._keys[keep], self._points[keep]
+        self._seen, self._hits = self._seen[keep], self._hits[keep]
+
+
+def _own_normal(points: Vector, at: Vector, normal: Vector) -> Vector:
+    """The normal of the flat surface around `at` where it is nearly `normal`; else `normal`."""
+    around = points[((points - at) ** 2).sum(axis=1) < _PATCH**2]
+    if len(around) < 4:
+        return normal
+    spread = around - around.mean(axis=0)
+    values, axes = np.linalg.eigh(spread.T @ spread / len(around))
+    own: Vector = axes[:, 0] * np.copysign(1.0, axes[:, 0] @ normal)
+    flat = values[0] < _FLAT**2 and values[1] > 9.0 * _FLAT**2
+    return own if flat and own @ normal > _LIKE else normal
+
+
+def _nearest_around(ranges: Vector) -> Vector:
+    """(h,w) least of each range and its eight neighbours; NaN where one is unknown."""
+    padded = np.pad(ranges, 1, mode="edge")
+    h, w = ranges.shape
+    shifted = [padded[i : i + h, j : j + w] for i in range(3) for j in range(3)]
+    least: Vector = np.minimum.reduce(shifted)
+    return least

@@ -1,0 +1,262 @@
+"""Detections → neighbours with position, velocity and covariance, in the own ENU frame.
+
+Constant-velocity Kalman filters, one per neighbour, all as arrays; Hungarian association by
+Mahalanobis distance; birth after two looks, death when a neighbour that should be in plain
+view is not seen, or when what is remembered says nothing any more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from companion.estimation.assignment import assign
+from companion.types import Detection, Track
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.frames import rotation_matrix
+from mavlink_bridge.shared.settings import StrictModel
+from mavlink_bridge.wire.messages import VehicleState
+
+
+class TrackerConfig(StrictModel):
+    """Numbers of the tracker, each with its reason."""
+
+    acceleration: float = Field(
+        1.5, gt=0, description="Std of a neighbour's acceleration [m/s²]; the NMPC uses ±2."
+    )
+    velocity_birth: float = Field(
+        1.2, gt=0, description="Std of velocity [m/s] of a neighbour just seen: up to cruise."
+    )
+    attitude_sigma: float = Field(
+        0.006, ge=0, description="Std [rad] of the own attitude; adds to each bearing."
+    )
+    gate: float = Field(
+        16.3,
+        gt=0,
+        description="Mahalanobis² gate: 99.9 % of chi² with 3 dof; nearer, who swerves is lost.",
+    )
+    hits_to_confirm: int = Field(2, ge=1, description="Clear looks before a neighbour counts.")
+    clear: float = Field(
+        0.2, gt=0, description="Std of range, as a share of it, up to which a look is clear."
+    )
+    life_per_look: float = Field(
+        0.4, gt=0, description="Memory [s] out of view for each look: a glimpse is no neighbour."
+    )
+    misses_to_drop: int = Field(
+        4,
+        ge=1,
+        description="Looks in a row at its place without seeing it that end a neighbour; fewer "
+        "for one that was itself seen in fewer.",
+    )
+    unseen_max: float = Field(4.0, gt=0, description="Longest memory [s] out of view.")
+    sigma_max: float = Field(3.0, gt=0, description="Std of position [m] that says nothing.")
+    damping: float = Field(
+        1.5,
+        ge=0,
+        description="Rate [1/s] at which an unseen one's velocity is believed to fade, to the own "
+        "one where it flew along, else to rest: near others everybody slows, and what flies on in "
+        "memory alone leaves its place free.",
+    )
+    speed_max: float = Field(
+        3.0,
+        gt=0,
+        description="Nobody is believed to be faster [m/s]: one that comes out from behind another "
+        "shows wider look by look, as if it came on at 6 m/s.",
+    )
+    along: float = Field(
+        0.7, ge=0, description="Velocities that differ by less [m/s] are of two who fly along."
+    )
+
+
+_FADES = 0.15  # s unseen in the frames that came: more than a tick
+_LATE = 0.25  # s; what is not in a frame because none came is not out of sight yet
+_STALE = 0.5  # s unseen: where a neighbour is now is a guess
+_EYE = np.eye(3)
+
+
+class Tracker:
+    """Neighbours as arrays: mean (n,6) of p, v; covariance (n,6,6); ids, ages, last sightings."""
+
+    def __init__(self, config: TrackerConfig) -> None:
+        self._config = config
+        self._time: float | None = None
+        self._looked = -np.inf
+        self._next_id = 1
+        self._mean: Vector = np.zeros((0, 6))
+        self._covariance: Vector = np.zeros((0, 6, 6))
+        self._ids = np.zeros(0, dtype=int)
+        self._born: Vector = np.zeros(0)
+        self._seen: Vector = np.zeros(0)
+        self._hits = np.zeros(0, dtype=int)
+        self._misses = np.zeros(0, dtype=int)
+        self._along = np.zeros(0, dtype=bool)  # whether it flew along when it was last seen
+        self._pace: Vector = np.zeros(3)  # the own velocity
+        self._last = (-np.inf, self._mean, self._covariance)  # as after the last frame
+
+    def update(
+        self,
+        time: float,
+        detections: Sequence[Detection],
+        own: VehicleState,
+        q_bc: Vector,
+        in_view: Sequence[bool] | None = None,
+    ) -> None:
+        """One frame captured at `time` by the own camera in state `own`.
+
+        q_bc: (4,) camera → body. in_view: for each present track (as `tracks` lists them,
+        unconfirmed ones too) whether it should be visible; all unknown where None.
+        """
+        self.predict(time)
+        self._looked = time
+        z, r = self._measurements(detections, own, q_bc)
+        clear = np.array([d.sigma_range <= self._config.clear * d.range for d in detections], bool)
+        assigned = self._associate(z, r, clear)
+        if in_view is not None:
+            self._misses += np.asarray(in_view, bool)
+        if assigned:
+            track, looks = (np.array(ids) for ids in zip(*assigned, strict=True))
+            self._correct(track, z[looks], r[looks])
+            self._seen[track] = time
+            self._hits[track] += clear[looks]
+            self._misses[track] = 0
+            off = np.linalg.norm(self._mean[track, 3:] - own.v, axis=1)
+            self._along[track] = off < self._config.along
+        self._pace = own.v
+        fresh = sorted(set(range(len(z))) - {d for _, d in assigned})
+        self._bury(time)
+        for detection in fresh:
+            self._bear(time, z[detection], r[detection], bool(clear[detection]))
+        self._last = (time, self._mean.copy(), self._covariance.copy())
+
+    def predict(self, time: float) -> None:
+        """Carry all neighbours to `time` at constant velocity, eq. (14), with growing doubt.
+
+        Back, too, for a frame that is older than the last tick: from the last frame anew, or
+        doubt would grow, and velocity fade, with every tick that goes back and forth.
+        """
+        if self._time is not None and self._last[0] <= time < self._time:
+            self._time, self._mean, self._covariance = (
+                self._last[0],
+                self._last[1].copy(),
+                self._last[2].copy(),
+            )
+        dt = 0.0 if self._time is None else time - self._time
+        self._time = time
+        self._mean[:, :3] += dt * self._mean[:, 3:]
+        if dt <= 0.0 or not len(self._ids):
+            return
+        # A neighbour out of sight is believed to slow down rather than to fly on for ever, but
+        # for one abeam in formation: it would fall back in memory alone.
+        fading = time - min(time - self._looked, _LATE) - self._seen > _FADES
+        keep = np.where(fading, np.exp(-self._config.damping * dt), 1.0)[:, None]
+        to = np.where(self._along[:, None], self._pace, 0.0)
+        self._mean[:, 3:] = to + keep * (self._mean[:, 3:] - to)
+        # F P F' + Q by blocks: of places a, of both b, of velocities d
+        c, keep, doubt = self._covariance, keep[..., None], self._config.acceleration**2 * _EYE
+        a, b, d = c[:, :3, :3], c[:, :3, 3:], c[:, 3:, 3:]
+        a += dt * (b + b.transpose(0, 2, 1)) + dt * dt * d + dt**4 / 4 * doubt
+        b[:] = keep * (b + dt * d) + dt**3 / 2 * doubt
+        c[:, 3:, :3] = b.transpose(0, 2, 1)
+        d[:] = keep * keep * d + dt * dt * doubt
+
+    def tracks(self) -> list[Track]:
+        """Confirmed neighbours, oldest first."""
+        time = self._time or 0.0
+        return [
+            Track(
+                id=int(self._ids[n]),
+                p=self._mean[n, :3].copy(),
+                v=self._mean[n, 3:].copy(),
+                P=self._covariance[n].copy(),
+                age=time - self._born[n],
+                unseen=time - self._seen[n],
+            )
+            for n in range(len(self._ids))
+            if self._hits[n] >= self._config.hits_to_confirm
+        ]
+
+    def positions(self) -> Vector:
+        """(n,3) m, every track, unconfirmed ones too: for asking which should be in view."""
+        return self._mean[:, :3].copy()
+
+    @property
+    def _stale(self) -> NDArray[np.bool_]:
+        stale: NDArray[np.bool_] = (self._time or 0.0) - self._seen > _STALE
+        return stale
+
+    def _measurements(
+        self, detections: Sequence[Detection], own: VehicleState, q_bc: Vector
+    ) -> tuple[Vector, Vector]:
+        """Positions (m,3) in the world and their covariances (m,3,3)."""
+        if not detections:
+            return np.zeros((0, 3)), np.zeros((0, 3, 3))
+        r_wc = rotation_matrix(own.q_wb) @ rotation_matrix(q_bc)
+        rays = np.array([d.direction for d in detections]) @ r_wc.T
+        ranges = np.array([d.range for d in detections])
+        bearing = np.array([d.sigma_bearing for d in detections])
+        along = np.array([d.sigma_range for d in detections]) ** 2
+        across = (ranges * np.hypot(bearing, self._config.attitude_sigma)) ** 2
+        outer = rays[:, :, None] * rays[:, None, :]
+        covariance = (along - across)[:, None, None] * outer + across[:, None, None] * np.eye(3)
+        return own.p + rays * ranges[:, None], covariance
+
+    def _associate(self, z: Vector, r: Vector, clear: NDArray[np.bool_]) -> list[tuple[int, int]]:
+        """(track, detection) pairs within the gate, least total distance (Hungarian).
+
+        A half-hidden look says little of the range, a stale track little of the bearing: whoever
+        they are taken for, the two make a ghost somewhere between.
+        """
+        if not len(z) or not len(self._ids):
+            return []
+        s = self._covariance[:, None, :3, :3] + r[None]
+        residual = z[None] - self._mean[:, None, :3]
+        solved = np.linalg.solve(s, residual[..., None])[..., 0]
+        # log det keeps a track of great doubt from stealing the detection of a sure one
+        cost = np.einsum("tdi,tdi->td", residual, solved)
+        score = cost + np.linalg.slogdet(s)[1]
+        fits = (cost < self._config.gate) & (clear | ~self._stale[:, None])
+        score = np.where(fits, score, 1e3)
+        return [pair for pair in assign(score) if score[pair] < 1e3]
+
+    def _correct(self, n: NDArray[np.int_], z: Vector, r: Vector) -> None:
+        """Kalman update of tracks n (k,) by places z (k,3), in Joseph's form."""
+        p = self._covariance[n]
+        k = np.linalg.solve(p[:, :3, :3] + r, p[:, :3, :]).transpose(0, 2, 1)
+        self._mean[n] += (k @ (z - self._mean[n, :3])[..., None])[..., 0]
+        speed = np.linalg.norm(self._mean[n, 3:], axis=1)[:, None]
+        self._mean[n, 3:] *= np.minimum(1.0, self._config.speed_max / np.maximum(speed, 1e-9))
+        a = np.tile(np.eye(6), (len(n), 1, 1))
+        a[:, :, :3] -= k
+        corrected = a @ p @ a.transpose(0, 2, 1) + k @ r @ k.transpose(0, 2, 1)
+        # Rounding grows from update to update, until a variance is negative, where nothing
+        # makes it symmetric again.
+        self._covariance[n] = 0.5 * (corrected + corrected.transpose(0, 2, 1))
+
+    def _bear(self, time: float, z: Vector, r: Vector, clear: bool) -> None:
+        covariance = np.zeros((1, 6, 6))
+        covariance[0, :3, :3] = r
+        covariance[0, 3:, 3:] = np.eye(3) * self._config.velocity_birth**2
+        self._mean = np.vstack([self._mean, np.concatenate([z, np.zeros(3)])[None]])
+        self._covariance = np.concatenate([self._covariance, covariance])
+        self._ids = np.append(self._ids, self._next_id)
+        self._born = np.append(self._born, time)
+        self._seen = np.append(self._seen, time)
+        self._hits = np.append(self._hits, int(clear))
+        self._misses = np.append(self._misses, 0)
+        self._along = np.append(self._along, False)
+        self._next_id += 1
+
+    def _bury(self, time: float) -> None:
+        c = self._config
+        sigma = np.sqrt(np.trace(self._covariance[:, :3, :3], axis1=1, axis2=2))
+        looks = np.maximum(self._hits, 1)
+        life = np.minimum(c.life_per_look * looks, c.unseen_max)
+        young = (time - self._seen <= life) & (self._misses < np.minimum(looks, c.misses_to_drop))
+        keep = young & (sigma < c.sigma_max)
+        self._mean, self._covariance = self._mean[keep], self._covariance[keep]
+        self._ids, self._born = self._ids[keep], self._born[keep]
+        self._seen, self._hits = self._seen[keep], self._hits[keep]
+        self._misses, self._along = self._misses[keep], self._along[keep]

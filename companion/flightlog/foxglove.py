@@ -1,0 +1,134 @@
+"""What a tick knows as Foxglove messages, for any viewer of MCAP: pose, plan, tracks, threats.
+
+One scene entity each for the plan (line), the tracks (spheres with velocity), the critical
+set (lines to them with their threat values) and the obstacles (cylinders); a new entity
+replaces the one of the same id.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.Point3_pb2 import Point3
+from foxglove_schemas_protobuf.Pose_pb2 import Pose
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from google.protobuf.timestamp_pb2 import Timestamp
+from numpy.typing import ArrayLike
+
+from companion.pipeline import TickOutputs
+from companion.types import Track
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.wire.messages import VehicleState
+
+_DRONE_SIZE = 0.4  # m
+_HEIGHT = 5.0  # m drawn of an obstacle
+_BLUE, _RED, _GREY, _BROWN = (
+    Color(r=0.1, g=0.4, b=1.0, a=1.0),
+    Color(r=0.9, g=0.1, b=0.1, a=1.0),
+    Color(r=0.5, g=0.5, b=0.5, a=0.8),
+    Color(r=0.5, g=0.4, b=0.3, a=0.6),
+)
+_STRIP, _LIST = 0, 2  # LinePrimitive.Type LINE_STRIP, LINE_LIST
+
+
+def stamp(time: float) -> Timestamp:
+    """Vehicle's clock [s] as Foxglove's time."""
+    return Timestamp(seconds=int(time), nanos=round(time % 1.0 * 1e9))
+
+
+def pose(own: VehicleState) -> PoseInFrame:
+    """Own pose in the own world frame."""
+    return PoseInFrame(timestamp=stamp(own.time), frame_id="world", pose=_pose(own.p, own.q_wb))
+
+
+def transform(own: VehicleState, name: str) -> FrameTransform:
+    """The body frame, under the drone's name, in the own world frame."""
+    p = _pose(own.p, own.q_wb)
+    return FrameTransform(
+        timestamp=stamp(own.time), parent_frame_id="world", child_frame_id=name,
+        translation=p.position, rotation=p.orientation,
+    )  # fmt: skip
+
+
+def event(time: float, name: str, text: str) -> Log:
+    """Something that happened once."""
+    return Log(timestamp=stamp(time), level=Log.INFO, name=name, message=text)
+
+
+def scene(out: TickOutputs, obstacles: bool) -> SceneUpdate:
+    """Plan, tracks and critical set of a tick, and its obstacles where they are wanted."""
+    entities = [_tracks(out.tracks)]
+    if out.own is not None:
+        entities.append(_critical(out.own, out.critical))
+    if out.result is not None:
+        entities.append(_plan(out.result.x[:, :3]))
+    if obstacles:
+        entities.append(_obstacles(out.obstacles.cylinders))
+    when = stamp(out.time)
+    for entity in entities:
+        entity.timestamp.CopyFrom(when)
+        entity.frame_id = "world"
+    return SceneUpdate(entities=entities)
+
+
+def _pose(p: Vector, q: Vector) -> Pose:
+    made = Pose()
+    made.position.x, made.position.y, made.position.z = p.tolist()
+    o = made.orientation
+    o.w, o.x, o.y, o.z = q.tolist()
+    return made
+
+
+def _points(rows: ArrayLike) -> list[Point3]:
+    """Rows (n,3) as points; in single precision, as that packs to half the size."""
+    single = np.asarray(rows, dtype=np.float32)
+    return [Point3(x=x, y=y, z=z) for x, y, z in single.tolist()]
+
+
+def _plan(path: Vector) -> SceneEntity:
+    entity = SceneEntity(id="plan")
+    line = entity.lines.add(type=_STRIP, thickness=0.04, color=_BLUE)
+    line.points.extend(_points(path))
+    return entity
+
+
+def _tracks(tracks: list[Track]) -> SceneEntity:
+    entity = SceneEntity(id="tracks")
+    if not tracks:
+        return entity
+    velocity = entity.lines.add(type=_LIST, thickness=0.03, color=_GREY)
+    velocity.points.extend(_points([end for t in tracks for end in (t.p, t.p + t.v)]))
+    for at in velocity.points[::2]:
+        sphere = entity.spheres.add(color=_GREY)
+        position = sphere.pose.position
+        position.x, position.y, position.z = at.x, at.y, at.z
+        sphere.size.x = sphere.size.y = sphere.size.z = _DRONE_SIZE
+    return entity
+
+
+def _critical(own: VehicleState, critical: list[tuple[Track, float]]) -> SceneEntity:
+    entity = SceneEntity(id="critical")
+    if not critical:
+        return entity
+    edges = entity.lines.add(type=_LIST, thickness=0.03, color=_RED)
+    edges.points.extend(_points([end for t, _ in critical for end in (own.p, t.p)]))
+    for (track, threat), there in zip(critical, edges.points[1::2], strict=True):
+        label = entity.texts.add(text=f"{track.id}: {threat:.2f}", font_size=0.2, color=_RED,
+                                 billboard=True)  # fmt: skip
+        position = label.pose.position
+        position.x, position.y, position.z = there.x, there.y, there.z + 0.3
+    return entity
+
+
+def _obstacles(cylinders: Vector) -> SceneEntity:
+    entity = SceneEntity(id="obstacles")
+    for x, y, radius in cylinders.round(3).tolist():
+        c = entity.cylinders.add(bottom_scale=1.0, top_scale=1.0, color=_BROWN)
+        c.pose.position.x, c.pose.position.y, c.pose.position.z = x, y, _HEIGHT / 2
+        c.size.x = c.size.y = 2 * radius
+        c.size.z = _HEIGHT
+    return entity

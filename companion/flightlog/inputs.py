@@ -1,0 +1,133 @@
+"""A tick's inputs as bytes, exactly: what a replay puts through the pipeline again.
+
+Layout: a JSON line with the tick's time, the frame's time, the length of each MAVLink
+datagram, and the columns of the sighting's tables; behind it the datagrams and the tables
+(float64, little-endian), then the ranges of a depth image (float16) where there is one. Pixels
+are not kept: a replay begins at what they showed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+import orjson
+
+from companion.perception.frontend import Sighting
+from companion.types import Detection, Ranges, Trunk
+
+
+@dataclass(frozen=True)
+class RecordedInputs:
+    """What one tick went by.
+
+    time [s] of the tick; datagrams since the tick before; time of the newest frame [s], and
+    what that frame showed where it was new; whether control was to be given back; whether the
+    camera showed anything at all.
+    """
+
+    time: float
+    datagrams: list[bytes]
+    frame_time: float | None = None
+    drones: list[Detection] = field(default_factory=list)
+    trunks: list[Trunk] = field(default_factory=list)
+    ranges: Ranges | None = None
+    leave: bool = False
+    shown: bool = True
+
+
+class InputsError(ValueError):
+    """Not a record of inputs; says why."""
+
+
+class _Table:
+    """Flat dataclasses with one direction (3,) and else numbers ↔ rows of float64."""
+
+    def __init__(self, kind: type) -> None:
+        self.kind = kind
+        self.names = [f.name for f in fields(kind) if f.name != "direction"]
+        self.numbers = attrgetter(*self.names)
+
+    def encode(self, items: Sequence[Any]) -> bytes:
+        rows = [[*item.direction.tolist(), *self.numbers(item)] for item in items]
+        return np.array(rows, dtype="<f8").tobytes()
+
+    def decode(self, data: bytes, count: int, names: list[str]) -> list[Any]:
+        rows = np.frombuffer(data, dtype="<f8").reshape(count, 3 + len(names))
+        return [
+            self.kind(direction=row[:3].copy(), **dict(zip(names, row[3:].tolist(), strict=True)))
+            for row in rows
+        ]
+
+
+_TABLES = {"drones": _Table(Detection), "trunks": _Table(Trunk)}
+_COLUMNS = {name: table.names for name, table in _TABLES.items()}
+
+
+def encode(
+    time: float,
+    datagrams: Sequence[bytes],
+    frame_time: float | None,
+    sighting: Sighting,
+    leave: bool = False,
+    shown: bool = True,
+) -> bytes:
+    """One tick's inputs; `sighting` as the tick had it (empty where the frame was not new)."""
+    ranges = sighting.ranges
+    header = {
+        "time": time,
+        "frame": frame_time,
+        "datagrams": [len(d) for d in datagrams],
+        "rows": {name: len(getattr(sighting, name)) for name in _TABLES},
+        "columns": _COLUMNS,
+        "leave": leave,
+        "ranges": None if ranges is None else ranges.shape,
+        "shown": shown,
+    }
+    tables = [table.encode(getattr(sighting, name)) for name, table in _TABLES.items()]
+    if ranges is not None:
+        tables.append(ranges.astype("<f2").tobytes())
+    return b"".join([orjson.dumps(header), b"\n", *datagrams, *tables])
+
+
+def decode(data: bytes) -> RecordedInputs:
+    """The inputs of one tick.
+
+    Raises:
+        InputsError: not such a record.
+    """
+    line, _, rest = data.partition(b"\n")
+    try:
+        header = orjson.loads(line)
+        datagrams, at = [], 0
+        for length in header["datagrams"]:
+            datagrams.append(rest[at : at + length])
+            at += length
+        tables: dict[str, list[Any]] = {}
+        for name, table in _TABLES.items():
+            count, names = header["rows"][name], header["columns"][name]
+            size = 8 * count * (3 + len(names))
+            tables[name] = table.decode(rest[at : at + size], count, names)
+            at += size
+        ranges = None
+        if shape := header.get("ranges"):
+            size = 2 * shape[0] * shape[1]
+            ranges = np.frombuffer(rest[at : at + size], dtype="<f2").reshape(shape)
+            at += size
+        if at != len(rest):
+            raise ValueError(f"{len(rest) - at} bytes too many")
+        leave, shown = bool(header.get("leave")), bool(header.get("shown", True))
+        return RecordedInputs(
+            float(header["time"]),
+            datagrams,
+            header["frame"],
+            **tables,
+            ranges=ranges,
+            leave=leave,
+            shown=shown,
+        )
+    except (ValueError, TypeError, KeyError) as error:
+        raise InputsError(f"not a tick's inputs: {error}") from error

@@ -1,0 +1,228 @@
+"""The flight log: one MCAP file, and the MAVLink traffic beside it as a .tlog.
+
+| topic | message |
+|---|---|
+| `/tick` | JSON: everything the tick knew and decided (`records.py`) |
+| `/inputs` | what the tick went by, exactly (`inputs.py`); a replay begins here |
+| `/pose` `/tf` `/scene` `/events` `/image` | Foxglove's own types, for any viewer (`scene.py`) |
+
+Chunks end every half second, so that a kill at any instant loses less than one. Recording
+happens after the tick's messages went out. A name with `{time}` never takes the place of an older
+log: boards without a clock of their own start at the same second every day.
+"""
+
+from __future__ import annotations
+
+import itertools
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import IO, Any
+
+import cv2
+import numpy as np
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from google.protobuf.message import Message
+from mcap.data_stream import RecordBuilder
+from mcap.records import ChunkIndex
+from mcap.writer import CompressionType, Writer
+from mcap_protobuf.schema import register_schema
+from orjson import dumps
+
+from companion.flightlog import foxglove as scene
+from companion.flightlog import inputs as recorded
+from companion.flightlog import record as records
+from companion.flightlog.tlog import TelemetryLog
+from companion.perception.camera_health import Trouble
+from companion.pipeline import TickInputs, TickOutputs
+from companion.settings.config import CompanionConfig
+from companion.types import Image
+from mavlink_bridge.wire.video import Frame
+
+Packets = Sequence[tuple[bool, bytes]]  # (sent by us, datagram)
+CONFIG = "config"  # name of the metadata record that holds the drone's configuration
+_CHUNK = 256 * 1000  # bytes, most that one chunk holds
+_TICKS_A_CHUNK = 5
+_TICKS_A_SCENE = 2  # for eyes; all ticks are in /tick
+_TICKS_A_MAP = 10  # obstacles change slowly, and a viewer keeps them
+_IMAGE_PERIOD = 1.0  # s
+_PROTOBUF = {"/pose": PoseInFrame, "/tf": FrameTransform, "/scene": SceneUpdate, "/events": Log,
+             "/image": CompressedImage}  # fmt: skip
+
+
+class Recorder:
+    """Writes the log of one drone; a disk that fails ends the log, never the flight.
+
+    path: the file that it became.
+
+    Raises:
+        OSError: the file cannot be made.
+    """
+
+    def __init__(self, config: CompanionConfig, path: Path) -> None:
+        self.failed: str | None = None
+        self._name = config.name
+        self._images = config.log.images
+        self._file = _create(path) if "{time}" in (config.log.path or "") else path.open("wb")
+        self.path = Path(self._file.name)
+        self._tlog = TelemetryLog(self.path.with_suffix(".tlog")) if config.log.tlog else None
+        self._writer = Writer(self._file, chunk_size=_CHUNK, compression=CompressionType.ZSTD)
+        self._index = _IndexOnDisk(path.parent)
+        vars(self._writer)["_Writer__chunk_indices"] = self._index  # a list: 5 MB each hour
+        self._writer.start(profile="swarm-companion", library="swarm-companion")
+        self._writer.add_metadata(CONFIG, _configuration(config))
+        self._channels = self._register()
+        self._file.flush()
+        self._count = 0
+        self._state: dict[str, str] = {}
+        self._image_time = -np.inf
+
+    def write(
+        self, inputs: TickInputs, out: TickOutputs, packets: Packets, counters: dict[str, Any]
+    ) -> None:
+        """Append a tick. packets: since the tick before, in order. counters: so far."""
+        if self.failed is not None:
+            return
+        try:
+            self._write(inputs, out, packets, counters)
+        except OSError as error:
+            self.failed = f"flight log ended: {error}"
+
+    def close(self) -> None:
+        """Finish the file so that indexed readers open it."""
+        try:
+            if self.failed is None:
+                self._writer.finish()  # type: ignore[no-untyped-call]
+            if self._tlog is not None:
+                self._tlog.close()
+            self._index.close()
+            self._file.close()
+        except OSError as error:
+            self.failed = f"flight log ended: {error}"
+
+    def _register(self) -> dict[str, int]:
+        tick = self._writer.register_schema("Tick", "jsonschema", dumps(records.SCHEMA))
+        tags = {"drone": self._name}
+        channels = {
+            "/tick": self._writer.register_channel("/tick", "json", tick, tags),
+            "/inputs": self._writer.register_channel("/inputs", "swarm-inputs", 0, tags),
+        }
+        for topic, kind in _PROTOBUF.items():
+            schema = register_schema(self._writer, kind)
+            channels[topic] = self._writer.register_channel(topic, "protobuf", schema, tags)
+        return channels
+
+    def _write(
+        self, inputs: TickInputs, out: TickOutputs, packets: Packets, counters: dict[str, Any]
+    ) -> None:
+        frame_time = inputs.frame.time if inputs.frame is not None else None
+        came = [data for sent, data in packets if not sent]
+        shown = out.trouble in (Trouble.NONE, Trouble.LATE)
+        data = recorded.encode(out.time, came, frame_time, out.sighting, inputs.leave, shown)
+        self._add("/inputs", out.time, data)
+        self._add("/tick", out.time, records.encode(out, counters))
+        if out.own is not None:
+            self._put("/pose", out.time, scene.pose(out.own))
+            self._put("/tf", out.time, scene.transform(out.own, self._name))
+        if self._count % _TICKS_A_SCENE == 0:
+            obstacles = self._count % _TICKS_A_MAP == 0
+            self._put("/scene", out.time, scene.scene(out, obstacles))
+        happened = self._write_events(out)
+        if inputs.frame is not None and self._wants_image(out.time, happened):
+            self._write_image(inputs.frame)
+        if self._tlog is not None:
+            self._tlog.write(out.time, packets)
+        self._count += 1
+        if self._count % _TICKS_A_CHUNK == 0:
+            self._writer.flush()  # type: ignore[no-untyped-call]
+            if self._tlog is not None:
+                self._tlog.flush()
+
+    def _put(self, topic: str, time: float, message: Message) -> None:
+        self._add(topic, time, message.SerializeToString())
+
+    def _add(self, topic: str, time: float, data: bytes) -> None:
+        nanoseconds = round(time * 1e9)
+        self._writer.add_message(self._channels[topic], nanoseconds, data, nanoseconds, self._count)
+
+    def _write_events(self, out: TickOutputs) -> bool:
+        """A line for each change of phase, guard reason or goal; whether there was any."""
+        state = {"phase": out.phase.value}
+        if out.verdict is not None:
+            state["guard"] = out.verdict.reason.value
+        if out.progress is not None:
+            state["goal"] = str(out.progress.index)
+        changed = [(k, v) for k, v in state.items() if self._state.get(k) != v]
+        for key, value in changed:
+            text = f"{key}: {self._state.get(key, '-')} -> {value}"
+            self._put("/events", out.time, scene.event(out.time, self._name, text))
+        self._state |= state
+        return bool(changed)
+
+    def _wants_image(self, time: float, happened: bool) -> bool:
+        if self._images == "none" or (self._images == "event" and not happened):
+            return False
+        due = self._images == "event" or time - self._image_time >= _IMAGE_PERIOD
+        if due:
+            self._image_time = time
+        return due
+
+    def _write_image(self, frame: Frame) -> None:
+        image: Image | None = frame.arrays.get("image")
+        if image is not None:
+            data = cv2.imencode(".jpg", image)[1].tobytes()
+            message = CompressedImage(timestamp=scene.stamp(frame.time), frame_id=self._name,
+                                      data=data, format="jpeg")  # fmt: skip
+            self._put("/image", frame.time, message)
+
+
+class _IndexOnDisk:
+    """The writer's index of chunks, two a second for as long as the daemon runs, in a file.
+
+    To the writer it is a list of one entry, which writes all of them.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  (for as long as the log)
+
+    def append(self, index: ChunkIndex) -> None:
+        """Keep the entry of one chunk."""
+        record = RecordBuilder()
+        index.write(record)
+        self._file.write(record.end())  # type: ignore[no-untyped-call]
+
+    def __iter__(self) -> Iterator[_IndexOnDisk]:
+        yield self
+
+    def write(self, summary: RecordBuilder) -> None:
+        """Put all entries into the summary."""
+        self._file.seek(0)
+        summary.write(self._file.read())
+
+    def close(self) -> None:
+        """Forget them."""
+        self._file.close()
+
+
+def _create(path: Path) -> IO[bytes]:
+    """A new file of this name, or of the first of NAME-2, NAME-3 … that is free."""
+    names = (path.with_stem(f"{path.stem}-{n}") for n in itertools.count(2))
+    for name in itertools.chain([path], names):
+        try:
+            return name.open("xb")
+        except FileExistsError:
+            continue
+    raise AssertionError("endless")
+
+
+def _configuration(config: CompanionConfig) -> dict[str, str]:
+    """What was set, for a replay with today's defaults, and all that held, for people."""
+    return {
+        "name": config.name,
+        "set": config.model_dump_json(exclude_unset=True),
+        "resolved": config.model_dump_json(),
+    }

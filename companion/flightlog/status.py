@@ -1,0 +1,94 @@
+"""The present state of a daemon, as its flight log tells it."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import orjson
+
+from companion.settings.config import load_config
+from mavlink_bridge.shared.mcap_file import Follower, check_begins
+
+_SERVICE_LOGS = Path("/var/log/swarm-companion")  # LogsDirectory of the systemd unit
+_STALE = 2.0  # s without a new record: the daemon does not run
+
+
+class NoStatus(ValueError):
+    """Nothing is known of this daemon; says why."""
+
+
+class Status:
+    """Follows one flight log.
+
+    Raises:
+        SettingsError, LogError, NoStatus: no such config or log, or it names none.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.record: dict[str, Any] = {}
+        log = path if path.suffix == ".mcap" else _log_of(path)
+        check_begins(log)
+        self._path, self._follower = log, Follower(log, "/tick")
+
+    def update(self) -> None:
+        """Take the newest tick.
+
+        Raises:
+            NoStatus: there has been none so far.
+        """
+        messages = self._follower.new()
+        if messages:
+            self.record = orjson.loads(messages[-1].data)
+        if not self.record:
+            raise NoStatus(f"{self._path}: no tick so far")
+
+    def text(self) -> str:
+        """For a person."""
+        r = self.record
+        age = time.time() - self._path.stat().st_mtime  # noqa: TID251  (file times are wall time)
+        stages = ", ".join(f"{k} {v:.1f}" for k, v in r["stages_ms"].items())
+        nearest = min((_distance(t, r) for t in r["tracks"]), default=None)
+        command = r.get("command", {})
+        lines = [
+            f"{'not running, last' if age > _STALE else 'running,'} tick at {r['time']:.1f} s",
+            f"phase    {r['phase']}, target {r.get('goal', {}).get('index', 0) + 1}",
+            f"guard    {command.get('reason', '-')}, {command.get('bad_ticks', 0)} bad ticks",
+            f"solver   {_solver(r.get('solver'))}",
+            f"stages   {stages} ms",
+            f"tracks   {len(r['tracks'])}, {len(r['critical'])} critical, nearest "
+            + ("-" if nearest is None else f"{nearest:.1f} m"),
+            f"seen     {len(r['detections'])} drones, {len(r['trunks'])} trunks",
+            "counts   " + ", ".join(f"{k} {v}" for k, v in r["counters"].items()),
+        ]
+        return "\n".join(lines)
+
+
+def _log_of(config: Path) -> Path:
+    """The newest log that this configuration makes, here or where the service writes it."""
+    settings = load_config(config)
+    if settings.log.path is None:
+        raise NoStatus(f"{config}: log.path: not set, and the status comes from the flight log")
+    pattern = settings.log.path.replace("{time}", "*")
+    folders = [Path(), _SERVICE_LOGS / settings.name]
+    found = [log for folder in folders for log in _matching(folder / pattern)]
+    if not found:
+        places = " or ".join(str(folder / pattern) for folder in folders)
+        raise NoStatus(f"{config}: no flight log at {places}")
+    return max(found, key=lambda log: log.stat().st_mtime)
+
+
+def _matching(pattern: Path) -> list[Path]:
+    return list(pattern.parent.glob(pattern.name))
+
+
+def _distance(track: dict[str, Any], record: dict[str, Any]) -> float:
+    own = record.get("own", {}).get("p", [0.0, 0.0, 0.0])
+    return float(sum((a - b) ** 2 for a, b in zip(track["p"], own, strict=True)) ** 0.5)
+
+
+def _solver(solver: dict[str, Any] | None) -> str:
+    if solver is None:
+        return "-"
+    return f"{solver['status']}, {solver['solve_ms']:.1f} ms, {solver['iterations']} iterations"

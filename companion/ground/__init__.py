@@ -1,0 +1,1 @@
+"""Actions on vehicles from a ground station."""

@@ -1,0 +1,1 @@
+"""Where to fly, how fast, and where to look."""

@@ -1,0 +1,134 @@
+"""The way round trunks that stand too close to each other to pass between.
+
+One trunk is passed by the NMPC itself. Two with too little room between them are a wall with a
+pocket before it, in which the plan, which sees a few metres, would wait for ever. The shortest way
+round is found on a visibility graph (Lozano-Pérez and Wesley, "An algorithm for planning
+collision-free paths among polyhedral obstacles", 1979), its nodes around the trunks concerned.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.distance import to_ways
+
+_NODES = 8  # around a trunk
+_OUT = 1.02 / math.cos(math.pi / _NODES)  # so far out that the way from one to the next is free
+_NEAREST = 40  # trunks that are looked at: 10 ms in a hedge of as many
+_INSIDE = 0.99  # of the distance to an axis, for who is nearer to it than its room
+_SAME = 0.5  # m; a goal that moved less is the one before
+_ENDLESS = 1e3  # m
+
+
+class Detour:
+    """Ways round, and the side on which the present one leads."""
+
+    def __init__(self, fence: Vector) -> None:
+        """fence: (H,4) upright half-spaces n·p <= b, own ENU frame, within which to stay."""
+        self._fence = fence
+        self._goal: Vector | None = None
+        self._side = 0.0  # 1: left of the straight way, -1: right, 0: no detour
+
+    def aim(self, p: Vector, goal: Vector, cylinders: Vector, room: float) -> Vector:
+        """(3,) m: the goal, or in the direction of the way round, as far off as that is long.
+
+        From p (3,) m, where the straight way to the goal (3,) m leads through trunks of cylinders
+        (K,3) x, y, radius [m], nearest first, between two of which one could not keep `room` [m]
+        to both. Where there is no way round, the goal.
+
+        The side once taken is kept until the straight way is free: of a hedge longer than what is
+        known of it the nearer end would ever be the one behind.
+        """
+        if self._goal is None or float(np.linalg.norm(goal - self._goal)) > _SAME:
+            self._side = 0.0
+        self._goal = goal
+        cylinders = cylinders[:_NEAREST]
+        axes, reach = cylinders[:, :2], cylinders[:, 2] + room
+        apart = np.linalg.norm(axes[:, None] - axes[None], axis=2)
+        closed = np.argwhere(np.triu(apart < reach[:, None] + reach[None], k=1))
+        if not len(closed):
+            self._side = 0.0
+            return goal
+        ends = np.stack([p[:2], goal[:2]])
+        doors, wall = axes[closed], np.unique(closed)
+        # Who is there already is not to be told that he has no room.
+        own = np.linalg.norm(ends[:, None] - axes[None], axis=2).min(axis=0)
+        allowed = np.minimum(reach, _INSIDE * own)
+        if _free(ends[0], ends[1:], axes[wall], allowed[wall], doors)[0]:
+            self._side = 0.0
+            return goal
+        nodes = _around(axes, reach, wall)
+        inside = nodes @ self._fence[:, :2].T <= self._fence[:, 3] - room
+        nodes = np.vstack([ends, nodes[inside.all(axis=1)]])
+        way = ends[1] - ends[0]
+        left = np.array([-way[1], way[0]]) / np.linalg.norm(way)
+        first, length = 0, math.inf
+        if self._side:
+            last = axes[wall[np.argmin(self._side * (axes[wall] @ left))]]
+            endless = np.stack([last, last - self._side * _ENDLESS * left])[None]
+            first, length = _shortest(nodes, axes, allowed, np.concatenate([doors, endless]))
+        if not math.isfinite(length):
+            first, length = _shortest(nodes, axes, allowed, doors)
+        if not math.isfinite(length):
+            return goal
+        leg = nodes[first] - ends[0]
+        self._side = math.copysign(1.0, float(leg @ left))
+        return np.array([*(p[:2] + leg * (length / np.linalg.norm(leg))), goal[2]])
+
+
+def _around(axes: Vector, reach: Vector, which: NDArray[np.int64]) -> Vector:
+    """(n,2) places around the trunks `which` that have room to all."""
+    angles = np.arange(_NODES) * (2.0 * math.pi / _NODES)
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    nodes: Vector = (axes[which, None] + _OUT * reach[which, None, None] * ring).reshape(-1, 2)
+    far = np.linalg.norm(nodes[:, None] - axes[None], axis=2)
+    free: Vector = nodes[(far > reach).all(axis=1)]
+    return free
+
+
+def _free(
+    start: Vector, ends: Vector, axes: Vector, reach: Vector, doors: Vector
+) -> NDArray[np.bool_]:
+    """(n,) whether the ways from start (2,) to ends (n,2) keep `reach` (K,) m to all axes (K,2).
+
+    And lead through none of doors (m,2,2), from axis to axis.
+    """
+    first, second, to = doors[None, :, 0], doors[None, :, 1], ends[:, None]
+    crossed = (_side(start, to, first) * _side(start, to, second) < 0.0) & (
+        _side(first, second, start) * _side(first, second, to) < 0.0
+    )
+    free: NDArray[np.bool_] = np.all(to_ways(axes, start, ends) >= reach, axis=1)
+    free &= ~np.any(crossed, axis=1)
+    return free
+
+
+def _side(start: Vector, end: Vector, point: Vector) -> Vector:
+    """Positive where points are to the left of the line from start to end, all (…,2)."""
+    along, to = end - start, point - start
+    side: Vector = along[..., 0] * to[..., 1] - along[..., 1] * to[..., 0]
+    return side
+
+
+def _shortest(nodes: Vector, axes: Vector, reach: Vector, doors: Vector) -> tuple[int, float]:
+    """First node of the shortest way from node 0 to node 1 of (n,2), and its length (A*)."""
+    n = len(nodes)
+    first = np.arange(n)
+    left = np.linalg.norm(nodes - nodes[1], axis=1)
+    far, open_ = np.full(n, math.inf), np.ones(n, dtype=bool)
+    far[0] = 0.0
+    while True:
+        node = int(np.argmin(np.where(open_, far + left, math.inf)))
+        if node == 1 or not open_[node] or not math.isfinite(far[node]):
+            return int(first[1]), float(far[1])
+        open_[node] = False
+        to = np.flatnonzero(open_)
+        to = to[_free(nodes[node], nodes[to], axes, reach, doors)]
+        length = far[node] + np.linalg.norm(nodes[to] - nodes[node], axis=1)
+        nearer = length < far[to]
+        to, length = to[nearer], length[nearer]
+        far[to] = length
+        first[to] = to if node == 0 else first[node]

@@ -1,0 +1,188 @@
+"""Line of sight: the direction of motion plus a random sweep, eq. (7).
+
+L = atan2(v_y, v_x) + ε, ε ~ N(μ, σ²). A fresh ε every tick would only shake the drone, so
+each half-swing draws its amplitude from the distribution and swings to alternate sides; the
+reference is slew-limited, as the drone can turn only so fast. Before it sets out a drone looks
+once all round: two that start abeam of each other are both beyond the edge of the other's view.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from companion.types import Track
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.settings import Contradiction, StrictModel
+
+_RIM = 0.2  # rad beyond `half_view` that the picture still shows, if not well
+
+
+class GazeConfig(StrictModel):
+    """The sweep of eq. (7)."""
+
+    mean: float = Field(0.0, description="μ [rad].")
+    sigma: float = Field(0.6, ge=0, description="σ [rad]; 0, where μ is 0, switches the sweep off.")
+    limit: float = Field(
+        0.8, gt=0, description="Most |ε| [rad]: what lies ahead stays inside ±80° of view."
+    )
+    half_view: float = Field(
+        1.2, gt=0, description="A neighbour this far [rad] off the line of sight is in view."
+    )
+    close: float = Field(
+        1.0, ge=0, description="The nearest neighbour, nearer than this [m], stays in view."
+    )
+    half_period: float = Field(0.9, gt=0, description="Time [s] of one swing to one side.")
+    slew: float = Field(2.0, gt=0, description="Fastest turn of the reference [rad/s].")
+    speed_min: float = Field(
+        0.3, ge=0, description="Below this [m/s] atan2 says nothing: sweep about where it looked."
+    )
+    goal_pull: float = Field(
+        1.5, ge=0, description="Weight [m/s] of the direction to the goal beside the velocity."
+    )
+    goal_near: float = Field(
+        0.5, gt=0, description="Nearer than this [m] to the goal, its direction says nothing."
+    )
+    seen_full: float = Field(
+        0.7, gt=0, description="Off the line of sight by at most this [rad]: full speed."
+    )
+    seen_none: float = Field(
+        1.4, gt=0, le=3.2, description="Off it by this [rad], the edge of view: creep."
+    )
+    creep: float = Field(
+        0.1, gt=0, le=1, description="Part of the speed at which the unseen is entered."
+    )
+    survey: float = Field(
+        2 * math.pi, ge=0, description="Turn [rad] on the spot before setting out; 0: none."
+    )
+    seed: int = Field(0, ge=0, description="Of the random sweep; each drone its own.")
+
+    @model_validator(mode="after")
+    def _check_seen(self) -> Self:
+        if not self.seen_full < self.seen_none:
+            text = f"seen_none, {self.seen_none:g}, must be above seen_full, {self.seen_full:g}"
+            raise Contradiction(("seen_none", "seen_full"), text)
+        return self
+
+
+class Gaze:
+    """Yaw reference ψ(t) in the drone's own ENU frame."""
+
+    def __init__(self, config: GazeConfig) -> None:
+        self._config = config
+        self._rng = np.random.default_rng(config.seed)
+        self._side = 1.0 if self._rng.random() < 0.5 else -1.0
+        self._swing_ends = -math.inf
+        self._epsilon = 0.0
+        self._yaw: float | None = None
+        self._base = self._time = 0.0
+        self._to_survey = config.survey
+
+    @property
+    def surveyed(self) -> bool:
+        """Whether the look round, before setting out or since asked for, is over."""
+        return self._to_survey <= 0.0
+
+    def look_round(self) -> None:
+        """Turn once all round on the spot, from now on."""
+        self._to_survey = self._config.survey
+
+    def update(
+        self,
+        time: float,
+        v: Vector,
+        to_goal: Vector,
+        yaw_now: float,
+        lost: Sequence[float] = (),
+        close: float | None = None,
+    ) -> float:
+        """ψ [rad] at `time` [s] for velocity v (3,) and direction to the goal (3,).
+
+        The base is the direction of motion and of what it is about to become: v plus a pull
+        to the goal, so that a drone that must turn round looks before it flies. Over the
+        goal itself, where it looks already. Until `surveyed`, a turn on the spot instead.
+        lost: world bearings [rad] of near neighbours that are out of view, the most threatening
+        first: the next swing goes to the first that one within `limit` brings into view again, as
+        far as that takes. close: world bearing [rad] of the nearest neighbour where it is at arm's
+        length: no swing loses sight of it.
+        """
+        c = self._config
+        if self._yaw is None:
+            self._yaw, self._base, self._time = yaw_now, yaw_now, time
+        step = c.slew * max(time - self._time, 0.0)
+        if not self.surveyed:
+            self._to_survey -= step
+            return self._turned(self._side * step, time)
+        far = math.hypot(to_goal[0], to_goal[1])
+        pull = c.goal_pull / far if far > c.goal_near else 0.0
+        motion = (v[0] + pull * to_goal[0], v[1] + pull * to_goal[1])
+        if math.hypot(*motion) >= c.speed_min:
+            self._base = math.atan2(motion[1], motion[0])
+        base = self._base
+        if time >= self._swing_ends:
+            self._swing_ends = time + c.half_period
+            self._epsilon = self._swing([wrap(bearing - base) for bearing in lost])
+        epsilon = self._epsilon
+        if close is not None:
+            off = wrap(close - base)
+            least, most = max(off - c.half_view, -c.limit), min(off + c.half_view, c.limit)
+            if least <= most:
+                epsilon = min(max(epsilon, least), most)
+        turn = wrap(base + epsilon - self._yaw)
+        return self._turned(min(max(turn, -step), step), time)
+
+    def rest(self, time: float, yaw: float) -> float:
+        """Somebody else turns the drone: ψ is where it looks, and all begins from there."""
+        self._yaw, self._base, self._time = yaw, yaw, time
+        self.look_round()
+        return yaw
+
+    def _turned(self, by: float, time: float) -> float:
+        """ψ at `time`, `by` [rad] further than before."""
+        assert self._yaw is not None
+        self._yaw, self._time = wrap(self._yaw + by), time
+        return self._yaw
+
+    def _swing(self, lost: Sequence[float]) -> float:
+        """ε of the next half-swing; lost: bearings off the base direction."""
+        c = self._config
+        lost = [off for off in lost if abs(off) < c.half_view + _RIM + c.limit]
+        amplitude = c.mean + abs(float(self._rng.normal(0.0, c.sigma)))
+        self._side = -self._side
+        if lost and c.sigma > 0.0:
+            self._side = math.copysign(1.0, lost[0])
+            amplitude = max(amplitude, abs(lost[0]) - c.half_view)
+        return self._side * min(max(amplitude, -c.limit), c.limit)
+
+
+def bearing(p: Vector, track: Track) -> float:
+    """World bearing [rad] of a neighbour from p (3,) m."""
+    return math.atan2(track.p[1] - p[1], track.p[0] - p[0])
+
+
+def close_by(p: Vector, tracks: Sequence[Track], config: GazeConfig) -> float | None:
+    """World bearing [rad] of the neighbour nearest to p (3,) m, if it is nearer than `close`."""
+    nearest = min(tracks, key=lambda t: float(np.linalg.norm(t.p - p)), default=None)
+    if nearest is None or np.linalg.norm(nearest.p - p) >= config.close:
+        return None
+    return bearing(p, nearest)
+
+
+def seen_speed(config: GazeConfig, yaw: float, to_goal: Vector) -> float:
+    """Part 0…1 of the cruise speed at which to fly towards (3,) while looking along `yaw`.
+
+    A drone that turns round at a goal must look before it leaps: what comes from behind the
+    edge of view is seen too late to avoid. Linear between `seen_full` and `seen_none`.
+    """
+    off = abs(wrap(math.atan2(to_goal[1], to_goal[0]) - yaw))
+    part = (config.seen_none - off) / (config.seen_none - config.seen_full)
+    return min(max(part, config.creep), 1.0)
+
+
+def wrap(angle: float) -> float:
+    """The same angle in (−π, π]."""
+    return math.atan2(math.sin(angle), math.cos(angle))

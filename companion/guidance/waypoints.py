@@ -1,0 +1,207 @@
+"""Goals in order, each in the drone's own ENU frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.settings import Contradiction, StrictModel
+from mavlink_bridge.wire.messages import VehicleState
+
+_STRAIGHT = 0.6  # rad, a turn smaller than this has no side
+_U_TURN = 2.8  # rad, nor one larger than this
+_AHEAD = 0.8  # rad round the island that the aim keeps ahead
+_LEVEL_FROM, _LEVEL_FULL = 0.5, 1.5  # m from a goal: its own height, and the drone's level
+_RING = 0.1  # m between island and tolerance
+_LEAVING = 0.35  # rad before the place to leave at: the next goal is aimed at
+
+
+class MissionConfig(StrictModel):
+    """What to fly."""
+
+    goals: list[list[float]] = Field(
+        [],
+        description="[x, y, z] m each, own ENU frame (origin: where the vehicle booted). Without "
+        "any the drone stays where it is, until it is told otherwise.",
+    )
+    tolerance: float = Field(1.0, gt=0, description="A goal is reached within this [m].")
+    island: float = Field(
+        0.65,
+        ge=0.05,
+        le=0.9,
+        description="A goal on the way is passed as a roundabout: its island has this part of the "
+        "tolerance as radius. Those who come and those who go then never meet head on.",
+    )
+    final_tolerance: float = Field(
+        0.5, gt=0, description="The last goal is reached within this [m], and slowly."
+    )
+    final_speed: float = Field(0.4, gt=0, description="Speed [m/s] called slow.")
+    level: float = Field(
+        0.0,
+        description="Height [m] above the goals' at which the way between them is flown. Each "
+        "drone on its own level: those whose ways cross in a narrow place need not all fit in it.",
+    )
+    wait: float = Field(
+        0.0,
+        ge=0,
+        description="s to hold where the flight began before setting out: so those who cross in "
+        "the same place need not all be there at once.",
+    )
+    auto: bool = Field(
+        False, description="Arm, take off, fly and land without being told; else wait for a pilot."
+    )
+    takeoff_altitude: float = Field(2.0, gt=0.5, description="m above where it stood.")
+    land: bool = Field(True, description="Land at the last goal; else hold there.")
+    land_wait: float = Field(
+        0.0,
+        ge=0,
+        description="Before that, turn once all round, then wait while somebody known is below, "
+        "both for at most this long [s]; 0: land at once. For worlds of several levels.",
+    )
+
+    @model_validator(mode="after")
+    def _ring(self) -> Self:
+        """Who goes round the island at some distance must still be near the goal."""
+        ring = self.tolerance * (1.0 - self.island)
+        if len(self.goals) > 1 and ring < _RING - 1e-9:
+            raise Contradiction(
+                ("island", "tolerance"),
+                f"between island and tolerance {ring:.2g} m are left, which must be {_RING:g}: "
+                "island smaller or tolerance larger, or the way round it never ends",
+            )
+        return self
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where the mission stands: goal (3,) m to fly to, its number, how many are reached."""
+
+    goal: Vector
+    index: int
+    complete: bool
+
+
+class Mission:
+    """Flies `goals` one after another; holds the last."""
+
+    def __init__(self, config: MissionConfig) -> None:
+        self._config = config
+        self._goals = [np.array(g, dtype=float) for g in config.goals]
+        self._index = 0
+        self._complete = False
+        self._near = False
+        self._turn = 0.0
+        self._begun: VehicleState | None = None
+
+    def update(self, own: VehicleState, surveyed: bool = True) -> Progress:
+        """Advance where the present goal is done.
+
+        Until it has looked round and waited, and for ever without goals, a drone holds where the
+        first update found it.
+        """
+        self._begun = self._begun or own
+        # A vehicle's clock that begins anew, after a reboot, must not make the wait endless.
+        waits = 0.0 <= own.time - self._begun.time < self._config.wait
+        if not self._goals or waits or not (surveyed or self._complete):
+            return Progress(self._begun.p, 0, False)
+        while not self._complete and self._done(own):
+            self._near = False
+            self._turn = 0.0
+            if self._index + 1 < len(self._goals):
+                self._index += 1
+            else:
+                self._complete = True
+        return Progress(self._aim(own.p), self._index, self._complete)
+
+    @property
+    def _last(self) -> bool:
+        return self._index + 1 >= len(self._goals)
+
+    def _done(self, own: VehicleState) -> bool:
+        c, goal = self._config, self._goals[self._index]
+        distance = float(np.linalg.norm(goal - own.p))
+        if self._last:
+            slow = float(np.linalg.norm(own.v)) <= c.final_speed
+            return distance <= c.final_tolerance and slow
+        self._near |= float(np.linalg.norm(self._raised(own.p) - own.p)) <= c.tolerance
+        if self._turn == 0.0:
+            before = self._goals[self._index - 1] if self._index else own.p
+            self._turn = turn_side(before, goal, self._goals[self._index + 1])
+        return self._near and self._roundabout().passed(own.p)
+
+    def _aim(self, p: Vector) -> Vector:
+        """Where to fly: the last goal itself, before it the way round the goal; on one's level."""
+        goal = self._raised(p)
+        aim = goal if self._last else self._roundabout().aim(p)
+        return np.array([aim[0], aim[1], goal[2]])
+
+    def _raised(self, p: Vector) -> Vector:
+        """The goal, as high as it is flown to from p: on one's level until it is near."""
+        goal = self._goals[self._index]
+        distance = math.hypot(goal[0] - p[0], goal[1] - p[1])
+        share = (distance - _LEVEL_FROM) / (_LEVEL_FULL - _LEVEL_FROM)
+        level = self._config.level * min(max(share, 0.0), 1.0)
+        return np.array([goal[0], goal[1], goal[2] + level])
+
+    def _roundabout(self) -> Roundabout:
+        radius = self._config.island * self._config.tolerance
+        return Roundabout(
+            self._goals[self._index], radius, self._goals[self._index + 1], self._turn
+        )
+
+
+def turn_side(before: Vector, goal: Vector, following: Vector) -> float:
+    """+1 where the way turns left at `goal`, -1 right; who shares the way, shares the side.
+
+    Nearly straight on and nearly back count as left, so that those who start side by side do not
+    go round opposite sides and meet.
+    """
+    a, b = goal[:2] - before[:2], following[:2] - goal[:2]
+    angle = math.atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1])
+    return -1.0 if -_U_TURN < angle < -_STRAIGHT else 1.0
+
+
+@dataclass(frozen=True)
+class Roundabout:
+    """The way past `centre` (3,) to `following` (3,) around an island of `radius` [m].
+
+    side: +1 round it counter-clockwise (the island on the left), -1 clockwise.
+    """
+
+    centre: Vector
+    radius: float
+    following: Vector
+    side: float
+
+    def aim(self, p: Vector) -> Vector:
+        """Where to fly from p (3,): along the tangent to the island, or on around it.
+
+        On the rim the aim lies on the tangent ahead, `_AHEAD` round the island and so a little
+        off it: who flies there keeps its distance, who is too far out or in comes back.
+        """
+        angle, distance = self._polar(p)
+        touch = math.acos(min(self.radius / max(distance, 1e-6), 1.0))
+        ahead = min(max(touch, _AHEAD), max(self._left(angle), _LEAVING))
+        radius = self.radius if touch > _AHEAD else self.radius / math.cos(ahead)
+        at = angle + self.side * ahead
+        return self.centre + radius * np.array([math.cos(at), math.sin(at), 0.0])
+
+    def passed(self, p: Vector) -> bool:
+        """Whether p is where the straight way to `following` leaves the island, or beyond."""
+        left = self._left(self._polar(p)[0])
+        return left < _LEAVING or left > 1.5 * math.pi
+
+    def _left(self, angle: float) -> float:
+        """Angle [rad], 0…2π, still to go round from the place at `angle`."""
+        towards, distance = self._polar(self.following)
+        leave = towards - self.side * math.acos(min(self.radius / max(distance, 1e-6), 1.0))
+        return (self.side * (leave - angle)) % (2.0 * math.pi)
+
+    def _polar(self, p: Vector) -> tuple[float, float]:
+        d = p[:2] - self.centre[:2]
+        return math.atan2(d[1], d[0]), math.hypot(d[0], d[1])

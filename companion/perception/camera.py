@@ -1,0 +1,203 @@
+"""160° fisheye camera: pixels ↔ directions (the equidistant model of `cv2.fisheye`).
+
+Frames: camera C is x right, y down, z forward; body B is FLU. Pixels: u right, v down, integers
+at pixel centres, as OpenCV counts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from mavlink_bridge.shared.arrays import Vector
+
+# Camera → body for a camera that looks along +x_B: x_C = −y_B, y_C = −z_B, z_C = x_B.
+FORWARD = (0.5, -0.5, 0.5, -0.5)
+KEYS = ("width", "height", "fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
+NEWTON_STEPS = 8
+
+
+class CalibrationError(ValueError):
+    """A calibration file that cannot be used; the text names file, key and what is valid."""
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """Intrinsics and mount of one camera.
+
+    width, height: px. fx, fy: px/rad. cx, cy: px. k: (4,) `cv2.fisheye` distortion.
+    max_angle: rad, largest angle from the axis that the lens images (corners included when 0).
+    mount: (4,) quaternion w, x, y, z, camera → body.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    k: Vector = field(default_factory=lambda: np.zeros(4))
+    max_angle: float = 0.0
+    mount: Vector = field(default_factory=lambda: np.array(FORWARD))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "k", np.asarray(self.k, float))
+        object.__setattr__(self, "mount", np.asarray(self.mount, float))
+        if self.max_angle <= 0.0:
+            u = np.array([-0.5, self.width - 0.5])
+            v = np.array([-0.5, self.height - 0.5])
+            corners = np.hypot((u - self.cx)[:, None] / self.fx, (v - self.cy)[None] / self.fy)
+            object.__setattr__(self, "max_angle", float(self._angle(corners).max()))
+
+    @staticmethod
+    def equidistant(width: int, height: int, fov_deg: float = 160.0) -> Camera:
+        """An ideal fisheye whose `fov_deg` spans the image's width."""
+        f = width / np.radians(fov_deg)
+        return Camera(width, height, f, f, (width - 1) / 2, (height - 1) / 2)
+
+    @staticmethod
+    def load(path: str | Path) -> Camera:
+        """Read a YAML calibration (width, height, fx, fy, cx, cy, k1…k4; optional mount).
+
+        Raises:
+            CalibrationError: no such file, not YAML, or a key missing, unknown or out of range.
+        """
+        try:
+            data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        except (OSError, yaml.YAMLError, ValueError) as error:  # no text, or a 31st of June
+            raise CalibrationError(f"{path}: cannot read calibration: {error}") from error
+        valid = f"valid keys: {', '.join(KEYS)}, mount"
+        if not isinstance(data, dict):
+            raise CalibrationError(f"{path}: expected a mapping; {valid}")
+        if missing := [key for key in KEYS[:6] if key not in data]:
+            raise CalibrationError(f"{path}: missing {', '.join(missing)}; {valid}")
+        if unknown := [str(key) for key in data if key not in (*KEYS, "mount")]:
+            raise CalibrationError(f"{path}: unknown {', '.join(unknown)}; {valid}")
+        try:
+            n = {key: float(data.get(key, 0.0)) for key in KEYS}
+            mount = np.array(data.get("mount", FORWARD), float)
+        except (TypeError, ValueError) as error:
+            raise CalibrationError(f"{path}: every value is a number: {error}") from error
+        if not np.isfinite([*n.values()]).all() or min(n[key] for key in KEYS[:4]) <= 0:
+            raise CalibrationError(f"{path}: width, height, fx, fy must be positive and finite")
+        if n["width"] % 1 or n["height"] % 1:
+            raise CalibrationError(f"{path}: width and height must be whole numbers of pixels")
+        # Of a mount that is no number the comparison is false.
+        if mount.shape != (4,) or not abs(np.linalg.norm(mount) - 1.0) <= 1e-3:
+            raise CalibrationError(f"{path}: mount must be a unit quaternion w, x, y, z")
+        k = np.array([n["k1"], n["k2"], n["k3"], n["k4"]])
+        camera = Camera(
+            int(n["width"]), int(n["height"]), n["fx"], n["fy"], n["cx"], n["cy"], k, mount=mount
+        )
+        if objection := camera.objection:
+            raise CalibrationError(f"{path}: {objection}")
+        return camera
+
+    @property
+    def objection(self) -> str:
+        """Why nobody should fly by it, one line; empty where it can be true.
+
+        A polynomial that was fitted to the middle alone bends back farther out: a neighbour at the
+        side would be believed to be behind.
+        """
+        across = [(-0.5 - self.cx) / self.fx, (self.width - 0.5 - self.cx) / self.fx]
+        down = [(-0.5 - self.cy) / self.fy, (self.height - 0.5 - self.cy) / self.fy]
+        if float(self.radius(np.array(self._peak))) > np.abs(across + down).max():
+            return ""
+        return (
+            f"fx, fy, k1…k4 image nothing beyond {np.degrees(self._peak):.0f}° off the axis, which "
+            "lies inside the picture: calibrate anew, with the board near the edges, too"
+        )
+
+    def scaled(self, width: int, height: int) -> Camera:
+        """The same view at another image size (width, height px)."""
+        su, sv = width / self.width, height / self.height
+        return replace(
+            self, width=width, height=height, fx=self.fx * su, fy=self.fy * sv,
+            cx=(self.cx + 0.5) * su - 0.5, cy=(self.cy + 0.5) * sv - 0.5,
+        )  # fmt: skip
+
+    def save(self, path: str | Path) -> None:
+        """Write the calibration that `load` reads."""
+        numbers = (self.width, self.height, self.fx, self.fy, self.cx, self.cy, *self.k)
+        data: dict[str, object] = {
+            key: value if isinstance(value, int) else float(value)
+            for key, value in zip(KEYS, numbers, strict=True)
+        }
+        data["mount"] = [float(value) for value in self.mount]
+        Path(path).write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
+
+    def project(self, points_c: Vector) -> Vector:
+        """Points (n,3) in the camera frame [m] → pixels (n,2); NaN beyond `max_angle`."""
+        x, y, z = np.asarray(points_c, float).reshape(-1, 3).T
+        rho = np.hypot(x, y)
+        theta = np.arctan2(rho, z)
+        # On the axis the image direction is undefined and its radius 0.
+        scale = self.radius(theta) / np.where(rho > 0.0, rho, 1.0)
+        scale = np.where(theta <= self.max_angle + 1e-9, scale, np.nan)
+        return np.stack([self.cx + self.fx * scale * x, self.cy + self.fy * scale * y], axis=1)
+
+    def unproject(self, pixels: Vector) -> Vector:
+        """Pixels (n,2) → unit directions (n,3) in the camera frame."""
+        u, v = np.asarray(pixels, float).reshape(-1, 2).T
+        mx, my = (u - self.cx) / self.fx, (v - self.cy) / self.fy
+        radius = np.hypot(mx, my)
+        theta = self._angle(radius)
+        scale = np.where(radius > 0.0, np.sin(theta) / np.where(radius > 0.0, radius, 1.0), 1.0)
+        return np.stack([scale * mx, scale * my, np.cos(theta)], axis=1)
+
+    @cached_property
+    def directions(self) -> NDArray[np.float32]:
+        """(height, width, 3) unit direction of every pixel, camera frame."""
+        u, v = np.meshgrid(np.arange(float(self.width)), np.arange(float(self.height)))
+        rays = self.unproject(np.stack([u, v], axis=-1).reshape(-1, 2))
+        return rays.reshape(self.height, self.width, 3).astype(np.float32)
+
+    @cached_property
+    def solid_angle(self) -> NDArray[np.float32]:
+        """(height, width) solid angle of every pixel [sr]: dΩ = sin θ dθ dφ."""
+        u, v = np.meshgrid(np.arange(float(self.width)), np.arange(float(self.height)))
+        radius = np.hypot((u - self.cx) / self.fx, (v - self.cy) / self.fy).ravel()
+        theta = np.maximum(self._angle(radius), 1e-6)
+        slope = np.maximum(self._slope(theta), 1e-3)
+        area = np.sin(theta) / (self.radius(theta) * slope * self.fx * self.fy)
+        return area.reshape(self.height, self.width).astype(np.float32)
+
+    def radius(self, theta: Vector) -> Vector:
+        """Angle from the axis [rad] → normalised image radius (`cv2.fisheye` polynomial)."""
+        t2 = theta * theta
+        k1, k2, k3, k4 = self.k
+        result: Vector = theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
+        return result
+
+    def _slope(self, theta: Vector) -> Vector:
+        """Derivative of `radius`."""
+        t2 = theta * theta
+        k1, k2, k3, k4 = self.k
+        result: Vector = 1.0 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))
+        return result
+
+    @cached_property
+    def _peak(self) -> float:
+        """Angle [rad] up to which `radius` grows; π where it always does."""
+        theta = np.linspace(0.0, np.pi, 1000)
+        falls = self._slope(theta) <= 0.0
+        return float(theta[int(np.argmax(falls))]) if falls.any() else np.pi
+
+    def _angle(self, radius: Vector) -> Vector:
+        """Inverse of `radius` by Newton's method; exact without distortion.
+
+        Beyond what the lens images, in the picture's corners, the largest angle that it does.
+        """
+        theta = np.array(radius, float)
+        if self.k.any():
+            for _ in range(NEWTON_STEPS):
+                step = (self.radius(theta) - radius) / np.maximum(self._slope(theta), 0.1)
+                theta = np.clip(theta - step, 0.0, self._peak)
+        result: Vector = np.minimum(theta, np.pi)
+        return result

@@ -1,0 +1,75 @@
+"""Configuration of the camera and of what is looked for in its frames."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field
+
+from companion.perception.ball import ColorSettings
+from companion.perception.cnn import CnnConfig
+from companion.perception.depth import DepthConfig
+from companion.perception.trunks import TrunkSettings
+from companion.perception.yolo import YoloConfig
+from mavlink_bridge.shared.settings import StrictModel
+
+SOURCE_FORMS = (
+    "sim:HOST:PORT, device:N, device:/dev/NAME, rtsp://ADDRESS, gst:PIPELINE or file:PATH"
+)
+_FORMS = (r"sim:[^:]+:[0-9]{1,5}", r"device:([0-9]+|/.+)", r"rtsp://.+", r"gst:.+", r"file:.+")
+
+
+def check_source(source: str) -> str:
+    """The source itself where it is well formed.
+
+    Raises:
+        ValueError: naming the valid forms.
+    """
+    if not any(re.fullmatch(form, source) for form in _FORMS):
+        raise ValueError(f"must be {SOURCE_FORMS}")
+    kind, _, address = source.partition(":")
+    if kind == "sim" and not 0 < int(address.rpartition(":")[2]) < 65536:
+        raise ValueError(f"must be {SOURCE_FORMS}; a port is 1 to 65535")
+    return source
+
+
+class CameraConfig(StrictModel):
+    """Where frames come from and how the lens images."""
+
+    source: Annotated[str, AfterValidator(check_source)] = Field(
+        "sim:127.0.0.1:15541", description=SOURCE_FORMS
+    )
+    latency: float = Field(
+        0.03, ge=0, le=0.5, description="s from exposure to arrival, where a camera does not say."
+    )
+    width: int = Field(640, ge=64, le=4096, description="px.")
+    height: int = Field(400, ge=64, le=4096, description="px.")
+    fov_deg: float = Field(160.0, gt=10, lt=240, description="Across the width, equidistant.")
+    calibration: str | None = Field(
+        None,
+        description="Calibration file, relative to this one; the three above must fit it.",
+    )
+
+
+class SensingConfig(StrictModel):
+    """What the tracker and the obstacle memory are fed with."""
+
+    neighbours: Literal["camera", "truth"] = "camera"
+    obstacles: Literal["camera", "depth", "map"] = "camera"
+    detector: Literal["color", "cnn", "yolo"] = Field(
+        "color",
+        description="color: drones with a marker; cnn: the packaged network, drones as they are; "
+        "yolo: a network of your own.",
+    )
+    model: str | None = Field(
+        None, description="ONNX file, relative to this one: for yolo, or a cnn trained anew."
+    )
+    color: ColorSettings = ColorSettings()
+    cnn: CnnConfig = CnnConfig()
+    yolo: YoloConfig = YoloConfig()
+    trunks: TrunkSettings = TrunkSettings()
+    trunks_every: int = Field(
+        2, ge=1, le=10, description="Frames from one look for trunks to the next: they stand still."
+    )
+    depth: DepthConfig = DepthConfig()

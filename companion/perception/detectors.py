@@ -1,0 +1,31 @@
+"""The detectors of drones, by the name that the configuration gives them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from companion.perception.ball import ColorDetector, Detector
+from companion.perception.camera import Camera
+from companion.perception.config import SensingConfig
+from companion.perception.networks import ModelError
+
+__all__ = ["Detector", "ModelError", "make_detector"]
+
+
+def make_detector(camera: Camera, sensing: SensingConfig) -> Detector:
+    """The detector that `sensing.detector` names.
+
+    Raises:
+        ModelError: its model file cannot be used.
+    """
+    model = Path(sensing.model) if sensing.model else None
+    if sensing.detector == "cnn":
+        from companion.perception.cnn import PACKAGED, CnnDetector
+
+        return CnnDetector(camera, sensing.cnn, model or PACKAGED)
+    if sensing.detector == "yolo":
+        from companion.perception.yolo import YoloDetector
+
+        assert model is not None  # the configuration asks for it
+        return YoloDetector(camera, sensing.yolo, model)
+    return ColorDetector(camera, sensing.color)

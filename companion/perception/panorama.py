@@ -1,0 +1,91 @@
+"""A level panorama cut from a fisheye frame: columns are azimuth, rows elevation.
+
+In it the horizon is a straight row and every vertical edge of the world a straight column,
+whatever the drone's attitude. Camera frame: x right, y down, z forward.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.perception.camera import Camera
+from companion.types import Image
+from mavlink_bridge.shared.arrays import Vector
+
+KNOT = 8  # pixels of panorama between directions that are projected exactly
+
+
+@dataclass(frozen=True)
+class Level:
+    """Axes of the levelled frame in camera axes: forward, right, down, each (3,) unit."""
+
+    forward: Vector
+    right: Vector
+    down: Vector
+
+    @staticmethod
+    def of(gravity_c: Vector) -> Level:
+        """Levelled frame whose forward is the camera's axis (its x when it looks along gravity)."""
+        down = np.asarray(gravity_c, float) / np.linalg.norm(gravity_c)
+        axis = np.array([0.0, 0.0, 1.0])
+        if abs(down[2]) > 0.98:
+            axis = np.array([0.0, -1.0, 0.0]) * np.sign(down[2])
+        forward = axis - (axis @ down) * down
+        forward /= np.linalg.norm(forward)
+        return Level(forward, np.cross(down, forward), down)
+
+    def direction(self, azimuth: float) -> Vector:
+        """(3,) horizontal unit vector, azimuth [rad] positive to the right."""
+        result: Vector = np.cos(azimuth) * self.forward + np.sin(azimuth) * self.right
+        return result
+
+
+class Panorama:
+    """Resampling of frames of one camera onto a fixed grid of azimuth and elevation."""
+
+    def __init__(
+        self, camera: Camera, azimuth: float, top: float, bottom: float, step: float
+    ) -> None:
+        """Azimuths −azimuth…azimuth, elevations top…bottom, both about `step` apart [rad]."""
+        self._camera = camera
+        cols = int(np.ceil(2 * azimuth / step / KNOT)) * KNOT
+        rows = int(np.ceil((top - bottom) / step / KNOT)) * KNOT
+        # Enlarging by KNOT puts pixel i at knot (i + ½)/KNOT − ½; half a knot is cut off all round.
+        at = (np.arange(KNOT // 2, cols + KNOT // 2) + 0.5) / KNOT - 0.5
+        down = (np.arange(KNOT // 2, rows + KNOT // 2) + 0.5) / KNOT - 0.5
+        pitch, drop = 2 * azimuth * KNOT / cols, (bottom - top) * KNOT / rows
+        self.azimuth, self.elevation = -azimuth + at * pitch, top + down * drop
+        az, el = np.meshgrid(
+            -azimuth + np.arange(cols // KNOT + 1) * pitch, top + np.arange(rows // KNOT + 1) * drop
+        )
+        # Levelled components forward, right, down of the exactly projected directions.
+        self._knots = np.stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), -np.sin(el)])
+
+    def look(self, image: Image, level: Level) -> tuple[Image, NDArray[np.bool_]]:
+        """Panorama (rows, cols, 3) of a frame and where (rows, cols) the frame covers it."""
+        f, r, d = self._knots
+        # Written out: a matrix product would wake the threads of BLAS for very little work.
+        x, y, z = (level.forward[i] * f + level.right[i] * r + level.down[i] * d for i in range(3))
+        rho = np.sqrt(x * x + y * y)
+        # Beyond the lens the map only has to leave the image steadily.
+        theta = np.minimum(np.arctan2(rho, z), self._camera.max_angle + 0.3)
+        scale = self._camera.radius(theta) / np.maximum(rho, 1e-9)
+        u = _enlarge(self._camera.cx + self._camera.fx * scale * x)
+        v = _enlarge(self._camera.cy + self._camera.fy * scale * y)
+        height, width = image.shape[:2]
+        seen = (u >= 0) & (v >= 0) & (u <= width - 1) & (v <= height - 1)
+        cut = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return cut, seen  # type: ignore[return-value]
+
+
+def _enlarge(knots: Vector) -> NDArray[np.float32]:
+    """Values at the knots → values at every pixel, bilinear."""
+    half = KNOT // 2
+    size = (knots.shape[1] * KNOT, knots.shape[0] * KNOT)
+    big = cv2.resize(knots.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
+    result: NDArray[np.float32] = np.ascontiguousarray(big[half:-half, half:-half])
+    return result

@@ -1,0 +1,1 @@
+"""The daemon around the pipeline: sockets, frames, clock, supervisor, journal."""

@@ -1,0 +1,44 @@
+"""Whether a tick did its work: the condition on READY and on every WATCHDOG.
+
+The watchdog is not fed by time that passes but by ticks that came to their end. While
+setpoints stream that is a solved plan that was sent; the guard's fallbacks count too, but only
+for as long as they are meant to last. Without a stream it is a tick that read its inputs and
+made up its mind: a companion that waits for a pilot is watched as well.
+"""
+
+from __future__ import annotations
+
+from companion.pipeline import TickOutputs
+from companion.supervision.guard import FALLBACK_MAX
+
+
+class Vital:
+    """Follows the ticks of one daemon."""
+
+    def __init__(self, period: float) -> None:
+        self._fallback_ticks = round(FALLBACK_MAX / period)
+        self._heard = self._seen = self._solved = False
+
+    def judge(self, out: TickOutputs, sent: bool) -> bool:
+        """True where this tick did its work; sent: its messages left the process."""
+        self._heard |= out.heartbeat is not None
+        self._seen |= out.sighting.own is not None
+        self._solved |= out.rehearsed or (out.result is not None and out.result.usable)
+        if out.verdict is None:
+            return True
+        return sent and out.verdict.bad_ticks <= self._fallback_ticks
+
+    @property
+    def ready(self) -> bool:
+        """Once a heartbeat, a frame and a solved plan have been there."""
+        return self._heard and self._seen and self._solved
+
+    @property
+    def missing(self) -> str:
+        """What start-up waits for, in words."""
+        steps = (
+            ("heartbeat and telemetry of the autopilot", self._heard),
+            ("camera frame", self._seen),
+            ("solved plan", self._solved),
+        )
+        return "waiting for " + ", ".join(what for what, there in steps if not there)

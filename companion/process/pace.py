@@ -1,0 +1,189 @@
+"""When a tick falls due, and what has come in by then.
+
+`ClockPace`: every period of the vehicle's clock, free-running; CLOCK_MONOTONIC bridges the
+gaps between telemetry. `FramePace`: when a frame comes, for senders that wait for the answer.
+Both give the pipeline the same inputs; it cannot tell which it is.
+"""
+
+from __future__ import annotations
+
+import math
+import select
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+from companion.pipeline import TickInputs
+from companion.process.frame_source import FrameSource
+from mavlink_bridge.wire.link import Link
+from mavlink_bridge.wire.messages import (
+    Attitude,
+    LocalPosition,
+    Message,
+    Odometry,
+    Received,
+    Source,
+    SystemTime,
+)
+from mavlink_bridge.wire.video import Answer, Frame, VideoError
+
+_PATIENCE = 1.0  # s that a frame waits for telemetry announced but not arrived
+_CLOCK_BACK = (1.0, 3)  # s that the vehicle's clock has to go back, in so many messages on end
+_POLL = 0.2  # s between looks at the stop flag
+_GREET = 1.0  # s between greetings
+
+
+class Pace(Protocol):
+    """Where ticks come from."""
+
+    misses: int
+
+    def next(self, stopped: Callable[[], bool]) -> TickInputs | None:
+        """Block until a tick is due; None when there will be no more."""
+        ...
+
+    def done(self, inputs: TickInputs, landed: bool) -> None:
+        """The tick's messages are sent."""
+        ...
+
+
+class FramePace:
+    """A tick per frame, with exactly the telemetry that was sent before it."""
+
+    def __init__(self, link: Link, frames: FrameSource) -> None:
+        self.misses = 0
+        self._link = link
+        self._frames = frames
+
+    def next(self, stopped: Callable[[], bool]) -> TickInputs | None:
+        """The next frame and all telemetry before it; None when the sender hung up."""
+        try:
+            while not self._frames.waits(_POLL):
+                if stopped():
+                    return None
+            frame = self._frames.receive()
+        except VideoError:
+            return None
+        received = self._link.receive()
+        deadline = time.monotonic() + _PATIENCE
+        while self._link.packets_in < frame.packets and time.monotonic() < deadline:
+            self._link.wait(0.05)
+            received += self._link.receive()
+        if self._link.packets_in < frame.packets:
+            self.misses += 1
+            self._link.packets_in = frame.packets  # lost for good: do not wait for it again
+        return TickInputs(frame.time if frame.due is None else frame.due, received, frame)
+
+    def done(self, inputs: TickInputs, landed: bool) -> None:
+        """Answer the frame, also where no setpoint was sent."""
+        try:
+            self._frames.answer(Answer(inputs.time, self._link.packets_out, landed))
+        except VideoError:
+            return  # the next receive ends the daemon in order
+
+
+class ClockPace:
+    """A tick every `period` [s] of the vehicle's clock; a late tick is counted, not repeated.
+
+    vehicle: whose clock it is. greeting: sent each second until that clock is known, to vehicles
+    that tell nothing but HEARTBEAT before they are asked.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        frames: FrameSource,
+        period: float,
+        vehicle: Source,
+        greeting: Sequence[Message] = (),
+    ) -> None:
+        self.misses = 0
+        self._link = link
+        self._vehicle = vehicle
+        self._greeting = greeting
+        self._greeted = -math.inf
+        self._frames: FrameSource | None = frames
+        self._period = period
+        self._offset = -math.inf  # vehicle's clock minus CLOCK_MONOTONIC, least latency seen
+        self._due: float | None = None
+        self._from_the_past = 0
+        self._frame: Frame | None = None
+
+    def next(self, stopped: Callable[[], bool]) -> TickInputs | None:
+        """Sleep to the next due time, taking in what arrives; None when told to stop."""
+        received: list[Received] = []
+        while not stopped():
+            now = time.monotonic() + self._offset
+            if self._due is None and math.isfinite(self._offset):
+                self._due = math.ceil(now / self._period) * self._period
+            if self._due is not None and now >= self._due:
+                return self._tick(now, received)
+            if self._due is None:
+                self._greet()
+            wait = _POLL if self._due is None else min(self._due - now, _POLL)
+            received += self._take_in(wait)
+        return None
+
+    def _greet(self) -> None:
+        now = time.monotonic()
+        if now - self._greeted >= _GREET:
+            self._greeted = now
+            self._link.send(self._greeting)
+
+    def done(self, inputs: TickInputs, landed: bool) -> None:
+        """Answer the frame too: its sender may count."""
+        if self._frames is not None and inputs.frame is not None:
+            try:
+                self._frames.answer(Answer(inputs.frame.time, self._link.packets_out, landed))
+            except VideoError:
+                self._frames = None
+
+    def _tick(self, now: float, received: list[Received]) -> TickInputs:
+        assert self._due is not None
+        late = int((now - self._due) / self._period)
+        self.misses += late
+        due = self._due + late * self._period
+        self._due = due + self._period
+        return TickInputs(round(due, 6), received + self._take_in(0.0), self._frame)
+
+    def _take_in(self, timeout: float) -> list[Received]:
+        """Wait for telemetry or a frame; keep only the newest frame."""
+        sources: list[Link | FrameSource] = [self._link]
+        if self._frames is not None:
+            sources.append(self._frames)
+        files = [s.endpoint.fileno() if isinstance(s, Link) else s.fileno() for s in sources]
+        ready, _, _ = select.select(files, [], [], max(timeout, 0.0))
+        try:
+            while self._frames is not None and self._frames.fileno() in ready:
+                self._frame = self._dated(self._frames.receive())
+                if not self._frames.waits():
+                    break
+        except VideoError:
+            self._frames = None
+        received = self._link.receive()
+        self._hear_clock(received)
+        return received
+
+    def _dated(self, frame: Frame) -> Frame | None:
+        """The frame in the vehicle's clock; none before that is known."""
+        if not frame.local:
+            return frame
+        if not math.isfinite(self._offset):
+            return None
+        return replace(frame, time=frame.time + self._offset, local=False)
+
+    def _hear_clock(self, received: list[Received]) -> None:
+        """Vehicle's clock against ours: the least delayed message of the recent past counts."""
+        now = time.monotonic()
+        for r in received:
+            if r.source != self._vehicle:
+                continue
+            if isinstance(r.message, Attitude | LocalPosition | Odometry | SystemTime):
+                heard = r.message.time - now
+                back, count = _CLOCK_BACK
+                self._from_the_past = (self._from_the_past + 1) * (heard < self._offset - back)
+                if self._from_the_past >= count:  # the vehicle has started anew
+                    self._offset, self._due, self._frame = heard, None, None
+                # Leak 1 ms/s at 50 Hz, so that a drifting clock is followed.
+                self._offset = max(heard, self._offset - 2e-5)

@@ -1,0 +1,1 @@
+"""The configuration of one drone, and of several that share a board."""

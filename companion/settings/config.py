@@ -1,0 +1,145 @@
+"""One drone's configuration: default ← airframe ← drone, validated as a whole.
+
+`default.yaml` beside a drone's file (or none) lies below `airframes/NAME.yaml`, which lies
+below the drone's own file. Angles that a person writes are in degrees and say so.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import model_validator
+
+from companion.settings.consistency import contradictions
+from companion.settings.sections import CompanionSections
+from mavlink_bridge.shared.settings import (
+    Document,
+    assignments,
+    load_yaml,
+    merge,
+    validate,
+)
+
+FILEVERSION = 1
+_NEIGHBOURS = 12  # flocking rules sum over all that are seen, not over the most critical
+DEFAULT, AIRFRAMES, BRIDGES = "default.yaml", "airframes", "bridges"
+
+
+class CompanionConfig(CompanionSections):
+    """Everything that one daemon needs to know."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        for wrong in contradictions(self):
+            raise wrong
+        return self
+
+
+def adapted(config: CompanionConfig) -> CompanionConfig:
+    """The configuration as its `controller` needs it.
+
+    single-horizon: cohesion and distance over all of N, the conventional NMPC. Rules for the
+    velocity are told of every neighbour in view, as it flies and where the goal is: they make way
+    in their own manner.
+    """
+    if config.controller == "nmpc":
+        return config
+    if config.controller == "single-horizon":
+        whole = {"M": config.nmpc.N, "M_constraint": config.nmpc.N}
+        return config.model_copy(update={"nmpc": config.nmpc.model_copy(update=whole)})
+    return config.model_copy(
+        update={
+            "nmpc": config.nmpc.model_copy(update={"neighbours": _NEIGHBOURS}),
+            "threat": config.threat.model_copy(update={"critical": _NEIGHBOURS, "keep_right": 0.0}),
+            "reciprocity": config.reciprocity.model_copy(update={"share": 0.0}),
+        }
+    )
+
+
+def load_config(path: Path, overrides: list[str] | None = None) -> CompanionConfig:
+    """Read a drone's file with its layers; `overrides` are path.to.key=value.
+
+    Raises:
+        SettingsError: with every mistake, as file:line:column: key: what.
+    """
+    return validate(CompanionConfig, resolve(path, overrides), str(path))
+
+
+def resolve(path: Path, overrides: list[str] | None = None) -> Document:
+    """The layers of a drone's file as one document, with the place of each value.
+
+    Raises:
+        SettingsError: a file that cannot be read at all; lesser mistakes wait in the document.
+    """
+    drone = _layer(path)
+    layers = [] if is_layer(path) else [*_default(path), *_airframe(path, drone)]
+    return merge([*layers, drone, assignments(overrides or [])])
+
+
+def is_layer(path: Path) -> bool:
+    """Whether a file is no drone but what lies below drones: default.yaml, airframes/*.yaml."""
+    return path.name == DEFAULT or path.parent.name == AIRFRAMES
+
+
+def is_bridge(path: Path) -> bool:
+    """Whether a file configures a drone's `mavlink-bridge`: bridges/ beside the drones."""
+    return path.parent.name == BRIDGES
+
+
+def bridge_of(path: Path) -> Path:
+    """Where the bridge of a drone's file is configured, if it has one: under the same name."""
+    return path.parent / BRIDGES / path.name
+
+
+def layers_of(path: Path) -> list[Path]:
+    """The files that a drone's file builds on, lowest first; as far as they exist."""
+    name = _airframe_name(load_yaml(path))
+    files = [path.parent / DEFAULT, path.parent / AIRFRAMES / f"{name}.yaml"]
+    return [] if is_layer(path) else [f for f in files if f.exists()]
+
+
+def _layer(path: Path) -> Document:
+    """One file, which must say for which version of this format it was written."""
+    document = load_yaml(path)
+    if "fileversion" not in document.data:
+        document.problems.append(f"{path}:1:1: fileversion: is missing; valid: {FILEVERSION}")
+    elif (found := document.data["fileversion"]) != FILEVERSION:
+        place = document.places[("fileversion",)]
+        document.problems.append(f"{place}: fileversion: must be {FILEVERSION}, got {found!r}")
+        document.data["fileversion"] = FILEVERSION  # said once
+    airframe = document.data.get("airframe")
+    if isinstance(airframe, str):  # `airframe: quad5` is short for `airframe: {name: quad5}`
+        document.data["airframe"] = {"name": airframe}
+        document.places["airframe", "name"] = document.places[("airframe",)]
+    for section, key in (("camera", "calibration"), ("sensing", "model")):
+        part = document.data.get(section)
+        if isinstance(part, dict) and isinstance(part.get(key), str):
+            part[key] = str(path.parent / part[key])
+    return document
+
+
+def _default(path: Path) -> list[Document]:
+    default = path.parent / DEFAULT
+    return [_layer(default)] if default.exists() else []
+
+
+def _airframe(path: Path, drone: Document) -> list[Document]:
+    """The layer of the airframe that the drone names."""
+    name = _airframe_name(drone)
+    if name is None:
+        return []
+    folder = path.parent / AIRFRAMES
+    file = folder / f"{name}.yaml"
+    if file.exists():
+        return [_layer(file)]
+    known = ", ".join(sorted(p.stem for p in folder.glob("*.yaml"))) or f"none in {folder}"
+    place = drone.places["airframe", "name"]
+    drone.problems.append(f"{place}: airframe.name: unknown airframe {name!r}; valid: {known}")
+    return []
+
+
+def _airframe_name(drone: Document) -> str | None:
+    airframe: Any = drone.data.get("airframe")
+    name = airframe.get("name") if isinstance(airframe, dict) else airframe
+    return name if isinstance(name, str) else None

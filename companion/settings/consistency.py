@@ -1,0 +1,152 @@
+"""Settings that are fine each and together never move, see nothing, or touch what they fly past."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from companion.settings.sections import CompanionSections
+from mavlink_bridge.shared.settings import Contradiction
+
+_SIM_ONLY = {"neighbours": ("truth",), "obstacles": ("map", "depth")}
+_NEAR = 0.5  # of a goal's tolerance, which the fence may take
+
+
+def contradictions(config: CompanionSections) -> Iterator[Contradiction]:
+    """Everything wrong between the sections of a drone's config."""
+    yield from _sources(config)
+    yield from _fence(config)
+    yield from _goals(config)
+    yield from _distances(config)
+    yield from _ticks(config)
+
+
+def _sources(config: CompanionSections) -> Iterator[Contradiction]:
+    """What a source of frames does not give."""
+    simulated = config.camera.source.startswith("sim:")
+    if config.timing.pace == "frames" and not simulated:
+        yield Contradiction(
+            ("timing.pace", "camera.source"), "pace: frames needs the simulator as source"
+        )
+    for key, choices in _SIM_ONLY.items():
+        chosen = getattr(config.sensing, key)
+        if chosen in choices and not simulated:
+            text = f"{key}: {chosen} needs the simulator as source; a camera has {key}: camera"
+            yield Contradiction((f"sensing.{key}", "camera.source"), text)
+    if config.camera.latency >= config.eye.late:
+        yield Contradiction(
+            ("camera.latency", "eye.late"),
+            f"every frame is late: camera.latency, {config.camera.latency:g}, must be below "
+            f"eye.late, {config.eye.late:g}",
+        )
+    looks, life = 2 * config.sensing.trunks_every, config.obstacles.doubtful_unseen
+    if looks * config.timing.period >= life:
+        yield Contradiction(
+            ("sensing.trunks_every", "obstacles.doubtful_unseen"),
+            f"trunks would be forgotten between two looks: sensing.trunks_every, "
+            f"{config.sensing.trunks_every}, is too many frames for obstacles.doubtful_unseen, "
+            f"{life:g}",
+        )
+    if config.sensing.detector == "yolo" and config.sensing.model is None:
+        yield Contradiction(
+            ("sensing.detector", "sensing.model"),
+            "detector: yolo needs sensing.model: FILE.onnx",
+        )
+
+
+def _fence(config: CompanionSections) -> Iterator[Contradiction]:
+    """Room between planes, each of which is kept away from."""
+    fence, apart = config.fence, config.nmpc.d_obstacle_safety
+    needed = f"twice nmpc.d_obstacle_safety, {apart:g}"
+    low, high = "fence.altitude_min", "fence.altitude_max"
+    if fence.altitude_max <= fence.altitude_min:
+        yield Contradiction((high, low), "altitude_max must be above altitude_min")
+    elif fence.altitude_max - fence.altitude_min < 2.0 * apart:
+        yield Contradiction(
+            (high, low, "nmpc.d_obstacle_safety"),
+            f"altitude_max must be above altitude_min by {needed}",
+        )
+    if not fence.altitude_min < config.mission.takeoff_altitude < fence.altitude_max:
+        yield Contradiction(
+            ("mission.takeoff_altitude", low, high), "takeoff_altitude must lie inside the fence"
+        )
+    if fence.altitude_band < apart:
+        yield Contradiction(
+            ("fence.altitude_band", "nmpc.d_obstacle_safety"),
+            f"altitude_band, {fence.altitude_band:g}, must be at least nmpc.d_obstacle_safety, "
+            f"{apart:g}, which is kept to its top and bottom, too",
+        )
+    for key, limits in (("fence.east", fence.east), ("fence.north", fence.north)):
+        if limits is not None and limits[1] - limits[0] < 2.0 * apart:
+            yield Contradiction(
+                (key, "nmpc.d_obstacle_safety"), f"must be wider than {needed}, got {limits}"
+            )
+
+
+def _goals(config: CompanionSections) -> Iterator[Contradiction]:
+    """Goals that the fence, and the distance kept to it, leave within reach."""
+    fence, mission, apart = config.fence, config.mission, config.nmpc.d_obstacle_safety
+    low, high = "fence.altitude_min", "fence.altitude_max"
+    for n, goal in enumerate(mission.goals):
+        key = f"mission.goals.{n}"
+        if len(goal) != 3:
+            yield Contradiction((key,), f"must be [x, y, z], got {goal}")
+            return
+        for what, height in ("goal", goal[2]), ("way to it", goal[2] + mission.level):
+            if not fence.altitude_min <= height <= fence.altitude_max:
+                yield Contradiction(
+                    (key, "mission.level", low, high),
+                    f"the {what}, {height:g} m high, must lie inside the fence",
+                )
+        last = n == len(mission.goals) - 1
+        tolerance = mission.final_tolerance if last else mission.tolerance
+        inside = apart - _NEAR * tolerance
+        sides = {
+            "fence.east": (goal[0], fence.east),
+            "fence.north": (goal[1], fence.north),
+            low: (goal[2], [fence.altitude_min, fence.altitude_max]),
+        }
+        for side, (place, limits) in sides.items():
+            if limits is None:
+                continue
+            if not limits[0] <= place <= limits[1]:
+                yield Contradiction((key, side), f"must lie inside {side}, {limits}, got {goal}")
+            elif min(place - limits[0], limits[1] - place) < inside - 1e-9:
+                yield Contradiction(
+                    (key, side, "nmpc.d_obstacle_safety"),
+                    f"must lie {inside:g} m inside the fence, {limits}, or it is never reached: "
+                    f"nmpc.d_obstacle_safety, {apart:g}, is kept to it, too; got {goal}",
+                )
+
+
+def _distances(config: CompanionSections) -> Iterator[Contradiction]:
+    """Distances from the centre that leave the drone's body untouched."""
+    radius, nmpc = config.airframe.radius, config.nmpc
+    if not nmpc.d_obstacle_safety > radius:
+        yield Contradiction(
+            ("nmpc.d_obstacle_safety", "airframe.radius"),
+            f"nmpc.d_obstacle_safety, {nmpc.d_obstacle_safety:g}, from the drone's centre, "
+            f"must be above airframe.radius, {radius:g}",
+        )
+    if not nmpc.d_agent_safety > 2.0 * radius:
+        yield Contradiction(
+            ("nmpc.d_agent_safety", "airframe.radius"),
+            f"nmpc.d_agent_safety, {nmpc.d_agent_safety:g}, from centre to centre, must be "
+            f"above twice airframe.radius, {radius:g}",
+        )
+
+
+def _ticks(config: CompanionSections) -> Iterator[Contradiction]:
+    """Steps of the plan and limits on lateness that fit the tick."""
+    period = config.timing.period
+    if config.nmpc.dt != period:
+        yield Contradiction(
+            ("nmpc.dt", "timing.period"),
+            f"nmpc.dt, {config.nmpc.dt:g}, must be timing.period, {period:g}: a plan is shifted by "
+            "one step a tick",
+        )
+    if not config.guard.late > period:
+        yield Contradiction(
+            ("guard.late", "timing.period"),
+            f"guard.late, {config.guard.late:g}, must be above timing.period, {period:g}, or "
+            "every command is late",
+        )

@@ -1,0 +1,1 @@
+"""The last word before the wire, and when control is taken or given back."""

@@ -1,0 +1,1 @@
+"""A Betaflight flight controller over MSP as a MAVLink vehicle."""

@@ -1,0 +1,1 @@
+"""What all three packages use: frames, settings, thrust, distances, MCAP files."""

@@ -1,0 +1,1 @@
+"""What crosses the wire: messages, MAVLink 2, links, video frames."""

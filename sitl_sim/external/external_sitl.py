@@ -1,0 +1,82 @@
+"""A user's own SITL binary on our physics: what ArduPilot's and PX4's have in common.
+
+Motion is given and motor commands are taken some 500 times a second, as with `betaflight_sitl`;
+telemetry goes from the binary straight to the companion. Order of motors of both: front right,
+rear left, front left, rear right.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sitl_sim.external.priority import AUTOPILOT, hurry
+from sitl_sim.vehicles.rigid_body import State
+from sitl_sim.worlds.geodesy import LocalFrame
+
+_BOOT = 30.0  # s until motor commands come
+_OURS = [3, 0, 1, 2]  # places of our motors (rear right, front right, rear left, front left)
+
+
+class ExternalError(RuntimeError):
+    """An autopilot that cannot be run, or does not speak; the message says which and why."""
+
+
+class ExternalSitl(ABC):
+    """One process, its folder and its newest motor commands (4,) 0…1, ours in order."""
+
+    def __init__(
+        self, command: Sequence[str], folder: Path, environment: Mapping[str, str] | None = None
+    ) -> None:
+        """Start `command` in `folder`, where its settings and its output go."""
+        self.command = np.zeros(4)
+        self._folder, self._name, self._heard = folder, command[0], False
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            with (folder / "output.log").open("wb") as log:
+                self._process = subprocess.Popen(
+                    command, cwd=folder, env=os.environ | (environment or {}),
+                    stdin=subprocess.DEVNULL, stdout=log, stderr=log,
+                )  # fmt: skip
+        except OSError as error:
+            raise ExternalError(f"{command[0]}: cannot be run: {error.strerror}") from error
+        hurry(AUTOPILOT, self._process.pid)
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process runs."""
+        return self._process.poll() is None
+
+    def await_boot(self) -> None:
+        """Until motor commands come; motion must already be given.
+
+        Raises:
+            ExternalError: it ended, or said nothing in time.
+        """
+        end = time.monotonic() + _BOOT
+        while not self._heard:
+            if not self.alive or time.monotonic() > end:
+                why = "sends no motor commands" if self.alive else "ended"
+                raise ExternalError(f"{self._name} {why}; see {self._folder}/output.log")
+            time.sleep(0.05)
+
+    @abstractmethod
+    def exchange(self, i: int, state: State, frame: LocalFrame) -> NDArray[np.float64]:
+        """Give the motion of vehicle i now, take its newest motor commands (4,) 0…1."""
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.kill()
+        self._process.wait()
+
+    def _obey(self, motors: Sequence[float]) -> None:
+        """Motor commands 0…1 in the binary's order."""
+        self.command = np.clip(np.array(motors[:4])[_OURS], 0.0, 1.0)
+        self._heard = True

@@ -1,0 +1,1 @@
+"""What can go wrong in a flight, and how it is laid on."""

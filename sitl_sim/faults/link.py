@@ -1,0 +1,177 @@
+"""Faults of the line between a vehicle and its companion: packets, and what telemetry says."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from mavlink_bridge.wire.codec import Codec
+from mavlink_bridge.wire.link import Endpoint, Link
+from mavlink_bridge.wire.messages import (
+    Attitude,
+    Heartbeat,
+    LocalPosition,
+    Message,
+    Received,
+    SystemTime,
+    TimeSync,
+)
+from sitl_sim.faults.catalogue import Fault, Schedule
+
+_DATAGRAM = 1400  # bytes of garbage at a time
+_FLIPS = 8  # most bits flipped in a packet
+_SPEAK = 0.02  # s between two looks at what garbage is due
+_NOT_NUMBERS = (np.nan, np.inf, -np.inf, 1e-45)  # the last: a denormal as float32 too
+
+
+class FaultyLine:
+    """What becomes of the packets of drone i, each way; `now` [s of the flight] is set from out."""
+
+    def __init__(self, schedule: Schedule, i: int) -> None:
+        self.now = 0.0
+        self._schedule, self._i = schedule, i
+        self._held: list[bytes] = []  # on their way to the companion
+        self._seen = b""
+
+    def carry(self, data: bytes, to_companion: bool) -> list[bytes]:
+        """The packets that arrive where `data` was sent."""
+        waiting: list[bytes] = []
+        if to_companion:
+            waiting, self._held = self._held, []
+        if self._strikes("link_loss"):
+            return waiting
+        if self._strikes("link_flip"):
+            data = _flip(data, self._active("link_flip")[0].rng)
+        if to_companion:
+            self._seen = data
+            if self._strikes("link_reorder"):
+                self._held.append(data)
+                return waiting
+        return [data] * (1 + self._strikes("link_duplicate")) + waiting
+
+    def noise(self) -> list[bytes]:
+        """What nobody sent and comes to the companion all the same; asked for every 20 ms."""
+        out: list[bytes] = []
+        for fault in self._active("link_garbage"):
+            left = round(fault.value * _SPEAK)
+            while left > 0:
+                out.append(self._garbage(fault.rng, min(left, _DATAGRAM)))
+                left -= len(out[-1]) or 1
+        for fault in self._active("link_foreign"):
+            for _ in range(fault.rng.poisson(fault.value * _SPEAK)):
+                out.append(foreign(fault.rng, self._i + 1))
+        return out
+
+    def _garbage(self, rng: np.random.Generator, size: int) -> bytes:
+        """Random bytes, a frame cut off, or a frame with flipped bits."""
+        kind = rng.integers(3)
+        if kind == 0 or not self._seen:
+            return rng.bytes(size)
+        if kind == 1:
+            return self._seen[: rng.integers(1, len(self._seen))]
+        return _flip(self._seen, rng)
+
+    def _active(self, kind: str) -> list[Fault]:
+        return self._schedule.at(self._i, self.now, kind)
+
+    def _strikes(self, kind: str) -> bool:
+        return sum(f.strikes() for f in self._active(kind)) > 0  # each draws, whatever the others
+
+
+class FaultyLink(Link):
+    """A link whose packets pass a `FaultyLine`; counts what was really put on the wire."""
+
+    def __init__(self, endpoint: Endpoint, codec: Codec, line: FaultyLine) -> None:
+        super().__init__(endpoint, codec)
+        self.line = line
+
+    def send(self, messages: Iterable[Message]) -> None:
+        """Send, as far as the line lets it through, and what the line adds."""
+        data = self.codec.encode(messages)
+        packets = self.line.carry(data, to_companion=True) if data else []
+        for packet in packets + self.line.noise():
+            self.packets_out += self.endpoint.send(packet)
+
+    def receive(self) -> list[Received]:
+        """What comes through; the count is of what arrived at this end of the wire."""
+        out: list[Received] = []
+        for data in self.endpoint.receive():
+            self.packets_in += 1
+            for packet in self.line.carry(data, to_companion=False):
+                out += self._hear(packet)
+        return out
+
+
+class FaultyTelemetry:
+    """What drone i's autopilot says wrongly, late or not at all."""
+
+    def __init__(self, schedule: Schedule, i: int) -> None:
+        self._schedule, self._i = schedule, i
+        self._late: deque[tuple[float, Message]] = deque()
+
+    def alter(self, now: float, messages: list[Message]) -> list[Message]:
+        """The messages that go out at `now` [s of the flight]."""
+        out = [a for m in messages for a in self._one(now, m)]
+        while self._late and self._late[0][0] <= now:
+            out.append(self._late.popleft()[1])
+        for fault in self._schedule.at(self._i, now, "timesync_jump"):
+            out.append(TimeSync(0, round((now + fault.value) * 1e9)))
+        return out
+
+    def _one(self, now: float, m: Message) -> list[Message]:
+        if isinstance(m, SystemTime):
+            jump = sum(f.value for f in self._at(now, "clock_jump"))
+            return [replace(m, unix_time=max(m.unix_time + jump, 0.0))]
+        if not isinstance(m, Attitude | LocalPosition):
+            return [m]
+        lost = isinstance(m, LocalPosition) and self._at(now, "position_lost")
+        if lost or self._at(now, "telemetry_stale"):
+            return []
+        wrong = self._wrong(now, m)
+        if late := self._at(now, "telemetry_late"):
+            self._late.append((now + late[0].value, wrong))
+            return []
+        return [wrong]
+
+    def _wrong(self, now: float, m: Attitude | LocalPosition) -> Attitude | LocalPosition:
+        for fault in self._at(now, "telemetry_nan"):
+            if fault.strikes():
+                m = _not_a_number(m, fault.rng)
+        if isinstance(m, Attitude):
+            for fault in self._at(now, "quaternion"):
+                m = replace(m, q_wb=m.q_wb * fault.value)
+        return m
+
+    def _at(self, now: float, kind: str) -> list[Fault]:
+        return self._schedule.at(self._i, now, kind)
+
+
+def foreign(rng: np.random.Generator, system: int) -> bytes:
+    """A heartbeat of nobody: of another system, or of another component of this one."""
+    other = int(rng.integers(1, 256))
+    component = int(rng.integers(2, 191)) if other == system else int(rng.integers(1, 256))
+    heartbeat = Heartbeat(12, 2, bool(rng.integers(2)), int(rng.integers(1 << 32)), 4)
+    return Codec(other, component).encode([heartbeat])
+
+
+def _flip(data: bytes, rng: np.random.Generator) -> bytes:
+    changed = bytearray(data)
+    for bit in rng.integers(0, 8 * len(data), rng.integers(1, _FLIPS + 1)):
+        changed[bit // 8] ^= 1 << bit % 8
+    return bytes(changed)
+
+
+def _not_a_number(
+    m: Attitude | LocalPosition, rng: np.random.Generator
+) -> Attitude | LocalPosition:
+    """The message with one of its numbers none."""
+    names = ("q_wb", "omega") if isinstance(m, Attitude) else ("p", "v")
+    name = names[rng.integers(2)]
+    values = getattr(m, name).copy()
+    values[rng.integers(len(values))] = _NOT_NUMBERS[rng.integers(len(_NOT_NUMBERS))]
+    changed: dict[str, Any] = {name: values}
+    return replace(m, **changed)

@@ -1,0 +1,159 @@
+"""Faults of vehicles, autopilots, pilots, companions and the air, laid on and taken off in time."""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sitl_sim.faults.catalogue import Fault, Schedule
+from sitl_sim.vehicles.firmware.flavour import Mode
+
+if TYPE_CHECKING:
+    from sitl_sim.vehicles.emulated import Autopilots
+    from sitl_sim.vehicles.rigid_body import Vehicles
+
+_MODES = {"hold": Mode.HOLD, "land": Mode.LAND, "return": Mode.RETURN,
+          "position": Mode.POSITION, "stabilized": Mode.STABILIZED}  # fmt: skip
+_THROUGH = 30.0  # m beyond the neighbour that a vehicle which turns into it aims at
+
+
+class FaultyWorld:
+    """Lays each fault on its vehicle when it begins and takes it off when it ends.
+
+    autopilots: emulated ones, or None where only the physics are ours. process: the companion
+    of drone i, its process id or None. rebooted: told whose autopilot starts anew.
+    """
+
+    def __init__(
+        self,
+        schedule: Schedule,
+        vehicles: Vehicles,
+        autopilots: Autopilots | None,
+        process: Callable[[int], int | None] = lambda i: None,
+        rebooted: Callable[[int], None] = lambda i: None,
+    ) -> None:
+        self._schedule, self._vehicles, self._autopilots = schedule, vehicles, autopilots
+        self._process, self._rebooted = process, rebooted
+        self._on: dict[int, Fault] = {}  # by id, in the order in which they began
+        self._whole = vehicles.body.thrust_max.copy()
+        self._own_bias = [autopilots.gyro_bias(i) if autopilots else np.zeros(3)
+                          for i in range(len(vehicles))]  # fmt: skip
+        self._limits: dict[int, tuple[int, int]] = {}  # of a process, by id: as it had them
+        self._motors = {id(f): _motors(f) for f in schedule.all()}
+        self._winds = {id(f): _wind(f) for f in schedule.all() if f.kind == "gust"}
+        # Faults may overlap: what a kind does to vehicle i is made anew, whenever one of them
+        # begins or ends, from how the vehicle is without any and from all that are on.
+        self._lasting: dict[str, Callable[[int], None]] = {
+            "motor": self._set_thrust, "thrust_scale": self._set_thrust,
+            "gyro_bias": self._set_bias, "position_lost": self._set_gps,
+            "position_jump": self._set_offset, "disk_full": self._set_disk,
+        }  # fmt: skip
+        self._sudden: dict[str, Callable[[Fault], None]] = {
+            "battery": self._drain, "reboot": self._reboot, "stop": self._stop,
+            "turn_into": self._turn_into, "kill": self._kill, "mode": self._change_mode,
+        }  # fmt: skip
+
+    def update(self, now: float) -> None:
+        """Everything that begins or ends at `now` [s of the flight], which never goes back."""
+        for fault in self._schedule.all():
+            key, active = id(fault), fault.config.active(now)
+            if active and fault.kind == "disarm" and self._autopilots is not None:
+                self._autopilots.units[fault.i].commander.disarm()
+            if active == (key in self._on):
+                continue
+            if active:
+                self._on[key] = fault
+            else:
+                del self._on[key]
+            if fault.kind in self._lasting:
+                self._lasting[fault.kind](fault.i)
+            elif active and fault.kind in self._sudden:
+                self._sudden[fault.kind](fault)
+
+    def wind(self, now: float, base: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,3) m/s, world: `base` (3,) and the gusts of each drone."""
+        air = np.tile(base, (len(self._vehicles), 1))
+        for fault in self._schedule.all():
+            if fault.kind == "gust" and fault.config.active(now):
+                air[fault.i] += self._winds[id(fault)]
+        return air
+
+    def _emulated(self) -> Autopilots:
+        assert self._autopilots is not None  # `faults.check` has seen to it
+        return self._autopilots
+
+    def _of(self, i: int, *kinds: str) -> list[Fault]:
+        """Vehicle i's faults of these kinds that are on."""
+        return [f for f in self._on.values() if f.i == i and f.kind in kinds]
+
+    def _set_thrust(self, i: int) -> None:
+        """From whole motors: a factor of 0 cannot be divided out."""
+        row = self._vehicles.body.thrust_max[i]
+        row[:] = self._whole[i]
+        for f in self._of(i, "motor", "thrust_scale"):
+            row[self._motors[id(f)]] *= f.value
+
+    def _set_bias(self, i: int) -> None:
+        more = sum(f.value for f in self._of(i, "gyro_bias"))
+        self._emulated().bias_gyro(i, self._own_bias[i] + more)
+
+    def _set_gps(self, i: int) -> None:
+        self._emulated().fail(i, "gps", failed=bool(self._of(i, "position_lost")))
+
+    def _set_offset(self, i: int) -> None:
+        east = sum(f.value for f in self._of(i, "position_jump"))
+        self._emulated().shift_position(i, [east, 0.0, 0.0])
+
+    def _set_disk(self, i: int) -> None:
+        """Its files may not grow: writing fails as on a full disk."""
+        pid = self._process(i)
+        if pid is None:
+            return
+        try:
+            before = self._limits.setdefault(pid, resource.prlimit(pid, resource.RLIMIT_FSIZE))
+            full = (0, before[1])
+            limits = full if self._of(i, "disk_full") else before
+            resource.prlimit(pid, resource.RLIMIT_FSIZE, limits)
+        except ProcessLookupError:
+            return  # it has ended
+
+    def _drain(self, f: Fault) -> None:
+        self._emulated().set_battery(f.i, f.value)
+
+    def _reboot(self, f: Fault) -> None:
+        self._emulated().reboot(f.i)
+        self._set_gps(f.i)  # a sensor that has failed is not mended by it
+        self._rebooted(f.i)
+
+    def _stop(self, f: Fault) -> None:
+        self._emulated().units[f.i].commander.set_mode(Mode.HOLD)
+
+    def _change_mode(self, f: Fault) -> None:
+        assert f.config.to is not None
+        self._emulated().units[f.i].commander.set_mode(_MODES[f.config.to])
+
+    def _kill(self, f: Fault) -> None:
+        self._emulated().units[f.i].commander.disarm(force=True)
+
+    def _turn_into(self, f: Fault) -> None:
+        """Straight through the place where the nearest neighbour is now, and on."""
+        p = self._vehicles.p
+        away = np.linalg.norm(p - p[f.i], axis=1)
+        away[f.i] = np.inf
+        towards = p[int(np.argmin(away))] - p[f.i] if len(p) > 1 else np.array([1.0, 0.0, 0.0])
+        aim = p[f.i] + towards / np.linalg.norm(towards) * _THROUGH
+        self._emulated().fly_to(f.i, aim, f.value)
+
+
+def _motors(f: Fault) -> slice:
+    """Which motors it weakens."""
+    return slice(int(f.rng.integers(4)), None, 4) if f.kind == "motor" else slice(None)
+
+
+def _wind(f: Fault) -> NDArray[np.float64]:
+    angle = f.rng.uniform(0.0, 2.0 * np.pi)
+    return f.value * np.array([np.cos(angle), np.sin(angle), 0.0])

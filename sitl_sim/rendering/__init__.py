@@ -1,1 +1,0 @@
-"""Pictures and depth images of the world, as a fisheye camera would take them."""

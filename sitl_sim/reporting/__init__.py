@@ -1,1 +1,0 @@
-"""What one flight was like: figures, events, the page of a run."""

@@ -1,0 +1,82 @@
+"""What each companion is told before take-off: its ports and goals, nothing of the others."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from mavlink_bridge.shared.settings import SettingsError, overlay, parse_yaml, validate
+from sitl_sim.external.fleet import BRIDGE_DELAY, EXPONENT, HOVER
+from sitl_sim.scenarios import scenario as scenarios
+from sitl_sim.scenarios.companion_door import companion_class
+from sitl_sim.scenarios.scenario import Scenario, WireConfig
+
+
+def companion_port(wire: WireConfig, system: int) -> int:
+    """UDP port of the companion of vehicle `system`: the ground stations' is left out."""
+    port = wire.companion_port + system
+    return port + (wire.companion_port < wire.gcs_port <= port)
+
+
+def companion_config(scenario: Scenario, i: int, folder: Path, clock: bool) -> dict[str, Any]:
+    """The config.yaml of drone i's companion; goals are in its own frame.
+
+    folder: of the run, where its log goes. clock: whether it paces itself, or frames pace it.
+    """
+    s, wire, name = scenario, scenario.wire, scenarios.drone_names(scenario)[i]
+    start, yaws = scenarios.starts(s), scenarios.frame_yaws(s)
+    c, sn = np.cos(-yaws[i]), np.sin(-yaws[i])
+    turn = np.array([[c, -sn, 0.0], [sn, c, 0.0], [0.0, 0.0, 1.0]])
+    goals = [turn @ (np.array(g) - start[i]) for g in scenarios.targets(s, start)[name]]
+    config: dict[str, Any] = {
+        "fileversion": 1,
+        "name": name,
+        "link": {
+            "endpoint": f"udpin:{wire.host}:{companion_port(wire, i + 1)}",
+            "system_id": i + 1,
+            "autopilot": s.drones.autopilot,
+        },
+        "camera": {
+            "source": f"sim:{wire.host}:{wire.frame_port + i + 1}",
+            "width": s.sensing.width,
+            "height": s.sensing.height,
+            "fov_deg": s.sensing.fov_deg,
+            "calibration": s.sensing.calibration and str(Path(s.sensing.calibration).resolve()),
+        },
+        "sensing": {"neighbours": s.sensing.neighbours, "obstacles": s.sensing.obstacles},
+        "timing": {"pace": "clock" if clock else "frames"},
+        "gaze": {"seed": int(np.random.SeedSequence([s.seed, i]).generate_state(1)[0])},
+        "mission": {
+            "goals": [[round(float(a), 4) for a in g] for g in goals],
+            "tolerance": round(s.mission.tolerance * 0.9, 4),
+            "takeoff_altitude": s.mission.altitude,
+            "level": round(float(scenarios.levels(s)[i]), 4),
+            "wait": float(scenarios.waits(s)[i]),
+            "auto": True,
+        },
+        "log": {"path": str((folder / "drones" / name / "flight.mcap").resolve())},
+    }
+    if s.drones.autopilot == "betaflight":
+        config["airframe"] = {"hover_thrust": HOVER, "thrust_exponent": EXPONENT}
+        config["timing"]["delay"] = BRIDGE_DELAY
+    overlay(config, s.companion)
+    return config
+
+
+def check_companions(scenario: Scenario, in_process: bool) -> None:
+    """See that companions will take what they are to be told, before anything flies.
+
+    Raises:
+        SettingsError: with every mistake of the first that does not; or they cannot be where the
+            autopilots are.
+    """
+    if in_process and scenario.drones.real:
+        raise SettingsError(["real autopilots talk to companions in processes: no --in-process"])
+    model = companion_class("settings")
+    for i, drone in enumerate(scenarios.drone_names(scenario)):
+        file = f"drones/{drone}/config.yaml"  # as a run folder would have it
+        config = yaml.safe_dump(companion_config(scenario, i, Path(), clock=True), sort_keys=False)
+        validate(model, parse_yaml(config, file), file)

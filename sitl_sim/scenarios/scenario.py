@@ -1,0 +1,370 @@
+"""A scenario as data: world, drones, mission, sensing, timing; YAML in, everything overridable."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import Field, model_validator
+
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.settings import (
+    Contradiction,
+    SettingsError,
+    StrictModel,
+    assignments,
+    load_yaml,
+    merge,
+    validate,
+)
+from sitl_sim.faults import catalogue as fault
+from sitl_sim.sensors.fisheye import Lens
+from sitl_sim.worlds.mission_file import read_mission
+from sitl_sim.worlds.world import Place, Spot, WorldConfig
+
+QUANTUM_MS = 2  # of the simulated time
+TICK_MS = 100  # between frames of a camera
+
+
+class DronesConfig(StrictModel):
+    """Who flies, and from where."""
+
+    count: int = Field(9, ge=1, le=200)
+    formation: Literal["grid", "circle"] = "grid"
+    spacing: float = Field(1.5, gt=0.5, description="Between neighbours in the formation [m].")
+    centre: list[float] = Field([0.0, 0.0], min_length=2, max_length=2)
+    ring: float = Field(10.0, gt=0, description="circle: its radius [m].")
+    heading_deg: float | Literal["target"] = Field(
+        90.0, description="Where they look: ENU yaw; target: each to its own first target."
+    )
+    starts: list[Spot] = Field([], description="[x, y] each, instead of a formation.")
+    jitter: float = Field(0.1, ge=0, description="Each start is moved up to this [m].")
+    shift: float = Field(0.0, ge=0, description="All starts together, across their heading [m].")
+    radius: float = Field(0.2, gt=0, description="Of the sphere around a drone [m].")
+    autopilot: Literal["px4", "ardupilot", "betaflight"] = Field(
+        "px4",
+        description="px4, ardupilot: emulated; betaflight: the real SITL, in real time.",
+    )
+    binary: str = Field(
+        "", description="px4, ardupilot: your own SITL binary instead of the emulated vehicle."
+    )
+    frame_yaw_deg: float | Literal["random"] = Field(
+        0.0, description="Yaw of each vehicle's own frame in the world: no frame is shared."
+    )
+    parameters: dict[str, float] = Field({}, description="Autopilot parameters at boot.")
+
+    @model_validator(mode="after")
+    def _knows_its_parameters(self) -> Self:
+        if self.binary or not self.parameters:  # an own binary has more than the emulated ones
+            return self
+        from sitl_sim.vehicles.firmware.flavours import (
+            FLAVOURS,  # slow to import, seldom needed here
+        )
+        from sitl_sim.vehicles.firmware.parameters import unfit
+
+        for name, value in self.parameters.items():
+            if why := unfit(FLAVOURS[self.autopilot], name, value):
+                raise Contradiction((f"parameters.{name}",), why)
+        return self
+
+    @property
+    def real(self) -> bool:
+        """Whether real autopilots fly, not emulated ones."""
+        return self.autopilot == "betaflight" or bool(self.binary)
+
+
+class MissionConfig(StrictModel):
+    """Where to fly, in the world frame."""
+
+    targets: list[Place] = Field([], description="[x, y, z] each, for all drones, in order.")
+    targets_of: dict[str, list[Place]] = Field({}, description="Instead, by drone name.")
+    spread: bool = Field(
+        False, description="The last of the targets is the formation's: each to its place in it."
+    )
+    exchange: bool = Field(False, description="Last: the place opposite the start, round "
+                           "drones.centre.")  # fmt: skip
+    home: bool = Field(True, description="The last target is the drone's own start.")
+    levels: list[float] = Field(
+        [0.0],
+        min_length=1,
+        description="m above the targets: the drones' ways are spread over these heights, by lot.",
+    )
+    waits: list[Annotated[float, Field(ge=0)]] = Field(
+        [0.0],
+        min_length=1,
+        description="s after take-off at which drones set out: they are spread over these, and "
+        "those of each level too.",
+    )
+    tolerance: float = Field(3.0, gt=0, description="A target is reached within this [m].")
+    altitude: float = Field(2.0, gt=0.5, description="Of take-off and home [m].")
+    time_limit: float = Field(180.0, gt=0, description="s.")
+
+
+class DepthConfig(StrictModel):
+    """The depth image of airframes that carry such a sensor: the camera's view, coarser."""
+
+    width: int = Field(160, ge=32, le=640, description="px; the height follows the camera's.")
+    range: float = Field(10.0, gt=0, description="Nothing is measured beyond [m].")
+    noise: float = Field(
+        0.01, ge=0, le=0.5, description="1 σ as a share of the distance; stereo has 1–2 % at 4 m."
+    )
+
+
+class SensingConfig(StrictModel):
+    """What the companions see."""
+
+    neighbours: Literal["camera", "truth"] = "camera"
+    obstacles: Literal["camera", "depth", "map"] = "camera"
+    width: int = Field(640, ge=64, le=1920)
+    height: int = Field(400, ge=64, le=1200)
+    fov_deg: float = Field(160.0, gt=10, lt=200)
+    range_max: float = Field(15.0, gt=0, description="R of eq. (6) for truth and map [m].")
+    latency: float = Field(
+        0.02,
+        ge=0,
+        le=0.08,
+        description="From capture to delivery [s]: exposure, read-out, transfer. In lockstep "
+        "pictures are painted meanwhile.",
+    )
+    depth: DepthConfig = DepthConfig()
+    calibration: str | None = Field(
+        None,
+        description="Calibration file of all cameras, read here and by each companion for "
+        "itself; width and height must be its own.",
+    )
+
+
+class TimingConfig(StrictModel):
+    """Lockstep's clockwork."""
+
+    compute_delay: float = Field(0.02, ge=0.002, le=0.08, description="Tick to effect [s].")
+    answer_timeout: float = Field(
+        30.0, gt=0, description="Wall seconds after which a silent companion counts as dead."
+    )
+
+
+class WireConfig(StrictModel):
+    """Ports: vehicle i talks to its companion on companion_port + i."""
+
+    host: str = "127.0.0.1"
+    companion_port: int = Field(14540, ge=1024, le=65000)
+    gcs_port: int = Field(14550, ge=1024, le=65000)
+    frame_port: int = Field(15540, ge=1024, le=65000)
+
+
+class Scenario(StrictModel):
+    """One flight, completely described."""
+
+    fileversion: Literal[1] = 1
+    name: str = Field("scenario", pattern=r"^[^./][^/]*$", max_length=100)
+    description: str = ""
+    seed: int = Field(0, ge=0)
+    world: WorldConfig = WorldConfig()
+    drones: DronesConfig = DronesConfig()
+    mission: MissionConfig = MissionConfig()
+    sensing: SensingConfig = SensingConfig()
+    timing: TimingConfig = TimingConfig()
+    wire: WireConfig = WireConfig()
+    wind: list[float] = Field([0.0, 0.0, 0.0], min_length=3, max_length=3, description="m/s ENU.")
+    faults: list[fault.FaultConfig] = Field([], description="What goes wrong: docs/faults.md.")
+    companion: dict[str, Any] = Field({}, description="Overrides of every companion's config.")
+
+
+def names() -> list[str]:
+    """Scenarios that come with the package."""
+    folder = resources.files("sitl_sim") / "scenarios"
+    return sorted(f.name.removesuffix(".yaml") for f in folder.iterdir()
+                  if f.name.endswith(".yaml"))  # fmt: skip
+
+
+def description(name: str) -> str:
+    """One line about a scenario that comes with the package."""
+    path = Path(str(resources.files("sitl_sim") / "scenarios" / f"{name}.yaml"))
+    return str(load_yaml(path).data.get("description", ""))
+
+
+def load(scenario: str, overrides: list[str]) -> Scenario:
+    """A scenario by name or YAML file, with path.to.key=value overrides on top, ready to fly.
+
+    Raises:
+        SettingsError: with every mistake at its place, or the valid names.
+    """
+    loaded = with_mission(read(scenario, overrides))
+    names_ = drone_names(loaded)
+    if unknown := [n for n in loaded.mission.targets_of if n not in names_]:
+        raise SettingsError([f"mission.targets_of: no drone {unknown[0]!r}; valid: "
+                             f"{', '.join(names_)}"])  # fmt: skip
+    return loaded
+
+
+def read(scenario: str, overrides: list[str]) -> Scenario:
+    """The same as it is written: a mission of `world.missions` is not looked up yet."""
+    if scenario in names():
+        path = Path(str(resources.files("sitl_sim") / "scenarios" / f"{scenario}.yaml"))
+    elif scenario.endswith((".yaml", ".yml")):
+        path = Path(scenario)
+    else:
+        known = ", ".join(names())
+        raise SettingsError([f"no scenario {scenario!r}; valid: {known}, or a .yaml file"])
+    document = merge([load_yaml(path), assignments(overrides)])
+    return validate(Scenario, document, str(path))
+
+
+def with_mission(scenario: Scenario) -> Scenario:
+    """World, starts and targets of one mission of `world.missions` written out; the seed's.
+
+    Raises:
+        SettingsError: no file, or not one of missions; named.
+    """
+    if scenario.world.generator != "missions":
+        return scenario
+    if scenario.world.missions is None:
+        raise SettingsError([f"world.missions: {scenario.name} needs the file that holds its "
+                             "missions: --set world.missions=FILE"])  # fmt: skip
+    mission = read_mission(Path(scenario.world.missions), scenario.seed, scenario.drones.count)
+    names_ = [f"drone{i + 1}" for i in range(scenario.drones.count)]
+    return scenario.model_copy(update={
+        "world": scenario.world.model_copy(
+            update={"generator": "empty", "missions": None, "cylinders": mission.cylinders}),
+        "drones": scenario.drones.model_copy(
+            update={"starts": mission.starts, "radius": mission.drone_radius}),
+        "mission": scenario.mission.model_copy(
+            update={"targets_of": {n: [g] for n, g in zip(names_, mission.goals, strict=True)}}),
+    })  # fmt: skip
+
+
+def fault_schedule(scenario: Scenario) -> fault.Schedule:
+    """The scenario's faults by drone.
+
+    Raises:
+        SettingsError: one that this scenario cannot have, or of a drone that is not there.
+    """
+    s = scenario.sensing
+    fault.check(
+        scenario.faults,
+        emulated=not scenario.drones.real,
+        pixels="camera" in (s.neighbours, s.obstacles),
+        reports=s.neighbours == "truth",
+    )
+    return fault.Schedule(scenario.faults, drone_names(scenario), scenario.seed)
+
+
+def lens_of(sensing: SensingConfig) -> Lens:
+    """The lens of all cameras.
+
+    Raises:
+        SettingsError: a calibration that cannot be used, or is of another image size.
+    """
+    if sensing.calibration is None:
+        return Lens(sensing.width, sensing.height, sensing.fov_deg)
+    try:
+        lens = Lens.load(sensing.calibration)
+    except ValueError as error:
+        raise SettingsError([f"sensing.calibration: {error}"]) from error
+    if (lens.width, lens.height) != (sensing.width, sensing.height):
+        made = f"made at {lens.width}×{lens.height}, frames are {sensing.width}×{sensing.height}"
+        raise SettingsError([f"sensing.calibration: {sensing.calibration}: {made}"])
+    return lens
+
+
+def drone_names(scenario: Scenario) -> list[str]:
+    """drone1 … droneN."""
+    return [f"drone{i + 1}" for i in range(scenario.drones.count)]
+
+
+def starts(scenario: Scenario) -> Vector:
+    """(n,3) m on the ground: the formation, moved a little by the seed."""
+    d = scenario.drones
+    flat = _formation(d)
+    rng = np.random.default_rng([scenario.seed, 2])
+    flat = flat + rng.uniform(-d.jitter, d.jitter, flat.shape)
+    if d.shift:
+        yaw = 0.0 if d.heading_deg == "target" else np.radians(d.heading_deg)
+        flat = flat + rng.uniform(-d.shift, d.shift) * np.array([np.sin(yaw), -np.cos(yaw)])
+    return np.column_stack([flat, np.zeros(len(flat))])
+
+
+def _formation(d: DronesConfig) -> Vector:
+    """(n,2) m: where each drone is to stand."""
+    n, centre = d.count, np.array(d.centre)
+    if d.starts:
+        if len(d.starts) < n:
+            raise SettingsError([f"drones.starts: needs {n} pairs [x, y], got {len(d.starts)}"])
+        return np.array(d.starts[:n], float)
+    if d.formation == "circle":
+        angle = 2 * np.pi * np.arange(n) / n
+        ring: Vector = centre + d.ring * np.column_stack([np.cos(angle), np.sin(angle)])
+        return ring
+    if d.heading_deg == "target":
+        raise SettingsError(["drones.heading_deg: a grid needs a number, got 'target'"])
+    side = int(np.ceil(np.sqrt(n)))
+    grid = np.array([(i % side, i // side) for i in range(n)], float) - (side - 1) / 2
+    yaw = np.radians(d.heading_deg)
+    forward = np.array([np.cos(yaw), np.sin(yaw)])
+    right = np.array([np.sin(yaw), -np.cos(yaw)])
+    placed: Vector = centre + d.spacing * (grid[:, :1] * right - grid[:, 1:] * forward)
+    return placed
+
+
+def headings(scenario: Scenario, start: Vector) -> Vector:
+    """(n,) rad, ENU yaw of each drone as it stands."""
+    wanted = scenario.drones.heading_deg
+    if wanted != "target":
+        return np.full(len(start), np.radians(wanted))
+    goals = targets(scenario, start)
+    if none := [name for name, g in goals.items() if not g]:
+        raise SettingsError([f"drones.heading_deg: {none[0]} has no target to look to"])
+    first = np.array([g[0][:2] for g in goals.values()])
+    yaws: Vector = np.arctan2(*(first - start[:, :2]).T[::-1])
+    return yaws
+
+
+def frame_yaws(scenario: Scenario) -> Vector:
+    """(n,) rad: yaw of each vehicle's own frame in the world."""
+    d = scenario.drones
+    if d.frame_yaw_deg == "random":
+        return np.random.default_rng([scenario.seed, 3]).uniform(-np.pi, np.pi, d.count)
+    return np.full(d.count, np.radians(float(d.frame_yaw_deg)))
+
+
+def boot_ms(scenario: Scenario) -> list[int]:
+    """What each vehicle's clock shows when the flight begins: so they tick at different phases."""
+    n = scenario.drones.count
+    return [round(i * TICK_MS / n / QUANTUM_MS) * QUANTUM_MS for i in range(n)]
+
+
+def levels(scenario: Scenario) -> Vector:
+    """(n,) m above its targets at which each drone flies its way."""
+    return _by_lot(scenario, scenario.mission.levels)
+
+
+def waits(scenario: Scenario) -> Vector:
+    """(n,) s that each drone waits before it sets out."""
+    return _by_lot(scenario, np.repeat(scenario.mission.waits, len(scenario.mission.levels)))
+
+
+def _by_lot(scenario: Scenario, values: ArrayLike) -> Vector:
+    """(n,) the values in turn; all that are drawn for a seed are drawn in the same order."""
+    n = scenario.drones.count
+    return np.random.default_rng([scenario.seed, 4]).permutation(np.resize(values, n))
+
+
+def targets(scenario: Scenario, start: Vector) -> dict[str, list[list[float]]]:
+    """Targets of each drone in the world frame, the place opposite and home included."""
+    m = scenario.mission
+    out = {}
+    for name, s in zip(drone_names(scenario), start, strict=True):
+        goals = [list(t) for t in m.targets_of.get(name, m.targets)]
+        if m.spread and goals:
+            place = s[:2] - start[:, :2].mean(axis=0)
+            goals[-1] = [*(goals[-1][:2] + place).round(4).tolist(), *goals[-1][2:]]
+        if m.exchange:
+            opposite = 2 * np.array(scenario.drones.centre) - s[:2]
+            goals.append([*opposite.round(4).tolist(), m.altitude])
+        if m.home:
+            goals.append([round(float(s[0]), 4), round(float(s[1]), 4), m.altitude])
+        out[name] = goals
+    return out

@@ -1,0 +1,1 @@
+"""What cameras see: rendered pictures, depth, or a perfect detector's report."""

@@ -1,0 +1,116 @@
+"""What a perfect detector would report: only what eq. (6) lets a drone see.
+
+For studies with `neighbours: truth` or `obstacles: map`. Rows have the layout of the frame
+channel: direction (3) in the camera frame, distance, and two more numbers.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavlink_bridge.shared.arrays import Vector
+from sitl_sim.sensors.fisheye import Lens
+from sitl_sim.worlds.world import Occluders
+
+# Camera axes in the body: right = -y, down = -z, forward = +x.
+_R_BC = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+_WALL_COLUMNS = 80  # of the coarse range image: 2° apart
+
+
+def rotation(q: Vector) -> Vector:
+    """(3,3) body → world of a unit quaternion w, x, y, z."""
+    w, x, y, z = q
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def camera_rays(q: Vector, offsets: Vector) -> Vector:
+    """Unit directions (...,n,3), camera frame, of world offsets (...,n,3); q (...,4): the eye."""
+    distance = np.maximum(np.linalg.norm(offsets, axis=-1, keepdims=True), 1e-9)
+    r = np.moveaxis(rotation(np.moveaxis(q, -1, 0)), (0, 1), (-2, -1))
+    rays: Vector = (offsets / distance) @ r @ _R_BC
+    return rays
+
+
+def seen(rays_c: Vector, half_view: float, half_height: float) -> NDArray[np.bool_]:
+    """Whether unit directions (...,3) in the camera frame fall inside an equidistant image."""
+    x, y, z = np.moveaxis(rays_c, -1, 0)
+    theta = np.arccos(np.clip(z, -1.0, 1.0))
+    rho = np.maximum(np.hypot(x, y), 1e-9)
+    inside: NDArray[np.bool_] = (theta * np.abs(x) <= half_view * rho) & (
+        theta * np.abs(y) <= half_height * rho
+    )
+    return inside
+
+
+def neighbours(
+    p: Vector, q: Vector, others: Vector, occluders: Occluders, fov: tuple[float, float],
+    range_max: float,
+) -> Vector:  # fmt: skip
+    """(m,6) direction, range, σ bearing, σ range of the drones `others` (k,3) in view.
+
+    fov: half width and half height of the view [rad].
+    """
+    d = others - p
+    distance = np.maximum(np.linalg.norm(d, axis=1), 1e-9)
+    rays = camera_rays(q, d)
+    visible = seen(rays, *fov) & (distance <= range_max) & occluders.free(p, others)
+    n = int(visible.sum())
+    return np.column_stack([rays[visible], distance[visible], np.full(n, 0.005), np.full(n, 0.03)])
+
+
+def trunks(
+    p: Vector, q: Vector, occluders: Occluders, fov: tuple[float, float], range_max: float
+) -> Vector:
+    """(m,6) direction to the axis, horizontal distance to it, radius, σ of the trunks in view.
+
+    A trunk counts as seen when its axis or one of its edges is in view and not hidden.
+    """
+    d = occluders.cylinders[:, :2] - p[:2]
+    radius, distance = occluders.cylinders[:, 2], np.hypot(d[:, 0], d[:, 1])
+    near = np.flatnonzero((distance - radius <= range_max) & (distance > radius))
+    d, radius, distance = d[near], radius[near], distance[near]
+    side = np.column_stack([-d[:, 1], d[:, 0]]) * (0.9 * radius / distance)[:, None]
+    offsets = np.zeros((len(near), 3, 3))
+    offsets[..., :2] = np.stack([d, d + side, d - side], axis=1)
+    flat = offsets.reshape(-1, 3)
+    rays = camera_rays(q, flat)
+    visible = seen(rays, *fov) & occluders.free(p, p + flat, np.repeat(near, 3))
+    rows = [rays[::3], distance[:, None], radius[:, None], np.full((len(near), 1), 0.03)]
+    table: Vector = np.hstack(rows)[visible.reshape(-1, 3).any(axis=1)]
+    return table
+
+
+class WallRanges:
+    """What a perfect depth sensor would say of the boxes of a world, coarsely; eq. (6)."""
+
+    def __init__(self, occluders: Occluders, width: int, height: int, fov_deg: float) -> None:
+        """width, height: of the camera's image [px], whose view is sampled."""
+        rows = round(_WALL_COLUMNS * height / width)
+        self._rays = Lens(_WALL_COLUMNS, rows, fov_deg).rays.astype(float)
+        self._boxes = occluders.boxes
+        self._trunks = Occluders({})
+        self._trunks.cylinders = occluders.cylinders
+
+    def __call__(self, p: Vector, q: Vector, range_max: float) -> NDArray[np.float32]:
+        """(h,w) m along each ray to the nearest box; inf where there is none, NaN behind trunks."""
+        shape = self._rays.shape[1:]
+        rays = self._rays.reshape(3, -1).T @ _R_BC.T @ rotation(q).T
+        nearest = np.full(len(rays), np.inf)
+        for low, high in self._boxes:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                a, b = (low - p) / rays, (high - p) / rays
+            enter = np.nanmax(np.minimum(a, b), axis=1)
+            leave = np.nanmin(np.maximum(a, b), axis=1)
+            met = (enter < leave) & (enter > 0.0) & (enter < range_max)
+            nearest = np.where(met, np.minimum(nearest, enter), nearest)
+        ends = p + np.minimum(nearest, range_max)[:, None] * rays
+        if len(self._trunks.cylinders):
+            nearest[~self._trunks.free(p, ends)] = np.nan
+        return nearest.reshape(shape).astype(np.float32)

@@ -1,0 +1,1 @@
+"""Vehicles: rigid bodies, rate loops, estimators, emulated and real autopilots."""

@@ -1,0 +1,38 @@
+"""Batteries that run down and sag: what the autopilots report, and what the motors feel."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sitl_sim.vehicles.rigid_body import Vehicles
+
+Floats = NDArray[np.float64]
+
+CELLS = 4
+CELL_FULL, CELL_EMPTY = 4.2, 3.5  # V, at rest
+RESISTANCE = 0.02  # ohm, of the pack
+CURRENT_FULL = 22.0  # A per motor at full speed; current goes with the cube of speed
+CURRENT_ELECTRONICS = 0.6  # A
+FILTER = 0.2  # share of the newest value in the reported voltage and current
+
+
+class Batteries:
+    """One battery per vehicle; arrays (n,): voltage [V], current [A], remaining 0…1."""
+
+    def __init__(self, n: int, capacity_ah: float = 1.5) -> None:
+        self.capacity = np.full(n, capacity_ah * 3600.0)  # A s
+        self.remaining = np.ones(n)
+        self.current = np.full(n, CURRENT_ELECTRONICS)
+        self.voltage = np.full(n, CELLS * CELL_FULL)
+
+    def drain(self, vehicles: Vehicles, dt: float) -> None:
+        """Draw for dt seconds what the motors draw now; sets the vehicles' motor_gain."""
+        motors: Floats = (vehicles.motor**3).sum(axis=1)
+        current = CURRENT_ELECTRONICS + CURRENT_FULL * motors
+        self.remaining = np.maximum(self.remaining - current * dt / self.capacity, 0.0)
+        rest = CELLS * (CELL_EMPTY + (CELL_FULL - CELL_EMPTY) * self.remaining)
+        voltage = rest - RESISTANCE * current
+        self.current += FILTER * (current - self.current)
+        self.voltage += FILTER * (voltage - self.voltage)
+        vehicles.body.motor_gain[:] = voltage / (CELLS * CELL_FULL)

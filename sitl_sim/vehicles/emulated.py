@@ -1,0 +1,232 @@
+"""n emulated autopilots on n vehicles: messages in, messages out, no sockets and no clock.
+
+Physics and rate loops run at 1 kHz, outer loops and modes at 100 Hz, in simulated time that
+`advance` moves on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mavlink_bridge.wire.messages import Message, Received, StatusText
+from sitl_sim.vehicles.battery import Batteries
+from sitl_sim.vehicles.estimator import BLOCK_SUBSTEPS, TICK_SUBSTEPS, Estimator, SensorNoise
+from sitl_sim.vehicles.firmware.betaflight_quirks import QUIRKS
+from sitl_sim.vehicles.firmware.flavour import Mode
+from sitl_sim.vehicles.firmware.flavours import flavour_of
+from sitl_sim.vehicles.firmware.protocol import answer
+from sitl_sim.vehicles.firmware.streams import BUILDERS, SENSORS
+from sitl_sim.vehicles.firmware.unit import Shared, Unit
+from sitl_sim.vehicles.kernel import fly, observe, steer
+from sitl_sim.vehicles.outer_loops import Control, OuterGains, make_setpoints
+from sitl_sim.vehicles.rates import RateGains, make_rate_loop
+from sitl_sim.vehicles.rigid_body import SUBSTEP, Vehicles
+from sitl_sim.worlds.geodesy import GeoReference, LocalFrame
+
+Floats = NDArray[np.float64]
+
+COMPANION = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
+BATTERY_TICKS = 10
+
+
+class Autopilots:
+    """One autopilot per vehicle; every index i is the vehicle's."""
+
+    def __init__(
+        self,
+        vehicles: Vehicles,
+        system_ids: Sequence[int],
+        flavour: str | Sequence[str] = "px4",
+        *,
+        origin: ArrayLike | None = None,
+        yaw_offset: ArrayLike = 0.0,
+        boot_offset: ArrayLike = 0.0,
+        seed: int = 0,
+        reference: GeoReference | None = None,
+        noise: SensorNoise | None = None,
+        parameters: Mapping[str, float] | None = None,
+        rate_gains: RateGains | None = None,
+        outer_gains: OuterGains | None = None,
+        battery_ah: float = 1.5,
+    ) -> None:
+        """Switch them on.
+
+        flavour: one for all or one each. origin: (n,3) m, world, where each vehicle's own frame
+        begins (default: where it stands). yaw_offset: (n,) rad, world, direction of its own
+        east. boot_offset: (n,) s, time_boot = t + boot_offset. reference: where the world lies.
+        parameters: overrides by name; in a mixed fleet for those whose flavour knows the name.
+        """
+        n = len(vehicles)
+        names = [flavour] * n if isinstance(flavour, str) else list(flavour)
+        if not len(system_ids) == len(names) == n:
+            raise ValueError(f"{n} vehicles, {len(system_ids)} ids, {len(names)} flavours")
+        if len(set(system_ids)) != n:
+            raise ValueError(f"two vehicles with one system id in {list(system_ids)}")
+        self.vehicles = vehicles
+        self._estimator = Estimator(list(system_ids), [noise or SensorNoise()] * n, seed)
+        self._shared = Shared(
+            state=vehicles.state,
+            loop=make_rate_loop([rate_gains or RateGains()] * n, vehicles.airframes),
+            setpoints=make_setpoints(np.zeros(n), outer_gains or OuterGains()),
+            estimate=self._estimator.estimate,
+            batteries=Batteries(n, battery_ah),
+        )
+        origins = np.broadcast_to(vehicles.p if origin is None else np.asarray(origin), (n, 3))
+        yaws = np.broadcast_to(np.asarray(yaw_offset, dtype=np.float64), (n,))
+        boots = np.broadcast_to(np.asarray(boot_offset, dtype=np.float64), (n,))
+        place = reference or GeoReference()
+        wanted = dict(parameters or {})
+        self._flavours = [flavour_of(name) for name in names]
+        self._frames = [LocalFrame(origins[i].copy(), float(yaws[i]), place) for i in range(n)]
+        known = {name for f in self._flavours for name in f.parameters}
+        self._overrides = [
+            f.defaults_for(vehicles.airframes[i], system_ids[i])
+            | {k: v for k, v in wanted.items() if k in f.parameters or k not in known}
+            for i, f in enumerate(self._flavours)
+        ]
+        self._substeps = 0  # since the start; the clock
+        self.units = [self._boot(i, system_ids[i], float(boots[i])) for i in range(n)]
+        observe(vehicles.state, self._shared.estimate, self._estimator.gyro_noise, 0)
+
+    def _boot(self, i: int, system: int, boot_offset: float) -> Unit:
+        flavour, frame = self._flavours[i], self._frames[i]
+        builders = BUILDERS | (QUIRKS if flavour.sticks else {})
+        overrides = self._overrides[i]
+        return Unit(i, system, flavour, frame, boot_offset, self._shared, overrides, builders)
+
+    @property
+    def t(self) -> float:
+        """Simulated seconds since the start."""
+        return self._substeps * SUBSTEP
+
+    @property
+    def armed(self) -> NDArray[np.bool_]:
+        """(n,) motors may turn."""
+        return np.array([u.commander.armed for u in self.units])
+
+    @property
+    def landed(self) -> NDArray[np.bool_]:
+        """(n,) on the ground and at rest."""
+        return np.array([u.commander.landed for u in self.units])
+
+    @property
+    def mode(self) -> list[Mode]:
+        """What each vehicle does."""
+        return [u.commander.mode for u in self.units]
+
+    def status_texts(self, i: int) -> list[StatusText]:
+        """The newest that vehicle i said, oldest first."""
+        return list(self.units[i].commander.texts)
+
+    def advance(self, t_end: float, wind: ArrayLike = 0.0) -> None:
+        """Run on to t_end [s], a multiple of 1 ms; wind: (3,) or (n,3) m/s, world."""
+        air = np.ascontiguousarray(
+            np.broadcast_to(np.asarray(wind, dtype=np.float64), self.vehicles.p.shape)
+        )
+        end = round(t_end / SUBSTEP)
+        while self._substeps < end:
+            place = self._substeps % BLOCK_SUBSTEPS
+            if place % TICK_SUBSTEPS == 0:
+                self._tick(place)
+            count = min(TICK_SUBSTEPS - place % TICK_SUBSTEPS, end - self._substeps)
+            self._fly(air, place, count)
+            self._substeps += count
+        self.vehicles.t = self.t
+        self._observe()
+
+    def _fly(self, wind: Floats, first: int, count: int) -> None:
+        s, v = self._shared, self.vehicles
+        noise = self._estimator.gyro_noise
+        fly(v.state, v.body, s.loop, s.setpoints, s.estimate, noise, wind, first, count)
+
+    def _tick(self, place: int) -> None:
+        """Every 10 ms: sensors, batteries, modes, outer loops."""
+        ticks = self._substeps // TICK_SUBSTEPS
+        if place == 0 and self._substeps > 0:
+            self._estimator.next_block()
+        self._estimator.wander(place // TICK_SUBSTEPS)
+        self._observe()
+        if ticks % BATTERY_TICKS == 0:
+            self._shared.batteries.drain(self.vehicles, BATTERY_TICKS * TICK_SUBSTEPS * SUBSTEP)
+            for unit in self.units:
+                unit.compensate_battery(float(self.vehicles.body.motor_gain[unit.i]))
+        now = self.t
+        for unit in self.units:
+            unit.commander.tick(now)
+        steer(self._shared.setpoints, self._shared.estimate)
+
+    def _observe(self) -> None:
+        place = self._substeps % BLOCK_SUBSTEPS
+        observe(self.vehicles.state, self._shared.estimate, self._estimator.gyro_noise, place)
+
+    def receive(self, i: int, received: Received, link: str | None = None) -> list[Message]:
+        """Vehicle i takes a message at the present time; replies go back by the asking link.
+
+        link: "companion" or "gcs", where the caller knows it; else the sender's component tells.
+        """
+        unit = self.units[i]
+        self._set_clock(unit)
+        if link is None:
+            own = received.source.component == COMPANION or received.source.system == unit.system
+            link = "companion" if own else "gcs"
+        return answer(unit, received, link)
+
+    def sticks(self, i: int, channels: Sequence[float]) -> None:
+        """RC channels [µs], A E T R AUX1 …, of a Betaflight vehicle; it wants them every 20 ms."""
+        unit = self.units[i]
+        self._set_clock(unit)
+        unit.commander.fly_sticks(channels)
+
+    # Faults.
+
+    def fail(self, i: int, sensor: str, failed: bool = True) -> None:
+        """Let a sensor of vehicle i fail, or work again."""
+        if sensor not in SENSORS:
+            raise ValueError(f"unknown sensor {sensor!r}: choose one of {', '.join(SENSORS)}")
+        faults = self.units[i].commander.failed
+        (faults.add if failed else faults.discard)(sensor)
+
+    def shift_position(self, i: int, offset: ArrayLike) -> None:
+        """Let vehicle i believe it is `offset` (3,) m, world, from where it is."""
+        self._shared.estimate.offset[i] = offset
+
+    def bias_gyro(self, i: int, bias: ArrayLike) -> None:
+        """Give the gyro of vehicle i a bias (3,) rad/s."""
+        self._shared.estimate.bias[i] = bias
+
+    def gyro_bias(self, i: int) -> Floats:
+        """(3,) rad/s, the bias that the gyro of vehicle i has now."""
+        bias: Floats = self._shared.estimate.bias[i].copy()
+        return bias
+
+    def set_battery(self, i: int, remaining: float) -> None:
+        """Leave vehicle i this share 0…1 of its charge."""
+        self._shared.batteries.remaining[i] = remaining
+
+    def fly_to(self, i: int, p: ArrayLike, speed: float) -> None:
+        """Let vehicle i's pilot fly straight to p (3,) m, world, at `speed` [m/s]; then hold."""
+        self.units[i].commander.set_mode(Mode.HOLD)
+        setpoints = self._shared.setpoints
+        setpoints.p[i] = p
+        setpoints.limits[i, 0] = speed
+
+    def reboot(self, i: int) -> None:
+        """Restart the autopilot of vehicle i: clock 0, disarmed, parameters and mission as new."""
+        self._shared.setpoints.control[i] = Control.OFF
+        self.units[i] = self._boot(i, self.units[i].system, -self.t)
+
+    def telemetry(self, i: int, link: str, quiet: bool = False) -> list[Message]:
+        """Messages of vehicle i that are due now on link "companion" or "gcs".
+
+        quiet: nobody listens yet, so HEARTBEAT alone.
+        """
+        unit = self.units[i]
+        self._set_clock(unit)
+        return unit.telemetry(link, quiet)
+
+    def _set_clock(self, unit: Unit) -> None:
+        unit.now_us = self._substeps * 1000
+        unit.commander.now = unit.guidance.now = self.t

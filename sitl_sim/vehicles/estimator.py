@@ -1,0 +1,136 @@
+"""What the autopilot believes: truth with drift, noise, bias and lag, from a seed.
+
+Noise is drawn in blocks of one second per vehicle, from the seed and the system id alone: the
+same vehicle sees the same noise whoever else flies and however often it is asked.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from sitl_sim.vehicles.rigid_body import State, rotate_by
+
+Floats = NDArray[np.float64]
+
+BLOCK_SUBSTEPS = 1000
+TICK_SUBSTEPS = 10
+DRIFTS = 9  # position, velocity, attitude
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Standard deviations of the estimate's errors, small but real.
+
+    Drifts wander with the time constant given beside them; the gyro's noise is white, its bias
+    constant, drawn once. There is no accelerometer: velocity has its own drift.
+    """
+
+    position: float = 0.02  # m
+    position_time: float = 2.0  # s
+    velocity: float = 0.03  # m/s
+    velocity_time: float = 0.5  # s
+    attitude: float = math.radians(0.3)  # rad
+    attitude_time: float = 5.0  # s
+    gyro: float = 0.01  # rad/s
+    gyro_bias: float = 0.002  # rad/s
+    lag: float = 0.01  # s, of position and velocity
+
+    @staticmethod
+    def none() -> SensorNoise:
+        """A perfect estimate."""
+        return SensorNoise(0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+
+
+class Estimate(NamedTuple):
+    """Estimates of n vehicles, and the errors they are made with.
+
+    p (n,3) m, v (n,3) m/s, q (n,4), omega (n,3) rad/s: world and body as the truth. drift (n,9):
+    errors of p, v, and attitude (rotation vector, body). bias (n,3) rad/s, gyro. lag (n,) s.
+    offset (n,3) m: an error of p that a fault puts there.
+    """
+
+    p: Floats
+    v: Floats
+    q: Floats
+    omega: Floats
+    drift: Floats
+    bias: Floats
+    lag: Floats
+    offset: Floats
+
+
+class Estimator:
+    """The noise of all vehicles, ready for the kernels.
+
+    gyro_noise (n,1000,3): rad/s, one second of it; the next one with `next_block`.
+    """
+
+    def __init__(self, system_ids: list[int], noise: list[SensorNoise], seed: int) -> None:
+        n = len(system_ids)
+        self._rngs = [np.random.default_rng([seed, 0x5E45, i]) for i in system_ids]
+        sigma = [[s.position] * 3 + [s.velocity] * 3 + [s.attitude] * 3 for s in noise]
+        time = [
+            [s.position_time] * 3 + [s.velocity_time] * 3 + [s.attitude_time] * 3 for s in noise
+        ]
+        self._keep = np.exp(-TICK_SUBSTEPS * 1e-3 / np.array(time).reshape(n, DRIFTS))
+        self._kick = np.array(sigma).reshape(n, DRIFTS) * np.sqrt(1.0 - self._keep**2)
+        self._gyro = np.array([s.gyro for s in noise])
+        bias = np.array([s.gyro_bias for s in noise])[:, None]
+        self.estimate = Estimate(
+            p=np.zeros((n, 3)),
+            v=np.zeros((n, 3)),
+            q=np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
+            omega=np.zeros((n, 3)),
+            drift=np.zeros((n, DRIFTS)),
+            bias=bias * self._draw((3,)),
+            lag=np.array([s.lag for s in noise]),
+            offset=np.zeros((n, 3)),
+        )
+        self.gyro_noise = np.zeros((n, BLOCK_SUBSTEPS, 3))
+        self._kicks = np.zeros((n, BLOCK_SUBSTEPS // TICK_SUBSTEPS, DRIFTS))
+        self.next_block()
+
+    def _draw(self, shape: tuple[int, ...]) -> Floats:
+        return np.array([r.standard_normal(shape) for r in self._rngs]).reshape(-1, *shape)
+
+    def next_block(self) -> None:
+        """Draw the noise of the next second."""
+        self.gyro_noise[:] = self._gyro[:, None, None] * self._draw((BLOCK_SUBSTEPS, 3))
+        self._kicks[:] = self._kick[:, None] * self._draw(self._kicks.shape[1:])
+
+    def wander(self, tick: int) -> None:
+        """Let the drifts take the step of this tick (10 ms) of the block."""
+        drift = self.estimate.drift
+        drift *= self._keep
+        drift += self._kicks[:, tick]
+
+
+@njit(cache=True)
+def estimate_one(i: int, est: Estimate, state: State, noise: Floats) -> None:
+    """Estimate of vehicle i from the truth; noise (3,) rad/s of the gyro at this instant."""
+    lag = est.lag[i]
+    q0, q1, q2, q3 = state.q[i]
+    f = state.specific_force[i]
+    for k in range(3):
+        est.p[i, k] = state.p[i, k] + est.drift[i, k] + est.offset[i, k] - lag * state.v[i, k]
+        est.v[i, k] = state.v[i, k] + est.drift[i, 3 + k]
+        est.omega[i, k] = state.omega[i, k] + est.bias[i, k] + noise[k]
+    if lag > 0.0 and not state.contact[i]:
+        est.v[i, 0] -= lag * (
+            (1 - 2 * (q2 * q2 + q3 * q3)) * f[0]
+            + 2 * (q1 * q2 - q0 * q3) * f[1]
+            + 2 * (q1 * q3 + q0 * q2) * f[2]
+        )
+        est.v[i, 1] -= lag * (
+            2 * (q1 * q2 + q0 * q3) * f[0]
+            + (1 - 2 * (q1 * q1 + q3 * q3)) * f[1]
+            + 2 * (q2 * q3 - q0 * q1) * f[2]
+        )
+    a, b, c, d = rotate_by(q0, q1, q2, q3, est.drift[i, 6], est.drift[i, 7], est.drift[i, 8])
+    est.q[i, 0], est.q[i, 1], est.q[i, 2], est.q[i, 3] = a, b, c, d

@@ -1,0 +1,286 @@
+"""One vehicle's discrete state: armed or not, mode, landed or not, and the failsafes.
+
+Time is the world's, in seconds; `tick` runs at 100 Hz. What a mode means for the loops is in
+`guidance.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from enum import IntEnum
+
+import numpy as np
+
+from mavlink_bridge.wire.messages import CommandResult, RateSetpoint, StatusText
+from sitl_sim.vehicles.firmware.flavour import Flavour, Loss, Mode, Settings
+from sitl_sim.vehicles.firmware.guidance import Guidance
+from sitl_sim.vehicles.firmware.sticks import STICKS, Sticks
+from sitl_sim.vehicles.rigid_body import State
+
+RATES_AND_THRUST = 128  # type_mask: attitude ignored
+LANDED_AFTER = 0.5  # s of contact
+LIFTED_HEIGHT = 0.05  # m
+WITHOUT_POSITION = (Mode.OFFBOARD, Mode.ALTITUDE, Mode.STABILIZED, Mode.LAND)
+TEXTS_KEPT = 100  # the newest: who asks for the impossible for hours is answered each time
+EMERGENCY, CRITICAL, WARNING, INFO = 0, 2, 4, 6  # severities of STATUSTEXT
+
+
+class Landed(IntEnum):
+    """MAV_LANDED_STATE."""
+
+    ON_GROUND = 1
+    IN_AIR = 2
+    TAKEOFF = 3
+    LANDING = 4
+
+
+class Commander:
+    """The commander of one vehicle."""
+
+    def __init__(
+        self, flavour: Flavour, settings: Settings, guidance: Guidance, state: State
+    ) -> None:
+        self.flavour, self.settings, self.guidance = flavour, settings, guidance
+        self._i, self._state = guidance.i, state
+        self.mode = flavour.initial
+        self.armed = self.was_armed = False
+        self.failsafe = False
+        self.failed: set[str] = set()  # of gyro, accelerometer, magnetometer, gps
+        self.remaining = 1.0  # battery
+        self.texts: deque[StatusText] = deque(maxlen=TEXTS_KEPT)
+        self.said = 0  # texts since the start
+        self.now = 0.0
+        self._touched_at = -math.inf
+        self._armed_at = self._landed_at = -math.inf
+        self._act_at = math.inf
+        self._battery_stage = 0
+        self.sticks: Sticks | None = None
+        guidance.landed = bool(state.contact[self._i])
+        self._set_home()
+
+    @property
+    def landed(self) -> bool:
+        """On the ground and at rest."""
+        return self.guidance.landed
+
+    @property
+    def landed_state(self) -> Landed:
+        """For EXTENDED_SYS_STATE."""
+        if self.landed:
+            return Landed.ON_GROUND
+        special = {Mode.TAKEOFF: Landed.TAKEOFF, Mode.LAND: Landed.LANDING}
+        return special.get(self.mode, Landed.IN_AIR)
+
+    @property
+    def armable(self) -> bool:
+        """Whether arming would be accepted now."""
+        return not self._why_not_armable()
+
+    @property
+    def stream_ok(self) -> bool:
+        """Whether there is a new setpoint, as PX4 asks; one will do (its offboardCheck.cpp)."""
+        return self.now - self.guidance.setpoint_at <= self.settings.loss_time
+
+    def say(self, severity: int, text: str) -> None:
+        """Queue a STATUSTEXT."""
+        self.texts.append(StatusText(severity, text[:50]))
+        self.said += 1
+
+    def configure(self, settings: Settings) -> None:
+        """Take changed parameters."""
+        self.settings = self.guidance.settings = settings
+
+    # What a companion or a ground station may ask; each answers with a MAV_RESULT.
+
+    def arm(self, force: bool = False) -> int:
+        """Arm, or say why not."""
+        if self.armed:
+            return CommandResult.ACCEPTED
+        reason = "" if force else self._why_not_armable()
+        if reason:
+            self.say(CRITICAL, f"{self.flavour.arm_prefix}: {reason}")
+            return self.flavour.arm_refusal
+        self.armed = self.was_armed = True
+        self._armed_at = self.now
+        if self.landed:
+            self._set_home()
+        self.guidance.begin(self.mode, self.mode)
+        self.say(INFO, "Armed by external command")
+        return CommandResult.ACCEPTED
+
+    def _set_home(self) -> None:
+        x, y, z = self._state.p[self._i]
+        self.guidance.home = (float(x), float(y), float(z))
+
+    def _why_not_armable(self) -> str:
+        if self.failed:
+            return f"{min(self.failed)} failure"
+        if self.remaining < self.settings.battery_critical:
+            return "battery too low"
+        if self.mode not in self.flavour.armable:
+            return f"{self.mode.name.lower()} mode can not be armed"
+        if self.mode is Mode.MISSION and not self.guidance.mission:
+            return "no valid mission"
+        return ""
+
+    def disarm(self, force: bool = False) -> int:
+        """Disarm on the ground, or anywhere by force."""
+        if not self.armed:
+            return CommandResult.ACCEPTED
+        if not self.landed and not force:
+            self.say(CRITICAL, "Disarming denied: not landed")
+            return self.flavour.arm_refusal
+        self._disarm("Disarmed by external command")
+        return CommandResult.ACCEPTED
+
+    def _disarm(self, text: str) -> None:
+        self.armed = self.failsafe = False
+        self._act_at = math.inf
+        self.guidance.stop_motors()
+        self.say(INFO, text)
+        if self.flavour.takeoff_mode:
+            self._enter(Mode.HOLD)
+
+    def set_mode(self, mode: Mode) -> int:
+        """Change the mode as asked from outside."""
+        if mode is Mode.OFFBOARD and self.flavour.stream_first and not self.stream_ok:
+            # As the real one: acknowledged, and not entered.
+            self.say(CRITICAL, "Offboard refused: no setpoints")
+            return CommandResult.ACCEPTED
+        if mode is Mode.MISSION and not self.guidance.mission:
+            self.say(CRITICAL, "Mission refused: no valid mission")
+            return CommandResult.TEMPORARILY_REJECTED
+        if mode is Mode.MISSION and self.guidance.mission_seq >= len(self.guidance.mission):
+            self.guidance.mission_seq = 0
+        self.failsafe = False
+        self._act_at = math.inf
+        self._enter(mode)
+        return CommandResult.ACCEPTED
+
+    def take_off(self, height: float | None) -> int:
+        """Climb to `height` [m] above here (None: the parameter's)."""
+        in_mode = self.flavour.takeoff_mode
+        if not in_mode and not (self.armed and self.mode is Mode.OFFBOARD):
+            return CommandResult.FAILED
+        self.failsafe = False
+        self._act_at = math.inf
+        self._enter(Mode.TAKEOFF if in_mode else Mode.OFFBOARD)
+        here = float(self.guidance.est.p[self._i, 2])
+        self.guidance.climb_to = here + (height or self.settings.takeoff_altitude)
+        return CommandResult.ACCEPTED
+
+    def follow(self, m: RateSetpoint) -> None:
+        """Take a setpoint; what is not finite or not body rates with thrust is ignored."""
+        if m.type_mask != RATES_AND_THRUST:
+            if self.flavour.bad_setpoint_stops and self.mode is Mode.OFFBOARD:
+                self.guidance.stop_following()
+            return
+        if not (np.isfinite(m.omega).all() and math.isfinite(m.thrust)):
+            return
+        self.guidance.follow(m, self.armed and self.mode is Mode.OFFBOARD)
+
+    def fly_sticks(self, channels: Sequence[float]) -> None:
+        """Take RC channels [µs]: A E T R AUX1 … (Betaflight)."""
+        if self.sticks is None or len(channels) < STICKS or not np.isfinite(channels).all():
+            return
+        self.guidance.follow(self.sticks.setpoint(channels), self.armed)
+        wanted = self.sticks.wants_arm(channels)
+        if wanted and not self.armed and self.sticks.may_arm(channels):
+            self.arm()
+        elif self.armed and not wanted:
+            self._disarm("Disarmed by switch")
+
+    # What happens by itself.
+
+    def tick(self, now: float) -> None:
+        """Land detection, failsafes, and what the mode wants next."""
+        self.now = self.guidance.now = now
+        self._detect_landing()
+        self._check_position()
+        if not self.armed:
+            return
+        self._check_battery()
+        if self.sticks is not None:
+            self._check_sticks()
+        else:
+            self._check_stream()
+        self._check_rest()
+        if not self.armed:
+            return
+        after = self.guidance.step(self.mode)
+        if after is not None:
+            if self.mode is Mode.MISSION and after is Mode.HOLD:
+                self.say(INFO, "Mission finished, loitering")
+            self._enter(after)
+
+    def _enter(self, mode: Mode) -> None:
+        before, self.mode = self.mode, mode
+        self.guidance.begin(mode, before)
+
+    def _detect_landing(self) -> None:
+        if not self._state.contact[self._i]:
+            self._touched_at = self.now
+            if self.landed and self._state.p[self._i, 2] > LIFTED_HEIGHT:
+                self.guidance.landed = False
+        elif not self.landed and self.now - self._touched_at > LANDED_AFTER:
+            self.guidance.landed = True
+            self._landed_at = self.now
+            if self.armed:
+                self.say(INFO, "Landing detected")
+
+    def _check_rest(self) -> None:
+        """Disarm what rests on the ground, armed, for long."""
+        if not self.landed or (self.mode is Mode.OFFBOARD and self.stream_ok):
+            return
+        s, flown = self.settings, self._landed_at > self._armed_at
+        since, limit = (
+            (self._landed_at, s.disarm_landed) if flown else (self._armed_at, s.disarm_preflight)
+        )
+        if limit > 0.0 and self.now - since > limit:
+            self._disarm("Disarmed by landing" if flown else "Disarmed: no takeoff after arming")
+
+    def _check_stream(self) -> None:
+        s = self.settings
+        if self.now >= self._act_at:
+            self._act_at = math.inf
+            self._act(s.loss_action, "offboard lost")
+        if self.mode is not Mode.OFFBOARD or s.loss_action is Loss.LEVEL:
+            return
+        if self.now - self.guidance.setpoint_at > s.loss_time:
+            self.say(EMERGENCY, "Failsafe: no offboard setpoints, holding")
+            self._enter(Mode.HOLD)
+            self.failsafe = True
+            self._act_at = self.now + s.loss_action_time
+
+    def _check_position(self) -> None:
+        """Without a position: level, and down, unless the mode needs none."""
+        ok = "gps" not in self.failed
+        lost, self.guidance.position_ok = self.guidance.position_ok and not ok, ok
+        flying = self.armed and not self.landed
+        if lost and flying and self.mode not in WITHOUT_POSITION:
+            self._act(Loss.LAND, "position lost")
+
+    def _check_sticks(self) -> None:
+        if self.now - self.guidance.setpoint_at > self.settings.loss_time:
+            self.say(EMERGENCY, "Failsafe: RC lost, dropping")
+            self._disarm("Disarmed by failsafe")
+            if self.sticks is not None:
+                self.sticks.failsafe()
+
+    def _check_battery(self) -> None:
+        s = self.settings
+        stage = (self.remaining < s.battery_low) + (self.remaining < s.battery_critical)
+        if stage <= self._battery_stage:
+            return
+        self._battery_stage = stage
+        self.say((WARNING, EMERGENCY)[stage - 1], ("Low battery", "Critical battery")[stage - 1])
+        if stage == 2 and s.battery_action is not Loss.HOLD and not self.landed:
+            self._act(s.battery_action, "battery")
+
+    def _act(self, action: Loss, why: str) -> None:
+        mode = {Loss.LAND: Mode.LAND, Loss.RETURN: Mode.RETURN}.get(action, Mode.HOLD)
+        self.say(EMERGENCY, f"Failsafe: {why}, {mode.name.lower()}")
+        self._enter(mode)
+        self.failsafe = True

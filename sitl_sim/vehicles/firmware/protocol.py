@@ -1,0 +1,225 @@
+"""What one vehicle answers to each message: commands, modes, parameters, missions, streams."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from mavlink_bridge.wire.messages import (
+    Command,
+    CommandAck,
+    CommandId,
+    CommandResult,
+    FileTransfer,
+    Message,
+    MissionClearAll,
+    MissionCount,
+    MissionItem,
+    MissionRequest,
+    MissionRequestList,
+    MissionSetCurrent,
+    ParamRequestList,
+    ParamRequestRead,
+    ParamSet,
+    RateSetpoint,
+    Received,
+    RequestDataStream,
+    SetMode,
+    Source,
+    TimeSync,
+)
+from sitl_sim.vehicles.firmware.flavour import Mode
+from sitl_sim.vehicles.firmware.streams import BUILDERS
+
+if TYPE_CHECKING:
+    from sitl_sim.vehicles.firmware.unit import Unit
+
+FORCE = 21196.0  # param2 of arm and disarm: whatever the checks say
+AUTOPILOT = 1  # MAV_COMP_ID
+FTP_NAK, FTP_FAIL = 129, 1
+# REQUEST_DATA_STREAM groups (MAV_DATA_STREAM) → message ids.
+GROUPS = {
+    1: (24,),
+    2: (1, 42, 245),
+    6: (32, 33),
+    10: (30, 31),
+    11: (147,),
+    12: (2, 230),
+}
+MISSION_MESSAGES = (
+    MissionCount,
+    MissionItem,
+    MissionRequest,
+    MissionRequestList,
+    MissionClearAll,
+    MissionSetCurrent,
+)
+
+
+def answer(u: Unit, received: Received, link: str) -> list[Message]:
+    """Let vehicle u take a message that came by `link`; the replies to the asking link."""
+    m, source = received.message, received.source
+    if u.flavour.sticks or not _is_for(u, m):
+        return []
+    if isinstance(m, RateSetpoint):
+        u.commander.follow(m)
+        return []
+    if isinstance(m, Command):
+        return _command(u, source, m, link)
+    if isinstance(m, SetMode):
+        _set_mode(u, m.custom_mode)
+        return []
+    if isinstance(m, MISSION_MESSAGES):
+        return u.missions.answer(source, m)
+    if isinstance(m, ParamRequestList | ParamRequestRead | ParamSet):
+        return _parameters(u, m)
+    if isinstance(m, TimeSync):
+        if m.tc1 != 0:
+            return []
+        return [TimeSync(u.boot_ns, m.ts1)]
+    if isinstance(m, RequestDataStream):
+        _data_stream(u, m, link)
+        return []
+    if isinstance(m, FileTransfer):
+        return _refuse_file(source, m)
+    return []
+
+
+def _is_for(u: Unit, m: Message) -> bool:
+    system = getattr(m, "target_system", 0)
+    component = getattr(m, "target_component", 0)
+    return system in (0, u.system) and component in (0, AUTOPILOT)
+
+
+def _command(u: Unit, source: Source, m: Command, link: str) -> list[Message]:
+    handler = COMMANDS.get(m.command)
+    if handler is None:
+        return [CommandAck(m.command, CommandResult.UNSUPPORTED, source.system, source.component)]
+    result, replies = handler(u, m, link)
+    return [CommandAck(m.command, int(result), source.system, source.component), *replies]
+
+
+Handled = tuple[int, list[Message]]
+
+
+def _arm(u: Unit, m: Command, link: str) -> Handled:
+    wanted, force = m.params[0], m.params[1] == FORCE
+    if wanted not in (0.0, 1.0):
+        return CommandResult.DENIED, []
+    return (u.commander.arm(force) if wanted else u.commander.disarm(force)), []
+
+
+def _take_off(u: Unit, m: Command, link: str) -> Handled:
+    """MAV_CMD_NAV_TAKEOFF: altitude above sea level (PX4) or above home (ArduPilot)."""
+    z = m.params[6]
+    if not math.isfinite(z):
+        return u.commander.take_off(None), []
+    if u.flavour.takeoff_above_sea:
+        # PX4 takes what is too low as its smallest height.
+        z = max(z - u.frame.to_geo(u.guidance.est.p[u.i])[2], u.commander.settings.takeoff_altitude)
+    return (u.commander.take_off(z) if z > 0.0 else CommandResult.DENIED), []
+
+
+def _land(u: Unit, m: Command, link: str) -> Handled:
+    return u.commander.set_mode(Mode.LAND), []
+
+
+def _return(u: Unit, m: Command, link: str) -> Handled:
+    return u.commander.set_mode(Mode.RETURN), []
+
+
+def _start_mission(u: Unit, m: Command, link: str) -> Handled:
+    if math.isfinite(m.params[0]) and 0 <= int(m.params[0]) < len(u.guidance.mission):
+        u.guidance.mission_seq = int(m.params[0])
+    return u.commander.set_mode(Mode.MISSION), []
+
+
+def _do_set_mode(u: Unit, m: Command, link: str) -> Handled:
+    main, sub = (int(p) if math.isfinite(p) else 0 for p in m.params[1:3])
+    return _set_mode(u, main << 16 | sub << 24 if u.flavour.split_mode else main), []
+
+
+def _set_mode(u: Unit, custom_mode: int) -> int:
+    mode = u.flavour.mode_of(custom_mode)
+    if mode is None:
+        return CommandResult.DENIED
+    u.asked_mode = custom_mode
+    return u.commander.set_mode(mode)
+
+
+def _set_message_interval(u: Unit, m: Command, link: str) -> Handled:
+    if not all(map(math.isfinite, m.params[:2])):
+        return CommandResult.DENIED, []
+    message_id, interval_us = int(m.params[0]), m.params[1]
+    if message_id in u.flavour.unsent:
+        return CommandResult.ACCEPTED, []
+    if message_id not in BUILDERS:
+        return CommandResult.DENIED, []
+    if interval_us == 0.0:  # back to the default
+        rate_hz = u.flavour.streams[link].get(message_id, 0.0)
+    else:
+        rate_hz = 1e6 / interval_us if interval_us > 0.0 else 0.0
+    u.schedules[link].set_rate(message_id, rate_hz)
+    return CommandResult.ACCEPTED, []
+
+
+def _request_message(u: Unit, m: Command, link: str) -> Handled:
+    builder = BUILDERS.get(int(m.params[0])) if math.isfinite(m.params[0]) else None
+    message = builder(u) if builder else None
+    if message is None:
+        return CommandResult.DENIED, []
+    return CommandResult.ACCEPTED, [message]
+
+
+def _get_home(u: Unit, m: Command, link: str) -> Handled:
+    message = BUILDERS[242](u)
+    return CommandResult.ACCEPTED, [message] if message else []
+
+
+def _request_version(u: Unit, m: Command, link: str) -> Handled:
+    message = BUILDERS[148](u)
+    return CommandResult.ACCEPTED, [message] if message else []
+
+
+COMMANDS: dict[int, Callable[[Unit, Command, str], Handled]] = {
+    CommandId.NAV_RETURN_TO_LAUNCH: _return,
+    CommandId.NAV_LAND: _land,
+    CommandId.NAV_TAKEOFF: _take_off,
+    CommandId.DO_SET_MODE: _do_set_mode,
+    300: _start_mission,  # MISSION_START
+    CommandId.COMPONENT_ARM_DISARM: _arm,
+    CommandId.SET_MESSAGE_INTERVAL: _set_message_interval,
+    CommandId.REQUEST_MESSAGE: _request_message,
+    410: _get_home,  # GET_HOME_POSITION, deprecated, MAVProxy asks it
+    520: _request_version,  # REQUEST_AUTOPILOT_CAPABILITIES, deprecated, still asked
+}
+
+
+def _parameters(u: Unit, m: ParamRequestList | ParamRequestRead | ParamSet) -> list[Message]:
+    if isinstance(m, ParamRequestList):
+        return list(u.parameters.all())
+    if isinstance(m, ParamRequestRead):
+        return list(u.parameters.read(m))
+    replies = u.parameters.write(m)
+    u.configure()
+    return list(replies)
+
+
+def _data_stream(u: Unit, m: RequestDataStream, link: str) -> None:
+    rate_hz = m.rate_hz if m.start else 0.0
+    groups = GROUPS.values() if m.stream == 0 else [GROUPS.get(m.stream, ())]
+    for ids in groups:
+        for message_id in ids:
+            u.schedules[link].set_rate(message_id, rate_hz)
+
+
+def _refuse_file(source: Source, m: FileTransfer) -> list[Message]:
+    """NAK, so that the asking side goes on at once by other ways."""
+    if len(m.payload) < 12:
+        return []
+    sequence, session, opcode = struct.unpack_from("<HBB", m.payload)
+    header = struct.pack("<HBBBBBBI", (sequence + 1) & 0xFFFF, session, FTP_NAK, 1, opcode, 0, 0, 0)
+    payload = (header + bytes([FTP_FAIL])).ljust(251, b"\0")
+    return [FileTransfer(source.system, source.component, payload)]

@@ -1,0 +1,145 @@
+"""One emulated autopilot: its commander, parameters, frame, clock and links."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import islice
+
+from mavlink_bridge.wire.messages import Message, MissionCurrent, MissionItemReached
+from sitl_sim.vehicles.battery import Batteries
+from sitl_sim.vehicles.estimator import Estimate
+from sitl_sim.vehicles.firmware.commander import Commander
+from sitl_sim.vehicles.firmware.flavour import Flavour
+from sitl_sim.vehicles.firmware.guidance import Guidance
+from sitl_sim.vehicles.firmware.missions import Missions
+from sitl_sim.vehicles.firmware.parameters import Parameters
+from sitl_sim.vehicles.firmware.schedule import HEARTBEAT, Schedule
+from sitl_sim.vehicles.firmware.sticks import Sticks
+from sitl_sim.vehicles.outer_loops import Setpoints
+from sitl_sim.vehicles.rates import RateLoop
+from sitl_sim.vehicles.rigid_body import State
+from sitl_sim.worlds.geodesy import LocalFrame
+
+LINKS = ("companion", "gcs")
+
+
+@dataclass(frozen=True)
+class Shared:
+    """The arrays of all vehicles."""
+
+    state: State
+    loop: RateLoop
+    setpoints: Setpoints
+    estimate: Estimate
+    batteries: Batteries
+
+
+Builder = Callable[["Unit"], Message | None]  # makes one telemetry message
+
+
+class Unit:
+    """The autopilot of vehicle i, system id `system`; `now_us` is the world's clock."""
+
+    def __init__(
+        self,
+        i: int,
+        system: int,
+        flavour: Flavour,
+        frame: LocalFrame,
+        boot_offset: float,
+        shared: Shared,
+        overrides: Mapping[str, float],
+        builders: Mapping[int, Builder],
+    ) -> None:
+        self.i, self.system, self.flavour, self.frame = i, system, flavour, frame
+        self.parameters = Parameters(flavour, overrides)
+        settings = self.parameters.settings()
+        self.guidance = Guidance(i, settings, shared.setpoints, shared.estimate)
+        self.commander = Commander(flavour, settings, self.guidance, shared.state)
+        if flavour.sticks:
+            self.commander.sticks = Sticks(self.parameters["rate_max"])
+        self.missions = Missions(frame, self.guidance, flavour.first_item_is_home)
+        self._shared = shared
+        self._boot_us = round(boot_offset * 1e6)
+        self.now_us = 0
+        self.asked_mode = flavour.modes[flavour.initial]
+        self._builders = builders
+        self.schedules = {name: Schedule(dict(flavour.streams[name])) for name in LINKS}
+        self._outbox: dict[str, deque[Message]] = {name: deque() for name in LINKS}
+        self._texts_sent = 0
+        self.configure()
+
+    @property
+    def boot_us(self) -> int:
+        """Microseconds since this autopilot started."""
+        return self.now_us + self._boot_us
+
+    @property
+    def boot_ns(self) -> int:
+        """Nanoseconds since this autopilot started, for TIMESYNC."""
+        return self.boot_us * 1000
+
+    @property
+    def time_boot(self) -> float:
+        """Seconds since this autopilot started."""
+        return self.boot_us * 1e-6
+
+    @property
+    def custom_mode(self) -> int:
+        """The mode as the HEARTBEAT tells it."""
+        mode, asked = self.commander.mode, self.asked_mode
+        # A mode that flies as another (manual as stabilized) keeps its own number.
+        return asked if self.flavour.mode_of(asked) is mode else self.flavour.modes[mode]
+
+    def battery(self) -> tuple[float, float, float]:
+        """Voltage [V], current [A], remaining 0…1."""
+        b, i = self._shared.batteries, self.i
+        return float(b.voltage[i]), float(b.current[i]), float(b.remaining[i])
+
+    def configure(self) -> None:
+        """Take over changed parameters."""
+        settings = self.parameters.settings()
+        self.commander.configure(settings)
+        self._shared.setpoints.hover[self.i] = settings.hover
+        self._shared.loop.curve[self.i] = settings.thrust_curve
+
+    def compensate_battery(self, motor_gain: float) -> None:
+        """Let the mixer make up for a low battery, where the parameters say so."""
+        compensated = self.commander.settings.battery_compensated
+        self._shared.loop.boost[self.i] = 1.0 / motor_gain if compensated else 1.0
+        self.commander.remaining = float(self._shared.batteries.remaining[self.i])
+
+    def telemetry(self, link: str, quiet: bool = False) -> list[Message]:
+        """Messages due now on this link; quiet: no more than a sign of life."""
+        self._collect()
+        messages: list[Message] = []
+        due = self.schedules[link].due(self.boot_us)
+        if quiet:
+            self._outbox[link].clear()
+            due = [message_id for message_id in due if message_id == HEARTBEAT]
+        for message_id in due:
+            message = self._builders[message_id](self)
+            if message is not None:
+                messages.append(message)
+        outbox = self._outbox[link]
+        if outbox:
+            messages.extend(outbox)
+            outbox.clear()
+        return messages
+
+    def _collect(self) -> None:
+        """Events of the commander go to every link once."""
+        c, reached = self.commander, self.guidance.reached
+        if self._texts_sent == c.said and not reached:
+            return
+        old = max(len(c.texts) - (c.said - self._texts_sent), 0)
+        events: list[Message] = [*islice(c.texts, old, None)]
+        if reached:
+            events += [MissionItemReached(seq) for seq in reached]
+            events.append(MissionCurrent(self.guidance.mission_seq))
+            reached.clear()
+        self._texts_sent = c.said
+        for outbox in self._outbox.values():
+            outbox.extend(events)

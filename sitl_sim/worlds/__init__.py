@@ -1,0 +1,1 @@
+"""Where a flight takes place: obstacles, seeded generators, geodesy."""

@@ -1,0 +1,82 @@
+"""What stands in a generated world: forests, pillars, thickets, a wall with a tunnel; seeded."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sitl_sim.worlds.world import WorldConfig
+
+_ATTEMPTS = 200  # to find room for one more trunk
+
+
+def build(config: WorldConfig, seed: int) -> dict[str, Any]:
+    """`cylinders` and `boxes` as plain data; the same seed, the same world."""
+    rng = np.random.default_rng([seed, 1])
+    cylinders = [c.model_dump() for c in config.cylinders]
+    boxes = [b.model_dump() for b in config.boxes]
+    if config.generator == "forest":
+        cylinders += forest(config, rng)
+    elif config.generator == "thicket":
+        cylinders += thicket(config, rng)
+    elif config.generator == "tunnel":
+        boxes += tunnel(config, rng)
+    return {"cylinders": cylinders, "boxes": boxes}
+
+
+def forest(config: WorldConfig, rng: np.random.Generator) -> list[dict[str, float]]:
+    """A grid of trunks around the origin, each moved at random: the paper's scenarios 1 and 2."""
+    x = (np.arange(config.columns) - (config.columns - 1) / 2) * config.spacing
+    y = (np.arange(config.rows) - (config.rows - 1) / 2) * config.spacing
+    grid = np.stack(np.meshgrid(x, y), axis=-1)
+    if config.staggered:
+        grid[1::2, :, 0] += config.spacing / 2
+    places = grid.reshape(-1, 2)
+    places = places + rng.uniform(-config.jitter, config.jitter, places.shape)
+    return [_trunk(x, y, config.radius, config.height) for x, y in places]
+
+
+def thicket(config: WorldConfig, rng: np.random.Generator) -> list[dict[str, float]]:
+    """`density` trunks per m² over `area`, of random radii, nowhere nearer than `gap`.
+
+    Places are drawn one after another, and drawn again where they come too near to an earlier
+    one; a trunk that finds no room is left out.
+    """
+    x0, y0, x1, y1 = config.area
+    low, high = config.radii
+    kept: NDArray[np.float64] = np.zeros((0, 3))
+    for _ in range(round(config.density * (x1 - x0) * (y1 - y0))):
+        radius = rng.uniform(low, high)
+        for place in rng.uniform((x0, y0), (x1, y1), (_ATTEMPTS, 2)):
+            apart = np.hypot(*(kept[:, :2] - place).T) - kept[:, 2] - radius
+            if (apart >= config.gap).all():
+                kept = np.vstack([kept, [*place, radius]])
+                break
+    return [_trunk(x, y, r, config.height) for x, y, r in kept]
+
+
+def tunnel(config: WorldConfig, rng: np.random.Generator) -> list[dict[str, Any]]:
+    """A wall along x with one opening, whose middle is above the origin; its ends lie at ±y.
+
+    The seed draws how thick the wall is: as long is the tunnel.
+    """
+    half = rng.uniform(config.thickness[0], config.thickness[1]) / 2
+    wide, high = config.opening[0] / 2, config.opening[1] / 2
+    low, top, end = config.sill, config.sill + 2 * high, config.wall[0] / 2
+    blocks = [
+        (-end, 0.0, -wide, config.wall[1]),
+        (wide, 0.0, end, config.wall[1]),
+        (-wide, 0.0, wide, low),
+        (-wide, top, wide, config.wall[1]),
+    ]
+    return [
+        {"min": [x0, round(-half, 4), z0], "max": [x1, round(half, 4), z1]}
+        for x0, z0, x1, z1 in blocks
+    ]
+
+
+def _trunk(x: float, y: float, radius: float, height: float) -> dict[str, float]:
+    return {"x": round(float(x), 4), "y": round(float(y), 4),
+            "radius": round(float(radius), 4), "height": height}  # fmt: skip

@@ -1,0 +1,167 @@
+"""Rules from the literature: what each does about one neighbour, one obstacle, one goal."""
+
+import math
+import sys
+
+import numpy as np
+import pytest
+
+from companion.control.baselines import make_planner
+from companion.control.baselines.config import BaselinesConfig
+from companion.control.baselines.planner import track
+from companion.control.baselines.rules import braking, rule
+from companion.control.baselines.surroundings import Surroundings
+from companion.control.nmpc import Neighbour, make_instance
+from companion.model import predict
+from companion.settings.config import CompanionConfig, adapted
+from mavlink_bridge.shared.settings import SettingsError
+
+RULES = ("reynolds", "vasarhelyi", "potential-field", "orca")
+
+
+def planner(controller, **changes):
+    config = adapted(CompanionConfig(controller=controller, **changes))
+    c = config
+    planner = make_planner(c.controller, c.nmpc, c.baselines, c.threat.level, lambda: 0.0)
+    return planner, c.nmpc
+
+
+def instance(config, v=(0.0, 0.0, 0.0), **scene):
+    x0 = np.array([0.0, 0.0, 2.0, *v, 1.0, 0.0, 0.0, 0.0])
+    given = {"goal": [20.0, 0.0, 2.0], "yaw": 0.0} | scene
+    return make_instance(config, x0=x0, u_last=[9.81, 0, 0, 0], **given)
+
+
+def velocity(controller, **scene):
+    """What the rule asks for, bounded: the plan's second velocity."""
+    p, config = planner(controller)
+    return p.solve(instance(config, **scene)).x[1, 3:5]
+
+
+@pytest.mark.parametrize("controller", RULES)
+def test_nobody_around_it_flies_to_the_goal_at_cruise_speed(controller):
+    v = velocity(controller)
+    assert np.linalg.norm(v) == pytest.approx(CompanionConfig().nmpc.speed, abs=0.01)
+    assert abs(math.atan2(v[1], v[0])) < 0.06
+
+
+@pytest.mark.parametrize("controller", RULES)
+def test_it_gives_way_to_a_neighbour_that_comes_from_the_left(controller):
+    free = velocity(controller)
+    v = velocity(controller, neighbours=[Neighbour([1.2, 0.9, 2.0], [0.0, -1.0, 0.0])],
+                 v=(1.0, 0.0, 0.0))  # fmt: skip
+    assert v[0] < free[0] - 0.05 or v[1] < free[1] - 0.05
+
+
+@pytest.mark.parametrize("controller", RULES)
+def test_one_that_has_landed_is_in_nobodys_way(controller):
+    landed = Neighbour([0.7, 0.0, 0.0], [0.0, 0.0, 0.0])
+    assert velocity(controller, neighbours=[landed]) == pytest.approx(velocity(controller))
+
+
+@pytest.mark.parametrize("controller", RULES)
+def test_who_must_go_slowly_towards_its_goal_may_still_make_way(controller):
+    """As the NMPC may, up to its bound of this tick."""
+    comes = Neighbour([-0.6, 0.0, 2.0], [1.0, 0.0, 0.0])
+    v = velocity(controller, speed=0.165, v_max=1.5, neighbours=[comes])
+    assert 0.4 < np.linalg.norm(v) <= 1.5 + 1e-9
+
+
+@pytest.mark.parametrize("controller", RULES)
+@pytest.mark.parametrize(
+    "obstacle", [{"cylinders": [[1.3, 0.3, 0.5]]}, {"planes": [[1.0, 0.0, 0.0, 0.8]]}]
+)
+def test_it_does_not_fly_on_into_a_trunk_or_a_wall(controller, obstacle):
+    towards = np.array([1.3, 0.3]) if "cylinders" in obstacle else np.array([1.0, 0.0])
+    towards /= np.linalg.norm(towards)
+    v = velocity(controller, v=(1.2, 0.0, 0.0), **obstacle)
+    assert v @ towards < velocity(controller) @ towards - 0.3
+
+
+@pytest.mark.parametrize("controller", RULES)
+def test_floor_and_ceiling_are_no_walls(controller):
+    fence = [[0, 0, 1, 3.0], [0, 0, -1, -1.0]]
+    assert velocity(controller, planes=fence) == pytest.approx(velocity(controller))
+
+
+def test_reynolds_rests_where_cohesion_and_separation_balance():
+    c = BaselinesConfig().reynolds
+    rest = math.sqrt(c.separation / c.cohesion)
+    rules = {flocking: rule("reynolds", BaselinesConfig(), flocking) for flocking in (True, False)}
+    _, config = planner("reynolds")
+
+    def pull(distance, flocking):
+        seen = Surroundings.of(
+            instance(config, goal=[0, 0, 2], neighbours=[Neighbour([0, distance, 2], [0, 0, 0])]),
+            config,
+            level=1.2,
+        )
+        return rules[flocking].velocity(seen)[1]
+
+    assert pull(rest, True) == pytest.approx(0.0, abs=1e-9)
+    assert pull(rest + 0.5, True) > 0 > pull(rest - 0.5, True)
+    assert pull(rest + 0.5, False) < 0  # own targets: nobody to stay with
+
+
+@pytest.mark.parametrize(("r", "speed"), [(-1.0, 0.0), (0.5, 0.5), (1.0, 1.0), (2.5, 2.0)])
+def test_the_braking_curve_is_linear_then_a_root(r, speed):
+    assert braking(r, 1.0, 1.0) == pytest.approx(speed)
+
+
+@pytest.mark.parametrize("controller", [*RULES, "single-horizon"])
+def test_what_is_not_finite_is_no_plan_and_nothing_not_finite_comes_out(controller):
+    p, config = planner(controller)
+    result = p.solve(instance(config, goal=[np.nan, 0, 2]))
+    assert not result.usable
+    assert np.isfinite(result.u).all()
+    assert np.isfinite(result.x).all()
+
+
+@pytest.mark.parametrize("controller", [*RULES, "single-horizon"])
+def test_all_that_may_happen_around_it_gives_a_bounded_command(controller):
+    p, config = planner(controller)
+    rng = np.random.default_rng(7)
+    for _ in range(30):
+        scene = {
+            "v": rng.normal(0, 1.5, 3),
+            "goal": [*rng.normal(0, 8, 2), 2.0],
+            "yaw": float(rng.uniform(-3, 3)),
+            "neighbours": [
+                Neighbour([*rng.normal(0, 1.5, 2), 2.0], rng.normal(0, 1, 3))
+                for _ in range(rng.integers(0, 12))
+            ],
+            "cylinders": [[*rng.normal(0, 2, 2), 0.5] for _ in range(rng.integers(0, 8))],
+        }
+        result = p.solve(instance(config, **scene))
+        assert np.isfinite(result.u).all()
+        assert (np.abs(result.u[:, 1:]) <= config.omega_max + 1e-6).all()
+        assert (result.u[:, 0] >= config.c_min - 1e-6).all()
+        assert (result.u[:, 0] <= config.c_max + 1e-6).all()
+
+
+def test_the_tracking_law_brings_the_model_to_the_wanted_velocity():
+    _, config = planner("orca")
+    x, wanted = np.array([0, 0, 2, 0, 0, 0, 1, 0, 0, 0.0]), np.array([1.2, -0.6, 0.3])
+    for _ in range(40):
+        at = make_instance(config, x0=x, u_last=[9.81, 0, 0, 0], goal=[9, 0, 2], yaw=0.7)
+        x = predict(x, track(wanted, at, BaselinesConfig().tracking), 0.1, np.zeros(3))
+    assert x[3:6] == pytest.approx(wanted, abs=0.05)
+    assert 2 * math.atan2(x[9], x[6]) == pytest.approx(0.7, abs=0.05)
+
+
+def test_single_horizon_is_the_nmpc_over_all_of_it():
+    config = adapted(CompanionConfig(controller="single-horizon")).nmpc
+    assert config.M == config.M_constraint == config.N
+    assert adapted(CompanionConfig()).nmpc == CompanionConfig().nmpc
+
+
+def test_orca_without_its_package_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyrvo", None)
+    monkeypatch.delitem(sys.modules, "companion.control.baselines.orca", raising=False)
+    with pytest.raises(SettingsError, match=r"swarm-companion\[studies\]"):
+        planner("orca")
+
+
+def test_rules_are_told_of_every_neighbour():
+    config = adapted(CompanionConfig(controller="reynolds"))
+    assert config.nmpc.neighbours == config.threat.critical == 12

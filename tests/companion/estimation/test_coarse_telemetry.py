@@ -1,0 +1,137 @@
+"""Own state from plain Betaflight telemetry, and that finer telemetry is not touched by it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from companion.estimation.own_state import OwnState
+from mavlink_bridge.shared.frames import euler_from_quaternion, quaternion_from_euler
+from mavlink_bridge.wire.messages import (
+    Attitude,
+    EulerAttitude,
+    GlobalPosition,
+    LocalPosition,
+    Odometry,
+)
+
+STEP = math.radians(0.1)
+METRE = math.degrees(1 / 6371008.8)
+
+
+def stepped(*angles):
+    return quaternion_from_euler(*(round(a / STEP) * STEP for a in angles))
+
+
+def truth(t):
+    """Place, velocity, roll and its rate of a gentle weave."""
+    p = np.array([1.2 * t, 0.8 * math.sin(t), 2.0])
+    v = np.array([1.2, 0.8 * math.cos(t), 0.0])
+    return p, v, 0.15 * math.sin(1.5 * t), 0.225 * math.cos(1.5 * t)
+
+
+def telemetry(t, velocity):
+    """ATTITUDE at 50 Hz and GLOBAL_POSITION_INT at 10 Hz, as Betaflight sends them."""
+    p, v, roll, _ = truth(t)
+    yield EulerAttitude(t, stepped(roll, 0.0, 0.5), np.zeros(3))
+    if round(t * 50) % 5 == 0:
+        lat, lon = p[1] * METRE, p[0] * METRE  # at the equator
+        speed = np.append(np.round(v[:2], 2), 0.0) if velocity else np.zeros(3)
+        yield GlobalPosition(t * 1e3, lat, lon, 100.0 + p[2], 0.0, speed)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "position_rms", "speed_rms"), [(True, 0.1, 0.15), (False, 0.15, 0.3)]
+)
+def test_a_weave_is_followed(velocity, position_rms, speed_rms):
+    own, squares, begin = OwnState(), [], truth(0.0)[0]
+    for k in range(1000):
+        t = k / 50
+        own.add(telemetry(t, velocity))
+        if t > 5.0:
+            p, v, roll, rate = truth(t)
+            now = own.at(t)
+            believed = euler_from_quaternion(now.q_wb)[0]
+            squares.append([np.sum((now.p - p + begin)[:2] ** 2), np.sum((now.v - v)[:2] ** 2),
+                            (believed - roll) ** 2, (now.omega[0] - rate) ** 2])  # fmt: skip
+    p_error, v_error, roll_error, rate_error = np.sqrt(np.mean(squares, axis=0))
+    assert p_error < position_rms
+    assert v_error < speed_rms
+    assert math.degrees(roll_error) < 0.3
+    assert rate_error < 0.06
+
+
+def test_a_climb_while_no_place_came_is_a_climb():
+    """1.4 m up within a gap of 1.3 s: no zero has moved, and it will land where it started."""
+    own = OwnState()
+    for k in range(1250):
+        t = k / 50
+        height = min(max(t - 10.0, 0.0), 3.0)
+        own.add([EulerAttitude(t, np.array([1.0, 0, 0, 0]), np.zeros(3))])
+        if k % 5 == 0 and not 10.0 <= t < 11.3:
+            own.add([GlobalPosition(t, 47.0, 8.0, 500.0 + height, 0.0, np.zeros(3))])
+    assert own.at(t).p[2] == pytest.approx(3.0, abs=0.1)
+
+
+def test_fine_telemetry_passes_as_it_is():
+    own = OwnState()
+    q = quaternion_from_euler(0.1, 0.2, 0.3)
+    own.add(telemetry(0.0, True))
+    own.add([Attitude(1.0, q, np.zeros(3)), LocalPosition(1.0, np.ones(3), np.zeros(3))])
+    own.add(telemetry(1.02, True))  # PX4 sends these besides
+    assert own.at(1.0).p == pytest.approx(np.ones(3))
+    assert own.at(1.0).q_wb == pytest.approx(q)
+
+
+def odometry(t):
+    p, v, roll, rate = truth(t)
+    return Odometry(t, p, v, quaternion_from_euler(roll, 0.0, 0.5), np.array([rate, 0.0, 0.0]))
+
+
+def test_odometry_alone_is_enough():
+    own = OwnState()
+    for k in range(60):
+        own.add([odometry(k / 30)])
+    p, v, roll, _ = truth(2.0)
+    state = own.at(2.0)
+    np.testing.assert_allclose(state.p, p, atol=0.01)
+    np.testing.assert_allclose(state.v, v, atol=0.06)
+    assert euler_from_quaternion(state.q_wb)[0] == pytest.approx(roll, abs=0.01)
+    assert own.age(2.0) == pytest.approx(1 / 30)
+
+
+def test_odometry_steps_in_where_a_stream_falls_silent():
+    own, off = OwnState(), np.array([5.0, 0.0, 0.0])
+    for k in range(30):
+        t = k / 30
+        p, v, *_ = truth(t)
+        own.add([LocalPosition(t, p + off, v), odometry(t)])
+    assert own.at(29 / 30).p[0] == pytest.approx(truth(29 / 30)[0][0] + 5.0, abs=0.01)
+    for k in range(30, 60):
+        own.add([odometry(k / 30)])
+    assert own.at(59 / 30).p[0] == pytest.approx(truth(59 / 30)[0][0], abs=0.01)
+
+
+def test_a_body_rate_that_no_gyro_can_tell_is_not_believed():
+    own, level = OwnState(), np.array([1.0, 0.0, 0.0, 0.0])
+    for k in range(10):
+        own.add([LocalPosition(k / 50, np.zeros(3), np.zeros(3)),
+                 Attitude(k / 50, level, np.array([34.0, 0.0, 0.0]))])  # fmt: skip
+    wild = [Attitude(0.2 + k / 50, level, np.array([0.0, -150.0, 0.0])) for k in range(5)]
+    own.add(wild[:1])
+    assert own.at(0.2).omega.tolist() == [34.0, 0.0, 0.0]
+    assert own.believable(0.2)  # once is a slip
+    own.add(wild[1:])
+    assert own.counters.too_fast == 5
+    assert not own.believable(0.3)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e-45, -1e-40])
+def test_what_is_no_number_is_refused_and_counted(bad):
+    """As float32 a denormal is garbage: of a velocity, it would be believed as a halt."""
+    own, level, v = OwnState(), np.array([1.0, 0.0, 0.0, 0.0]), np.array([1.5, 0.0, 0.0])
+    own.add([Attitude(0.0, level, np.zeros(3)), LocalPosition(0.0, np.zeros(3), v)])
+    spoilt = np.array([bad, 0.0, 0.0])
+    own.add([Attitude(0.02, level, spoilt), LocalPosition(0.02, 0.02 * v, spoilt)])
+    assert own.counters.not_finite == 2
+    assert (own.at(0.1).p, own.at(0.1).v) == (pytest.approx(0.1 * v), pytest.approx(v))

@@ -1,0 +1,142 @@
+"""The memory of trunks: near ones are not taken for others farther off."""
+
+import numpy as np
+import pytest
+
+from companion.estimation.obstacle_map import ObstacleConfig, ObstacleMap
+from companion.types import Trunk
+from mavlink_bridge.wire.messages import VehicleState
+
+FORWARD = np.array([0.5, -0.5, 0.5, -0.5])  # a camera that looks along the body's x axis
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+THIN, PLACE = 0.24, np.array([4.0, 0.3])
+
+
+def fly(known, x, *trunks, **tells):
+    """One look from (x, 0, 2) m."""
+    own = VehicleState(x / 1.5, np.array([x, 0, 2.0]), np.array([1.5, 0, 0]), LEVEL, np.zeros(3))
+    known.update([t for t in trunks if t], own, FORWARD, np.radians(80.0), **tells)
+    return known.obstacles(own.p).cylinders
+
+
+def look(x, assumed=None):
+    """The thin trunk as it is, or as thick as `assumed` [m] and as far off as that makes it."""
+    offset = PLACE - [x, 0.0]
+    distance = float(np.hypot(*offset))
+    direction = np.array([-offset[1], 0.0, offset[0]]) / distance
+    if assumed is None:
+        return Trunk(direction, distance, THIN, 0.1)
+    return Trunk(direction, distance * assumed / THIN, assumed, 0.1 * distance, assumed=True)
+
+
+def test_a_thin_trunk_whose_foot_left_the_picture_stays_where_it_is():
+    known = ObstacleMap(ObstacleConfig())
+    for x in np.arange(0.0, 2.4, 0.15):
+        fly(known, x, look(x))
+    for x in np.arange(2.4, 3.6, 0.05):
+        (trunk,) = fly(known, x, look(x, assumed=1.0))
+        assert trunk[:2] == pytest.approx(PLACE, abs=0.05)
+        assert trunk[2] == pytest.approx(THIN, abs=0.01)
+
+
+def test_a_thin_trunk_that_shows_columns_wider_than_known_stays_where_it_is():
+    """Known from its foot two columns too narrow; without the foot, two too wide (`lsc-forest`)."""
+    known = ObstacleMap(ObstacleConfig(associate=0.5))
+    for _ in range(6):
+        fly(known, 2.0, Trunk(look(2.0).direction, 2.0, 0.075, 0.08))
+    for _ in range(6):
+        found = fly(known, 2.05, Trunk(look(2.05).direction, 2.26, 0.15, 0.4, assumed=True))
+    assert found[:, 2] == pytest.approx([0.075])
+    nearer = Trunk(look(2.05).direction, 1.0, 0.15, 0.1, assumed=True)
+    for _ in range(3):
+        found = fly(known, 2.05, nearer)
+    assert found[:, 2] == pytest.approx([0.15, 0.075])
+
+
+def test_one_that_nobody_knows_is_as_thick_as_assumed():
+    known = ObstacleMap(ObstacleConfig())
+    for _ in range(3):
+        found = fly(known, 2.4, look(2.4, assumed=0.35))
+    assert found[0, 2] == 0.35
+
+
+def test_one_beside_a_known_one_is_another():
+    known = ObstacleMap(ObstacleConfig())
+    for _ in range(6):
+        fly(known, 2.4, look(2.4))
+    aside = Trunk(np.array([0.7, 0.0, 0.7]), 2.0, 1.0, 0.2, assumed=True)
+    for _ in range(3):
+        found = fly(known, 2.4, aside)
+    assert sorted(found[:, 2]) == pytest.approx([THIN, 1.0])
+
+
+def test_one_that_should_be_seen_and_is_not_is_forgotten():
+    known = ObstacleMap(ObstacleConfig())
+    for _ in range(6):
+        fly(known, 1.0, look(1.0))
+    for _ in range(ObstacleConfig().misses_to_forget):
+        assert len(fly(known, 1.0, None, tells=lambda places: places[:, 0] < PLACE[0] - 0.5))
+    for _ in range(ObstacleConfig().misses_to_forget):
+        left = fly(known, 1.0, None)
+    assert not len(left)
+
+
+def test_a_near_one_cut_by_the_picture_stays_where_it_is():
+    """Only a part of its width shows: as thick as known, it would be far off and to the side."""
+    known = ObstacleMap(ObstacleConfig(associate=0.5))
+    for x in np.arange(0.0, 2.4, 0.15):
+        fly(known, x, look(x))
+    part = Trunk(np.array([-0.24, 0.0, 0.97]), 2.4, 0.15, 0.4, assumed=True)
+    for _ in range(6):
+        found = fly(known, 3.2, part)
+    assert len(found) == 1
+    assert found[0, :2] == pytest.approx(PLACE, abs=0.05)
+
+
+def test_two_that_come_to_one_place_are_one_and_the_surer_place_stays():
+    """A ghost beside a known trunk would close the way for good: each look keeps it alive."""
+    known, ahead = ObstacleMap(ObstacleConfig()), np.array([0.0, 0.0, 1.0])
+    for ghost in [5.3] * 3 + [4.7] * 6:
+        for distance, sigma in ((4.0, 0.1), (ghost, 0.5)):
+            found = fly(known, 0.0, Trunk(ahead, distance, 0.3, sigma))
+    assert found == pytest.approx(np.array([[4.0, 0.0, 0.3]]), abs=0.1)
+
+
+@pytest.mark.parametrize("sigma", [0.05, 0.15])
+def test_two_that_one_frame_shows_are_two(sigma):
+    """One in their middle would be flown into, and past on either side."""
+    known = ObstacleMap(ObstacleConfig())
+    axes = [np.array([5.0, y]) for y in (-0.45, 0.45)]
+    rng = np.random.default_rng(0)
+    for x in np.arange(0.0, 3.0, 0.1):
+        looks = []
+        for axis in axes:
+            offset = axis - [x, 0.0]
+            distance = float(np.hypot(*offset))
+            ray = np.array([-offset[1], 0.0, offset[0]]) / distance
+            looks.append(Trunk(ray, distance + sigma * rng.normal(), 0.3, sigma))
+        seen = looks if round(10 * x) % 3 else looks[:1]  # one of them is missed now and then
+        found = fly(known, x, *seen)
+    assert found[np.argsort(found[:, 1])][:, :2] == pytest.approx(np.array(axes), abs=0.1)
+
+
+def test_one_seen_twice_in_a_frame_is_one():
+    """Its bark parted by a shadow, say: the two would overlap."""
+    known = ObstacleMap(ObstacleConfig())
+    for _ in range(6):
+        halves = [Trunk(np.array([s, 0.0, 1.0]) / np.hypot(s, 1.0), 4.0, 0.4, 0.1)
+                  for s in (-0.05, 0.05)]  # fmt: skip
+        found = fly(known, 0.0, *halves)
+    assert len(found) == 1
+
+
+def test_where_little_of_a_look_is_had_one_is_forgotten_late():
+    known = ObstacleMap(ObstacleConfig())
+    for _ in range(6):
+        fly(known, 1.0, look(1.0))
+    for _ in range(40):
+        left = fly(known, 1.0, tells=lambda places: np.full(len(places), 0.05))
+    assert len(left)
+    for _ in range(60):
+        left = fly(known, 1.0, tells=lambda places: np.full(len(places), 0.05))
+    assert not len(left)

@@ -1,0 +1,65 @@
+import numpy as np
+import pytest
+
+from companion.estimation.prediction import Forecast
+from companion.model import GRAVITY, HOVER, predict
+from mavlink_bridge.wire.messages import VehicleState
+
+DELAY = 0.06
+
+
+def vehicle(time, x):
+    return VehicleState(time, x[:3], x[3:6], x[6:10], np.zeros(3))
+
+
+def rest():
+    x = np.zeros(10)
+    x[6] = 1.0
+    return x
+
+
+def test_inputs_in_flight_act_when_they_do():
+    f = Forecast(DELAY)
+    strong = np.array([GRAVITY + 4.0, 0.0, 0.0, 0.0])
+    f.sent(0.0, HOVER)
+    f.sent(0.1, strong)
+    ahead = f.ahead(vehicle(0.1, rest()))  # the strong input acts from 0.16 on, not before
+    assert ahead[5] == pytest.approx(0.0, abs=1e-9)
+    f.sent(0.2, HOVER)
+    ahead = f.ahead(vehicle(0.2, rest()))
+    assert ahead[5] == pytest.approx(4.0 * DELAY)
+
+
+def test_a_long_delay_holds_several_inputs_in_flight():
+    f = Forecast(0.25)
+    for k, extra in enumerate([1.0, 2.0, 4.0]):
+        f.sent(0.1 * k, np.array([GRAVITY + extra, 0.0, 0.0, 0.0]))
+    ahead = f.ahead(vehicle(0.25, rest()))  # to 0.5: 1.0 to 0.35, 2.0 to 0.45, 4.0 after
+    assert ahead[5] == pytest.approx(0.1 * 1.0 + 0.1 * 2.0 + 0.05 * 4.0)
+
+
+def test_at_the_shortest_period_all_that_the_longest_delay_holds_is_remembered():
+    f = Forecast(0.5)
+    for k in range(50):
+        f.sent(0.02 * k, np.array([GRAVITY + (k < 26), 0.0, 0.0, 0.0]))
+    ahead = f.ahead(vehicle(0.98, rest()))  # to 1.48: 26 of 50 were strong, the last until 1.02
+    assert ahead[5] == pytest.approx(1.02 - 0.98)
+
+
+def test_drag_is_learnt_as_a_disturbance():
+    f, x, drag = Forecast(DELAY), rest(), np.array([-0.4, 0.2, 0.0])
+    f.sent(-0.1, HOVER)
+    for k in range(100):
+        f.observe(vehicle(0.1 * k, x))
+        f.sent(0.1 * k, HOVER)
+        x = predict(x, HOVER, 0.1, drag)
+    assert f.disturbance == pytest.approx(drag, abs=0.01)
+
+
+def test_nothing_is_learnt_while_somebody_else_flies():
+    f, x = Forecast(DELAY), rest()
+    for k in range(20):
+        f.forget()
+        f.observe(vehicle(0.1 * k, x))
+        x = predict(x, HOVER, 0.1, np.array([1.0, 0.0, 0.0]))
+    assert np.array_equal(f.disturbance, np.zeros(3))

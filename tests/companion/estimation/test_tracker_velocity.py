@@ -1,0 +1,144 @@
+"""What the tracker believes of speed: head on, and where one hides another."""
+
+import numpy as np
+import pytest
+
+from companion.estimation.tracker import Tracker, TrackerConfig
+from companion.types import Detection
+from mavlink_bridge.wire.messages import VehicleState
+
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+CRUISE = np.array([1.5, 0.0, 0.0])
+
+
+def own(time):
+    return VehicleState(time, CRUISE * time, CRUISE, LEVEL, np.zeros(3))
+
+
+def look(offset, rng, share=0.02):
+    """Of a drone at `offset` (3,) from the camera, its range off by `share` of it (1 σ)."""
+    away = float(np.linalg.norm(offset))
+    measured = away * (1 + share * rng.standard_normal())
+    return Detection(offset / away, measured, sigma_bearing=0.003, sigma_range=share * away)
+
+
+def follow(tracker, start, velocity, looks, rng):
+    """Looks at 10 Hz at one that starts at `start` ahead; its tracks after each."""
+    for k in range(looks):
+        offset = start + (velocity - CRUISE) * k / 10
+        tracker.update(k / 10, [look(offset, rng)], own(k / 10), LEVEL, None)
+        yield tracker.tracks()
+
+
+def test_one_that_comes_head_on_is_known_to_within_half_a_second():
+    errors, parted = [], 0
+    for seed in range(60):
+        tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(seed)
+        *_, tracks = follow(tracker, np.array([6.0, 0.3, 0.0]), -CRUISE, 6, rng)
+        parted += len(tracks) > 1
+        errors.append(min(float(np.linalg.norm(t.v + CRUISE)) for t in tracks))
+    assert np.sqrt(np.mean(np.square(errors))) < 0.5
+    assert parted == 0
+
+
+def test_one_that_steps_before_another_does_not_take_its_track():
+    tracker, rng = Tracker(TrackerConfig(gate=11.3, damping=0.0)), np.random.default_rng(3)
+    *_, (behind,) = follow(tracker, np.array([6.3, 0.0, 0.0]), CRUISE, 4, rng)
+    for k in range(5, 8):
+        tracker.update(k / 10, [look(np.array([4.0, 0, 0]), rng)], own(k / 10), LEVEL, None)
+    speeds = {t.id: float(np.linalg.norm(t.v - CRUISE)) for t in tracker.tracks()}
+    assert len(speeds) == 2
+    assert behind.id in speeds
+    assert max(speeds.values()) < 1.0
+
+
+def test_a_half_hidden_one_is_not_taken_for_another_that_went_out_of_sight():
+    """One 1.3 m away leaves the view; a second later half of another shows 50° beside it."""
+    tracker, rng = Tracker(TrackerConfig(damping=0.0)), np.random.default_rng(3)
+    *_, (gone,) = follow(tracker, np.array([0.6, -1.1, 0.0]), CRUISE, 8, rng)
+    half = np.array([2.6, -0.6, 0.0])
+    for k in range(18, 20):
+        tracker.update(k / 10, [look(half, rng, share=0.6)], own(k / 10), LEVEL, None)
+    (left,) = (t for t in tracker.tracks() if t.id == gone.id)
+    assert np.linalg.norm(left.p - CRUISE * 1.9 - [0.6, -1.1, 0.0]) < 0.5
+    assert np.linalg.norm(left.v - CRUISE) < 0.7
+
+
+def test_one_out_of_sight_is_believed_to_slow_down_but_not_at_the_first_miss():
+    tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
+    across = np.array([0.0, 1.5, 0.0])
+    *_, (seen,) = follow(tracker, np.array([4.0, -1.0, 0.0]), across, 8, rng)
+    tracker.update(0.8, [], own(0.8), LEVEL, None)
+    tracker.predict(0.83)
+    assert np.allclose(tracker.tracks()[0].v, seen.v)
+    for k in range(9, 18):
+        tracker.update(k / 10, [], own(k / 10), LEVEL, None)
+    (lost,) = tracker.tracks()
+    assert np.linalg.norm(lost.v) < 0.4 * np.linalg.norm(seen.v)
+    # In the second since: on at its speed for the first 0.2 to 0.3 s, then slower by damping 1.5.
+    flown = np.linalg.norm(lost.p - seen.p) / np.linalg.norm(seen.v)
+    assert 0.2 + (1 - np.exp(-1.2)) / 1.5 < flown < 0.3 + (1 - np.exp(-1.05)) / 1.5
+
+
+def test_one_that_comes_out_from_behind_another_is_not_believed_to_rush_on():
+    """It hovers 4.4 m off; half of it looks 8 m off, then more and more of it shows."""
+    tracker, still = Tracker(TrackerConfig()), np.zeros(3)
+    for k in range(12):
+        away = 8.0 - 0.6 * min(k, 6)
+        seen = Detection(np.array([1.0, 0.0, 0.0]), away, 0.003, sigma_range=0.1 * away)
+        state = VehicleState(k / 10, still, still, LEVEL, still)
+        tracker.update(k / 10, [seen], state, LEVEL, None)
+        assert all(np.linalg.norm(t.v) <= 3.0 for t in tracker.tracks())
+    (track,) = tracker.tracks()
+    assert abs(track.p[0] - away) < 0.5
+
+
+def test_one_that_flew_along_is_believed_to_fly_along():
+    """One 2 m abeam leaves the view; both go on, then both slow down to a third."""
+    tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
+    abeam = np.array([0.3, 2.0, 0.0])
+    list(follow(tracker, abeam, CRUISE, 8, rng))
+    p, v = CRUISE * 0.7, CRUISE
+    for k in range(8, 28):
+        v = CRUISE if k < 18 else CRUISE / 3
+        p = p + v * 0.1
+        state = VehicleState(k / 10, p, v, LEVEL, np.zeros(3))
+        tracker.update(k / 10, [], state, LEVEL, None)
+    (lost,) = tracker.tracks()
+    assert np.linalg.norm(lost.v - v) < 0.3
+    assert np.linalg.norm(lost.p - p - abeam) < 0.9  # at rest it would be 2 m behind by now
+
+
+@pytest.mark.parametrize("late", [0.03, 0.12, 0.18, 0.23])
+def test_frames_that_come_late_do_not_slow_anybody_down(late):
+    """Ticks at 10 Hz, each with the frame taken `late` before; one keeps 4 m ahead at cruise."""
+    tracker = Tracker(TrackerConfig())
+    for k in range(20):
+        offset = np.array([4.0, 0.0, 0.0])
+        seen = Detection(offset / 4, 4.0, sigma_bearing=0.003, sigma_range=0.02)
+        tracker.update(k / 10 - late, [seen], own(k / 10 - late), LEVEL, None)
+        tracker.predict(k / 10)
+    (track,) = tracker.tracks()
+    assert np.linalg.norm(track.v - CRUISE) < 0.05
+    assert np.linalg.norm(track.p - CRUISE * 1.9 - offset) < 0.05
+
+
+@pytest.mark.parametrize("late", [0.12, 0.2])
+def test_of_one_out_of_sight_late_frames_say_as_much_as_early_ones(late):
+    """Ticks at 10 Hz; the last frames show it no more, each taken `late` before its tick."""
+
+    def known(late):
+        tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
+        across = np.array([0.0, 1.5, 0.0])
+        for k in range(20):
+            offset = np.array([4.0, -1.0, 0.0]) + (across - CRUISE) * k / 10
+            seen = [look(offset, rng)] if k < 10 else []
+            tracker.update(k / 10, seen, own(k / 10), LEVEL, None)
+            tracker.predict(k / 10 + late)
+        tracker.predict(1.9)
+        (track,) = tracker.tracks()
+        return track
+
+    early, behind = known(0.0), known(late)
+    assert np.allclose(behind.v, early.v, rtol=0.05)
+    assert np.allclose(np.diag(behind.P), np.diag(early.P), rtol=0.05)

@@ -1,0 +1,127 @@
+import math
+
+import numpy as np
+import pytest
+
+from companion.guidance.waypoints import Mission, MissionConfig, Roundabout, turn_side
+from mavlink_bridge.wire.messages import VehicleState
+
+GOALS = [[0.0, 20.0, 2.0], [15.0, 20.0, 2.0], [15.0, 0.0, 2.0]]
+
+
+def at(p, v=(0.0, 0.0, 0.0), time=0.0):
+    return VehicleState(time, np.array(p, float), np.array(v, float), np.array([1.0, 0, 0, 0]),
+                        np.zeros(3))  # fmt: skip
+
+
+def walk(mission, p, step=0.1, most=2000):
+    """A point that goes where it is told; the places it came through."""
+    path = [np.array(p, float)]
+    for _ in range(most):
+        progress = mission.update(at(path[-1]))
+        if progress.complete:
+            break
+        d = progress.goal - path[-1]
+        path.append(path[-1] + d * min(step / max(np.linalg.norm(d), 1e-9), 1.0))
+    return np.array(path), progress
+
+
+def test_goals_are_reached_in_order_within_the_tolerance():
+    config = MissionConfig(goals=GOALS, tolerance=3.0)
+    path, progress = walk(Mission(config), [0.0, 0.0, 2.0])
+    assert progress.complete
+    nearest = [int(np.linalg.norm(path - g, axis=1).argmin()) for g in GOALS]
+    assert nearest == sorted(nearest)
+    for goal in GOALS[:2]:
+        assert np.linalg.norm(path - goal, axis=1).min() < 3.0
+    assert np.linalg.norm(path[-1] - GOALS[-1]) <= config.final_tolerance
+
+
+def test_the_way_keeps_clear_of_the_island_and_on_its_outer_side():
+    config = MissionConfig(goals=GOALS, tolerance=3.0)
+    path, _ = walk(Mission(config), [0.0, 0.0, 2.0])
+    radius = config.island * config.tolerance
+    corner = np.array(GOALS[0])
+    near = path[np.linalg.norm(path - corner, axis=1) < 3.0]
+    assert np.linalg.norm(near - corner, axis=1).min() > 0.9 * radius
+    # The way turns right at (0, 20): the island stays on the right, so the path is north-west.
+    outer = near[np.linalg.norm(near - corner, axis=1).argmin()]
+    assert (outer - corner)[:2] @ np.array([-1.0, 1.0]) > 0
+
+
+@pytest.mark.parametrize(
+    ("following", "side"),
+    [([10, 10], 1), ([10, -10], -1), ([20, 0], 1), ([20, -4], 1), ([0, 0.1], 1), ([0, -0.1], 1)],
+)
+def test_turn_side(following, side):
+    a, b = np.zeros(3), np.array([10.0, 0.0, 0.0])
+    assert turn_side(a, b, np.array([*following, 0.0])) == side
+
+
+def test_those_who_come_and_those_who_go_keep_apart():
+    """At a sharp turn the two lanes run on opposite sides of the island."""
+    r = Roundabout(np.zeros(3), 1.8, np.array([7.0, -21.0, 0.0]), -1.0)
+    coming = r.aim(np.array([-7.0, -12.0, 0.0]))
+    towards = math.atan2(-21.0, 7.0)
+    leaving = 1.8 * np.array([math.cos(towards + 1.49), math.sin(towards + 1.49)])
+    assert r.passed(np.array([*leaving, 0.0]))
+    assert np.linalg.norm(coming[:2] - leaving) > 3.0
+    assert not r.passed(coming)
+
+
+def test_without_goals_the_drone_stays():
+    mission = Mission(MissionConfig())  # land: true by default, and yet there is nothing to end
+    for east in (1.0, 1.5, 2.0):  # the wind carries it
+        progress = mission.update(at([east, 2.0, 3.0]))
+        assert not progress.complete
+        assert np.array_equal(progress.goal, [1.0, 2.0, 3.0])
+
+
+def test_a_drone_that_waits_holds_where_it_began():
+    mission = Mission(MissionConfig(goals=[[5.0, 0.0, 2.0]], wait=3.0))
+    assert np.array_equal(mission.update(at([0.0, 0.0, 2.0], time=10.0)).goal, [0.0, 0.0, 2.0])
+    assert np.array_equal(mission.update(at([0.3, 0.0, 2.0], time=12.9)).goal, [0.0, 0.0, 2.0])
+    assert np.array_equal(mission.update(at([0.3, 0.0, 2.0], time=13.0)).goal, [5.0, 0.0, 2.0])
+
+
+def test_nobody_sets_out_before_having_looked_round():
+    mission = Mission(MissionConfig(goals=[[5.0, 0.0, 2.0]]))
+    assert np.allclose(mission.update(at([1.0, 1.0, 2.0]), surveyed=False).goal, [1.0, 1.0, 2.0])
+    assert np.allclose(mission.update(at([1.2, 1.0, 2.0]), surveyed=False).goal, [1.0, 1.0, 2.0])
+    assert np.allclose(mission.update(at([1.0, 1.0, 2.0], time=5.0)).goal, [5.0, 0.0, 2.0])
+
+
+def test_a_clock_that_begins_anew_ends_the_wait():
+    for wait in (0.0, 3.0):
+        mission = Mission(MissionConfig(goals=[[5.0, 0.0, 2.0]], wait=wait))
+        mission.update(at([0.0, 0.0, 2.0], time=100.0))
+        assert np.array_equal(mission.update(at([0.3, 0.0, 2.0], time=1.0)).goal, [5.0, 0.0, 2.0])
+
+
+def test_the_last_goal_wants_a_slow_drone():
+    mission = Mission(MissionConfig(goals=[[5.0, 0.0, 2.0]], final_speed=0.4))
+    assert not mission.update(at([5.0, 0.0, 2.0], v=[1.0, 0.0, 0.0])).complete
+    assert mission.update(at([5.0, 0.1, 2.0])).complete
+
+
+def test_the_way_is_flown_on_the_drones_own_level_and_the_goal_reached_at_its_height():
+    config = MissionConfig(goals=[[0.0, 10.0, 2.0]], level=0.6)
+    path, progress = walk(Mission(config), [0.0, 0.0, 2.0], step=0.05)
+    assert progress.complete
+    middle = path[np.abs(path[:, 1] - 7.0).argmin()]
+    assert middle[2] == pytest.approx(2.6, abs=0.25)
+    assert path[-1][2] == pytest.approx(2.0, abs=config.final_tolerance)
+
+
+@pytest.mark.parametrize("level", [0.0, 6.0])
+def test_a_goal_on_the_way_is_passed_on_the_drones_level(level):
+    """However high that is above the goal; but one above the other is not passed from below."""
+    config = MissionConfig(goals=[[0.0, 10.0, 2.0], [10.0, 10.0, 2.0], [10.0, 10.0, 6.0],
+                                  [0.0, 0.0, 2.0]], level=level)  # fmt: skip
+    path, progress = walk(Mission(config), [0.0, 0.0, 2.0])
+    assert progress.complete
+    assert path[:, 2].max() > 6.0 - config.tolerance
+
+
+def test_as_much_room_round_the_island_as_there_must_be_is_enough():
+    assert MissionConfig(goals=[[0, 0, 2], [9, 0, 2]], tolerance=1.0, island=0.9).island == 0.9

@@ -1,0 +1,110 @@
+import cv2
+import numpy as np
+import pytest
+
+from companion.perception.ball import ColorDetector, ColorSettings
+from companion.perception.camera import Camera
+from companion.perception.circles import fit_circles
+
+CAMERA = Camera.equidistant(640, 400)
+MAGENTA = np.array([200.0, 20.0, 235.0])
+
+
+def picture(*balls, size=(640, 400), colour=MAGENTA, hide=None, noise=0.0):
+    """Grey picture with balls (direction, range, radius), nearest last; 3×3 samples a pixel."""
+    w, h = size
+    camera = Camera.equidistant(w, h)
+    u, v = np.meshgrid((np.arange(3 * w) - 1) / 3, (np.arange(3 * h) - 1) / 3)
+    rays = camera.unproject(np.stack([u.ravel(), v.ravel()], 1))
+    image = np.full((3 * h * 3 * w, 3), 110.0)
+    for direction, distance, radius in balls:
+        image[rays @ direction > np.cos(np.arcsin(radius / distance))] = colour
+    if hide is not None:
+        image[hide(rays)] = 60.0
+    image = image.reshape(h, 3, w, 3, 3).mean(axis=(1, 3))
+    image += np.random.default_rng(0).normal(0, noise, image.shape) if noise else 0.0
+    return np.clip(image + 0.5, 0, 255).astype(np.uint8)
+
+
+def towards(azimuth_deg, elevation_deg=0.0):
+    a, e = np.radians([azimuth_deg, elevation_deg])
+    return np.array([np.sin(a) * np.cos(e), -np.sin(e), np.cos(a) * np.cos(e)])
+
+
+@pytest.mark.parametrize("distance", [0.3, 0.5, 1.0, 2.0, 4.0, 8.0])
+@pytest.mark.parametrize("azimuth", [0.0, 33.0, -70.0])
+def test_one_ball(distance, azimuth):
+    direction = towards(azimuth, 8.0)
+    if azimuth == -70.0 and distance < 0.5:
+        pytest.skip("reaches out of the picture")
+    (found,) = ColorDetector(CAMERA).detect(picture((direction, distance, 0.1), noise=2.0))
+    assert found.range == pytest.approx(distance, rel=0.05)
+    assert np.degrees(np.arccos(min(found.direction @ direction, 1.0))) < 0.2
+    assert abs(found.range - distance) < 3 * found.sigma_range
+
+
+@pytest.mark.parametrize("distance", [0.6, 1.5, 3.0])
+def test_half_a_ball_behind_a_trunk(distance):
+    direction = towards(20.0)
+    limit = np.tan(np.radians(20.0))
+    image = picture((direction, distance, 0.1), hide=lambda r: r[:, 0] < limit * r[:, 2])
+    (found,) = ColorDetector(CAMERA).detect(image)
+    assert found.range == pytest.approx(distance, rel=0.08)
+    assert np.degrees(np.arccos(min(found.direction @ direction, 1.0))) < 0.5
+
+
+def test_two_balls_that_overlap_are_two():
+    near, far = towards(0.0), towards(6.0)
+    image = picture((far, 2.0, 0.1), (near, 1.2, 0.1))
+    found = ColorDetector(CAMERA).detect(image)
+    assert [round(d.range, 1) for d in found] == [1.2, 2.0]
+
+
+def test_a_ball_cut_by_the_frame():
+    direction = towards(79.0)
+    (found,) = ColorDetector(CAMERA).detect(picture((direction, 1.0, 0.1)))
+    assert found.range == pytest.approx(1.0, rel=0.1)
+
+
+def test_uncertainty_grows_with_range():
+    found = [
+        ColorDetector(CAMERA).detect(picture((towards(5), r, 0.1)))[0] for r in (1.0, 4.0, 8.0)
+    ]
+    sigma = [d.sigma_range for d in found]
+    assert sigma == sorted(sigma)
+
+
+def test_a_pixel_in_the_markers_colour_ends_no_look():
+    image = picture((towards(0.0), 2.0, 0.1))
+    image[200, 100] = MAGENTA
+    (found,) = ColorDetector(CAMERA, ColorSettings(min_area=0.5)).detect(image)
+    assert found.range == pytest.approx(2.0, rel=0.05)
+
+
+def test_nothing_in_grey_noise():
+    image = np.random.default_rng(1).normal(110, 6, (400, 640, 3)).clip(0, 255).astype(np.uint8)
+    assert ColorDetector(CAMERA).detect(image) == []
+
+
+def test_another_colour_is_not_the_marker():
+    green = np.array([30.0, 220.0, 40.0])
+    image = picture((towards(0), 1.0, 0.1), colour=green)
+    assert ColorDetector(CAMERA).detect(image) == []
+    (found,) = ColorDetector(CAMERA, ColorSettings(hue_deg=120.0)).detect(image)
+    assert found.range == pytest.approx(1.0, rel=0.05)
+
+
+def test_points_on_a_line_are_no_circle():
+    x = np.linspace(0, 1, 30)
+    assert fit_circles(x, 2 * x, 0.01) == []
+
+
+def test_a_picture_full_of_the_markers_colour_costs_no_more_than_forty_balls():
+    image = np.full((400, 640, 3), 128, np.uint8)
+    for row in range(10, 390, 14):
+        for column in range(10, 630, 14):
+            cv2.circle(image, (column, row), 3, MAGENTA, -1)
+    cv2.circle(image, (320, 200), 30, MAGENTA, -1)
+    found = ColorDetector(CAMERA).detect(image)
+    assert 1 <= len(found) <= 80  # a blob may be two balls
+    assert found[0].range < 1.0  # the largest is among them

@@ -1,0 +1,110 @@
+import numpy as np
+import pytest
+
+from companion.perception.camera import Camera
+from companion.perception.panorama import Level, Panorama
+from companion.perception.trunks import TrunkDetector
+
+CAMERA = Camera.equidistant(640, 400)
+SKY, GROUND, BARK = [210.0, 170, 130], [45.0, 85, 120], [62.0, 72, 82]
+
+
+def gravity(pitch_deg, roll_deg):
+    """Down in the camera frame of a camera pitched down and rolled."""
+    p, r = np.radians([pitch_deg, roll_deg])
+    down = np.array([0.0, np.cos(p), np.sin(p)])
+    return np.array([np.sin(r) * down[1], np.cos(r) * down[1], down[2]])
+
+
+def picture(trunks, down, altitude, camera=CAMERA):
+    """Flat-coloured trunks (forward, right, radius) on flat ground under flat sky."""
+    level = Level.of(down)
+    rays = camera.directions.reshape(-1, 3).astype(float)
+    f, r, d = rays @ level.forward, rays @ level.right, rays @ level.down
+    image = np.where((d > 0)[:, None], GROUND, SKY)
+    ground = np.where(d > 1e-6, altitude / np.maximum(d, 1e-6), np.inf)
+    best = ground
+    for x, y, radius in trunks:
+        a, b = f * f + r * r, f * x + r * y
+        root = b * b - a * (x * x + y * y - radius * radius)
+        t = np.where(root > 0, (b - np.sqrt(np.maximum(root, 0))) / np.maximum(a, 1e-9), np.inf)
+        hit = (t > 0) & (t < best)
+        best = np.where(hit, t, best)
+        image = np.where(hit[:, None], BARK, image)
+    image = image.reshape(camera.height, camera.width, 3)
+    noise = np.random.default_rng(0).normal(0, 2, image.shape)
+    return np.clip(image + noise, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(("pitch", "roll"), [(0, 0), (10, 0), (5, 25), (-8, -12)])
+def test_one_trunk_at_any_attitude(pitch, roll):
+    down = gravity(pitch, roll)
+    (found,) = TrunkDetector(CAMERA).detect(picture([(5.0, 1.0, 0.8)], down, 2.0), down, 2.0)
+    assert found.distance == pytest.approx(np.hypot(5, 1), rel=0.04)
+    assert found.radius == pytest.approx(0.8, rel=0.15)
+    level = Level.of(down)
+    truth = (5 * level.forward + 1 * level.right) / np.hypot(5, 1)
+    assert np.degrees(np.arccos(found.direction @ truth)) < 0.7
+    assert found.direction @ down == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_nearer_of_two_that_overlap_is_right_and_first():
+    down = gravity(0, 0)
+    image = picture([(4.0, 0.0, 1.0), (9.0, 2.2, 1.0)], down, 2.0)
+    near, far = TrunkDetector(CAMERA).detect(image, down, 2.0)
+    assert near.distance == pytest.approx(4.0, rel=0.04)
+    assert near.radius == pytest.approx(1.0, rel=0.1)
+    assert far.distance == pytest.approx(np.hypot(9, 2.2), rel=0.1)
+
+
+def test_a_drone_in_front_does_not_break_it():
+    down = gravity(0, 0)
+    image = picture([(5.0, 0.0, 1.0)], down, 2.0)
+    centre = CAMERA.unproject(np.array([[325.0, 230.0]]))[0]
+    ball = CAMERA.directions @ centre > np.cos(0.12)
+    image[ball] = [200, 20, 235]
+    (found,) = TrunkDetector(CAMERA).detect(image, down, 2.0)
+    assert found.distance == pytest.approx(5.0, rel=0.05)
+
+
+def test_a_trunk_whose_foot_is_below_the_picture():
+    down = gravity(-5, 0)
+    image = picture([(2.0, 0.2, 1.0)], down, 3.0)
+    (found,) = TrunkDetector(CAMERA).detect(image, down, 3.0)
+    assert found.distance == pytest.approx(2.0, rel=0.1)
+    assert found.sigma > 0.2
+
+
+def test_open_ground_has_no_trunk():
+    down = gravity(3, 4)
+    assert TrunkDetector(CAMERA).detect(picture([], down, 2.0), down, 2.0) == []
+
+
+@pytest.mark.parametrize("altitude", [np.nan, 0.0, -1.0])
+def test_on_the_ground_or_lost_it_says_nothing(altitude):
+    down = gravity(0, 0)
+    image = picture([(5.0, 0.0, 1.0)], down, 2.0)
+    assert TrunkDetector(CAMERA).detect(image, down, altitude) == []
+    assert TrunkDetector(CAMERA).detect(image, down * np.nan, 2.0) == []
+
+
+@pytest.mark.parametrize("level", [0, 128, 255])
+def test_a_blank_picture_is_harmless(level):
+    blank = np.full((400, 640, 3), level, np.uint8)
+    assert isinstance(TrunkDetector(CAMERA).detect(blank, gravity(0, 0), 2.0), list)
+
+
+def test_panorama_puts_a_direction_where_it_belongs():
+    down = gravity(12, -20)
+    level = Level.of(down)
+    image = np.zeros((400, 640, 3), np.uint8)
+    azimuth, elevation = 0.6, -0.3
+    ray = np.cos(elevation) * level.direction(azimuth) - np.sin(elevation) * level.down
+    u, v = np.round(CAMERA.project(ray[None])[0]).astype(int)
+    image[v - 2 : v + 3, u - 2 : u + 3] = 255
+    panorama = Panorama(CAMERA, 1.5, 0.2, -1.3, 0.008)
+    cut, seen = panorama.look(image, level)
+    rows, cols = np.nonzero(cut[..., 0] > 128)
+    assert panorama.azimuth[cols].mean() == pytest.approx(azimuth, abs=0.005)
+    assert panorama.elevation[rows].mean() == pytest.approx(elevation, abs=0.005)
+    assert seen[rows, cols].all()

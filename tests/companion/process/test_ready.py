@@ -1,0 +1,148 @@
+"""A whole pipeline, blind or deaf: what it is told decides whether it takes control and goes on."""
+
+import numpy as np
+import pytest
+
+from companion.perception.camera_health import Trouble
+from companion.pipeline import Pipeline, TickInputs
+from companion.settings.config import CompanionConfig
+from companion.supervision.guard import Reason
+from companion.supervision.phases import Phase
+from mavlink_bridge.autopilots.px4 import MODES
+from mavlink_bridge.wire.messages import (
+    Attitude,
+    Command,
+    Heartbeat,
+    LocalPosition,
+    Received,
+    Source,
+)
+from mavlink_bridge.wire.video import Frame
+
+SEEN = {"neighbours": np.array([[0.0, 0, 1, 5, 0.01, 0.1]]), "trunks": np.zeros((0, 6))}
+
+
+class Vehicle:
+    """A pipeline and what it is told, tick by tick."""
+
+    def __init__(self, sensing="truth", obstacles="map", **mission):
+        config = {
+            "fileversion": 1,
+            "camera": {"width": 64, "height": 64},
+            "sensing": {"neighbours": sensing, "obstacles": obstacles},
+            "mission": {"goals": [[40.0, 0.0, 2.0]], **mission},
+        }
+        self.pipeline = Pipeline(CompanionConfig.model_validate(config), lambda: 0.0)
+        self.time = 10.0
+
+    def tick(self, mode="hold", *, armed=True, height=2.0, telemetry=True, frame=-0.03,
+             seen=SEEN):  # fmt: skip
+        """The next tick; mode None: no heartbeat.
+
+        frame: how much later than the tick its stamp is, None: no frame.
+        """
+        self.time = round(self.time + 0.1, 3)
+        received = [Heartbeat(12, 2, armed, MODES[mode], 4)] if telemetry and mode else []
+        for age in (0.06, 0.04, 0.02) if telemetry else ():
+            p = np.array([0.0, 0.0, height])
+            received += [Attitude(self.time - age, np.array([1.0, 0, 0, 0]), np.zeros(3)),
+                         LocalPosition(self.time - age, p, np.zeros(3))]  # fmt: skip
+        picture = None if frame is None else Frame(self.time + frame, seen)
+        heard = [Received(Source(1, 1), m) for m in received]
+        return self.pipeline.tick(TickInputs(self.time, heard, picture))
+
+
+def arming(outs):
+    return [m for out in outs for m in out.messages if isinstance(m, Command) and m.command == 400]
+
+
+@pytest.mark.row("7")
+def test_telemetry_that_ended_is_not_flown_on():
+    vehicle = Vehicle(auto=True)
+    for _ in range(15):
+        assert vehicle.tick(armed=False, height=0.0, frame=None).phase is Phase.WAIT
+    silent = [vehicle.tick(telemetry=False, frame=None) for _ in range(5)]
+    silent += [vehicle.tick(telemetry=False) for _ in range(15)]
+    assert {out.phase for out in silent} == {Phase.WAIT}
+    assert not arming(silent)
+    again = [vehicle.tick(armed=False, height=0.0) for _ in range(5)]
+    assert arming(again)
+
+
+@pytest.mark.row("7")
+def test_after_a_silence_nothing_is_asked_of_it_before_a_heartbeat_says_whose_it_is():
+    vehicle = Vehicle()
+    for mode in ["hold"] * 10 + ["offboard"] * 20:
+        assert vehicle.tick(mode).phase is not Phase.PASSIVE
+    silent = [vehicle.tick(telemetry=False) for _ in range(35)]
+    assert any(m.command == 176 for out in silent for m in out.messages if isinstance(m, Command))
+    back = [vehicle.tick(None) for _ in range(9)] + [vehicle.tick("rtl") for _ in range(20)]
+    assert {type(m) for out in back for m in out.messages} == {Heartbeat}
+    assert back[-1].phase is Phase.PASSIVE
+
+
+@pytest.mark.row("15")
+def test_a_camera_that_dies_after_the_first_request_ends_the_arming():
+    vehicle = Vehicle(auto=True)
+    while vehicle.tick(armed=False, height=0.0).phase is not Phase.ARM:
+        assert vehicle.time < 12.0
+    blind = [vehicle.tick(armed=False, height=0.0, frame=None) for _ in range(40)]
+    assert blind[-1].trouble is Trouble.DEAD
+    assert blind[-1].phase is Phase.WAIT
+    assert len(arming(blind)) <= 1
+
+
+@pytest.mark.row("15")
+def test_one_stamp_in_the_future_blinds_for_one_tick():
+    vehicle = Vehicle()
+    for mode in ["hold"] * 10 + ["offboard"] * 20:
+        vehicle.tick(mode)
+    bad = vehicle.tick("offboard", frame=60.0)
+    assert (bad.trouble, bad.sighting.own) == (Trouble.AHEAD, None)
+    assert bad.verdict.reason is Reason.BLIND
+    after = [vehicle.tick("offboard") for _ in range(20)]
+    assert all(out.trouble is Trouble.NONE and out.sighting.own is not None for out in after)
+    assert len(after[-1].tracks) == 1
+
+
+@pytest.mark.row("15")
+def test_pictures_of_another_size_in_flight_are_no_sight():
+    picture = np.random.default_rng(0).integers(50, 200, (40, 64, 64, 3), np.uint8)
+    vehicle = Vehicle("camera")
+    for mode, image in zip(["hold"] * 10 + ["offboard"] * 20, picture, strict=False):
+        out = vehicle.tick(mode, seen=SEEN | {"image": image})
+    assert (out.phase, out.trouble) == (Phase.FLY, Trouble.NONE)
+    out = vehicle.tick("offboard", seen=SEEN | {"image": picture[31, :48]})
+    assert out.trouble is Trouble.MISFIT
+    assert out.verdict.reason is Reason.BLIND
+    assert "64×48 px" in out.objection
+    assert vehicle.tick("offboard", seen=SEEN | {"image": picture[32]}).trouble is Trouble.NONE
+
+
+def depth_of_a_trunk(camera, unknown=0.0):
+    """A depth image of a trunk of 0.3 m, 3 m ahead; unknown: of its width [rad], from ahead."""
+    x, _, z = np.moveaxis(camera.scaled(160, 160).directions.astype(float), -1, 0)
+    across, level = np.hypot(x, z), np.arctan2(np.abs(x), z)
+    root = np.maximum(0.3**2 - (3.0 * np.sin(level)) ** 2, 0.0)
+    depth = np.where((root > 0) & (z > 0), (3.0 * np.cos(level) - np.sqrt(root)) / across, np.inf)
+    return np.where(level < unknown, np.nan, depth).astype(np.float32)
+
+
+@pytest.mark.parametrize("unknown", [0.2, 3.2])
+def test_a_depth_image_that_knows_nothing_is_no_free_view(unknown):
+    """Of the trunk's direction, or of any: what was seen there before is remembered."""
+    vehicle = Vehicle(obstacles="depth")
+    camera, drones = vehicle.pipeline._sight.camera, {"neighbours": SEEN["neighbours"][:0]}
+    for _ in range(12):
+        known = vehicle.tick("offboard", seen=drones | {"depth": depth_of_a_trunk(camera)})
+    assert len(known.obstacles.cylinders) == 1
+    for _ in range(20):
+        later = vehicle.tick("offboard", seen=drones | {"depth": depth_of_a_trunk(camera, unknown)})
+    assert later.obstacles.cylinders == pytest.approx(known.obstacles.cylinders)
+    assert later.trouble is (Trouble.NONE if unknown < 1.0 else Trouble.NO_DEPTH)
+    for _ in range(20):
+        later = vehicle.tick("offboard", seen=drones)
+    assert (len(later.obstacles.cylinders), later.trouble) == (1, Trouble.DEAD)
+    for _ in range(20):
+        gone = vehicle.tick("offboard", seen=drones | {"depth": np.full((64, 64), np.inf)})
+    assert not len(gone.obstacles.cylinders)

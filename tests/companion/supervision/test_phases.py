@@ -1,0 +1,245 @@
+"""When the companion takes control, and how it gives it back."""
+
+import numpy as np
+import pytest
+
+from companion.guidance.waypoints import MissionConfig
+from companion.supervision.phases import Phase, Phases
+from mavlink_bridge.autopilots.ardupilot import MODES as ARDUPILOT
+from mavlink_bridge.autopilots.ardupilot import ArduPilot
+from mavlink_bridge.autopilots.betaflight import MODES as BETAFLIGHT
+from mavlink_bridge.autopilots.betaflight import PILOT, Betaflight
+from mavlink_bridge.autopilots.px4 import MODES as PX4
+from mavlink_bridge.autopilots.px4 import Px4
+from mavlink_bridge.wire.messages import Heartbeat, VehicleState
+
+# POSCTL, LOITER, and the mode of the bridge in which the sticks fly
+ALL = [(Px4(1), PX4 | {"pilot": 0x00030000}), (ArduPilot(1), ARDUPILOT | {"pilot": 5}),
+       (Betaflight(1), BETAFLIGHT | {"pilot": PILOT})]  # fmt: skip
+
+
+def at(height):
+    return VehicleState(
+        0.0, np.array([0.0, 0.0, height]), np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3)
+    )
+
+
+class Flown:
+    """A state machine, tick by tick, with a pilot at the other end."""
+
+    def __init__(self, adapter, modes, **mission):
+        self.phases = Phases(MissionConfig(**mission), adapter)
+        self.modes, self.kind, self.time = modes, adapter.autopilot, 0.0
+
+    def tick(self, mode, *, armed=True, height=0.0, ready=True, complete=False):
+        self.time += 0.1
+        heartbeat = Heartbeat(self.kind, 2, armed, self.modes[mode], 4)
+        return self.phases.update(self.time, heartbeat, at(height), ready, complete)
+
+    def until(self, phase):
+        """Fly by itself until it is in `phase`, as a vehicle does that obeys."""
+        up, climbs = self.phases._autopilot.up_in, False
+        for _ in range(20):
+            now = self.phases.phase
+            if now is phase:
+                return
+            height = 2.0 if climbs else 0.0
+            if now is Phase.TAKEOFF and not climbs:
+                mode, climbs = ("takeoff" if "takeoff" in self.modes else up), True
+            else:
+                mode = "offboard" if now in (Phase.ENGAGE, Phase.FLY) else up
+            self.tick(mode, armed=now is not Phase.WAIT, height=height,
+                      complete=phase is Phase.LAND)  # fmt: skip
+        raise AssertionError(self.phases.phase)
+
+    def nothing_more(self, mode, height=2.0, ticks=35):
+        """Whether the companion leaves a vehicle in `mode` alone from the first tick on."""
+        decisions = [self.tick(mode, height=height) for _ in range(ticks)]
+        return all((d.phase, d.requests, d.stream) == (Phase.PASSIVE, [], False)
+                   for d in decisions)  # fmt: skip
+
+
+def test_px4_is_engaged_in_hold_and_flown_in_offboard():
+    flown = Flown(Px4(1), PX4)
+    assert flown.tick("hold", armed=False).phase is Phase.WAIT
+    engaged = flown.tick("hold")
+    assert (engaged.phase, engaged.stream) == (Phase.ENGAGE, True)
+    assert flown.tick("takeoff").phase is Phase.ENGAGE
+    assert flown.tick("offboard", height=2.0).phase is Phase.FLY
+
+
+def test_ardupilot_is_left_alone_until_it_is_up():
+    flown = Flown(ArduPilot(1), ARDUPILOT)
+    flown.tick("offboard", armed=False, height=7.0)  # where it stands is 7 m up in its frame
+    for height in (7.0, 7.0, 7.5, 8.0):
+        decision = flown.tick("offboard", height=height)
+        assert (decision.phase, decision.stream) == (Phase.WAIT, False)
+    assert flown.tick("hold", height=9.0).phase is Phase.WAIT
+    assert flown.tick("offboard", height=9.0).phase is Phase.ENGAGE
+    assert flown.tick("offboard", height=9.0).phase is Phase.FLY
+
+
+@pytest.mark.parametrize(("adapter", "modes"), [(Px4(1), PX4), (ArduPilot(1), ARDUPILOT)])
+def test_control_is_given_back(adapter, modes):
+    flown = Flown(adapter, modes)
+    for mode in ("hold", "offboard", "offboard", "offboard"):
+        flown.tick(mode, height=3.0)
+    assert flown.phases.phase is Phase.FLY
+    flown.phases.release()
+    asked = flown.tick("offboard", height=3.0)
+    assert asked.stream  # until the vehicle shows that it holds by itself
+    assert asked.requests == adapter.hold()
+    ended = flown.tick("hold", height=3.0)
+    assert (ended.phase, ended.stream, ended.requests) == (Phase.PASSIVE, False, [])
+    assert flown.tick("offboard", height=3.0).phase is Phase.PASSIVE
+
+
+def test_nothing_to_give_back():
+    flown = Flown(Px4(1), PX4)
+    flown.tick("offboard", armed=False)
+    flown.phases.release()
+    decision = flown.tick("offboard")  # somebody else's offboard
+    assert (decision.phase, decision.stream, decision.requests) == (Phase.PASSIVE, False, [])
+
+
+def not_asked_for():
+    """(adapter, its modes, phase, mode) wherever the phase itself does not lead to the mode."""
+    for adapter, modes in ALL:
+        for phase in (Phase.TAKEOFF, Phase.ENGAGE, Phase.FLY, Phase.LAND):
+            own = "land" if phase is Phase.LAND else adapter.up_in
+            for mode in sorted({"pilot", "rtl", "hold", "land"} & set(modes) - {own}):
+                name = f"{type(adapter).__name__}-{phase.value}-{mode}"
+                yield pytest.param(adapter, modes, phase, mode, id=name)
+
+
+@pytest.mark.row("13")
+@pytest.mark.parametrize(("adapter", "modes", "phase", "mode"), list(not_asked_for()))
+def test_a_mode_that_was_not_asked_for_wins_in_every_phase(adapter, modes, phase, mode):
+    flown = Flown(adapter, modes, auto=True)
+    flown.until(phase)
+    assert flown.nothing_more(mode)
+    assert flown.nothing_more("offboard")
+
+
+@pytest.mark.row("13")
+@pytest.mark.parametrize(("adapter", "modes"), ALL)
+def test_a_landing_that_somebody_ends_is_not_asked_for_again(adapter, modes):
+    for mode in sorted({"pilot", "rtl", "hold"} & set(modes)):
+        flown = Flown(adapter, modes, auto=True)
+        flown.until(Phase.LAND)
+        assert flown.tick("land", height=1.5).phase is Phase.LAND
+        assert flown.nothing_more(mode, height=1.5)
+
+
+@pytest.mark.parametrize(("adapter", "modes"), ALL)
+def test_a_request_to_land_that_is_lost_is_repeated(adapter, modes):
+    flown = Flown(adapter, modes, auto=True)
+    flown.until(Phase.LAND)
+    decisions = [flown.tick("offboard", height=2.0) for _ in range(35)]
+    assert all(d.stream for d in decisions)
+    assert [d.requests for d in decisions if d.requests] == [adapter.land()] * 3
+    assert flown.tick("land", height=1.0).requests == []
+    assert flown.tick("land", armed=False).phase is Phase.DONE
+
+
+@pytest.mark.parametrize(("adapter", "modes"), ALL)
+def test_a_vehicle_that_disarms_in_another_mode_has_landed(adapter, modes):
+    flown = Flown(adapter, modes, auto=True)
+    flown.until(Phase.LAND)
+    flown.tick("land", height=1.0)
+    assert flown.tick("hold", armed=False).phase is Phase.DONE
+
+
+@pytest.mark.row("13")
+@pytest.mark.parametrize(("adapter", "modes"), ALL)
+def test_a_take_off_that_a_pilot_ends_is_not_asked_for_again(adapter, modes):
+    for climbs in (False, True):
+        flown = Flown(adapter, modes, auto=True)
+        flown.until(Phase.TAKEOFF)
+        if climbs:
+            flown.tick("takeoff" if "takeoff" in modes else adapter.up_in, height=0.8)
+        assert flown.nothing_more("pilot", height=0.8)
+
+
+def test_a_take_off_that_a_pilot_stops_low_waits_there():
+    flown = Flown(Px4(1), PX4, auto=True)
+    flown.until(Phase.TAKEOFF)
+    flown.tick("takeoff", height=0.8)
+    stopped = [flown.tick("hold", height=0.8) for _ in range(35)]
+    assert all((d.phase, d.requests, d.stream) == (Phase.TAKEOFF, [], False) for d in stopped)
+
+
+@pytest.mark.parametrize(("adapter", "modes"), ALL)
+def test_a_vehicle_that_stands_in_a_pilots_mode_takes_off_all_the_same(adapter, modes):
+    flown = Flown(adapter, modes, auto=True)
+    for armed in (False, False, True):
+        flown.tick("pilot", armed=armed)
+    asked = [flown.tick("pilot") for _ in range(25)]
+    assert [d.requests for d in asked if d.requests] == [adapter.takeoff(2.0)] * 2
+    flown.tick("takeoff" if "takeoff" in modes else adapter.up_in, height=0.5)
+    assert flown.tick(adapter.up_in, height=2.0).phase is Phase.ENGAGE
+
+
+@pytest.mark.row("21")
+@pytest.mark.parametrize(("adapter", "modes"), ALL)
+def test_a_landing_for_safety_insists_while_in_offboard(adapter, modes):
+    flown = Flown(adapter, modes, auto=True)
+    flown.until(Phase.FLY)
+    flown.phases.release(land=True)
+    decisions = [flown.tick("offboard", height=2.0) for _ in range(12)]
+    assert all(d.stream for d in decisions)
+    assert [d.requests for d in decisions if d.requests] == [adapter.land()] * 4
+    assert flown.nothing_more("pilot")
+
+
+def test_who_is_not_ready_any_more_is_not_armed():
+    flown = Flown(Px4(1), PX4, auto=True)
+    flown.until(Phase.ARM)
+    blind = [flown.tick("hold", armed=False, ready=False) for _ in range(30)]
+    assert {d.phase for d in blind} == {Phase.WAIT}
+    assert not {m for d in blind for m in d.requests} & set(Px4(1).arm())
+    assert flown.tick("hold", armed=False).requests == Px4(1).arm()
+
+
+@pytest.mark.parametrize(("blind", "phase"), [(10, Phase.TAKEOFF), (30, Phase.ENGAGE)])
+def test_armed_as_asked_it_takes_off_only_if_it_is_ready_soon(blind, phase):
+    flown = Flown(Px4(1), PX4, auto=True)
+    flown.until(Phase.ARM)
+    decisions = [flown.tick("hold", ready=False) for _ in range(blind)]
+    assert not {m for d in decisions for m in d.requests} & set(Px4(1).takeoff(2.0))
+    decisions = [flown.tick("hold") for _ in range(30)]
+    assert decisions[0].phase is phase
+    asked = [m for d in decisions for m in d.requests]
+    assert bool(asked) is (phase is Phase.TAKEOFF)  # else it is a pilot's
+
+
+def test_a_vehicle_that_a_pilot_has_flown_is_not_armed_when_he_disarms():
+    flown = Flown(Px4(1), PX4 | {"pilot": 0x00030000}, auto=True)
+    flown.tick("hold", armed=False, ready=False)
+    for ready in (False, True):
+        assert all(flown.tick("pilot", ready=ready).phase is Phase.WAIT for _ in range(30))
+    landed = [flown.tick("pilot", armed=False) for _ in range(30)]
+    assert {d.phase for d in landed} == {Phase.WAIT}
+    assert not {m for d in landed for m in d.requests} & set(Px4(1).arm())
+
+
+def test_a_vehicle_that_a_pilot_flies_after_a_reboot_is_his():
+    """Its clock begins anew: the request to arm from before is no answer's."""
+    flown = Flown(ArduPilot(1), ARDUPILOT | {"pilot": 5}, auto=True)
+    flown.time = 100.0
+    flown.until(Phase.ARM)
+    flown.tick("offboard", armed=False, ready=False)
+    flown.phases.rebooted()
+    flown.time = 0.0
+    flown.tick("pilot", ready=False)
+    decisions = [flown.tick("pilot", height=1.0) for _ in range(30)]
+    assert {d.phase for d in decisions} == {Phase.WAIT}
+    assert not {m for d in decisions for m in d.requests} & set(ArduPilot(1).takeoff(2.0))
+
+
+def test_streams_are_asked_for_even_where_all_is_there_at_once():
+    """At the rates of some other setting, perhaps: an age of 0.3 s is young enough to begin."""
+    flown = Flown(Px4(1), PX4, auto=True)
+    asked = [m for _ in range(30) for m in flown.tick("hold", armed=False).requests]
+    assert flown.phases.phase is Phase.ARM
+    assert [m for m in asked if m in Px4(1).request_streams()] == Px4(1).request_streams()

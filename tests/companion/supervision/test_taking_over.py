@@ -1,0 +1,104 @@
+"""From a pilot's flight to ours: what is learnt, looked at and aimed for while he still flies."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from companion.model import predict
+from companion.pipeline import Pipeline, TickInputs
+from companion.settings.config import CompanionConfig
+from companion.supervision.phases import Phase
+from mavlink_bridge.autopilots.px4 import MODES
+from mavlink_bridge.shared.thrust import G
+from mavlink_bridge.wire.messages import (
+    Attitude,
+    Heartbeat,
+    LocalPosition,
+    RateSetpoint,
+    Received,
+    Source,
+)
+from mavlink_bridge.wire.video import Frame
+
+HOVER = 0.33
+VEHICLE = Source(1, 1)
+NOBODY = {"neighbours": np.zeros((0, 6)), "trunks": np.zeros((0, 6))}
+GROUND, CLIMB = 10.0, 4.0  # s: armed on the ground in hold, then up to 2 m by the pilot
+TAKEN = GROUND + CLIMB + 2.0  # s: the vehicle follows us
+
+
+@dataclass
+class Seen:
+    """What became of a flight from the moment on that the vehicle follows."""
+
+    z: list[float] = field(default_factory=list)
+    offset: list[float] = field(default_factory=list)
+    turn: list[float] = field(default_factory=list)
+    hover: list[float] = field(default_factory=list)
+    target: list[int] = field(default_factory=list)
+
+
+def fly(lag, goals, aside=0.0, seconds=4.0):
+    """Taken over at TAKEN [s], shown by the heartbeat `lag` [s] later; aside: m the pilot moves."""
+    config = CompanionConfig.model_validate(
+        {"fileversion": 1, "mission": {"goals": goals, "land": False},
+         "sensing": {"neighbours": "truth", "obstacles": "map"},
+         "camera": {"width": 64, "height": 64}})  # fmt: skip
+    pipeline, seen = Pipeline(config, lambda: 0.0), Seen()
+    x = np.array([0.0, 0, 0, 0, 0, 0, 1, 0, 0, 0])  # looks east; the pilot turns it to the west
+    u, queue = None, []
+    for k in range(round((TAKEN + seconds) * 10)):
+        now = k / 10
+        heard = []
+        for t in now - 0.08 + 0.02 * np.arange(5):
+            if t < TAKEN:
+                up = np.clip((t - GROUND) / CLIMB, 0.0, 1.0)
+                x[:3], x[5] = [0.0, aside * up, 2.0 * up], 0.5 * (0.0 < up < 1.0)
+                x[6], x[9] = np.cos(up * np.pi / 2), np.sin(up * np.pi / 2)
+            else:
+                while queue and queue[0][0] <= t:
+                    u = queue.pop(0)[1]
+                x = predict(x, np.array([G * u[1] / HOVER, *u[0]]), 0.02)
+            rates = np.zeros(3) if t < TAKEN else np.array(u[0])
+            state = LocalPosition(t + 10, x[:3].copy(), x[3:6].copy())
+            heard += [Received(VEHICLE, Attitude(t + 10, x[6:10].copy(), rates)),
+                      Received(VEHICLE, state)]  # fmt: skip
+        flown = now - lag >= TAKEN
+        mode = MODES["offboard" if flown else "takeoff" if GROUND < now < TAKEN - 2.0 else "hold"]
+        heard.append(Received(VEHICLE, Heartbeat(12, 2, now > 1.0, mode, 4)))
+        out = pipeline.tick(TickInputs(now + 10, heard, Frame(now + 9.97, NOBODY)))
+        for m in out.messages:
+            if isinstance(m, RateSetpoint):
+                queue.append((now + 0.06, (m.omega, m.thrust)))
+        if now >= TAKEN:
+            assert out.phase in (Phase.ENGAGE, Phase.FLY)
+            yaw = 2 * np.arctan2(x[9], x[6])
+            seen.z.append(x[2])
+            seen.offset.append(float(np.hypot(x[0], x[1] - aside)))
+            seen.turn.append(abs(yaw % (2 * np.pi) - np.pi))
+            seen.hover.append(out.hover_thrust)
+            seen.target.append(out.progress.index)
+    return seen
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.5, 0.9])
+def test_it_takes_over_in_hover_though_it_streamed_long_before(lag):
+    seen = fly(lag, [[0.0, 0.0, 2.0]])
+    assert min(seen.z) > 1.9
+    assert max(seen.z) < 2.1
+    assert np.allclose(seen.hover, HOVER, atol=0.02)
+
+
+def test_until_it_flies_it_stays_where_the_pilot_has_brought_it():
+    seen = fly(0.9, [[0.0, 0.0, 2.0]], aside=3.0, seconds=0.9)
+    assert max(seen.offset) < 0.1
+
+
+def test_over_its_goal_it_goes_on_looking_where_the_pilot_looked():
+    assert fly(0.0, [[0.0, 0.0, 2.0]], seconds=0.5).turn[-1] < 0.5
+
+
+def test_targets_that_the_pilot_passes_are_not_reached():
+    goals = [[0.0, 4.0, 1.0], [0.0, 30.0, 2.0]]
+    assert not any(fly(0.0, goals, aside=12.0, seconds=1.0).target)

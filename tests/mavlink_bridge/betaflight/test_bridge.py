@@ -1,0 +1,178 @@
+"""The bridge against a controller that answers and does not fly: modes, arming, watchdog."""
+
+import math
+import struct
+
+import numpy as np
+import pytest
+
+from mavlink_bridge.autopilots.betaflight import MODES
+from mavlink_bridge.betaflight.config import BridgeConfig
+from mavlink_bridge.betaflight.msp import Msp, Reply
+from mavlink_bridge.betaflight.polling import POLLED
+from mavlink_bridge.betaflight.process import BridgeLoop, MspLine
+from mavlink_bridge.shared.frames import euler_from_quaternion
+from mavlink_bridge.wire.messages import (
+    Attitude,
+    Command,
+    CommandAck,
+    CommandId,
+    CommandResult,
+    Heartbeat,
+    LocalPosition,
+    RateSetpoint,
+)
+from tests.mavlink_bridge.betaflight.bench import STEP, Bench
+
+
+def test_telemetry_at_50_hz_with_body_rates():
+    b = Bench()
+    b.fc.gyro = (164, 0, -328)  # 10 and −20 °/s
+    b.heard.clear()
+    b.run(1.0)
+    attitudes = [m for m in b.heard if isinstance(m, Attitude)]
+    assert len(attitudes) >= 50
+    assert len([m for m in b.heard if isinstance(m, LocalPosition)]) >= 50
+    assert np.degrees(attitudes[-1].omega) == pytest.approx([10, 0, -20], abs=0.1)
+
+
+@pytest.mark.parametrize("empty", POLLED)
+def test_an_answer_without_content_counts_as_none(empty):
+    """A busy Betaflight sends such (seen with three SITLs on two cores)."""
+    b = Bench()
+    parts = [b"" if c == empty else b.fc.answer(c) for c in POLLED]
+    payload = b"".join(bytes([len(p)]) + p for p in parts)
+    b.bridge.cycle(b.t)
+    b.bridge.read(b.t, Reply(Msp.MULTIPLE_MSP, payload))
+    told = any(isinstance(m, LocalPosition) for m in b.bridge.cycle(b.t).messages)
+    assert told == (empty is Msp.RAW_GPS)  # which firmware without GPS leaves empty
+    b.run(0.1)
+    assert isinstance(b.heard[-1], LocalPosition)
+
+
+def test_attitude_is_enu_and_flu():
+    b = Bench()
+    b.fc.attitude = (100, 50, 90)  # right, nose down, east
+    b.run(3.0)
+    roll, pitch, yaw = np.degrees(euler_from_quaternion(b.last(Attitude).q_wb))
+    assert (roll, pitch) == pytest.approx((10, 5), abs=0.2)
+    assert yaw == pytest.approx(-0.5, abs=0.6)
+
+
+def test_arms_by_the_switch_and_says_why_not():
+    b = Bench()
+    b.fc.reasons = 1 << 2 | 1 << 12
+    b.run(0.1)
+    b.send(b.ask.arm())
+    b.run(0.1)
+    assert b.last(CommandAck).result == 1
+    assert b.texts() == ["Arming denied: RXLOSS CALIB"]
+    assert b.rc[4] == 1000
+    b.fc.reasons = 0
+    b.run(0.1)
+    b.send(b.ask.arm())
+    b.run(1.0)
+    assert b.last(CommandAck).result == 0
+    assert b.last(Heartbeat).armed
+    assert b.rc[2] == 1000  # throttle stays down
+
+
+def test_setpoints_become_sticks():
+    b = Bench()
+    b.fly(np.radians([40.0, -80.0, 20.0]), 0.6)
+    assert b.rc[:6] == (1550, 1400, 1600, 1475, 1900, 1000)
+    assert b.last(Heartbeat).custom_mode == MODES["offboard"]
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_a_setpoint_that_is_not_finite_is_none(bad):
+    b = Bench()
+    b.fly()
+    b.setpoint = RateSetpoint(0.0, np.array([bad, 0, 0]), 0.5, 1)
+    b.run(0.5)
+    assert b.bridge.mode == "hold"
+
+
+def test_offboard_wants_a_stream_first():
+    b = Bench()
+    b.send(b.ask.offboard())
+    b.run(0.1)
+    assert b.last(CommandAck).result == 1
+    assert b.bridge.mode == "hold"
+
+
+def test_watchdog_levels_at_once_and_lands_where_no_pilot_stands_by():
+    b = Bench()
+    b.fly(np.radians([200.0, 0.0, 0.0]), 0.6)
+    b.setpoint, stopped = None, b.t
+    while b.bridge.mode == "offboard":
+        b.run(STEP)
+    assert b.t - stopped <= 0.3
+    assert b.rc[5] > 1700  # ANGLE
+    assert abs(b.rc[0] - 1500) < 130  # no more than a gentle lean
+    assert b.rc[3] == 1500
+    assert "Setpoints stopped: level" in b.texts()
+    b.run(8.0)  # this one stands on the ground, so landing ends at once
+    beats = [m for m in b.heard if isinstance(m, Heartbeat)]
+    assert MODES["land"] in {m.custom_mode for m in beats}
+    assert 5 in {m.system_status for m in beats}
+    assert not beats[-1].armed
+
+
+def test_take_off_climbs_and_never_in_the_first_second():
+    b = Bench()
+    b.send(b.ask.arm())
+    b.run(0.3)
+    b.send(b.ask.takeoff(2.0))
+    b.run(0.1)
+    assert b.last(CommandAck).result == 1
+    b.run(1.0)
+    b.send(b.ask.takeoff(2.0))
+    b.run(0.5)
+    assert b.bridge.mode == "takeoff"
+    assert b.rc[2] > 1500
+    assert b.rc[5] > 1700
+
+
+@pytest.mark.parametrize("component", [100, 154, 191])
+def test_what_is_for_another_component_is_not_ours(component):
+    b = Bench()
+    b.send([Command(CommandId.COMPONENT_ARM_DISARM, (1.0, *(0.0,) * 6), 1, component)])
+    b.setpoint = RateSetpoint(0.0, np.zeros(3), 0.5, 1, component)
+    b.run(1.0)
+    assert not b.fc.armed
+    assert not [m for m in b.heard if isinstance(m, CommandAck)]
+    b.send(b.ask.offboard())
+    b.run(STEP)
+    assert "Offboard refused: no setpoints" in b.texts()
+    assert b.asked(CommandId.COMPONENT_ARM_DISARM, 1.0, component=0) == CommandResult.ACCEPTED
+
+
+class Stream:
+    """A line that keeps what is sent."""
+
+    problem = ""
+
+    def __init__(self):
+        self.sent = []
+
+    def send(self, data):
+        self.sent.append(data)
+        return True
+
+    def close(self):
+        pass
+
+
+@pytest.mark.parametrize("sole", [True, False])
+def test_the_last_thing_sent_is_level_sticks(sole):
+    b = Bench(sole)
+    b.fc.override = True
+    b.run(0.2)
+    b.fly(np.radians([100.0, 50.0, 0.0]), 0.6)
+    config, stream = BridgeConfig.model_validate({"link": {"ground": None}}), Stream()
+    loop = BridgeLoop(config, MspLine(stream), b.bridge._controller)
+    loop._bridge = b.bridge
+    loop.run(lambda: True)
+    rc = struct.unpack("<16H", stream.sent[-1][5:-1])
+    assert rc[:6] == (1500, 1500, 1500, 1500, 1900, 1900)  # at hover thrust, armed, ANGLE on

@@ -1,0 +1,77 @@
+"""Where the bridge believes its vehicle to be, and how it flies where it does not know."""
+
+import math
+import struct
+
+import numpy as np
+import pytest
+
+from mavlink_bridge.wire.codec import Codec
+from mavlink_bridge.wire.messages import Attitude, GpsInput, LocalPosition
+from tests.mavlink_bridge.betaflight.bench import STEP, Bench
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e38])
+def test_a_fix_whose_velocity_is_none_is_refused(bad):
+    b = Bench()
+    b.hover()
+    for k in range(50):
+        v = np.zeros(3)
+        v[k % 3] = bad
+        b.send([GpsInput(0.0, 3, 47.4, 8.5, 488.0, v)])
+        b.run(STEP)
+    assert np.abs(b.last(LocalPosition).v).max() < 1.0
+    assert b.rc[4] > 1700
+
+
+def test_a_fix_without_velocity_does_not_stand_still():
+    """It moves east at 2 m/s, and the receiver tells places only."""
+    b = Bench()
+    b.fc.gps = False
+    b.run(0.5)
+    east = 2.0 / (math.radians(1.0) * 6371008.8 * math.cos(math.radians(47.4)))
+    for k in range(40):
+        told = GpsInput(0.0, 3, 47.4, 8.5 + 0.1 * k * east, 488.0, None)
+        b.send([r.message for r in Codec(1, 1).decode(Codec(1, 220).encode([told]))])
+        b.run(0.1)
+    assert b.last(LocalPosition).v[0] == pytest.approx(2.0, abs=0.3)
+
+
+def drifting():
+    """Taken off, in hold, told to drift east: the sticks lean against it."""
+    b = Bench()
+    b.hover()
+    b.fc.gps = False
+    for _ in range(20):
+        b.send([GpsInput(0.0, 3, 47.4, 8.5, 488.0, np.array([0.8, 0.0, 0.0]))])
+        b.run(0.1)
+    assert abs(b.rc[1] - 1500) > 30
+    return b
+
+
+def test_without_a_fix_no_position_is_told_and_it_levels_and_lands_all_the_same():
+    b = drifting()
+    b.run(1.1)
+    b.heard.clear()
+    b.run(5.0)
+    assert not [m for m in b.heard if isinstance(m, LocalPosition)]
+    assert len([m for m in b.heard if isinstance(m, Attitude)]) >= 250
+    assert b.rc[:2] == (1500, 1500)
+    assert b.rc[2] > 1300  # its height is still seen to
+    b.send(b.ask.land())
+    b.run(3.0)  # nothing gives way, so it has landed
+    assert not b.fc.armed
+    b.send(b.ask.arm())
+    b.run(0.5)
+    assert "Arming denied: no position" in b.texts()
+
+
+def test_a_controller_that_answers_no_more_is_flown_level():
+    b = drifting()
+    for _ in range(round(2.0 / STEP)):
+        b.t += STEP
+        out = b.bridge.cycle(b.t)
+    rc = struct.unpack("<16H", out.rc[5:-1])
+    assert rc[:2] == (1500, 1500)
+    assert 1300 < rc[2] < 1700
+    assert rc[4] > 1700

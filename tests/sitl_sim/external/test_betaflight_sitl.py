@@ -1,0 +1,69 @@
+"""Around a Betaflight process that is slow to start, without one: sockets play it."""
+
+import socket
+import threading
+
+import pytest
+
+from mavlink_bridge.betaflight.msp import Msp, encode
+from sitl_sim.external.betaflight_sitl import BetaflightSitl, Relay
+
+READY = bytes(6 + 9) + bytes([0]) + bytes(7)  # STATUS_EX: nothing speaks against arming
+
+
+def answer(payload):
+    """STATUS_EX as the controller gives it."""
+    query = encode(Msp.STATUS_EX, payload)
+    return query[:2] + b">" + query[3:]
+
+
+def boots(serve):
+    """Whether a process that serves its line so counts as booted."""
+    ours, theirs = socket.socketpair()
+    sitl = BetaflightSitl.__new__(BetaflightSitl)
+    sitl._connect = lambda: ours
+    thread = threading.Thread(target=serve, args=(theirs,))
+    thread.start()
+    try:
+        return sitl._boots()
+    finally:
+        thread.join()
+        theirs.close()
+
+
+def crash(line):
+    line.recv(1000)
+    line.close()
+
+
+def starve(line):
+    """Answers without a payload, as a task that was dropped leaves them; then a whole one."""
+    for payload in (b"", b"", READY):
+        line.recv(1000)
+        line.sendall(answer(payload))
+
+
+@pytest.mark.parametrize(("serve", "booted"), [(crash, False), (starve, True)])
+def test_a_process_that_starts_badly_is_asked_again_or_given_up(serve, booted):
+    assert boots(serve) is booted
+
+
+@pytest.mark.parametrize("callers", [0, 2])
+def test_a_relay_that_is_closed_leaves_nothing_behind(callers):
+    before = set(threading.enumerate())
+    process = socket.create_server(("127.0.0.1", 0))
+    relay = Relay(lambda: socket.create_connection(process.getsockname()))
+    port = relay.port
+    lines = [socket.create_connection(("127.0.0.1", port)) for _ in range(callers)]
+    for line in lines:
+        line.sendall(b"x")
+    far_ends = [process.accept()[0] for _ in range(callers)]
+    assert [far.recv(1) for far in far_ends] == [b"x"] * callers
+    relay.close()
+    assert set(threading.enumerate()) == before
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", port), 1.0)
+    for end in lines + far_ends:
+        assert end.recv(1) == b""
+        end.close()
+    process.close()

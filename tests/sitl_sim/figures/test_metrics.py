@@ -1,0 +1,112 @@
+"""Safety from a made-up truth of two drones whose figures are known by construction."""
+
+import json
+
+import numpy as np
+import pytest
+
+from sitl_sim.figures.metrics import safety, timing
+
+DT = 0.02
+TRUNK = {"x": 4.0, "y": -1.0, "radius": 0.5, "height": 8.0}
+
+
+def truth(gap, stops, others):
+    """a flies 10 m at 1 m/s, standing still for `stops` [s] at 2 m, 3 m, …; b beside it."""
+    t = np.arange(0.0, 10.0 + sum(stops) + sum(others) + 4.0, DT)
+    p = np.stack([way(t, stops), way(t, others) + np.array([0.0, gap, 0.0])], axis=1)
+    return {"t": t, "position": p, "velocity": np.gradient(p, DT, axis=0)}
+
+
+def way(t, stops):
+    xs, x, until = [], 0.0, 0.0
+    pauses = {2.0 + k: s for k, s in enumerate(stops)}
+    for now in t:
+        if now >= until:
+            x += DT
+            for place in [p for p in pauses if p <= x]:
+                until = now + pauses.pop(place)
+        # On the spot it wavers by a hand's breadth, at 0.6 m/s.
+        xs.append(min(x, 10.0) + (0.1 * np.sin(6.0 * now) if now < until else 0.0))
+    return np.column_stack([xs, np.zeros_like(t), np.full_like(t, 2.0)])
+
+
+def figures(gap=1.0, stops=(), others=(), trunk=TRUNK, radius=0.2):
+    world = {"drone_radius": radius, "cylinders": [trunk], "boxes": [], "target_tolerance": 0.5,
+             "targets": {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, gap, 2.0]]}}  # fmt: skip
+    return safety(truth(gap, stops, others), world, ["a", "b"])
+
+
+@pytest.mark.parametrize(
+    ("gap", "radius", "collides", "below"),
+    [(0.6, 0.2, 0, False), (0.49, 0.2, 0, True), (0.39, 0.2, 1, True), (0.39, 0.15, 0, False)],
+)
+def test_distances_between_drones(gap, radius, collides, below):
+    f = figures(gap, radius=radius)
+    assert f["mission_complete"]
+    assert f["min_agent_distance_m"] == pytest.approx(gap)
+    assert (f["agent_collisions"], f["below_agent_safety"]) == (collides, below)
+
+
+@pytest.mark.parametrize(
+    ("y", "collides", "below"), [(-1.0, 0, False), (-0.75, 0, True), (-0.65, 1, True)]
+)
+def test_distances_to_obstacles(y, collides, below):
+    f = figures(trunk=TRUNK | {"y": y})
+    assert f["min_obstacle_distance_m"] == pytest.approx(-y - 0.5, abs=1e-3)
+    assert (f["obstacle_collisions"], f["below_obstacle_safety"]) == (collides, below)
+
+
+def test_the_longest_standstill_is_that_on_the_way():
+    moving = figures()
+    assert moving["longest_standstill_s"] == pytest.approx(0.5, abs=0.15)  # though both hover then
+    held_up = figures(stops=(2.0, 3.0))
+    assert held_up["longest_standstill_s"] == pytest.approx(3.0 + 0.5, abs=0.2)
+    assert held_up["longest_deadlock_s"] == pytest.approx(0.5, abs=0.15)  # b flies on
+    both = figures(stops=(2.0, 3.0), others=(3.0, 1.0))
+    assert both["longest_deadlock_s"] == pytest.approx(2.0 + 0.5, abs=0.2)
+
+
+def test_who_never_sets_out_stands_nobody_up():
+    flight = truth(1.0, (), ())
+    flight["position"][:, 1, 0] = 0.0
+    world = {"drone_radius": 0.2, "cylinders": [], "boxes": [], "target_tolerance": 0.5,
+             "targets": {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, 1.0, 2.0]]}}  # fmt: skip
+    assert not safety(flight, world, ["a", "b"])["mission_complete"]
+    assert safety(flight, world, ["a", "b"])["longest_deadlock_s"] < 1.0
+
+
+@pytest.mark.parametrize(
+    ("low", "forward", "strikes"),
+    [(0.0, 1.0, 1), (0.0, 0.4, 0), (0.5, 1.0, 0)],
+)
+def test_who_touches_the_ground_on_the_way_has_struck_it(low, forward, strikes):
+    """A take-off at 2 m/s, a dip to `low` [m] at `forward` × 3 m/s, a landing at 1 m/s."""
+    t = np.arange(0.0, 20.0, DT)
+    z = np.interp(t, [0.0, 1.0, 5.0, 8.0, 9.0, 12.0, 16.0, 18.0], [0, 2, 2, low, low, 2, 2, 0])
+    x = np.clip(t - 2.0, 0.0, 10.0) * 3.0 * forward
+    p = np.column_stack([x, np.zeros_like(t), z])[:, None]
+    v = np.gradient(p, DT, axis=0)
+    world = {"drone_radius": 0.2, "cylinders": [], "boxes": [], "target_tolerance": 0.5,
+             "targets": {"a": [[*x[-1:].tolist(), 0.0, 2.0]]}}  # fmt: skip
+    flown = safety({"t": t, "position": p, "velocity": v}, world, ["a"])
+    assert flown["ground_strikes"] == strikes
+
+
+def test_drones_that_never_fly_together_have_no_distance():
+    flight = truth(1.0, (), ())
+    flight["position"][:, 1, 2] = 0.0
+    world = {"drone_radius": 0.2, "cylinders": [], "boxes": [], "target_tolerance": 0.5,
+             "targets": {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, 1.0, 2.0]]}}  # fmt: skip
+    flown = safety(flight, world, ["a", "b"])
+    assert (flown["min_agent_distance_m"], flown["min_agent_distance_at"]) == (None, None)
+    assert (flown["agent_collisions"], flown["below_agent_safety"]) == (0, False)
+    json.dumps(flown, allow_nan=False)
+
+
+@pytest.mark.parametrize(("took", "counted", "misses"), [(153.0, 0, 4), (99.0, 3, 3), (99.0, 0, 0)])
+def test_a_tick_longer_than_its_period_is_a_miss_though_the_world_waited(took, counted, misses):
+    tick = {"stages_ms": {"tick": took}, "counters": {"deadline_misses": counted}}
+    figures = timing({"a": [tick] * 4, "b": []})
+    assert figures["deadline_misses"] == misses
+    assert figures["deadline_miss_rate"] == misses / 4

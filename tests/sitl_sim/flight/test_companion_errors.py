@@ -1,0 +1,26 @@
+"""A companion inside the simulator that raises is lost as one whose process ends."""
+
+from companion.process.in_process import Resident
+from sitl_sim.flight.results import finish, table
+from sitl_sim.flight.runner import flight
+from sitl_sim.scenarios.scenario import Scenario
+
+
+def test_one_that_raises_is_gone_and_the_flight_falls_short(tmp_path, monkeypatch):
+    def answer(self, frame):
+        raise RuntimeError("a bug in flight")
+
+    monkeypatch.setattr(Resident, "answer", answer)
+    scenario = Scenario.model_validate({
+        "drones": {"count": 1}, "sensing": {"neighbours": "truth", "obstacles": "map"},
+        "mission": {"time_limit": 2.0},
+    })  # fmt: skip
+    with flight(scenario, tmp_path, in_process=True) as f:
+        f.write_inputs()
+        f.launch()
+        f.run()
+    metrics = finish(f, 0.0, report="on failure")
+    assert metrics["companion_errors"] == {"drone1": 1}
+    assert not metrics["ok"]
+    assert "drone1's companion ended with an error, exit 1" in table(metrics, tmp_path)
+    assert "a bug in flight" in (tmp_path / "drones" / "drone1" / "stderr.log").read_text()

@@ -1,0 +1,205 @@
+"""The page draws what truth and logs say: by its own word, and as a browser shows it."""
+
+import os
+import shutil
+import socket
+import time
+
+import numpy as np
+import pytest
+
+from sitl_sim.__main__ import main
+from sitl_sim.recording.run_folder import load_run
+from sitl_sim.viewer import Live, Page, Replay
+from tests.sitl_sim import flights
+
+CHROMIUM = os.environ.get("CHROMIUM") or next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+)
+SIZE = {"width": 1000, "height": 700}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    return load_run(flights.write_run(tmp_path_factory.mktemp("run")))
+
+
+@pytest.fixture
+def page(run):
+    page = Page(Replay(run), port=free_port())
+    page.start()
+    yield page
+    page.close()
+
+
+def free_port():
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+def truth_at(run, t):
+    return run.truth["position"][np.searchsorted(run.truth["t"], t - 1e-9)]
+
+
+def test_what_is_drawn_is_what_truth_and_logs_say(run, page):
+    for t in (0.0, 3.5, 8.0, 1.2):
+        page.show(t)
+        p = truth_at(run, t)
+        np.testing.assert_allclose(page.scene.drones.batched_positions, p, atol=1e-5)
+        np.testing.assert_allclose(page.scene.views.batched_positions, p, atol=1e-5)
+    page.show(8.0)
+    p = truth_at(run, 8.0)
+    assert page.scene.plans.points.shape == (3 * 20, 2, 3)
+    np.testing.assert_allclose(page.scene.plans.points[::20, 0], p, atol=0.11)
+    edges = page.scene.threats.points
+    np.testing.assert_allclose(edges[:, 0], p, atol=1e-5)
+    np.testing.assert_allclose(edges[:, 1], p[[1, 0, 0]], atol=0.11)
+    np.testing.assert_allclose(page.scene.tracks.points, p[1:], atol=0.11)  # of drone 1
+    assert "**fly**" in page.state.content
+    assert page.picture.image.std() > 10  # something is in the picture
+
+
+def test_a_layer_switched_off_stays_off(page):
+    page.scene.layers["plans"] = False
+    page.show(8.0)
+    assert not page.scene.plans.visible
+    assert page.scene.threats.visible
+
+
+def test_live_shows_the_present_and_reads_growing_logs(run, tmp_path):
+    live = Live(run.scenario, run.world, run.folder)
+    page = Page(live, port=free_port())
+    try:
+        for k in range(0, 400, 2):
+            live.update(run.truth["t"][k], run.truth["position"][k], run.truth["attitude"][k])
+        page.show(0.0)
+        np.testing.assert_allclose(
+            page.scene.drones.batched_positions, run.truth["position"][398], atol=1e-5
+        )
+        assert live.knowledge(0, 0.0).record["phase"] == "fly"
+        assert page.slider.disabled
+    finally:
+        page.close()
+
+
+def test_twenty_drones_five_minutes_are_drawn_in_time(run):
+    """A moment takes a small part of the processor's 50 ms that 20 Hz leave."""
+    n, times = 20, np.arange(0, 300.0, 0.02)
+    rng = np.random.default_rng(1)
+    p = np.cumsum(rng.normal(0, 0.01, (len(times), n, 3)), axis=0).astype(np.float32)
+    q = np.tile(np.float32([1, 0, 0, 0]), (len(times), n, 1))
+    many, few = Replay(run), Replay(run)
+    many.names = [f"drone{i + 1}" for i in range(n)]
+    many.knowledge = lambda drone, time: few.knowledge(drone % 3, time % 11.0)
+    many._t, many._p, many._q = times, p, q
+    page = Page(many, port=free_port())
+    try:
+        taken = []
+        for t in np.arange(10.0, 30.0, 1.0):
+            started = time.thread_time()  # however busy the machine
+            page.show(float(t))
+            taken.append(time.thread_time() - started)
+        assert np.median(taken) < 0.02
+    finally:
+        page.close()
+
+
+@pytest.mark.parametrize("command", ["view", "report"])
+def test_no_flight_no_page(command, tmp_path, capsys):
+    assert main([command, str(tmp_path / "nowhere")]) == 2
+    assert "no such run folder" in capsys.readouterr().err
+
+
+@pytest.fixture
+def browser():
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine (apt install chromium, or set CHROMIUM)")
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as p:
+        chromium = p.chromium.launch(
+            executable_path=CHROMIUM,
+            args=["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+                  "--ignore-gpu-blocklist"],
+        )  # fmt: skip
+        yield chromium
+        chromium.close()
+
+
+def test_in_a_browser_without_a_network(run, page, browser):
+    tab = browser.new_page(viewport=SIZE)
+    tab.set_default_timeout(120_000)  # a software renderer on a machine with other things to do
+    asked, errors = [], []
+    tab.on("request", lambda r: asked.append(r.url))
+    tab.on("pageerror", lambda e: errors.append(str(e)))
+    tab.goto(page.url)
+    tab.wait_for_selector("canvas")
+    until(lambda: len(page.server.get_clients()) == 1, tab)
+
+    seek(tab, 8.0)
+    until(lambda: page.slider.value == 8.0, tab)
+    np.testing.assert_allclose(page.scene.drones.batched_positions, truth_at(run, 8.0), atol=1e-5)
+    assert drones_in_picture(page, run, 8.0, tab) == 3
+
+    play = tab.get_by_label("play", exact=True)
+    play.dispatch_event("click")
+    until(lambda: page.slider.value > 9.0, tab)
+    play.dispatch_event("click")
+    until(lambda: not page.play.value, tab)
+    tab.wait_for_timeout(300)
+    now = page.slider.value
+    np.testing.assert_allclose(page.scene.drones.batched_positions, truth_at(run, now), atol=1e-5)
+    assert drones_in_picture(page, run, now, tab) == 3
+    assert drones_in_picture(page, run, now, tab, shown=now - 3.0) == 0  # it does tell
+    assert not errors
+    assert all(url.startswith((page.url, "data:", "blob:")) for url in asked)
+
+
+def until(condition, tab, seconds=120.0):
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline
+        tab.wait_for_timeout(50)
+
+
+def seek(tab, t):
+    """Move the slider as a person does: type into its number field."""
+    field = tab.locator("input[type=text], input[type=number]").first
+    field.fill(str(t))
+    field.press("Enter")
+
+
+def drones_in_picture(page, run, t, tab, shown=None):
+    """How many drones the browser draws in their colour where they are at t (it shows `shown`)."""
+    (client,) = page.server.get_clients().values()
+    p = truth_at(run, t).astype(float)
+    eye = p.mean(axis=0) + np.array([0.0, -0.5, 3.0])
+    client.camera.up_direction, client.camera.position = (0.0, 0.0, 1.0), eye
+    client.camera.look_at = p.mean(axis=0)
+    page.scene.layers |= dict.fromkeys(page.scene.layers, False)
+    page.show(t if shown is None else shown)
+    tab.wait_for_timeout(1500)
+    picture = as_array(tab.locator("canvas").first.screenshot())
+    height, width = picture.shape[:2]
+    forward = (p.mean(axis=0) - eye) / np.linalg.norm(p.mean(axis=0) - eye)
+    right = np.cross(forward, [0, 0, 1]) / np.linalg.norm(np.cross(forward, [0, 0, 1]))
+    up = np.cross(right, forward)
+    focal = height / 2 / np.tan(client.camera.fov / 2)
+    found = 0
+    for place, colour in zip(p, page.scene.colours.astype(float), strict=True):
+        d = place - eye
+        u = round(width / 2 + focal * (d @ right) / (d @ forward))
+        v = round(height / 2 - focal * (d @ up) / (d @ forward))
+        patch = picture[v - 12 : v + 13, u - 12 : u + 13].reshape(-1, 3).astype(float)
+        hue = patch - patch.mean(axis=1, keepdims=True)
+        wanted = colour - colour.mean()
+        likeness = (hue @ wanted) / (np.linalg.norm(hue, axis=1) * np.linalg.norm(wanted) + 1e-6)
+        found += int((likeness > 0.9).sum() > 20)
+    return found
+
+
+def as_array(png):
+    import cv2
+
+    return cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
