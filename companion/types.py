@@ -86,7 +86,7 @@ class Obstacles:
         return Obstacles(np.zeros((0, 3)), np.zeros((0, 4)), np.zeros((0, 3)))
 
 
-class Status(Enum):
+class PlanStatus(Enum):
     """How a solve ended."""
 
     SOLVED = "solved"  # converged: the last step was small
@@ -97,7 +97,7 @@ class Status(Enum):
 
 
 @dataclass(frozen=True)
-class Result:
+class Plan:
     """A plan and how good it is.
 
     x (N+1,10) and u (N,4): the plan, in the instance's frame; x[0] is x0 (q perhaps negated,
@@ -111,7 +111,7 @@ class Result:
 
     x: Vector
     u: Vector
-    status: Status
+    status: PlanStatus
     usable: bool
     iterations: int
     solve_time: float
@@ -121,3 +121,26 @@ class Result:
     slack_plane: float
     active: tuple[str, ...]
     cost: float
+
+
+class Phase(Enum):
+    """What the companion is doing about the vehicle."""
+
+    WAIT = "wait"  # for telemetry, a frame and a solved tick, or for the pilot
+    ARM = "arm"
+    TAKEOFF = "takeoff"
+    ENGAGE = "engage"  # setpoints hold the place while offboard is asked for
+    FLY = "fly"
+    LAND = "land"
+    DONE = "done"  # landed and disarmed
+    PASSIVE = "passive"  # the autopilot or a pilot flies
+
+    @property
+    def flying(self) -> bool:
+        """Whether the companion's setpoints fly the vehicle, or are about to."""
+        return self in (Phase.ENGAGE, Phase.FLY, Phase.LAND)
+
+    @property
+    def on_mission(self) -> bool:
+        """Whether the mission goes on."""
+        return self in (Phase.FLY, Phase.LAND)

@@ -20,7 +20,7 @@ from companion.control.nmpc.instance import Instance
 from companion.control.nmpc.instance_file import Run
 from companion.control.nmpc.ipopt import IpoptNmpc
 from companion.control.nmpc.rti import Nmpc
-from companion.types import Result
+from companion.types import Plan
 
 Clock = Callable[[], float]
 Solver = Nmpc | IpoptNmpc
@@ -46,7 +46,7 @@ class _Tally:
     within: int = 0
     slack: float = 0.0
 
-    def add(self, config: NmpcConfig, instance: Instance, result: Result) -> None:
+    def add(self, config: NmpcConfig, instance: Instance, result: Plan) -> None:
         """Count a result; its time is counted by the caller."""
         self.total += 1
         self.usable += result.usable
@@ -94,7 +94,7 @@ def _measure(
     progress: Callable[[str, int], None],
 ) -> dict[str, Any]:
     tally = _Tally()
-    compared: list[tuple[str, Instance, Result]] = []
+    compared: list[tuple[str, Instance, Plan]] = []
     for run, instance, result, first in solve_all(solver, runs):
         (tally.cold if first else tally.warm).append(result.solve_time * 1e3)
         tally.add(solver.config, instance, result)
@@ -119,7 +119,7 @@ def _measure(
     return row
 
 
-def solve_all(solver: Solver, runs: Sequence[Run]) -> Iterator[tuple[Run, Instance, Result, bool]]:
+def solve_all(solver: Solver, runs: Sequence[Run]) -> Iterator[tuple[Run, Instance, Plan, bool]]:
     """Every instance's result, in order; the flag marks the first of a run, solved cold."""
     for run in runs:
         solver.reset()
@@ -138,7 +138,7 @@ def _endure(solver: Nmpc, runs: Sequence[Run], ticks: int) -> dict[str, Any]:
     return {"ticks": min(ticks, len(times)), "growth_mb": growth, **percentiles(times[:ticks])}
 
 
-def within_bounds(config: NmpcConfig, instance: Instance, result: Result) -> bool:
+def within_bounds(config: NmpcConfig, instance: Instance, result: Plan) -> bool:
     """Whether the plan is finite and keeps (33)-(36) exactly."""
     x, u = result.x, result.u
     if not (np.isfinite(x).all() and np.isfinite(u).all()):
@@ -150,7 +150,7 @@ def within_bounds(config: NmpcConfig, instance: Instance, result: Result) -> boo
     return bool(((u >= low) & (u <= high) & (np.abs(u - before) <= change)).all())
 
 
-def worse_percent(optimum: IpoptNmpc, instance: Instance, result: Result) -> float:
+def worse_percent(optimum: IpoptNmpc, instance: Instance, result: Plan) -> float:
     """How much more [%] a plan costs than the optimum that IPOPT finds from it."""
     optimum.guess((result.x, result.u))
     best = optimum.solve(instance)

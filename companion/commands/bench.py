@@ -120,5 +120,5 @@ def _windows(logs: list[str]) -> Iterator[Run]:
             raise LogError(f"{named}: give FLIGHT=LOG, such as forest=drones/1/flight.mcap")
         log = read_log(Path(path))
         config = configured(log)
-        ticks = (out.instance for out in flown(config, log.inputs))
+        ticks = (tick.planned.instance for tick in flown(config, log.inputs))
         yield from windows(flight, [i for i in ticks if i is not None], config.nmpc)

@@ -66,7 +66,7 @@ def _unfit_files(config: CompanionConfig) -> list[str]:
     """What is wrong with the calibration and the model that a drone names."""
     from companion.perception.camera import CalibrationError
     from companion.perception.detectors import ModelError, make_detector
-    from companion.perception.frontend import load_camera
+    from companion.perception.view import load_camera
 
     try:
         make_detector(load_camera(config.camera), config.sensing)

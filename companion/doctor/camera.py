@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from companion.doctor.finding import Finding, Level, either, rated
 from companion.perception.camera import CalibrationError, Camera
 from companion.perception.detectors import ModelError, make_detector
-from companion.perception.frontend import load_camera
+from companion.perception.view import load_camera
 from companion.process.frame_source import FrameSource, open_source
 from companion.settings.config import CompanionConfig
 from mavlink_bridge.wire.video import Answer, Frame, VideoError

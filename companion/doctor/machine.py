@@ -17,7 +17,7 @@ from companion.control.nmpc.instance_file import load, stored
 from companion.doctor.finding import Finding, Level, either, rated
 from companion.perception.camera import CalibrationError
 from companion.perception.detectors import ModelError
-from companion.perception.frontend import Sight
+from companion.perception.frontend import PerceptionFrontend, make_view
 from companion.process.directories import log_path
 from companion.process.signing_keys import SigningKeyError, read_key
 from companion.settings.config import CompanionConfig
@@ -69,7 +69,8 @@ def _look(config: CompanionConfig) -> float:
     Raises:
         CalibrationError, ModelError: a file that they need cannot be used.
     """
-    sight = Sight(config.camera, config.sensing)
+    view = make_view(config.camera, config.sensing)
+    frontend = PerceptionFrontend(view, config.sensing, config.camera_health)
     shape = (config.camera.height, config.camera.width, 3)
     image = np.random.default_rng(0).integers(0, 255, shape, dtype=np.uint8)
     own = VehicleState(0.0, np.array([0, 0, 2.0]), np.zeros(3), np.array([1.0, 0, 0, 0]),
@@ -77,7 +78,8 @@ def _look(config: CompanionConfig) -> float:
     taken = []
     for n in range(_LOOKS):
         started = time.perf_counter()
-        sight.see(Frame(float(n), {"image": image}), own)
+        frame = Frame(float(n), {"image": np.roll(image, n, axis=1)})  # the same twice: frozen
+        frontend.see(float(n), frame, own)
         taken.append(time.perf_counter() - started)
     return float(np.median(taken))
 

@@ -18,7 +18,7 @@ _LEAST = 20  # frames; fewer say nothing
 _SOUND = 0.05  # share that may be missing from a line whose numbers are believed
 
 
-class LinkWatch:
+class LinkQuality:
     """The autopilot's frames of the last second.
 
     silence: s without any after which the mode that it last told of is not known any more: a pilot

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field
 
-from companion.types import Obstacles, Trunk
+from companion.types import Trunk
 from mavlink_bridge.shared.arrays import Vector
-from mavlink_bridge.shared.distance import to_ways
 from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.shared.settings import StrictModel
 from mavlink_bridge.wire.messages import VehicleState
@@ -77,12 +76,12 @@ class ObstacleMap:
         own: VehicleState,
         q_bc: Vector,
         half_view: float,
-        tells: Callable[[Vector], Vector] = lambda places: np.ones(len(places)),
+        visibility: Callable[[Vector], Vector] = lambda places: np.ones(len(places)),
     ) -> None:
         """One frame's trunks, seen in state `own`; half_view: half the field of view [rad].
 
-        tells: how much of a look the frame is at each of places (n,3), (n,) 0…1; where it does not
-        know what is there, a trunk that is not seen is not gone.
+        visibility: how much of a look the frame is at each of places (n,3), (n,) 0…1; where the
+        frame does not show a place, a trunk that is not seen there is not gone.
 
         So near that its foot is out of the picture, or cut by the picture's edge, a thin trunk
         looks like a thick one far off: one that is known to stand there stays where it is.
@@ -105,26 +104,20 @@ class ObstacleMap:
         missing = list(self._missing(seen, own, forward, half_view))
         if missing:
             places = np.array([[*self._known[n].axis, own.p[2]] for n in missing])
-            for n, look in zip(missing, tells(places).tolist(), strict=True):
+            for n, look in zip(missing, visibility(places).tolist(), strict=True):
                 self._known[n].misses += look
         self._forget(own)
 
-    def obstacles(self, p: Vector) -> Obstacles:
-        """Confirmed trunks, nearest surface to p (3,) first."""
+    def cylinders(self, p: Vector) -> Vector:
+        """Return confirmed trunks (K,3) x, y, radius [m], nearest surface to p (3,) m first."""
         sure = [k for k in self._known if k.hits >= self._config.hits_to_confirm]
         here = (float(p[0]), float(p[1]))
         sure.sort(key=lambda k: math.dist(k.axis, here) - k.radius)
-        cylinders = np.array([[*k.axis, k.radius] for k in sure]).reshape(-1, 3)
-        return Obstacles(cylinders, np.zeros((0, 4)), np.zeros((0, 3)))
+        return np.array([[*k.axis, k.radius] for k in sure]).reshape(-1, 3)
 
-    def hidden(self, eye: Vector, points: Vector) -> list[bool]:
-        """Whether a known trunk stands between `eye` (3,) and each of `points` (n,3); eq. (6)."""
-        if not self._known or not len(points):
-            return [False] * len(points)
-        axes = np.array([k.axis for k in self._known])
-        radii = np.array([k.radius for k in self._known])
-        gaps = to_ways(axes, eye[:2], points[:, :2])
-        return [bool((row < radii).any()) for row in gaps]
+    def occluders(self) -> Vector:
+        """Return all trunks (J,3) x, y, radius [m], unconfirmed ones too."""
+        return np.array([[*k.axis, k.radius] for k in self._known]).reshape(-1, 3)
 
     def _known_there(self, trunk: Trunk, along: _Place, own: VehicleState) -> int | None:
         """The nearest confirmed trunk in the direction of one of which only the width shows.

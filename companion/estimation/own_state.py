@@ -152,8 +152,8 @@ class OwnState:
         attitude, position = self._attitudes[-1].time, self._positions[-1].time
         return time - (attitude if self._position_lost else min(attitude, position))
 
-    def believable(self, time: float) -> bool:
-        """Whether attitude and position of late were such as a flying drone can have."""
+    def plausible(self, time: float) -> bool:
+        """Return whether recent attitudes and positions can be those of a flying drone."""
         return time - self._doubted > _DOUBT and not self._position_lost
 
     @property

@@ -1,83 +1,89 @@
-"""Where the drone will be when the next input takes effect, and what the model leaves out.
+"""Prediction: where the drone will be when the next input takes effect.
 
-An input acts only `delay` after its tick (compute, transport, rate loop). What was sent is
-remembered, so that the state is carried over the delay under the inputs really in flight.
-How wrong the same forecast was over the last tick is the disturbance: drag, wind, thrust scale.
+An input acts only `delay` after its tick. The inputs that were sent are remembered, so that the
+state is carried over the delay under the inputs really in flight. The error of the same prediction
+over the last tick is the disturbance: drag, wind, thrust scale.
 """
 
 from __future__ import annotations
 
-from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 
+from companion.estimation.input_history import InputHistory
 from companion.model import HOVER, observed_disturbance, predict
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.wire.messages import VehicleState
 
-# Between two looks farther apart than this [s] the forecast says nothing of the disturbance.
+# Two observations farther apart than this [s] say nothing of the disturbance.
 _LONGEST_GAP = 0.25
-_KEPT = 64  # inputs: the longest delay and age at the shortest period
 
 
-class Forecast:
-    """Inputs in flight [(time s, u (4,))] and the disturbance (3,) m/s², world ENU."""
+@dataclass(frozen=True)
+class Prediction:
+    """What the controller plans from.
 
-    def __init__(self, delay: float) -> None:
+    x0: (10,) p, v, q at which this tick's input takes effect. u_last: (4,) the last input sent.
+    disturbance: (3,) m/s², world ENU, which the model knows nothing of.
+    """
+
+    x0: Vector
+    u_last: Vector
+    disturbance: Vector
+
+
+class StatePredictor:
+    """Carries the own state over the delay, and observes the disturbance (3,) m/s²."""
+
+    def __init__(self, history: InputHistory) -> None:
         self.disturbance: Vector = np.zeros(3)
-        self._delay = delay
-        self._sent: deque[tuple[float, Vector]] = deque(maxlen=_KEPT)
-        self._before: tuple[float, Vector] | None = None
+        self._history = history
+        self._before: tuple[float, Vector, int] | None = None  # time, state, epoch of the inputs
 
-    @property
-    def u_last(self) -> Vector:
-        """(4,) the last input sent; hover where none was."""
-        return self._sent[-1][1] if self._sent else HOVER
+    def update(self, own: VehicleState) -> Prediction:
+        """Observe the disturbance from the motion since the last tick, then predict; once a tick.
 
-    def sent(self, time: float, u: Vector) -> None:
-        """Input u (4,) was sent at the tick of `time` [s]."""
-        self._sent.append((time, u))
-
-    def forget(self) -> None:
-        """Somebody else flies: nothing of ours is in flight, and no error is ours to learn."""
-        self._sent.clear()
-        self._before = None
+        Return the prediction for this tick's input.
+        """
+        self.observe(own)
+        x0 = self._flow(state_vector(own), own.time, own.time + self._history.delay)
+        return Prediction(x0, self._history.u_last, self.disturbance)
 
     def observe(self, own: VehicleState) -> None:
-        """Correct the disturbance by what came of the last tick's forecast; once a tick."""
-        x = state(own)
-        if self._before is not None and self._sent:
-            then, x_then = self._before
+        """Correct the disturbance by the error of the last tick's prediction."""
+        x, epoch = state_vector(own), self._history.epoch
+        if self._before is not None and self._before[2] == epoch and len(self._history):
+            then, x_then, _ = self._before
             if 0.0 < own.time - then < _LONGEST_GAP:
                 expected = self._flow(x_then, then, own.time)
                 self.disturbance = observed_disturbance(
                     self.disturbance, expected[3:6], own.v, own.time - then
                 )
-        self._before = own.time, x
-
-    def ahead(self, own: VehicleState) -> Vector:
-        """(10,) state p, v, q at which the input of this tick takes effect."""
-        return self._flow(state(own), own.time, own.time + self._delay)
+        self._before = own.time, x, epoch
 
     def carried(self, own: VehicleState, time: float) -> VehicleState:
-        """A state known then, carried to `time` [s] by the model and what was sent since."""
-        x = self._flow(state(own), own.time, time)
-        return VehicleState(time, x[:3], x[3:6], x[6:10], self.u_last[1:4])
+        """Return a past state carried to `time` [s] by the model and the inputs sent since."""
+        x = self._flow(state_vector(own), own.time, time)
+        return VehicleState(time, x[:3], x[3:6], x[6:10], self._history.u_last[1:4])
 
     def _flow(self, x: Vector, start: float, end: float) -> Vector:
-        """X (10,) carried from `start` to `end` [s] under each input while it acts."""
-        u = HOVER if not self._sent else self._sent[0][1]
-        for sent, following in self._sent:
-            acts = sent + self._delay
+        """Return x (10,) carried from `start` to `end` [s] under each input while it acts."""
+        u = HOVER
+        for first in self._history:
+            u = first.u
+            break
+        for sent in self._history:
+            acts = sent.time + self._history.delay
             if acts >= end:
                 break
             if acts > start:
                 x = predict(x, u, acts - start, self.disturbance)
                 start = acts
-            u = following
+            u = sent.u
         return predict(x, u, end - start, self.disturbance)
 
 
-def state(own: VehicleState) -> Vector:
-    """(10,) the NMPC's state of a vehicle's."""
+def state_vector(own: VehicleState) -> Vector:
+    """Return the (10,) state p, v, q of the NMPC for a vehicle's state."""
     return np.concatenate([own.p, own.v, own.q_wb])

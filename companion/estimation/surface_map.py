@@ -1,16 +1,10 @@
-"""Walls, floors and ceilings from depth: remembered for a while, and the free room between them.
+"""Walls, floors and ceilings from depth images, remembered for a while.
 
-Surfaces are kept as small cubes of the drone's own world. What has left the view stays for some
-seconds; what the view shows to be free goes at once. The free room around the drone is cut out
-plane by plane: the nearest surface point gives a half-space, which hides all points beyond it,
-and so on; "nearest" stretched along the way to the goal, so that the room reaches ahead (after
-Liu et al., "Planning dynamically feasible trajectories for quadrotors using safe flight corridors",
-2017).
+SurfaceMap are kept as small cubes in the drone's own ENU frame. A cube that left the view stays for
+some seconds; a cube that the view shows to be free goes at once.
 """
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +18,6 @@ from mavlink_bridge.shared.settings import StrictModel
 from mavlink_bridge.wire.messages import VehicleState
 
 _OFFSET = 1 << 20  # cubes: makes indices positive
-_PATCH = 0.6  # m around a point in which its surface may be flat
-_FLAT = 0.05  # m, 1 σ from flat
-_LIKE = 0.9  # cosine between a surface's own normal and the one that is asked for
-_CREEP = 0.3  # m ahead, at least, of a place beside
-_TURNS = [0.0, *(sign * 0.05 * n for n in range(1, 9) for sign in (-1.0, 1.0))]  # rad to the left
-_STEPS = [sign * 0.1 * n for n in range(1, 31) for sign in (-1.0, 1.0)]  # m to the left
 _DEEPER = 0.3  # m beyond a cube that must be in view before it counts as gone
 
 
@@ -49,7 +37,7 @@ class SurfaceConfig(StrictModel):
     trunk_margin: float = Field(0.35, ge=0, description="This near [m] to a trunk it is that.")
 
 
-class Surfaces:
+class SurfaceMap:
     """Surface cubes known to one drone, in its own ENU frame."""
 
     def __init__(self, camera: Camera, config: SurfaceConfig) -> None:
@@ -79,62 +67,6 @@ class Surfaces:
         gap = np.linalg.norm(sure[:, None, :2] - cylinders[None, :, :2], axis=-1)
         result: Vector = sure[(gap > cylinders[:, 2] + self._config.trunk_margin).all(axis=1)]
         return result
-
-    def lane(self, p: Vector, goal: Vector, points: Vector, room: float) -> Vector:
-        """(3,) m: the goal, or where walls want another way than the straight one to it, its end.
-
-        Another: from p (3,), in the nearest direction in which points (n,3) leave `room` [m] to
-        each side. Where there is none, first a place beside p from which a way of the same
-        direction is free. The free room of `planes` says where nothing is, not where to leave it
-        by: against a wall that the way meets squarely, nobody would ever move towards the opening
-        beside him.
-        """
-        x, y = (goal[:2] - p[:2]).tolist()
-        length = math.hypot(x, y)
-        level = points[np.abs(points[:, 2] - p[2]) < room] if len(points) else points
-        if length < 1e-6 or not len(level):
-            return goal
-        offsets = level[:, :2] - p[:2]
-        reach = min(length, self._config.range)
-        for turn in _TURNS:
-            c, s = math.cos(turn), math.sin(turn)
-            way = np.array([c * x - s * y, s * x + c * y]) / length
-            along, aside = offsets @ way, offsets @ np.array([-way[1], way[0]])
-            if not ((along > 0.0) & (along < reach) & (np.abs(aside) < room)).any():
-                return np.array([*(p[:2] + length * way), goal[2]]) if turn else goal
-        way, left = np.array([x, y]) / length, np.array([-y, x]) / length
-        along, aside = offsets @ way, offsets @ left
-        near = (along > -room) & (along < reach)
-        along, aside = along[near], aside[near]
-        ahead = along[(along > 0.0) & (np.abs(aside) < room)]
-        for step in _STEPS:
-            if not (np.abs(aside - step) < room).any():
-                on = max(float(ahead.min()) - 2.0 * room, _CREEP)
-                return np.array([*(p[:2] + step * left + on * way), goal[2]])
-        return goal
-
-    def planes(self, p: Vector, goal: Vector, points: Vector) -> Vector:
-        """(n,4) half-spaces n·x <= b, nearest first: free room around p (3,) towards goal (3,)."""
-        way = goal - p
-        way = way / max(float(np.linalg.norm(way)), 1e-6)
-        left = points - p
-        made: list[Vector] = []
-        while len(left) and len(made) < self._config.planes:
-            along = left @ way
-            # Points of equal distance form an ellipsoid, long ahead, round behind.
-            scale = np.where(along > 0.0, 1.0 / self._config.stretch**2, 1.0)
-            metric = left + (along * (scale - 1.0))[:, None] * way
-            nearest = int(np.argmin((metric * left).sum(axis=1)))
-            length = float(np.linalg.norm(metric[nearest]))
-            if length < 1e-6:  # in the very place: no side to be on
-                left = np.delete(left, nearest, axis=0)
-                continue
-            normal = _own_normal(left, left[nearest], metric[nearest] / length)
-            reach = float(normal @ left[nearest])
-            made.append(np.array([*normal, normal @ p + reach]))
-            left = left[left @ normal < reach - self._config.rough - 1e-9]
-        made.sort(key=lambda row: float(row[3] - row[:3] @ p))
-        return np.array(made).reshape(-1, 4)
 
     def _forget(self, ranges: Vector, own: VehicleState, r_wc: Vector, lens: Camera) -> None:
         """Drop what is old, far, or in plain view no longer there."""
@@ -170,18 +102,6 @@ class Surfaces:
     def _keep(self, keep: NDArray[np.bool_]) -> None:
         self._keys, self._points = self._keys[keep], self._points[keep]
         self._seen, self._hits = self._seen[keep], self._hits[keep]
-
-
-def _own_normal(points: Vector, at: Vector, normal: Vector) -> Vector:
-    """The normal of the flat surface around `at` where it is nearly `normal`; else `normal`."""
-    around = points[((points - at) ** 2).sum(axis=1) < _PATCH**2]
-    if len(around) < 4:
-        return normal
-    spread = around - around.mean(axis=0)
-    values, axes = np.linalg.eigh(spread.T @ spread / len(around))
-    own: Vector = axes[:, 0] * np.copysign(1.0, axes[:, 0] @ normal)
-    flat = values[0] < _FLAT**2 and values[1] > 9.0 * _FLAT**2
-    return own if flat and own @ normal > _LIKE else normal
 
 
 def _nearest_around(ranges: Vector) -> Vector:

@@ -19,7 +19,7 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import ArrayLike
 
-from companion.pipeline import TickOutputs
+from companion.tick import Tick
 from companion.types import Track
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.wire.messages import VehicleState
@@ -59,16 +59,16 @@ def event(time: float, name: str, text: str) -> Log:
     return Log(timestamp=stamp(time), level=Log.INFO, name=name, message=text)
 
 
-def scene(out: TickOutputs, obstacles: bool) -> SceneUpdate:
-    """Plan, tracks and critical set of a tick, and its obstacles where they are wanted."""
-    entities = [_tracks(out.tracks)]
-    if out.own is not None:
-        entities.append(_critical(out.own, out.critical))
-    if out.result is not None:
-        entities.append(_plan(out.result.x[:, :3]))
+def scene(tick: Tick, obstacles: bool) -> SceneUpdate:
+    """Return plan, tracks and critical set of a tick, and its obstacles where they are wanted."""
+    entities = [_tracks(tick.tracks)]
+    if tick.vehicle.state is not None and tick.reference is not None:
+        entities.append(_critical(tick.vehicle.state, tick.reference.critical))
+    if tick.planned.plan is not None:
+        entities.append(_plan(tick.planned.plan.x[:, :3]))
     if obstacles:
-        entities.append(_obstacles(out.obstacles.cylinders))
-    when = stamp(out.time)
+        entities.append(_obstacles(tick.obstacles.cylinders))
+    when = stamp(tick.time)
     for entity in entities:
         entity.timestamp.CopyFrom(when)
         entity.frame_id = "world"

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import orjson
 
-from companion.perception.frontend import Sighting
+from companion.perception.frontend import Detections
 from companion.types import Detection, Ranges, Trunk
 
 
@@ -71,7 +71,7 @@ def encode(
     time: float,
     datagrams: Sequence[bytes],
     frame_time: float | None,
-    sighting: Sighting,
+    sighting: Detections,
     leave: bool = False,
     shown: bool = True,
 ) -> bytes:

@@ -11,7 +11,10 @@ import numpy as np
 import orjson
 from numpy.typing import ArrayLike
 
-from companion.pipeline import TickOutputs
+from companion.guidance.guidance import Reference
+from companion.perception.frontend import Detections
+from companion.tick import Tick
+from companion.types import Plan, Track
 from mavlink_bridge.shared.arrays import Vector
 
 _DIGITS = 4  # 0.1 mm, 0.006°
@@ -24,10 +27,17 @@ SCHEMA = {
     "properties": {
         "time": {"type": "number"},
         "phase": {"type": "string"},
-        "eye": {"type": "string"},
+        "inhibit": {"type": "string"},
+        "camera": {"type": "string"},
         "own": {"type": "object"},
         "goal": {"type": "object"},
         "aim": {"type": "array"},
+        "target": {"type": "array"},
+        "route": {"type": "array"},
+        "speed": {"type": "number"},
+        "speed_limit": {"type": "string"},
+        "v_max": {"type": "number"},
+        "yaw": {"type": "number"},
         "detections": {"type": "array"},
         "trunks": {"type": "array"},
         "tracks": {"type": "array"},
@@ -36,83 +46,109 @@ SCHEMA = {
         "plan": {"type": "array"},
         "solver": {"type": "object"},
         "command": {"type": "object"},
+        "hover_thrust": {"type": "number"},
         "stages_ms": {"type": "object"},
         "counters": {"type": "object"},
     },
 }
 
 
-def encode(out: TickOutputs, counters: dict[str, Any]) -> bytes:
-    """The tick as JSON; counters: of link and deadlines so far."""
-    return orjson.dumps(record(out) | {"counters": counters}, option=_OPTIONS)
+def encode(tick: Tick, counters: dict[str, Any], costs: dict[str, float]) -> bytes:
+    """Return the tick as JSON; counters: of link and deadlines so far; costs: s, beside stages."""
+    return orjson.dumps(record(tick, costs) | {"counters": counters}, option=_OPTIONS)
 
 
-def record(out: TickOutputs) -> dict[str, Any]:
-    """The tick as a dictionary of numbers, strings and arrays."""
+def record(tick: Tick, costs: dict[str, float] | None = None) -> dict[str, Any]:
+    """Return the tick as a dictionary of numbers, strings and arrays."""
+    stages = tick.stages | (costs or {})
     r: dict[str, Any] = {
-        "time": out.time,
-        "phase": out.phase.value,
-        "eye": out.trouble.value,
-        "yaw": _number(out.yaw),
-        "speed": _number(out.speed),
-        "hover_thrust": _number(out.hover_thrust),
-        "stages_ms": {k: round(v * 1e3, 3) for k, v in out.stages.items()},
-        **_seen(out),
-        "critical": [[t.id, _number(threat)] for t, threat in out.critical],
-        "cylinders": _rounded(out.obstacles.cylinders[:_OBSTACLES]),
+        "time": tick.time,
+        "phase": tick.supervised.phase.value,
+        "inhibit": tick.supervised.inhibit_reason,
+        "camera": tick.seen.fault.value,
+        "hover_thrust": _number(tick.motion.thrust_map.hover_thrust),
+        "stages_ms": {k: round(v * 1e3, 3) for k, v in stages.items()},
+        **_seen(tick.seen),
+        "tracks": _tracks(tick.tracks),
+        "cylinders": _rounded(tick.obstacles.cylinders[:_OBSTACLES]),
+        **_guided(tick.reference),
     }
-    if out.own is not None:
-        own = _rounded(np.concatenate([out.own.p, out.own.v, out.own.q_wb, out.own.omega]))
+    state = tick.vehicle.state
+    if state is not None:
+        own = _rounded(np.concatenate([state.p, state.v, state.q_wb, state.omega]))
         r["own"] = {"p": own[:3], "v": own[3:6], "q": own[6:10], "omega": own[10:]}
-    if out.progress is not None:
-        r["goal"] = {"p": _rounded(out.progress.goal), "index": out.progress.index}
-        r["aim"] = _rounded(out.aim)
-    return r | _planned(out) | _commanded(out)
+    return r | _planned(tick.planned.plan) | _commanded(tick)
 
 
-def _seen(out: TickOutputs) -> dict[str, Any]:
-    """Detections and trunks of a new frame, camera frame, and the tracks."""
-    drones = [[*d.direction.tolist(), d.range, d.score] for d in out.sighting.drones]
-    trunks = [[*t.direction.tolist(), t.distance, t.radius] for t in out.sighting.trunks]
-    state = [
-        [*t.p.tolist(), *t.v.tolist(), t.unseen, (np.einsum("ii", t.P[:3, :3]) / 3) ** 0.5]
-        for t in out.tracks
-    ]
-    rows = _rounded(state)
+def _seen(seen: Detections) -> dict[str, Any]:
+    """Return detections and trunks of a new frame, camera frame."""
+    drones = [[*d.direction.tolist(), d.range, d.score] for d in seen.drones]
+    trunks = [[*t.direction.tolist(), t.distance, t.radius] for t in seen.trunks]
     return {
-        "frame": out.sighting.time if out.sighting.own is not None else None,
+        "frame": seen.time if seen.own is not None else None,
         "detections": _rounded(drones),
         "trunks": _rounded(trunks),
-        "tracks": [
-            {"id": t.id, "p": row[:3], "v": row[3:6], "unseen": row[6], "sigma": row[7]}
-            for t, row in zip(out.tracks, rows, strict=True)
-        ],
     }
 
 
-def _planned(out: TickOutputs) -> dict[str, Any]:
-    if out.result is None:
+def _tracks(tracks: list[Track]) -> list[dict[str, Any]]:
+    state = [
+        [*t.p.tolist(), *t.v.tolist(), t.unseen, (np.einsum("ii", t.P[:3, :3]) / 3) ** 0.5]
+        for t in tracks
+    ]
+    return [
+        {"id": t.id, "p": row[:3], "v": row[3:6], "unseen": row[6], "sigma": row[7]}
+        for t, row in zip(tracks, _rounded(state), strict=True)
+    ]
+
+
+def _guided(reference: Reference | None) -> dict[str, Any]:
+    """Return where the drone is to fly, and why; the goal as the solver gets it is `target`."""
+    if reference is None:
+        return {"critical": [], "yaw": 0.0, "speed": 0.0}
+    return {
+        "goal": {"p": _rounded(reference.progress.goal), "index": reference.progress.index},
+        "aim": _rounded(reference.aim),
+        "target": _rounded(reference.target),
+        "route": reference.route,
+        "speed": _number(reference.speed),
+        "speed_limit": reference.speed_limit,
+        "v_max": _number(reference.v_max),
+        "yaw": _number(reference.yaw),
+        "critical": [[t.id, _number(threat)] for t, threat in reference.critical],
+    }
+
+
+def _planned(plan: Plan | None) -> dict[str, Any]:
+    if plan is None:
         return {}
-    s = out.result
     solver = {
-        "status": s.status.value,
-        "usable": s.usable,
-        "iterations": s.iterations,
-        "solve_ms": round(s.solve_time * 1e3, 3),
-        "step_norm": _number(s.step_norm),
-        "slack": [_number(s.slack_agent), _number(s.slack_obstacle), _number(s.slack_plane)],
-        "active": list(s.active),
-        "cost": _number(s.cost),
+        "status": plan.status.value,
+        "usable": plan.usable,
+        "iterations": plan.iterations,
+        "solve_ms": round(plan.solve_time * 1e3, 3),
+        "step_norm": _number(plan.step_norm),
+        "slack": [
+            _number(plan.slack_agent),
+            _number(plan.slack_obstacle),
+            _number(plan.slack_plane),
+        ],
+        "active": list(plan.active),
+        "cost": _number(plan.cost),
     }
-    return {"solver": solver, "plan": _rounded(s.x[:, :3])}
+    return {"solver": solver, "plan": _rounded(plan.x[:, :3])}
 
 
-def _commanded(out: TickOutputs) -> dict[str, Any]:
-    if out.verdict is None:
+def _commanded(tick: Tick) -> dict[str, Any]:
+    v = tick.supervised.verdict
+    if v is None:
         return {}
-    v = out.verdict
-    command = {"omega": _rounded(v.command.omega), "c": _number(v.command.c),
-               "reason": v.reason.value, "bad_ticks": v.bad_ticks}  # fmt: skip
+    command = {
+        "omega": _rounded(v.command.omega),
+        "c": _number(v.command.c),
+        "reason": v.reason.value,
+        "bad_ticks": v.bad_ticks,
+    }
     return {"command": command}
 
 

@@ -14,8 +14,7 @@ log: boards without a clock of their own start at the same second every day.
 from __future__ import annotations
 
 import itertools
-import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -27,8 +26,6 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.message import Message
-from mcap.data_stream import RecordBuilder
-from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 from orjson import dumps
@@ -37,9 +34,9 @@ from companion.flightlog import foxglove as scene
 from companion.flightlog import inputs as recorded
 from companion.flightlog import record as records
 from companion.flightlog.tlog import TelemetryLog
-from companion.perception.camera_health import Trouble
-from companion.pipeline import TickInputs, TickOutputs
+from companion.perception.camera_health import CameraFault
 from companion.settings.config import CompanionConfig
+from companion.tick import Tick, TickInputs
 from companion.types import Image
 from mavlink_bridge.wire.video import Frame
 
@@ -71,8 +68,6 @@ class Recorder:
         self.path = Path(self._file.name)
         self._tlog = TelemetryLog(self.path.with_suffix(".tlog")) if config.log.tlog else None
         self._writer = Writer(self._file, chunk_size=_CHUNK, compression=CompressionType.ZSTD)
-        self._index = _IndexOnDisk(path.parent)
-        vars(self._writer)["_Writer__chunk_indices"] = self._index  # a list: 5 MB each hour
         self._writer.start(profile="swarm-companion", library="swarm-companion")
         self._writer.add_metadata(CONFIG, _configuration(config))
         self._channels = self._register()
@@ -82,13 +77,24 @@ class Recorder:
         self._image_time = -np.inf
 
     def write(
-        self, inputs: TickInputs, out: TickOutputs, packets: Packets, counters: dict[str, Any]
+        self,
+        inputs: TickInputs,
+        tick: Tick,
+        packets: Packets,
+        counters: dict[str, Any],
+        costs: dict[str, float],
     ) -> None:
-        """Append a tick. packets: since the tick before, in order. counters: so far."""
+        """Append a tick.
+
+        packets: since the tick before, in order. counters: so far. costs: s, of what is not a
+        stage of the tick.
+        """
         if self.failed is not None:
             return
         try:
-            self._write(inputs, out, packets, counters)
+            self._write_inputs(inputs, tick, packets)
+            self._write_tick(inputs, tick, counters, costs)
+            self._end_tick(tick.time, packets)
         except OSError as error:
             self.failed = f"flight log ended: {error}"
 
@@ -99,7 +105,6 @@ class Recorder:
                 self._writer.finish()  # type: ignore[no-untyped-call]
             if self._tlog is not None:
                 self._tlog.close()
-            self._index.close()
             self._file.close()
         except OSError as error:
             self.failed = f"flight log ended: {error}"
@@ -116,26 +121,31 @@ class Recorder:
             channels[topic] = self._writer.register_channel(topic, "protobuf", schema, tags)
         return channels
 
-    def _write(
-        self, inputs: TickInputs, out: TickOutputs, packets: Packets, counters: dict[str, Any]
-    ) -> None:
+    def _write_inputs(self, inputs: TickInputs, tick: Tick, packets: Packets) -> None:
         frame_time = inputs.frame.time if inputs.frame is not None else None
         came = [data for sent, data in packets if not sent]
-        shown = out.trouble in (Trouble.NONE, Trouble.LATE)
-        data = recorded.encode(out.time, came, frame_time, out.sighting, inputs.leave, shown)
-        self._add("/inputs", out.time, data)
-        self._add("/tick", out.time, records.encode(out, counters))
-        if out.own is not None:
-            self._put("/pose", out.time, scene.pose(out.own))
-            self._put("/tf", out.time, scene.transform(out.own, self._name))
+        shown = tick.seen.fault in (CameraFault.NONE, CameraFault.LATE)
+        data = recorded.encode(tick.time, came, frame_time, tick.seen, inputs.leave, shown)
+        self._add("/inputs", tick.time, data)
+
+    def _write_tick(
+        self, inputs: TickInputs, tick: Tick, counters: dict[str, Any], costs: dict[str, float]
+    ) -> None:
+        self._add("/tick", tick.time, records.encode(tick, counters, costs))
+        own = tick.vehicle.state
+        if own is not None:
+            self._put("/pose", tick.time, scene.pose(own))
+            self._put("/tf", tick.time, scene.transform(own, self._name))
         if self._count % _TICKS_A_SCENE == 0:
             obstacles = self._count % _TICKS_A_MAP == 0
-            self._put("/scene", out.time, scene.scene(out, obstacles))
-        happened = self._write_events(out)
-        if inputs.frame is not None and self._wants_image(out.time, happened):
+            self._put("/scene", tick.time, scene.scene(tick, obstacles))
+        changed = self._write_events(tick)
+        if inputs.frame is not None and self._wants_image(tick.time, changed):
             self._write_image(inputs.frame)
+
+    def _end_tick(self, time: float, packets: Packets) -> None:
         if self._tlog is not None:
-            self._tlog.write(out.time, packets)
+            self._tlog.write(time, packets)
         self._count += 1
         if self._count % _TICKS_A_CHUNK == 0:
             self._writer.flush()  # type: ignore[no-untyped-call]
@@ -149,22 +159,22 @@ class Recorder:
         nanoseconds = round(time * 1e9)
         self._writer.add_message(self._channels[topic], nanoseconds, data, nanoseconds, self._count)
 
-    def _write_events(self, out: TickOutputs) -> bool:
-        """A line for each change of phase, guard reason or goal; whether there was any."""
-        state = {"phase": out.phase.value}
-        if out.verdict is not None:
-            state["guard"] = out.verdict.reason.value
-        if out.progress is not None:
-            state["goal"] = str(out.progress.index)
+    def _write_events(self, tick: Tick) -> bool:
+        """Write a line for each change of phase, guard reason or goal; return if there was any."""
+        state = {"phase": tick.supervised.phase.value}
+        if tick.supervised.verdict is not None:
+            state["guard"] = tick.supervised.verdict.reason.value
+        if tick.reference is not None:
+            state["goal"] = str(tick.reference.progress.index)
         changed = [(k, v) for k, v in state.items() if self._state.get(k) != v]
         for key, value in changed:
             text = f"{key}: {self._state.get(key, '-')} -> {value}"
-            self._put("/events", out.time, scene.event(out.time, self._name, text))
+            self._put("/events", tick.time, scene.event(tick.time, self._name, text))
         self._state |= state
         return bool(changed)
 
-    def _wants_image(self, time: float, happened: bool) -> bool:
-        if self._images == "none" or (self._images == "event" and not happened):
+    def _wants_image(self, time: float, changed: bool) -> bool:
+        if self._images == "none" or (self._images == "event" and not changed):
             return False
         due = self._images == "event" or time - self._image_time >= _IMAGE_PERIOD
         if due:
@@ -178,34 +188,6 @@ class Recorder:
             message = CompressedImage(timestamp=scene.stamp(frame.time), frame_id=self._name,
                                       data=data, format="jpeg")  # fmt: skip
             self._put("/image", frame.time, message)
-
-
-class _IndexOnDisk:
-    """The writer's index of chunks, two a second for as long as the daemon runs, in a file.
-
-    To the writer it is a list of one entry, which writes all of them.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  (for as long as the log)
-
-    def append(self, index: ChunkIndex) -> None:
-        """Keep the entry of one chunk."""
-        record = RecordBuilder()
-        index.write(record)
-        self._file.write(record.end())  # type: ignore[no-untyped-call]
-
-    def __iter__(self) -> Iterator[_IndexOnDisk]:
-        yield self
-
-    def write(self, summary: RecordBuilder) -> None:
-        """Put all entries into the summary."""
-        self._file.seek(0)
-        summary.write(self._file.read())
-
-    def close(self) -> None:
-        """Forget them."""
-        self._file.close()
 
 
 def _create(path: Path) -> IO[bytes]:

@@ -19,8 +19,10 @@ import orjson
 from companion.flightlog import record as records
 from companion.flightlog.inputs import RecordedInputs
 from companion.flightlog.reader import FlightLog
-from companion.pipeline import Pipeline, TickInputs, TickOutputs
-from companion.settings.config import CompanionConfig
+from companion.pipeline import Companion
+from companion.settings.config import FILEVERSION, CompanionConfig
+from companion.settings.renamed import upgraded
+from companion.tick import Tick, TickInputs
 from mavlink_bridge.shared.settings import assignments, merge, parse_yaml, validate
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.video import Frame
@@ -97,7 +99,8 @@ def configured(log: FlightLog, overrides: list[str] | None = None) -> CompanionC
     Raises:
         SettingsError: today's code does not accept it.
     """
-    document = merge([parse_yaml(json.dumps(log.config), _NAME), assignments(overrides or [])])
+    recorded = json.dumps(upgraded(log.config, FILEVERSION))
+    document = merge([parse_yaml(recorded, _NAME), assignments(overrides or [])])
     return validate(CompanionConfig, document, _NAME)
 
 
@@ -121,21 +124,21 @@ def differences(
 
 def rerun(config: CompanionConfig, recorded: Iterable[RecordedInputs]) -> Iterator[dict[str, Any]]:
     """Today's record of each tick."""
-    return (orjson.loads(records.encode(out, {})) for out in flown(config, recorded))
+    return (orjson.loads(records.encode(tick, {}, {})) for tick in flown(config, recorded))
 
 
-def flown(config: CompanionConfig, recorded: Iterable[RecordedInputs]) -> Iterator[TickOutputs]:
+def flown(config: CompanionConfig, recorded: Iterable[RecordedInputs]) -> Iterator[Tick]:
     """Today's outputs of each tick."""
-    pipeline = Pipeline(_sighted(config), time.perf_counter)
+    companion = Companion(_without_pixels(config), time.perf_counter)
     codec = Codec(config.link.system_id, config.link.component_id, config.link.heard())
     whole = config.link.endpoint.startswith("udp")  # as opposed to a stream, cut anywhere
     take = codec.decode_datagram if whole else codec.decode
     for inputs in recorded:
         received = [r for d in inputs.datagrams for r in take(d)]
-        yield pipeline.tick(TickInputs(inputs.time, received, _frame(inputs), inputs.leave))
+        yield companion.tick(TickInputs(inputs.time, received, _frame(inputs), inputs.leave))
 
 
-def _sighted(config: CompanionConfig) -> CompanionConfig:
+def _without_pixels(config: CompanionConfig) -> CompanionConfig:
     """The same, but told by each frame what is in it: as the log keeps no pixels."""
     told = config.sensing.model_copy(update={"neighbours": "truth", "obstacles": "map"})
     return config.model_copy(update={"sensing": told})

@@ -38,7 +38,9 @@ class ReciprocityConfig(StrictModel):
     )
 
 
-def yielding(own: VehicleState, track: Track, distance: float, config: ReciprocityConfig) -> Vector:
+def give_way_velocity(
+    own: VehicleState, track: Track, distance: float, config: ReciprocityConfig
+) -> Vector:
     """(3,) m/s: by how much a neighbour's velocity will change to pass at `distance` [m].
 
     0 where it passes farther off anyway, or flies so that it cannot see the own drone.

@@ -94,12 +94,12 @@ class Camera:
         camera = Camera(
             int(n["width"]), int(n["height"]), n["fx"], n["fy"], n["cx"], n["cy"], k, mount=mount
         )
-        if objection := camera.objection:
-            raise CalibrationError(f"{path}: {objection}")
+        if inhibit_reason := camera.inhibit_reason:
+            raise CalibrationError(f"{path}: {inhibit_reason}")
         return camera
 
     @property
-    def objection(self) -> str:
+    def inhibit_reason(self) -> str:
         """Why nobody should fly by it, one line; empty where it can be true.
 
         A polynomial that was fitted to the middle alone bends back farther out: a neighbour at the

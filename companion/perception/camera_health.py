@@ -1,8 +1,8 @@
-"""Whether the camera shows anything: dead, frozen, black, saturated, late and misfit pictures.
+"""Camera health: dead, frozen, black, saturated, late and misfit pictures.
 
-A picture is judged by one pixel in 64. A real sensor's noise never gives the same picture
-twice, and no scene is all black or all white. What shows nothing is not looked at: a thing that is
-not seen in it is not gone.
+A picture is judged by one pixel in 64. A real sensor's noise never gives the same picture twice,
+and no scene is all black or all white. A picture with a fault is not searched, so that a thing
+that is not seen in it does not count as gone.
 """
 
 from __future__ import annotations
@@ -18,29 +18,29 @@ from pydantic import Field
 from mavlink_bridge.shared.settings import StrictModel
 from mavlink_bridge.wire.video import Frame
 
-_STEP = 8  # px between those looked at, each way
+_STEP = 8  # px between the pixels that are looked at, each way
 _PERCENT = 0.01
-_RANGES = 0.05  # share of a depth image that must know something; 0 and NaN do not
-_DEAD = 3  # times as late as late: it does not come any more
+_RANGES = 0.05  # share of a depth image that must be known; 0 and NaN are not
+_DEAD = 3  # times as late as late: no frame comes any more
 _AHEAD = 0.1  # s that a stamp may be after the tick: clocks differ, and a tick may be late
 
 
-class Trouble(Enum):
-    """What is wrong with the newest frame; NONE: nothing."""
+class CameraFault(Enum):
+    """What is wrong with the newest frame."""
 
     NONE = "none"
-    DEAD = "dead"  # no frame, or none with all that is to be looked at
+    DEAD = "dead"  # no frame, or none with all arrays that are to be looked at
     FROZEN = "frozen"
     BLACK = "black"
     SATURATED = "saturated"
-    NO_DEPTH = "no_depth"  # a depth image that knows hardly any range
+    NO_DEPTH = "no_depth"  # a depth image with hardly any known range
     LATE = "late"
-    AHEAD = "ahead"  # stamped in the future: nobody knows when it was taken
+    AHEAD = "ahead"  # stamped in the future: nothing says when it was taken
     MISFIT = "misfit"  # not of the size that the calibration is for
 
 
-class EyeConfig(StrictModel):
-    """When a picture counts as none."""
+class CameraHealthConfig(StrictModel):
+    """When a picture counts as faulty."""
 
     late: float = Field(
         0.18, gt=0, description="Newest frame older than this [s]: 10 Hz, and 80 ms to get here."
@@ -51,60 +51,60 @@ class EyeConfig(StrictModel):
     )
 
 
-class Eye:
-    """Follows the frames of one camera; needs: names of the arrays that each must bring."""
+class CameraHealth:
+    """Follows the frames of one camera; needs: names of the arrays that each frame must bring."""
 
-    def __init__(self, config: EyeConfig, needs: Iterable[str] = ()) -> None:
+    def __init__(self, config: CameraHealthConfig, needs: Iterable[str] = ()) -> None:
         self._config = config
         self._needs = frozenset(needs)
         self._before: NDArray[Any] | None = None
         self._newest = -np.inf
         self._blind_since: float | None = None
-        self.trouble = Trouble.DEAD
+        self.fault = CameraFault.DEAD
 
-    def look(self, time: float, frame: Frame | None, fits: bool = True) -> Trouble:
+    def check(self, time: float, frame: Frame | None, fits: bool = True) -> CameraFault:
         """Judge the newest frame at the tick of `time` [s, vehicle's clock]; once a tick.
 
         fits: whether it is such as the camera is calibrated for.
         """
         if frame is not None and frame.time > time + _AHEAD:
-            self.trouble = Trouble.AHEAD
+            self.fault = CameraFault.AHEAD
         elif frame is not None and frame.time > self._newest:
             self._newest = frame.time
-            self.trouble = self._judge(frame) if fits else Trouble.MISFIT
-        if self.shows:
+            self.fault = self._judge(frame) if fits else CameraFault.MISFIT
+        if self.usable:
             age, late = time - self._newest, self._config.late
-            gone = Trouble.DEAD if age > _DEAD * late else Trouble.LATE
-            self.trouble = gone if age > late else Trouble.NONE
-        if self.trouble is Trouble.NONE:
+            gone = CameraFault.DEAD if age > _DEAD * late else CameraFault.LATE
+            self.fault = gone if age > late else CameraFault.NONE
+        if self.fault is CameraFault.NONE:
             self._blind_since = None
         elif self._blind_since is None:
             self._blind_since = time
-        return self.trouble
+        return self.fault
 
     def blind(self, time: float) -> float:
-        """Seconds that the trouble has lasted, its first tick included; 0 without trouble."""
+        """Return the seconds that the fault has lasted, its first tick included; 0 without one."""
         return 0.0 if self._blind_since is None else time - self._blind_since + 1e-3
 
     @property
-    def shows(self) -> bool:
-        """Whether the newest frame is worth looking at; a late one is, by its own time."""
-        return self.trouble in (Trouble.NONE, Trouble.LATE)
+    def usable(self) -> bool:
+        """Whether the newest frame can be searched; a late one can, with its own time."""
+        return self.fault in (CameraFault.NONE, CameraFault.LATE)
 
-    def _judge(self, frame: Frame) -> Trouble:
+    def _judge(self, frame: Frame) -> CameraFault:
         if not frame.arrays or self._needs - frame.arrays.keys():
-            return Trouble.DEAD
+            return CameraFault.DEAD
         depth = frame.arrays.get("depth")
         if depth is not None and np.count_nonzero(depth > 0.0) < _RANGES * depth.size:
-            return Trouble.NO_DEPTH
+            return CameraFault.NO_DEPTH
         image = frame.arrays.get("image")
         if image is None:  # a report instead of a picture
-            return Trouble.NONE
+            return CameraFault.NONE
         few = image[::_STEP, ::_STEP]
         same = self._before is not None and np.array_equal(few, self._before)
         self._before = few.copy()
         if np.count_nonzero(few >= self._config.black) < _PERCENT * few.size:
-            return Trouble.BLACK
+            return CameraFault.BLACK
         if np.count_nonzero(few <= self._config.saturated) < _PERCENT * few.size:
-            return Trouble.SATURATED
-        return Trouble.FROZEN if same else Trouble.NONE
+            return CameraFault.SATURATED
+        return CameraFault.FROZEN if same else CameraFault.NONE

@@ -85,8 +85,8 @@ def _solve(
         unused = unused | {name: f"fits badly, {errors[name]:.2f} px" for name in bad}
         corners = {name: c for name, c in corners.items() if name not in bad}
         camera, errors = _fit(points, corners, size)
-    if objection := camera.objection:
-        raise CalibrationError(objection)
+    if inhibit_reason := camera.inhibit_reason:
+        raise CalibrationError(inhibit_reason)
     every = np.concatenate([c[0] for c in corners.values()])
     middle = np.array([camera.cx, camera.cy])
     reach = float(np.linalg.norm(every - middle, axis=1).max() / np.hypot(*middle))

@@ -1,4 +1,4 @@
-"""Start, tick, stop: reads, lets the pipeline compute, publishes, keeps time."""
+"""Start, tick, stop: reads, lets the companion decide, publishes, keeps time."""
 
 from __future__ import annotations
 
@@ -6,23 +6,26 @@ import logging
 import os
 import signal
 import time
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 
 from companion.flightlog.recorder import Recorder
-from companion.pipeline import Pipeline, TickInputs, TickOutputs
+from companion.pipeline import Companion
 from companion.process.directories import StateFile, log_path
 from companion.process.events import Events
 from companion.process.frame_source import open_source
 from companion.process.journal import event
-from companion.process.liveness import Vital
+from companion.process.liveness import Liveness
 from companion.process.pace import ClockPace, FramePace, Pace
+from companion.process.session import Session
 from companion.process.signing_keys import open_signing
 from companion.process.supervisor import Supervisor
 from companion.process.vehicle_lock import VehicleLock
 from companion.settings.config import CompanionConfig
-from companion.supervision.phases import COMPANION_HEARTBEAT, Phase
+from companion.supervision.phases import COMPANION_HEARTBEAT
+from companion.tick import Tick, TickInputs
+from companion.types import Phase
 from mavlink_bridge.autopilots.registry import adapter
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.link import Link, open_endpoint
@@ -63,7 +66,6 @@ class Daemon:
             ),
         )
         self._frames = open_source(config.camera)
-        self._pipeline = Pipeline(config, time.perf_counter)
         self._pace: Pace = (
             FramePace(self._link, self._frames)
             if config.timing.pace == "frames"
@@ -75,19 +77,19 @@ class Daemon:
                 [COMPANION_HEARTBEAT, *adapter(link.autopilot, link.system_id).request_streams()],
             )
         )
-        self._packets: list[tuple[bool, bytes]] = []
-        self._recorder: Recorder | None = None
-        self._log_cost = 0.0
+        self._session = Session(
+            Companion(config, time.perf_counter), self._link, lambda: self._pace.misses
+        )
         path = log_path(config.log.path, os.environ) if config.log.path else None
         if path is not None:
             self._open_log(path)
         self._supervisor = Supervisor(os.environ)
         self._state = StateFile(os.environ)
-        self._vital = Vital(config.timing.period)
+        self._liveness = Liveness(config.timing.period)
         self._events = Events()
         event("start", drone=config.name, system=config.link.system_id,
               endpoint=config.link.endpoint, camera=config.camera.source,
-              log=self._recorder and self._recorder.path)  # fmt: skip
+              log=self._session.recorder and self._session.recorder.path)  # fmt: skip
 
     def run(self) -> bool:
         """Tick until told to stop or until there is nobody left to fly for.
@@ -102,14 +104,14 @@ class Daemon:
                 self._tick(replace(inputs, leave=self._stop))
         finally:
             self._supervisor.stopping()
-            self._close_log()
+            self._session.close_log()
             self._link.close()
             if self._timestamps:
                 self._timestamps.save()
             self._frames.close()
             self._lock.close()
             self._supervisor.close()
-            event("stopped", **self._counters())
+            event("stopped", **self._session.counters())
         return not self._twin
 
     def _look_for_twin(self, inputs: TickInputs) -> None:
@@ -126,33 +128,29 @@ class Daemon:
             event("another companion", logging.ERROR, system=me.system, component=me.component)
 
     def _tick(self, inputs: TickInputs) -> None:
-        """Compute, publish, then everything that can wait."""
-        started = time.perf_counter()
-        packets = self._link.packets_out
+        """Decide, publish, then do everything that can wait."""
         if self._timestamps:
-            self._timestamps.tick(started)
-        out = self._pipeline.tick(inputs)
-        for packet in out.packets:
-            self._link.send(packet)
-        self._pace.done(inputs, out.phase is Phase.DONE)
-        self._streaming = out.verdict is not None
-        taken = time.perf_counter() - started
-        self._report(inputs, out, sent=self._link.packets_out > packets)
-        self._record(inputs, out, taken)
+            self._timestamps.tick(time.perf_counter())
+        tick, sent = self._session.tick(inputs)
+        self._pace.done(inputs, tick.supervised.phase is Phase.DONE)
+        self._streaming = tick.supervised.verdict is not None
+        self._report(inputs, tick, sent)
+        self._record(inputs, tick)
 
-    def _report(self, inputs: TickInputs, out: TickOutputs, sent: bool) -> None:
+    def _report(self, inputs: TickInputs, tick: Tick, sent: bool) -> None:
         """Tell the supervisor and the journal what came of the tick."""
-        if self._vital.judge(out, sent) and self._ready:
+        phase, inhibited = tick.supervised.phase.value, tick.supervised.inhibit_reason
+        if self._liveness.judge(tick, sent) and self._ready:
             self._supervisor.alive()
-        armed = out.heartbeat is not None and out.heartbeat.armed
-        if not self._ready and self._vital.ready:
+        armed = tick.vehicle.heartbeat is not None and tick.vehicle.heartbeat.armed
+        if not self._ready and self._liveness.ready:
             self._ready = True
-            self._supervisor.ready(out.phase.value)
+            self._supervisor.ready(phase)
             event("ready", seconds=time.monotonic() - self._started)
-        state = {"phase": out.phase.value, "armed": armed, "ready": self._ready}
-        if self._state.write(**state, objection=out.objection) and self._ready:
-            self._supervisor.status(out.objection or out.phase.value + ", armed" * armed)
-        self._events.tick(inputs, out)
+        state = {"phase": phase, "armed": armed, "ready": self._ready}
+        if self._state.write(**state, inhibit_reason=inhibited) and self._ready:
+            self._supervisor.status(inhibited or phase + ", armed" * armed)
+        self._events.tick(inputs, tick)
         self._events.link(self._link.problem)
         self._events.refused(self._link.codec.statistics, time.monotonic())
 
@@ -161,8 +159,8 @@ class Daemon:
         now = time.monotonic()
         if not self._ready and now - self._said >= _STATUS_PERIOD:
             self._said = now
-            self._supervisor.starting(self._vital.missing)
-            event(self._vital.missing)
+            self._supervisor.starting(self._liveness.missing)
+            event(self._liveness.missing)
         if not self._stop:
             return False
         if self._leave_until is None:
@@ -171,38 +169,20 @@ class Daemon:
             event("stopping", streaming=self._streaming)
         return not self._streaming or now >= self._leave_until
 
-    def _record(self, inputs: TickInputs, out: TickOutputs, taken: float) -> None:
-        """Log the tick, once everything has been sent; its own cost shows in the next record."""
-        if self._recorder is None:
-            return
-        if self._recorder.failed is not None:
-            event("log", logging.WARNING, text=self._recorder.failed)
-            self._close_log()
-            return
-        out.stages |= {"tick": taken, "log": self._log_cost}
-        started = time.perf_counter()
-        self._recorder.write(inputs, out, self._packets, self._counters())
-        self._packets.clear()
-        self._log_cost = time.perf_counter() - started
+    def _record(self, inputs: TickInputs, tick: Tick) -> None:
+        """Log the tick; a log that fails is closed, and the flight goes on."""
+        recorder = self._session.recorder
+        if recorder is not None and recorder.failed is not None:
+            event("log", logging.WARNING, text=recorder.failed)
+            self._session.close_log()
+        self._session.log(inputs, tick)
 
     def _open_log(self, path: Path) -> None:
         """Begin the flight log; where that cannot be, fly without."""
         try:
-            self._recorder = Recorder(self._config, path)
+            self._session.open_log(Recorder(self._config, path))
         except OSError as error:
             event("log", logging.WARNING, text=f"no flight log: {error}")
-            return
-        self._link.tap = lambda sent, data: self._packets.append((sent, data))
-
-    def _close_log(self) -> None:
-        self._link.tap = None
-        self._packets.clear()
-        if self._recorder is not None:
-            self._recorder.close()
-            self._recorder = None
-
-    def _counters(self) -> dict[str, int]:
-        return {"deadline_misses": self._pace.misses} | asdict(self._link.codec.statistics)
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         self._stop = True

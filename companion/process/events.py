@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import logging
 
-from companion.perception.camera_health import Trouble
-from companion.pipeline import TickInputs, TickOutputs
+from companion.perception.camera_health import CameraFault
 from companion.process.journal import event
 from companion.supervision.guard import Reason
-from companion.supervision.phases import Phase
+from companion.tick import Tick, TickInputs
+from companion.types import Phase
 from mavlink_bridge.wire.codec import CodecStatistics
 from mavlink_bridge.wire.messages import StatusText
 
@@ -22,8 +22,8 @@ class Events:
         self._phase: Phase | None = None
         self._reason: Reason | None = None
         self._armed: bool | None = None
-        self._trouble: Trouble | None = None
-        self._objection = ""
+        self._fault: CameraFault | None = None
+        self._inhibit_reason = ""
         self._problem = ""
         self._refused, self._refused_at = 0, -1e9
 
@@ -42,28 +42,29 @@ class Events:
                   unsigned=counts.unsigned)  # fmt: skip
             self._refused, self._refused_at = refused, now
 
-    def tick(self, inputs: TickInputs, out: TickOutputs) -> None:
+    def tick(self, inputs: TickInputs, tick: Tick) -> None:
         """Log what changed."""
+        supervised, fault = tick.supervised, tick.seen.fault
         for received in inputs.received:
             if isinstance(received.message, StatusText):
                 text = received.message
                 level = logging.WARNING if text.severity <= _WARNING else logging.INFO
                 event("vehicle says", level, text=text.text, severity=text.severity)
-        if out.phase is not self._phase:
-            event("phase", phase=out.phase.value, time=out.time)
-            self._phase = out.phase
-        armed = out.heartbeat.armed if out.heartbeat else None
+        if supervised.phase is not self._phase:
+            event("phase", phase=supervised.phase.value, time=tick.time)
+            self._phase = supervised.phase
+        armed = tick.vehicle.heartbeat.armed if tick.vehicle.heartbeat else None
         if armed is not self._armed:
-            event("armed" if armed else "disarmed", time=out.time)
+            event("armed" if armed else "disarmed", time=tick.time)
             self._armed = armed
-        if out.trouble is not self._trouble:
-            level = logging.INFO if out.trouble is Trouble.NONE else logging.WARNING
-            event("camera", level, trouble=out.trouble.value, time=out.time)
-        self._trouble = out.trouble
-        if out.objection != self._objection and out.objection:
-            event("objection", logging.WARNING, text=out.objection)
-        self._objection = out.objection
-        reason = out.verdict.reason if out.verdict else None
+        if fault is not self._fault:
+            level = logging.INFO if fault is CameraFault.NONE else logging.WARNING
+            event("camera", level, fault=fault.value, time=tick.time)
+        self._fault = fault
+        if supervised.inhibit_reason != self._inhibit_reason and supervised.inhibit_reason:
+            event("inhibited", logging.WARNING, reason=supervised.inhibit_reason)
+        self._inhibit_reason = supervised.inhibit_reason
+        reason = supervised.verdict.reason if supervised.verdict else None
         if reason is not self._reason and Reason.PLAN is not reason is not None:
-            event("guard", logging.WARNING, reason=reason.value, time=out.time)
+            event("guard", logging.WARNING, reason=reason.value, time=tick.time)
         self._reason = reason

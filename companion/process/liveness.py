@@ -8,25 +8,26 @@ made up its mind: a companion that waits for a pilot is watched as well.
 
 from __future__ import annotations
 
-from companion.pipeline import TickOutputs
 from companion.supervision.guard import FALLBACK_MAX
+from companion.tick import Tick
 
 
-class Vital:
+class Liveness:
     """Follows the ticks of one daemon."""
 
     def __init__(self, period: float) -> None:
         self._fallback_ticks = round(FALLBACK_MAX / period)
         self._heard = self._seen = self._solved = False
 
-    def judge(self, out: TickOutputs, sent: bool) -> bool:
-        """True where this tick did its work; sent: its messages left the process."""
-        self._heard |= out.heartbeat is not None
-        self._seen |= out.sighting.own is not None
-        self._solved |= out.rehearsed or (out.result is not None and out.result.usable)
-        if out.verdict is None:
+    def judge(self, tick: Tick, sent: bool) -> bool:
+        """Return whether this tick did its work; sent: its messages left the process."""
+        plan, verdict = tick.planned.plan, tick.supervised.verdict
+        self._heard |= tick.vehicle.heartbeat is not None
+        self._seen |= tick.seen.own is not None
+        self._solved |= tick.planned.self_tested or (plan is not None and plan.usable)
+        if verdict is None:
             return True
-        return sent and out.verdict.bad_ticks <= self._fallback_ticks
+        return sent and verdict.bad_ticks <= self._fallback_ticks
 
     @property
     def ready(self) -> bool:

@@ -14,8 +14,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol
 
-from companion.pipeline import TickInputs
 from companion.process.frame_source import FrameSource
+from companion.tick import TickInputs
 from mavlink_bridge.wire.link import Link
 from mavlink_bridge.wire.messages import (
     Attitude,

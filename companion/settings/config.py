@@ -11,6 +11,7 @@ from typing import Any, Self
 
 from pydantic import model_validator
 
+from companion.guidance.guidance import GuidanceSettings
 from companion.settings.consistency import contradictions
 from companion.settings.sections import CompanionSections
 from mavlink_bridge.shared.settings import (
@@ -21,7 +22,7 @@ from mavlink_bridge.shared.settings import (
     validate,
 )
 
-FILEVERSION = 1
+FILEVERSION = 2
 _NEIGHBOURS = 12  # flocking rules sum over all that are seen, not over the most critical
 DEFAULT, AIRFRAMES, BRIDGES = "default.yaml", "airframes", "bridges"
 
@@ -35,26 +36,45 @@ class CompanionConfig(CompanionSections):
             raise wrong
         return self
 
+    def for_controller(self) -> CompanionConfig:
+        """Return the configuration as its `controller` needs it.
 
-def adapted(config: CompanionConfig) -> CompanionConfig:
-    """The configuration as its `controller` needs it.
-
-    single-horizon: cohesion and distance over all of N, the conventional NMPC. Rules for the
-    velocity are told of every neighbour in view, as it flies and where the goal is: they make way
-    in their own manner.
-    """
-    if config.controller == "nmpc":
-        return config
-    if config.controller == "single-horizon":
-        whole = {"M": config.nmpc.N, "M_constraint": config.nmpc.N}
-        return config.model_copy(update={"nmpc": config.nmpc.model_copy(update=whole)})
-    return config.model_copy(
-        update={
-            "nmpc": config.nmpc.model_copy(update={"neighbours": _NEIGHBOURS}),
-            "threat": config.threat.model_copy(update={"critical": _NEIGHBOURS, "keep_right": 0.0}),
-            "reciprocity": config.reciprocity.model_copy(update={"share": 0.0}),
+        single-horizon: cohesion and distances over all of N, the conventional NMPC. Rules for the
+        velocity know every neighbour in view, as it flies, and the goal as it is: they make way in
+        their own manner.
+        """
+        if self.controller == "nmpc":
+            return self
+        if self.controller == "single-horizon":
+            whole = {"M": self.nmpc.N, "M_constraint": self.nmpc.N}
+            return self.model_copy(update={"nmpc": self.nmpc.model_copy(update=whole)})
+        changes = {
+            "nmpc": {"neighbours": _NEIGHBOURS},
+            "threat": {"critical": _NEIGHBOURS},
+            "right_of_way": {"keep_right": 0.0},
+            "reciprocity": {"share": 0.0},
         }
-    )
+        return self.model_copy(
+            update={k: getattr(self, k).model_copy(update=v) for k, v in changes.items()}
+        )
+
+    def guidance(self) -> GuidanceSettings:
+        """Return what guidance needs of all sections."""
+        return GuidanceSettings(
+            mission=self.mission,
+            gaze=self.gaze,
+            threat=self.threat,
+            right_of_way=self.right_of_way,
+            speed_limits=self.speed_limits,
+            surfaces=self.surfaces,
+            fence=self.fence,
+            cruise=self.nmpc.speed,
+            v_max=self.nmpc.v_max,
+            blind_speed=self.guard.blind_speed,
+            d_ref=self.nmpc.d_ref,
+            d_agent=self.nmpc.d_agent_safety,
+            d_obstacle=self.nmpc.d_obstacle_safety,
+        )
 
 
 def load_config(path: Path, overrides: list[str] | None = None) -> CompanionConfig:

@@ -32,11 +32,11 @@ def _sources(config: CompanionSections) -> Iterator[Contradiction]:
         if chosen in choices and not simulated:
             text = f"{key}: {chosen} needs the simulator as source; a camera has {key}: camera"
             yield Contradiction((f"sensing.{key}", "camera.source"), text)
-    if config.camera.latency >= config.eye.late:
+    if config.camera.latency >= config.camera_health.late:
         yield Contradiction(
-            ("camera.latency", "eye.late"),
+            ("camera.latency", "camera_health.late"),
             f"every frame is late: camera.latency, {config.camera.latency:g}, must be below "
-            f"eye.late, {config.eye.late:g}",
+            f"camera_health.late, {config.camera_health.late:g}",
         )
     looks, life = 2 * config.sensing.trunks_every, config.obstacles.doubtful_unseen
     if looks * config.timing.period >= life:

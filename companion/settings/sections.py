@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from collections.abc import Mapping
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -12,12 +13,15 @@ from companion.estimation.obstacle_map import ObstacleConfig
 from companion.estimation.surface_map import SurfaceConfig
 from companion.estimation.tracker import TrackerConfig
 from companion.guidance.fence import FenceConfig
-from companion.guidance.line_of_sight import GazeConfig
+from companion.guidance.gaze import GazeConfig
+from companion.guidance.mission import MissionConfig
 from companion.guidance.reciprocity import ReciprocityConfig
+from companion.guidance.right_of_way import RightOfWayConfig
+from companion.guidance.speed_limits import SpeedLimitConfig
 from companion.guidance.threat import ThreatConfig
-from companion.guidance.waypoints import MissionConfig
-from companion.perception.camera_health import EyeConfig
+from companion.perception.camera_health import CameraHealthConfig
 from companion.perception.config import CameraConfig, SensingConfig
+from companion.settings.renamed import RENAMED
 from companion.supervision.guard import GuardConfig
 from mavlink_bridge.autopilots.registry import AutopilotName
 from mavlink_bridge.shared.settings import (
@@ -133,12 +137,14 @@ class LogConfig(StrictModel):
 class CompanionSections(StrictModel):
     """The sections of a drone's file, each valid by itself."""
 
-    fileversion: Literal[1] = 1
+    RENAMED: ClassVar[Mapping[str, str]] = RENAMED
+
+    fileversion: Literal[2] = 2
     name: str = Field("drone1", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,62}$")
     airframe: AirframeConfig = AirframeConfig()
     link: LinkConfig = LinkConfig()
     camera: CameraConfig = CameraConfig()
-    eye: EyeConfig = EyeConfig()
+    camera_health: CameraHealthConfig = CameraHealthConfig()
     sensing: SensingConfig = SensingConfig()
     timing: TimingConfig = TimingConfig()
     tracker: TrackerConfig = TrackerConfig()
@@ -146,6 +152,8 @@ class CompanionSections(StrictModel):
     surfaces: SurfaceConfig = SurfaceConfig()
     reciprocity: ReciprocityConfig = ReciprocityConfig()
     threat: ThreatConfig = ThreatConfig()
+    right_of_way: RightOfWayConfig = RightOfWayConfig()
+    speed_limits: SpeedLimitConfig = SpeedLimitConfig()
     gaze: GazeConfig = GazeConfig()
     mission: MissionConfig = MissionConfig()
     controller: Controller = Field(

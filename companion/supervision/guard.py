@@ -25,7 +25,7 @@ from typing import Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from companion.types import Result
+from companion.types import Plan
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.frames import integrate, rotation_matrix
 from mavlink_bridge.shared.settings import Contradiction, StrictModel
@@ -54,10 +54,10 @@ class Reason(Enum):
     LATE = "late"  # ticks do not come in time, or commands get lost
 
 
-class Ask(Enum):
+class AutopilotRequest(Enum):
     """What the autopilot is to do about it."""
 
-    NOTHING = "nothing"
+    NONE = "nothing"
     HOLD = "hold"
     LAND = "land"
     SILENCE = "silence"  # nothing: its own failsafe is to take over, so no setpoint is sent
@@ -139,25 +139,26 @@ class GuardConfig(StrictModel):
 
 
 @dataclass(frozen=True)
-class Situation:
-    """What a verdict depends on, besides how it has been until now.
+class GuardInputs:
+    """What a verdict depends on, besides the guard's memory.
 
-    time: s, of the tick. result: this tick's solve, if any. own: state now. age: s, of
-    telemetry. believable: attitude and position make sense. outside: m beyond the fence (< 0:
-    within), outward: m/s across it. blind: s since the camera last showed anything. held: s that
-    the last command was in force; 0: it was the first. lost: share of telemetry that is lost.
+    time: s, of the tick. plan: this tick's plan, if any. own: state now. age: s, of the telemetry.
+    plausible: attitude and position can be those of a flying drone. outside: m beyond the fence
+    (< 0: within); outward: m/s across it. blind: s that the camera has had a fault. tick_gap: s
+    that the last command was in force; 0: this is the first. packet_loss: share 0…1 of lost
+    telemetry.
     """
 
     time: float
-    result: Result | None = None
+    plan: Plan | None = None
     own: VehicleState | None = None
     age: float = float("inf")
-    believable: bool = True
+    plausible: bool = True
     outside: float = float("-inf")
     outward: float = 0.0
     blind: float = 0.0
-    held: float = 0.0
-    lost: float = 0.0
+    tick_gap: float = 0.0
+    packet_loss: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -167,7 +168,7 @@ class Verdict:
     command: RateCommand
     reason: Reason
     bad_ticks: int
-    ask: Ask = Ask.NOTHING
+    request: AutopilotRequest = AutopilotRequest.NONE
 
 
 class Guard:
@@ -180,13 +181,13 @@ class Guard:
         self._late_ticks = 0
         self._lossy_since: float | None = None
 
-    def judge(self, s: Situation) -> Verdict:
+    def judge(self, s: GuardInputs) -> Verdict:
         """The command for this tick; one call a tick."""
         c = self._config
-        good = s.result is not None and s.result.usable and bool(np.isfinite(s.result.u[0]).all())
+        good = s.plan is not None and s.plan.usable and bool(np.isfinite(s.plan.u[0]).all())
         known = s.own is not None and _finite(s.own) and s.age <= c.stale_stop
-        self._late_ticks = self._late_ticks + 1 if s.held > c.late else 0
-        if good and known and s.believable:
+        self._late_ticks = self._late_ticks + 1 if s.tick_gap > c.late else 0
+        if good and known and s.plausible:
             self._bad_ticks = 0
         else:
             self._bad_since = s.time if self._bad_ticks == 0 else self._bad_since
@@ -194,59 +195,66 @@ class Guard:
         if not known:
             return self._verdict(RateCommand(np.zeros(3), G), Reason.NO_STATE, self._stale(s.age))
         assert s.own is not None
-        if not s.believable:
-            return self._verdict(level(s.own, c), Reason.BAD_STATE, Ask.LAND)
+        if not s.plausible:
+            return self._verdict(level(s.own, c), Reason.BAD_STATE, AutopilotRequest.LAND)
         verdict = self._with_plan(s, s.own) if good else self._without_plan(s, s.own)
         lossy = self._lossy(s)
-        if not lossy and self._late_ticks < 2 and not s.held > 2 * c.late:
+        if not lossy and self._late_ticks < 2 and not s.tick_gap > 2 * c.late:
             return verdict
-        command = brake_late(s.own, c, max(s.held, _LOST_HELD if lossy else 0.0))
-        hold = lossy > c.lost_hold and verdict.ask is Ask.NOTHING
-        return self._verdict(command, Reason.LATE, Ask.HOLD if hold else verdict.ask)
+        command = brake_late(s.own, c, max(s.tick_gap, _LOST_HELD if lossy else 0.0))
+        hold = lossy > c.lost_hold and verdict.request is AutopilotRequest.NONE
+        return self._verdict(
+            command, Reason.LATE, AutopilotRequest.HOLD if hold else verdict.request
+        )
 
-    def _lossy(self, s: Situation) -> float:
+    def _lossy(self, s: GuardInputs) -> float:
         """Seconds that too much has been lost, this tick included; 0 where it is not."""
-        if not s.lost > self._config.lost:
+        if not s.packet_loss > self._config.lost:
             self._lossy_since = None
             return 0.0
         if self._lossy_since is None:
             self._lossy_since = s.time
         return s.time - self._lossy_since + 1e-3
 
-    def _without_plan(self, s: Situation, own: VehicleState) -> Verdict:
+    def _without_plan(self, s: GuardInputs, own: VehicleState) -> Verdict:
         """The previous plan, shifted, a few times; then no plan at all."""
-        r = s.result
+        r = s.plan
         over = s.time - self._bad_since >= self._config.bad_land - 1e-6
-        ask = Ask.LAND if over else Ask.NOTHING
+        request = AutopilotRequest.LAND if over else AutopilotRequest.NONE
         if r is not None and self._bad_ticks <= self._config.shifted_max and _all_finite(r.u[0]):
-            return self._verdict(self._bounded(r.u[0]), Reason.SHIFTED_PLAN, ask)
-        return self._verdict(brake(own, self._config), Reason.BRAKE, ask)
+            return self._verdict(self._bounded(r.u[0]), Reason.SHIFTED_PLAN, request)
+        return self._verdict(brake(own, self._config), Reason.BRAKE, request)
 
-    def _with_plan(self, s: Situation, own: VehicleState) -> Verdict:
+    def _with_plan(self, s: GuardInputs, own: VehicleState) -> Verdict:
         """The plan, unless the drone has to slow down first."""
         c = self._config
-        assert s.result is not None
+        assert s.plan is not None
         if s.outside > c.fence_land:
-            return self._verdict(brake(own, c), Reason.FENCE, Ask.LAND)
+            return self._verdict(brake(own, c), Reason.FENCE, AutopilotRequest.LAND)
         if s.outside > 0.0 and s.outward > c.fence_drift:
             return self._verdict(brake(own, c), Reason.FENCE)
         if s.blind > 0.0:
             fast = float(np.linalg.norm(own.v)) > c.blind_speed
-            ask = Ask.HOLD if s.blind > c.blind_hold else Ask.NOTHING
+            request = AutopilotRequest.HOLD if s.blind > c.blind_hold else AutopilotRequest.NONE
             if fast or s.blind > c.blind_hover:
-                return self._verdict(brake(own, c), Reason.BLIND, ask)
-            return self._verdict(self._bounded(s.result.u[0]), Reason.BLIND, ask)
-        return self._verdict(self._bounded(s.result.u[0]), Reason.PLAN)
+                return self._verdict(brake(own, c), Reason.BLIND, request)
+            return self._verdict(self._bounded(s.plan.u[0]), Reason.BLIND, request)
+        return self._verdict(self._bounded(s.plan.u[0]), Reason.PLAN)
 
-    def _stale(self, age: float) -> Ask:
+    def _stale(self, age: float) -> AutopilotRequest:
         """What silence asks for; an age that is no number is a long one."""
         c = self._config
         if not age <= c.stale_silent:
-            return Ask.SILENCE
-        return Ask.LAND if age > c.stale_land else Ask.HOLD
+            return AutopilotRequest.SILENCE
+        return AutopilotRequest.LAND if age > c.stale_land else AutopilotRequest.HOLD
 
-    def _verdict(self, command: RateCommand, reason: Reason, ask: Ask = Ask.NOTHING) -> Verdict:
-        return Verdict(command, reason, self._bad_ticks, ask)
+    def _verdict(
+        self,
+        command: RateCommand,
+        reason: Reason,
+        request: AutopilotRequest = AutopilotRequest.NONE,
+    ) -> Verdict:
+        return Verdict(command, reason, self._bad_ticks, request)
 
     def _bounded(self, u: Vector) -> RateCommand:
         c = self._config

@@ -7,9 +7,9 @@ landed, whatever mode we did not ask for makes the companion passive for the res
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import Enum
 
-from companion.guidance.waypoints import MissionConfig
+from companion.guidance.mission import MissionConfig
+from companion.types import Phase
 from mavlink_bridge.autopilots.registry import Autopilot
 from mavlink_bridge.wire.messages import Heartbeat, Message, VehicleState
 
@@ -18,19 +18,6 @@ COMPANION_HEARTBEAT = Heartbeat(autopilot=8, vehicle_type=18, armed=False, custo
 _ASK_AGAIN = 1.0  # s between repeated requests
 _ASK_RELEASE = 0.3  # the same while there are only two seconds left
 _ANSWER = 2.0  # s after the request to arm in which an armed vehicle is the answer to it
-
-
-class Phase(Enum):
-    """What the companion is doing about the vehicle."""
-
-    WAIT = "wait"  # for telemetry, a frame and a solved tick, or for the pilot
-    ARM = "arm"
-    TAKEOFF = "takeoff"
-    ENGAGE = "engage"  # setpoints hold the place while offboard is asked for
-    FLY = "fly"
-    LAND = "land"
-    DONE = "done"  # landed and disarmed
-    PASSIVE = "passive"  # somebody else flies
 
 
 @dataclass(frozen=True)
@@ -42,7 +29,7 @@ class Decision:
     stream: bool = False
 
 
-class Phases:
+class PhaseMachine:
     """The state machine; one call a tick."""
 
     def __init__(self, config: MissionConfig, autopilot: Autopilot) -> None:

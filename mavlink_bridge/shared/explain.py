@@ -73,6 +73,9 @@ def _place(places: Mapping[Key, str], location: Key, name: str) -> str:
 def _text(model: type[BaseModel], location: Key, error: dict[str, Any]) -> str:
     kind, got = error["type"], error["input"]
     if kind == "extra_forbidden":
+        renamed: Mapping[str, str] = getattr(model, "RENAMED", {})
+        if dotted(location) in renamed:
+            return f"was renamed to {renamed[dotted(location)]}"
         valid = _fields_at(model, location[:-1])
         close = difflib.get_close_matches(str(location[-1]), valid, 1)
         hint = f"did you mean {close[0]!r}? " if close else ""

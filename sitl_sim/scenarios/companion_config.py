@@ -32,7 +32,7 @@ def companion_config(scenario: Scenario, i: int, folder: Path, clock: bool) -> d
     turn = np.array([[c, -sn, 0.0], [sn, c, 0.0], [0.0, 0.0, 1.0]])
     goals = [turn @ (np.array(g) - start[i]) for g in scenarios.targets(s, start)[name]]
     config: dict[str, Any] = {
-        "fileversion": 1,
+        "fileversion": 2,
         "name": name,
         "link": {
             "endpoint": f"udpin:{wire.host}:{companion_port(wire, i + 1)}",

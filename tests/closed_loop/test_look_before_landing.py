@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from companion.guidance.line_of_sight import GazeConfig
+from companion.guidance.gaze import GazeConfig
 from sitl_sim.__main__ import main
 
 SCENARIO = """

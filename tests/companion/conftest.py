@@ -16,7 +16,7 @@ import pytest
 from tests.companion.deployment import free_ports
 
 SCENARIO = """
-fileversion: 1
+fileversion: 2
 name: served
 world: {{cylinders: [{{x: 6.0, y: 2.5, radius: 0.5}}]}}
 drones: {{count: 3, heading_deg: 0.0, spacing: 6.0, autopilot: {autopilot},
@@ -26,7 +26,7 @@ sensing: {{neighbours: truth, obstacles: map, width: 64, height: 64}}
 wire: {{companion_port: {p}, gcs_port: {g}, frame_port: {f}}}
 """
 DRONE = """
-fileversion: 1
+fileversion: 2
 name: drone{i}
 link: {{endpoint: 'udpin:127.0.0.1:{port}', system_id: {i}}}
 camera: {{source: 'sim:127.0.0.1:{frames}', width: 64, height: 64}}

@@ -10,7 +10,7 @@ import time
 import zipfile
 from pathlib import Path
 
-DRONE = """fileversion: 1
+DRONE = """fileversion: 2
 name: {name}
 link: {{system_id: {i}, endpoint: 'udpin:127.0.0.1:{port}'}}
 camera: {{source: 'sim:127.0.0.1:{frames}'}}
@@ -65,7 +65,7 @@ def free_ports(count):
 def write_drones(folder, names, more=""):
     """Drones that differ in all that they must, and a default.yaml below them."""
     folder.mkdir(exist_ok=True)
-    (folder / "default.yaml").write_text("fileversion: 1\nmission: {tolerance: 2.0}\n")
+    (folder / "default.yaml").write_text("fileversion: 2\nmission: {tolerance: 2.0}\n")
     files = []
     for i, name in enumerate(names, start=1):
         files.append(folder / f"{name}.yaml")

@@ -6,12 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.control.nmpc.casadi_model import casadi_f, casadi_step
 from companion.model import (
     GRAVITY,
     HOVER,
     body_axes,
-    casadi_f,
-    casadi_step,
     f,
     normalise,
     observed_disturbance,

@@ -2,13 +2,12 @@
 
 import numpy as np
 
-from companion.guidance.waypoints import Progress
-from companion.perception.frontend import Sighting
+from companion.guidance.mission import MissionProgress
+from companion.perception.frontend import Detections
 from companion.pipeline import TickInputs, TickOutputs
 from companion.settings.config import CompanionConfig
 from companion.supervision.guard import Reason, Verdict
-from companion.supervision.phases import Phase
-from companion.types import Detection, Obstacles, Result, Status, Track, Trunk
+from companion.types import Detection, Obstacles, Phase, Plan, PlanStatus, Track, Trunk
 from mavlink_bridge.wire.messages import RateCommand, VehicleState
 from mavlink_bridge.wire.video import Frame
 
@@ -26,18 +25,18 @@ def tick(n, phase=Phase.FLY, image=None):
                        rng.normal(size=3))  # fmt: skip
     tracks = [Track(i, rng.normal(size=3), rng.normal(size=3), np.eye(6) * 0.01, 1.0, 0.1)
               for i in range(6)]  # fmt: skip
-    sighting = Sighting(
+    sighting = Detections(
         time, own,
         [Detection(rng.normal(size=3), rng.uniform(1, 9), 0.01, 0.1, 0.9) for _ in range(4)],
         [Trunk(rng.normal(size=3), rng.uniform(1, 9), 1.0, 0.1) for _ in range(5)],
     )  # fmt: skip
-    result = Result(rng.normal(size=(21, 10)), rng.normal(size=(20, 4)), Status.SOLVED, True, 3,
+    result = Plan(rng.normal(size=(21, 10)), rng.normal(size=(20, 4)), PlanStatus.SOLVED, True, 3,
                     0.01, 0.1, 0.0, 0.0, 0.0, ("agent",), 1.0)  # fmt: skip
     out = TickOutputs(
         time, phase=phase, own=own, sighting=sighting, tracks=tracks,
         critical=[(t, 0.5) for t in tracks[:3]],
         obstacles=Obstacles(rng.normal(size=(5, 3)), np.zeros((0, 4)), np.zeros((0, 3))),
-        progress=Progress(np.array([1.0, 2.0, 3.0]), 0, False), result=result,
+        progress=MissionProgress(np.array([1.0, 2.0, 3.0]), 0, False), result=result,
         verdict=Verdict(RateCommand(rng.normal(size=3), 9.8), Reason.PLAN, 0),
         stages={"see": 0.004, "plan": 0.01},
     )  # fmt: skip

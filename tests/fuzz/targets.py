@@ -20,7 +20,7 @@ from companion.flightlog.replay import replay
 from companion.pipeline import Pipeline, TickInputs
 from companion.process.signing_keys import Timestamps
 from companion.settings.config import CompanionConfig, load_config
-from companion.supervision.phases import Phase
+from companion.types import Phase
 from mavlink_bridge.betaflight import msp
 from mavlink_bridge.betaflight.bridge import BetaflightBridge
 from mavlink_bridge.betaflight.controller import QUESTIONS, interview

@@ -7,7 +7,7 @@ from typing import Protocol
 
 from companion.control.baselines.config import BaselinesConfig, Controller
 from companion.control.nmpc import Instance, Nmpc, NmpcConfig
-from companion.types import Result
+from companion.types import Plan
 
 __all__ = ["BaselinesConfig", "Controller", "Planner", "make_planner"]
 
@@ -15,7 +15,7 @@ __all__ = ["BaselinesConfig", "Controller", "Planner", "make_planner"]
 class Planner(Protocol):
     """What plans: the NMPC or what stands in its place."""
 
-    def solve(self, instance: Instance) -> Result:
+    def solve(self, instance: Instance) -> Plan:
         """Plan from the instance; never raises, never gives a non-finite number."""
         ...
 

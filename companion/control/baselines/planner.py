@@ -12,7 +12,7 @@ from companion.control.baselines.rules import Rule
 from companion.control.baselines.surroundings import Surroundings
 from companion.control.nmpc import Instance, NmpcConfig
 from companion.model import HOVER, yaw_of
-from companion.types import Result, Status
+from companion.types import Plan, PlanStatus
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.shared.thrust import G
@@ -38,7 +38,7 @@ class VelocityPlanner:
     def reset(self) -> None:
         """A rule remembers nothing."""
 
-    def solve(self, instance: Instance) -> Result:
+    def solve(self, instance: Instance) -> Plan:
         """The command for now; the plan behind it flies straight on."""
         started = self._stopwatch()
         finite = instance.finite()
@@ -55,7 +55,7 @@ class VelocityPlanner:
         wanted = c.climb_gain * float(instance.goal[2] - instance.x0[2])
         return min(max(wanted, -c.climb_max), c.climb_max)
 
-    def _plan(self, instance: Instance, v: Vector, usable: bool, started: float) -> Result:
+    def _plan(self, instance: Instance, v: Vector, usable: bool, started: float) -> Plan:
         n, dt = self._nmpc.N, self._nmpc.dt
         u = np.tile(HOVER, (n, 1))
         x = np.tile(instance.x0 if usable else np.eye(10)[6], (n + 1, 1))
@@ -63,8 +63,8 @@ class VelocityPlanner:
             x[:, :3] += np.arange(n + 1)[:, None] * dt * v
             x[1:, 3:6] = v
             u[0] = self._bounded(track(v, instance, self._tracking))
-        return Result(
-            x=x, u=u, status=Status.SOLVED if usable else Status.NOT_FINITE, usable=usable,
+        return Plan(
+            x=x, u=u, status=PlanStatus.SOLVED if usable else PlanStatus.NOT_FINITE, usable=usable,
             iterations=1, solve_time=self._stopwatch() - started, step_norm=0.0,
             slack_agent=0.0, slack_obstacle=0.0, slack_plane=0.0, active=(), cost=0.0,
         )  # fmt: skip

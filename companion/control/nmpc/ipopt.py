@@ -11,7 +11,7 @@ import numpy as np
 from companion.control.nmpc.config import NmpcConfig
 from companion.control.nmpc.instance import Instance
 from companion.control.nmpc.outcome import (
-    Plan,
+    Trajectory,
     cold_guess,
     failed,
     hover,
@@ -24,7 +24,7 @@ from companion.control.nmpc.parameters import Numbers, weight_numbers
 from companion.control.nmpc.problem import build_stage
 from companion.control.nmpc.qp import change_bounds, input_bounds
 from companion.model import NU, NX, normalise
-from companion.types import Result, Status
+from companion.types import Plan, PlanStatus
 from mavlink_bridge.shared.arrays import Vector
 
 INFINITY = float("inf")
@@ -53,7 +53,7 @@ class IpoptNmpc:
         self._weights = weight_numbers(config)
         self._numbers = Numbers(config)
         self._build(expand, tolerance, barrier)
-        self._plan: Plan | None = None
+        self._plan: Trajectory | None = None
 
     def _build(self, expand: bool, tolerance: float, barrier: float) -> None:
         config, N, stage = self.config, self.config.N, self._stage
@@ -115,7 +115,7 @@ class IpoptNmpc:
         """Forget the previous plan."""
         self._plan = None
 
-    def guess(self, plan: Plan) -> None:
+    def guess(self, plan: Trajectory) -> None:
         """Take `plan` as the previous plan, already shifted: start from there next time."""
         x, u = plan
         self._plan = (
@@ -123,13 +123,13 @@ class IpoptNmpc:
             np.concatenate([u[:1], u[:-1]]),
         )
 
-    def solve(self, instance: Instance, steps: int = 1) -> Result:
+    def solve(self, instance: Instance, steps: int = 1) -> Plan:
         """Converged plan of the instance; never raises, never gives a non-finite number."""
         started = self._clock()
         with np.errstate(all="ignore"):
             return self._solve(instance, steps, started)
 
-    def _solve(self, instance: Instance, steps: int, started: float) -> Result:
+    def _solve(self, instance: Instance, steps: int, started: float) -> Plan:
         config, N = self.config, self.config.N
         if self._plan is not None:
             self._plan = shifted(self._plan, steps, config.dt)
@@ -140,7 +140,7 @@ class IpoptNmpc:
         self._numbers.fill(instance)
         scene, stages = self._numbers.scene, self._numbers.stages.T
         if not all(np.isfinite(a).all() for a in (x0, u_last, scene, stages)):
-            return self._failure(instance, Status.NOT_FINITE, 0, started)
+            return self._failure(instance, PlanStatus.NOT_FINITE, 0, started)
         x, u = self._plan if self._plan is not None else cold_guess(config, instance, x0)
         x = x.copy()
         if float(x[0, 6:10] @ x0[6:10]) < 0.0:
@@ -156,7 +156,7 @@ class IpoptNmpc:
         iterations = int(statistics["iter_count"])
         solution = answer["x"].full().ravel()
         if not (statistics["success"] and np.isfinite(solution).all()):
-            return self._failure(instance, Status.INFEASIBLE, iterations, started)
+            return self._failure(instance, PlanStatus.INFEASIBLE, iterations, started)
         x = np.concatenate([here[None], solution[: NX * N].reshape(N, NX)])
         u = solution[NX * N : (NX + NU) * N].reshape(N, NU)
         cost, margins = self._evaluate(x, u, u_last, stages, scene)
@@ -169,7 +169,7 @@ class IpoptNmpc:
             self._plan,
             cost,
             margins,
-            status=Status.SOLVED,
+            status=PlanStatus.SOLVED,
             iterations=iterations,
             step_norm=0.0,
             elapsed=lambda: self._clock() - started,
@@ -188,8 +188,8 @@ class IpoptNmpc:
         return float(costs.full().sum()) + penalised(self.config, margins), margins
 
     def _failure(
-        self, instance: Instance, status: Status, iterations: int, started: float
-    ) -> Result:
+        self, instance: Instance, status: PlanStatus, iterations: int, started: float
+    ) -> Plan:
         plan = self._plan if self._plan is not None else hover(self.config, instance.x0)
         took = self._clock() - started
         return failed(plan, status=status, iterations=iterations, solve_time=took)

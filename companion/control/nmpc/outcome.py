@@ -10,12 +10,12 @@ import numpy as np
 from companion.control.nmpc.config import NmpcConfig
 from companion.control.nmpc.instance import Instance
 from companion.model import GRAVITY, HOVER, NU, yaw_of, yaw_quaternion
-from companion.types import Result, Status
+from companion.types import Plan, PlanStatus
 from mavlink_bridge.shared.arrays import Vector
 
-Plan = tuple[Vector, Vector]
+Trajectory = tuple[Vector, Vector]
 
-# A constraint nearer than this to its bound is named in Result.active.
+# A constraint nearer than this to its bound is named in Plan.active.
 ACTIVE = 1e-3
 
 # Deceleration [m/s²] of the guess that brakes.
@@ -27,7 +27,7 @@ def no_clock() -> float:
     return 0.0
 
 
-def shifted(plan: Plan, steps: int, dt: float) -> Plan:
+def shifted(plan: Trajectory, steps: int, dt: float) -> Trajectory:
     """The plan as seen `steps` ticks later; the last input is held.
 
     steps is cut to the horizon: what is older than the plan is hover-like anyway.
@@ -62,7 +62,7 @@ def _held(x: list[float], u: list[float], dt: float) -> list[float]:
     ]
 
 
-def hover(config: NmpcConfig, x0: Vector) -> Plan:
+def hover(config: NmpcConfig, x0: Vector) -> Trajectory:
     """Staying where one is, level; also what stands in for a state that is not finite."""
     state = np.zeros(10)
     state[6] = 1.0
@@ -71,7 +71,7 @@ def hover(config: NmpcConfig, x0: Vector) -> Plan:
     return np.tile(state, (config.N + 1, 1)), np.tile(HOVER, (config.N, 1))
 
 
-def cold_guess(config: NmpcConfig, instance: Instance, x0: Vector) -> Plan:
+def cold_guess(config: NmpcConfig, instance: Instance, x0: Vector) -> Trajectory:
     """Where nothing is known: level flight straight to the goal, at speed within a second."""
     k = np.arange(config.N + 1)[:, None] * config.dt
     e = instance.goal - x0[:3]
@@ -85,7 +85,7 @@ def cold_guess(config: NmpcConfig, instance: Instance, x0: Vector) -> Plan:
     return x, np.tile(HOVER, (config.N, 1))
 
 
-def brake_guess(config: NmpcConfig, x0: Vector) -> Plan:
+def brake_guess(config: NmpcConfig, x0: Vector) -> Trajectory:
     """Straight on to a halt at `_BRAKING`, level: the other way out where a plan is stuck."""
     k = np.arange(config.N + 1)[:, None] * config.dt
     speed = max(float(np.linalg.norm(x0[3:6])), 1e-6)
@@ -110,16 +110,16 @@ def penalised(config: NmpcConfig, margins: Vector) -> float:
 def judged(
     config: NmpcConfig,
     instance: Instance,
-    plan: Plan,
+    plan: Trajectory,
     cost: float,
     margins: Vector,
     *,
-    status: Status,
+    status: PlanStatus,
     iterations: int,
     step_norm: float,
     elapsed: Callable[[], float],
-) -> Result:
-    """Result of a usable plan. margins (N, rows): agents, cylinders, planes at 1…N.
+) -> Plan:
+    """Plan of a usable plan. margins (N, rows): agents, cylinders, planes at 1…N.
 
     cost: (29) with the penalties. A neighbour's margin beyond M_constraint is that of a row
     switched off.
@@ -129,7 +129,7 @@ def judged(
     nearest = [min(part, default=math.inf) for part in (rows[:J], rows[J:K], rows[K:])]
     names = [n for n, m in zip(("agent", "cylinder", "plane"), nearest, strict=True) if m < ACTIVE]
     x, u = plan
-    return Result(
+    return Plan(
         x=x,
         u=u,
         status=status,
@@ -163,9 +163,9 @@ def _speeding(instance: Instance, x: Vector) -> list[str]:
     return ["v_max"] if fastest > instance.v_max - ACTIVE else []
 
 
-def failed(plan: Plan, *, status: Status, iterations: int, solve_time: float) -> Result:
-    """Result of a solve that gave nothing: `plan` is the fallback."""
-    return Result(
+def failed(plan: Trajectory, *, status: PlanStatus, iterations: int, solve_time: float) -> Plan:
+    """Plan of a solve that gave nothing: `plan` is the fallback."""
+    return Plan(
         x=plan[0],
         u=plan[1].reshape(-1, NU),
         status=status,

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.control.nmpc import constraints, costs
+from companion.control.nmpc.casadi_model import casadi_step
 from companion.control.nmpc.config import NmpcConfig
 from companion.control.nmpc.parameters import scene_symbols, weight_symbols
-from companion.model import NU, NX, casadi_step
+from companion.model import NU, NX
 
 Indices = NDArray[np.int64]
 

@@ -23,7 +23,7 @@ from companion.control.nmpc.compiled import CompiledProgram, library
 from companion.control.nmpc.config import NmpcConfig
 from companion.control.nmpc.instance import Instance
 from companion.control.nmpc.outcome import (
-    Plan,
+    Trajectory,
     brake_guess,
     cold_guess,
     failed,
@@ -36,7 +36,7 @@ from companion.control.nmpc.outcome import (
 from companion.control.nmpc.problem import build_stage
 from companion.control.nmpc.qp import Program
 from companion.control.nmpc.stages import Stages
-from companion.types import Result, Status
+from companion.types import Plan, PlanStatus
 from mavlink_bridge.shared.arrays import Vector
 
 # Length below which a quaternion says nothing.
@@ -51,7 +51,7 @@ FULL_STEPS, HALVINGS, LEAST_GAIN = 20, 10, 1e-8
 class _Descent:
     """Where the steps from one guess ended. cost: with penalties; gap: left open in (31)."""
 
-    plan: Plan
+    plan: Trajectory
     cost: float
     gap: float
     margins: Vector
@@ -100,16 +100,16 @@ class Nmpc:
         )
         linearised = self._program.source[: config.N * stage.size]
         self._stages = Stages(config, stage, linearised, found)
-        self._plan: Plan | None = None
-        self._other: Plan | None = None  # a second start that the last tick had to break off
+        self._plan: Trajectory | None = None
+        self._other: Trajectory | None = None  # a second start that the last tick had to break off
         self._work = 0  # interior-point iterations of this tick
 
     def reset(self) -> None:
         """Forget the previous plan: the next solve starts cold."""
         self._plan = self._other = None
 
-    def solve(self, instance: Instance, steps: int = 1) -> Result:
-        """Plan from the instance; never raises, never gives a non-finite number.
+    def solve(self, instance: Instance, steps: int = 1) -> Plan:
+        """Trajectory from the instance; never raises, never gives a non-finite number.
 
         steps: ticks since the previous solve, by which its plan is shifted.
         """
@@ -117,7 +117,7 @@ class Nmpc:
         with np.errstate(all="ignore"):
             return self._solve(instance, steps, started)
 
-    def _solve(self, instance: Instance, steps: int, started: float) -> Result:
+    def _solve(self, instance: Instance, steps: int, started: float) -> Plan:
         config, stages, program = self.config, self._stages, self._program
         self._work = 0
         self._plan, self._other = (
@@ -129,11 +129,11 @@ class Nmpc:
         attitude = math.sqrt(float(x0[6:10] @ x0[6:10]))
         # A quaternion of no length is no attitude.
         if not (stages.place(instance, u_last) and attitude > SMALLEST and math.isfinite(x0.sum())):
-            return self._failure(instance, Status.NOT_FINITE, 0, started)
+            return self._failure(instance, PlanStatus.NOT_FINITE, 0, started)
         x0[6:10] /= attitude
         best = self._best(instance, x0, u_last)
         if best is None:
-            return self._failure(instance, Status.QP_FAILED, 0, started)
+            return self._failure(instance, PlanStatus.QP_FAILED, 0, started)
         self._plan = best.plan
         converged = best.step_norm <= config.step_tolerance
         return judged(
@@ -142,7 +142,7 @@ class Nmpc:
             best.plan,
             best.cost,
             best.margins,
-            status=Status.SOLVED if converged else Status.MAX_ITERATIONS,
+            status=PlanStatus.SOLVED if converged else PlanStatus.MAX_ITERATIONS,
             iterations=best.iterations,
             step_norm=best.step_norm,
             elapsed=lambda: self._clock() - started,
@@ -167,7 +167,7 @@ class Nmpc:
             self._other = other.plan
         return best
 
-    def _descend(self, guess: Plan, x0: Vector, u_last: Vector, most: int) -> _Descent | None:
+    def _descend(self, guess: Trajectory, x0: Vector, u_last: Vector, most: int) -> _Descent | None:
         """At least `sqp_iterations`, at most `most` steps from a guess; None: found nothing.
 
         What an earlier iteration found still stands when a later one finds nothing.
@@ -229,7 +229,7 @@ class Nmpc:
         stages.evaluate()
         return float(stages.costs.sum()) + penalised(self.config, stages.margins)
 
-    def _start_from(self, guess: Plan, x0: Vector) -> None:
+    def _start_from(self, guess: Trajectory, x0: Vector) -> None:
         """Set the iterate: relative to x0's place, quaternions on its side of the sphere."""
         stages = self._stages
         stages.x[:], stages.u[:] = guess
@@ -239,8 +239,8 @@ class Nmpc:
         stages.x[:, :3] -= x0[:3]
 
     def _failure(
-        self, instance: Instance, status: Status, iterations: int, started: float
-    ) -> Result:
+        self, instance: Instance, status: PlanStatus, iterations: int, started: float
+    ) -> Plan:
         plan = self._plan if self._plan is not None else hover(self.config, instance.x0)
         took = self._clock() - started
         return failed(plan, status=status, iterations=iterations, solve_time=took)

@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from companion.perception.camera_health import Trouble
+from companion.perception.camera_health import CameraFault
 from companion.supervision.guard import Ask, Reason
-from companion.supervision.phases import Phase
+from companion.types import Phase
 from mavlink_bridge.wire.messages import Command, CommandId, Heartbeat
 from tests.closed_loop.matrix.inprocess import Companion, fly
 
@@ -321,9 +321,9 @@ def row_14(note):
 
 
 def row_15(note):
-    kinds = {"camera_dead": Trouble.DEAD, "camera_frozen": Trouble.FROZEN,
-             "camera_black": Trouble.BLACK, "camera_saturated": Trouble.SATURATED,
-             "camera_late": Trouble.LATE}  # fmt: skip
+    kinds = {"camera_dead": CameraFault.DEAD, "camera_frozen": CameraFault.FROZEN,
+             "camera_black": CameraFault.BLACK, "camera_saturated": CameraFault.SATURATED,
+             "camera_late": CameraFault.LATE}  # fmt: skip
     for kind, trouble in kinds.items():
         f = fly([{"kind": kind, "at": CRUISE + 0.01}], pictures=True, count=2, drones__spacing=3.0,
                 **SHORT)  # fmt: skip

@@ -12,9 +12,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from companion.perception.camera_health import Trouble
+from companion.perception.camera_health import CameraFault
 from companion.supervision.guard import Ask, Reason
-from companion.supervision.phases import Phase
+from companion.types import Phase
 from sitl_sim.scenarios import scenario as scenarios
 from tests.closed_loop.matrix.checks import (
     OFFBOARD,
@@ -186,9 +186,9 @@ def check_14(f, i, kind, note):
     note("no setpoint after", last)
 
 
-TROUBLES = (("camera_dead", Trouble.DEAD), ("camera_frozen", Trouble.FROZEN),
-            ("camera_black", Trouble.BLACK), ("camera_saturated", Trouble.SATURATED),
-            ("camera_late", Trouble.LATE))  # fmt: skip
+TROUBLES = (("camera_dead", CameraFault.DEAD), ("camera_frozen", CameraFault.FROZEN),
+            ("camera_black", CameraFault.BLACK), ("camera_saturated", CameraFault.SATURATED),
+            ("camera_late", CameraFault.LATE))  # fmt: skip
 
 
 def check_15(f, i, kind, note):

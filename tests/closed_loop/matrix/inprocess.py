@@ -15,7 +15,7 @@ import numpy as np
 
 from companion.pipeline import Pipeline, TickInputs
 from companion.settings.config import CompanionConfig
-from companion.supervision.phases import Phase
+from companion.types import Phase
 from mavlink_bridge.shared.settings import overlay
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.link import Link

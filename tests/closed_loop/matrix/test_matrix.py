@@ -13,7 +13,8 @@ from companion.estimation.tracker import Tracker
 from companion.perception.camera_health import Eye
 from companion.process import pace
 from companion.supervision.guard import Ask, Guard
-from companion.supervision.phases import Phase, Phases
+from companion.supervision.phases import PhaseMachine
+from companion.types import Phase
 from mavlink_bridge.shared.settings import SettingsError
 from mavlink_bridge.wire.messages import Attitude, Received, Source
 from tests.closed_loop.matrix import checks, inprocess
@@ -45,7 +46,7 @@ def overridden(**sections):
 
 
 def ignore_the_pilot(patch):
-    advance = Phases._advance
+    advance = PhaseMachine._advance
 
     def stubborn(self, *args):
         flying = self.phase is Phase.FLY
@@ -53,7 +54,7 @@ def ignore_the_pilot(patch):
         if flying and self.phase is Phase.PASSIVE:
             self.phase = Phase.FLY
 
-    patch.setattr(Phases, "_advance", stubborn)
+    patch.setattr(PhaseMachine, "_advance", stubborn)
 
 
 def never_start_over(patch):

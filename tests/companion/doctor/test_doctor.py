@@ -103,7 +103,7 @@ def test_calibration_must_fit(world, calibration, level, text):
 
 def test_the_machine(tmp_path):
     file = tmp_path / "one.yaml"
-    file.write_text("fileversion: 1\n")
+    file.write_text("fileversion: 2\n")
     gone = ["log.path=/nowhere/a.mcap", "link.endpoint=serial:/dev/nothing:115200"]
     found = by_name(machine.examine(load_config(file, gone)))
     assert found["log"].level is Level.RED
@@ -122,7 +122,7 @@ def test_the_machine(tmp_path):
 )
 def test_what_cannot_be_read_is_not_tried(tmp_path, wrong, named):
     file = tmp_path / "one.yaml"
-    file.write_text("fileversion: 1\n")
+    file.write_text("fileversion: 2\n")
     speed = by_name(machine.examine(load_config(file, wrong)))["speed"]
     assert speed.level is Level.AMBER
     assert named in speed.text

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from companion.estimation.link_quality import LinkWatch
+from companion.estimation.link_quality import LinkQuality
 from companion.pipeline import TickOutputs
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.messages import Heartbeat, RateSetpoint, SystemTime
@@ -22,7 +22,7 @@ def frames():
 
 def lost(packets):
     """What is lost in the end, of two seconds at ten ticks each."""
-    codec, watch = Codec(1, 191), LinkWatch(2.0)
+    codec, watch = Codec(1, 191), LinkQuality(2.0)
     for k, part in enumerate(np.array_split(np.arange(len(packets)), 20)):
         watch.hear(0.1 * k, [r for n in part for r in codec.decode_datagram(packets[n])])
     return watch.lost

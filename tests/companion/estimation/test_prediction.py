@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from companion.estimation.prediction import Forecast
+from companion.estimation.prediction import StatePredictor
 from companion.model import GRAVITY, HOVER, predict
 from mavlink_bridge.wire.messages import VehicleState
 
@@ -19,7 +19,7 @@ def rest():
 
 
 def test_inputs_in_flight_act_when_they_do():
-    f = Forecast(DELAY)
+    f = StatePredictor(DELAY)
     strong = np.array([GRAVITY + 4.0, 0.0, 0.0, 0.0])
     f.sent(0.0, HOVER)
     f.sent(0.1, strong)
@@ -31,7 +31,7 @@ def test_inputs_in_flight_act_when_they_do():
 
 
 def test_a_long_delay_holds_several_inputs_in_flight():
-    f = Forecast(0.25)
+    f = StatePredictor(0.25)
     for k, extra in enumerate([1.0, 2.0, 4.0]):
         f.sent(0.1 * k, np.array([GRAVITY + extra, 0.0, 0.0, 0.0]))
     ahead = f.ahead(vehicle(0.25, rest()))  # to 0.5: 1.0 to 0.35, 2.0 to 0.45, 4.0 after
@@ -39,7 +39,7 @@ def test_a_long_delay_holds_several_inputs_in_flight():
 
 
 def test_at_the_shortest_period_all_that_the_longest_delay_holds_is_remembered():
-    f = Forecast(0.5)
+    f = StatePredictor(0.5)
     for k in range(50):
         f.sent(0.02 * k, np.array([GRAVITY + (k < 26), 0.0, 0.0, 0.0]))
     ahead = f.ahead(vehicle(0.98, rest()))  # to 1.48: 26 of 50 were strong, the last until 1.02
@@ -47,7 +47,7 @@ def test_at_the_shortest_period_all_that_the_longest_delay_holds_is_remembered()
 
 
 def test_drag_is_learnt_as_a_disturbance():
-    f, x, drag = Forecast(DELAY), rest(), np.array([-0.4, 0.2, 0.0])
+    f, x, drag = StatePredictor(DELAY), rest(), np.array([-0.4, 0.2, 0.0])
     f.sent(-0.1, HOVER)
     for k in range(100):
         f.observe(vehicle(0.1 * k, x))
@@ -57,7 +57,7 @@ def test_drag_is_learnt_as_a_disturbance():
 
 
 def test_nothing_is_learnt_while_somebody_else_flies():
-    f, x = Forecast(DELAY), rest()
+    f, x = StatePredictor(DELAY), rest()
     for k in range(20):
         f.forget()
         f.observe(vehicle(0.1 * k, x))

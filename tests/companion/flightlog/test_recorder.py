@@ -14,7 +14,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from companion.__main__ import main
 from companion.flightlog.reader import read_log, recover
 from companion.flightlog.recorder import Recorder
-from companion.supervision.phases import Phase
+from companion.types import Phase
 from mavlink_bridge.shared.mcap_file import Follower, LogError
 from tests.companion.ticks import config, tick
 

@@ -15,7 +15,7 @@ def drone(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(status_module, "_SERVICE_LOGS", tmp_path / "service")
     file = tmp_path / "tester.yaml"
-    file.write_text("fileversion: 1\nname: tester\nlog: {path: 'flight-{time}.mcap'}\n")
+    file.write_text("fileversion: 2\nname: tester\nlog: {path: 'flight-{time}.mcap'}\n")
     log = tmp_path / "flight-20260101T000000Z.mcap"
     recorder = Recorder(config(log), log)
     for n in range(7):
@@ -77,10 +77,10 @@ def test_watching_goes_on_with_the_next_log_when_one_is_gone(
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("fileversion: 1\nlog: {path: gone.mcap}\n", "no flight log at gone.mcap"),
-        ("fileversion: 1\n", "log.path: not set"),
-        ("fileversion: 1\nlog: {path: empty.mcap}\n", "empty.mcap: empty"),
-        ("fileversion: 1\nlog: {path: begun.mcap}\n", "begun.mcap: no tick so far"),
+        ("fileversion: 2\nlog: {path: gone.mcap}\n", "no flight log at gone.mcap"),
+        ("fileversion: 2\n", "log.path: not set"),
+        ("fileversion: 2\nlog: {path: empty.mcap}\n", "empty.mcap: empty"),
+        ("fileversion: 2\nlog: {path: begun.mcap}\n", "begun.mcap: no tick so far"),
     ],
 )
 def test_without_a_log_one_clear_line_and_exit_2(drone, tmp_path, capsys, content, words):

@@ -26,7 +26,7 @@ def wall_ranges():
 def engaged(shown, **changes):
     """The last tick of a drone that has seen `shown` for two seconds and was handed over."""
     config = CompanionConfig.model_validate(
-        {"fileversion": 1, "mission": {"goals": [[4.5, 0.0, 2.0]], "land": False},
+        {"fileversion": 2, "mission": {"goals": [[4.5, 0.0, 2.0]], "land": False},
          "sensing": {"neighbours": "truth", "obstacles": "map"},
          "camera": {"width": 64, "height": 64}, **changes})  # fmt: skip
     pipeline, vehicle = Pipeline(config, lambda: 0.0), Source(1, 1)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from companion.guidance.gaze import Gaze, GazeConfig
 from companion.guidance.landing import Landing
-from companion.guidance.line_of_sight import Gaze, GazeConfig
-from companion.guidance.waypoints import Mission, MissionConfig
+from companion.guidance.mission import Mission, MissionConfig
 from companion.types import Track
 from mavlink_bridge.wire.messages import VehicleState
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.guidance.reciprocity import ReciprocityConfig, yielding
+from companion.guidance.reciprocity import ReciprocityConfig, give_way_velocity
 from companion.types import Track
 from mavlink_bridge.wire.messages import VehicleState
 
@@ -21,7 +21,7 @@ def state(p, v):
 def yields(p, v, own=(1.0, 0.0, 0.0), config=CONFIG):
     """By a neighbour at p that flies with v, met by a drone in the origin that flies with own."""
     track = Track(1, np.array(p, float), np.array(v, float), np.eye(6), 1.0, 0.0)
-    return yielding(state([0, 0, 0], own), track, 0.8, config)
+    return give_way_velocity(state([0, 0, 0], own), track, 0.8, config)
 
 
 def least_distance(p, v, own):

@@ -6,13 +6,13 @@ from hypothesis import strategies as st
 
 from companion.guidance.threat import (
     ThreatConfig,
-    calm_speed,
+    blocks_way,
     doubt,
-    in_the_way,
+    headway_speed,
+    pass_on_right,
     rated_neighbours,
+    relative_speed_limit,
     threat,
-    uncrowded_speed,
-    way_past,
 )
 from companion.types import Track
 from mavlink_bridge.wire.messages import VehicleState
@@ -56,7 +56,7 @@ def test_worst_first_and_the_order_given_does_not_matter(places, random):
 
 
 def free_speed(*tracks):
-    return uncrowded_speed(OWN, tracks, np.array([9.0, 0, 0]), 1.65, CONFIG)
+    return headway_speed(OWN, tracks, np.array([9.0, 0, 0]), 1.65, CONFIG)
 
 
 def test_a_formation_that_flies_along_slows_nobody():
@@ -79,7 +79,7 @@ def test_who_is_behind_or_beside_does_not_count():
 
 
 def bound(*tracks, speed=0.5):
-    return calm_speed(OWN, tracks, speed, 1.85, CONFIG)
+    return relative_speed_limit(OWN, tracks, speed, 1.85, CONFIG)
 
 
 def test_near_others_nobody_is_much_faster_than_they_are():
@@ -108,7 +108,7 @@ def test_doubt_of_one_out_of_sight_takes_no_room_that_is_not_free():
 def aimed(*tracks, trunks=()):
     """Angle [°] by which the way to a goal straight ahead is turned, to the left."""
     cylinders = np.reshape(np.array(trunks, float), (-1, 3))
-    goal = way_past(OWN, tracks, cylinders, np.array([7.0, 0, 2.0]), CONFIG)
+    goal = pass_on_right(OWN, tracks, cylinders, np.array([7.0, 0, 2.0]), CONFIG)
     assert np.isclose(np.hypot(*goal[:2]), 7.0)
     assert goal[2] == 2.0
     return np.degrees(np.arctan2(goal[1], goal[0]))
@@ -133,7 +133,7 @@ def test_where_a_trunk_is_on_the_right_one_passes_on_the_left():
 def test_without_keep_right_nobody_turns_us():
     near_trunks = np.array([[3.0, -0.8, 1.0]])
     goal, none = np.array([7.0, 0.5, 2.0]), ThreatConfig(keep_right=0.0)
-    assert np.allclose(way_past(OWN, [track(1, [3, 0.5, 0])], near_trunks, goal, none), goal)
+    assert np.allclose(pass_on_right(OWN, [track(1, [3, 0.5, 0])], near_trunks, goal, none), goal)
 
 
 def test_nobody_else_turns_us():
@@ -156,6 +156,6 @@ def test_the_turn_is_finite_and_bounded(places):
 def test_who_stands_close_ahead_is_in_the_way_though_the_next_aim_is_nearer():
     """Round a target's island the aim is never far; company keeps 2 m, so nobody got past."""
     aim = np.array([0.6, 0.0, 0.0])
-    assert in_the_way(OWN, track(1, [1.5, 0.2, 0]), aim, CONFIG)
-    assert not in_the_way(OWN, track(1, [2.5, 0.2, 0]), aim, CONFIG)
-    assert not in_the_way(OWN, track(1, [1.5, 0.2, 0], [1.0, 0, 0]), aim, CONFIG)
+    assert blocks_way(OWN, track(1, [1.5, 0.2, 0]), aim, CONFIG)
+    assert not blocks_way(OWN, track(1, [2.5, 0.2, 0]), aim, CONFIG)
+    assert not blocks_way(OWN, track(1, [1.5, 0.2, 0], [1.0, 0, 0]), aim, CONFIG)

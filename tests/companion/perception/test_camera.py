@@ -103,7 +103,7 @@ def test_a_missing_calibration_says_so(tmp_path):
 def test_no_pixel_looks_back_where_the_lens_images_nothing():
     """Its polynomial peaks at 101°, which is beyond the picture's sides but not its corners."""
     camera = Camera(640, 400, 229.0, 229.0, 319.5, 199.5, np.array([0.05, -0.03, 0.0, 0.0]))
-    assert not camera.objection
+    assert not camera.inhibit_reason
     angles = np.arccos(camera.directions[..., 2])
     assert np.degrees(angles[0, 0]) == pytest.approx(101.4, abs=0.2)
     assert (np.diff(angles[0, :320]) < 1e-3).all()  # smaller towards the middle

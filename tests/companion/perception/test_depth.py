@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from companion.estimation.surface_map import SurfaceConfig, Surfaces
+from companion.estimation.surface_map import SurfaceConfig, SurfaceMap
 from companion.perception.camera import Camera
 from companion.perception.depth import DepthConfig, DepthReader
 from companion.types import Detection
@@ -99,7 +99,7 @@ def test_a_neighbour_is_neither_wall_nor_free():
 
 @pytest.mark.parametrize("value", [np.nan, 0.0, -1.0])
 def test_what_the_camera_cannot_tell_is_neither_free_nor_near(value):
-    surfaces = Surfaces(CAMERA, SurfaceConfig())
+    surfaces = SurfaceMap(CAMERA, SurfaceConfig())
     p = np.array([0.0, 0.0, 2.0])
     wall = to_planes(p, rays(), [((1, 0, 0), 3.0)])
     for time in (0.0, 0.1):
@@ -118,7 +118,7 @@ TUNNEL = [((0, 1, 0), 1.0), ((0, -1, 0), 1.0), ((0, 0, 1), 3.0), ((0, 0, -1), -1
 
 
 def test_free_room_in_a_tunnel_is_the_tunnel():
-    surfaces = Surfaces(CAMERA, SurfaceConfig())
+    surfaces = SurfaceMap(CAMERA, SurfaceConfig())
     p = np.array([0.0, 0.2, 2.0])
     for n in range(3):
         _, ranges = read(to_planes(p, rays(), TUNNEL), p)
@@ -136,7 +136,7 @@ def test_free_room_in_a_tunnel_is_the_tunnel():
 
 def test_no_remembered_point_is_inside_the_free_room():
     rng = np.random.default_rng(4)
-    surfaces = Surfaces(CAMERA, SurfaceConfig(planes=32, rough=0.0))
+    surfaces = SurfaceMap(CAMERA, SurfaceConfig(planes=32, rough=0.0))
     points = rng.uniform(-4, 4, (300, 3))
     planes = surfaces.planes(np.zeros(3), np.array([9.0, 0, 0]), points)
     assert (points @ planes[:, :3].T >= planes[:, 3] - 1e-9).any(axis=1).all()
@@ -144,7 +144,7 @@ def test_no_remembered_point_is_inside_the_free_room():
 
 
 def test_what_is_gone_is_forgotten_at_once_what_left_the_view_after_a_while():
-    surfaces = Surfaces(CAMERA, SurfaceConfig(memory=4.0))
+    surfaces = SurfaceMap(CAMERA, SurfaceConfig(memory=4.0))
     p, behind = np.array([0.0, 0.0, 2.0]), np.array([0.0, 0, 0, 1.0])
     wall = read(to_planes(p, rays(), [((1, 0, 0), 3.0)]), p)[1]
     free = read(np.full((100, 160), np.inf), p)[1]
@@ -162,7 +162,7 @@ def test_what_is_gone_is_forgotten_at_once_what_left_the_view_after_a_while():
 
 
 def test_points_of_a_trunk_are_left_to_the_trunk():
-    surfaces = Surfaces(CAMERA, SurfaceConfig())
+    surfaces = SurfaceMap(CAMERA, SurfaceConfig())
     p = np.array([0.0, 0.0, 2.0])
     _, ranges = read(to_cylinder(p, rays(), 3.0, 0.0, 0.8), p)
     for time in (0.0, 0.1):
@@ -179,7 +179,7 @@ def wall_with_opening():
 
 
 def test_beside_an_opening_the_way_leads_sideways_to_it():
-    surfaces, points = Surfaces(CAMERA, SurfaceConfig()), wall_with_opening()
+    surfaces, points = SurfaceMap(CAMERA, SurfaceConfig()), wall_with_opening()
     goal, p = np.array([0.3, 9.5, 2.0]), np.array([1.2, 3.7, 2.0])
     for _ in range(100):
         d = surfaces.lane(p, goal, points, 0.5) - p
@@ -189,7 +189,7 @@ def test_beside_an_opening_the_way_leads_sideways_to_it():
 
 
 def test_a_slanting_way_is_turned_past_the_wall_and_stays_on_its_side():
-    surfaces, points = Surfaces(CAMERA, SurfaceConfig()), wall_with_opening()
+    surfaces, points = SurfaceMap(CAMERA, SurfaceConfig()), wall_with_opening()
     p = np.array([0.5, 3.6, 2.0])
     d = surfaces.lane(p, np.array([0.95, 9.5, 2.0]), points, 0.4) - p
     at_mouth, at_end = (p[0] + d[0] / d[1] * (y - p[1]) for y in (5.0, 8.0))
@@ -197,7 +197,7 @@ def test_a_slanting_way_is_turned_past_the_wall_and_stays_on_its_side():
 
 
 def test_a_way_that_is_free_or_has_no_other_stays_as_it_is():
-    surfaces, points = Surfaces(CAMERA, SurfaceConfig()), wall_with_opening()
+    surfaces, points = SurfaceMap(CAMERA, SurfaceConfig()), wall_with_opening()
     goal = np.array([0.0, 9.5, 2.0])
     p = np.array([0.1, 2.0, 2.0])
     assert surfaces.lane(p, goal, points, 0.5) is goal

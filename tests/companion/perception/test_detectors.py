@@ -7,7 +7,7 @@ import pytest
 from companion.perception.camera import FORWARD, CalibrationError, Camera
 from companion.perception.cnn import CHANNELS, HEIGHT, STRIDE, WIDTH, CnnConfig, CnnDetector
 from companion.perception.detectors import ModelError, make_detector
-from companion.perception.frontend import Sight, Sighting, load_camera
+from companion.perception.frontend import Detections, Sight, load_camera
 from companion.perception.yolo import YoloConfig, YoloDetector
 from companion.settings.config import CompanionConfig
 from mavlink_bridge.shared.frames import multiply
@@ -141,9 +141,9 @@ def test_pictures_of_another_size_are_an_objection_until_they_fit():
     c = config()
     sight = Sight(c.camera, c.sensing)
     sight.see(Frame(0.1, {"image": np.zeros((480, 640, 3), np.uint8)}), state())
-    assert "640×480" in sight.objection
+    assert "640×480" in sight.inhibit_reason
     sight.see(Frame(0.2, {"image": np.zeros((400, 640, 3), np.uint8)}), state())
-    assert sight.objection == ""
+    assert sight.inhibit_reason == ""
 
 
 @pytest.mark.parametrize("obstacles", ["camera", "depth", "map"])
@@ -160,7 +160,7 @@ def test_how_much_of_a_look_at_a_trunk_a_frame_is(obstacles, near):
     """From 2 m up its foot is out of the picture within 1.7 m; behind nothing is seen."""
     parts = config(sensing={"obstacles": obstacles, "trunks_every": 1})
     sight = Sight(parts.camera, parts.sensing)
-    sighting = Sighting(0.0, state(), searched=True)
+    sighting = Detections(0.0, state(), searched=True)
     told = sight.tells(sighting, np.array([[4.0, 0, 2], [1.2, 0, 2], [-4.0, 0, 2]]))
     assert told.tolist() == [1.0, near, 0.0]
 
@@ -172,4 +172,4 @@ def test_on_a_camera_on_its_side_less_is_beside():
     sight = Sight(parts.camera, parts.sensing)
     sight.camera = dataclasses.replace(CAMERA, mount=mount)
     aside = 4.0 * np.array([np.cos(1.05), np.sin(1.05), 0.0])  # 60° off; 50° are in the picture
-    assert sight.tells(Sighting(0.0, state()), (state().p + aside)[None])[0] == 0.0
+    assert sight.tells(Detections(0.0, state()), (state().p + aside)[None])[0] == 0.0

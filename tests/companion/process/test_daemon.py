@@ -144,7 +144,7 @@ def cpu_seconds(pid):
 @pytest.mark.row("23")
 def test_a_bad_config_ends_with_78_and_its_place(tmp_path):
     file = tmp_path / "bad.yaml"
-    file.write_text("fileversion: 1\nlink: {system_id: 0}\n")
+    file.write_text("fileversion: 2\nlink: {system_id: 0}\n")
     ended = subprocess.run(
         [sys.executable, "-m", "companion", "run", str(file)], capture_output=True, text=True
     )

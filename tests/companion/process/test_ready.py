@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from companion.perception.camera_health import Trouble
+from companion.perception.camera_health import CameraFault
 from companion.pipeline import Pipeline, TickInputs
 from companion.settings.config import CompanionConfig
 from companion.supervision.guard import Reason
-from companion.supervision.phases import Phase
+from companion.types import Phase
 from mavlink_bridge.autopilots.px4 import MODES
 from mavlink_bridge.wire.messages import (
     Attitude,
@@ -27,7 +27,7 @@ class Vehicle:
 
     def __init__(self, sensing="truth", obstacles="map", **mission):
         config = {
-            "fileversion": 1,
+            "fileversion": 2,
             "camera": {"width": 64, "height": 64},
             "sensing": {"neighbours": sensing, "obstacles": obstacles},
             "mission": {"goals": [[40.0, 0.0, 2.0]], **mission},
@@ -87,7 +87,7 @@ def test_a_camera_that_dies_after_the_first_request_ends_the_arming():
     while vehicle.tick(armed=False, height=0.0).phase is not Phase.ARM:
         assert vehicle.time < 12.0
     blind = [vehicle.tick(armed=False, height=0.0, frame=None) for _ in range(40)]
-    assert blind[-1].trouble is Trouble.DEAD
+    assert blind[-1].trouble is CameraFault.DEAD
     assert blind[-1].phase is Phase.WAIT
     assert len(arming(blind)) <= 1
 
@@ -98,10 +98,10 @@ def test_one_stamp_in_the_future_blinds_for_one_tick():
     for mode in ["hold"] * 10 + ["offboard"] * 20:
         vehicle.tick(mode)
     bad = vehicle.tick("offboard", frame=60.0)
-    assert (bad.trouble, bad.sighting.own) == (Trouble.AHEAD, None)
+    assert (bad.trouble, bad.sighting.own) == (CameraFault.AHEAD, None)
     assert bad.verdict.reason is Reason.BLIND
     after = [vehicle.tick("offboard") for _ in range(20)]
-    assert all(out.trouble is Trouble.NONE and out.sighting.own is not None for out in after)
+    assert all(out.trouble is CameraFault.NONE and out.sighting.own is not None for out in after)
     assert len(after[-1].tracks) == 1
 
 
@@ -111,12 +111,12 @@ def test_pictures_of_another_size_in_flight_are_no_sight():
     vehicle = Vehicle("camera")
     for mode, image in zip(["hold"] * 10 + ["offboard"] * 20, picture, strict=False):
         out = vehicle.tick(mode, seen=SEEN | {"image": image})
-    assert (out.phase, out.trouble) == (Phase.FLY, Trouble.NONE)
+    assert (out.phase, out.trouble) == (Phase.FLY, CameraFault.NONE)
     out = vehicle.tick("offboard", seen=SEEN | {"image": picture[31, :48]})
-    assert out.trouble is Trouble.MISFIT
+    assert out.trouble is CameraFault.MISFIT
     assert out.verdict.reason is Reason.BLIND
-    assert "64×48 px" in out.objection
-    assert vehicle.tick("offboard", seen=SEEN | {"image": picture[32]}).trouble is Trouble.NONE
+    assert "64×48 px" in out.inhibit_reason
+    assert vehicle.tick("offboard", seen=SEEN | {"image": picture[32]}).trouble is CameraFault.NONE
 
 
 def depth_of_a_trunk(camera, unknown=0.0):
@@ -139,10 +139,10 @@ def test_a_depth_image_that_knows_nothing_is_no_free_view(unknown):
     for _ in range(20):
         later = vehicle.tick("offboard", seen=drones | {"depth": depth_of_a_trunk(camera, unknown)})
     assert later.obstacles.cylinders == pytest.approx(known.obstacles.cylinders)
-    assert later.trouble is (Trouble.NONE if unknown < 1.0 else Trouble.NO_DEPTH)
+    assert later.trouble is (CameraFault.NONE if unknown < 1.0 else CameraFault.NO_DEPTH)
     for _ in range(20):
         later = vehicle.tick("offboard", seen=drones)
-    assert (len(later.obstacles.cylinders), later.trouble) == (1, Trouble.DEAD)
+    assert (len(later.obstacles.cylinders), later.trouble) == (1, CameraFault.DEAD)
     for _ in range(20):
         gone = vehicle.tick("offboard", seen=drones | {"depth": np.full((64, 64), np.inf)})
     assert not len(gone.obstacles.cylinders)

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from companion.perception.frontend import Sighting
+from companion.perception.frontend import Detections
 from companion.pipeline import TickOutputs
 from companion.process import journal
 from companion.process.directories import StateFile, log_path
-from companion.process.liveness import Vital
+from companion.process.liveness import Liveness
 from companion.process.supervisor import Supervisor
 from companion.process.vehicle_lock import VehicleLock, VehicleTaken
 from companion.supervision.guard import Reason, Verdict
@@ -49,14 +49,14 @@ def test_nobody_listens_and_nothing_happens(environment):
 
 
 def test_ready_needs_heartbeat_frame_and_plan():
-    vital = Vital(0.1)
+    vital = Liveness(0.1)
     vital.judge(TickOutputs(0.0), sent=False)
     assert not vital.ready
     assert vital.missing == (
         "waiting for heartbeat and telemetry of the autopilot, camera frame, solved plan"
     )
     vital.judge(TickOutputs(0.1, heartbeat=HEARTBEAT), sent=False)
-    vital.judge(TickOutputs(0.2, sighting=Sighting(0.2, OWN)), sent=False)
+    vital.judge(TickOutputs(0.2, sighting=Detections(0.2, OWN)), sent=False)
     assert not vital.ready
     assert vital.missing == "waiting for solved plan"
     vital.judge(TickOutputs(0.3, rehearsed=True), sent=False)
@@ -75,7 +75,7 @@ def test_ready_needs_heartbeat_frame_and_plan():
     ],
 )
 def test_what_feeds_the_watchdog(of_tick, sent, alive):
-    assert Vital(0.1).judge(TickOutputs(0.0, verdict=of_tick), sent) is alive
+    assert Liveness(0.1).judge(TickOutputs(0.0, verdict=of_tick), sent) is alive
 
 
 def test_a_vehicle_is_flown_once(tmp_path):

@@ -10,7 +10,7 @@ from companion.settings.config import CompanionConfig, load_config
 from companion.settings.packaged import data_folder
 from mavlink_bridge.shared.settings import SettingsError, parse_yaml, validate
 
-HEAD = "fileversion: 1\nname: one\n"  # two lines: what is wrong starts on line 3
+HEAD = "fileversion: 2\nname: one\n"  # two lines: what is wrong starts on line 3
 
 WRONG = [
     # text below HEAD, line:column, what the message holds
@@ -169,7 +169,7 @@ def folder(tmp_path):
     """A folder of drones with an airframe."""
     (tmp_path / "airframes").mkdir()
     (tmp_path / "airframes" / "quad5.yaml").write_text(
-        "fileversion: 1\nairframe: {name: quad5, hover_thrust: 0.4}\n"
+        "fileversion: 2\nairframe: {name: quad5, hover_thrust: 0.4}\n"
     )
     return tmp_path
 
@@ -189,8 +189,8 @@ def test_each_mistake_is_named_with_line_and_column(folder, text, place, what):
 @pytest.mark.parametrize(
     ("text", "place", "what"),
     [
-        ("name: one\n", "1:1", "fileversion: is missing; valid: 1"),
-        ("fileversion: 2\n", "1:1", "fileversion: must be 1, got 2"),
+        ("name: one\n", "1:1", "fileversion: is missing; valid: 2"),
+        ("fileversion: 1\n", "1:1", "fileversion: must be 2, got 1"),
         ("", "1:1", "fileversion: is missing"),
         ("- 1\n", "1:1", "the file must hold `key: value` lines"),
     ],
@@ -207,7 +207,7 @@ def test_the_file_as_a_whole(folder, text, place, what):
 def test_all_mistakes_of_all_layers_come_at_once(folder):
     (folder / "default.yaml").write_text("mission: {auto: no}\nfence: {top: 1}\n")
     file = folder / "one.yaml"
-    file.write_text("fileversion: 1\nlink: {system_id: 0}\nlink: {system_id: 0}\nlgo: {}\n")
+    file.write_text("fileversion: 2\nlink: {system_id: 0}\nlink: {system_id: 0}\nlgo: {}\n")
     with pytest.raises(SettingsError) as caught:
         load_config(file)
     places = [p.split(": ")[0].removeprefix(f"{folder}/") for p in caught.value.problems]
@@ -218,7 +218,7 @@ def test_all_mistakes_of_all_layers_come_at_once(folder):
 
 
 def test_layers_lie_over_each_other(folder):
-    (folder / "default.yaml").write_text("fileversion: 1\nmission: {tolerance: 2.0}\n")
+    (folder / "default.yaml").write_text("fileversion: 2\nmission: {tolerance: 2.0}\n")
     file = folder / "one.yaml"
     file.write_text(HEAD + "airframe: {name: quad5, radius: 0.3}\ncamera: {calibration: c.yaml}\n")
     config = load_config(file, ["mission.takeoff_altitude=3.0"])
@@ -244,7 +244,7 @@ def test_two_drones_that_want_the_same(folder, capsys, other, key, what):
     if "camera" not in other:
         other += "\ncamera: {source: 'sim:127.0.0.1:1'}"
     (folder / "one.yaml").write_text(HEAD)
-    (folder / "two.yaml").write_text(f"fileversion: 1\n{name}{other}\n")
+    (folder / "two.yaml").write_text(f"fileversion: 2\n{name}{other}\n")
     assert main(["check", str(folder / "one.yaml"), str(folder / "two.yaml")]) == 2
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1
@@ -296,7 +296,7 @@ def test_a_betaflight_is_not_signed_for(folder, capsys):
 
 
 def test_boards_have_ports_of_their_own(folder):
-    drone = "fileversion: 1\nname: {n}\nlink: {{system_id: {n}}}\nboard: {{host: pi@drone{n}}}\n"
+    drone = "fileversion: 2\nname: {n}\nlink: {{system_id: {n}}}\nboard: {{host: pi@drone{n}}}\n"
     for n in (1, 2):
         (folder / f"{n}.yaml").write_text(drone.format(n=n).replace("name: ", "name: d"))
     assert main(["check", str(folder / "1.yaml"), str(folder / "2.yaml")]) == 0
@@ -358,7 +358,7 @@ def test_the_schema_describes_every_key(capsys):
 
 
 def test_whatever_is_broken_is_a_mistake_with_a_name():
-    whole = CompanionConfig(fileversion=1).model_dump(mode="json")
+    whole = CompanionConfig(fileversion=2).model_dump(mode="json")
     rng = random.Random(1)
     found = [problems_of(json.dumps(broken(whole, rng))) for _ in range(60)]
     assert sum(map(bool, found)) > 20

@@ -5,8 +5,8 @@ import pytest
 
 from companion.estimation.own_state import OwnState
 from companion.guidance.fence import FenceConfig
-from companion.guidance.waypoints import MissionConfig
-from companion.perception.camera_health import Eye, EyeConfig, Trouble
+from companion.guidance.mission import MissionConfig
+from companion.perception.camera_health import CameraFault, CameraHealthConfig, Eye
 from companion.supervision.guard import (
     Ask,
     Guard,
@@ -16,8 +16,8 @@ from companion.supervision.guard import (
     brake,
     brake_late,
 )
-from companion.supervision.phases import Phase, Phases
-from companion.types import Result, Status
+from companion.supervision.phases import PhaseMachine
+from companion.types import Phase, Plan, PlanStatus
 from mavlink_bridge.autopilots.px4 import MODES, Px4
 from mavlink_bridge.shared.settings import SettingsError, parse_yaml, validate
 from mavlink_bridge.wire.messages import Attitude, Heartbeat, LocalPosition, VehicleState
@@ -31,7 +31,7 @@ def own(v=(0.0, 0.0, 0.0), time=0.0):
 
 
 def plan(usable=True, u=(9.81, 0.1, 0.2, 0.3)):
-    return Result(np.zeros((21, 10)), np.tile(u, (20, 1)), Status.SOLVED, usable, 1, 0.0, 0.0, 0.0,
+    return Plan(np.zeros((21, 10)), np.tile(u, (20, 1)), PlanStatus.SOLVED, usable, 1, 0.0, 0.0, 0.0,
                   0.0, 0.0, (), 0.0)  # fmt: skip
 
 
@@ -108,45 +108,45 @@ def picture(seed):
 
 
 def test_what_the_eye_notices():
-    eye = Eye(EyeConfig())
+    eye = Eye(CameraHealthConfig())
     frames = [
-        (Frame(0.0, {"image": picture(0)}), Trouble.NONE),
-        (Frame(0.1, {"image": picture(0)}), Trouble.FROZEN),
-        (Frame(0.2, {"image": np.zeros((64, 64, 3), np.uint8)}), Trouble.BLACK),
-        (Frame(0.3, {"image": np.full((64, 64, 3), 255, np.uint8)}), Trouble.SATURATED),
-        (Frame(0.4, {}), Trouble.DEAD),
-        (Frame(0.5, {"image": picture(1)}), Trouble.NONE),
-        (Frame(0.5, {"image": picture(1)}), Trouble.NONE),  # the same frame again: none newer
-        (Frame(0.5, {"image": picture(1)}), Trouble.LATE),
+        (Frame(0.0, {"image": picture(0)}), CameraFault.NONE),
+        (Frame(0.1, {"image": picture(0)}), CameraFault.FROZEN),
+        (Frame(0.2, {"image": np.zeros((64, 64, 3), np.uint8)}), CameraFault.BLACK),
+        (Frame(0.3, {"image": np.full((64, 64, 3), 255, np.uint8)}), CameraFault.SATURATED),
+        (Frame(0.4, {}), CameraFault.DEAD),
+        (Frame(0.5, {"image": picture(1)}), CameraFault.NONE),
+        (Frame(0.5, {"image": picture(1)}), CameraFault.NONE),  # the same frame again: none newer
+        (Frame(0.5, {"image": picture(1)}), CameraFault.LATE),
     ]
     for n, (frame, trouble) in enumerate(frames):
         assert eye.look(0.1 * n, frame) is trouble, n
-    assert eye.look(1.1, frames[-1][0]) is Trouble.DEAD
+    assert eye.look(1.1, frames[-1][0]) is CameraFault.DEAD
     assert eye.blind(1.1) == pytest.approx(0.4, abs=0.01)
-    assert eye.look(1.2, Frame(1.2, {"neighbours": np.zeros((0, 6))})) is Trouble.NONE
+    assert eye.look(1.2, Frame(1.2, {"neighbours": np.zeros((0, 6))})) is CameraFault.NONE
     assert eye.blind(1.2) == 0.0
 
 
 def test_a_frame_without_all_that_is_to_be_looked_at_shows_nothing():
-    eye, far = Eye(EyeConfig(), {"image", "depth"}), np.full((20, 32), np.inf)
+    eye, far = Eye(CameraHealthConfig(), {"image", "depth"}), np.full((20, 32), np.inf)
     unknown = np.where(np.arange(32) < 31, np.nan, far)
-    frames = [({"depth": far}, Trouble.NONE), ({}, Trouble.DEAD), ({"depth": far * np.nan}, None),
+    frames = [({"depth": far}, CameraFault.NONE), ({}, CameraFault.DEAD), ({"depth": far * np.nan}, None),
               ({"depth": np.zeros((20, 32))}, None), ({"depth": unknown}, None)]  # fmt: skip
     for n, (depth, trouble) in enumerate(frames):
         frame = Frame(0.1 * n, {"image": picture(n), **depth})
-        assert eye.look(0.1 * n, frame) is (trouble or Trouble.NO_DEPTH), n
-    assert eye.look(0.6, Frame(0.6, {"depth": far})) is Trouble.DEAD
+        assert eye.look(0.1 * n, frame) is (trouble or CameraFault.NO_DEPTH), n
+    assert eye.look(0.6, Frame(0.6, {"depth": far})) is CameraFault.DEAD
 
 
 def test_a_stamp_in_the_future_is_trouble_and_over_with_the_next_frame():
-    eye = Eye(EyeConfig())
-    assert eye.look(10.0, Frame(9.97, {"image": picture(0)})) is Trouble.NONE
-    assert eye.look(10.1, Frame(10.15, {"image": picture(1)})) is Trouble.NONE  # clocks differ
-    assert eye.look(10.2, Frame(70.0, {"image": picture(2)})) is Trouble.AHEAD
+    eye = Eye(CameraHealthConfig())
+    assert eye.look(10.0, Frame(9.97, {"image": picture(0)})) is CameraFault.NONE
+    assert eye.look(10.1, Frame(10.15, {"image": picture(1)})) is CameraFault.NONE  # clocks differ
+    assert eye.look(10.2, Frame(70.0, {"image": picture(2)})) is CameraFault.AHEAD
     assert not eye.shows
     assert eye.blind(10.2) > 0.0
-    assert eye.look(10.3, Frame(10.27, {"image": picture(3)})) is Trouble.NONE
-    assert eye.look(10.6, Frame(10.27, {"image": picture(3)})) is Trouble.LATE
+    assert eye.look(10.3, Frame(10.27, {"image": picture(3)})) is CameraFault.NONE
+    assert eye.look(10.6, Frame(10.27, {"image": picture(3)})) is CameraFault.LATE
 
 
 def test_the_fence_has_sides_and_a_top():
@@ -225,7 +225,7 @@ def test_a_clock_that_goes_back_is_a_reboot():
 
 @pytest.mark.parametrize("auto", [True, False])
 def test_who_starts_in_flight_takes_nothing_unasked(auto):
-    phases = Phases(MissionConfig(auto=auto), Px4(1))
+    phases = PhaseMachine(MissionConfig(auto=auto), Px4(1))
 
     def tick(time, mode, armed=True):
         heartbeat = Heartbeat(12, 2, armed, MODES[mode], 4)

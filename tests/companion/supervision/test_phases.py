@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from companion.guidance.waypoints import MissionConfig
-from companion.supervision.phases import Phase, Phases
+from companion.guidance.mission import MissionConfig
+from companion.supervision.phases import PhaseMachine
+from companion.types import Phase
 from mavlink_bridge.autopilots.ardupilot import MODES as ARDUPILOT
 from mavlink_bridge.autopilots.ardupilot import ArduPilot
 from mavlink_bridge.autopilots.betaflight import MODES as BETAFLIGHT
@@ -28,7 +29,7 @@ class Flown:
     """A state machine, tick by tick, with a pilot at the other end."""
 
     def __init__(self, adapter, modes, **mission):
-        self.phases = Phases(MissionConfig(**mission), adapter)
+        self.phases = PhaseMachine(MissionConfig(**mission), adapter)
         self.modes, self.kind, self.time = modes, adapter.autopilot, 0.0
 
     def tick(self, mode, *, armed=True, height=0.0, ready=True, complete=False):

@@ -8,7 +8,7 @@ import pytest
 from companion.model import predict
 from companion.pipeline import Pipeline, TickInputs
 from companion.settings.config import CompanionConfig
-from companion.supervision.phases import Phase
+from companion.types import Phase
 from mavlink_bridge.autopilots.px4 import MODES
 from mavlink_bridge.shared.thrust import G
 from mavlink_bridge.wire.messages import (
@@ -42,7 +42,7 @@ class Seen:
 def fly(lag, goals, aside=0.0, seconds=4.0):
     """Taken over at TAKEN [s], shown by the heartbeat `lag` [s] later; aside: m the pilot moves."""
     config = CompanionConfig.model_validate(
-        {"fileversion": 1, "mission": {"goals": goals, "land": False},
+        {"fileversion": 2, "mission": {"goals": goals, "land": False},
          "sensing": {"neighbours": "truth", "obstacles": "map"},
          "camera": {"width": 64, "height": 64}})  # fmt: skip
     pipeline, seen = Pipeline(config, lambda: 0.0), Seen()

@@ -18,7 +18,7 @@ from companion.model import (
     predict,
     yaw_quaternion,
 )
-from companion.types import Result
+from companion.types import Plan
 
 TICK = 0.1
 STEP = 0.005
@@ -41,7 +41,7 @@ class Drone:
     wind: np.ndarray = field(default_factory=lambda: np.zeros(3))
     actual: np.ndarray = field(default_factory=lambda: HOVER.copy())
     sent: list[np.ndarray] = field(default_factory=lambda: [HOVER.copy()] * 5)
-    result: Result | None = None
+    result: Plan | None = None
     disturbance: np.ndarray = field(default_factory=lambda: np.zeros(3))
     before: np.ndarray | None = None
 
@@ -93,7 +93,7 @@ class Log:
 
     x: np.ndarray
     u: np.ndarray
-    results: list[list[Result]]
+    results: list[list[Plan]]
 
     @property
     def p(self) -> np.ndarray:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from companion.control.nmpc import Neighbour, Nmpc, NmpcConfig, make_instance
 from companion.control.nmpc.instance_file import load, stored
 from companion.model import HOVER, yaw_of
-from companion.types import Status
+from companion.types import PlanStatus
 from tests.companion.control.nmpc.scenes import CONFIG, NAMED, random_scene, scene, state
 
 EVERY = [*NAMED, *range(12)]
@@ -64,7 +64,7 @@ def check_optimum(nmpc, reference, instance):
     result = nmpc.solve(instance)
     reference.guess((result.x, result.u))
     optimum = reference.solve(instance)
-    assert result.status is optimum.status is Status.SOLVED
+    assert result.status is optimum.status is PlanStatus.SOLVED
     assert result.cost == pytest.approx(optimum.cost, rel=5e-5, abs=1e-4)
     np.testing.assert_allclose(result.x[:, :3], optimum.x[:, :3], atol=5e-3)
 
@@ -287,7 +287,7 @@ def test_not_finite_gives_the_shifted_plan(field, solver):
     value.flat[0] = np.nan
     bad = dataclasses.replace(good, **{field: value if value.ndim else float(value)})
     result = solver.solve(bad)
-    assert result.status is Status.NOT_FINITE
+    assert result.status is PlanStatus.NOT_FINITE
     assert not result.usable
     np.testing.assert_array_equal(result.u[:-1], before.u[1:])
     assert np.isfinite(result.x).all()

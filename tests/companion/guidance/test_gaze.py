@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from companion.guidance.line_of_sight import Gaze, GazeConfig, seen_speed, wrap
+from companion.guidance.gaze import Gaze, GazeConfig, visibility_speed, wrap
 
 EAST = np.array([1.5, 0.0, 0.0])
 FAR = np.array([20.0, 0.0, 0.0])
@@ -103,6 +103,6 @@ def test_before_it_sets_out_it_looks_once_all_round_on_either_side():
 
 def test_what_is_not_seen_is_entered_at_a_creep():
     c = GazeConfig()
-    assert seen_speed(c, 0.0, FAR) == 1.0
-    assert seen_speed(c, math.pi, FAR) == c.creep
-    assert c.creep < seen_speed(c, 1.0, FAR) < 1.0
+    assert visibility_speed(c, 0.0, FAR) == 1.0
+    assert visibility_speed(c, math.pi, FAR) == c.creep
+    assert c.creep < visibility_speed(c, 1.0, FAR) < 1.0

@@ -78,7 +78,7 @@ class MissionConfig(StrictModel):
 
 
 @dataclass(frozen=True)
-class Progress:
+class MissionProgress:
     """Where the mission stands: goal (3,) m to fly to, its number, how many are reached."""
 
     goal: Vector
@@ -98,7 +98,7 @@ class Mission:
         self._turn = 0.0
         self._begun: VehicleState | None = None
 
-    def update(self, own: VehicleState, surveyed: bool = True) -> Progress:
+    def update(self, own: VehicleState, surveyed: bool = True) -> MissionProgress:
         """Advance where the present goal is done.
 
         Until it has looked round and waited, and for ever without goals, a drone holds where the
@@ -108,7 +108,7 @@ class Mission:
         # A vehicle's clock that begins anew, after a reboot, must not make the wait endless.
         waits = 0.0 <= own.time - self._begun.time < self._config.wait
         if not self._goals or waits or not (surveyed or self._complete):
-            return Progress(self._begun.p, 0, False)
+            return MissionProgress(self._begun.p, 0, False)
         while not self._complete and self._done(own):
             self._near = False
             self._turn = 0.0
@@ -116,7 +116,7 @@ class Mission:
                 self._index += 1
             else:
                 self._complete = True
-        return Progress(self._aim(own.p), self._index, self._complete)
+        return MissionProgress(self._aim(own.p), self._index, self._complete)
 
     @property
     def _last(self) -> bool:

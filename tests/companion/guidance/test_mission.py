@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from companion.guidance.waypoints import Mission, MissionConfig, Roundabout, turn_side
+from companion.guidance.mission import Mission, MissionConfig, Roundabout, turn_side
 from mavlink_bridge.wire.messages import VehicleState
 
 GOALS = [[0.0, 20.0, 2.0], [15.0, 20.0, 2.0], [15.0, 0.0, 2.0]]

@@ -10,14 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from companion.types import Track
 from mavlink_bridge.shared.arrays import Vector
-from mavlink_bridge.shared.settings import Contradiction, StrictModel
+from mavlink_bridge.shared.settings import StrictModel
 
 _RIM = 0.2  # rad beyond `half_view` that the picture still shows, if not well
 
@@ -47,26 +46,10 @@ class GazeConfig(StrictModel):
     goal_near: float = Field(
         0.5, gt=0, description="Nearer than this [m] to the goal, its direction says nothing."
     )
-    seen_full: float = Field(
-        0.7, gt=0, description="Off the line of sight by at most this [rad]: full speed."
-    )
-    seen_none: float = Field(
-        1.4, gt=0, le=3.2, description="Off it by this [rad], the edge of view: creep."
-    )
-    creep: float = Field(
-        0.1, gt=0, le=1, description="Part of the speed at which the unseen is entered."
-    )
     survey: float = Field(
         2 * math.pi, ge=0, description="Turn [rad] on the spot before setting out; 0: none."
     )
     seed: int = Field(0, ge=0, description="Of the random sweep; each drone its own.")
-
-    @model_validator(mode="after")
-    def _check_seen(self) -> Self:
-        if not self.seen_full < self.seen_none:
-            text = f"seen_none, {self.seen_none:g}, must be above seen_full, {self.seen_full:g}"
-            raise Contradiction(("seen_none", "seen_full"), text)
-        return self
 
 
 class Gaze:
@@ -164,23 +147,12 @@ def bearing(p: Vector, track: Track) -> float:
     return math.atan2(track.p[1] - p[1], track.p[0] - p[0])
 
 
-def close_by(p: Vector, tracks: Sequence[Track], config: GazeConfig) -> float | None:
+def nearest_bearing(p: Vector, tracks: Sequence[Track], config: GazeConfig) -> float | None:
     """World bearing [rad] of the neighbour nearest to p (3,) m, if it is nearer than `close`."""
     nearest = min(tracks, key=lambda t: float(np.linalg.norm(t.p - p)), default=None)
     if nearest is None or np.linalg.norm(nearest.p - p) >= config.close:
         return None
     return bearing(p, nearest)
-
-
-def seen_speed(config: GazeConfig, yaw: float, to_goal: Vector) -> float:
-    """Part 0…1 of the cruise speed at which to fly towards (3,) while looking along `yaw`.
-
-    A drone that turns round at a goal must look before it leaps: what comes from behind the
-    edge of view is seen too late to avoid. Linear between `seen_full` and `seen_none`.
-    """
-    off = abs(wrap(math.atan2(to_goal[1], to_goal[0]) - yaw))
-    part = (config.seen_none - off) / (config.seen_none - config.seen_full)
-    return min(max(part, config.creep), 1.0)
 
 
 def wrap(angle: float) -> float:

@@ -1,0 +1,54 @@
+"""The inputs that were sent and may still be in flight: what the vehicle's motion follows from."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from companion.model import HOVER
+from mavlink_bridge.shared.arrays import Vector
+
+_KEPT = 64  # inputs: the longest delay and age at the shortest period
+
+
+@dataclass(frozen=True)
+class SentInput:
+    """One input: sent at the tick of `time` [s]; u (4,) c, omega; thrust 0…1, normalised."""
+
+    time: float
+    u: Vector
+    thrust: float
+
+
+class InputHistory:
+    """The last inputs sent, oldest first. An input acts `delay` [s] after its tick."""
+
+    def __init__(self, delay: float) -> None:
+        """delay: s from a tick to its effect: compute, transport, rate loop."""
+        self.delay = delay
+        self.epoch = 0  # grows whenever the inputs are forgotten
+        self._sent: deque[SentInput] = deque(maxlen=_KEPT)
+
+    @property
+    def u_last(self) -> Vector:
+        """(4,) the last input sent; hover where none was."""
+        return self._sent[-1].u if self._sent else HOVER
+
+    def add(self, sent: SentInput) -> None:
+        """Remember an input that was sent."""
+        self._sent.append(sent)
+
+    def clear(self) -> None:
+        """Forget all inputs: the autopilot flies by itself, and no motion follows from ours."""
+        self._sent.clear()
+        self.epoch += 1
+
+    def __iter__(self) -> Iterator[SentInput]:
+        return iter(self._sent)
+
+    def __reversed__(self) -> Iterator[SentInput]:
+        return reversed(self._sent)
+
+    def __len__(self) -> int:
+        return len(self._sent)

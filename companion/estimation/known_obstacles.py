@@ -1,0 +1,70 @@
+"""Obstacles that the drone knows: trunks and other surfaces, seen or remembered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from companion.estimation.obstacle_map import ObstacleConfig, ObstacleMap
+from companion.estimation.surface_map import SurfaceConfig, SurfaceMap
+from companion.perception.frontend import Detections
+from companion.perception.view import View
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.distance import to_ways
+from mavlink_bridge.wire.messages import VehicleState
+
+
+@dataclass(frozen=True)
+class KnownObstacles:
+    """What stands in the drone's own ENU frame.
+
+    cylinders: (K,3) x, y, radius [m] of confirmed trunks, nearest first. points: (P,3) m, surface
+    points of other shapes. occluders: (J,3) x, y, radius [m] of all trunks, unconfirmed ones too.
+    """
+
+    cylinders: Vector = field(default_factory=lambda: np.zeros((0, 3)))
+    points: Vector = field(default_factory=lambda: np.zeros((0, 3)))
+    occluders: Vector = field(default_factory=lambda: np.zeros((0, 3)))
+
+    def hidden(self, viewpoint: Vector, places: Vector) -> list[bool]:
+        """Return whether a trunk stands between viewpoint (3,) and each place (n,3) m; eq. (6)."""
+        if not len(self.occluders) or not len(places):
+            return [False] * len(places)
+        gaps = to_ways(self.occluders[:, :2], viewpoint[:2], places[:, :2])
+        return [bool((row < self.occluders[:, 2]).any()) for row in gaps]
+
+
+class ObstacleEstimator:
+    """Remembers the trunks and surfaces of every frame."""
+
+    def __init__(self, view: View, trunks: ObstacleConfig, surfaces: SurfaceConfig) -> None:
+        self._view = view
+        self._configs = trunks, surfaces
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all obstacles: the vehicle's frame has begun anew."""
+        trunks, surfaces = self._configs
+        self._map = ObstacleMap(trunks)
+        self._surfaces = SurfaceMap(self._view.camera, surfaces)
+
+    def update(self, seen: Detections, own: VehicleState | None) -> KnownObstacles:
+        """Take in one frame's detections; return what is known around the own state now."""
+        if seen.own is not None:
+            if seen.searched:
+                at_capture, ranges = seen.own, seen.ranges
+                self._map.update(
+                    seen.trunks,
+                    at_capture,
+                    self._view.mount,
+                    self._view.half_view,
+                    visibility=lambda places: self._view.visibility(at_capture, places, ranges),
+                )
+            if seen.ranges is not None:
+                self._surfaces.update(seen.ranges, seen.own)
+        occluders = self._map.occluders()
+        if own is None:
+            return KnownObstacles(occluders=occluders)
+        cylinders = self._map.cylinders(own.p)
+        return KnownObstacles(cylinders, self._surfaces.points(cylinders), occluders)

@@ -1,0 +1,34 @@
+"""Neighbours: the tracks of other drones, updated by each frame and carried to now."""
+
+from __future__ import annotations
+
+from companion.estimation.known_obstacles import KnownObstacles
+from companion.estimation.tracker import Tracker, TrackerConfig
+from companion.perception.frontend import Detections
+from companion.perception.view import View
+from companion.types import Track
+
+
+class NeighbourEstimator:
+    """Tracks neighbours in the drone's own ENU frame."""
+
+    def __init__(self, view: View, config: TrackerConfig) -> None:
+        self._view = view
+        self._config = config
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all neighbours: the vehicle's frame has begun anew."""
+        self._tracker = Tracker(self._config)
+
+    def update(self, time: float, seen: Detections, obstacles: KnownObstacles) -> list[Track]:
+        """Return the confirmed tracks at the tick of `time` [s], oldest first."""
+        if seen.own is not None:
+            self._tracker.predict(seen.time)
+            places = self._tracker.positions()
+            hidden = obstacles.hidden(seen.own.p, places)
+            shown = self._view.shows(seen.own, places)
+            in_view = [v and not h for v, h in zip(shown, hidden, strict=True)]
+            self._tracker.update(seen.time, seen.drones, seen.own, self._view.mount, in_view)
+        self._tracker.predict(time)
+        return self._tracker.tracks()

@@ -1,0 +1,201 @@
+"""Guidance: where to fly, how fast, where to look – and why – as one record."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.estimation.known_obstacles import KnownObstacles
+from companion.estimation.surface_map import SurfaceConfig
+from companion.guidance.corridor import corridor_planes, free_heading
+from companion.guidance.detour import Detour
+from companion.guidance.fence import FenceConfig
+from companion.guidance.gaze import Gaze, GazeConfig, bearing, nearest_bearing
+from companion.guidance.landing import Landing
+from companion.guidance.mission import Mission, MissionConfig, MissionProgress
+from companion.guidance.right_of_way import RightOfWayConfig, blocks_way, pass_on_right
+from companion.guidance.speed_limits import (
+    SpeedLimitConfig,
+    headway_speed,
+    relative_speed_limit,
+    visibility_speed,
+)
+from companion.guidance.threat import ThreatConfig, rated_neighbours
+from companion.model import yaw_of
+from companion.perception.camera_health import CameraFault
+from companion.types import Obstacles, Phase, Track
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.wire.messages import VehicleState
+
+
+@dataclass(frozen=True)
+class GuidanceSettings:
+    """The parts of a drone's configuration that guide it.
+
+    cruise, v_max, blind_speed: m/s; blind_speed is the limit while the camera has a fault. d_ref:
+    m, of (9). d_agent, d_obstacle: m, safety distances of (37) and (38).
+    """
+
+    mission: MissionConfig
+    gaze: GazeConfig
+    threat: ThreatConfig
+    right_of_way: RightOfWayConfig
+    speed_limits: SpeedLimitConfig
+    surfaces: SurfaceConfig
+    fence: FenceConfig
+    cruise: float
+    v_max: float
+    blind_speed: float
+    d_ref: float
+    d_agent: float
+    d_obstacle: float
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What guidance decided at one tick; places (3,) m in the drone's own ENU frame.
+
+    progress: the mission's goal. target: where the solver is to fly. route: the names of the rules
+    that moved the target off the goal, in order. yaw: line of sight [rad]. speed: cruise speed
+    [m/s]; speed_limit: the name of the limit that it obeys. v_max: bound of (32) [m/s]. near: the
+    neighbours in range with their threat, worst first; critical: the first few of them. cohesive:
+    ids of the critical ones that fly the same way. obstacles: what stands around. land: whether the
+    mission is complete and the drone may come down.
+    """
+
+    progress: MissionProgress
+    aim: Vector
+    target: Vector
+    route: tuple[str, ...]
+    yaw: float
+    speed: float
+    speed_limit: str
+    v_max: float
+    near: list[tuple[Track, float]]
+    critical: list[tuple[Track, float]]
+    cohesive: frozenset[int]
+    obstacles: Obstacles
+    land: bool
+
+
+class Guidance:
+    """Decides the reference of each tick."""
+
+    def __init__(self, settings: GuidanceSettings) -> None:
+        self._settings = settings
+        self._mission = Mission(settings.mission)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what is tied to the vehicle's clock and place; the mission goes on."""
+        s = self._settings
+        self._detour = Detour(s.fence.sides())
+        self._gaze = Gaze(s.gaze)
+        self._landing = Landing(s.mission, s.d_agent, turns=s.gaze.survey > 0.0)
+
+    def decide(
+        self,
+        own: VehicleState | None,
+        tracks: Sequence[Track],
+        known: KnownObstacles,
+        fault: CameraFault,
+        phase: Phase,
+    ) -> Reference | None:
+        """Return the reference for the own state now; None where that is not known.
+
+        phase: of the tick before. Without control of the vehicle the reference is to stay.
+        """
+        if own is None:
+            return None
+        s = self._settings
+        mine = phase.on_mission
+        progress = (
+            self._mission.update(own, self._gaze.surveyed)
+            if mine
+            else MissionProgress(own.p, 0, False)
+        )
+        aim, route = self._route(own, progress.goal, known)
+        to_aim = aim - own.p
+        near = rated_neighbours(own, tracks, s.d_ref, s.threat)
+        critical = near[: s.threat.critical]
+        yaw = self._look(own, tracks, critical, to_aim, mine)
+        speed, limit = self._speed(own, tracks, to_aim, fault)
+        target = pass_on_right(own, tracks, known.cylinders, aim, s.right_of_way)
+        if not np.array_equal(target, aim):
+            route = (*route, "right of way")
+        planes = corridor_planes(own.p, aim, known.points, s.surfaces)
+        return Reference(
+            progress=progress,
+            aim=aim,
+            target=target,
+            route=route,
+            yaw=yaw,
+            speed=speed,
+            speed_limit=limit,
+            v_max=relative_speed_limit(own, tracks, speed, s.v_max, s.speed_limits),
+            near=near,
+            critical=critical,
+            # Cohesion is with the critical neighbours that fly the same way: at its distance no
+            # drone gets past one that stands in the way.
+            cohesive=frozenset(
+                t.id for t, _ in critical if not blocks_way(own, t, aim, s.right_of_way)
+            ),
+            obstacles=Obstacles(known.cylinders, planes, known.points),
+            land=self._land(own, tracks, progress.complete and phase.flying),
+        )
+
+    def _route(
+        self, own: VehicleState, goal: Vector, known: KnownObstacles
+    ) -> tuple[Vector, tuple[str, ...]]:
+        """Return the place to aim at (3,) m on the way to the goal, and the rules that moved it."""
+        s = self._settings
+        around = self._detour.aim(own.p, goal, known.cylinders, s.d_obstacle)
+        clearance = s.d_obstacle - s.surfaces.rough
+        aim = free_heading(own.p, around, known.points, clearance, s.surfaces.range)
+        moved = {"detour": around is not goal, "walls": aim is not around}
+        return aim, tuple(name for name, used in moved.items() if used)
+
+    def _look(
+        self,
+        own: VehicleState,
+        tracks: Sequence[Track],
+        critical: Sequence[tuple[Track, float]],
+        to_aim: Vector,
+        mine: bool,
+    ) -> float:
+        """Return the line of sight ψ [rad]."""
+        yaw_now = yaw_of(own.q_wb)
+        if not mine:
+            return self._gaze.rest(own.time, yaw_now)
+        lost = [bearing(own.p, t) for t, _ in critical if t.lost]
+        close = nearest_bearing(own.p, tracks, self._settings.gaze)
+        return self._gaze.update(own.time, own.v, to_aim, yaw_now, lost, close)
+
+    def _speed(
+        self, own: VehicleState, tracks: Sequence[Track], to_aim: Vector, fault: CameraFault
+    ) -> tuple[float, str]:
+        """Return the cruise speed [m/s] and the name of the limit that it obeys."""
+        s = self._settings
+        visible = visibility_speed(s.speed_limits, yaw_of(own.q_wb), to_aim)
+        limits = {
+            "cruise": s.cruise,
+            "visibility": s.cruise * visible,
+            "headway": headway_speed(
+                own, tracks, to_aim, s.cruise, s.speed_limits, s.right_of_way, s.threat.range_max
+            ),
+        }
+        if fault is not CameraFault.NONE:
+            limits["camera"] = s.blind_speed
+        name = min(limits, key=lambda n: limits[n])
+        return limits[name], name
+
+    def _land(self, own: VehicleState, tracks: Sequence[Track], complete: bool) -> bool:
+        """Return whether to land, at the end of the mission."""
+        if not complete:
+            return False
+        step = self._landing.update(own, tracks, self._gaze.surveyed)
+        if step.look_round:
+            self._gaze.look_round()
+        return step.land

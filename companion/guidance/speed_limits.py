@@ -1,0 +1,127 @@
+"""Speed limits: how fast the drone may fly, given what it sees and its neighbours.
+
+Three limits hold at once; the lowest counts:
+
+| limit | bounds | reason |
+|---|---|---|
+| visibility | cruise speed | the drone does not fly where it does not look |
+| headway | cruise speed | the room behind the neighbour ahead lasts for `headway` seconds |
+| relative speed | v_max of (32) | a drone that dodges fast only hits the next neighbour |
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from companion.guidance.gaze import wrap
+from companion.guidance.right_of_way import AHEAD_COSINE, RightOfWayConfig, same_level
+from companion.types import Track
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.distance import between
+from mavlink_bridge.shared.settings import Contradiction, StrictModel
+from mavlink_bridge.wire.messages import VehicleState
+
+_MAKE_WAY = 0.7  # m/s: the drone may always move this fast, to make way
+
+
+class SpeedLimitConfig(StrictModel):
+    """Numbers of the speed limits."""
+
+    headway: float = Field(
+        1.5, ge=0, description="Time [s] that the room ahead must last; 0: no headway limit."
+    )
+    clearance: float = Field(
+        1.1, ge=0, description="Distance [m] from a neighbour at which the room begins."
+    )
+    headway_least: float = Field(
+        0.3, gt=0, le=1, description="Least share of the cruise speed under the headway limit."
+    )
+    relative_speed: float = Field(
+        0.8,
+        ge=0,
+        description="Speed [m/s] above a neighbour's own that is allowed at `clearance` from it. "
+        "A drone that dodges faster hits the next neighbour, which cannot see it come.",
+    )
+    full_view: float = Field(
+        0.7, gt=0, description="Off the line of sight by at most this [rad]: full speed."
+    )
+    no_view: float = Field(
+        1.4, gt=0, le=3.2, description="Off it by this [rad], the edge of view: `no_view_share`."
+    )
+    no_view_share: float = Field(
+        0.1, gt=0, le=1, description="Share of the cruise speed into what is not in view."
+    )
+
+    @model_validator(mode="after")
+    def _check_view(self) -> Self:
+        if not self.full_view < self.no_view:
+            text = f"no_view, {self.no_view:g}, must be above full_view, {self.full_view:g}"
+            raise Contradiction(("no_view", "full_view"), text)
+        return self
+
+
+def visibility_speed(config: SpeedLimitConfig, yaw: float, to_goal: Vector) -> float:
+    """Return the share 0…1 of the cruise speed towards (3,) while the drone looks along `yaw`.
+
+    A drone that turns round at a goal looks before it flies: what comes from behind the edge of
+    view is seen too late to avoid. Linear between `full_view` and `no_view`.
+    """
+    off = abs(wrap(math.atan2(to_goal[1], to_goal[0]) - yaw))
+    share = (config.no_view - off) / (config.no_view - config.full_view)
+    return min(max(share, config.no_view_share), 1.0)
+
+
+def headway_speed(
+    own: VehicleState,
+    tracks: Sequence[Track],
+    way: Vector,
+    cruise: float,
+    config: SpeedLimitConfig,
+    right_of_way: RightOfWayConfig,
+    range_max: float,
+) -> float:
+    """Return the speed [m/s], at most `cruise`, at which the room ahead along `way` (3,) lasts.
+
+    The drone flies as fast as a neighbour ahead flies the same way, and room / headway faster.
+    A neighbour that flies along in formation slows nobody; two drones that meet at close quarters
+    both slow down, so that neither dodges faster than the other can see. The speed stays above
+    `headway_least`, so that nobody waits for ever.
+    """
+    length = float(np.linalg.norm(way[:2]))
+    if config.headway == 0.0 or length < 1e-6:
+        return cruise
+    along = way[:2] / length
+    speed = cruise
+    for t in tracks:
+        offset = t.p[:2] - own.p[:2]
+        distance = float(np.linalg.norm(offset))
+        ahead = offset @ along > AHEAD_COSINE * distance and same_level(own, t, right_of_way)
+        if ahead and distance < range_max:
+            room = max(distance - config.clearance, 0.0)
+            speed = min(speed, float(t.v[:2] @ along) + room / config.headway)
+    return max(speed, config.headway_least * cruise)
+
+
+def relative_speed_limit(
+    own: VehicleState,
+    tracks: Sequence[Track],
+    speed: float,
+    v_max: float,
+    config: SpeedLimitConfig,
+) -> float:
+    """Return the bound of (32) [m/s], at most `v_max`: near others, not much faster than they are.
+
+    Each metre farther from a neighbour adds 1 m/s. The old speed of a neighbour out of sight is no
+    reason to flee from it: there the own `speed` [m/s] or `relative_speed` is enough.
+    """
+    bound = v_max
+    for t in tracks:
+        distance = float(between(t.p, own.p))
+        calm = config.relative_speed + (distance - config.clearance)
+        bound = min(bound, max(calm, speed) if t.lost else calm + float(np.linalg.norm(t.v)))
+    return max(bound, min(_MAKE_WAY, v_max))

@@ -1,0 +1,87 @@
+"""The view of one camera on its drone: which places of the world it shows, and how well."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from companion.perception.camera import CalibrationError, Camera
+from companion.perception.config import CameraConfig
+from companion.types import Ranges
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.frames import rotation_matrix
+from mavlink_bridge.wire.messages import VehicleState
+
+_FOOTLESS = 0.05  # of a look at a trunk, where the picture does not show its foot
+
+
+def load_camera(config: CameraConfig) -> Camera:
+    """Return the camera as calibrated, or an ideal equidistant one.
+
+    Raises:
+        CalibrationError: a file that cannot be used, or is of another image size.
+    """
+    size = (config.width, config.height)
+    if config.calibration is None:
+        return Camera.equidistant(*size, config.fov_deg)
+    camera = Camera.load(config.calibration)
+    if (camera.width, camera.height) != size:
+        raise CalibrationError(
+            f"{config.calibration}: made at {camera.width}×{camera.height}, but camera.width and "
+            f"camera.height say {config.width}×{config.height}: calibrate at that size"
+        )
+    return camera
+
+
+class View:
+    """Projection between the drone's own ENU frame and its camera.
+
+    half_view: half the field of view [rad]. mount: (4,) camera → body.
+    """
+
+    def __init__(self, camera: Camera, needs_foot: bool) -> None:
+        """needs_foot: whether trunks are found by their foot, as in pixels."""
+        self.camera = camera
+        self.half_view = camera.width / 2 / camera.fx
+        self.mount = camera.mount
+        self._needs_foot = needs_foot
+
+    def rotation(self, own: VehicleState) -> Vector:
+        """Return the (3,3) rotation camera → world."""
+        return rotation_matrix(own.q_wb) @ rotation_matrix(self.mount)
+
+    def to_camera(self, own: VehicleState, vectors: Vector) -> Vector:
+        """Return world vectors (n,3) in the camera frame."""
+        return vectors @ self.rotation(own)
+
+    def shows(self, own: VehicleState, points: Vector, margin: float = 0.05) -> list[bool]:
+        """Return whether each of `points` (n,3) m, own ENU frame, falls well inside the image.
+
+        margin: share of the image's width and height that counts as outside.
+        """
+        if not len(points):
+            return []
+        pixels = self.camera.project(self.to_camera(own, points - own.p))
+        w, h = self.camera.width, self.camera.height
+        inside = (pixels > np.array([w, h]) * margin) & (pixels < np.array([w, h]) * (1 - margin))
+        return [bool(b[0] and b[1]) for b in inside]
+
+    def visibility(self, own: VehicleState, places: Vector, ranges: Ranges | None) -> Vector:
+        """Return how much of a look at a trunk at each of `places` (n,3) m a frame is, (n,) 0…1.
+
+        0 where the place is out of the picture, whatever its lens and mount, or where the depth
+        image `ranges` (h,w) m is NaN, as behind a neighbour. Little where pixels do not show the
+        foot: a thin trunk is then taken for one too far off to be told.
+        """
+        told = np.array(self.shows(own, places, margin=0.0), float)
+        if self._needs_foot:
+            feet = np.column_stack([places[:, :2], np.zeros(len(places))])
+            return told * np.where(self.shows(own, feet), 1.0, _FOOTLESS)
+        if ranges is None:
+            return told
+        h, w = ranges.shape
+        offsets = self.to_camera(own, places - own.p)
+        u, v = np.round(self.camera.scaled(w, h).project(offsets)).T
+        inside = (u >= 0) & (u < w) & (v >= 0) & (v < h)
+        rows, columns = (np.where(inside, x, 0).astype(int) for x in (v, u))
+        told[inside & np.isnan(ranges[rows, columns])] = 0.0
+        return told

@@ -1,0 +1,61 @@
+"""One companion on one link with its flight log: what the daemon and in-process flights share."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+
+from companion.flightlog.recorder import Recorder
+from companion.pipeline import Companion
+from companion.tick import Tick, TickInputs
+from mavlink_bridge.wire.link import Link
+
+
+class Session:
+    """Lets the companion tick, sends what follows, and logs it."""
+
+    def __init__(self, companion: Companion, link: Link, misses: Callable[[], int]) -> None:
+        """misses: returns the deadlines missed so far."""
+        self.recorder: Recorder | None = None
+        self._companion = companion
+        self._link = link
+        self._misses = misses
+        self._packets: list[tuple[bool, bytes]] = []
+        self._tick_cost = self._log_cost = 0.0
+
+    def open_log(self, recorder: Recorder) -> None:
+        """Log every tick from now on."""
+        self.recorder = recorder
+        self._link.tap = lambda sent, data: self._packets.append((sent, data))
+
+    def close_log(self) -> None:
+        """End the log; the flight goes on without it."""
+        self._link.tap = None
+        self._packets.clear()
+        if self.recorder is not None:
+            self.recorder.close()
+            self.recorder = None
+
+    def tick(self, inputs: TickInputs) -> tuple[Tick, bool]:
+        """Tick and send; return the tick, and whether anything left the process."""
+        started, packets = time.perf_counter(), self._link.packets_out
+        tick = self._companion.tick(inputs)
+        for packet in tick.packets:
+            self._link.send(packet)
+        self._tick_cost = time.perf_counter() - started
+        return tick, self._link.packets_out > packets
+
+    def log(self, inputs: TickInputs, tick: Tick) -> None:
+        """Log the tick, once everything is sent; the cost of logging shows in the next record."""
+        if self.recorder is None:
+            return
+        costs = {"tick": self._tick_cost, "log": self._log_cost}
+        started = time.perf_counter()
+        self.recorder.write(inputs, tick, self._packets, self.counters(), costs)
+        self._packets.clear()
+        self._log_cost = time.perf_counter() - started
+
+    def counters(self) -> dict[str, int]:
+        """Return the deadlines missed and what the codec counted, so far."""
+        return {"deadline_misses": self._misses()} | asdict(self._link.codec.statistics)

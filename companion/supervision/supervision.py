@@ -1,0 +1,147 @@
+"""Supervision: the guard's verdict and the phase, from what one tick knows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from companion.estimation.vehicle import VehicleEstimate
+from companion.guidance.fence import FenceConfig
+from companion.guidance.guidance import Reference
+from companion.guidance.mission import MissionConfig
+from companion.perception.camera_health import CameraFault
+from companion.perception.frontend import Detections
+from companion.supervision.guard import (
+    AutopilotRequest,
+    Guard,
+    GuardConfig,
+    GuardInputs,
+    Verdict,
+)
+from companion.supervision.phases import COMPANION_HEARTBEAT, PhaseMachine
+from companion.types import Phase, Plan
+from mavlink_bridge.autopilots.registry import Autopilot
+from mavlink_bridge.wire.messages import Message, RateCommand
+
+_HEARTBEAT_PERIOD = 1.0  # s
+
+
+@dataclass(frozen=True)
+class Supervised:
+    """What supervision decided at one tick.
+
+    requests: messages to the autopilot, the companion's own heartbeat among them. verdict: the
+    guarded command; None where no setpoint is to go out. repeat: the line loses packets, so that a
+    setpoint is sent more than once.
+    """
+
+    phase: Phase = Phase.WAIT
+    requests: list[Message] = field(default_factory=list)
+    verdict: Verdict | None = None
+    repeat: bool = False
+    inhibit_reason: str = ""
+
+    @property
+    def command(self) -> RateCommand | None:
+        """The command of the setpoint that goes out; None: none does."""
+        silent = self.verdict is None or self.verdict.request is AutopilotRequest.SILENCE
+        return None if self.verdict is None or silent else self.verdict.command
+
+    @property
+    def in_control(self) -> bool:
+        """Whether the vehicle follows the setpoints, as far as its heartbeat tells."""
+        return self.verdict is not None and self.phase is not Phase.ENGAGE
+
+
+class Supervision:
+    """The guard and the phase machine, and what passes between them."""
+
+    def __init__(
+        self, guard: GuardConfig, mission: MissionConfig, fence: FenceConfig, autopilot: Autopilot
+    ) -> None:
+        self._config = guard
+        self._fence = fence
+        self._guard = Guard(guard)
+        self._phases = PhaseMachine(mission, autopilot)
+        self._heartbeat_sent = -np.inf
+
+    @property
+    def phase(self) -> Phase:
+        """The phase of the last tick."""
+        return self._phases.phase
+
+    def reset(self) -> None:
+        """Give control up: the vehicle has started anew, and nothing on it is ours."""
+        self._phases.rebooted()
+        self._heartbeat_sent = -np.inf
+
+    def decide(
+        self,
+        time: float,
+        vehicle: VehicleEstimate,
+        seen: Detections,
+        reference: Reference | None,
+        plan: Plan | None,
+        *,
+        self_tested: bool,
+        leave: bool,
+    ) -> Supervised:
+        """Return the verdict and the phase at the tick of `time` [s]; one call a tick.
+
+        self_tested: the solver works. leave: control is to be given back to the autopilot.
+        """
+        inhibit_reason = vehicle.inhibit_reason or seen.inhibit_reason
+        verdict: Verdict | None = None
+        if leave:
+            self._phases.release()
+        if self.phase.flying:
+            verdict = self._judge(time, vehicle, seen, plan)
+            if verdict.request is not AutopilotRequest.NONE:
+                self._phases.release(land=verdict.request is not AutopilotRequest.HOLD)
+        decision = self._phases.update(
+            time,
+            vehicle.heartbeat if vehicle.mode_known else None,
+            vehicle.state,
+            ready=self_tested and not inhibit_reason and self._fit_to_fly(vehicle, seen),
+            complete=reference is not None and reference.land,
+        )
+        requests = list(decision.requests)
+        if time - self._heartbeat_sent >= _HEARTBEAT_PERIOD:
+            self._heartbeat_sent = time
+            requests.append(COMPANION_HEARTBEAT)
+        if not decision.stream:
+            verdict = None
+        elif verdict is None:
+            verdict = self._judge(time, vehicle, seen, plan)
+        repeat = vehicle.packet_loss > self._config.lossy
+        return Supervised(decision.phase, requests, verdict, repeat, inhibit_reason)
+
+    def _fit_to_fly(self, vehicle: VehicleEstimate, seen: Detections) -> bool:
+        """Return whether what is known of vehicle and camera is new and can be true."""
+        return (
+            seen.started
+            and seen.fault is CameraFault.NONE
+            and vehicle.age <= self._config.stale_stop
+            and vehicle.plausible
+        )
+
+    def _judge(
+        self, time: float, vehicle: VehicleEstimate, seen: Detections, plan: Plan | None
+    ) -> Verdict:
+        own = vehicle.state
+        outside, outward = (-np.inf, 0.0) if own is None else self._fence.across(own.p, own.v)
+        return self._guard.judge(
+            GuardInputs(
+                time,
+                plan,
+                own,
+                age=vehicle.age,
+                plausible=vehicle.plausible,
+                outside=outside,
+                outward=outward,
+                blind=seen.blind,
+                tick_gap=vehicle.tick_gap,
+                packet_loss=vehicle.packet_loss,
+            )
+        )

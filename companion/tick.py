@@ -1,0 +1,54 @@
+"""What one tick depends on, and the results of all its stages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from companion.control.planning import Planned
+from companion.estimation.known_obstacles import KnownObstacles
+from companion.estimation.motion import MotionEstimate
+from companion.estimation.vehicle import VehicleEstimate
+from companion.guidance.guidance import Reference
+from companion.perception.frontend import Detections
+from companion.supervision.supervision import Supervised
+from companion.types import Track
+from mavlink_bridge.shared.thrust import ThrustMap
+from mavlink_bridge.wire.messages import Message, RateSetpoint, Received
+from mavlink_bridge.wire.video import Frame
+
+
+@dataclass(frozen=True)
+class TickInputs:
+    """All that a tick depends on: its time [s, vehicle's clock], messages, the newest frame."""
+
+    time: float
+    received: list[Received]
+    frame: Frame | None
+    leave: bool = False  # control is to be given back to the autopilot
+
+
+@dataclass(frozen=True)
+class Tick:
+    """The results of all stages of one tick, and how long each took [s].
+
+    reference: None before the own state is known. setpoint: None where none goes out.
+    """
+
+    time: float
+    vehicle: VehicleEstimate = field(default_factory=VehicleEstimate)
+    seen: Detections = field(default_factory=Detections)
+    obstacles: KnownObstacles = field(default_factory=KnownObstacles)
+    tracks: list[Track] = field(default_factory=list)
+    motion: MotionEstimate = field(default_factory=lambda: MotionEstimate(None, ThrustMap()))
+    reference: Reference | None = None
+    planned: Planned = field(default_factory=Planned)
+    supervised: Supervised = field(default_factory=Supervised)
+    setpoint: RateSetpoint | None = None
+    stages: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def packets(self) -> list[list[Message]]:
+        """What goes out, packet by packet; on a line that loses packets the setpoint thrice."""
+        setpoint: list[Message] = [] if self.setpoint is None else [self.setpoint]
+        first = [*self.supervised.requests, *setpoint]
+        return [first, *[setpoint] * (2 if self.supervised.repeat else 0)]
