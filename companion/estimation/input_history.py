@@ -35,6 +35,11 @@ class InputHistory:
         """(4,) the last input sent; hover where none was."""
         return self._sent[-1].u if self._sent else HOVER
 
+    @property
+    def u_first(self) -> Vector:
+        """(4,) the oldest input remembered; hover where none is."""
+        return self._sent[0].u if self._sent else HOVER
+
     def add(self, sent: SentInput) -> None:
         """Remember an input that was sent."""
         self._sent.append(sent)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.estimation.input_history import InputHistory
-from companion.model import HOVER, observed_disturbance, predict
+from companion.model import observed_disturbance, predict
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.wire.messages import VehicleState
 
@@ -47,8 +47,7 @@ class StatePredictor:
         Return the prediction for this tick's input.
         """
         self.observe(own)
-        x0 = self._flow(state_vector(own), own.time, own.time + self._history.delay)
-        return Prediction(x0, self._history.u_last, self.disturbance)
+        return Prediction(self.ahead(own), self._history.u_last, self.disturbance)
 
     def observe(self, own: VehicleState) -> None:
         """Correct the disturbance by the error of the last tick's prediction."""
@@ -62,6 +61,10 @@ class StatePredictor:
                 )
         self._before = own.time, x, epoch
 
+    def ahead(self, own: VehicleState) -> Vector:
+        """Return the (10,) state p, v, q at which the input of this tick takes effect."""
+        return self._flow(state_vector(own), own.time, own.time + self._history.delay)
+
     def carried(self, own: VehicleState, time: float) -> VehicleState:
         """Return a past state carried to `time` [s] by the model and the inputs sent since."""
         x = self._flow(state_vector(own), own.time, time)
@@ -69,10 +72,7 @@ class StatePredictor:
 
     def _flow(self, x: Vector, start: float, end: float) -> Vector:
         """Return x (10,) carried from `start` to `end` [s] under each input while it acts."""
-        u = HOVER
-        for first in self._history:
-            u = first.u
-            break
+        u = self._history.u_first
         for sent in self._history:
             acts = sent.time + self._history.delay
             if acts >= end:

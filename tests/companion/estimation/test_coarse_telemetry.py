@@ -120,10 +120,10 @@ def test_a_body_rate_that_no_gyro_can_tell_is_not_believed():
     wild = [Attitude(0.2 + k / 50, level, np.array([0.0, -150.0, 0.0])) for k in range(5)]
     own.add(wild[:1])
     assert own.at(0.2).omega.tolist() == [34.0, 0.0, 0.0]
-    assert own.believable(0.2)  # once is a slip
+    assert own.plausible(0.2)  # once is a slip
     own.add(wild[1:])
     assert own.counters.too_fast == 5
-    assert not own.believable(0.3)
+    assert not own.plausible(0.3)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e-45, -1e-40])

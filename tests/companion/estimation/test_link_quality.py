@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from companion.estimation.link_quality import LinkQuality
-from companion.pipeline import TickOutputs
+from companion.supervision.supervision import Supervised
+from companion.tick import Tick
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.messages import Heartbeat, RateSetpoint, SystemTime
 
@@ -52,6 +53,10 @@ def test_a_line_that_was_never_sound_says_nothing(frames):
 
 def test_on_a_lossy_line_the_setpoint_goes_out_three_times_and_nothing_else_does():
     setpoint = RateSetpoint(1.0, np.zeros(3), 0.4, 1)
-    sound, lossy = (TickOutputs(1.0, [HEARTBEAT, setpoint], lossy=on) for on in (False, True))
+    ticks = [
+        Tick(1.0, supervised=Supervised(requests=[HEARTBEAT], repeat=on), setpoint=setpoint)
+        for on in (False, True)
+    ]
+    sound, lossy = ticks
     assert sound.packets == [[HEARTBEAT, setpoint]]
     assert lossy.packets == [[HEARTBEAT, setpoint], [setpoint], [setpoint]]

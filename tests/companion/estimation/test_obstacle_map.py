@@ -12,11 +12,11 @@ LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 THIN, PLACE = 0.24, np.array([4.0, 0.3])
 
 
-def fly(known, x, *trunks, **tells):
+def fly(known, x, *trunks, **visibility):
     """One look from (x, 0, 2) m."""
     own = VehicleState(x / 1.5, np.array([x, 0, 2.0]), np.array([1.5, 0, 0]), LEVEL, np.zeros(3))
-    known.update([t for t in trunks if t], own, FORWARD, np.radians(80.0), **tells)
-    return known.obstacles(own.p).cylinders
+    known.update([t for t in trunks if t], own, FORWARD, np.radians(80.0), **visibility)
+    return known.cylinders(own.p)
 
 
 def look(x, assumed=None):
@@ -75,7 +75,7 @@ def test_one_that_should_be_seen_and_is_not_is_forgotten():
     for _ in range(6):
         fly(known, 1.0, look(1.0))
     for _ in range(ObstacleConfig().misses_to_forget):
-        assert len(fly(known, 1.0, None, tells=lambda places: places[:, 0] < PLACE[0] - 0.5))
+        assert len(fly(known, 1.0, None, visibility=lambda places: places[:, 0] < PLACE[0] - 0.5))
     for _ in range(ObstacleConfig().misses_to_forget):
         left = fly(known, 1.0, None)
     assert not len(left)
@@ -135,8 +135,8 @@ def test_where_little_of_a_look_is_had_one_is_forgotten_late():
     for _ in range(6):
         fly(known, 1.0, look(1.0))
     for _ in range(40):
-        left = fly(known, 1.0, tells=lambda places: np.full(len(places), 0.05))
+        left = fly(known, 1.0, visibility=lambda places: np.full(len(places), 0.05))
     assert len(left)
     for _ in range(60):
-        left = fly(known, 1.0, tells=lambda places: np.full(len(places), 0.05))
+        left = fly(known, 1.0, visibility=lambda places: np.full(len(places), 0.05))
     assert not len(left)

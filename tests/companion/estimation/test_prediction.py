@@ -1,11 +1,23 @@
 import numpy as np
 import pytest
 
+from companion.estimation.input_history import InputHistory, SentInput
 from companion.estimation.prediction import StatePredictor
 from companion.model import GRAVITY, HOVER, predict
 from mavlink_bridge.wire.messages import VehicleState
 
 DELAY = 0.06
+
+
+class Predictor(StatePredictor):
+    """A predictor with a history of its own."""
+
+    def __init__(self, delay):
+        self.history = InputHistory(delay)
+        super().__init__(self.history)
+
+    def sent(self, time, u):
+        self.history.add(SentInput(time, u, 0.0))
 
 
 def vehicle(time, x):
@@ -19,7 +31,7 @@ def rest():
 
 
 def test_inputs_in_flight_act_when_they_do():
-    f = StatePredictor(DELAY)
+    f = Predictor(DELAY)
     strong = np.array([GRAVITY + 4.0, 0.0, 0.0, 0.0])
     f.sent(0.0, HOVER)
     f.sent(0.1, strong)
@@ -31,7 +43,7 @@ def test_inputs_in_flight_act_when_they_do():
 
 
 def test_a_long_delay_holds_several_inputs_in_flight():
-    f = StatePredictor(0.25)
+    f = Predictor(0.25)
     for k, extra in enumerate([1.0, 2.0, 4.0]):
         f.sent(0.1 * k, np.array([GRAVITY + extra, 0.0, 0.0, 0.0]))
     ahead = f.ahead(vehicle(0.25, rest()))  # to 0.5: 1.0 to 0.35, 2.0 to 0.45, 4.0 after
@@ -39,7 +51,7 @@ def test_a_long_delay_holds_several_inputs_in_flight():
 
 
 def test_at_the_shortest_period_all_that_the_longest_delay_holds_is_remembered():
-    f = StatePredictor(0.5)
+    f = Predictor(0.5)
     for k in range(50):
         f.sent(0.02 * k, np.array([GRAVITY + (k < 26), 0.0, 0.0, 0.0]))
     ahead = f.ahead(vehicle(0.98, rest()))  # to 1.48: 26 of 50 were strong, the last until 1.02
@@ -47,7 +59,7 @@ def test_at_the_shortest_period_all_that_the_longest_delay_holds_is_remembered()
 
 
 def test_drag_is_learnt_as_a_disturbance():
-    f, x, drag = StatePredictor(DELAY), rest(), np.array([-0.4, 0.2, 0.0])
+    f, x, drag = Predictor(DELAY), rest(), np.array([-0.4, 0.2, 0.0])
     f.sent(-0.1, HOVER)
     for k in range(100):
         f.observe(vehicle(0.1 * k, x))
@@ -57,9 +69,9 @@ def test_drag_is_learnt_as_a_disturbance():
 
 
 def test_nothing_is_learnt_while_somebody_else_flies():
-    f, x = StatePredictor(DELAY), rest()
+    f, x = Predictor(DELAY), rest()
     for k in range(20):
-        f.forget()
+        f.history.clear()
         f.observe(vehicle(0.1 * k, x))
         x = predict(x, HOVER, 0.1, np.array([1.0, 0.0, 0.0]))
     assert np.array_equal(f.disturbance, np.zeros(3))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from companion.guidance.gaze import Gaze, GazeConfig, visibility_speed, wrap
+from companion.guidance.gaze import Gaze, GazeConfig, wrap
 
 EAST = np.array([1.5, 0.0, 0.0])
 FAR = np.array([20.0, 0.0, 0.0])
@@ -99,10 +99,3 @@ def test_before_it_sets_out_it_looks_once_all_round_on_either_side():
         assert abs(turn[-1]) == pytest.approx(2 * math.pi, abs=0.2)
     gaze.rest(9.0, 0.4)
     assert not gaze.surveyed  # who was taken out of our hands looks round again
-
-
-def test_what_is_not_seen_is_entered_at_a_creep():
-    c = GazeConfig()
-    assert visibility_speed(c, 0.0, FAR) == 1.0
-    assert visibility_speed(c, math.pi, FAR) == c.creep
-    assert c.creep < visibility_speed(c, 1.0, FAR) < 1.0

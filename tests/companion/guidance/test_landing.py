@@ -23,7 +23,9 @@ def track(*p):
 
 def lands_at(config, seen_at, **keys):
     """Time [s] at which it lands; seen_at: tracks known at a time."""
-    landing, gaze = Landing(MissionConfig(goals=[GOAL], **config), 0.5), Gaze(GazeConfig(**keys))
+    look = GazeConfig(**keys)
+    landing = Landing(MissionConfig(goals=[GOAL], **config), 0.5, turns=look.survey > 0.0)
+    gaze = Gaze(look)
     mission = Mission(MissionConfig(goals=[GOAL]))
     assert mission.update(at(0.0)).complete
     for tick in range(300):
@@ -31,7 +33,10 @@ def lands_at(config, seen_at, **keys):
         gaze.update(time, np.zeros(3), np.zeros(3), 0.0)
         # Looking round at the goal is no looking round before setting out: it stays where it is.
         assert mission.update(at(time), gaze.surveyed).goal == pytest.approx(GOAL)
-        if landing.may(at(time), seen_at(time), gaze):
+        step = landing.update(at(time), seen_at(time), gaze.surveyed)
+        if step.look_round:
+            gaze.look_round()
+        if step.land:
             return time
     return None
 
@@ -62,7 +67,7 @@ def test_it_does_not_wait_for_ever():
 
 
 def test_a_clock_that_begins_anew_does_not_keep_it_up():
-    landing, gaze = Landing(MissionConfig(goals=[GOAL], land_wait=10.0), 0.5), Gaze(GazeConfig())
+    landing = Landing(MissionConfig(goals=[GOAL], land_wait=10.0), 0.5, turns=True)
     below = [track(0.0, 0.0, 0.6)]
-    assert not landing.may(at(900.0), below, gaze)
-    assert landing.may(at(1.0), below, gaze)
+    assert not landing.update(at(900.0), below, surveyed=True).land
+    assert landing.update(at(1.0), below, surveyed=True).land

@@ -244,3 +244,20 @@ def test_streams_are_asked_for_even_where_all_is_there_at_once():
     asked = [m for _ in range(30) for m in flown.tick("hold", armed=False).requests]
     assert flown.phases.phase is Phase.ARM
     assert [m for m in asked if m in Px4(1).request_streams()] == Px4(1).request_streams()
+
+
+@pytest.mark.parametrize("auto", [True, False])
+def test_a_companion_that_starts_in_flight_takes_nothing_unasked(auto):
+    machine = PhaseMachine(MissionConfig(auto=auto), Px4(1))
+
+    def tick(time, mode, armed=True):
+        heartbeat = Heartbeat(12, 2, armed, PX4[mode], 4)
+        return machine.update(time, heartbeat, at(0.0), ready=True, complete=False)
+
+    assert all(tick(0.1 * n, "offboard").phase is Phase.WAIT for n in range(5))
+    if auto:
+        assert tick(1.0, "hold").phase is Phase.ENGAGE  # streams, for a pilot to choose offboard
+        requests = [m for n in range(30) for m in tick(1.1 + 0.1 * n, "hold").requests]
+        assert requests == []
+    assert tick(9.0, "land", armed=False).phase in (Phase.WAIT, Phase.PASSIVE)
+    assert tick(9.1, "land", armed=False).phase is not Phase.ARM

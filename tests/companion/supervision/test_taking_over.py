@@ -1,4 +1,4 @@
-"""From a pilot's flight to ours: what is learnt, looked at and aimed for while he still flies."""
+"""From the pilot's flight to the companion's: hover thrust, gaze and goals at the takeover."""
 
 from dataclasses import dataclass, field
 
@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from companion.model import predict
-from companion.pipeline import Pipeline, TickInputs
+from companion.pipeline import Companion
 from companion.settings.config import CompanionConfig
+from companion.tick import TickInputs
 from companion.types import Phase
 from mavlink_bridge.autopilots.px4 import MODES
 from mavlink_bridge.shared.thrust import G
@@ -15,7 +16,6 @@ from mavlink_bridge.wire.messages import (
     Attitude,
     Heartbeat,
     LocalPosition,
-    RateSetpoint,
     Received,
     Source,
 )
@@ -45,7 +45,7 @@ def fly(lag, goals, aside=0.0, seconds=4.0):
         {"fileversion": 2, "mission": {"goals": goals, "land": False},
          "sensing": {"neighbours": "truth", "obstacles": "map"},
          "camera": {"width": 64, "height": 64}})  # fmt: skip
-    pipeline, seen = Pipeline(config, lambda: 0.0), Seen()
+    companion, seen = Companion(config, lambda: 0.0), Seen()
     x = np.array([0.0, 0, 0, 0, 0, 0, 1, 0, 0, 0])  # looks east; the pilot turns it to the west
     u, queue = None, []
     for k in range(round((TAKEN + seconds) * 10)):
@@ -67,18 +67,17 @@ def fly(lag, goals, aside=0.0, seconds=4.0):
         flown = now - lag >= TAKEN
         mode = MODES["offboard" if flown else "takeoff" if GROUND < now < TAKEN - 2.0 else "hold"]
         heard.append(Received(VEHICLE, Heartbeat(12, 2, now > 1.0, mode, 4)))
-        out = pipeline.tick(TickInputs(now + 10, heard, Frame(now + 9.97, NOBODY)))
-        for m in out.messages:
-            if isinstance(m, RateSetpoint):
-                queue.append((now + 0.06, (m.omega, m.thrust)))
+        tick = companion.tick(TickInputs(now + 10, heard, Frame(now + 9.97, NOBODY)))
+        if tick.setpoint is not None:
+            queue.append((now + 0.06, (tick.setpoint.omega, tick.setpoint.thrust)))
         if now >= TAKEN:
-            assert out.phase in (Phase.ENGAGE, Phase.FLY)
+            assert tick.supervised.phase in (Phase.ENGAGE, Phase.FLY)
             yaw = 2 * np.arctan2(x[9], x[6])
             seen.z.append(x[2])
             seen.offset.append(float(np.hypot(x[0], x[1] - aside)))
             seen.turn.append(abs(yaw % (2 * np.pi) - np.pi))
-            seen.hover.append(out.hover_thrust)
-            seen.target.append(out.progress.index)
+            seen.hover.append(tick.motion.thrust_map.hover_thrust)
+            seen.target.append(tick.reference.progress.index)
     return seen
 
 

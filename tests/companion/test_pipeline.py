@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from companion.perception.camera import FORWARD, Camera
-from companion.pipeline import Pipeline, TickInputs
+from companion.pipeline import Companion
 from companion.settings.config import CompanionConfig
+from companion.tick import TickInputs
 from mavlink_bridge.autopilots.px4 import MODES
 from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.wire.messages import Attitude, Heartbeat, LocalPosition, Received, Source
@@ -29,7 +30,7 @@ def engaged(shown, **changes):
         {"fileversion": 2, "mission": {"goals": [[4.5, 0.0, 2.0]], "land": False},
          "sensing": {"neighbours": "truth", "obstacles": "map"},
          "camera": {"width": 64, "height": 64}, **changes})  # fmt: skip
-    pipeline, vehicle = Pipeline(config, lambda: 0.0), Source(1, 1)
+    companion, vehicle = Companion(config, lambda: 0.0), Source(1, 1)
     empty = {"neighbours": np.zeros((0, 6)), "trunks": np.zeros((0, 6)),
              "ranges": np.full((32, 32), np.inf, np.float32)}  # fmt: skip
     for k in range(20):
@@ -39,15 +40,15 @@ def engaged(shown, **changes):
         for t in now - 0.08 + 0.02 * np.arange(5):
             heard += [Received(vehicle, Attitude(t, LEVEL, np.zeros(3))),
                       Received(vehicle, LocalPosition(t, PLACE, np.zeros(3)))]  # fmt: skip
-        out = pipeline.tick(TickInputs(now, heard, Frame(now - 0.03, empty | shown)))
-    return config, out
+        tick = companion.tick(TickInputs(now, heard, Frame(now - 0.03, empty | shown)))
+    return config, tick
 
 
 def test_walls_are_planned_around_also_inside_a_narrow_fence():
     fence = {"east": [-5.0, 5.0], "north": [-5.0, 5.0]}
-    config, out = engaged({"ranges": wall_ranges()}, fence=fence)
-    kept = out.instance.planes[out.instance.plane_active > 0.5]
-    walls = out.obstacles.planes
+    config, tick = engaged({"ranges": wall_ranges()}, fence=fence)
+    kept = tick.planned.instance.planes[tick.planned.instance.plane_active > 0.5]
+    walls = tick.reference.obstacles.planes
     assert len(walls) >= 1
     assert all(np.isclose(kept, wall).all(axis=1).any() for wall in walls)
     assert len(kept) == config.nmpc.planes
@@ -63,9 +64,9 @@ def test_the_aim_leads_round_two_trunks_without_room_between(apart, turned):
         @ rotation_matrix(np.array(FORWARD))
     )  # east is ahead: world to camera
     trunks = np.column_stack([rays, distance, np.full(2, 0.4), np.full(2, 0.03)])
-    _, out = engaged({"trunks": trunks}, gaze={"survey": 0.0})
-    assert len(out.obstacles.cylinders) == 2
-    aside = out.aim[1] / out.aim[0]
+    _, tick = engaged({"trunks": trunks}, gaze={"survey": 0.0})
+    assert len(tick.obstacles.cylinders) == 2
+    aside = tick.reference.aim[1] / tick.reference.aim[0]
     assert (abs(aside) > 0.3) == turned
-    assert np.allclose(out.instance.goal, out.aim)
-    assert np.allclose(out.progress.goal, [4.5, 0.0, 2.0])
+    assert np.allclose(tick.planned.instance.goal, tick.reference.aim)
+    assert np.allclose(tick.reference.progress.goal, [4.5, 0.0, 2.0])

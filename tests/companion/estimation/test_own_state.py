@@ -1,0 +1,60 @@
+"""What own state refuses, and when it is no longer plausible."""
+
+import numpy as np
+
+from companion.estimation.own_state import OwnState
+from mavlink_bridge.wire.messages import Attitude, LocalPosition
+
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def fed(*samples):
+    state = OwnState()
+    for n in range(10):
+        state.add([Attitude(0.02 * n, LEVEL, np.zeros(3)),
+                   LocalPosition(0.02 * n, np.zeros(3), np.zeros(3))])  # fmt: skip
+    for sample in samples:
+        state.add([sample])
+    return state
+
+
+def position(time, x):
+    return LocalPosition(time, np.array([x, 0.0, 0.0]), np.zeros(3))
+
+
+def without_position(seconds, *garbled):
+    """Attitudes alone for some seconds, and positions that are no numbers at these times [s]."""
+    samples = [Attitude(0.2 + t, LEVEL, np.zeros(3)) for t in np.arange(0.0, seconds, 0.02)]
+    samples += [position(t, np.nan) for t in garbled]
+    return fed(*sorted(samples, key=lambda s: s.time)).plausible(0.2 + seconds)
+
+
+def test_a_silent_position_is_lost_sooner_than_a_garbled_one():
+    assert without_position(0.15)
+    assert not without_position(0.25)
+    assert without_position(0.25, *np.arange(0.2, 0.45, 0.04))
+    assert not without_position(0.6, *np.arange(0.2, 0.8, 0.04))
+
+
+def test_one_position_elsewhere_is_an_outlier_and_five_are_a_jump():
+    once = fed(position(0.2, 5.0), position(0.22, 0.0))
+    assert once.plausible(0.22)
+    assert once.counters.jumps == 1
+    assert not fed(*[position(0.2 + 0.02 * n, 5.0) for n in range(5)]).plausible(0.3)
+    assert fed(*[position(0.2 + 0.1 * n, 0.9 * (n + 1)) for n in range(5)]).plausible(0.6)
+
+
+def test_quaternions_that_are_not_of_unit_length_are_refused():
+    bad = [Attitude(0.2 + 0.02 * n, 0.5 * LEVEL, np.zeros(3)) for n in range(5)]
+    assert fed(*bad[:3]).plausible(0.26)
+    assert not fed(*bad).plausible(0.3)
+
+
+def test_a_clock_that_goes_back_is_a_reboot():
+    late = fed()
+    late.add([position(50.0, 0.0)])
+    late.add([position(0.1, 0.0)])
+    assert late.counters.reboots == 0
+    late.add([position(0.12, 0.0), position(0.14, 0.0)])
+    assert late.counters.reboots == 1
+    assert late.at(0.14) is None  # attitude is to come

@@ -1,0 +1,64 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from companion.guidance.right_of_way import RightOfWayConfig
+from companion.guidance.speed_limits import (
+    SpeedLimitConfig,
+    headway_speed,
+    relative_speed_limit,
+    visibility_speed,
+)
+from tests.companion.tracks import OWN, track
+
+CONFIG, FAR = SpeedLimitConfig(), np.array([9.0, 0.0, 0.0])
+
+
+def free_speed(*tracks):
+    way = np.array([9.0, 0, 0])
+    return headway_speed(OWN, tracks, way, 1.65, CONFIG, RightOfWayConfig(), range_max=10.0)
+
+
+def test_a_formation_that_flies_along_slows_nobody():
+    assert free_speed(track(1, [1.7, 0.2, 0], [1.5, 0, 0]), track(2, [0, 1.5, 0])) == 1.65
+
+
+def test_a_neighbour_on_the_ground_slows_nobody():
+    assert free_speed(track(1, [1.7, 0.0, -2.0])) == 1.65
+
+
+def test_two_that_meet_at_close_quarters_slow_but_never_stop():
+    far, near = (free_speed(track(1, [x, 0, 0], [-1.0, 0, 0])) for x in (4.0, 2.0))
+    assert 1.65 > far > near
+    assert np.isclose(far, (4.0 - CONFIG.clearance) / CONFIG.headway - 1.0)
+    assert near == CONFIG.headway_least * 1.65
+
+
+def test_a_neighbour_behind_or_beside_does_not_count():
+    assert free_speed(track(1, [-1.0, 0, 0]), track(2, [0.2, 1.2, 0])) == 1.65
+
+
+def bound(*tracks, speed=0.5):
+    return relative_speed_limit(OWN, tracks, speed, 1.85, CONFIG)
+
+
+def test_a_drone_near_others_is_not_much_faster_than_they_are():
+    assert np.isclose(bound(track(1, [1.1, 0, 0])), CONFIG.relative_speed)
+    assert np.isclose(bound(track(1, [1.1, 0, 0], [0.5, 0, 0])), CONFIG.relative_speed + 0.5)
+    assert bound(track(1, [4.0, 0, 0])) == 1.85
+    assert bound() == 1.85
+    assert 0.5 < bound(track(1, [0, 0, 0])) < CONFIG.relative_speed
+
+
+def test_the_old_speed_of_a_neighbour_out_of_sight_is_no_reason_to_flee():
+    lost = replace(track(1, [-1.1, 0, 0], [1.0, 0, 0]), unseen=0.6)
+    assert np.isclose(bound(lost), CONFIG.relative_speed)
+    assert bound(lost, speed=1.65) == 1.65  # one that follows close behind holds nobody up
+
+
+def test_the_drone_flies_slowly_where_it_does_not_look():
+    c = SpeedLimitConfig()
+    assert visibility_speed(c, 0.0, FAR) == 1.0
+    assert visibility_speed(c, math.pi, FAR) == c.no_view_share
+    assert c.no_view_share < visibility_speed(c, 1.0, FAR) < 1.0
