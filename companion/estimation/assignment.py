@@ -1,7 +1,7 @@
-"""Which belongs to which at the least total cost: the Hungarian method, exact.
+"""Assignment of least total cost: the Hungarian method, exact.
 
-For the handful of tracks and detections of one frame. scipy's does the same and brings 50 MB of
-libraries into a daemon that needs nothing else of them.
+It serves the handful of tracks and detections of one frame. scipy's does the same, and brings 50 MB
+of libraries into a daemon that needs nothing else of them.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from mavlink_bridge.shared.arrays import Vector
 
 
 def assign(cost: Vector) -> list[tuple[int, int]]:
-    """Pairs (row, column) of least total cost, by row; min(n, m) of them for cost (n,m).
+    """Return the min(n, m) pairs (row, column) of least total cost, by row; finite cost (n,m).
 
-    Shortest augmenting paths with potentials, O(n² m). Costs must be finite.
+    The method is that of shortest augmenting paths with potentials, O(n² m).
     """
     n, m = cost.shape
     if n > m:
@@ -33,7 +33,7 @@ def assign(cost: Vector) -> list[tuple[int, int]]:
 
 
 def _shortest_path(cost: Vector, u: Vector, v: Vector, row_of: Vector) -> list[int]:
-    """Columns from the spare one to a free one by the cheapest way; updates the potentials."""
+    """Return the columns on the cheapest path from the spare to a free one; update u and v."""
     m = len(v) - 1
     least, previous = np.full(m + 1, np.inf), np.zeros(m + 1, dtype=int)
     done = np.zeros(m + 1, dtype=bool)

@@ -1,8 +1,8 @@
-"""Own state where ATTITUDE and GLOBAL_POSITION_INT are all there is: plain Betaflight telemetry.
+"""Own state where only ATTITUDE and GLOBAL_POSITION_INT come: plain Betaflight telemetry.
 
-Its angles come in steps of 0.1°, its body rates are zero, and its GLOBAL_POSITION_INT is stamped
-in microseconds where milliseconds belong (and before 2025.12 its velocity is zero): so angles
-give the rates, ATTITUDE gives the time, and positions give what velocity they can.
+Betaflight's angles come in steps of 0.1° and its body rates are zero. Its GLOBAL_POSITION_INT is
+stamped in microseconds where milliseconds belong; before 2025.12 its velocity is zero. So the
+angles give the body rates, ATTITUDE gives the time, and the positions give what velocity they can.
 """
 
 from __future__ import annotations
@@ -19,25 +19,30 @@ from mavlink_bridge.wire.messages import (
     Message,
 )
 
-# Few positions a second, and nothing to carry them by but the velocity.
+# Positions come a few times a second, and only the velocity carries them in between.
 _GAINS = CoarseGains(
-    tilt=0.5, heading=0.5, heading_step=CoarseGains().tilt_step, height=0.4, climb=0.5,
-    baro_age=0.0, gps_age=0.0,
-)  # fmt: skip
+    tilt=0.5,
+    heading=0.5,
+    heading_step=CoarseGains().tilt_step,
+    height=0.4,
+    climb=0.5,
+    baro_age=0.0,
+    gps_age=0.0,
+)
 
 
 class CoarseTelemetry:
-    """Turns coarse messages into the fine ones that the own state is made of."""
+    """Turns coarse messages into the fine ones from which the own state is made."""
 
     def __init__(self) -> None:
         self._state = CoarseState(_GAINS, jumps=False)
         self._time: float | None = None
-        self._seen = False
+        self._has_position = False
 
     def add(self, message: Message) -> list[Attitude | LocalPosition]:
-        """What follows from a message; empty for what is of no use here."""
+        """Return the attitude and position that follow from a message; empty where none do."""
         if isinstance(message, GlobalPosition):
-            self._place(message)
+            self._add_position(message)
             return []
         if not isinstance(message, EulerAttitude) or not np.isfinite(message.q_wb).all():
             return []
@@ -55,10 +60,11 @@ class CoarseTelemetry:
             LocalPosition(now.time, now.p, now.v),
         ]
 
-    def _place(self, g: GlobalPosition) -> None:
+    def _add_position(self, g: GlobalPosition) -> None:
+        """Correct the filter by a position; its first height is the ground's."""
         if self._time is None:
             return
         v = g.v[:2] if g.v.any() else None
         self._state.gps(g.latitude_deg, g.longitude_deg, v)
-        self._state.height(g.altitude, resting=not self._seen)
-        self._seen = True
+        self._state.height(g.altitude, resting=not self._has_position)
+        self._has_position = True

@@ -1,8 +1,8 @@
-"""How much of what the vehicle says is lost on the way.
+"""Link quality: the share of the vehicle's telemetry that is lost on the way.
 
-Commands go the same way: where telemetry is lost, they are, and each is in force for longer than
-meant. Believed only where next to nothing was lost once: on some routers the numbers of several
-streams mix, and say nothing.
+Setpoints take the same way back: where telemetry is lost, setpoints are lost too, and each is in
+force for longer than meant. The share is known only after a second in which next to nothing was
+lost: some routers mix the sequence numbers of several streams, which then say nothing.
 """
 
 from __future__ import annotations
@@ -14,31 +14,31 @@ from collections.abc import Iterable
 from mavlink_bridge.wire.messages import Heartbeat, Received
 
 _WINDOW = 1.0  # s
-_LEAST = 20  # frames; fewer say nothing
-_SOUND = 0.05  # share that may be missing from a line whose numbers are believed
+_FRAMES_MIN = 20  # frames in the window; fewer say nothing
+_TRUSTED_LOSS = 0.05  # share missing in some window below which sequence numbers are trusted
 
 
 class LinkQuality:
-    """The autopilot's frames of the last second.
-
-    silence: s without any after which the mode that it last told of is not known any more: a pilot
-    may have taken the vehicle meanwhile. knows_mode: whether a heartbeat has come since.
-    """
+    """Counts the autopilot's frames of the last second, and the missing ones."""
 
     def __init__(self, silence: float) -> None:
-        self.knows_mode = False
+        """silence: s without a frame after which the mode last told is not known any more.
+
+        A pilot may have taken the vehicle meanwhile.
+        """
+        self.knows_mode = False  # whether a heartbeat came since the last silence
         self._silence = silence
         self._last = math.inf
-        self._counts: deque[tuple[float, int, int]] = deque()  # (time, came, missing)
-        self._sound = False
+        self._counts: deque[tuple[float, int, int]] = deque()  # (time, received, missing)
+        self._trusted = False
 
     @property
     def lost(self) -> float:
         """Share 0…1 of the frames of the last second that did not come; 0 where unknown."""
-        return self._share() if self._sound else 0.0
+        return self._share() if self._trusted else 0.0
 
     def hear(self, time: float, received: Iterable[Received]) -> None:
-        """What came of the autopilot since the last tick; `time` [s] of this one."""
+        """Count the autopilot's frames since the last tick; `time` [s]: of this tick."""
         came = missing = 0
         self.knows_mode &= time - self._last <= self._silence
         for r in received:
@@ -49,11 +49,13 @@ class LinkQuality:
         self._counts.append((time, came, missing))
         while self._counts[0][0] <= time - _WINDOW:
             self._counts.popleft()
-        self._sound |= self._came() >= _LEAST and self._share() < _SOUND
+        self._trusted |= self._came() >= _FRAMES_MIN and self._share() < _TRUSTED_LOSS
 
     def _came(self) -> int:
+        """Return the number of frames that came in the window."""
         return sum(came for _, came, _ in self._counts)
 
     def _share(self) -> float:
+        """Return the share of missing frames in the window; 0 where too few came."""
         came, missing = self._came(), max(sum(m for _, _, m in self._counts), 0)
-        return missing / (came + missing) if came + missing >= _LEAST else 0.0
+        return missing / (came + missing) if came + missing >= _FRAMES_MIN else 0.0

@@ -1,7 +1,7 @@
-"""Own state from telemetry: what the autopilot last said, carried to any instant near it.
+"""Own state from telemetry: the last attitude and position, carried to any instant near them.
 
-Attitude and position come as separate streams with their own time stamps; a camera frame
-needs the attitude at its capture, a tick needs the state now. Refuses what cannot be true.
+Attitude and position come as separate streams with their own time stamps. A camera frame needs the
+attitude at its capture, a tick needs the state now. Samples that cannot be true are refused.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ from mavlink_bridge.wire.messages import (
 
 _TINY = float(np.finfo(np.float32).tiny)
 _Sample = TypeVar("_Sample", Attitude, LocalPosition)
-_SILENT = 0.5  # s without ATTITUDE_QUATERNION or LOCAL_POSITION_NED: then others have to do
-_JUMP = 1.0  # m beyond what velocity and acceleration explain: another place, not a motion
-_ACCELERATION = 10.0  # m/s², most that a drone may have had since the sample before
-_RATE_MAX = 35.0  # rad/s about an axis: what the gyros of such vehicles can tell, 2000 °/s
-_PERSISTS = (5, 0.15)  # samples on end, or s: then it is no slip, whatever it is
-_DOUBT = 1.0  # s that what cannot be believed, and persists, casts doubt
+_TIMEOUT = 0.5  # s without a stream, after which a substitute is accepted
+_JUMP = 1.0  # m beyond what velocity and acceleration explain: a jump, not a motion
+_ACCELERATION = 10.0  # m/s², the most between two samples
+_RATE_MAX = 35.0  # rad/s about an axis: the range of the gyros of such vehicles, 2000 °/s
+_PERSISTS = (5, 0.15)  # samples in a row, or s, from which an outlier is a fault
+_IMPLAUSIBLE = 1.0  # s for which a fault makes the state implausible
 _POSITION_LOST = 0.18  # s without a position while attitudes come
-_POSITION_GARBLED = 0.4  # s; the same, while positions come that are no numbers
-_REBOOTED = (1.0, 3)  # s that the clock has to go back, in so many samples on end
-_HISTORY = 100  # two seconds of 50 Hz telemetry: more than the oldest frame that is of use
+_POSITION_CORRUPT = 0.4  # s; the same, while positions come that are not finite
+_REBOOTED = (1.0, 3)  # s by which the clock has to go back, in so many samples in a row
+_HISTORY = 100  # two seconds of 50 Hz telemetry: more than the age of any frame in use
 
 
 @dataclass(frozen=True)
 class OdometryAttitude(Attitude):
-    """What ODOMETRY says of the attitude."""
+    """The attitude from an ODOMETRY message."""
 
 
 @dataclass(frozen=True)
 class OdometryPosition(LocalPosition):
-    """What ODOMETRY says of position and velocity."""
+    """Position and velocity from an ODOMETRY message."""
 
 
 @dataclass
@@ -62,29 +62,29 @@ class OwnStateCounters:
     reboots: int = 0
 
 
-class _Slip:
-    """Something that cannot be: once it is a slip, again and again it is a fault."""
+class _OutlierRun:
+    """Counts outliers in a row: a few are refused, more of them are a fault."""
 
     def __init__(self) -> None:
         self._count, self._since = 0, 0.0
 
     def persists(self, time: float) -> bool:
-        """It is seen at `time` [s] (again); whether that is too often."""
+        """Count an outlier at `time` [s]; return whether the run is long enough for a fault."""
         self._since = time if self._count == 0 else self._since
         self._count += 1
         count, lasting = _PERSISTS
         return self._count >= count or time - self._since >= lasting
 
-    def over(self) -> None:
-        """All is well."""
+    def end(self) -> None:
+        """End the run: a good sample came."""
         self._count = 0
 
 
 class OwnState:
     """The drone's own state in its own ENU frame, from Attitude and LocalPosition messages.
 
-    Of what a vehicle does not send, Odometry takes the place. Where it sends none of the three,
-    its coarse messages do: see `coarse.py`.
+    Odometry replaces the stream that the vehicle does not send. Where the vehicle sends none of the
+    three, its coarse messages are used: see `coarse_telemetry.py`.
     """
 
     def __init__(self) -> None:
@@ -93,21 +93,21 @@ class OwnState:
         self._coarse: CoarseTelemetry | None = CoarseTelemetry()
         self._attitudes: deque[Attitude] = deque(maxlen=_HISTORY)
         self._positions: deque[LocalPosition] = deque(maxlen=_HISTORY)
-        self._doubted = self._garbled = -np.inf
-        self._from_the_past = 0
-        self._wild, self._elsewhere = _Slip(), _Slip()
+        self._implausible_at = self._corrupt_at = -np.inf
+        self._clock_back_count = 0
+        self._bad_attitudes, self._jumped = _OutlierRun(), _OutlierRun()
 
     def _reset(self) -> None:
         """Forget everything: the autopilot has rebooted."""
         self._attitudes.clear()
         self._positions.clear()
         self._coarse = CoarseTelemetry()
-        self._doubted = self._garbled = -np.inf
-        self._from_the_past = 0
+        self._implausible_at = self._corrupt_at = -np.inf
+        self._clock_back_count = 0
         self.counters.reboots += 1
 
     def add(self, messages: Iterable[Message]) -> None:
-        """Take what is telemetry of this kind; the rest is not for here."""
+        """Take in the messages that tell of the own state; ignore the others."""
         for message in self._refined(messages):
             if isinstance(message, Attitude):
                 if not self._repeats(message) and self._sane_attitude(message):
@@ -116,36 +116,37 @@ class OwnState:
                 self._positions.append(message)
 
     def _refined(self, messages: Iterable[Message]) -> Iterable[Message]:
-        """The messages; where they are all coarse ones, what can be made of them."""
+        """Yield the messages; where the vehicle sends only coarse ones, their fine equivalents."""
         for message in messages:
             if isinstance(message, Odometry):
                 self._coarse = None
-                yield from self._lacking(message)
+                yield from self._substitutes(message)
                 continue
             if isinstance(message, LocalPosition) or type(message) is Attitude:
-                self._coarse = None  # this vehicle can do better
+                self._coarse = None  # this vehicle sends fine messages
             if self._coarse is None:
                 yield message
             else:
                 yield from self._coarse.add(message)
 
-    def _lacking(self, o: Odometry) -> Iterator[Attitude | LocalPosition]:
-        """What of an odometry its vehicle does not say otherwise."""
-        if self._odometry_counts(self._attitudes, o):
+    def _substitutes(self, o: Odometry) -> Iterator[Attitude | LocalPosition]:
+        """Yield the attitude and position of an odometry whose own streams are silent."""
+        if self._silent(self._attitudes, o):
             yield OdometryAttitude(o.time, o.q_wb, o.omega)
-        if self._odometry_counts(self._positions, o):
+        if self._silent(self._positions, o):
             yield OdometryPosition(o.time, o.p, o.v)
 
     @staticmethod
-    def _odometry_counts(samples: Sequence[Attitude | LocalPosition], o: Odometry) -> bool:
+    def _silent(samples: Sequence[Attitude | LocalPosition], o: Odometry) -> bool:
+        """Return whether a stream has no recent sample but those from odometry."""
         last = samples[-1] if samples else None
-        mine = isinstance(last, OdometryAttitude | OdometryPosition)
-        return last is None or mine or o.time - last.time > _SILENT
+        from_odometry = isinstance(last, OdometryAttitude | OdometryPosition)
+        return last is None or from_odometry or o.time - last.time > _TIMEOUT
 
     def age(self, time: float) -> float:
-        """Seconds since the older of the two streams last spoke; infinite before both did.
+        """Return the age [s] of the older of the two streams; infinite before both have come.
 
-        Where the position is lost, of the attitude alone.
+        While the position is lost, return the age of the attitude.
         """
         if not self._attitudes or not self._positions:
             return float("inf")
@@ -154,20 +155,22 @@ class OwnState:
 
     def plausible(self, time: float) -> bool:
         """Return whether recent attitudes and positions can be those of a flying drone."""
-        return time - self._doubted > _DOUBT and not self._position_lost
+        return time - self._implausible_at > _IMPLAUSIBLE and not self._position_lost
 
     @property
     def _position_lost(self) -> bool:
+        """Whether attitudes come and positions have ceased."""
         if not self._attitudes or not self._positions:
             return False
         now = self._attitudes[-1].time
-        longest = _POSITION_GARBLED if now - self._garbled < _POSITION_LOST else _POSITION_LOST
+        corrupt = now - self._corrupt_at < _POSITION_LOST
+        longest = _POSITION_CORRUPT if corrupt else _POSITION_LOST
         return now - self._positions[-1].time > longest
 
     def at(self, time: float) -> VehicleState | None:
-        """State at `time` [s, vehicle's clock]; None before both streams have spoken.
+        """Return the state at `time` [s, vehicle's clock]; None before both streams have come.
 
-        Between samples the nearest one is carried over by its own rates; no model.
+        The nearest sample is carried there by its own rates, without a model.
         """
         if not self._attitudes or not self._positions:
             return None
@@ -183,28 +186,29 @@ class OwnState:
         )
 
     def _repeats(self, a: Attitude) -> bool:
-        """PX4 sends the angles besides the quaternion; they add nothing to it."""
+        """Return whether these are angles that PX4 sends besides the quaternion."""
         return (
             isinstance(a, EulerAttitude)
             and bool(self._attitudes)
             and not isinstance(self._attitudes[-1], EulerAttitude)
-            and a.time - self._attitudes[-1].time < _SILENT
+            and a.time - self._attitudes[-1].time < _TIMEOUT
         )
 
     def _sane_attitude(self, a: Attitude) -> bool:
-        if not (_numbers(a.q_wb) and _numbers(a.omega)):
+        """Return whether to keep an attitude; count it where it is refused."""
+        if not (_finite(a.q_wb) and _finite(a.omega)):
             self.counters.not_finite += 1
         elif self._impossible(a):
-            if self._wild.persists(a.time):
-                self._doubted = max(self._doubted, a.time)
+            if self._bad_attitudes.persists(a.time):
+                self._implausible_at = max(self._implausible_at, a.time)
         else:
             if not isinstance(a, EulerAttitude):  # angles are always those of some rotation
-                self._wild.over()
+                self._bad_attitudes.end()
             return self._in_order(a.time, self._attitudes)
         return False
 
     def _impossible(self, a: Attitude) -> bool:
-        """No rotation, or faster than any gyro can tell; counted."""
+        """Return whether this is no rotation, or faster than a gyro measures; count it."""
         not_unit = abs(float(np.linalg.norm(a.q_wb)) - 1.0) > 0.02
         too_fast = float(np.abs(a.omega).max()) > _RATE_MAX
         self.counters.not_unit += not_unit
@@ -212,44 +216,46 @@ class OwnState:
         return not_unit or too_fast
 
     def _sane_position(self, lp: LocalPosition) -> bool:
-        if not (_numbers(lp.p) and _numbers(lp.v)):
+        """Return whether to keep a position; a jump that persists is kept, and is a fault."""
+        if not (_finite(lp.p) and _finite(lp.v)):
             self.counters.not_finite += 1
-            self._garbled = lp.time
+            self._corrupt_at = lp.time
             return False
         if not self._in_order(lp.time, self._positions):
             return False
         if not self._positions or not self._jumps(lp):
-            self._elsewhere.over()
+            self._jumped.end()
             return True
         self.counters.jumps += 1
-        if not self._elsewhere.persists(lp.time):
+        if not self._jumped.persists(lp.time):
             return False
-        self._doubted = max(self._doubted, lp.time)
-        self._elsewhere.over()
+        self._implausible_at = max(self._implausible_at, lp.time)
+        self._jumped.end()
         return True
 
     def _jumps(self, lp: LocalPosition) -> bool:
+        """Return whether no motion leads from the last position to this one."""
         before = self._positions[-1]
         dt = lp.time - before.time
         away = lp.p - before.p - 0.5 * dt * (lp.v + before.v)
         return float(np.linalg.norm(away)) > _JUMP + 0.5 * _ACCELERATION * dt * dt
 
     def _in_order(self, time: float, samples: deque[_Sample]) -> bool:
-        """Whether a sample of `time` is no older than the last; a clock that went back is new."""
+        """Return whether a sample of `time` is not older than the last; a reboot starts anew."""
         if not samples or time >= samples[-1].time:
-            self._from_the_past = 0
+            self._clock_back_count = 0
             return True
         back, count = _REBOOTED
-        self._from_the_past += samples[-1].time - time > back
-        if self._from_the_past >= count:
+        self._clock_back_count += samples[-1].time - time > back
+        if self._clock_back_count >= count:
             self._reset()
             return True
         self.counters.out_of_order += 1
         return False
 
 
-def _numbers(values: Vector) -> bool:
-    """Whether all are finite, and none so small that only garbage is: no float32 of full precision.
+def _finite(values: Vector) -> bool:
+    """Return whether all values are finite, and normal as float32: a denormal is garbage.
 
     A velocity of 1e-45 m/s from one sample to the next would be believed as a halt.
     """
@@ -257,7 +263,7 @@ def _numbers(values: Vector) -> bool:
 
 
 def _nearest(samples: deque[_Sample], time: float) -> _Sample:
-    """The sample next to `time`, searching from the newest."""
+    """Return the sample nearest to `time` [s], searching from the newest."""
     best = samples[-1]
     for sample in reversed(samples):
         if abs(sample.time - time) > abs(best.time - time):

@@ -1,8 +1,9 @@
-"""Detections → neighbours with position, velocity and covariance, in the own ENU frame.
+"""Tracker: from detections to neighbours with position, velocity and covariance, own ENU frame.
 
-Constant-velocity Kalman filters, one per neighbour, all as arrays; Hungarian association by
-Mahalanobis distance; birth after two looks, death when a neighbour that should be in plain
-view is not seen, or when what is remembered says nothing any more.
+Each neighbour has a constant-velocity Kalman filter; all filters are kept as arrays. Detections
+are associated by Mahalanobis distance (Hungarian method). A track is confirmed after two looks. It
+ends when the neighbour should be in plain view and is not seen, or when its covariance is so large
+that the memory says nothing any more.
 """
 
 from __future__ import annotations
@@ -36,49 +37,55 @@ class TrackerConfig(StrictModel):
     gate: float = Field(
         16.3,
         gt=0,
-        description="Mahalanobis² gate: 99.9 % of chi² with 3 dof; nearer, who swerves is lost.",
+        description="Gate of the squared Mahalanobis distance: 99.9 % of chi² with 3 dof. With a "
+        "smaller one a neighbour that swerves is lost.",
     )
     hits_to_confirm: int = Field(2, ge=1, description="Clear looks before a neighbour counts.")
     clear: float = Field(
         0.2, gt=0, description="Std of range, as a share of it, up to which a look is clear."
     )
     life_per_look: float = Field(
-        0.4, gt=0, description="Memory [s] out of view for each look: a glimpse is no neighbour."
+        0.4,
+        gt=0,
+        description="Memory [s] out of view for each look: a ghost of few looks ends soon.",
     )
     misses_to_drop: int = Field(
         4,
         ge=1,
-        description="Looks in a row at its place without seeing it that end a neighbour; fewer "
-        "for one that was itself seen in fewer.",
+        description="Looks in a row at a neighbour's place without seeing it that end its track; "
+        "fewer where the neighbour itself was seen in fewer.",
     )
     unseen_max: float = Field(4.0, gt=0, description="Longest memory [s] out of view.")
-    sigma_max: float = Field(3.0, gt=0, description="Std of position [m] that says nothing.")
+    sigma_max: float = Field(3.0, gt=0, description="Std of position [m] that ends a track.")
     damping: float = Field(
         1.5,
         ge=0,
-        description="Rate [1/s] at which an unseen one's velocity is believed to fade, to the own "
-        "one where it flew along, else to rest: near others everybody slows, and what flies on in "
-        "memory alone leaves its place free.",
+        description="Rate [1/s] at which the velocity of an unseen neighbour fades: to the own "
+        "velocity where it flew along, else to rest. Near others every drone slows down, and a "
+        "track that flew on in memory would leave the neighbour's place free.",
     )
     speed_max: float = Field(
         3.0,
         gt=0,
-        description="Nobody is believed to be faster [m/s]: one that comes out from behind another "
-        "shows wider look by look, as if it came on at 6 m/s.",
+        description="Highest speed of a track [m/s]. A neighbour that comes out from behind "
+        "another shows wider look by look, as if it approached at 6 m/s.",
     )
     along: float = Field(
-        0.7, ge=0, description="Velocities that differ by less [m/s] are of two who fly along."
+        0.7,
+        ge=0,
+        description="A neighbour flies along where its velocity differs by less [m/s] from the "
+        "own one.",
     )
 
 
-_FADES = 0.15  # s unseen in the frames that came: more than a tick
-_LATE = 0.25  # s; what is not in a frame because none came is not out of sight yet
-_STALE = 0.5  # s unseen: where a neighbour is now is a guess
-_EYE = np.eye(3)
+_FADE_AFTER = 0.15  # s unseen in the frames that came: more than a tick
+_FRAME_AGE_MAX = 0.25  # s without a frame during which no neighbour counts as out of sight
+_STALE_AFTER = 0.5  # s unseen, after which the place of a neighbour is a guess
+_IDENTITY = np.eye(3)
 
 
 class Tracker:
-    """Neighbours as arrays: mean (n,6) of p, v; covariance (n,6,6); ids, ages, last sightings."""
+    """Tracks neighbours as arrays: mean (n,6) of p, v; covariance (n,6,6); ids, births, looks."""
 
     def __init__(self, config: TrackerConfig) -> None:
         self._config = config
@@ -92,8 +99,8 @@ class Tracker:
         self._seen: Vector = np.zeros(0)
         self._hits = np.zeros(0, dtype=int)
         self._misses = np.zeros(0, dtype=int)
-        self._along = np.zeros(0, dtype=bool)  # whether it flew along when it was last seen
-        self._pace: Vector = np.zeros(3)  # the own velocity
+        self._along = np.zeros(0, dtype=bool)  # flew along when last seen
+        self._own_velocity: Vector = np.zeros(3)
         self._last = (-np.inf, self._mean, self._covariance)  # as after the last frame
 
     def update(
@@ -104,10 +111,10 @@ class Tracker:
         q_bc: Vector,
         in_view: Sequence[bool] | None = None,
     ) -> None:
-        """One frame captured at `time` by the own camera in state `own`.
+        """Take in the detections of one frame, captured at `time` [s] in the own state `own`.
 
-        q_bc: (4,) camera → body. in_view: for each present track (as `tracks` lists them,
-        unconfirmed ones too) whether it should be visible; all unknown where None.
+        q_bc: (4,) camera → body. in_view: whether each track should be visible, in the order of
+        `positions`; None: unknown.
         """
         self.predict(time)
         self._looked = time
@@ -124,18 +131,43 @@ class Tracker:
             self._misses[track] = 0
             off = np.linalg.norm(self._mean[track, 3:] - own.v, axis=1)
             self._along[track] = off < self._config.along
-        self._pace = own.v
+        self._own_velocity = own.v
         fresh = sorted(set(range(len(z))) - {d for _, d in assigned})
-        self._bury(time)
+        self._end_tracks(time)
         for detection in fresh:
-            self._bear(time, z[detection], r[detection], bool(clear[detection]))
+            self._start_track(time, z[detection], r[detection], bool(clear[detection]))
         self._last = (time, self._mean.copy(), self._covariance.copy())
 
     def predict(self, time: float) -> None:
-        """Carry all neighbours to `time` at constant velocity, eq. (14), with growing doubt.
+        """Carry all tracks to `time` [s] at constant velocity, eq. (14); their covariance grows.
 
-        Back, too, for a frame that is older than the last tick: from the last frame anew, or
-        doubt would grow, and velocity fade, with every tick that goes back and forth.
+        The velocity of a neighbour out of sight fades, see `damping`.
+        """
+        self._rewind(time)
+        dt = 0.0 if self._time is None else time - self._time
+        self._time = time
+        self._mean[:, :3] += dt * self._mean[:, 3:]
+        if dt <= 0.0 or not len(self._ids):
+            return
+        # A neighbour abeam in formation keeps the own velocity, or it would fall back in memory.
+        fading = time - min(time - self._looked, _FRAME_AGE_MAX) - self._seen > _FADE_AFTER
+        keep = np.where(fading, np.exp(-self._config.damping * dt), 1.0)[:, None]
+        to = np.where(self._along[:, None], self._own_velocity, 0.0)
+        self._mean[:, 3:] = to + keep * (self._mean[:, 3:] - to)
+        # F P F' + Q by blocks: a of positions, b of both, d of velocities
+        c, keep = self._covariance, keep[..., None]
+        q = self._config.acceleration**2 * _IDENTITY
+        a, b, d = c[:, :3, :3], c[:, :3, 3:], c[:, 3:, 3:]
+        a += dt * (b + b.transpose(0, 2, 1)) + dt * dt * d + dt**4 / 4 * q
+        b[:] = keep * (b + dt * d) + dt**3 / 2 * q
+        c[:, 3:, :3] = b.transpose(0, 2, 1)
+        d[:] = keep * keep * d + dt * dt * q
+
+    def _rewind(self, time: float) -> None:
+        """Go back to the last frame where `time` [s] lies between it and the last tick.
+
+        Otherwise the covariance would grow, and the velocity fade, with every frame that is older
+        than the tick before it.
         """
         if self._time is not None and self._last[0] <= time < self._time:
             self._time, self._mean, self._covariance = (
@@ -143,27 +175,9 @@ class Tracker:
                 self._last[1].copy(),
                 self._last[2].copy(),
             )
-        dt = 0.0 if self._time is None else time - self._time
-        self._time = time
-        self._mean[:, :3] += dt * self._mean[:, 3:]
-        if dt <= 0.0 or not len(self._ids):
-            return
-        # A neighbour out of sight is believed to slow down rather than to fly on for ever, but
-        # for one abeam in formation: it would fall back in memory alone.
-        fading = time - min(time - self._looked, _LATE) - self._seen > _FADES
-        keep = np.where(fading, np.exp(-self._config.damping * dt), 1.0)[:, None]
-        to = np.where(self._along[:, None], self._pace, 0.0)
-        self._mean[:, 3:] = to + keep * (self._mean[:, 3:] - to)
-        # F P F' + Q by blocks: of places a, of both b, of velocities d
-        c, keep, doubt = self._covariance, keep[..., None], self._config.acceleration**2 * _EYE
-        a, b, d = c[:, :3, :3], c[:, :3, 3:], c[:, 3:, 3:]
-        a += dt * (b + b.transpose(0, 2, 1)) + dt * dt * d + dt**4 / 4 * doubt
-        b[:] = keep * (b + dt * d) + dt**3 / 2 * doubt
-        c[:, 3:, :3] = b.transpose(0, 2, 1)
-        d[:] = keep * keep * d + dt * dt * doubt
 
     def tracks(self) -> list[Track]:
-        """Confirmed neighbours, oldest first."""
+        """Return the confirmed tracks, oldest first."""
         time = self._time or 0.0
         return [
             Track(
@@ -179,18 +193,19 @@ class Tracker:
         ]
 
     def positions(self) -> Vector:
-        """(n,3) m, every track, unconfirmed ones too: for asking which should be in view."""
+        """Return the positions (n,3) m of all tracks, unconfirmed ones too."""
         return self._mean[:, :3].copy()
 
     @property
     def _stale(self) -> NDArray[np.bool_]:
-        stale: NDArray[np.bool_] = (self._time or 0.0) - self._seen > _STALE
+        """(n,) whether a neighbour has been unseen for so long that its place is a guess."""
+        stale: NDArray[np.bool_] = (self._time or 0.0) - self._seen > _STALE_AFTER
         return stale
 
     def _measurements(
         self, detections: Sequence[Detection], own: VehicleState, q_bc: Vector
     ) -> tuple[Vector, Vector]:
-        """Positions (m,3) in the world and their covariances (m,3,3)."""
+        """Return the detections' positions (m,3) [m; own ENU frame] and covariances (m,3,3)."""
         if not detections:
             return np.zeros((0, 3)), np.zeros((0, 3, 3))
         r_wc = rotation_matrix(own.q_wb) @ rotation_matrix(q_bc)
@@ -204,17 +219,17 @@ class Tracker:
         return own.p + rays * ranges[:, None], covariance
 
     def _associate(self, z: Vector, r: Vector, clear: NDArray[np.bool_]) -> list[tuple[int, int]]:
-        """(track, detection) pairs within the gate, least total distance (Hungarian).
+        """Return the (track, detection) pairs within the gate of least total distance.
 
-        A half-hidden look says little of the range, a stale track little of the bearing: whoever
-        they are taken for, the two make a ghost somewhere between.
+        A look that is not clear says little of the range, a stale track little of the bearing: the
+        two are never paired, or a ghost would come up between them.
         """
         if not len(z) or not len(self._ids):
             return []
         s = self._covariance[:, None, :3, :3] + r[None]
         residual = z[None] - self._mean[:, None, :3]
         solved = np.linalg.solve(s, residual[..., None])[..., 0]
-        # log det keeps a track of great doubt from stealing the detection of a sure one
+        # log det S keeps a track of large covariance from taking the detection of a sure track
         cost = np.einsum("tdi,tdi->td", residual, solved)
         score = cost + np.linalg.slogdet(s)[1]
         fits = (cost < self._config.gate) & (clear | ~self._stale[:, None])
@@ -222,7 +237,7 @@ class Tracker:
         return [pair for pair in assign(score) if score[pair] < 1e3]
 
     def _correct(self, n: NDArray[np.int_], z: Vector, r: Vector) -> None:
-        """Kalman update of tracks n (k,) by places z (k,3), in Joseph's form."""
+        """Correct tracks n (k,) by positions z (k,3) of covariance r (k,3,3), in Joseph's form."""
         p = self._covariance[n]
         k = np.linalg.solve(p[:, :3, :3] + r, p[:, :3, :]).transpose(0, 2, 1)
         self._mean[n] += (k @ (z - self._mean[n, :3])[..., None])[..., 0]
@@ -231,11 +246,11 @@ class Tracker:
         a = np.tile(np.eye(6), (len(n), 1, 1))
         a[:, :, :3] -= k
         corrected = a @ p @ a.transpose(0, 2, 1) + k @ r @ k.transpose(0, 2, 1)
-        # Rounding grows from update to update, until a variance is negative, where nothing
-        # makes it symmetric again.
+        # Without this, rounding errors grow from update to update until a variance is negative.
         self._covariance[n] = 0.5 * (corrected + corrected.transpose(0, 2, 1))
 
-    def _bear(self, time: float, z: Vector, r: Vector, clear: bool) -> None:
+    def _start_track(self, time: float, z: Vector, r: Vector, clear: bool) -> None:
+        """Start a track at rest at z (3,) of covariance r (3,3)."""
         covariance = np.zeros((1, 6, 6))
         covariance[0, :3, :3] = r
         covariance[0, 3:, 3:] = np.eye(3) * self._config.velocity_birth**2
@@ -249,7 +264,8 @@ class Tracker:
         self._along = np.append(self._along, False)
         self._next_id += 1
 
-    def _bury(self, time: float) -> None:
+    def _end_tracks(self, time: float) -> None:
+        """Drop the tracks that are too old, missed too often, or too uncertain."""
         c = self._config
         sigma = np.sqrt(np.trace(self._covariance[:, :3, :3], axis1=1, axis2=2))
         looks = np.maximum(self._hits, 1)
