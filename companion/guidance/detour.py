@@ -1,9 +1,9 @@
-"""The way round trunks that stand too close to each other to pass between.
+"""Detour: the way round trunks that stand too close to each other to pass between.
 
-One trunk is passed by the NMPC itself. Two with too little room between them are a wall with a
-pocket before it, in which the plan, which sees a few metres, would wait for ever. The shortest way
-round is found on a visibility graph (Lozano-Pérez and Wesley, "An algorithm for planning
-collision-free paths among polyhedral obstacles", 1979), its nodes around the trunks concerned.
+The NMPC itself passes a single trunk. Two trunks with too little room between them are a wall with
+a pocket before it; the plan, which reaches a few metres, would wait in the pocket for ever. The
+shortest way round is found on a visibility graph (Lozano-Pérez and Wesley, "An algorithm for
+planning collision-free paths among polyhedral obstacles", 1979), its nodes around those trunks.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.distance import to_ways
 
 _NODES = 8  # around a trunk
-_OUT = 1.02 / math.cos(math.pi / _NODES)  # so far out that the way from one to the next is free
-_NEAREST = 40  # trunks that are looked at: 10 ms in a hedge of as many
-_INSIDE = 0.99  # of the distance to an axis, for who is nearer to it than its room
-_SAME = 0.5  # m; a goal that moved less is the one before
+_OUT = 1.02 / math.cos(math.pi / _NODES)  # so far out that the way between two nodes is free
+_NEAREST = 40  # trunks taken into account: 10 ms in a hedge of as many
+_INSIDE = 0.99  # share of the present distance to an axis that is kept where the room is not
+_SAME = 0.5  # m; a goal that moved by less is the same
 _ENDLESS = 1e3  # m
 
 
 class Detour:
-    """Ways round, and the side on which the present one leads."""
+    """Finds ways round, and keeps the side of the present one."""
 
     def __init__(self, fence: Vector) -> None:
         """fence: (H,4) upright half-spaces n·p <= b, own ENU frame, within which to stay."""
@@ -34,54 +34,63 @@ class Detour:
         self._side = 0.0  # 1: left of the straight way, -1: right, 0: no detour
 
     def aim(self, p: Vector, goal: Vector, cylinders: Vector, room: float) -> Vector:
-        """(3,) m: the goal, or in the direction of the way round, as far off as that is long.
+        """Return where to fly (3,) m from p (3,) m: the goal (3,) m, or along the way round.
 
-        From p (3,) m, where the straight way to the goal (3,) m leads through trunks of cylinders
-        (K,3) x, y, radius [m], nearest first, between two of which one could not keep `room` [m]
-        to both. Where there is no way round, the goal.
+        cylinders: (K,3) x, y, radius [m], nearest first. room: m, between a trunk's surface and the
+        drone. The aim on the way round is as far off as that way is long. The goal is returned
+        itself where the straight way leads between no trunks that are too close to each other, and
+        where there is no way round.
 
-        The side once taken is kept until the straight way is free: of a hedge longer than what is
-        known of it the nearer end would ever be the one behind.
+        The side once taken is kept until the straight way is free: of a hedge longer than the known
+        part of it, the nearer end would always be the one behind.
         """
         if self._goal is None or float(np.linalg.norm(goal - self._goal)) > _SAME:
             self._side = 0.0
         self._goal = goal
-        cylinders = cylinders[:_NEAREST]
+        leg = self._leg(p[:2], goal[:2], cylinders[:_NEAREST], room)
+        return goal if leg is None else np.array([*(p[:2] + leg), goal[2]])
+
+    def _leg(self, p: Vector, goal: Vector, cylinders: Vector, room: float) -> Vector | None:
+        """Return the first leg (2,) of the way round, scaled to its whole length; None: no detour.
+
+        p, goal: (2,) m.
+        """
         axes, reach = cylinders[:, :2], cylinders[:, 2] + room
         apart = np.linalg.norm(axes[:, None] - axes[None], axis=2)
         closed = np.argwhere(np.triu(apart < reach[:, None] + reach[None], k=1))
         if not len(closed):
             self._side = 0.0
-            return goal
-        ends = np.stack([p[:2], goal[:2]])
+            return None
+        ends = np.stack([p, goal])
         doors, wall = axes[closed], np.unique(closed)
-        # Who is there already is not to be told that he has no room.
+        # Where the drone or its goal is nearer to a trunk than `room`, that distance is allowed.
         own = np.linalg.norm(ends[:, None] - axes[None], axis=2).min(axis=0)
         allowed = np.minimum(reach, _INSIDE * own)
         if _free(ends[0], ends[1:], axes[wall], allowed[wall], doors)[0]:
             self._side = 0.0
-            return goal
+            return None
         nodes = _around(axes, reach, wall)
         inside = nodes @ self._fence[:, :2].T <= self._fence[:, 3] - room
         nodes = np.vstack([ends, nodes[inside.all(axis=1)]])
         way = ends[1] - ends[0]
         left = np.array([-way[1], way[0]]) / np.linalg.norm(way)
         first, length = 0, math.inf
-        if self._side:
+        if self._side:  # close the other side, from its outermost trunk outwards
             last = axes[wall[np.argmin(self._side * (axes[wall] @ left))]]
             endless = np.stack([last, last - self._side * _ENDLESS * left])[None]
             first, length = _shortest(nodes, axes, allowed, np.concatenate([doors, endless]))
         if not math.isfinite(length):
             first, length = _shortest(nodes, axes, allowed, doors)
         if not math.isfinite(length):
-            return goal
+            return None
         leg = nodes[first] - ends[0]
         self._side = math.copysign(1.0, float(leg @ left))
-        return np.array([*(p[:2] + leg * (length / np.linalg.norm(leg))), goal[2]])
+        scaled: Vector = leg * (length / np.linalg.norm(leg))
+        return scaled
 
 
 def _around(axes: Vector, reach: Vector, which: NDArray[np.int64]) -> Vector:
-    """(n,2) places around the trunks `which` that have room to all."""
+    """Return the places (n,2) m around the trunks `which` that keep `reach` (K,) m to all axes."""
     angles = np.arange(_NODES) * (2.0 * math.pi / _NODES)
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     nodes: Vector = (axes[which, None] + _OUT * reach[which, None, None] * ring).reshape(-1, 2)
@@ -93,9 +102,10 @@ def _around(axes: Vector, reach: Vector, which: NDArray[np.int64]) -> Vector:
 def _free(
     start: Vector, ends: Vector, axes: Vector, reach: Vector, doors: Vector
 ) -> NDArray[np.bool_]:
-    """(n,) whether the ways from start (2,) to ends (n,2) keep `reach` (K,) m to all axes (K,2).
+    """Return whether the ways from start (2,) to each of ends (n,2) are free, as (n,).
 
-    And lead through none of doors (m,2,2), from axis to axis.
+    A free way keeps `reach` (K,) m to all axes (K,2) and crosses none of the doors (m,2,2), the
+    gaps between two axes that are too narrow.
     """
     first, second, to = doors[None, :, 0], doors[None, :, 1], ends[:, None]
     crossed = (_side(start, to, first) * _side(start, to, second) < 0.0) & (
@@ -107,14 +117,17 @@ def _free(
 
 
 def _side(start: Vector, end: Vector, point: Vector) -> Vector:
-    """Positive where points are to the left of the line from start to end, all (…,2)."""
+    """Return values (…) > 0 where points lie left of the line from start to end, all (…,2)."""
     along, to = end - start, point - start
     side: Vector = along[..., 0] * to[..., 1] - along[..., 1] * to[..., 0]
     return side
 
 
 def _shortest(nodes: Vector, axes: Vector, reach: Vector, doors: Vector) -> tuple[int, float]:
-    """First node of the shortest way from node 0 to node 1 of (n,2), and its length (A*)."""
+    """Return the first node of the shortest way from node 0 to node 1 of (n,2), and its length.
+
+    The search is A*. The length is infinite where there is no way.
+    """
     n = len(nodes)
     first = np.arange(n)
     left = np.linalg.norm(nodes - nodes[1], axis=1)

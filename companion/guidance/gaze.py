@@ -1,9 +1,9 @@
 """Line of sight: the direction of motion plus a random sweep, eq. (7).
 
-L = atan2(v_y, v_x) + ε, ε ~ N(μ, σ²). A fresh ε every tick would only shake the drone, so
-each half-swing draws its amplitude from the distribution and swings to alternate sides; the
-reference is slew-limited, as the drone can turn only so fast. Before it sets out a drone looks
-once all round: two that start abeam of each other are both beyond the edge of the other's view.
+L = atan2(v_y, v_x) + ε, ε ~ N(μ, σ²). A fresh ε every tick would only shake the drone: each
+half-swing draws its amplitude from the distribution, and half-swings alternate sides. The reference
+is slew-limited, as the drone can turn only so fast. Before it sets out, a drone looks once all
+round: two drones that start abeam of each other are both beyond the edge of the other's view.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from companion.types import Track
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import StrictModel
 
-_RIM = 0.2  # rad beyond `half_view` that the picture still shows, if not well
+_RIM = 0.2  # rad beyond `half_view` that the picture still shows, though badly
 
 
 class GazeConfig(StrictModel):
@@ -27,33 +27,35 @@ class GazeConfig(StrictModel):
     mean: float = Field(0.0, description="μ [rad].")
     sigma: float = Field(0.6, ge=0, description="σ [rad]; 0, where μ is 0, switches the sweep off.")
     limit: float = Field(
-        0.8, gt=0, description="Most |ε| [rad]: what lies ahead stays inside ±80° of view."
+        0.8, gt=0, description="Most |ε| [rad]: the way ahead stays inside ±80° of view."
     )
     half_view: float = Field(
         1.2, gt=0, description="A neighbour this far [rad] off the line of sight is in view."
     )
     close: float = Field(
-        1.0, ge=0, description="The nearest neighbour, nearer than this [m], stays in view."
+        1.0, ge=0, description="The nearest neighbour stays in view if nearer than this [m]."
     )
     half_period: float = Field(0.9, gt=0, description="Time [s] of one swing to one side.")
     slew: float = Field(2.0, gt=0, description="Fastest turn of the reference [rad/s].")
     speed_min: float = Field(
-        0.3, ge=0, description="Below this [m/s] atan2 says nothing: sweep about where it looked."
+        0.3,
+        ge=0,
+        description="Below this [m/s] atan2 says nothing: the sweep keeps its last direction.",
     )
     goal_pull: float = Field(
         1.5, ge=0, description="Weight [m/s] of the direction to the goal beside the velocity."
     )
     goal_near: float = Field(
-        0.5, gt=0, description="Nearer than this [m] to the goal, its direction says nothing."
+        0.5, gt=0, description="Nearer than this [m] to the goal, its direction is ignored."
     )
     survey: float = Field(
         2 * math.pi, ge=0, description="Turn [rad] on the spot before setting out; 0: none."
     )
-    seed: int = Field(0, ge=0, description="Of the random sweep; each drone its own.")
+    seed: int = Field(0, ge=0, description="Seed of the random sweep; each drone has its own.")
 
 
 class Gaze:
-    """Yaw reference ψ(t) in the drone's own ENU frame."""
+    """Decides the yaw reference ψ(t) in the drone's own ENU frame."""
 
     def __init__(self, config: GazeConfig) -> None:
         self._config = config
@@ -67,7 +69,7 @@ class Gaze:
 
     @property
     def surveyed(self) -> bool:
-        """Whether the look round, before setting out or since asked for, is over."""
+        """Whether the last look round, before setting out or by `look_round`, is over."""
         return self._to_survey <= 0.0
 
     def look_round(self) -> None:
@@ -83,15 +85,16 @@ class Gaze:
         lost: Sequence[float] = (),
         close: float | None = None,
     ) -> float:
-        """ψ [rad] at `time` [s] for velocity v (3,) and direction to the goal (3,).
+        """Return ψ [rad] at `time` [s] for velocity v (3,) and direction to the goal (3,).
 
-        The base is the direction of motion and of what it is about to become: v plus a pull
-        to the goal, so that a drone that must turn round looks before it flies. Over the
-        goal itself, where it looks already. Until `surveyed`, a turn on the spot instead.
-        lost: world bearings [rad] of near neighbours that are out of view, the most threatening
-        first: the next swing goes to the first that one within `limit` brings into view again, as
-        far as that takes. close: world bearing [rad] of the nearest neighbour where it is at arm's
-        length: no swing loses sight of it.
+        Until `surveyed`, the drone turns on the spot. Then the sweep is about the direction of the
+        motion to come: v plus a pull to the goal, so that a drone that must turn round looks before
+        it flies. Over the goal itself the direction stays as it was.
+
+        lost: world bearings [rad] of near neighbours that are out of view, most threatening first.
+        The next swing goes to the first of them that a swing within `limit` brings into view.
+        close: world bearing [rad] of the nearest neighbour where it is nearer than the setting
+        `close`: no swing loses sight of it.
         """
         c = self._config
         if self._yaw is None:
@@ -100,11 +103,7 @@ class Gaze:
         if not self.surveyed:
             self._to_survey -= step
             return self._turned(self._side * step, time)
-        far = math.hypot(to_goal[0], to_goal[1])
-        pull = c.goal_pull / far if far > c.goal_near else 0.0
-        motion = (v[0] + pull * to_goal[0], v[1] + pull * to_goal[1])
-        if math.hypot(*motion) >= c.speed_min:
-            self._base = math.atan2(motion[1], motion[0])
+        self._follow_motion(v, to_goal)
         base = self._base
         if time >= self._swing_ends:
             self._swing_ends = time + c.half_period
@@ -118,20 +117,29 @@ class Gaze:
         turn = wrap(base + epsilon - self._yaw)
         return self._turned(min(max(turn, -step), step), time)
 
-    def rest(self, time: float, yaw: float) -> float:
-        """Somebody else turns the drone: ψ is where it looks, and all begins from there."""
+    def follow(self, time: float, yaw: float) -> float:
+        """Return `yaw` [rad] as ψ while the companion does not turn the drone; start afresh."""
         self._yaw, self._base, self._time = yaw, yaw, time
         self.look_round()
         return yaw
 
+    def _follow_motion(self, v: Vector, to_goal: Vector) -> None:
+        """Set the direction about which the sweep swings."""
+        c = self._config
+        far = math.hypot(to_goal[0], to_goal[1])
+        pull = c.goal_pull / far if far > c.goal_near else 0.0
+        motion = (v[0] + pull * to_goal[0], v[1] + pull * to_goal[1])
+        if math.hypot(*motion) >= c.speed_min:
+            self._base = math.atan2(motion[1], motion[0])
+
     def _turned(self, by: float, time: float) -> float:
-        """ψ at `time`, `by` [rad] further than before."""
+        """Turn ψ by `by` [rad] since the last tick; return it."""
         assert self._yaw is not None
         self._yaw, self._time = wrap(self._yaw + by), time
         return self._yaw
 
     def _swing(self, lost: Sequence[float]) -> float:
-        """ε of the next half-swing; lost: bearings off the base direction."""
+        """Return ε [rad] of the next half-swing; lost: bearings [rad] off the base direction."""
         c = self._config
         lost = [off for off in lost if abs(off) < c.half_view + _RIM + c.limit]
         amplitude = c.mean + abs(float(self._rng.normal(0.0, c.sigma)))
@@ -143,12 +151,12 @@ class Gaze:
 
 
 def bearing(p: Vector, track: Track) -> float:
-    """World bearing [rad] of a neighbour from p (3,) m."""
+    """Return the world bearing [rad] of a neighbour from p (3,) m."""
     return math.atan2(track.p[1] - p[1], track.p[0] - p[0])
 
 
 def nearest_bearing(p: Vector, tracks: Sequence[Track], config: GazeConfig) -> float | None:
-    """World bearing [rad] of the neighbour nearest to p (3,) m, if it is nearer than `close`."""
+    """Return the bearing [rad] of the neighbour nearest to p (3,) m; None beyond `close`."""
     nearest = min(tracks, key=lambda t: float(np.linalg.norm(t.p - p)), default=None)
     if nearest is None or np.linalg.norm(nearest.p - p) >= config.close:
         return None
@@ -156,5 +164,5 @@ def nearest_bearing(p: Vector, tracks: Sequence[Track], config: GazeConfig) -> f
 
 
 def wrap(angle: float) -> float:
-    """The same angle in (−π, π]."""
+    """Return the same angle in (−π, π]."""
     return math.atan2(math.sin(angle), math.cos(angle))

@@ -168,7 +168,7 @@ class Guidance:
         """Return the line of sight ψ [rad]."""
         yaw_now = yaw_of(own.q_wb)
         if not mine:
-            return self._gaze.rest(own.time, yaw_now)
+            return self._gaze.follow(own.time, yaw_now)
         lost = [bearing(own.p, t) for t, _ in critical if t.lost]
         close = nearest_bearing(own.p, tracks, self._settings.gaze)
         return self._gaze.update(own.time, own.v, to_aim, yaw_now, lost, close)

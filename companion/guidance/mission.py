@@ -1,4 +1,4 @@
-"""Goals in order, each in the drone's own ENU frame."""
+"""Mission: goals in order, each in the drone's own ENU frame."""
 
 from __future__ import annotations
 
@@ -13,60 +13,65 @@ from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import Contradiction, StrictModel
 from mavlink_bridge.wire.messages import VehicleState
 
-_STRAIGHT = 0.6  # rad, a turn smaller than this has no side
-_U_TURN = 2.8  # rad, nor one larger than this
-_AHEAD = 0.8  # rad round the island that the aim keeps ahead
+_STRAIGHT = 0.6  # rad; a smaller turn counts as left
+_U_TURN = 2.8  # rad; a larger turn counts as left, too
+_AHEAD = 0.8  # rad round the island by which the aim leads the drone
 _LEVEL_FROM, _LEVEL_FULL = 0.5, 1.5  # m from a goal: its own height, and the drone's level
-_RING = 0.1  # m between island and tolerance
-_LEAVING = 0.35  # rad before the place to leave at: the next goal is aimed at
+_RING = 0.1  # m, least width between island and tolerance
+_LEAVING = 0.35  # rad before the place where the way leaves the island: the next goal is aimed at
 
 
 class MissionConfig(StrictModel):
-    """What to fly."""
+    """The goals, and how they are flown."""
 
     goals: list[list[float]] = Field(
         [],
         description="[x, y, z] m each, own ENU frame (origin: where the vehicle booted). Without "
-        "any the drone stays where it is, until it is told otherwise.",
+        "goals the drone stays where it is, until it is told otherwise.",
     )
     tolerance: float = Field(1.0, gt=0, description="A goal is reached within this [m].")
     island: float = Field(
         0.65,
         ge=0.05,
         le=0.9,
-        description="A goal on the way is passed as a roundabout: its island has this part of the "
-        "tolerance as radius. Those who come and those who go then never meet head on.",
+        description="A goal on the way is passed as a roundabout: the radius of its island is this "
+        "share of the tolerance. Drones that come and drones that go then never meet head on.",
     )
     final_tolerance: float = Field(
         0.5, gt=0, description="The last goal is reached within this [m], and slowly."
     )
-    final_speed: float = Field(0.4, gt=0, description="Speed [m/s] called slow.")
+    final_speed: float = Field(
+        0.4, gt=0, description="Highest speed [m/s] at which the last goal counts as reached."
+    )
     level: float = Field(
         0.0,
-        description="Height [m] above the goals' at which the way between them is flown. Each "
-        "drone on its own level: those whose ways cross in a narrow place need not all fit in it.",
+        description="Height [m] above the goals at which the way between them is flown. Where each "
+        "drone has its own level, ways that cross in a narrow place need not all fit in it.",
     )
     wait: float = Field(
         0.0,
         ge=0,
-        description="s to hold where the flight began before setting out: so those who cross in "
-        "the same place need not all be there at once.",
+        description="Time [s] to hold where the flight began before setting out, so that drones "
+        "whose ways cross need not all be there at once.",
     )
     auto: bool = Field(
         False, description="Arm, take off, fly and land without being told; else wait for a pilot."
     )
-    takeoff_altitude: float = Field(2.0, gt=0.5, description="m above where it stood.")
+    takeoff_altitude: float = Field(
+        2.0, gt=0.5, description="Height [m] above the place where the drone stood."
+    )
     land: bool = Field(True, description="Land at the last goal; else hold there.")
     land_wait: float = Field(
         0.0,
         ge=0,
-        description="Before that, turn once all round, then wait while somebody known is below, "
-        "both for at most this long [s]; 0: land at once. For worlds of several levels.",
+        description="Before it lands, the drone turns once all round, then waits while a known "
+        "neighbour is below, both for at most this long [s]; 0: it lands at once. For worlds of "
+        "several levels.",
     )
 
     @model_validator(mode="after")
-    def _ring(self) -> Self:
-        """Who goes round the island at some distance must still be near the goal."""
+    def _check_ring(self) -> Self:
+        """Refuse an island so wide that the way round it leaves the tolerance."""
         ring = self.tolerance * (1.0 - self.island)
         if len(self.goals) > 1 and ring < _RING - 1e-9:
             raise Contradiction(
@@ -79,7 +84,10 @@ class MissionConfig(StrictModel):
 
 @dataclass(frozen=True)
 class MissionProgress:
-    """Where the mission stands: goal (3,) m to fly to, its number, how many are reached."""
+    """Where the mission stands.
+
+    goal: (3,) m to fly to. index: of the present goal. complete: the last goal is reached.
+    """
 
     goal: Vector
     index: int
@@ -87,7 +95,7 @@ class MissionProgress:
 
 
 class Mission:
-    """Flies `goals` one after another; holds the last."""
+    """Leads through the goals, one after another, and holds the last."""
 
     def __init__(self, config: MissionConfig) -> None:
         self._config = config
@@ -95,20 +103,20 @@ class Mission:
         self._index = 0
         self._complete = False
         self._near = False
-        self._turn = 0.0
-        self._begun: VehicleState | None = None
+        self._turn = 0.0  # +1: left, -1: right at the present goal; 0: not known yet
+        self._start: VehicleState | None = None
 
     def update(self, own: VehicleState, surveyed: bool = True) -> MissionProgress:
-        """Advance where the present goal is done.
+        """Advance past the goals that are done; return the progress from the own state.
 
-        Until it has looked round and waited, and for ever without goals, a drone holds where the
-        first update found it.
+        Until the drone has looked round (`surveyed`) and waited, and without goals for ever, it
+        holds where the first update found it.
         """
-        self._begun = self._begun or own
+        self._start = self._start or own
         # A vehicle's clock that begins anew, after a reboot, must not make the wait endless.
-        waits = 0.0 <= own.time - self._begun.time < self._config.wait
+        waits = 0.0 <= own.time - self._start.time < self._config.wait
         if not self._goals or waits or not (surveyed or self._complete):
-            return MissionProgress(self._begun.p, 0, False)
+            return MissionProgress(self._start.p, 0, False)
         while not self._complete and self._done(own):
             self._near = False
             self._turn = 0.0
@@ -123,25 +131,26 @@ class Mission:
         return self._index + 1 >= len(self._goals)
 
     def _done(self, own: VehicleState) -> bool:
+        """Return whether the present goal is reached, or passed where others follow."""
         c, goal = self._config, self._goals[self._index]
         distance = float(np.linalg.norm(goal - own.p))
         if self._last:
             slow = float(np.linalg.norm(own.v)) <= c.final_speed
             return distance <= c.final_tolerance and slow
-        self._near |= float(np.linalg.norm(self._raised(own.p) - own.p)) <= c.tolerance
+        self._near |= float(np.linalg.norm(self._goal_on_level(own.p) - own.p)) <= c.tolerance
         if self._turn == 0.0:
             before = self._goals[self._index - 1] if self._index else own.p
             self._turn = turn_side(before, goal, self._goals[self._index + 1])
         return self._near and self._roundabout().passed(own.p)
 
     def _aim(self, p: Vector) -> Vector:
-        """Where to fly: the last goal itself, before it the way round the goal; on one's level."""
-        goal = self._raised(p)
+        """Return where to fly (3,) m on the drone's level: to the last goal, or round any other."""
+        goal = self._goal_on_level(p)
         aim = goal if self._last else self._roundabout().aim(p)
         return np.array([aim[0], aim[1], goal[2]])
 
-    def _raised(self, p: Vector) -> Vector:
-        """The goal, as high as it is flown to from p: on one's level until it is near."""
+    def _goal_on_level(self, p: Vector) -> Vector:
+        """Return the goal (3,) m, raised to the drone's level until p (3,) m is near it."""
         goal = self._goals[self._index]
         distance = math.hypot(goal[0] - p[0], goal[1] - p[1])
         share = (distance - _LEVEL_FROM) / (_LEVEL_FULL - _LEVEL_FROM)
@@ -149,6 +158,7 @@ class Mission:
         return np.array([goal[0], goal[1], goal[2] + level])
 
     def _roundabout(self) -> Roundabout:
+        """Return the way round the present goal to the following one."""
         radius = self._config.island * self._config.tolerance
         return Roundabout(
             self._goals[self._index], radius, self._goals[self._index + 1], self._turn
@@ -156,9 +166,9 @@ class Mission:
 
 
 def turn_side(before: Vector, goal: Vector, following: Vector) -> float:
-    """+1 where the way turns left at `goal`, -1 right; who shares the way, shares the side.
+    """Return +1 where the way turns left at `goal` (3,), -1 where it turns right.
 
-    Nearly straight on and nearly back count as left, so that those who start side by side do not
+    Nearly straight on and nearly back count as left, so that drones that start side by side do not
     go round opposite sides and meet.
     """
     a, b = goal[:2] - before[:2], following[:2] - goal[:2]
@@ -168,9 +178,9 @@ def turn_side(before: Vector, goal: Vector, following: Vector) -> float:
 
 @dataclass(frozen=True)
 class Roundabout:
-    """The way past `centre` (3,) to `following` (3,) around an island of `radius` [m].
+    """The way past `centre` (3,) m to `following` (3,) m around an island of `radius` [m].
 
-    side: +1 round it counter-clockwise (the island on the left), -1 clockwise.
+    side: +1 round the island counter-clockwise (the island is on the left), -1 clockwise.
     """
 
     centre: Vector
@@ -179,29 +189,30 @@ class Roundabout:
     side: float
 
     def aim(self, p: Vector) -> Vector:
-        """Where to fly from p (3,): along the tangent to the island, or on around it.
+        """Return where to fly from p (3,) m: along the tangent to the island, or on around it.
 
-        On the rim the aim lies on the tangent ahead, `_AHEAD` round the island and so a little
-        off it: who flies there keeps its distance, who is too far out or in comes back.
+        On the rim the aim lies `_AHEAD` round the island and a little outside it, on the tangent: a
+        drone on the rim keeps its distance, and a drone too far out or in comes back to it.
         """
         angle, distance = self._polar(p)
         touch = math.acos(min(self.radius / max(distance, 1e-6), 1.0))
-        ahead = min(max(touch, _AHEAD), max(self._left(angle), _LEAVING))
+        ahead = min(max(touch, _AHEAD), max(self._remaining(angle), _LEAVING))
         radius = self.radius if touch > _AHEAD else self.radius / math.cos(ahead)
         at = angle + self.side * ahead
         return self.centre + radius * np.array([math.cos(at), math.sin(at), 0.0])
 
     def passed(self, p: Vector) -> bool:
-        """Whether p is where the straight way to `following` leaves the island, or beyond."""
-        left = self._left(self._polar(p)[0])
-        return left < _LEAVING or left > 1.5 * math.pi
+        """Return whether p (3,) m has come to where the way to `following` leaves the island."""
+        remaining = self._remaining(self._polar(p)[0])
+        return remaining < _LEAVING or remaining > 1.5 * math.pi
 
-    def _left(self, angle: float) -> float:
-        """Angle [rad], 0…2π, still to go round from the place at `angle`."""
+    def _remaining(self, angle: float) -> float:
+        """Return the angle [rad], 0…2π, still to go round from the place at `angle`."""
         towards, distance = self._polar(self.following)
         leave = towards - self.side * math.acos(min(self.radius / max(distance, 1e-6), 1.0))
         return (self.side * (leave - angle)) % (2.0 * math.pi)
 
     def _polar(self, p: Vector) -> tuple[float, float]:
+        """Return angle [rad] and distance [m] of p (3,) m from the centre, seen from above."""
         d = p[:2] - self.centre[:2]
         return math.atan2(d[1], d[0]), math.hypot(d[0], d[1])

@@ -1,9 +1,10 @@
-"""Two that meet each give way by half: what one does, the other need not.
+"""Reciprocity: a neighbour that is met gives way by half, and the own drone by the other half.
 
-Eq. (14) has the others fly on unmoved, so each of two that meet dodges as if it were alone, twice
-as far as it need; in a crowd every such dodge is the next one's surprise. Reciprocity is that of
-van den Berg et al., Reciprocal Velocity Obstacles, ICRA 2008, here as a change of the predicted
-velocity. Who turns out not to give way is dodged by half of what is left, ten times a second.
+By eq. (14) neighbours fly on unmoved. Each of two drones that meet would then evade as if it were
+alone, twice as far as needed, and in a crowd surprise the next neighbour. Reciprocity is that of
+van den Berg et al., "Reciprocal velocity obstacles for real-time multi-agent navigation", ICRA
+2008, here as a change of the predicted velocity. Each tick counts on the neighbour for half of what
+is still lacking, so that a neighbour that does not give way is evaded all the same.
 """
 
 from __future__ import annotations
@@ -18,32 +19,38 @@ from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import StrictModel
 from mavlink_bridge.wire.messages import VehicleState
 
-_SLOW = 0.3  # m/s: slower, the way it flies says nothing of where it looks
-_ON_COURSE = 0.06  # m; passing nearer, neither side is the right one: it goes to the left
+_SLOW = 0.3  # m/s; the direction of a slower neighbour does not tell where it looks
+_ON_COURSE = 0.06  # m; a neighbour that would pass nearer gives way to its right
 
 
 class ReciprocityConfig(StrictModel):
-    """How much is left to the others."""
+    """How far neighbours are expected to give way."""
 
     share: float = Field(
-        0.5, ge=0, le=1, description="Of the distance lacking, what the other one makes; 0: (14)."
+        0.5,
+        ge=0,
+        le=1,
+        description="Share of the distance lacking that the neighbour makes; 0: eq. (14).",
     )
     ahead: float = Field(1.5, gt=0, description="Time [s] looked ahead for the nearest pass.")
-    soonest: float = Field(0.4, gt=0, description="Least time [s] in which anybody gives way.")
+    soonest: float = Field(0.4, gt=0, description="Least time [s] in which a neighbour gives way.")
     most: float = Field(
-        0.8, ge=0, description="Fastest [m/s] that another one is taken to give way."
+        0.8, ge=0, description="Highest speed [m/s] at which a neighbour gives way."
     )
     sees: float = Field(
-        0.2, ge=-1, le=1, description="Cosine of the angle off its way to which it sees: 78°."
+        0.2,
+        ge=-1,
+        le=1,
+        description="Cosine of the angle off its way up to which a neighbour sees: 78°.",
     )
 
 
 def give_way_velocity(
     own: VehicleState, track: Track, distance: float, config: ReciprocityConfig
 ) -> Vector:
-    """(3,) m/s: by how much a neighbour's velocity will change to pass at `distance` [m].
+    """Return the change (3,) m/s of a neighbour's velocity by which it will pass at `distance` [m].
 
-    0 where it passes farther off anyway, or flies so that it cannot see the own drone.
+    Zero where it passes farther away in any case, and where it does not see the own drone.
     """
     rx, ry = (track.p[:2] - own.p[:2]).tolist()
     wx, wy = (track.v[:2] - own.v[:2]).tolist()

@@ -91,11 +91,11 @@ def test_who_is_close_behind_does_not_turn_the_look_off_the_way():
 def test_before_it_sets_out_it_looks_once_all_round_on_either_side():
     for seed in (0, 3):
         gaze = Gaze(GazeConfig(seed=seed))
-        psi = [gaze.rest(0.0, 0.4)]
+        psi = [gaze.follow(0.0, 0.4)]
         while not gaze.surveyed:
             psi.append(gaze.update(len(psi) / 10, np.zeros(3), np.zeros(3), psi[-1]))
         turn = np.unwrap(psi) - 0.4
         assert np.abs(np.diff(turn)) == pytest.approx(GazeConfig().slew * 0.1)
         assert abs(turn[-1]) == pytest.approx(2 * math.pi, abs=0.2)
-    gaze.rest(9.0, 0.4)
+    gaze.follow(9.0, 0.4)
     assert not gaze.surveyed  # who was taken out of our hands looks round again
