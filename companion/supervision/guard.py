@@ -1,16 +1,17 @@
-"""The last word before the wire: any input, NaN included, gives a finite, bounded command.
+"""Guard: the last check before the wire; any input, NaN included, gives a finite, bounded command.
 
-`Guard.judge` is total and is the only source of commands. Rules, the first that applies:
+`Guard.judge` is total and is the only source of commands. Of these rules the first that applies
+gives the command:
 
-| what | command | asks |
-|---|---|---|
-| telemetry silent | stop turning, hover thrust | HOLD, LAND, silence: `stale_…` |
-| attitude or position not to be believed | level, hover thrust | LAND |
-| no usable plan | `shifted_max` times the last, shifted; then brake | LAND: `bad_land` |
-| outside the fence | brake | LAND beyond `fence_land` |
-| camera blind | brake, fly on at `blind_speed`, hover after `blind_hover` | HOLD: `blind_hold` |
-| ticks come late, or commands get lost | brake, as gently as that allows | HOLD: `lost_hold` |
-| else | the plan, clipped | |
+| rule | what | command | request |
+|---|---|---|---|
+| 1 | telemetry silent | stop turning, hover thrust | HOLD, LAND, silence: `stale_…` |
+| 2 | attitude or position not plausible | level, hover thrust | LAND |
+| 3 | ticks late, or setpoints lost | brake gently | as by rules 4 to 6, or HOLD: `lost_hold` |
+| 4 | no usable plan | `shifted_max` times the last, shifted; then brake | LAND: `bad_land` |
+| 5 | outside the fence | brake | LAND beyond `fence_land` |
+| 6 | camera blind | brake to `blind_speed`; hover after `blind_hover` | HOLD: `blind_hold` |
+| 7 | else | the plan, clipped | |
 
 Braking and levelling are laws in closed form, without any solver.
 """
@@ -36,39 +37,39 @@ from mavlink_bridge.wire.messages import RateCommand, VehicleState
 FALLBACK_MAX = 2.5
 _LATE_GAIN = 0.7  # of the error, per command: 1 would be dead-beat
 _LATE_BRAKE = 0.25  # of the attitude's gain
-_ON_THE_WAY = 0.75  # share of the time between late commands before one acts
-_LOST_HELD = 0.3  # s, of commands of which half are lost: most are in force no longer
-_LATEST = 0.5  # s; nobody turns on as before for longer
+_UNTIL_ACTING = 0.75  # share of the time between late commands before a command acts
+_LOSSY_HELD = 0.3  # s that a command is in force where half of them are lost
+_TURN_MAX = 0.5  # s; the body rates of the last command are assumed for no longer
 
 
 class Reason(Enum):
-    """Why a command is what it is."""
+    """The rule that gave a command."""
 
-    PLAN = "plan"
-    SHIFTED_PLAN = "shifted_plan"
-    BRAKE = "brake"  # no usable plan
-    NO_STATE = "no_state"  # telemetry is silent
-    BAD_STATE = "bad_state"  # attitude or position not to be believed
-    FENCE = "fence"
-    BLIND = "blind"
-    LATE = "late"  # ticks do not come in time, or commands get lost
+    NO_STATE = "no_state"  # 1: telemetry is silent
+    BAD_STATE = "bad_state"  # 2: attitude or position not plausible
+    LATE = "late"  # 3: ticks do not come in time, or setpoints get lost
+    SHIFTED_PLAN = "shifted_plan"  # 4: no usable plan
+    BRAKE = "brake"  # 4: no usable plan for longer
+    FENCE = "fence"  # 5
+    BLIND = "blind"  # 6
+    PLAN = "plan"  # 7
 
 
 class AutopilotRequest(Enum):
-    """What the autopilot is to do about it."""
+    """What the autopilot is asked to do."""
 
     NONE = "nothing"
     HOLD = "hold"
     LAND = "land"
-    SILENCE = "silence"  # nothing: its own failsafe is to take over, so no setpoint is sent
+    SILENCE = "silence"  # no setpoint is sent, so that its own failsafe takes over
 
 
 class GuardConfig(StrictModel):
     """Bounds and thresholds."""
 
-    omega_max: float = Field(3.0, ge=0.5, description="Each body rate [rad/s].")
-    c_min: float = Field(2.0, ge=0, lt=9.81, description="m/s².")
-    c_max: float = Field(20.0, gt=9.81, description="m/s².")
+    omega_max: float = Field(3.0, ge=0.5, description="Highest body rate [rad/s], each axis.")
+    c_min: float = Field(2.0, ge=0, lt=9.81, description="Least collective acceleration [m/s²].")
+    c_max: float = Field(20.0, gt=9.81, description="Most collective acceleration [m/s²].")
     shifted_max: int = Field(
         2, ge=0, description="Ticks that a shifted plan may fly: the third bad solve brakes."
     )
@@ -76,59 +77,87 @@ class GuardConfig(StrictModel):
         2.0,
         gt=0,
         lt=FALLBACK_MAX,
-        description="No usable plan for this long [s]: LAND; a solver does not recover.",
+        description="Time [s] without a usable plan after which LAND is requested: a solver that "
+        "has failed for so long does not recover.",
     )
     stale_predict: float = Field(
         0.15,
         gt=0,
-        description="Telemetry older [s]: state by the model. At 50 Hz: 7 lost.",
+        description="Age [s] of telemetry from which the model predicts the state. At 50 Hz: 7 "
+        "samples lost.",
     )
     stale_stop: float = Field(
-        0.3, gt=0, description="Older [s]: no state; stop turning, ask for HOLD. 0.5 m of flight."
+        0.3,
+        gt=0,
+        description="Age [s] of telemetry from which there is no state: stop turning, request "
+        "HOLD. The drone flies 0.5 m meanwhile.",
     )
-    stale_land: float = Field(1.0, gt=0, description="Older [s]: ask for LAND.")
+    stale_land: float = Field(
+        1.0, gt=0, description="Age [s] of telemetry from which LAND is requested."
+    )
     stale_silent: float = Field(
-        2.0, gt=0, description="Older [s]: end the stream; the autopilot's own failsafe lands it."
+        2.0,
+        gt=0,
+        description="Age [s] of telemetry from which no setpoint is sent: the autopilot's own "
+        "failsafe lands the drone.",
     )
     fence_land: float = Field(
-        1.0, ge=0, description="Farther outside the fence [m]: LAND; it stops 1 m farther at most."
+        1.0,
+        ge=0,
+        description="Distance [m] outside the fence beyond which LAND is requested; the drone "
+        "stops within 1 m more.",
     )
     fence_drift: float = Field(
-        0.2, ge=0, description="Outward speed [m/s] that is free outside: the plan leads back."
+        0.2,
+        ge=0,
+        description="Outward speed [m/s] outside the fence up to which the plan flies: it leads "
+        "back.",
     )
-    blind_speed: float = Field(0.4, gt=0, description="Without eyes not faster than this [m/s].")
-    blind_hover: float = Field(1.4, gt=0, description="Blind for longer [s]: brake and hover.")
+    blind_speed: float = Field(
+        0.4, gt=0, description="Highest speed [m/s] while the camera has a fault."
+    )
+    blind_hover: float = Field(
+        1.4, gt=0, description="Time [s] of a camera fault after which the drone brakes and hovers."
+    )
     blind_hold: float = Field(
-        5.0, gt=0, description="Blind for longer [s]: ask for HOLD; this law drifts, that one not."
+        5.0,
+        gt=0,
+        description="Time [s] of a camera fault after which HOLD is requested: the guard's braking "
+        "drifts, the autopilot's hold does not.",
     )
     late: float = Field(
         0.15,
         gt=0,
-        description="Commands held longer [s], twice on end: rates for 0.1 s turn too far in 0.2.",
+        description="Time [s] for which a command may be in force. Twice in a row longer is late: "
+        "body rates meant for 0.1 s turn the drone too far in 0.2 s.",
     )
     lossy: float = Field(
         0.05,
         gt=0,
         le=1,
-        description="Share of telemetry lost in a second: each setpoint is sent three times. Where "
-        "half of all packets are lost, one is then held for 0.5 s every 7 minutes, not every 2 s.",
+        description="Share of telemetry lost in a second above which each setpoint is sent three "
+        "times. Where half of all packets are lost, a setpoint is then held for 0.5 s every 7 "
+        "minutes, not every 2 s.",
     )
     lost: float = Field(
         0.4,
         gt=0,
         le=1,
-        description="Share of telemetry lost in a second: of commands too; the plan does not fly.",
+        description="Share of telemetry lost in a second above which the plan does not fly: as "
+        "many setpoints are lost.",
     )
-    lost_hold: float = Field(1.0, gt=0, description="Lost for longer [s]: ask for HOLD.")
+    lost_hold: float = Field(
+        1.0, gt=0, description="Time [s] of such a loss after which HOLD is requested."
+    )
     brake_gain: float = Field(3.5, gt=0, description="Deceleration per speed [1/s].")
     brake_max: float = Field(6.0, gt=0, description="Most horizontal deceleration [m/s²]: 31°.")
     attitude_gain: float = Field(
-        9.0, gt=0, description="Rate per attitude error [1/s]; with brake_gain: damping 0.8."
+        9.0, gt=0, description="Body rate per attitude error [1/s]; with brake_gain: damping 0.8."
     )
 
     @model_validator(mode="after")
-    def _ages_in_order(self) -> Self:
-        """Each answer to stale telemetry comes after the milder one."""
+    def _check_ages(self) -> Self:
+        """Refuse ages of which a stronger reaction comes before a milder one."""
         names = ("stale_predict", "stale_stop", "stale_land", "stale_silent")
         for mild, strong in itertools.pairwise(names):
             before, after = getattr(self, mild), getattr(self, strong)
@@ -163,7 +192,7 @@ class GuardInputs:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The command to send, why it is that one, how many ticks in a row had no plan, what to ask."""
+    """The command to send, its reason, the ticks in a row without a sound plan, and a request."""
 
     command: RateCommand
     reason: Reason
@@ -172,7 +201,7 @@ class Verdict:
 
 
 class Guard:
-    """Total function with a memory of since when it has gone without a plan."""
+    """Judges each tick; remembers since when plans have failed, and ticks or setpoints have."""
 
     def __init__(self, config: GuardConfig) -> None:
         self._config = config
@@ -182,33 +211,63 @@ class Guard:
         self._lossy_since: float | None = None
 
     def judge(self, s: GuardInputs) -> Verdict:
-        """The command for this tick; one call a tick."""
-        c = self._config
-        good = s.plan is not None and s.plan.usable and bool(np.isfinite(s.plan.u[0]).all())
-        known = s.own is not None and _finite(s.own) and s.age <= c.stale_stop
-        self._late_ticks = self._late_ticks + 1 if s.tick_gap > c.late else 0
-        if good and known and s.plausible:
+        """Return the verdict of this tick by the rules of the table above; one call a tick."""
+        plan, own = _usable(s.plan), self._known(s)
+        self._count(s, sound=plan is not None and own is not None and s.plausible)
+        if own is None:
+            return self._silent(s)  # rule 1
+        if not s.plausible:
+            return self._implausible(own)  # rule 2
+        if plan is None:
+            verdict = self._without_plan(s, own)  # rule 4
+        else:
+            verdict = (
+                self._outside_fence(s, own)  # rule 5
+                or self._blind(s, own, plan)  # rule 6
+                or self._verdict(self._bounded(plan.u[0]), Reason.PLAN)  # rule 7
+            )
+        # Rule 3 replaces the command of rules 4 to 7 and keeps their request.
+        return self._late(s, own, verdict.request) or verdict
+
+    def _known(self, s: GuardInputs) -> VehicleState | None:
+        """Return the own state; None where telemetry is silent or not finite."""
+        stale = not s.age <= self._config.stale_stop
+        return s.own if s.own is not None and _state_finite(s.own) and not stale else None
+
+    def _count(self, s: GuardInputs, sound: bool) -> None:
+        """Count the ticks in a row that came late, and those without a sound plan and state."""
+        self._late_ticks = self._late_ticks + 1 if s.tick_gap > self._config.late else 0
+        if sound:
             self._bad_ticks = 0
         else:
             self._bad_since = s.time if self._bad_ticks == 0 else self._bad_since
             self._bad_ticks += 1
-        if not known:
-            return self._verdict(RateCommand(np.zeros(3), G), Reason.NO_STATE, self._stale(s.age))
-        assert s.own is not None
-        if not s.plausible:
-            return self._verdict(level(s.own, c), Reason.BAD_STATE, AutopilotRequest.LAND)
-        verdict = self._with_plan(s, s.own) if good else self._without_plan(s, s.own)
+
+    def _silent(self, s: GuardInputs) -> Verdict:
+        """Rule 1: stop turning; an age that is not a number counts as a long one."""
+        c = self._config
+        request = AutopilotRequest.LAND if s.age > c.stale_land else AutopilotRequest.HOLD
+        if not s.age <= c.stale_silent:
+            request = AutopilotRequest.SILENCE
+        return self._verdict(RateCommand(np.zeros(3), G), Reason.NO_STATE, request)
+
+    def _implausible(self, own: VehicleState) -> Verdict:
+        """Rule 2: level the frame."""
+        return self._verdict(level(own, self._config), Reason.BAD_STATE, AutopilotRequest.LAND)
+
+    def _late(self, s: GuardInputs, own: VehicleState, request: AutopilotRequest) -> Verdict | None:
+        """Rule 3: brake gently where ticks are late or setpoints get lost; None elsewhere."""
+        c = self._config
         lossy = self._lossy(s)
         if not lossy and self._late_ticks < 2 and not s.tick_gap > 2 * c.late:
-            return verdict
-        command = brake_late(s.own, c, max(s.tick_gap, _LOST_HELD if lossy else 0.0))
-        hold = lossy > c.lost_hold and verdict.request is AutopilotRequest.NONE
-        return self._verdict(
-            command, Reason.LATE, AutopilotRequest.HOLD if hold else verdict.request
-        )
+            return None
+        if lossy > c.lost_hold and request is AutopilotRequest.NONE:
+            request = AutopilotRequest.HOLD
+        held = max(s.tick_gap, _LOSSY_HELD if lossy else 0.0)
+        return self._verdict(brake_late(own, c, held), Reason.LATE, request)
 
     def _lossy(self, s: GuardInputs) -> float:
-        """Seconds that too much has been lost, this tick included; 0 where it is not."""
+        """Return since how many seconds too much is lost, this tick included; 0: it is not."""
         if not s.packet_loss > self._config.lost:
             self._lossy_since = None
             return 0.0
@@ -217,36 +276,33 @@ class Guard:
         return s.time - self._lossy_since + 1e-3
 
     def _without_plan(self, s: GuardInputs, own: VehicleState) -> Verdict:
-        """The previous plan, shifted, a few times; then no plan at all."""
+        """Rule 4: fly the previous plan, shifted, for a few ticks; then brake."""
         r = s.plan
         over = s.time - self._bad_since >= self._config.bad_land - 1e-6
         request = AutopilotRequest.LAND if over else AutopilotRequest.NONE
-        if r is not None and self._bad_ticks <= self._config.shifted_max and _all_finite(r.u[0]):
+        if r is not None and self._bad_ticks <= self._config.shifted_max and _finite(r.u[0]):
             return self._verdict(self._bounded(r.u[0]), Reason.SHIFTED_PLAN, request)
         return self._verdict(brake(own, self._config), Reason.BRAKE, request)
 
-    def _with_plan(self, s: GuardInputs, own: VehicleState) -> Verdict:
-        """The plan, unless the drone has to slow down first."""
+    def _outside_fence(self, s: GuardInputs, own: VehicleState) -> Verdict | None:
+        """Rule 5: brake outside the fence, unless the plan leads back; None elsewhere."""
         c = self._config
-        assert s.plan is not None
         if s.outside > c.fence_land:
             return self._verdict(brake(own, c), Reason.FENCE, AutopilotRequest.LAND)
         if s.outside > 0.0 and s.outward > c.fence_drift:
             return self._verdict(brake(own, c), Reason.FENCE)
-        if s.blind > 0.0:
-            fast = float(np.linalg.norm(own.v)) > c.blind_speed
-            request = AutopilotRequest.HOLD if s.blind > c.blind_hold else AutopilotRequest.NONE
-            if fast or s.blind > c.blind_hover:
-                return self._verdict(brake(own, c), Reason.BLIND, request)
-            return self._verdict(self._bounded(s.plan.u[0]), Reason.BLIND, request)
-        return self._verdict(self._bounded(s.plan.u[0]), Reason.PLAN)
+        return None
 
-    def _stale(self, age: float) -> AutopilotRequest:
-        """What silence asks for; an age that is no number is a long one."""
+    def _blind(self, s: GuardInputs, own: VehicleState, plan: Plan) -> Verdict | None:
+        """Rule 6: fly slowly, then hover, while the camera has a fault; None elsewhere."""
         c = self._config
-        if not age <= c.stale_silent:
-            return AutopilotRequest.SILENCE
-        return AutopilotRequest.LAND if age > c.stale_land else AutopilotRequest.HOLD
+        if not s.blind > 0.0:
+            return None
+        fast = float(np.linalg.norm(own.v)) > c.blind_speed
+        request = AutopilotRequest.HOLD if s.blind > c.blind_hold else AutopilotRequest.NONE
+        if fast or s.blind > c.blind_hover:
+            return self._verdict(brake(own, c), Reason.BLIND, request)
+        return self._verdict(self._bounded(plan.u[0]), Reason.BLIND, request)
 
     def _verdict(
         self,
@@ -257,13 +313,14 @@ class Guard:
         return Verdict(command, reason, self._bad_ticks, request)
 
     def _bounded(self, u: Vector) -> RateCommand:
+        """Return an input u (4,) c, omega as a command within the bounds."""
         c = self._config
         omega = np.clip(u[1:4], -c.omega_max, c.omega_max)
         return RateCommand(omega, float(np.clip(u[0], c.c_min, c.c_max)))
 
 
 def brake(own: VehicleState, config: GuardConfig) -> RateCommand:
-    """Decelerate and hover in closed form: tilt against the velocity, thrust for height.
+    """Return the command that brakes: tilt against the velocity, thrust for the height.
 
     The wanted specific force is −gain·v + g e_z, bounded.
     """
@@ -271,11 +328,11 @@ def brake(own: VehicleState, config: GuardConfig) -> RateCommand:
 
 
 def brake_late(own: VehicleState, config: GuardConfig, held: float) -> RateCommand:
-    """Brake where commands come late and are held for `held` [s]: every gain fits that.
+    """Return the command that brakes, with gains low enough for a command held for `held` [s].
 
-    The last command has turned the frame on until this one acts, a tick's length before it ends.
+    The body rates of the last command go on turning the frame until this one acts.
     """
-    q_then = integrate(own.q_wb, own.omega, min(held, _LATEST) * _ON_THE_WAY)
+    q_then = integrate(own.q_wb, own.omega, min(held, _TURN_MAX) * _UNTIL_ACTING)
     gain = min(_LATE_GAIN / held, config.attitude_gain)
     force = _against(own.v, min(_LATE_BRAKE * gain, config.brake_gain), gain, config)
     slower = config.model_copy(update={"attitude_gain": gain})
@@ -283,7 +340,7 @@ def brake_late(own: VehicleState, config: GuardConfig, held: float) -> RateComma
 
 
 def _against(v: Vector, horizontal: float, vertical: float, config: GuardConfig) -> Vector:
-    """(3,) m/s², world: specific force that brakes velocity v (3,) by these gains [1/s]."""
+    """Return the specific force (3,) [m/s²; world] that brakes v (3,) m/s by these gains [1/s]."""
     sideways = -horizontal * v[:2]
     size = float(np.hypot(*sideways))
     if size > config.brake_max:
@@ -293,14 +350,15 @@ def _against(v: Vector, horizontal: float, vertical: float, config: GuardConfig)
 
 
 def level(own: VehicleState, config: GuardConfig) -> RateCommand:
-    """Level the frame and carry the weight: needs an attitude and nothing else."""
+    """Return the command that levels the frame and carries the weight; only q_wb is used."""
     return _towards(np.array([0.0, 0.0, G]), own, config)
 
 
 def _towards(force: Vector, own: VehicleState, config: GuardConfig) -> RateCommand:
-    """Turn the thrust towards a specific force (3,) m/s², world, and give what of it is along.
+    """Return the command that turns the thrust towards a specific force (3,) [m/s²; world].
 
-    The attitude error is the rotation between the body's z axis and the force.
+    The attitude error is the rotation between the body's z axis and the force; the thrust is the
+    part of the force along that axis.
     """
     r = rotation_matrix(own.q_wb)
     wanted = r.T @ (force / np.linalg.norm(force))  # in the body frame
@@ -309,14 +367,20 @@ def _towards(force: Vector, own: VehicleState, config: GuardConfig) -> RateComma
         error = error / max(float(np.linalg.norm(error)), 1e-6)
     omega = np.clip(config.attitude_gain * error, -config.omega_max, config.omega_max)
     c = float(np.clip(force @ r[:, 2], config.c_min, config.c_max))
-    if not (_all_finite(omega) and np.isfinite(c)):  # numbers too large to be squared
+    if not (_finite(omega) and np.isfinite(c)):  # numbers too large to be squared
         return RateCommand(np.zeros(3), G)
     return RateCommand(omega, c)
 
 
-def _all_finite(values: Vector) -> bool:
+def _usable(plan: Plan | None) -> Plan | None:
+    """Return a plan of this tick with a finite first input; None where there is none."""
+    good = plan is not None and plan.usable and _finite(plan.u[0])
+    return plan if good else None
+
+
+def _finite(values: Vector) -> bool:
     return bool(np.isfinite(values).all())
 
 
-def _finite(own: VehicleState) -> bool:
-    return all(_all_finite(a) for a in (own.p, own.v, own.q_wb, own.omega))
+def _state_finite(own: VehicleState) -> bool:
+    return all(_finite(a) for a in (own.p, own.v, own.q_wb, own.omega))
