@@ -20,7 +20,7 @@ import numpy as np
 from companion.bench.solver import percentiles, solve_all, worse_percent
 from companion.control.nmpc import Instance, IpoptNmpc, Neighbour, Nmpc, NmpcConfig, make_instance
 from companion.control.nmpc.instance_file import Run
-from companion.model import HOVER, yaw_quaternion
+from companion.model import HOVER
 
 SCENES, TICKS = 6, 4
 STUDIES = {
@@ -58,7 +58,7 @@ def swarm(config: NmpcConfig, seed: int) -> Instance:
     trunks = trunks[np.argsort(np.hypot(*trunks.T))]
     return make_instance(
         config,
-        x0=np.concatenate([[0, 0, 2], v, yaw_quaternion(0.0)]),
+        x0=np.concatenate([[0, 0, 2], v, [1.0, 0.0, 0.0, 0.0]]),
         u_last=HOVER,
         goal=(20.0, rng.normal(0, 4), 2.0),
         yaw=rng.uniform(-0.5, 0.5),

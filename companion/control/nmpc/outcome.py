@@ -9,9 +9,10 @@ import numpy as np
 
 from companion.control.nmpc.config import NmpcConfig
 from companion.control.nmpc.instance import Instance
-from companion.model import GRAVITY, HOVER, NU, yaw_of, yaw_quaternion
+from companion.model import GRAVITY, HOVER, NU, yaw_of
 from companion.types import Plan, PlanStatus
 from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.frames import quaternion_from_euler
 
 Trajectory = tuple[Vector, Vector]
 
@@ -78,7 +79,7 @@ def cold_guess(config: NmpcConfig, instance: Instance, x0: Vector) -> Trajectory
     wanted = instance.speed * e / np.sqrt(e @ e + config.goal_smoothing**2)
     v = x0[3:6] + (wanted - x0[3:6]) * np.minimum(k, 1.0)
     p = x0[:3] + np.concatenate([np.zeros((1, 3)), np.cumsum(v[:-1], axis=0) * config.dt])
-    q = yaw_quaternion(yaw_of(x0[6:10]))
+    q = quaternion_from_euler(0.0, 0.0, yaw_of(x0[6:10]))
     q = q if float(q @ x0[6:10]) >= 0.0 else -q
     x = np.concatenate([p, v, np.tile(q, (config.N + 1, 1))], axis=1)
     x[0] = x0
@@ -92,7 +93,7 @@ def brake_guess(config: NmpcConfig, x0: Vector) -> Trajectory:
     left = np.maximum(1.0 - _BRAKING / speed * k, 0.0)
     v = x0[3:6] * left
     p = x0[:3] + np.concatenate([np.zeros((1, 3)), np.cumsum(v[:-1], axis=0) * config.dt])
-    q = yaw_quaternion(yaw_of(x0[6:10]))
+    q = quaternion_from_euler(0.0, 0.0, yaw_of(x0[6:10]))
     q = q if float(q @ x0[6:10]) >= 0.0 else -q
     x = np.concatenate([p, v, np.tile(q, (config.N + 1, 1))], axis=1)
     x[0] = x0

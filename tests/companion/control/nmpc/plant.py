@@ -11,14 +11,13 @@ from companion.control.nmpc import Instance, Neighbour, Nmpc, NmpcConfig, make_i
 from companion.model import (
     GRAVITY,
     HOVER,
-    body_axes,
     f,
     normalise,
     observed_disturbance,
     predict,
-    yaw_quaternion,
 )
 from companion.types import Plan
+from mavlink_bridge.shared.frames import quaternion_from_euler
 
 TICK = 0.1
 STEP = 0.005
@@ -83,7 +82,7 @@ class Drone:
 
 
 def drone(config: NmpcConfig, p: list[float], yaw: float = 0.0, **kwargs: object) -> Drone:
-    x = np.concatenate([p, np.zeros(3), yaw_quaternion(yaw)])
+    x = np.concatenate([p, np.zeros(3), quaternion_from_euler(0.0, 0.0, yaw)])
     return Drone(x, Nmpc(config), **kwargs)  # type: ignore[arg-type]
 
 
@@ -113,7 +112,7 @@ class Log:
         return float(n.min())
 
     def tilt(self) -> np.ndarray:
-        return np.arccos(np.clip(body_axes(self.x[..., 6:10])[..., 2, 2], -1, 1))
+        return np.arccos(np.clip(1 - 2 * (self.x[..., 7] ** 2 + self.x[..., 8] ** 2), -1, 1))
 
 
 def fly(

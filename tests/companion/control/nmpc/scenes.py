@@ -3,13 +3,14 @@
 import numpy as np
 
 from companion.control.nmpc import Instance, Neighbour, NmpcConfig, make_instance
-from companion.model import HOVER, normalise, yaw_of, yaw_quaternion
+from companion.model import HOVER, normalise, yaw_of
+from mavlink_bridge.shared.frames import quaternion_from_euler
 
 CONFIG = NmpcConfig()
 
 
 def state(p=(0.0, 0.0, 2.0), v=(0.0, 0.0, 0.0), yaw=0.0):
-    return np.concatenate([p, v, yaw_quaternion(yaw)])
+    return np.concatenate([p, v, quaternion_from_euler(0.0, 0.0, yaw)])
 
 
 def scene(config: NmpcConfig = CONFIG, **changes) -> Instance:
