@@ -1,4 +1,4 @@
-"""What one tick depends on, and the results of all its stages."""
+"""The inputs of one tick, and the results of all its stages."""
 
 from __future__ import annotations
 
@@ -19,12 +19,16 @@ from mavlink_bridge.wire.video import Frame
 
 @dataclass(frozen=True)
 class TickInputs:
-    """All that a tick depends on: its time [s, vehicle's clock], messages, the newest frame."""
+    """All that a tick depends on, besides what earlier ticks left.
+
+    time: s, vehicle's clock. received: messages since the last tick. frame: the newest one. leave:
+    control is to be given back to the autopilot.
+    """
 
     time: float
     received: list[Received]
     frame: Frame | None
-    leave: bool = False  # control is to be given back to the autopilot
+    leave: bool = False
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,7 @@ class Tick:
 
     @property
     def packets(self) -> list[list[Message]]:
-        """What goes out, packet by packet; on a line that loses packets the setpoint thrice."""
+        """The messages to send, packet by packet; on a lossy link the setpoint three times."""
         setpoint: list[Message] = [] if self.setpoint is None else [self.setpoint]
         first = [*self.supervised.requests, *setpoint]
         return [first, *[setpoint] * (2 if self.supervised.repeat else 0)]

@@ -1,4 +1,4 @@
-"""Data types of one tick (design of the pipeline): SI, radians, the drone's own ENU frame."""
+"""Data types that the stages of one tick share: SI, radians, the drone's own ENU frame."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mavlink_bridge.shared.arrays import Vector
 Image = NDArray[np.uint8]
 Ranges = NDArray[np.float16]
 
-_LOST = 0.3  # s unseen
+_LOST = 0.3  # s unseen, after which a neighbour is out of sight
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Trunk:
 
     direction: (3,) unit vector, camera frame, to the point of its axis at the camera's height.
     distance: m, horizontal, from the camera to its axis. radius: m. sigma: m, of `distance`.
-    assumed: the radius was, and with it the distance; only the width was seen.
+    assumed: only the width was seen; the radius is assumed, and the distance follows from it.
     """
 
     direction: Vector
@@ -51,8 +51,8 @@ class Trunk:
 class Track:
     """A neighbour as the tracker knows it, in the drone's own world frame (ENU).
 
-    p (3,) m, v (3,) m/s, P (6,6) covariance of (p, v). age: s since birth. unseen: s since
-    the last detection.
+    p: (3,) m. v: (3,) m/s. P: (6,6) covariance of (p, v). age: s since the track began. unseen: s
+    since the last detection.
     """
 
     id: int
@@ -64,7 +64,7 @@ class Track:
 
     @property
     def lost(self) -> bool:
-        """Whether it is out of sight: what it does now is a guess."""
+        """Whether the neighbour is out of sight, so that its motion now is a guess."""
         return self.unseen > _LOST
 
 
@@ -82,7 +82,7 @@ class Obstacles:
 
     @staticmethod
     def none() -> Obstacles:
-        """No obstacle known."""
+        """Return a record without any obstacle."""
         return Obstacles(np.zeros((0, 3)), np.zeros((0, 4)), np.zeros((0, 3)))
 
 
@@ -90,7 +90,7 @@ class PlanStatus(Enum):
     """How a solve ended."""
 
     SOLVED = "solved"  # converged: the last step was small
-    MAX_ITERATIONS = "max_iterations"  # usable, but the last step was still large
+    MAX_ITERATIONS = "max_iterations"  # usable, though the last step was still large
     QP_FAILED = "qp_failed"  # the quadratic program found no solution
     INFEASIBLE = "infeasible"  # the reference solver proved or gave up on feasibility
     NOT_FINITE = "not_finite"  # a number of the instance or of the plan is not finite
@@ -100,13 +100,12 @@ class PlanStatus(Enum):
 class Plan:
     """A plan and how good it is.
 
-    x (N+1,10) and u (N,4): the plan, in the instance's frame; x[0] is x0 (q perhaps negated,
-    the same attitude). usable: the plan is of this instance; if not, x and u are the shifted
-    previous plan, or hover where there is none, and somebody else decides. iterations: SQP (or
-    IPOPT) iterations. solve_time [s], by the clock given. step_norm: largest change of any
-    variable in the last iteration. slack_*: deepest intrusion [m] of the plan into what (37),
-    (38) keep free. active: names of the constraints the plan leans on. cost: (29) with the
-    penalties.
+    x: (N+1,10), u: (N,4), the plan in the instance's frame; x[0] is x0, its q perhaps negated (the
+    same attitude). usable: the plan is of this instance; else x and u are the shifted previous
+    plan, or hover where there is none, and the guard decides. iterations: of SQP or IPOPT.
+    solve_time: s, by the clock given. step_norm: largest change of any variable in the last
+    iteration. slack_*: m, deepest intrusion of the plan into what (37), (38) keep free. active:
+    names of the active constraints. cost: (29) with the penalties.
     """
 
     x: Vector
@@ -124,12 +123,12 @@ class Plan:
 
 
 class Phase(Enum):
-    """What the companion is doing about the vehicle."""
+    """What the companion does with the vehicle."""
 
-    WAIT = "wait"  # for telemetry, a frame and a solved tick, or for the pilot
+    WAIT = "wait"  # for telemetry, a frame and a tested solver, or for the pilot
     ARM = "arm"
     TAKEOFF = "takeoff"
-    ENGAGE = "engage"  # setpoints hold the place while offboard is asked for
+    ENGAGE = "engage"  # setpoints hold the place while offboard is requested
     FLY = "fly"
     LAND = "land"
     DONE = "done"  # landed and disarmed

@@ -29,7 +29,9 @@ class RightOfWayConfig(StrictModel):
     """Which neighbours block the way, and how far they are avoided."""
 
     keep_right: float = Field(
-        1.0, ge=0, description="Room [m] left to an oncoming neighbour; 0: nobody is given way."
+        1.0,
+        ge=0,
+        description="Room [m] left to an oncoming neighbour; 0: the goal is never turned.",
     )
     oncoming: float = Field(6.0, gt=0, description="From this distance [m] on room is made.")
     level: float = Field(

@@ -88,9 +88,9 @@ def headway_speed(
     """Return the speed [m/s], at most `cruise`, at which the room ahead along `way` (3,) lasts.
 
     The drone flies as fast as a neighbour ahead flies the same way, and room / headway faster.
-    A neighbour that flies along in formation slows nobody; two drones that meet at close quarters
+    A neighbour that flies along in formation is no limit; two drones that meet at close quarters
     both slow down, so that neither dodges faster than the other can see. The speed stays above
-    `headway_least`, so that nobody waits for ever.
+    `headway_least`, so that no drone waits for ever.
     """
     length = float(np.linalg.norm(way[:2]))
     if config.headway == 0.0 or length < 1e-6:

@@ -32,8 +32,8 @@ class Supervised:
     """What supervision decided at one tick.
 
     requests: messages to the autopilot, the companion's own heartbeat among them. verdict: the
-    guarded command; None where no setpoint is to go out. repeat: the line loses packets, so that a
-    setpoint is sent more than once.
+    guarded command; None where no setpoint is to go out. repeat: the link loses packets, so that a
+    setpoint is sent three times.
     """
 
     phase: Phase = Phase.WAIT
