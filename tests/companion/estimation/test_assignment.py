@@ -1,4 +1,4 @@
-"""The assignment against scipy's, which is the same method in other hands."""
+"""The assignment, compared with scipy's."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from companion.estimation.assignment import assign
 
 
 @given(n=st.integers(1, 9), m=st.integers(1, 9), seed=st.integers(0, 10**6), tied=st.booleans())
-def test_least_total_cost(n, m, seed, tied):
+def test_the_assignment_has_the_least_total_cost(n, m, seed, tied):
     rng = np.random.default_rng(seed)
     cost = rng.integers(0, 4, (n, m)).astype(float) if tied else rng.normal(0.0, 50.0, (n, m))
     pairs = assign(cost)
@@ -22,6 +22,6 @@ def test_least_total_cost(n, m, seed, tied):
         assert pairs == list(zip(rows.tolist(), columns.tolist(), strict=True))
 
 
-def test_nothing_to_assign():
+def test_an_empty_cost_has_no_assignment():
     assert assign(np.zeros((0, 3))) == []
     assert assign(np.zeros((3, 0))) == []

@@ -1,4 +1,4 @@
-"""Own state from plain Betaflight telemetry, and that finer telemetry is not touched by it."""
+"""Own state from coarse telemetry and from odometry; finer telemetry passes as it is."""
 
 import math
 
@@ -43,7 +43,7 @@ def telemetry(t, velocity):
 @pytest.mark.parametrize(
     ("velocity", "position_rms", "speed_rms"), [(True, 0.1, 0.15), (False, 0.15, 0.3)]
 )
-def test_a_weave_is_followed(velocity, position_rms, speed_rms):
+def test_coarse_telemetry_follows_a_weave(velocity, position_rms, speed_rms):
     own, squares, begin = OwnState(), [], truth(0.0)[0]
     for k in range(1000):
         t = k / 50
@@ -51,9 +51,12 @@ def test_a_weave_is_followed(velocity, position_rms, speed_rms):
         if t > 5.0:
             p, v, roll, rate = truth(t)
             now = own.at(t)
-            believed = euler_from_quaternion(now.q_wb)[0]
-            squares.append([np.sum((now.p - p + begin)[:2] ** 2), np.sum((now.v - v)[:2] ** 2),
-                            (believed - roll) ** 2, (now.omega[0] - rate) ** 2])  # fmt: skip
+            estimated = euler_from_quaternion(now.q_wb)[0]
+            p_square = np.sum((now.p - p + begin)[:2] ** 2)
+            v_square = np.sum((now.v - v)[:2] ** 2)
+            squares.append(
+                [p_square, v_square, (estimated - roll) ** 2, (now.omega[0] - rate) ** 2]
+            )
     p_error, v_error, roll_error, rate_error = np.sqrt(np.mean(squares, axis=0))
     assert p_error < position_rms
     assert v_error < speed_rms
@@ -61,8 +64,8 @@ def test_a_weave_is_followed(velocity, position_rms, speed_rms):
     assert rate_error < 0.06
 
 
-def test_a_climb_while_no_place_came_is_a_climb():
-    """1.4 m up within a gap of 1.3 s: no zero has moved, and it will land where it started."""
+def test_a_climb_during_a_gap_of_positions_is_a_climb():
+    """The drone climbs 1.3 m in a gap of 1.3 s: the zero of its height has not moved."""
     own = OwnState()
     for k in range(1250):
         t = k / 50
@@ -88,7 +91,7 @@ def odometry(t):
     return Odometry(t, p, v, quaternion_from_euler(roll, 0.0, 0.5), np.array([rate, 0.0, 0.0]))
 
 
-def test_odometry_alone_is_enough():
+def test_odometry_alone_gives_the_own_state():
     own = OwnState()
     for k in range(60):
         own.add([odometry(k / 30)])
@@ -100,7 +103,7 @@ def test_odometry_alone_is_enough():
     assert own.age(2.0) == pytest.approx(1 / 30)
 
 
-def test_odometry_steps_in_where_a_stream_falls_silent():
+def test_odometry_replaces_a_stream_that_falls_silent():
     own, off = OwnState(), np.array([5.0, 0.0, 0.0])
     for k in range(30):
         t = k / 30
@@ -112,23 +115,23 @@ def test_odometry_steps_in_where_a_stream_falls_silent():
     assert own.at(59 / 30).p[0] == pytest.approx(truth(59 / 30)[0][0], abs=0.01)
 
 
-def test_a_body_rate_that_no_gyro_can_tell_is_not_believed():
+def test_a_body_rate_beyond_any_gyro_is_refused():
     own, level = OwnState(), np.array([1.0, 0.0, 0.0, 0.0])
     for k in range(10):
-        own.add([LocalPosition(k / 50, np.zeros(3), np.zeros(3)),
-                 Attitude(k / 50, level, np.array([34.0, 0.0, 0.0]))])  # fmt: skip
+        own.add([LocalPosition(k / 50, np.zeros(3), np.zeros(3))])
+        own.add([Attitude(k / 50, level, np.array([34.0, 0.0, 0.0]))])
     wild = [Attitude(0.2 + k / 50, level, np.array([0.0, -150.0, 0.0])) for k in range(5)]
     own.add(wild[:1])
     assert own.at(0.2).omega.tolist() == [34.0, 0.0, 0.0]
-    assert own.plausible(0.2)  # once is a slip
+    assert own.plausible(0.2)  # once is an outlier
     own.add(wild[1:])
     assert own.counters.too_fast == 5
     assert not own.plausible(0.3)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e-45, -1e-40])
-def test_what_is_no_number_is_refused_and_counted(bad):
-    """As float32 a denormal is garbage: of a velocity, it would be believed as a halt."""
+def test_samples_that_are_not_finite_or_normal_are_refused_and_counted(bad):
+    """A denormal float32 is garbage: as a velocity it would be believed as a halt."""
     own, level, v = OwnState(), np.array([1.0, 0.0, 0.0, 0.0]), np.array([1.5, 0.0, 0.0])
     own.add([Attitude(0.0, level, np.zeros(3)), LocalPosition(0.0, np.zeros(3), v)])
     spoilt = np.array([bad, 0.0, 0.0])

@@ -1,4 +1,4 @@
-"""The memory of trunks: near ones are not taken for others farther off."""
+"""The obstacle map: which trunks are one, which are several, and which are forgotten."""
 
 import numpy as np
 import pytest
@@ -13,14 +13,14 @@ THIN, PLACE = 0.24, np.array([4.0, 0.3])
 
 
 def fly(known, x, *trunks, **visibility):
-    """One look from (x, 0, 2) m."""
+    """Take one look from (x, 0, 2) m; return the known cylinders."""
     own = VehicleState(x / 1.5, np.array([x, 0, 2.0]), np.array([1.5, 0, 0]), LEVEL, np.zeros(3))
     known.update([t for t in trunks if t], own, FORWARD, np.radians(80.0), **visibility)
     return known.cylinders(own.p)
 
 
 def look(x, assumed=None):
-    """The thin trunk as it is, or as thick as `assumed` [m] and as far off as that makes it."""
+    """The thin trunk as it is; or of the radius `assumed` [m], and as far off as that makes it."""
     offset = PLACE - [x, 0.0]
     distance = float(np.hypot(*offset))
     direction = np.array([-offset[1], 0.0, offset[0]]) / distance
@@ -40,7 +40,7 @@ def test_a_thin_trunk_whose_foot_left_the_picture_stays_where_it_is():
 
 
 def test_a_thin_trunk_that_shows_columns_wider_than_known_stays_where_it_is():
-    """Known from its foot two columns too narrow; without the foot, two too wide (`lsc-forest`)."""
+    """With its foot in view it was two columns too narrow; without, it is two too wide."""
     known = ObstacleMap(ObstacleConfig(associate=0.5))
     for _ in range(6):
         fly(known, 2.0, Trunk(look(2.0).direction, 2.0, 0.075, 0.08))
@@ -53,14 +53,14 @@ def test_a_thin_trunk_that_shows_columns_wider_than_known_stays_where_it_is():
     assert found[:, 2] == pytest.approx([0.15, 0.075])
 
 
-def test_one_that_nobody_knows_is_as_thick_as_assumed():
+def test_an_unknown_trunk_has_the_assumed_radius():
     known = ObstacleMap(ObstacleConfig())
     for _ in range(3):
         found = fly(known, 2.4, look(2.4, assumed=0.35))
     assert found[0, 2] == 0.35
 
 
-def test_one_beside_a_known_one_is_another():
+def test_a_trunk_beside_a_known_trunk_is_another():
     known = ObstacleMap(ObstacleConfig())
     for _ in range(6):
         fly(known, 2.4, look(2.4))
@@ -70,7 +70,7 @@ def test_one_beside_a_known_one_is_another():
     assert sorted(found[:, 2]) == pytest.approx([THIN, 1.0])
 
 
-def test_one_that_should_be_seen_and_is_not_is_forgotten():
+def test_a_trunk_that_should_be_seen_and_is_not_is_forgotten():
     known = ObstacleMap(ObstacleConfig())
     for _ in range(6):
         fly(known, 1.0, look(1.0))
@@ -81,8 +81,8 @@ def test_one_that_should_be_seen_and_is_not_is_forgotten():
     assert not len(left)
 
 
-def test_a_near_one_cut_by_the_picture_stays_where_it_is():
-    """Only a part of its width shows: as thick as known, it would be far off and to the side."""
+def test_a_near_trunk_cut_by_the_edge_of_the_picture_stays_where_it_is():
+    """By the part of its width that shows it would stand far off and to the side."""
     known = ObstacleMap(ObstacleConfig(associate=0.5))
     for x in np.arange(0.0, 2.4, 0.15):
         fly(known, x, look(x))
@@ -93,7 +93,7 @@ def test_a_near_one_cut_by_the_picture_stays_where_it_is():
     assert found[0, :2] == pytest.approx(PLACE, abs=0.05)
 
 
-def test_two_that_come_to_one_place_are_one_and_the_surer_place_stays():
+def test_two_landmarks_at_one_place_become_one_at_the_less_uncertain_place():
     """A ghost beside a known trunk would close the way for good: each look keeps it alive."""
     known, ahead = ObstacleMap(ObstacleConfig()), np.array([0.0, 0.0, 1.0])
     for ghost in [5.3] * 3 + [4.7] * 6:
@@ -103,8 +103,8 @@ def test_two_that_come_to_one_place_are_one_and_the_surer_place_stays():
 
 
 @pytest.mark.parametrize("sigma", [0.05, 0.15])
-def test_two_that_one_frame_shows_are_two(sigma):
-    """One in their middle would be flown into, and past on either side."""
+def test_two_trunks_that_one_frame_shows_stay_two(sigma):
+    """A single trunk in their middle would be passed on either side, and a real one flown into."""
     known = ObstacleMap(ObstacleConfig())
     axes = [np.array([5.0, y]) for y in (-0.45, 0.45)]
     rng = np.random.default_rng(0)
@@ -120,17 +120,17 @@ def test_two_that_one_frame_shows_are_two(sigma):
     assert found[np.argsort(found[:, 1])][:, :2] == pytest.approx(np.array(axes), abs=0.1)
 
 
-def test_one_seen_twice_in_a_frame_is_one():
-    """Its bark parted by a shadow, say: the two would overlap."""
+def test_a_trunk_seen_twice_in_a_frame_is_one():
+    """A shadow may part its bark; the two halves would overlap."""
     known = ObstacleMap(ObstacleConfig())
     for _ in range(6):
-        halves = [Trunk(np.array([s, 0.0, 1.0]) / np.hypot(s, 1.0), 4.0, 0.4, 0.1)
-                  for s in (-0.05, 0.05)]  # fmt: skip
+        rays = [np.array([s, 0.0, 1.0]) / np.hypot(s, 1.0) for s in (-0.05, 0.05)]
+        halves = [Trunk(ray, 4.0, 0.4, 0.1) for ray in rays]
         found = fly(known, 0.0, *halves)
     assert len(found) == 1
 
 
-def test_where_little_of_a_look_is_had_one_is_forgotten_late():
+def test_a_trunk_whose_place_hardly_shows_is_forgotten_late():
     known = ObstacleMap(ObstacleConfig())
     for _ in range(6):
         fly(known, 1.0, look(1.0))

@@ -1,4 +1,4 @@
-"""What own state refuses, and when it is no longer plausible."""
+"""The own state: which samples it refuses, and when it is no longer plausible."""
 
 import numpy as np
 
@@ -11,8 +11,8 @@ LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 def fed(*samples):
     state = OwnState()
     for n in range(10):
-        state.add([Attitude(0.02 * n, LEVEL, np.zeros(3)),
-                   LocalPosition(0.02 * n, np.zeros(3), np.zeros(3))])  # fmt: skip
+        state.add([Attitude(0.02 * n, LEVEL, np.zeros(3))])
+        state.add([LocalPosition(0.02 * n, np.zeros(3), np.zeros(3))])
     for sample in samples:
         state.add([sample])
     return state
@@ -22,21 +22,21 @@ def position(time, x):
     return LocalPosition(time, np.array([x, 0.0, 0.0]), np.zeros(3))
 
 
-def without_position(seconds, *garbled):
-    """Attitudes alone for some seconds, and positions that are no numbers at these times [s]."""
+def without_position(seconds, *corrupt):
+    """Whether attitudes alone are plausible, with positions that are NaN at the times `corrupt`."""
     samples = [Attitude(0.2 + t, LEVEL, np.zeros(3)) for t in np.arange(0.0, seconds, 0.02)]
-    samples += [position(t, np.nan) for t in garbled]
+    samples += [position(t, np.nan) for t in corrupt]
     return fed(*sorted(samples, key=lambda s: s.time)).plausible(0.2 + seconds)
 
 
-def test_a_silent_position_is_lost_sooner_than_a_garbled_one():
+def test_a_silent_position_is_lost_sooner_than_one_that_is_not_finite():
     assert without_position(0.15)
     assert not without_position(0.25)
     assert without_position(0.25, *np.arange(0.2, 0.45, 0.04))
     assert not without_position(0.6, *np.arange(0.2, 0.8, 0.04))
 
 
-def test_one_position_elsewhere_is_an_outlier_and_five_are_a_jump():
+def test_a_position_elsewhere_is_an_outlier_and_five_are_a_jump():
     once = fed(position(0.2, 5.0), position(0.22, 0.0))
     assert once.plausible(0.22)
     assert once.counters.jumps == 1

@@ -1,3 +1,5 @@
+"""Prediction: inputs in flight, and the disturbance."""
+
 import numpy as np
 import pytest
 
@@ -30,7 +32,7 @@ def rest():
     return x
 
 
-def test_inputs_in_flight_act_when_they_do():
+def test_an_input_acts_after_its_delay():
     f = Predictor(DELAY)
     strong = np.array([GRAVITY + 4.0, 0.0, 0.0, 0.0])
     f.sent(0.0, HOVER)
@@ -50,7 +52,7 @@ def test_a_long_delay_holds_several_inputs_in_flight():
     assert ahead[5] == pytest.approx(0.1 * 1.0 + 0.1 * 2.0 + 0.05 * 4.0)
 
 
-def test_at_the_shortest_period_all_that_the_longest_delay_holds_is_remembered():
+def test_the_history_holds_the_longest_delay_at_the_shortest_period():
     f = Predictor(0.5)
     for k in range(50):
         f.sent(0.02 * k, np.array([GRAVITY + (k < 26), 0.0, 0.0, 0.0]))
@@ -68,7 +70,7 @@ def test_drag_is_learnt_as_a_disturbance():
     assert f.disturbance == pytest.approx(drag, abs=0.01)
 
 
-def test_nothing_is_learnt_while_somebody_else_flies():
+def test_no_disturbance_is_learnt_while_the_autopilot_flies_by_itself():
     f, x = Predictor(DELAY), rest()
     for k in range(20):
         f.history.clear()

@@ -1,4 +1,4 @@
-"""The way round trunks that stand too close to pass between."""
+"""The detour round trunks that stand too close to each other to pass between."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from companion.guidance.detour import Detour
 
 ROOM = 0.35
 OPEN = np.zeros((0, 4))
-# Of a flight that stood before the second and the third for 48 s: 0.57 m between them, 0.7 m asked.
+# 0.57 m are free between the second and the third trunk, of 0.7 m needed.
 POCKET = np.array([[0.9, -1.7, 0.3], [2.0, -2.1, 0.3], [2.2, -0.9, 0.2], [-0.3, 0.0, 0.2]])
 HERE, THERE = np.array([1.57, -1.41, 1.3]), np.array([1.17, -3.81, 1.3])
 
 
 def nearest_first(p, cylinders):
-    """As the obstacle map gives them."""
+    """The cylinders in the order in which the obstacle map gives them."""
     gaps = np.linalg.norm(cylinders[:, :2] - p[:2], axis=1) - cylinders[:, 2]
     return cylinders[np.argsort(gaps, kind="stable")]
 
 
 def walk(p, goal, cylinders, fence=OPEN, step=0.05, most=1200, sight=np.inf):
-    """Places of somebody who goes straight to where it is told, step by step."""
+    """The places of a point that goes straight to each aim, step by step."""
     places, detour = [p], Detour(fence)
     while np.linalg.norm(places[-1] - goal) > step and len(places) < most:
         here = places[-1]
@@ -34,20 +34,19 @@ def walk(p, goal, cylinders, fence=OPEN, step=0.05, most=1200, sight=np.inf):
 
 
 def gaps(places, cylinders):
-    """(K,) m, least to each surface."""
+    """The least distance [m] of all places to each surface, (K,)."""
     offsets = places[:, None, :2] - cylinders[None, :, :2]
     return (np.linalg.norm(offsets, axis=2) - cylinders[:, 2]).min(axis=0)
 
 
-def test_out_of_a_pocket_and_round():
+def test_the_way_leads_out_of_a_pocket_and_round():
     places = walk(HERE, THERE, POCKET)
     assert np.linalg.norm(places[-1] - THERE) <= 0.05
     assert gaps(places, POCKET).min() > ROOM - 0.02
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_random_thickets(seed):
-    """Whoever is told a way round gets through, and keeps the room that it had."""
+def test_the_way_leads_through_a_random_thicket_and_keeps_the_room(seed):
     rng = np.random.default_rng(seed)
     trunks = np.column_stack([rng.uniform(-3, 3, (10, 2)), rng.uniform(0.1, 0.4, 10)])
     start, goal = np.array([-5.0, rng.uniform(-1, 1), 1.0]), np.array([5.0, 0.0, 1.0])
@@ -72,22 +71,21 @@ def test_a_thicket_beside_the_way_changes_nothing():
 
 
 def test_the_aim_is_as_far_as_the_way_is_long():
-    """Who goes round is not to slow down at each corner."""
+    """The drone is not to slow down at each corner."""
     aim = Detour(OPEN).aim(HERE, THERE, nearest_first(HERE, POCKET), ROOM)
     assert np.linalg.norm(aim - HERE) > np.linalg.norm(THERE - HERE)
     assert aim[2] == THERE[2]
 
 
-def test_goal_walled_in():
-    ring = np.array(
-        [[3.0 + np.cos(a), np.sin(a), 0.2] for a in np.arange(8) * np.pi / 4]
-    )  # 0.37 m between surfaces
+def test_a_goal_that_is_walled_in_stays_the_aim():
+    angles = np.arange(8) * np.pi / 4
+    ring = np.array([[3.0 + np.cos(a), np.sin(a), 0.2] for a in angles])  # 0.37 m between surfaces
     goal = np.array([3.0, 0.0, 1.0])
     start = np.array([0.0, 0.0, 1.0])
     assert Detour(OPEN).aim(start, goal, nearest_first(start, ring), ROOM) is goal
 
 
-def test_on_the_side_that_is_within_the_fence():
+def test_the_way_round_stays_within_the_fence():
     pair = np.array([[2.0, -0.3, 0.2], [2.0, 0.6, 0.2]])
     start, goal = np.zeros(3), np.array([4.0, 0.0, 0.0])
     right = Detour(OPEN).aim(start, goal, pair, ROOM)
@@ -99,7 +97,7 @@ def test_on_the_side_that_is_within_the_fence():
     assert places[:, 1].min() > -0.9 + ROOM - 0.05
 
 
-def test_who_stands_too_near_already_is_led_away():
+def test_a_drone_that_is_too_near_already_is_led_away():
     start = np.array([1.4, -1.75, 1.3])  # between the two
     places = walk(start, THERE, POCKET)
     assert np.linalg.norm(places[-1] - THERE) <= 0.05
@@ -108,8 +106,8 @@ def test_who_stands_too_near_already_is_led_away():
 
 @pytest.mark.parametrize("count", [13, 24])
 @pytest.mark.parametrize("sight", [5.0, np.inf])
-def test_round_a_hedge_longer_than_what_is_known_of_it(count, sight):
-    """The nearer end of what is known would ever be the one behind."""
+def test_the_way_leads_round_a_hedge_longer_than_its_known_part(count, sight):
+    """The nearer end of the known part would always be the one behind."""
     hedge = np.array([[5.0, 1.4 * (k - (count - 1) / 2) + 0.1, 0.5] for k in range(count)])
     goal = np.array([10.0, 0.0, 1.0])
     places = walk(np.array([0.0, 0.0, 1.0]), goal, hedge, sight=sight)
@@ -117,8 +115,7 @@ def test_round_a_hedge_longer_than_what_is_known_of_it(count, sight):
     assert gaps(places, hedge).min() > ROOM - 0.05
 
 
-def test_out_of_a_dead_end_on_the_other_side():
-    """A side that turns out to be closed is given up."""
+def test_a_side_that_turns_out_to_be_closed_is_given_up():
     hook = [[5.0, y, 0.3] for y in np.arange(-2.0, 2.9, 0.8)] + [
         [x, 2.8, 0.3] for x in np.arange(1.0, 5.0, 0.8)
     ]
@@ -128,7 +125,7 @@ def test_out_of_a_dead_end_on_the_other_side():
     assert gaps(places, np.array(hook)).min() > ROOM - 0.05
 
 
-def test_a_new_goal_is_gone_to_by_the_nearer_side():
+def test_the_way_to_a_new_goal_takes_the_nearer_side():
     pair = np.array([[2.0, -0.3, 0.2], [2.0, 0.5, 0.2]])
     detour, here = Detour(OPEN), np.zeros(3)
     assert detour.aim(here, np.array([4.0, -0.2, 0.0]), pair, ROOM)[1] < 0.0

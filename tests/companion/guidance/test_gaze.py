@@ -1,4 +1,4 @@
-"""The line of sight, eq. (7): along the way, swept at random, and never away from who is close."""
+"""The line of sight, eq. (7): along the way, swept at random, the nearest neighbour in view."""
 
 import math
 
@@ -18,7 +18,7 @@ def sweeping(**keys):
 
 
 def looked(config, seconds=60.0, v=EAST, to_goal=FAR, **seen):
-    """ψ of each tick of a straight flight; it looked east before."""
+    """ψ of each tick of a straight flight; the drone looked east before."""
     gaze = Gaze(config)
     return np.array(
         [gaze.update(k / 10, v, to_goal, 0.0, **seen) for k in range(int(seconds * 10))]
@@ -26,16 +26,16 @@ def looked(config, seconds=60.0, v=EAST, to_goal=FAR, **seen):
 
 
 @pytest.mark.parametrize("mean", [-2.5, 2.5])
-def test_no_mean_leads_beyond_the_limit(mean):
+def test_no_mean_sweeps_beyond_the_limit(mean):
     psi = looked(sweeping(mean=mean, sigma=0.0))
     assert np.abs(psi).max() == pytest.approx(GazeConfig().limit)
 
 
-def test_without_a_sweep_it_looks_along_the_way():
+def test_without_a_sweep_the_drone_looks_along_the_way():
     assert np.allclose(looked(STILL), 0.0)
 
 
-def test_the_sweep_goes_to_both_sides_within_its_limit_and_no_faster_than_it_may():
+def test_the_sweep_goes_to_both_sides_within_limit_and_slew():
     psi = looked(sweeping(seed=3))
     assert psi.min() < -0.3
     assert psi.max() > 0.3
@@ -43,52 +43,52 @@ def test_the_sweep_goes_to_both_sides_within_its_limit_and_no_faster_than_it_may
     assert np.abs(np.diff(psi)).max() <= GazeConfig().slew * 0.1 + 1e-9
 
 
-def test_two_drones_sweep_differently_and_one_always_the_same():
+def test_the_sweep_depends_on_the_seed_alone():
     one, two = (looked(sweeping(seed=s)) for s in (1, 2))
     assert not np.allclose(one, two)
     assert np.array_equal(one, looked(sweeping(seed=1)))
 
 
-def test_one_that_must_turn_round_looks_before_it_flies():
+def test_a_drone_that_must_turn_round_looks_before_it_flies():
     psi = looked(STILL, 3.0, v=np.zeros(3), to_goal=-FAR)
     assert abs(wrap(psi[-1] - math.pi)) < 1e-6
 
 
-def test_who_is_lost_is_looked_for_on_its_side():
+def test_the_sweep_turns_to_a_neighbour_out_of_view():
     psi = looked(sweeping(seed=3, sigma=0.1), lost=[-1.7])
     assert psi[20:].min() == pytest.approx(-0.5, abs=0.1)
     assert psi[20:].max() < 0.0
 
 
-def test_who_is_lost_behind_does_not_hold_the_look_to_one_side():
+def test_a_neighbour_lost_behind_does_not_change_the_sweep():
     psi = looked(sweeping(seed=3), lost=[2.5])
     assert np.array_equal(psi, looked(sweeping(seed=3)))
 
 
 @pytest.mark.parametrize("bearing", [-1.8, -1.3, 0.0, 0.9, 1.6])
-def test_no_swing_loses_sight_of_who_is_close(bearing):
+def test_no_swing_loses_sight_of_a_close_neighbour(bearing):
     config = sweeping(seed=3)
     off = [abs(wrap(bearing - psi)) for psi in looked(config, close=bearing)[20:]]
     assert max(off) <= config.half_view + 1e-9
 
 
-def test_who_stands_at_its_goal_sweeps_on_about_where_it_looked():
+def test_a_drone_at_its_goal_sweeps_on_about_where_it_looked():
     psi = looked(sweeping(seed=3), 30.0, v=np.zeros(3), to_goal=np.array([0.0, 0.3, 0.0]))
     assert psi.min() < -0.3
     assert psi.max() > 0.3
     assert np.abs(psi).max() <= GazeConfig().limit + 1e-9
 
 
-def test_who_stands_short_of_its_goal_looks_there():
+def test_a_drone_that_stands_short_of_its_goal_looks_there():
     psi = looked(STILL, v=np.zeros(3), to_goal=np.array([0.0, 0.8, 0.0]))
     assert psi[-1] == pytest.approx(math.pi / 2)
 
 
-def test_who_is_close_behind_does_not_turn_the_look_off_the_way():
+def test_a_neighbour_close_behind_does_not_turn_the_look_off_the_way():
     assert np.array_equal(looked(sweeping(seed=3)), looked(sweeping(seed=3), close=math.pi))
 
 
-def test_before_it_sets_out_it_looks_once_all_round_on_either_side():
+def test_before_it_sets_out_the_drone_looks_once_all_round():
     for seed in (0, 3):
         gaze = Gaze(GazeConfig(seed=seed))
         psi = [gaze.follow(0.0, 0.4)]
@@ -98,4 +98,4 @@ def test_before_it_sets_out_it_looks_once_all_round_on_either_side():
         assert np.abs(np.diff(turn)) == pytest.approx(GazeConfig().slew * 0.1)
         assert abs(turn[-1]) == pytest.approx(2 * math.pi, abs=0.2)
     gaze.follow(9.0, 0.4)
-    assert not gaze.surveyed  # who was taken out of our hands looks round again
+    assert not gaze.surveyed  # after a pilot has flown it, the drone looks round again

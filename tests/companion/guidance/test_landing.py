@@ -1,4 +1,4 @@
-"""Nobody lands on one who flies below."""
+"""Landing: the look round at the goal, and the wait while a neighbour is below."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def track(*p):
 
 
 def lands_at(config, seen_at, **keys):
-    """Time [s] at which it lands; seen_at: tracks known at a time."""
+    """Time [s] at which the drone lands; seen_at: the tracks known at a time."""
     look = GazeConfig(**keys)
     landing = Landing(MissionConfig(goals=[GOAL], **config), 0.5, turns=look.survey > 0.0)
     gaze = Gaze(look)
@@ -31,7 +31,7 @@ def lands_at(config, seen_at, **keys):
     for tick in range(300):
         time = tick / 10
         gaze.update(time, np.zeros(3), np.zeros(3), 0.0)
-        # Looking round at the goal is no looking round before setting out: it stays where it is.
+        # A look round at the goal does not begin the mission anew.
         assert mission.update(at(time), gaze.surveyed).goal == pytest.approx(GOAL)
         step = landing.update(at(time), seen_at(time), gaze.surveyed)
         if step.look_round:
@@ -41,32 +41,34 @@ def lands_at(config, seen_at, **keys):
     return None
 
 
-def nobody(time):
+def no_tracks(time):
     return []
 
 
-def test_without_a_wait_it_lands_at_once():
+def test_without_a_wait_the_drone_lands_at_once():
     assert lands_at({}, lambda time: [track(0.1, 0.0, 0.6)]) == 0.0
-    assert lands_at({"land": False, "land_wait": 10.0}, nobody) == 0.0
+    assert lands_at({"land": False, "land_wait": 10.0}, no_tracks) == 0.0
 
 
-def test_first_it_looks_once_all_round():
+def test_the_drone_looks_once_all_round_before_it_lands():
     turn = 2 * np.pi / GazeConfig().slew
-    assert lands_at({"land_wait": 10.0}, nobody) == pytest.approx(turn, abs=0.2)
+    assert lands_at({"land_wait": 10.0}, no_tracks) == pytest.approx(turn, abs=0.2)
 
 
-@pytest.mark.parametrize(("p", "waits"), [((0.3, 0.3, 0.6), True), ((0.3, 0.3, 1.5), False),
-                                          ((0.4, 0.4, 0.6), False)])  # fmt: skip
-def test_it_waits_for_who_is_below(p, waits):
+@pytest.mark.parametrize(
+    ("p", "waits"),
+    [((0.3, 0.3, 0.6), True), ((0.3, 0.3, 1.5), False), ((0.4, 0.4, 0.6), False)],
+)
+def test_the_drone_waits_while_a_neighbour_is_below(p, waits):
     landed = lands_at({"land_wait": 20.0}, lambda time: [track(*p)] if time < 7.0 else [], survey=0)
     assert landed == (7.0 if waits else 0.0)
 
 
-def test_it_does_not_wait_for_ever():
+def test_the_wait_before_landing_ends():
     assert lands_at({"land_wait": 5.0}, lambda time: [track(0.0, 0.0, 0.6)]) == 5.0
 
 
-def test_a_clock_that_begins_anew_does_not_keep_it_up():
+def test_a_clock_that_begins_anew_ends_the_wait_before_landing():
     landing = Landing(MissionConfig(goals=[GOAL], land_wait=10.0), 0.5, turns=True)
     below = [track(0.0, 0.0, 0.6)]
     assert not landing.update(at(900.0), below, surveyed=True).land

@@ -1,3 +1,5 @@
+"""The mission: goals in order, round their islands, on the drone's level."""
+
 import math
 
 import numpy as np
@@ -10,12 +12,12 @@ GOALS = [[0.0, 20.0, 2.0], [15.0, 20.0, 2.0], [15.0, 0.0, 2.0]]
 
 
 def at(p, v=(0.0, 0.0, 0.0), time=0.0):
-    return VehicleState(time, np.array(p, float), np.array(v, float), np.array([1.0, 0, 0, 0]),
-                        np.zeros(3))  # fmt: skip
+    level = np.array([1.0, 0.0, 0.0, 0.0])
+    return VehicleState(time, np.array(p, float), np.array(v, float), level, np.zeros(3))
 
 
 def walk(mission, p, step=0.1, most=2000):
-    """A point that goes where it is told; the places it came through."""
+    """The places of a point that goes where the mission leads it, and its last progress."""
     path = [np.array(p, float)]
     for _ in range(most):
         progress = mission.update(at(path[-1]))
@@ -53,13 +55,13 @@ def test_the_way_keeps_clear_of_the_island_and_on_its_outer_side():
     ("following", "side"),
     [([10, 10], 1), ([10, -10], -1), ([20, 0], 1), ([20, -4], 1), ([0, 0.1], 1), ([0, -0.1], 1)],
 )
-def test_turn_side(following, side):
+def test_the_way_turns_left_where_it_is_nearly_straight_or_back(following, side):
     a, b = np.zeros(3), np.array([10.0, 0.0, 0.0])
     assert turn_side(a, b, np.array([*following, 0.0])) == side
 
 
-def test_those_who_come_and_those_who_go_keep_apart():
-    """At a sharp turn the two lanes run on opposite sides of the island."""
+def test_drones_that_come_and_drones_that_go_keep_apart():
+    """At a sharp turn the two lanes are on opposite sides of the island."""
     r = Roundabout(np.zeros(3), 1.8, np.array([7.0, -21.0, 0.0]), -1.0)
     coming = r.aim(np.array([-7.0, -12.0, 0.0]))
     towards = math.atan2(-21.0, 7.0)
@@ -84,7 +86,7 @@ def test_a_drone_that_waits_holds_where_it_began():
     assert np.array_equal(mission.update(at([0.3, 0.0, 2.0], time=13.0)).goal, [5.0, 0.0, 2.0])
 
 
-def test_nobody_sets_out_before_having_looked_round():
+def test_a_drone_sets_out_only_after_its_look_round():
     mission = Mission(MissionConfig(goals=[[5.0, 0.0, 2.0]]))
     assert np.allclose(mission.update(at([1.0, 1.0, 2.0]), surveyed=False).goal, [1.0, 1.0, 2.0])
     assert np.allclose(mission.update(at([1.2, 1.0, 2.0]), surveyed=False).goal, [1.0, 1.0, 2.0])
@@ -98,7 +100,7 @@ def test_a_clock_that_begins_anew_ends_the_wait():
         assert np.array_equal(mission.update(at([0.3, 0.0, 2.0], time=1.0)).goal, [5.0, 0.0, 2.0])
 
 
-def test_the_last_goal_wants_a_slow_drone():
+def test_the_last_goal_is_reached_slowly():
     mission = Mission(MissionConfig(goals=[[5.0, 0.0, 2.0]], final_speed=0.4))
     assert not mission.update(at([5.0, 0.0, 2.0], v=[1.0, 0.0, 0.0])).complete
     assert mission.update(at([5.0, 0.1, 2.0])).complete
@@ -115,13 +117,13 @@ def test_the_way_is_flown_on_the_drones_own_level_and_the_goal_reached_at_its_he
 
 @pytest.mark.parametrize("level", [0.0, 6.0])
 def test_a_goal_on_the_way_is_passed_on_the_drones_level(level):
-    """However high that is above the goal; but one above the other is not passed from below."""
-    config = MissionConfig(goals=[[0.0, 10.0, 2.0], [10.0, 10.0, 2.0], [10.0, 10.0, 6.0],
-                                  [0.0, 0.0, 2.0]], level=level)  # fmt: skip
+    """The level may be high above the goal; a goal above the goal before is not passed below."""
+    goals = [[0.0, 10.0, 2.0], [10.0, 10.0, 2.0], [10.0, 10.0, 6.0], [0.0, 0.0, 2.0]]
+    config = MissionConfig(goals=goals, level=level)
     path, progress = walk(Mission(config), [0.0, 0.0, 2.0])
     assert progress.complete
     assert path[:, 2].max() > 6.0 - config.tolerance
 
 
-def test_as_much_room_round_the_island_as_there_must_be_is_enough():
+def test_the_least_room_round_the_island_is_enough():
     assert MissionConfig(goals=[[0, 0, 2], [9, 0, 2]], tolerance=1.0, island=0.9).island == 0.9

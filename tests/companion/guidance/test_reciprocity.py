@@ -1,4 +1,4 @@
-"""How much of making way is left to the one that is met."""
+"""Reciprocity: how far a neighbour that is met is expected to give way."""
 
 import numpy as np
 import pytest
@@ -19,31 +19,31 @@ def state(p, v):
 
 
 def yields(p, v, own=(1.0, 0.0, 0.0), config=CONFIG):
-    """By a neighbour at p that flies with v, met by a drone in the origin that flies with own."""
+    """The change of a neighbour at p with velocity v, met by a drone in the origin with own."""
     track = Track(1, np.array(p, float), np.array(v, float), np.eye(6), 1.0, 0.0)
     return give_way_velocity(state([0, 0, 0], own), track, 0.8, config)
 
 
 def least_distance(p, v, own):
-    """Of two at constant velocity."""
+    """The least distance [m] of two drones at constant velocity."""
     r, w = np.array(p, float), np.array(v, float) - own
     return np.linalg.norm(r + w * max(-(r @ w) / (w @ w), 0.0))
 
 
-def test_it_makes_half_of_the_room_that_lacks():
+def test_a_neighbour_makes_half_of_the_room_that_lacks():
     p, v, own = np.array([2.0, 0.2, 0.0]), np.array([-1.0, 0.0, 0.0]), np.array([1.0, 0, 0])
     assert least_distance(p, v, own) == pytest.approx(0.2)
     assert least_distance(p, v + yields(p, v), own) == pytest.approx(0.5, abs=0.03)
 
 
-def test_both_make_the_whole_room():
+def test_both_drones_together_make_the_whole_room():
     p, v, own = np.array([2.0, 0.2, 0.0]), np.array([-1.0, 0.0, 0.0]), np.array([1.0, 0, 0])
     theirs, ours = yields(p, v, own), yields(-p, own, v)
     assert ours == pytest.approx(-theirs)
     assert least_distance(p, v + theirs, own + ours) == pytest.approx(0.8, abs=0.06)
 
 
-def test_on_a_collision_course_both_go_to_their_right():
+def test_on_a_collision_course_the_neighbour_goes_to_its_right():
     assert yields([2.0, 0.0, 0.0], [-1.0, 0.0, 0.0])[1] > 0.0
 
 
@@ -54,20 +54,20 @@ def test_on_a_collision_course_both_go_to_their_right():
         ([1.0, 0.1, 0.0], [0.5, 0.0, 0.0]),  # flies ahead, does not look back
     ],
 )
-def test_who_need_not_or_cannot_see_does_not_give_way(p, v):
+def test_a_neighbour_that_passes_far_or_does_not_see_does_not_give_way(p, v):
     assert not yields(p, v).any()
 
 
-def test_one_that_hardly_moves_may_look_anywhere():
+def test_a_neighbour_that_hardly_moves_may_look_anywhere():
     assert yields([1.0, 0.1, 0.0], [0.1, 0.0, 0.0])[1] > 0.0
 
 
-def test_without_share_it_is_constant_velocity():
+def test_without_a_share_the_neighbour_flies_on_as_in_eq_14():
     assert not yields([2.0, 0.2, 0.0], [-1.0, 0, 0], config=ReciprocityConfig(share=0)).any()
 
 
 @given(*[st.tuples(NUMBER, NUMBER, NUMBER)] * 3)
-def test_finite_and_bounded(p, v, own):
+def test_the_change_is_finite_and_bounded(p, v, own):
     given_way = yields(p, v, own)
     assert np.isfinite(given_way).all()
     assert np.linalg.norm(given_way) <= CONFIG.most + 1e-9

@@ -1,3 +1,5 @@
+"""Right of way: which neighbours turn the goal, and to which side."""
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,3 +1,5 @@
+"""Speed limits by view, by neighbours ahead and by neighbours near."""
+
 import math
 from dataclasses import replace
 
@@ -20,15 +22,15 @@ def free_speed(*tracks):
     return headway_speed(OWN, tracks, way, 1.65, CONFIG, RightOfWayConfig(), range_max=10.0)
 
 
-def test_a_formation_that_flies_along_slows_nobody():
+def test_a_formation_that_flies_along_is_no_limit():
     assert free_speed(track(1, [1.7, 0.2, 0], [1.5, 0, 0]), track(2, [0, 1.5, 0])) == 1.65
 
 
-def test_a_neighbour_on_the_ground_slows_nobody():
+def test_a_neighbour_on_the_ground_is_no_limit():
     assert free_speed(track(1, [1.7, 0.0, -2.0])) == 1.65
 
 
-def test_two_that_meet_at_close_quarters_slow_but_never_stop():
+def test_two_drones_that_meet_slow_down_but_never_stop():
     far, near = (free_speed(track(1, [x, 0, 0], [-1.0, 0, 0])) for x in (4.0, 2.0))
     assert 1.65 > far > near
     assert np.isclose(far, (4.0 - CONFIG.clearance) / CONFIG.headway - 1.0)
@@ -54,7 +56,7 @@ def test_a_drone_near_others_is_not_much_faster_than_they_are():
 def test_the_old_speed_of_a_neighbour_out_of_sight_is_no_reason_to_flee():
     lost = replace(track(1, [-1.1, 0, 0], [1.0, 0, 0]), unseen=0.6)
     assert np.isclose(bound(lost), CONFIG.relative_speed)
-    assert bound(lost, speed=1.65) == 1.65  # one that follows close behind holds nobody up
+    assert bound(lost, speed=1.65) == 1.65  # a follower close behind is no limit
 
 
 def test_the_drone_flies_slowly_where_it_does_not_look():

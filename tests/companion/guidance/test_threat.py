@@ -1,3 +1,5 @@
+"""Threat: how neighbours are rated, and in which order they come."""
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

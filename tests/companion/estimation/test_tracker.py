@@ -1,4 +1,4 @@
-"""What the tracker believes of speed: head on, and where one hides another."""
+"""The tracker: velocities head on, behind another drone and out of sight; its covariance."""
 
 import numpy as np
 import pytest
@@ -16,21 +16,21 @@ def own(time):
 
 
 def look(offset, rng, share=0.02):
-    """Of a drone at `offset` (3,) from the camera, its range off by `share` of it (1 σ)."""
+    """A look at a drone at `offset` (3,) m; its range is off by `share` of it (1 σ)."""
     away = float(np.linalg.norm(offset))
     measured = away * (1 + share * rng.standard_normal())
     return Detection(offset / away, measured, sigma_bearing=0.003, sigma_range=share * away)
 
 
 def follow(tracker, start, velocity, looks, rng):
-    """Looks at 10 Hz at one that starts at `start` ahead; its tracks after each."""
+    """Look at 10 Hz at a drone that starts at `start` (3,) m; yield the tracks after each look."""
     for k in range(looks):
         offset = start + (velocity - CRUISE) * k / 10
         tracker.update(k / 10, [look(offset, rng)], own(k / 10), LEVEL, None)
         yield tracker.tracks()
 
 
-def test_one_that_comes_head_on_is_known_to_within_half_a_second():
+def test_the_velocity_of_an_oncoming_neighbour_is_known_within_half_a_second():
     errors, parted = [], 0
     for seed in range(60):
         tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(seed)
@@ -41,7 +41,7 @@ def test_one_that_comes_head_on_is_known_to_within_half_a_second():
     assert parted == 0
 
 
-def test_one_that_steps_before_another_does_not_take_its_track():
+def test_a_neighbour_that_comes_before_another_does_not_take_its_track():
     tracker, rng = Tracker(TrackerConfig(gate=11.3, damping=0.0)), np.random.default_rng(3)
     *_, (behind,) = follow(tracker, np.array([6.3, 0.0, 0.0]), CRUISE, 4, rng)
     for k in range(5, 8):
@@ -52,8 +52,8 @@ def test_one_that_steps_before_another_does_not_take_its_track():
     assert max(speeds.values()) < 1.0
 
 
-def test_a_half_hidden_one_is_not_taken_for_another_that_went_out_of_sight():
-    """One 1.3 m away leaves the view; a second later half of another shows 50° beside it."""
+def test_a_half_hidden_neighbour_is_not_taken_for_another_that_went_out_of_sight():
+    """A drone 1.3 m away leaves the view; a second later half of another shows 50° beside it."""
     tracker, rng = Tracker(TrackerConfig(damping=0.0)), np.random.default_rng(3)
     *_, (gone,) = follow(tracker, np.array([0.6, -1.1, 0.0]), CRUISE, 8, rng)
     half = np.array([2.6, -0.6, 0.0])
@@ -64,7 +64,7 @@ def test_a_half_hidden_one_is_not_taken_for_another_that_went_out_of_sight():
     assert np.linalg.norm(left.v - CRUISE) < 0.7
 
 
-def test_one_out_of_sight_is_believed_to_slow_down_but_not_at_the_first_miss():
+def test_a_track_out_of_sight_slows_down_but_not_at_the_first_miss():
     tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
     across = np.array([0.0, 1.5, 0.0])
     *_, (seen,) = follow(tracker, np.array([4.0, -1.0, 0.0]), across, 8, rng)
@@ -80,8 +80,8 @@ def test_one_out_of_sight_is_believed_to_slow_down_but_not_at_the_first_miss():
     assert 0.2 + (1 - np.exp(-1.2)) / 1.5 < flown < 0.3 + (1 - np.exp(-1.05)) / 1.5
 
 
-def test_one_that_comes_out_from_behind_another_is_not_believed_to_rush_on():
-    """It hovers 4.4 m off; half of it looks 8 m off, then more and more of it shows."""
+def test_a_neighbour_that_comes_out_from_behind_another_is_not_tracked_as_fast():
+    """It hovers 4.4 m away; half of it looks 8 m away, then more and more of it shows."""
     tracker, still = Tracker(TrackerConfig()), np.zeros(3)
     for k in range(12):
         away = 8.0 - 0.6 * min(k, 6)
@@ -93,8 +93,8 @@ def test_one_that_comes_out_from_behind_another_is_not_believed_to_rush_on():
     assert abs(track.p[0] - away) < 0.5
 
 
-def test_one_that_flew_along_is_believed_to_fly_along():
-    """One 2 m abeam leaves the view; both go on, then both slow down to a third."""
+def test_a_neighbour_that_flew_along_keeps_the_own_velocity_out_of_sight():
+    """A drone 2 m abeam leaves the view; both fly on, then both slow down to a third."""
     tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
     abeam = np.array([0.3, 2.0, 0.0])
     list(follow(tracker, abeam, CRUISE, 8, rng))
@@ -110,8 +110,8 @@ def test_one_that_flew_along_is_believed_to_fly_along():
 
 
 @pytest.mark.parametrize("late", [0.03, 0.12, 0.18, 0.23])
-def test_frames_that_come_late_do_not_slow_anybody_down(late):
-    """Ticks at 10 Hz, each with the frame taken `late` before; one keeps 4 m ahead at cruise."""
+def test_frames_that_come_late_do_not_slow_a_track_down(late):
+    """Each tick has the frame taken `late` before it; a drone keeps 4 m ahead at cruise."""
     tracker = Tracker(TrackerConfig())
     for k in range(20):
         offset = np.array([4.0, 0.0, 0.0])
@@ -124,8 +124,8 @@ def test_frames_that_come_late_do_not_slow_anybody_down(late):
 
 
 @pytest.mark.parametrize("late", [0.12, 0.2])
-def test_of_one_out_of_sight_late_frames_say_as_much_as_early_ones(late):
-    """Ticks at 10 Hz; the last frames show it no more, each taken `late` before its tick."""
+def test_a_track_out_of_sight_is_the_same_with_late_frames(late):
+    """The last frames do not show the neighbour; each is taken `late` before its tick."""
 
     def known(late):
         tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
@@ -142,3 +142,20 @@ def test_of_one_out_of_sight_late_frames_say_as_much_as_early_ones(late):
     early, behind = known(0.0), known(late)
     assert np.allclose(behind.v, early.v, rtol=0.05)
     assert np.allclose(np.diag(behind.P), np.diag(early.P), rtol=0.05)
+
+
+def test_the_covariance_stays_symmetric_and_positive():
+    """A neighbour circles for minutes, in and out of view."""
+    tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(1)
+    for k in range(1000):
+        time = k / 10
+        still = VehicleState(time, np.zeros(3), np.zeros(3), LEVEL, np.zeros(3))
+        around = np.array([4.0 * np.cos(0.3 * time), 4.0 * np.sin(0.3 * time), 0.5])
+        place = around + 0.02 * rng.standard_normal(3)
+        away = float(np.linalg.norm(place))
+        seen = Detection(place / away, away, sigma_bearing=0.003, sigma_range=0.02 * away)
+        tracker.update(time, [seen] * (rng.random() > 0.3), still, LEVEL, None)
+        tracker.predict(time + 0.02)
+        for track in tracker.tracks():
+            np.testing.assert_allclose(track.P, track.P.T, atol=1e-9)
+            assert np.linalg.eigvalsh(track.P).min() > 0.0

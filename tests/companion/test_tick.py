@@ -1,0 +1,20 @@
+"""The packets of one tick."""
+
+import numpy as np
+
+from companion.supervision.supervision import Supervised
+from companion.tick import Tick
+from mavlink_bridge.wire.messages import Heartbeat, RateSetpoint
+
+HEARTBEAT = Heartbeat(12, 2, True, 0, 4)
+SETPOINT = RateSetpoint(1.0, np.zeros(3), 0.4, 1)
+
+
+def packets(repeat):
+    supervised = Supervised(requests=[HEARTBEAT], repeat=repeat)
+    return Tick(1.0, supervised=supervised, setpoint=SETPOINT).packets
+
+
+def test_on_a_lossy_link_the_setpoint_goes_out_three_times_and_a_request_once():
+    assert packets(repeat=False) == [[HEARTBEAT, SETPOINT]]
+    assert packets(repeat=True) == [[HEARTBEAT, SETPOINT], [SETPOINT], [SETPOINT]]
