@@ -1,4 +1,4 @@
-"""What the few planes of the problem are spent on, and ways round what the plan does not see."""
+"""The whole tick: the planes that the solver gets, and the detour in its goal."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ WALL = 2.5  # m east of the drone, which looks there
 
 
 def wall_ranges():
-    """(32,32) m to a wall that goes from the ground to 3.9 m."""
+    """The ranges (32,32) m to a wall from the ground to 3.9 m."""
     rays = Camera.equidistant(32, 32, 160.0).directions.reshape(-1, 3).astype(float)
     east, _, up = (rays @ rotation_matrix(np.array(FORWARD)).T).T
     ranges = np.where(east > 0.05, WALL / np.maximum(east, 0.05), np.inf)
@@ -27,24 +27,32 @@ def wall_ranges():
 def engaged(shown, **changes):
     """The last tick of a drone that has seen `shown` for two seconds and was handed over."""
     config = CompanionConfig.model_validate(
-        {"fileversion": 2, "mission": {"goals": [[4.5, 0.0, 2.0]], "land": False},
-         "sensing": {"neighbours": "truth", "obstacles": "map"},
-         "camera": {"width": 64, "height": 64}, **changes})  # fmt: skip
+        {
+            "fileversion": 2,
+            "mission": {"goals": [[4.5, 0.0, 2.0]], "land": False},
+            "sensing": {"neighbours": "truth", "obstacles": "map"},
+            "camera": {"width": 64, "height": 64},
+            **changes,
+        }
+    )
     companion, vehicle = Companion(config, lambda: 0.0), Source(1, 1)
-    empty = {"neighbours": np.zeros((0, 6)), "trunks": np.zeros((0, 6)),
-             "ranges": np.full((32, 32), np.inf, np.float32)}  # fmt: skip
+    empty = {
+        "neighbours": np.zeros((0, 6)),
+        "trunks": np.zeros((0, 6)),
+        "ranges": np.full((32, 32), np.inf, np.float32),
+    }
     for k in range(20):
         now = 10.0 + k / 10
         mode = MODES["hold" if k < 10 else "offboard"]
         heard = [Received(vehicle, Heartbeat(12, 2, True, mode, 4))]
         for t in now - 0.08 + 0.02 * np.arange(5):
-            heard += [Received(vehicle, Attitude(t, LEVEL, np.zeros(3))),
-                      Received(vehicle, LocalPosition(t, PLACE, np.zeros(3)))]  # fmt: skip
+            heard.append(Received(vehicle, Attitude(t, LEVEL, np.zeros(3))))
+            heard.append(Received(vehicle, LocalPosition(t, PLACE, np.zeros(3))))
         tick = companion.tick(TickInputs(now, heard, Frame(now - 0.03, empty | shown)))
     return config, tick
 
 
-def test_walls_are_planned_around_also_inside_a_narrow_fence():
+def test_the_planes_of_walls_reach_the_solver_inside_a_narrow_fence():
     fence = {"east": [-5.0, 5.0], "north": [-5.0, 5.0]}
     config, tick = engaged({"ranges": wall_ranges()}, fence=fence)
     kept = tick.planned.instance.planes[tick.planned.instance.plane_active > 0.5]
@@ -58,11 +66,8 @@ def test_walls_are_planned_around_also_inside_a_narrow_fence():
 def test_the_aim_leads_round_two_trunks_without_room_between(apart, turned):
     axes = np.array([[2.5, 0.5 * apart + 0.1], [2.5, 0.1 - 0.5 * apart]])
     distance = np.hypot(*axes.T)
-    rays = (
-        np.column_stack([axes, np.zeros(2)])
-        / distance[:, None]
-        @ rotation_matrix(np.array(FORWARD))
-    )  # east is ahead: world to camera
+    to_camera = rotation_matrix(np.array(FORWARD))  # east is ahead
+    rays = np.column_stack([axes, np.zeros(2)]) / distance[:, None] @ to_camera
     trunks = np.column_stack([rays, distance, np.full(2, 0.4), np.full(2, 0.03)])
     _, tick = engaged({"trunks": trunks}, gaze={"survey": 0.0})
     assert len(tick.obstacles.cylinders) == 2

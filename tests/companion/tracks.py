@@ -1,4 +1,4 @@
-"""The own state and tracks of neighbours, for tests of guidance and control."""
+"""An own state and tracks of neighbours for tests of guidance and control."""
 
 import numpy as np
 

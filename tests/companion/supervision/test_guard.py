@@ -1,4 +1,4 @@
-"""The guard's rules one by one."""
+"""The guard's rules, one by one and where several apply."""
 
 import numpy as np
 import pytest
@@ -56,12 +56,12 @@ def inputs(time=0.0, v=(0.0, 0.0, 0.0), **more):
         ({"tick_gap": np.inf}, Reason.LATE, AutopilotRequest.NONE),
     ],
 )
-def test_each_rule(more, reason, asked):
+def test_each_rule_gives_its_reason_and_request(more, reason, asked):
     verdict = Guard(GuardConfig()).judge(inputs(**more))
     assert (verdict.reason, verdict.request) == (reason, asked)
 
 
-def test_a_plan_comes_back_after_bad_solves_and_land_is_asked_for_after_two_seconds():
+def test_bad_solves_brake_then_land_and_a_good_one_flies_again():
     guard = Guard(GuardConfig())
     bad = [guard.judge(inputs(0.1 * k, plan=plan(usable=False))) for k in range(22)]
     assert [v.reason for v in bad[:4]] == [Reason.SHIFTED_PLAN] * 2 + [Reason.BRAKE] * 2
@@ -77,7 +77,7 @@ def test_braking_tilts_against_the_motion():
     assert brake(own(), GuardConfig()).c == pytest.approx(9.80665)
 
 
-def test_the_second_tick_that_is_missed_brakes_gently():
+def test_the_second_late_tick_brakes_gently():
     guard = Guard(GuardConfig())
     reasons = [guard.judge(inputs(tick_gap=gap)).reason for gap in (0.1, 0.2, 0.2, 0.2, 0.1)]
     assert reasons == [Reason.PLAN, Reason.PLAN, Reason.LATE, Reason.LATE, Reason.PLAN]
@@ -87,9 +87,32 @@ def test_the_second_tick_that_is_missed_brakes_gently():
     assert turns[0] < 0.25 * abs(brake(fast, GuardConfig()).omega[1])
 
 
-def test_half_of_the_commands_lost_brakes_and_then_holds():
+def test_a_loss_of_half_the_setpoints_brakes_and_then_holds():
     guard = Guard(GuardConfig())
     said = [guard.judge(inputs(0.1 * k, packet_loss=0.5)) for k in range(13)]
     assert {v.reason for v in said} == {Reason.LATE}
     assert [v.request for v in said].index(AutopilotRequest.HOLD) == 10
     assert guard.judge(inputs(1.3, packet_loss=0.2)).reason is Reason.PLAN
+
+
+EACH_RULE = [
+    ({"age": 0.31}, Reason.NO_STATE),
+    ({"plausible": False}, Reason.BAD_STATE),
+    ({"tick_gap": 0.31}, Reason.LATE),
+    ({"plan": None}, Reason.BRAKE),
+    ({"outside": 1.1}, Reason.FENCE),
+    ({"blind": 6.0}, Reason.BLIND),
+    ({}, Reason.PLAN),
+]
+
+
+@pytest.mark.parametrize("first", range(len(EACH_RULE)))
+def test_of_all_rules_that_apply_the_first_of_the_table_gives_the_command(first):
+    every = {key: value for more, _ in EACH_RULE[first:] for key, value in more.items()}
+    assert Guard(GuardConfig()).judge(inputs(**every)).reason is EACH_RULE[first][1]
+
+
+def test_a_late_tick_keeps_the_request_of_the_rules_below_it():
+    late = {"tick_gap": 0.31, "outside": 1.1}
+    verdict = Guard(GuardConfig()).judge(inputs(**late))
+    assert (verdict.reason, verdict.request) == (Reason.LATE, AutopilotRequest.LAND)

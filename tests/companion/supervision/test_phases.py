@@ -1,4 +1,4 @@
-"""When the companion takes control, and how it gives it back."""
+"""The phases: when the companion takes control, and how it gives control back."""
 
 import numpy as np
 import pytest
@@ -15,8 +15,11 @@ from mavlink_bridge.autopilots.px4 import Px4
 from mavlink_bridge.wire.messages import Heartbeat, VehicleState
 
 # POSCTL, LOITER, and the mode of the bridge in which the sticks fly
-ALL = [(Px4(1), PX4 | {"pilot": 0x00030000}), (ArduPilot(1), ARDUPILOT | {"pilot": 5}),
-       (Betaflight(1), BETAFLIGHT | {"pilot": PILOT})]  # fmt: skip
+ALL = [
+    (Px4(1), PX4 | {"pilot": 0x00030000}),
+    (ArduPilot(1), ARDUPILOT | {"pilot": 5}),
+    (Betaflight(1), BETAFLIGHT | {"pilot": PILOT}),
+]
 
 
 def at(height):
@@ -26,7 +29,7 @@ def at(height):
 
 
 class Flown:
-    """A state machine, tick by tick, with a pilot at the other end."""
+    """A phase machine, tick by tick, and the heartbeats of its vehicle."""
 
     def __init__(self, adapter, modes, **mission):
         self.phases = PhaseMachine(MissionConfig(**mission), adapter)
@@ -38,7 +41,7 @@ class Flown:
         return self.phases.update(self.time, heartbeat, at(height), ready, complete)
 
     def until(self, phase):
-        """Fly by itself until it is in `phase`, as a vehicle does that obeys."""
+        """Tick until `phase`, with the heartbeats of a vehicle that obeys."""
         up, climbs = self.phases._autopilot.up_in, False
         for _ in range(20):
             now = self.phases.phase
@@ -49,15 +52,15 @@ class Flown:
                 mode, climbs = ("takeoff" if "takeoff" in self.modes else up), True
             else:
                 mode = "offboard" if now in (Phase.ENGAGE, Phase.FLY) else up
-            self.tick(mode, armed=now is not Phase.WAIT, height=height,
-                      complete=phase is Phase.LAND)  # fmt: skip
+            complete = phase is Phase.LAND
+            self.tick(mode, armed=now is not Phase.WAIT, height=height, complete=complete)
         raise AssertionError(self.phases.phase)
 
     def nothing_more(self, mode, height=2.0, ticks=35):
         """Whether the companion leaves a vehicle in `mode` alone from the first tick on."""
         decisions = [self.tick(mode, height=height) for _ in range(ticks)]
-        return all((d.phase, d.requests, d.stream) == (Phase.PASSIVE, [], False)
-                   for d in decisions)  # fmt: skip
+        passive = (Phase.PASSIVE, [], False)
+        return all((d.phase, d.requests, d.stream) == passive for d in decisions)
 
 
 def test_px4_is_engaged_in_hold_and_flown_in_offboard():
@@ -95,16 +98,16 @@ def test_control_is_given_back(adapter, modes):
     assert flown.tick("offboard", height=3.0).phase is Phase.PASSIVE
 
 
-def test_nothing_to_give_back():
+def test_a_companion_without_control_gives_nothing_back():
     flown = Flown(Px4(1), PX4)
     flown.tick("offboard", armed=False)
     flown.phases.release()
-    decision = flown.tick("offboard")  # somebody else's offboard
+    decision = flown.tick("offboard")  # another program's offboard
     assert (decision.phase, decision.stream, decision.requests) == (Phase.PASSIVE, False, [])
 
 
-def not_asked_for():
-    """(adapter, its modes, phase, mode) wherever the phase itself does not lead to the mode."""
+def foreign_modes():
+    """(adapter, its modes, phase, mode) wherever the phase does not lead to the mode."""
     for adapter, modes in ALL:
         for phase in (Phase.TAKEOFF, Phase.ENGAGE, Phase.FLY, Phase.LAND):
             own = "land" if phase is Phase.LAND else adapter.up_in
@@ -114,8 +117,8 @@ def not_asked_for():
 
 
 @pytest.mark.row("13")
-@pytest.mark.parametrize(("adapter", "modes", "phase", "mode"), list(not_asked_for()))
-def test_a_mode_that_was_not_asked_for_wins_in_every_phase(adapter, modes, phase, mode):
+@pytest.mark.parametrize(("adapter", "modes", "phase", "mode"), list(foreign_modes()))
+def test_a_mode_that_was_not_requested_wins_in_every_phase(adapter, modes, phase, mode):
     flown = Flown(adapter, modes, auto=True)
     flown.until(phase)
     assert flown.nothing_more(mode)
@@ -124,7 +127,7 @@ def test_a_mode_that_was_not_asked_for_wins_in_every_phase(adapter, modes, phase
 
 @pytest.mark.row("13")
 @pytest.mark.parametrize(("adapter", "modes"), ALL)
-def test_a_landing_that_somebody_ends_is_not_asked_for_again(adapter, modes):
+def test_a_landing_that_a_pilot_ends_is_not_requested_again(adapter, modes):
     for mode in sorted({"pilot", "rtl", "hold"} & set(modes)):
         flown = Flown(adapter, modes, auto=True)
         flown.until(Phase.LAND)
@@ -153,7 +156,7 @@ def test_a_vehicle_that_disarms_in_another_mode_has_landed(adapter, modes):
 
 @pytest.mark.row("13")
 @pytest.mark.parametrize(("adapter", "modes"), ALL)
-def test_a_take_off_that_a_pilot_ends_is_not_asked_for_again(adapter, modes):
+def test_a_take_off_that_a_pilot_ends_is_not_requested_again(adapter, modes):
     for climbs in (False, True):
         flown = Flown(adapter, modes, auto=True)
         flown.until(Phase.TAKEOFF)
@@ -162,7 +165,7 @@ def test_a_take_off_that_a_pilot_ends_is_not_asked_for_again(adapter, modes):
         assert flown.nothing_more("pilot", height=0.8)
 
 
-def test_a_take_off_that_a_pilot_stops_low_waits_there():
+def test_a_vehicle_that_a_pilot_stops_low_in_its_take_off_waits_there():
     flown = Flown(Px4(1), PX4, auto=True)
     flown.until(Phase.TAKEOFF)
     flown.tick("takeoff", height=0.8)
@@ -183,7 +186,7 @@ def test_a_vehicle_that_stands_in_a_pilots_mode_takes_off_all_the_same(adapter, 
 
 @pytest.mark.row("21")
 @pytest.mark.parametrize(("adapter", "modes"), ALL)
-def test_a_landing_for_safety_insists_while_in_offboard(adapter, modes):
+def test_a_landing_for_safety_is_requested_again_while_in_offboard(adapter, modes):
     flown = Flown(adapter, modes, auto=True)
     flown.until(Phase.FLY)
     flown.phases.release(land=True)
@@ -193,7 +196,7 @@ def test_a_landing_for_safety_insists_while_in_offboard(adapter, modes):
     assert flown.nothing_more("pilot")
 
 
-def test_who_is_not_ready_any_more_is_not_armed():
+def test_a_vehicle_that_is_not_ready_any_more_is_not_armed():
     flown = Flown(Px4(1), PX4, auto=True)
     flown.until(Phase.ARM)
     blind = [flown.tick("hold", armed=False, ready=False) for _ in range(30)]
@@ -203,7 +206,7 @@ def test_who_is_not_ready_any_more_is_not_armed():
 
 
 @pytest.mark.parametrize(("blind", "phase"), [(10, Phase.TAKEOFF), (30, Phase.ENGAGE)])
-def test_armed_as_asked_it_takes_off_only_if_it_is_ready_soon(blind, phase):
+def test_a_vehicle_armed_on_request_takes_off_only_if_it_is_ready_soon(blind, phase):
     flown = Flown(Px4(1), PX4, auto=True)
     flown.until(Phase.ARM)
     decisions = [flown.tick("hold", ready=False) for _ in range(blind)]
@@ -211,10 +214,10 @@ def test_armed_as_asked_it_takes_off_only_if_it_is_ready_soon(blind, phase):
     decisions = [flown.tick("hold") for _ in range(30)]
     assert decisions[0].phase is phase
     asked = [m for d in decisions for m in d.requests]
-    assert bool(asked) is (phase is Phase.TAKEOFF)  # else it is a pilot's
+    assert bool(asked) is (phase is Phase.TAKEOFF)  # else the vehicle is the pilot's
 
 
-def test_a_vehicle_that_a_pilot_has_flown_is_not_armed_when_he_disarms():
+def test_a_vehicle_that_a_pilot_has_flown_is_not_armed_after_disarming():
     flown = Flown(Px4(1), PX4 | {"pilot": 0x00030000}, auto=True)
     flown.tick("hold", armed=False, ready=False)
     for ready in (False, True):
@@ -224,8 +227,8 @@ def test_a_vehicle_that_a_pilot_has_flown_is_not_armed_when_he_disarms():
     assert not {m for d in landed for m in d.requests} & set(Px4(1).arm())
 
 
-def test_a_vehicle_that_a_pilot_flies_after_a_reboot_is_his():
-    """Its clock begins anew: the request to arm from before is no answer's."""
+def test_a_vehicle_that_a_pilot_flies_after_a_reboot_is_not_taken():
+    """Its clock begins anew: the request to arm from before the reboot no longer counts."""
     flown = Flown(ArduPilot(1), ARDUPILOT | {"pilot": 5}, auto=True)
     flown.time = 100.0
     flown.until(Phase.ARM)
@@ -238,8 +241,8 @@ def test_a_vehicle_that_a_pilot_flies_after_a_reboot_is_his():
     assert not {m for d in decisions for m in d.requests} & set(ArduPilot(1).takeoff(2.0))
 
 
-def test_streams_are_asked_for_even_where_all_is_there_at_once():
-    """At the rates of some other setting, perhaps: an age of 0.3 s is young enough to begin."""
+def test_streams_are_requested_even_where_telemetry_comes_at_once():
+    """It may come at lower rates: the companion is ready with telemetry up to 0.3 s old."""
     flown = Flown(Px4(1), PX4, auto=True)
     asked = [m for _ in range(30) for m in flown.tick("hold", armed=False).requests]
     assert flown.phases.phase is Phase.ARM

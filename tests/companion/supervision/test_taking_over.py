@@ -1,4 +1,4 @@
-"""From the pilot's flight to the companion's: hover thrust, gaze and goals at the takeover."""
+"""The takeover from a pilot: hover thrust, line of sight and goals."""
 
 from dataclasses import dataclass, field
 
@@ -23,14 +23,14 @@ from mavlink_bridge.wire.video import Frame
 
 HOVER = 0.33
 VEHICLE = Source(1, 1)
-NOBODY = {"neighbours": np.zeros((0, 6)), "trunks": np.zeros((0, 6))}
+EMPTY = {"neighbours": np.zeros((0, 6)), "trunks": np.zeros((0, 6))}
 GROUND, CLIMB = 10.0, 4.0  # s: armed on the ground in hold, then up to 2 m by the pilot
 TAKEN = GROUND + CLIMB + 2.0  # s: the vehicle follows us
 
 
 @dataclass
 class Seen:
-    """What became of a flight from the moment on that the vehicle follows."""
+    """What a flight did from the moment on that the vehicle follows."""
 
     z: list[float] = field(default_factory=list)
     offset: list[float] = field(default_factory=list)
@@ -40,11 +40,15 @@ class Seen:
 
 
 def fly(lag, goals, aside=0.0, seconds=4.0):
-    """Taken over at TAKEN [s], shown by the heartbeat `lag` [s] later; aside: m the pilot moves."""
+    """Take over at TAKEN [s], shown by the heartbeat `lag` [s] later; aside: m the pilot moves."""
     config = CompanionConfig.model_validate(
-        {"fileversion": 2, "mission": {"goals": goals, "land": False},
-         "sensing": {"neighbours": "truth", "obstacles": "map"},
-         "camera": {"width": 64, "height": 64}})  # fmt: skip
+        {
+            "fileversion": 2,
+            "mission": {"goals": goals, "land": False},
+            "sensing": {"neighbours": "truth", "obstacles": "map"},
+            "camera": {"width": 64, "height": 64},
+        }
+    )
     companion, seen = Companion(config, lambda: 0.0), Seen()
     x = np.array([0.0, 0, 0, 0, 0, 0, 1, 0, 0, 0])  # looks east; the pilot turns it to the west
     u, queue = None, []
@@ -62,12 +66,12 @@ def fly(lag, goals, aside=0.0, seconds=4.0):
                 x = predict(x, np.array([G * u[1] / HOVER, *u[0]]), 0.02)
             rates = np.zeros(3) if t < TAKEN else np.array(u[0])
             state = LocalPosition(t + 10, x[:3].copy(), x[3:6].copy())
-            heard += [Received(VEHICLE, Attitude(t + 10, x[6:10].copy(), rates)),
-                      Received(VEHICLE, state)]  # fmt: skip
+            attitude = Attitude(t + 10, x[6:10].copy(), rates)
+            heard += [Received(VEHICLE, attitude), Received(VEHICLE, state)]
         flown = now - lag >= TAKEN
         mode = MODES["offboard" if flown else "takeoff" if GROUND < now < TAKEN - 2.0 else "hold"]
         heard.append(Received(VEHICLE, Heartbeat(12, 2, now > 1.0, mode, 4)))
-        tick = companion.tick(TickInputs(now + 10, heard, Frame(now + 9.97, NOBODY)))
+        tick = companion.tick(TickInputs(now + 10, heard, Frame(now + 9.97, EMPTY)))
         if tick.setpoint is not None:
             queue.append((now + 0.06, (tick.setpoint.omega, tick.setpoint.thrust)))
         if now >= TAKEN:
@@ -82,22 +86,22 @@ def fly(lag, goals, aside=0.0, seconds=4.0):
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.5, 0.9])
-def test_it_takes_over_in_hover_though_it_streamed_long_before(lag):
+def test_the_drone_keeps_its_height_at_the_takeover_after_streaming_for_long(lag):
     seen = fly(lag, [[0.0, 0.0, 2.0]])
     assert min(seen.z) > 1.9
     assert max(seen.z) < 2.1
     assert np.allclose(seen.hover, HOVER, atol=0.02)
 
 
-def test_until_it_flies_it_stays_where_the_pilot_has_brought_it():
+def test_before_its_mission_the_drone_stays_where_the_pilot_has_brought_it():
     seen = fly(0.9, [[0.0, 0.0, 2.0]], aside=3.0, seconds=0.9)
     assert max(seen.offset) < 0.1
 
 
-def test_over_its_goal_it_goes_on_looking_where_the_pilot_looked():
+def test_over_its_goal_the_drone_looks_on_where_the_pilot_looked():
     assert fly(0.0, [[0.0, 0.0, 2.0]], seconds=0.5).turn[-1] < 0.5
 
 
-def test_targets_that_the_pilot_passes_are_not_reached():
+def test_goals_that_the_pilot_passes_are_not_reached():
     goals = [[0.0, 4.0, 1.0], [0.0, 30.0, 2.0]]
     assert not any(fly(0.0, goals, aside=12.0, seconds=1.0).target)
