@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mavlink_bridge.autopilots.betaflight import GENERIC, MODES, PILOT
+from mavlink_bridge.autopilots.betaflight import MODES, PILOT
 from mavlink_bridge.betaflight import msp
 from mavlink_bridge.betaflight.coarse_state import CoarseState
 from mavlink_bridge.betaflight.controller import Controller
@@ -21,6 +21,7 @@ from mavlink_bridge.betaflight.msp import Reply
 from mavlink_bridge.betaflight.polling import Answer, read_answer
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.thrust import ThrustMap
+from mavlink_bridge.wire.ids import AutopilotId
 from mavlink_bridge.wire.messages import (
     Attitude,
     AutopilotVersion,
@@ -375,7 +376,9 @@ class BetaflightBridge:
         silent = time - self._answered > self._times.silent
         lost = silent or self._lost_at is not None
         status = _CRITICAL if lost else _ACTIVE if self.armed else _STANDBY
-        return Heartbeat(GENERIC, _QUADROTOR, self.armed, MODES.get(self.mode, PILOT), status, 1)
+        return Heartbeat(
+            AutopilotId.GENERIC, _QUADROTOR, self.armed, MODES.get(self.mode, PILOT), status, 1
+        )
 
     def _say(self, severity: int, text: str) -> None:
         self._outbox.append(StatusText(severity, text[:50]))
