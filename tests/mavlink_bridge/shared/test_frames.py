@@ -53,6 +53,15 @@ def test_euler_round_trip(roll, pitch, yaw):
     assert np.allclose(frames.euler_from_quaternion(q), (roll, pitch, yaw), atol=1e-6)
 
 
+@given(unit_quaternion, hnp.arrays(float, 3, elements=st.floats(-1.5, 1.5)))
+def test_a_rotation_vector_is_found_again(q, rotation):
+    turned = frames.rotate(q, rotation)
+    relative = frames.multiply(frames.conjugate(q), turned)
+    assert np.allclose(frames.rotation_vector(relative), rotation, atol=1e-8)
+    assert np.allclose(frames.rotation_vector(-relative), rotation, atol=1e-8)
+    assert np.allclose(frames.integrate(q, rotation, 1.0), turned, atol=1e-12)
+
+
 @given(st.floats(0.5, 15), st.floats(0.2, 0.6), st.floats(1, 2))
 def test_thrust_round_trip(c, hover, exponent):
     thrust_map = ThrustMap(hover, exponent)
