@@ -81,14 +81,14 @@ class CoarseState:
         self._ground: float | None = None
         self._past: deque[tuple[float, Vector, Vector]] = deque(maxlen=_HISTORY)
 
-    def at(self, time: float, placed: bool = True) -> VehicleState | None:
+    def at(self, time: float, need_fix: bool = True) -> VehicleState | None:
         """Return the state at `time` [s]; None before attitude and height, or after their loss.
 
-        placed: require a GPS fix; without one, position and horizontal velocity are guesses.
+        need_fix: False: also without a fix; position and horizontal velocity are guesses then.
         """
         if self._q is None or self._ground is None or self._time is None:
             return None
-        if time - self._time > self._silent or (placed and time - self._fixed_at > self._unfixed):
+        if time - self._time > self._silent or (need_fix and time - self._fixed_at > self._unfixed):
             return None
         dt = min(max(time - self._time, 0.0), _LONGEST_STEP)
         q = rotate(self._q, self._omega * dt)
@@ -155,7 +155,7 @@ class CoarseState:
         v: m/s ENU, (2,), (3,) or None where the receiver gives none. age: s, where it is known.
         """
         lost = self._time is None or self._time - self._fixed_at > self._unfixed
-        self.fixed()
+        self.confirm_fix()
         if self._origin is None:
             self._origin = (latitude_deg, longitude_deg)
         lat0, lon0 = self._origin
@@ -175,7 +175,7 @@ class CoarseState:
         k = len(v)
         self._v[:k] += self._g.velocity * (v - v_then[:k])
 
-    def fixed(self) -> None:
+    def confirm_fix(self) -> None:
         """Confirm that the last fix is still valid."""
         if self._time is not None:
             self._fixed_at = self._time

@@ -23,7 +23,7 @@ from companion.settings.config import CompanionConfig, load_config
 from companion.supervision.phases import Phase
 from mavlink_bridge.betaflight import msp
 from mavlink_bridge.betaflight.bridge import BetaflightBridge
-from mavlink_bridge.betaflight.controller import QUESTIONS, interview
+from mavlink_bridge.betaflight.controller import QUESTIONS, query_controller
 from mavlink_bridge.betaflight.polling import POLLED
 from mavlink_bridge.shared.mcap_file import Follower, LogError, salvage, whole_records
 from mavlink_bridge.shared.settings import SettingsError, assignments
@@ -92,7 +92,7 @@ def _vehicles():
 def vehicle(data):
     """What a companion or a ground station asks of the bridge and of emulated vehicles."""
     fake, wire = FakeController(), Codec(1, 1)
-    bridge = BetaflightBridge(1, interview(fake.answer), ThrustMap(0.5, 1.75), 1.0)
+    bridge = BetaflightBridge(1, query_controller(fake.answer), ThrustMap(0.5, 1.75), 1.0)
     with np.errstate(all="ignore"):
         for n, received in enumerate(asked(data)):
             bridge.read(0.1 * n, fake.several(POLLED))
@@ -107,7 +107,7 @@ def vehicle(data):
 def msp_stream(data):
     """MSP answers, as a bridge in flight takes them and one that asks for a set-up."""
     decoder, fake, wire = msp.MspDecoder(), FakeController(), Codec(1, 1)
-    bridge = BetaflightBridge(1, interview(fake.answer), ThrustMap(0.5, 1.75), 1.0)
+    bridge = BetaflightBridge(1, query_controller(fake.answer), ThrustMap(0.5, 1.75), 1.0)
     for n, reply in enumerate(decoder.decode(data)):
         for k, wrong in enumerate(POLLED):
             parts = [reply.payload if c == wrong else fake.answer(c) for c in POLLED]
@@ -117,7 +117,9 @@ def msp_stream(data):
                 wire.encode(bridge.cycle(n + 0.1 * k + 0.05).messages)
         for wrong in QUESTIONS:
             try:
-                interview(lambda q, w=wrong, r=reply: r.payload if q == w else fake.answer(q))
+                query_controller(
+                    lambda q, w=wrong, r=reply: r.payload if q == w else fake.answer(q)
+                )
             except msp.MspError as error:
                 assert "\n" not in str(error)  # noqa: PT017
     assert len(decoder._buffer) <= 261

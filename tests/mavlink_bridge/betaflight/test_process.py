@@ -1,4 +1,4 @@
-"""`mavlink-bridge` from the command line: what a service manager may try again, and what not."""
+"""`mavlink-bridge` from the command line: exit statuses, and one line for each failure."""
 
 import pytest
 
@@ -6,13 +6,13 @@ from mavlink_bridge.__main__ import main
 
 
 def run(tmp_path, text):
-    """Its exit status for a configuration."""
+    """Return the exit status for a configuration."""
     file = tmp_path / "bridge.yaml"
     file.write_text(f"fileversion: 1\n{text}")
     return main(["betaflight", str(file)])
 
 
-def test_a_controller_that_is_not_plugged_in_may_be(tmp_path, capsys):
+def test_a_missing_device_exits_with_69_to_be_tried_again(tmp_path, capsys):
     assert run(tmp_path, "controller: serial:/dev/no-such-tty:115200\n") == 69
     said = capsys.readouterr().err
     assert said.startswith("serial /dev/no-such-tty: ")
@@ -34,7 +34,7 @@ def test_a_controller_that_is_not_plugged_in_may_be(tmp_path, capsys):
         ("link: {gps: 'udpin:h'}\n", "2:8", "link.gps: endpoint 'udpin:h' is none of"),
     ],
 )
-def test_a_bad_endpoint_is_a_bad_configuration(tmp_path, capsys, text, where, what):
+def test_a_bad_endpoint_exits_with_2(tmp_path, capsys, text, where, what):
     assert run(tmp_path, text) == 2
     said = capsys.readouterr().err
     assert said.startswith(f"{tmp_path}/bridge.yaml:{where}: {what}")
