@@ -65,7 +65,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _betaflight(options: argparse.Namespace) -> int:
-    # Imported here, where Ctrl-C during the second that it takes is caught.
+    # Imported here so that `main` catches a Ctrl-C during the import, too.
     from mavlink_bridge.betaflight.config import load_bridge_config
     from mavlink_bridge.betaflight.msp import MspError
     from mavlink_bridge.betaflight.process import (
