@@ -1,4 +1,4 @@
-"""Frame laws: round trips, and what a known attitude means on the wire."""
+"""Frames, quaternions and thrust: round trips and known values."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def test_level_and_facing_north_is_the_identity_in_ned():
 
 
 @given(unit_quaternion, unit_quaternion)
-def test_product_of_quaternions_is_product_of_rotations(a, b):
+def test_the_product_of_quaternions_is_the_product_of_rotations(a, b):
     r = frames.rotation_matrix(frames.multiply(a, b))
     assert np.allclose(r, frames.rotation_matrix(a) @ frames.rotation_matrix(b))
     assert np.allclose(frames.multiply(a, frames.conjugate(a)), [1, 0, 0, 0])
@@ -73,12 +73,12 @@ def test_thrust_round_trip(c, hover, exponent):
 
 
 @pytest.mark.parametrize("hover", [0.0, 1.0, -0.2, float("nan")])
-def test_impossible_hover_thrust_is_refused(hover):
+def test_an_impossible_hover_thrust_is_refused(hover):
     with pytest.raises(ValueError, match="hover_thrust"):
         ThrustMap(hover)
 
 
-def test_hover_thrust_is_found_in_flight():
+def test_hover_thrust_is_estimated_in_flight():
     rng = np.random.default_rng(0)
     truth, estimator = ThrustMap(0.31), HoverThrustEstimator(ThrustMap(0.5))
     for _ in range(300):
