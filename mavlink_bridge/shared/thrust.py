@@ -34,10 +34,6 @@ class ThrustMap:
         relative = max(c, 0.0) / G
         return float(min(self.hover_thrust * relative ** (1.0 / self.exponent), 1.0))
 
-    def to_acceleration(self, thrust: float) -> float:
-        """Return the collective acceleration c [m/s²] of a normalised thrust."""
-        return float(G * (max(thrust, 0.0) / self.hover_thrust) ** self.exponent)
-
 
 @dataclass(frozen=True)
 class HoverThrustEstimator:

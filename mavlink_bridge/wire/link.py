@@ -225,8 +225,8 @@ class Link:
 
     def age(self, kind: type, system: int, component: int = ComponentId.AUTOPILOT1) -> float:
         """Return the seconds since that sender's last message of this kind, or infinity."""
-        heard = self._heard.get((Source(system, component), kind), float("-inf"))
-        return time.monotonic() - heard
+        received_at = self._heard.get((Source(system, component), kind), float("-inf"))
+        return time.monotonic() - received_at
 
     def receive(self) -> list[Received]:
         """Return the messages that have arrived, oldest first; never block."""

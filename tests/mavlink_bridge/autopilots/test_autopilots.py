@@ -18,7 +18,7 @@ def options(value):
 
 
 @pytest.mark.parametrize(
-    ("name", "heard", "words"),
+    ("name", "received", "words"),
     [
         ("px4", [beat(12)], ""),
         (
@@ -43,9 +43,9 @@ def options(value):
         ("px4", [], ""),
     ],
 )
-def test_a_vehicle_that_must_not_fly_is_reported_in_one_line(name, heard, words):
+def test_a_vehicle_that_must_not_fly_is_reported_in_one_line(name, received, words):
     identity = Identity(name, 7)
-    identity.hear(heard)
+    identity.hear(received)
     assert words in identity.objection() if words else identity.objection() == ""
     assert "\n" not in identity.objection()
 

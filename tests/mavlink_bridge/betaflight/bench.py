@@ -38,7 +38,7 @@ class Bench:
         )
         self.adapter = Betaflight(1)
         self.t = 100.0
-        self.heard, self.rc, self.rc_at = [], None, -math.inf
+        self.messages, self.rc, self.rc_at = [], None, -math.inf
         self.setpoint = None
         self.pilot = (False, 1000)
         self.run(0.5)
@@ -54,7 +54,7 @@ class Bench:
             if self.setpoint is not None:
                 self.send([self.setpoint])
             out = self.bridge.cycle(self.t)
-            self.heard += out.messages
+            self.messages += out.messages
             self.rc = struct.unpack("<16H", out.rc[5:-1]) if out.rc else None
             if self.rc:
                 self.rc_at, self.frame = self.t, self.rc
@@ -71,10 +71,10 @@ class Bench:
         fc.armed = arm and fit
 
     def last(self, kind):
-        return [m for m in self.heard if isinstance(m, kind)][-1]
+        return [m for m in self.messages if isinstance(m, kind)][-1]
 
     def texts(self):
-        return [m.text for m in self.heard if isinstance(m, StatusText)]
+        return [m.text for m in self.messages if isinstance(m, StatusText)]
 
     def command(self, number, *params, component=1):
         """Send a command to a component; return the result of its CommandAck."""

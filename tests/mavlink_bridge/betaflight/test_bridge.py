@@ -28,11 +28,11 @@ from tests.mavlink_bridge.betaflight.bench import STEP, Bench
 def test_telemetry_at_50_hz_with_body_rates():
     b = Bench()
     b.fc.gyro = (164, 0, -328)  # 10 and −20 °/s
-    b.heard.clear()
+    b.messages.clear()
     b.run(1.0)
-    attitudes = [m for m in b.heard if isinstance(m, Attitude)]
+    attitudes = [m for m in b.messages if isinstance(m, Attitude)]
     assert len(attitudes) >= 50
-    assert len([m for m in b.heard if isinstance(m, LocalPosition)]) >= 50
+    assert len([m for m in b.messages if isinstance(m, LocalPosition)]) >= 50
     assert np.degrees(attitudes[-1].omega) == pytest.approx([10, 0, -20], abs=0.1)
 
 
@@ -47,7 +47,7 @@ def test_an_answer_with_an_empty_part_is_ignored(empty):
     sent = any(isinstance(m, LocalPosition) for m in b.bridge.cycle(b.t).messages)
     assert sent == (empty is Msp.RAW_GPS)
     b.run(0.1)
-    assert isinstance(b.heard[-1], LocalPosition)
+    assert isinstance(b.messages[-1], LocalPosition)
 
 
 def test_attitude_is_enu_and_flu():
@@ -113,7 +113,7 @@ def test_watchdog_levels_at_once_and_lands_where_there_is_no_pilot():
     assert b.rc[3] == 1500
     assert "Setpoints stopped: level" in b.texts()
     b.run(8.0)  # its height does not change, so landing ends at once
-    beats = [m for m in b.heard if isinstance(m, Heartbeat)]
+    beats = [m for m in b.messages if isinstance(m, Heartbeat)]
     assert MODES["land"] in {m.custom_mode for m in beats}
     assert 5 in {m.system_status for m in beats}
     assert not beats[-1].armed
@@ -141,7 +141,7 @@ def test_messages_for_another_component_are_ignored(component):
     b.setpoint = RateSetpoint(0.0, np.zeros(3), 0.5, 1, component)
     b.run(1.0)
     assert not b.fc.armed
-    assert not [m for m in b.heard if isinstance(m, CommandAck)]
+    assert not [m for m in b.messages if isinstance(m, CommandAck)]
     b.send(b.adapter.offboard())
     b.run(STEP)
     assert "Offboard refused: no setpoints" in b.texts()

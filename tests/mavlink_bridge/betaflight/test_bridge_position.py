@@ -31,8 +31,8 @@ def test_the_velocity_follows_from_fixes_without_velocity():
     b.run(0.5)
     east = 2.0 / (math.radians(1.0) * 6371008.8 * math.cos(math.radians(47.4)))
     for k in range(40):
-        told = GpsInput(0.0, 3, 47.4, 8.5 + 0.1 * k * east, 488.0, None)
-        b.send([r.message for r in Codec(1, 1).decode(Codec(1, 220).encode([told]))])
+        fix = GpsInput(0.0, 3, 47.4, 8.5 + 0.1 * k * east, 488.0, None)
+        b.send([r.message for r in Codec(1, 1).decode(Codec(1, 220).encode([fix]))])
         b.run(0.1)
     assert b.last(LocalPosition).v[0] == pytest.approx(2.0, abs=0.3)
 
@@ -52,10 +52,10 @@ def drifting():
 def test_without_a_fix_the_bridge_sends_no_position_levels_and_still_lands():
     b = drifting()
     b.run(1.1)
-    b.heard.clear()
+    b.messages.clear()
     b.run(5.0)
-    assert not [m for m in b.heard if isinstance(m, LocalPosition)]
-    assert len([m for m in b.heard if isinstance(m, Attitude)]) >= 250
+    assert not [m for m in b.messages if isinstance(m, LocalPosition)]
+    assert len([m for m in b.messages if isinstance(m, Attitude)]) >= 250
     assert b.rc[:2] == (1500, 1500)
     assert b.rc[2] > 1300  # the height is still controlled
     b.send(b.adapter.land())

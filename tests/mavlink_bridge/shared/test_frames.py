@@ -1,4 +1,4 @@
-"""Frames, quaternions and thrust: round trips and known values."""
+"""Frames and quaternions: round trips and known values."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from mavlink_bridge.shared import frames
-from mavlink_bridge.shared.thrust import G, HoverThrustEstimator, ThrustMap
 
 coordinate = st.floats(-1e3, 1e3)
 unit_quaternion = (
@@ -60,29 +59,3 @@ def test_a_rotation_vector_is_found_again(q, rotation):
     assert np.allclose(frames.rotation_vector(relative), rotation, atol=1e-8)
     assert np.allclose(frames.rotation_vector(-relative), rotation, atol=1e-8)
     assert np.allclose(frames.integrate(q, rotation, 1.0), turned, atol=1e-12)
-
-
-@given(st.floats(0.5, 15), st.floats(0.2, 0.6), st.floats(1, 2))
-def test_thrust_round_trip(c, hover, exponent):
-    thrust_map = ThrustMap(hover, exponent)
-    thrust = thrust_map.to_thrust(c)
-    assert 0 <= thrust <= 1
-    if thrust < 1:
-        assert thrust_map.to_acceleration(thrust) == pytest.approx(c)
-    assert thrust_map.to_thrust(G) == pytest.approx(hover)
-
-
-@pytest.mark.parametrize("hover", [0.0, 1.0, -0.2, float("nan")])
-def test_an_impossible_hover_thrust_is_refused(hover):
-    with pytest.raises(ValueError, match="hover_thrust"):
-        ThrustMap(hover)
-
-
-def test_hover_thrust_is_estimated_in_flight():
-    rng = np.random.default_rng(0)
-    truth, estimator = ThrustMap(0.31), HoverThrustEstimator(ThrustMap(0.5))
-    for _ in range(300):
-        thrust = 0.31 + 0.05 * rng.standard_normal()
-        measured = truth.to_acceleration(thrust) + 0.3 * rng.standard_normal()
-        estimator = estimator.update(thrust, measured, 0.1)
-    assert estimator.map.hover_thrust == pytest.approx(0.31, abs=0.01)
