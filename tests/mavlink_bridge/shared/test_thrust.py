@@ -9,7 +9,7 @@ from mavlink_bridge.shared.thrust import G, HoverThrustEstimator, ThrustMap
 
 
 @given(st.floats(0.5, 15), st.floats(0.2, 0.6), st.floats(1, 2))
-def test_thrust_round_trip(c, hover, exponent):
+def test_the_thrust_gives_the_acceleration(c, hover, exponent):
     thrust_map = ThrustMap(hover, exponent)
     thrust = thrust_map.to_thrust(c)
     assert 0 <= thrust <= 1
