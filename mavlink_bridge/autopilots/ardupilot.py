@@ -40,7 +40,7 @@ class ArduPilot(Autopilot):
         options = ParamRequestRead(self.system, ComponentId.AUTOPILOT1, "GUID_OPTIONS", -1)
         return [*super().request_streams(), options]
 
-    def objection(self, heartbeat: Heartbeat, parameters: Mapping[str, float]) -> str:
+    def inhibit_reason(self, heartbeat: Heartbeat, parameters: Mapping[str, float]) -> str:
         """Return why the vehicle must not fly: thrust would be a climb rate; else empty."""
         options = parameters.get("GUID_OPTIONS")
         if options is None:

@@ -31,7 +31,7 @@ class Autopilot:
     streams: ClassVar[Mapping[int, float | None]] = {}
 
     def request_streams(self) -> list[Message]:
-        """Request attitude and position, and the parameters that `objection` checks."""
+        """Request attitude and position, and the parameters that `inhibit_reason` checks."""
         return [
             self._command(
                 CommandId.SET_MESSAGE_INTERVAL,
@@ -41,7 +41,7 @@ class Autopilot:
             for message_id, rate_hz in self.streams.items()
         ]
 
-    def objection(self, heartbeat: Heartbeat, parameters: Mapping[str, float]) -> str:
+    def inhibit_reason(self, heartbeat: Heartbeat, parameters: Mapping[str, float]) -> str:
         """Return why the vehicle must not fly as it is set up; empty where it may."""
         return ""
 

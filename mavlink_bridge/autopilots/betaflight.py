@@ -27,7 +27,7 @@ class Betaflight(Autopilot):
     up_in = "hold"
     modes = MODES
 
-    def objection(self, heartbeat: Heartbeat, parameters: Mapping[str, float]) -> str:
+    def inhibit_reason(self, heartbeat: Heartbeat, parameters: Mapping[str, float]) -> str:
         """Return why the vehicle must not fly: no bridge is on the line; else empty."""
         if heartbeat.custom_mode in (PILOT, *MODES.values()):
             return ""

@@ -61,5 +61,5 @@ class Identity:
                 f"vehicle {self._system} is {found}{version}, but link.autopilot: {self._name}; "
                 f"valid: {', '.join(ADAPTERS)}"
             )
-        reason = self._adapter.objection(self.heartbeat, self._parameters)
+        reason = self._adapter.inhibit_reason(self.heartbeat, self._parameters)
         return f"vehicle {self._system} ({self._name}): {reason}" if reason else ""
