@@ -1,1 +1,1 @@
-"""All that crosses the wire: frames, messages, MAVLink, video, MSP."""
+"""MAVLink, MSP and video on the wire, and what both ends of it share."""

@@ -1,1 +1,1 @@
-"""How each autopilot is armed, flown and left, and which one is on the line."""
+"""Requests to each kind of autopilot, and a check of which kind is on the line."""

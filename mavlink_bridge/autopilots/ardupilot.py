@@ -1,42 +1,47 @@
-"""ArduCopter: how to arm, take off, enter and leave guided control, and its climb-rate trap.
+"""ArduCopter: guided mode for setpoints and for take-off, and the parameter GUID_OPTIONS.
 
-Source: GCS_MAVLink_Copter.cpp, mode_guided.cpp. Guided mode is its offboard mode; a take-off
-is a command inside it and leaves it there. Thrust is a climb rate unless GUID_OPTIONS has bit 3.
+Source: GCS_MAVLink_Copter.cpp, mode_guided.cpp. A take-off is a command inside guided mode and
+leaves the vehicle there. Thrust is a climb rate unless GUID_OPTIONS has bit 3.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mavlink_bridge.wire.messages import Command, CommandId, Heartbeat, Message, ParamRequestRead
+from mavlink_bridge.autopilots.base import Autopilot
+from mavlink_bridge.wire.ids import AutopilotId, ComponentId, MessageId
+from mavlink_bridge.wire.messages import Heartbeat, Message, ParamRequestRead
 
-ARDUPILOT = 3  # MAV_AUTOPILOT
-_MODE_ENABLED = 1
-MODES = {"offboard": 4, "hold": 17, "land": 9, "rtl": 6}
+MODES = {"offboard": 4, "hold": 17, "land": 9, "rtl": 6}  # GUIDED, BRAKE, LAND, RTL
 _GUIDED_NOGPS = 20
-_ATTITUDE, _POSITION = 31, 32
-STREAMS = {_ATTITUDE: 50.0, _POSITION: 50.0, 1: 2.0, 24: 2.0, 33: 5.0, 245: 2.0}
-_THRUST_AS_THRUST = 8
+_THRUST_AS_THRUST = 1 << 3  # bit of GUID_OPTIONS
+_STREAMS: dict[int, float | None] = {
+    MessageId.ATTITUDE_QUATERNION: 50.0,
+    MessageId.LOCAL_POSITION_NED: 50.0,
+    MessageId.SYS_STATUS: 2.0,
+    MessageId.GPS_RAW_INT: 2.0,
+    MessageId.GLOBAL_POSITION_INT: 5.0,
+    MessageId.EXTENDED_SYS_STATE: 2.0,
+}
 
 
 @dataclass(frozen=True)
-class ArduPilot:
-    """Requests to one ArduCopter (its system id), as messages to send."""
+class ArduPilot(Autopilot):
+    """Requests to one ArduCopter."""
 
-    system: int
-    autopilot = ARDUPILOT
-    up_in = "offboard"  # the mode in which a finished take-off is left
+    autopilot = AutopilotId.ARDUPILOTMEGA
+    up_in = "offboard"
+    modes = MODES
+    streams = _STREAMS
 
     def request_streams(self) -> list[Message]:
-        """Attitude and local position at 50 Hz, and the parameter that says what thrust means."""
-        intervals: list[Message] = [
-            self._command(CommandId.SET_MESSAGE_INTERVAL, float(m), 1e6 / rate)
-            for m, rate in STREAMS.items()
-        ]
-        return [*intervals, ParamRequestRead(self.system, 1, "GUID_OPTIONS", -1)]
+        """Request the streams, and the parameter that gives thrust its meaning."""
+        options = ParamRequestRead(self.system, ComponentId.AUTOPILOT1, "GUID_OPTIONS", -1)
+        return [*super().request_streams(), options]
 
-    def objection(self, heartbeat: Heartbeat, parameters: dict[str, float]) -> str:
-        """Why it cannot be flown as it is set up; empty where it can."""
+    def inhibit_reason(self, heartbeat: Heartbeat, parameters: Mapping[str, float]) -> str:
+        """Return why the vehicle must not fly: thrust would be a climb rate; else empty."""
         options = parameters.get("GUID_OPTIONS")
         if options is None:
             return "waiting for parameter GUID_OPTIONS"
@@ -48,37 +53,11 @@ class ArduPilot:
         )
 
     def arm(self) -> list[Message]:
-        """Arm in guided mode; refused with STATUSTEXT where the vehicle is not ready."""
-        return [self._mode("offboard"), self._command(CommandId.COMPONENT_ARM_DISARM, 1.0)]
-
-    def takeoff(self, altitude: float) -> list[Message]:
-        """Climb to `altitude` [m] above home and hold, in guided mode."""
-        return [self._command(CommandId.NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, altitude)]
-
-    def offboard(self) -> list[Message]:
-        """Take setpoints from the companion."""
-        return [self._mode("offboard")]
-
-    def hold(self) -> list[Message]:
-        """Stop and stay; the companion's setpoints no longer count."""
-        return [self._mode("hold")]
-
-    def land(self) -> list[Message]:
-        """Land here and disarm."""
-        return [self._mode("land")]
+        """Arm in guided mode; a vehicle that is not ready refuses with STATUSTEXT."""
+        return [self._set_mode("offboard"), *super().arm()]
 
     def mode(self, heartbeat: Heartbeat) -> str:
-        """Name of the mode in a heartbeat; 'other' for those of a pilot."""
+        """Return the mode's name; guided without GPS takes setpoints too."""
         if heartbeat.custom_mode == _GUIDED_NOGPS:
             return "offboard"
-        for name, number in MODES.items():
-            if heartbeat.custom_mode == number:
-                return name
-        return "other"
-
-    def _mode(self, name: str) -> Command:
-        return self._command(CommandId.DO_SET_MODE, _MODE_ENABLED, MODES[name])
-
-    def _command(self, command: CommandId, *params: float) -> Command:
-        padded = (*params, *(0.0,) * (7 - len(params)))
-        return Command(int(command), padded, self.system)  # type: ignore[arg-type]
+        return super().mode(heartbeat)

@@ -1,79 +1,35 @@
-"""The autopilots by name, and whether the one on the line is the one in the config."""
+"""Autopilot adapters by name, and a check of the vehicle on the line against the config."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Literal, Protocol
+from typing import Literal
 
 from mavlink_bridge.autopilots.ardupilot import ArduPilot
+from mavlink_bridge.autopilots.base import Autopilot
 from mavlink_bridge.autopilots.betaflight import Betaflight
 from mavlink_bridge.autopilots.px4 import Px4
-from mavlink_bridge.wire.messages import (
-    AutopilotVersion,
-    Heartbeat,
-    Message,
-    ParamValue,
-)
+from mavlink_bridge.wire.messages import AutopilotVersion, Heartbeat, Message, ParamValue
+
+__all__ = ["ADAPTERS", "Autopilot", "AutopilotName", "Identity", "adapter"]
 
 AutopilotName = Literal["px4", "ardupilot", "betaflight"]
-ADAPTERS: dict[str, type[Px4] | type[ArduPilot] | type[Betaflight]] = {
+ADAPTERS: dict[str, type[Autopilot]] = {
     "px4": Px4,
     "ardupilot": ArduPilot,
     "betaflight": Betaflight,
 }
-_KINDS = {ADAPTERS[name].autopilot: name for name in ADAPTERS}
-
-
-class Autopilot(Protocol):
-    """Requests to one vehicle, as messages to send; each in the words of its autopilot.
-
-    autopilot: MAV_AUTOPILOT. up_in: the mode in which a finished take-off leaves it.
-    """
-
-    autopilot: int
-    up_in: str
-
-    def request_streams(self) -> list[Message]:
-        """Ask for attitude and position, and for what `objection` looks at."""
-        ...
-
-    def objection(self, heartbeat: Heartbeat, parameters: dict[str, float]) -> str:
-        """Why it cannot be flown as it is set up; empty where it can."""
-        ...
-
-    def arm(self) -> list[Message]:
-        """Arm."""
-        ...
-
-    def takeoff(self, altitude: float) -> list[Message]:
-        """Climb to `altitude` [m] above the ground."""
-        ...
-
-    def offboard(self) -> list[Message]:
-        """Take setpoints from the companion."""
-        ...
-
-    def hold(self) -> list[Message]:
-        """Stop and stay."""
-        ...
-
-    def land(self) -> list[Message]:
-        """Land here and disarm."""
-        ...
-
-    def mode(self, heartbeat: Heartbeat) -> str:
-        """hold, takeoff, rtl, land, offboard, or other: a pilot's."""
-        ...
+_NAMES: dict[int, str] = {kind.autopilot: name for name, kind in ADAPTERS.items()}
 
 
 def adapter(name: str, system: int) -> Autopilot:
-    """The adapter of this name for one vehicle."""
+    """Return the adapter of this name for the vehicle with this MAVLink system id."""
     return ADAPTERS[name](system)
 
 
 class Identity:
-    """What the vehicle says of itself, against what the config says of it."""
+    """The vehicle's own account of its autopilot, compared with the config."""
 
     def __init__(self, name: str, system: int) -> None:
         self._name, self._system = name, system
@@ -83,7 +39,7 @@ class Identity:
         self._parameters: dict[str, float] = {}
 
     def hear(self, messages: Iterable[Message]) -> None:
-        """Take the vehicle's own messages; a parameter that is no number is as good as none."""
+        """Read the vehicle's messages; a parameter that is not finite is ignored."""
         for m in messages:
             if isinstance(m, Heartbeat):
                 self.heartbeat = m
@@ -94,16 +50,16 @@ class Identity:
                 self._parameters[m.name] = m.value
 
     def objection(self) -> str:
-        """Why this vehicle is not to be flown by this config, one line; empty where it is."""
+        """Return why this config must not fly this vehicle, one line; empty where it may."""
         if self.heartbeat is None:
             return ""
-        kind = self.heartbeat.autopilot
-        if kind != self._adapter.autopilot:
-            found = _KINDS.get(kind, f"unknown (MAV_AUTOPILOT {kind})")
+        number = self.heartbeat.autopilot
+        if number != self._adapter.autopilot:
+            found = _NAMES.get(number, f"unknown (MAV_AUTOPILOT {number})")
             version = f" {self.version}" if self.version else ""
             return (
                 f"vehicle {self._system} is {found}{version}, but link.autopilot: {self._name}; "
                 f"valid: {', '.join(ADAPTERS)}"
             )
-        why = self._adapter.objection(self.heartbeat, self._parameters)
-        return f"vehicle {self._system} ({self._name}): {why}" if why else ""
+        reason = self._adapter.inhibit_reason(self.heartbeat, self._parameters)
+        return f"vehicle {self._system} ({self._name}): {reason}" if reason else ""

@@ -1,4 +1,4 @@
-"""The configuration of `mavlink-bridge betaflight`, one YAML file."""
+"""Configuration of `mavlink-bridge betaflight`, one YAML file."""
 
 from __future__ import annotations
 
@@ -36,21 +36,21 @@ class BridgeLinkConfig(StrictModel):
     )
     gps: Endpoint | None = Field(
         None,
-        description="Where a receiver on the board gives GPS_INPUT, if the controller has none: "
+        description="Where a receiver on the board sends GPS_INPUT, if the controller has none: "
         "udpin:HOST:PORT.",
     )
-    system_id: int = Field(1, ge=1, le=255, description="Of the vehicle that the bridge plays.")
+    system_id: int = Field(1, ge=1, le=255, description="MAVLink system id of the vehicle.")
 
 
 class ThrottleConfig(StrictModel):
-    """How throttle becomes force."""
+    """Relation of throttle and force."""
 
-    hover: float = Field(0.5, gt=0, lt=1, description="Throttle that holds the vehicle.")
+    hover: float = Field(0.5, gt=0, lt=1, description="Throttle in hover.")
     exponent: float = Field(1.75, ge=0.5, le=3, description="force ∝ throttle^exponent.")
 
 
 class BridgeConfig(StrictModel):
-    """Everything that one bridge needs to know."""
+    """Configuration of one bridge."""
 
     fileversion: Literal[1] = 1
     controller: Annotated[str, AfterValidator(_stream)] = Field(
@@ -66,20 +66,20 @@ class BridgeConfig(StrictModel):
 
     @property
     def thrust_map(self) -> ThrustMap:
-        """Throttle as normalised thrust."""
+        """Map from collective acceleration to throttle."""
         return ThrustMap(self.throttle.hover, self.throttle.exponent)
 
     @property
     def angle_limit(self) -> float:
-        """Lean at full stick in ANGLE mode [rad]."""
+        """Tilt at full stick in ANGLE mode [rad]."""
         return math.radians(self.angle_limit_deg)
 
 
 def load_bridge_config(path: Path, overrides: list[str] | None = None) -> BridgeConfig:
-    """Read a bridge's file; `overrides` are path.to.key=value.
+    """Load a bridge's file; overrides: `path.to.key=value` each.
 
     Raises:
-        SettingsError: with every mistake, as file:line:column: key: what.
+        SettingsError: lists every mistake as file:line:column: key: mistake.
     """
     document = merge([load_yaml(path), assignments(overrides or [])])
     return validate(BridgeConfig, document, str(path))

@@ -22,7 +22,7 @@ _HEAD = 5  # $ M > size command
 
 
 class Msp(IntEnum):
-    """Commands."""
+    """MSP command numbers."""
 
     API_VERSION = 1
     FC_VARIANT = 2
@@ -44,12 +44,12 @@ class Msp(IntEnum):
 
 
 class MspError(ValueError):
-    """A controller that cannot be flown, or an answer that cannot be read; says why."""
+    """A controller cannot fly as it is set up, or an answer cannot be read."""
 
 
 @dataclass(frozen=True)
 class Reply:
-    """An answer: the command, its payload, and whether the controller refused it."""
+    """An answer to a command; refused: the controller does not carry the command out."""
 
     command: int
     payload: bytes
@@ -57,7 +57,7 @@ class Reply:
 
 
 def encode(command: int, payload: bytes = b"") -> bytes:
-    """A request frame."""
+    """Return a request frame."""
     body = bytes([len(payload), command]) + payload
     return b"$M<" + body + bytes([_checksum(body)])
 
@@ -70,14 +70,14 @@ def _checksum(body: bytes | bytearray) -> int:
 
 
 class MspDecoder:
-    """Answers from a stream in any chunking; garbage is skipped and counted."""
+    """Decode answers from a stream in any chunking; garbage is skipped and counted."""
 
     def __init__(self) -> None:
         self.bad_bytes = 0
         self._buffer = bytearray()
 
     def decode(self, data: bytes) -> list[Reply]:
-        """Answers completed by `data`."""
+        """Return the answers that `data` completes."""
         b = self._buffer
         b += data
         out: list[Reply] = []
@@ -102,7 +102,7 @@ class MspDecoder:
         del self._buffer[:count]
 
 
-# --- what the answers mean; each raises MspError where the answer is too short -----------
+# --- contents of the answers; each function raises MspError for an answer cut short ------
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class Status:
 
 @dataclass(frozen=True)
 class RawImu:
-    """RAW_IMU: specific force in the sensor's own unit, body FLU; rates (3,) rad/s, FLU."""
+    """RAW_IMU: specific force (3,) in the sensor's own unit and rates (3,) rad/s, body FLU."""
 
     force: Vector
     omega: Vector
@@ -135,7 +135,7 @@ class RawGps:
 
 @dataclass(frozen=True)
 class ModeRange:
-    """A box switched on while AUX channel `aux` (0 = AUX1) lies in [low, high) µs."""
+    """A mode (box) that is on while AUX channel `aux` (0 = AUX1) lies in [low, high) µs."""
 
     box: int
     aux: int
@@ -144,11 +144,11 @@ class ModeRange:
 
     @property
     def middle(self) -> int:
-        """µs that switches it on."""
+        """Channel value [µs] that switches the mode on."""
         return (self.low + self.high) // 2
 
     def holds(self, value: int) -> bool:
-        """Whether a channel at `value` µs has it on."""
+        """Return whether a channel at `value` µs has the mode on."""
         return self.low <= value < self.high
 
 
@@ -162,13 +162,13 @@ ARMING_DISABLED = (
 
 
 def arming_reasons(flags: int) -> list[str]:
-    """Names of the set bits; a bit without a name as its number."""
+    """Return the names of the set bits; a bit without a name as its number."""
     names = dict(enumerate(ARMING_DISABLED))
     return [names.get(k, f"bit {k}") for k in range(32) if flags >> k & 1]
 
 
 def _unpack(form: str, payload: bytes, at: int = 0) -> tuple[Any, ...]:
-    """Fields of an answer; a busy Betaflight sends some of its answers empty.
+    """Return the fields of an answer; a busy Betaflight sends some answers empty.
 
     Raises:
         MspError: the answer is too short.
@@ -180,7 +180,7 @@ def _unpack(form: str, payload: bytes, at: int = 0) -> tuple[Any, ...]:
 
 
 def status(payload: bytes) -> Status:
-    """STATUS_EX, from its fixed head and the flags behind its variable middle."""
+    """Read STATUS_EX: a fixed head, a variable middle, and the arming flags behind it."""
     modes, extra = _unpack("<I5xB", payload, 6)
     more = extra & 0x0F  # bytes of modes beyond the first 32
     (flags,) = _unpack("<I", payload, 17 + more)
@@ -188,25 +188,25 @@ def status(payload: bytes) -> Status:
 
 
 def raw_imu(payload: bytes) -> RawImu:
-    """RAW_IMU: gyro in the sensor's steps."""
+    """Read RAW_IMU, whose gyro is in steps of the sensor."""
     values = np.array(_unpack("<6h", payload), dtype=float)
     return RawImu(values[:3], np.radians(values[3:6] / _GYRO_STEPS))
 
 
 def attitude(payload: bytes) -> tuple[float, float, float]:
-    """ATTITUDE: roll, pitch (nose down positive), compass heading [rad]; 0.1°, 0.1°, 1° steps."""
+    """Read ATTITUDE: roll, pitch (nose down), compass heading [rad]; steps 0.1°, 0.1°, 1°."""
     roll, pitch, heading = _unpack("<3h", payload)
     return math.radians(roll / 10), math.radians(pitch / 10), math.radians(heading)
 
 
 def altitude(payload: bytes) -> tuple[float, float]:
-    """ALTITUDE: height [m] and climb rate [m/s]."""
+    """Read ALTITUDE: height [m] and climb rate [m/s]."""
     height, climb = _unpack("<ih", payload)
     return height / 100, climb / 100
 
 
 def raw_gps(payload: bytes) -> RawGps:
-    """RAW_GPS: speed in cm/s, course over ground in 0.1°."""
+    """Read RAW_GPS, whose speed is in cm/s and course over ground in 0.1°."""
     fix, satellites, lat, lon, height, speed, course = _unpack("<BBiihHH", payload)
     along = math.radians(course / 10)
     v = speed / 100 * np.array([math.sin(along), math.cos(along)])
@@ -214,18 +214,18 @@ def raw_gps(payload: bytes) -> RawGps:
 
 
 def throttle(payload: bytes) -> float:
-    """RC: throttle [µs] as the controller takes it, whoever gives it."""
+    """Read RC: the throttle [µs] in effect, from the bridge or the pilot."""
     return float(_unpack("<4H", payload)[3])
 
 
 def battery(payload: bytes) -> tuple[float, float]:
-    """ANALOG: voltage [V] and current [A]."""
+    """Read ANALOG: voltage [V] and current [A]."""
     _, _, _, current, voltage = _unpack("<BHHhH", payload)
     return voltage / 100, current / 100
 
 
 def mode_ranges(payload: bytes) -> list[ModeRange]:
-    """MODE_RANGES: steps of 25 µs from 900 µs; unused entries are empty ranges."""
+    """Read MODE_RANGES: steps of 25 µs from 900 µs; unused entries are empty ranges."""
     whole = len(payload) // 4 * 4
     ranges = [
         ModeRange(box, aux, 900 + 25 * low, 900 + 25 * high)
@@ -235,12 +235,12 @@ def mode_ranges(payload: bytes) -> list[ModeRange]:
 
 
 def several(commands: list[Msp]) -> bytes:
-    """One request for the answers to several commands: Betaflight takes one request a cycle."""
+    """Return one request for several commands; Betaflight takes one request a cycle."""
     return encode(Msp.MULTIPLE_MSP, bytes(commands))
 
 
 def split(commands: list[Msp], payload: bytes) -> dict[Msp, bytes]:
-    """The answers in the answer to `several`, each behind its length."""
+    """Return the answers inside the answer to `several`, each behind its length."""
     out, at = {}, 0
     for command in commands:
         if at >= len(payload):
@@ -252,5 +252,5 @@ def split(commands: list[Msp], payload: bytes) -> dict[Msp, bytes]:
 
 
 def raw_rc(channels: list[int]) -> bytes:
-    """SET_RAW_RC: channels in µs, order A E T R AUX1 and on."""
+    """Return SET_RAW_RC: channels in µs, order A E T R AUX1 and on."""
     return encode(Msp.SET_RAW_RC, struct.pack(f"<{len(channels)}H", *channels))

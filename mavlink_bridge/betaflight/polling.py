@@ -1,4 +1,4 @@
-"""What the bridge asks a Betaflight over and over, in one request, and what the answer says."""
+"""The request that the bridge repeats to a Betaflight, and its answer."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Answer:
 
 
 def read_answer(reply: Reply) -> Answer | None:
-    """From an answer to POLLED; None where it is another's, or cannot be read."""
+    """Return the answer to POLLED; None for another reply or an unreadable one."""
     if reply.command != Msp.MULTIPLE_MSP or reply.refused:
         return None
     parts = msp.split(POLLED, reply.payload)
@@ -36,7 +36,7 @@ def read_answer(reply: Reply) -> Answer | None:
             msp.raw_imu(parts[Msp.RAW_IMU]),
             msp.attitude(parts[Msp.ATTITUDE]),
             msp.altitude(parts[Msp.ALTITUDE])[0],  # its climb rate lags by 0.3 s
-            # Firmware built without GPS leaves it empty: then GPS_INPUT has to do.
+            # Firmware built without GPS leaves it empty; GPS_INPUT then replaces it.
             msp.raw_gps(parts[Msp.RAW_GPS]) if parts[Msp.RAW_GPS] else None,
             msp.throttle(parts[Msp.RC]),
             msp.battery(parts[Msp.ANALOG]),

@@ -1,4 +1,4 @@
-"""Betaflight's rate profile: stick deflection ↔ body rate, per axis, and its inverse.
+"""Betaflight's rate profile: body rate of a stick deflection, per axis, and the inverse.
 
 Source: Betaflight fc/rc.c (applyBetaflightRates, applyActualRates) and MSP_RC_TUNING.
 """
@@ -19,7 +19,7 @@ _ENOUGH = 1e-6
 
 @dataclass(frozen=True)
 class AxisRates:
-    """One axis as set in the profile: kind of curve, rc_rate, srate and expo (0…255), limit °/s."""
+    """Settings of one axis: kind of curve, rc_rate, srate and expo (0…255), limit [°/s]."""
 
     kind: int
     rc_rate: int
@@ -28,24 +28,24 @@ class AxisRates:
     limit: float
 
     def rate_of(self, stick: float) -> float:
-        """Body rate [rad/s] that a deflection −1…1 asks for."""
+        """Return the body rate [rad/s] of a deflection −1…1."""
         curve = _actual if self.kind == _ACTUAL else _betaflight
         degrees = math.copysign(curve(self, abs(stick)), stick)
         return math.radians(min(max(degrees, -self.limit), self.limit))
 
     def stick_for(self, rate: float) -> float:
-        """Deflection −1…1 for a body rate [rad/s]; full deflection where it is out of reach."""
+        """Return the deflection −1…1 for a body rate [rad/s]; full beyond the range."""
         low, high, wanted = 0.0, 1.0, abs(rate)
         if self.rate_of(1.0) <= wanted:
             return math.copysign(1.0, rate)
-        while high - low > _ENOUGH:  # monotone, so bisection finds it
+        while high - low > _ENOUGH:  # the curve is monotone
             middle = (low + high) / 2
             low, high = (middle, high) if self.rate_of(middle) < wanted else (low, middle)
         return math.copysign((low + high) / 2, rate)
 
 
 def _actual(a: AxisRates, stick: float) -> float:
-    """rc_rate is the slope at the centre, srate the rate at full stick, both in 10 °/s."""
+    """Return the rate [°/s] of ACTUAL: rc_rate at the centre, srate at full stick, in 10 °/s."""
     expo = a.expo / 100
     curve = stick * (stick**5 * expo + stick * (1 - expo))
     centre = a.rc_rate * 10.0
@@ -53,6 +53,7 @@ def _actual(a: AxisRates, stick: float) -> float:
 
 
 def _betaflight(a: AxisRates, stick: float) -> float:
+    """Return the rate [°/s] of BETAFLIGHT: super rate over an expo curve."""
     expo, rc_rate = a.expo / 100, a.rc_rate / 100
     if rc_rate > _RATE_STEP_FROM:
         rc_rate += _RATE_STEP * (rc_rate - _RATE_STEP_FROM)
@@ -65,7 +66,7 @@ def _betaflight(a: AxisRates, stick: float) -> float:
 
 @dataclass(frozen=True)
 class RateProfile:
-    """Roll, pitch and yaw of the controller's present rate profile."""
+    """Rates of roll, pitch and yaw in the controller's active profile."""
 
     roll: AxisRates
     pitch: AxisRates
@@ -73,10 +74,10 @@ class RateProfile:
 
 
 def rate_profile(payload: bytes) -> RateProfile:
-    """From MSP_RC_TUNING.
+    """Read MSP_RC_TUNING.
 
     Raises:
-        MspError: an MSP too old to tell, or a kind of curve whose inverse is not known here.
+        MspError: an MSP that is too old, or a kind of curve that is not implemented here.
     """
     if len(payload) < 23:
         raise MspError("MSP_RC_TUNING is too short: needs MSP API 1.43 (Betaflight 4.2) or newer")
@@ -86,7 +87,7 @@ def rate_profile(payload: bytes) -> RateProfile:
     kind = payload[22]
     if kind not in (_BETAFLIGHT, _ACTUAL):
         name = _TYPES.get(kind, str(kind))
-        raise MspError(f"rates_type {name} is not known to the bridge: set ACTUAL or BETAFLIGHT")
+        raise MspError(f"rates_type {name} is not supported: set ACTUAL or BETAFLIGHT")
     return RateProfile(
         AxisRates(kind, rc_roll, s_roll, expo_roll, limits[0]),
         AxisRates(kind, rc_pitch, s_pitch, expo_pitch, limits[1]),

@@ -1,1 +1,1 @@
-"""What all three packages use: frames, settings, thrust, distances, MCAP files."""
+"""Frames, settings, thrust, distances and MCAP files, for all three packages."""

@@ -1,4 +1,4 @@
-"""Array types that all three packages use."""
+"""Array types of all three packages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A validation error as one line a person can act on: `file:line:column: key: what, choices`."""
+"""Validation errors as lines `file:line:column: key: mistake; valid choices`."""
 
 from __future__ import annotations
 
@@ -21,18 +21,25 @@ _WANTED = {
     "finite_number": "must be a finite number",
 }
 
+_SIGNS: dict[type, tuple[str, str]] = {  # symbol and attribute of a bound
+    Ge: ("≥", "ge"),
+    Gt: (">", "gt"),
+    Le: ("≤", "le"),
+    Lt: ("<", "lt"),
+}
+
 
 def dotted(path: Sequence[str | int]) -> str:
-    """A key path as a person writes it."""
+    """Return a key path as in the command line: `a.b.c`."""
     return ".".join(str(p) for p in path)
 
 
 def explain(
     model: type[BaseModel], places: Mapping[Key, str], name: str, error: ValidationError
 ) -> list[str]:
-    """Every mistake at its place; `name` stands for the file where none is known.
+    """Return one line per mistake, with its place; `name` replaces an unknown place.
 
-    The ways in which one value fits none of several types are one mistake.
+    A value that fits none of several types is one mistake.
     """
     found: dict[tuple[str, str], list[str]] = {}
     for e in error.errors():
@@ -48,7 +55,7 @@ def explain(
 
 
 def _location(places: Mapping[Key, str], error: dict[str, Any]) -> Key:
-    """The key path that is wrong, without what pydantic adds for members of unions."""
+    """Return the key path of the mistake, without the parts that pydantic adds for unions."""
     location: Key = tuple(error["loc"])
     if error["type"] in ("missing", "extra_forbidden"):
         return location
@@ -60,12 +67,12 @@ def _location(places: Mapping[Key, str], error: dict[str, Any]) -> Key:
 
 
 def _path(key: str) -> Key:
-    """The inverse of `dotted`."""
+    """Return the key path of a dotted key."""
     return tuple(int(part) if part.isdecimal() else part for part in key.split("."))
 
 
 def _place(places: Mapping[Key, str], location: Key, name: str) -> str:
-    """Of the key, or of the nearest one above it that a file holds."""
+    """Return the place of the key, or of the nearest key above it that a file holds."""
     parents = (location[:n] for n in range(len(location), -1, -1))
     return next((places[p] for p in parents if p in places), name)
 
@@ -96,38 +103,35 @@ def _text(model: type[BaseModel], location: Key, error: dict[str, Any]) -> str:
 
 
 def _field_at(model: type[BaseModel], path: Key) -> FieldInfo | None:
-    """The field at `path`; None inside lists and where there is none."""
+    """Return the field at `path`; None inside lists and for an unknown key."""
     candidates = _models_at(model, path[:-1]) if path else []
     infos = (_fields(c).get(str(path[-1])) for c in candidates)
     return next((i for i in infos if i is not None), None)
 
 
 def _fields(model: type[BaseModel]) -> dict[str, FieldInfo]:
-    """Fields by the name that a file calls them."""
+    """Return the fields by their names in a file."""
     return {info.alias or name: info for name, info in model.model_fields.items()}
 
 
 def _bounds(field: FieldInfo | None) -> str:
-    """`≥ 1, ≤ 255` where the field is a bounded number."""
-    signs: dict[type, tuple[str, str]] = {
-        Ge: ("≥", "ge"), Gt: (">", "gt"), Le: ("≤", "le"), Lt: ("<", "lt"),
-    }  # fmt: skip
+    """Return the bounds of a number, e.g. `≥ 1, ≤ 255`; empty without bounds."""
     limits: Iterable[Any] = field.metadata if field is not None else ()
     parts = []
     for limit in limits:
-        if type(limit) in signs:
-            sign, attribute = signs[type(limit)]
+        if type(limit) in _SIGNS:
+            sign, attribute = _SIGNS[type(limit)]
             parts.append(f"{sign} {getattr(limit, attribute)}")
     return ", ".join(parts)
 
 
 def _fields_at(model: type[BaseModel], path: Key) -> list[str]:
-    """Field names valid below `path`."""
+    """Return the valid field names below `path`."""
     return sorted({name for c in _models_at(model, path) for name in _fields(c)})
 
 
 def _models_at(model: type[BaseModel], path: Key) -> list[type[BaseModel]]:
-    """The settings classes that may stand at `path`."""
+    """Return the settings classes that are valid at `path`."""
     candidates: list[type[BaseModel]] = [model]
     for key in path:
         found: list[type[BaseModel]] = []
@@ -139,7 +143,7 @@ def _models_at(model: type[BaseModel], path: Key) -> list[type[BaseModel]]:
 
 
 def _models_in(annotation: Any) -> list[type[BaseModel]]:
-    """Every settings class inside an annotation (unions, lists, dicts)."""
+    """Return every settings class inside an annotation (unions, lists, dicts)."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     if get_origin(annotation) in (Union, UnionType, list, tuple, dict) or get_args(annotation):

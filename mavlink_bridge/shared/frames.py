@@ -1,4 +1,4 @@
-"""ENU/NED, FLU/FRD and quaternions: the only file that knows NED.
+"""ENU/NED, FLU/FRD and quaternions; no other file knows NED or multiplies quaternions.
 
 | frame | axes | where |
 |---|---|---|
@@ -22,17 +22,17 @@ _S = math.sqrt(0.5)
 
 
 def enu_ned(x: float, y: float, z: float) -> tuple[float, float, float]:
-    """ENU → NED or NED → ENU: the map is its own inverse."""
+    """Convert ENU to NED or NED to ENU; the map is its own inverse."""
     return y, x, -z
 
 
 def flu_frd(x: float, y: float, z: float) -> tuple[float, float, float]:
-    """FLU → FRD or FRD → FLU: the map is its own inverse."""
+    """Convert FLU to FRD or FRD to FLU; the map is its own inverse."""
     return x, -y, -z
 
 
 def quaternion_enu_ned(q: Sequence[float] | Vector) -> tuple[float, float, float, float]:
-    """Attitude FLU→ENU to FRD→NED or back (its own inverse), (w, x, y, z).
+    """Convert an attitude (w, x, y, z) FLU→ENU to FRD→NED or back; the map is its own inverse.
 
     q_T ⊗ q ⊗ q_S with q_T = (0, √½, √½, 0) and q_S = (0, 1, 0, 0), written out.
     """
@@ -41,7 +41,7 @@ def quaternion_enu_ned(q: Sequence[float] | Vector) -> tuple[float, float, float
 
 
 def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> Vector:
-    """Quaternion (4,) of intrinsic z-y-x angles [rad], in whichever frame the angles are."""
+    """Return the quaternion (4,) of intrinsic z-y-x angles [rad], in the frame of the angles."""
     cr, sr = math.cos(roll / 2), math.sin(roll / 2)
     cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
     cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
@@ -56,7 +56,7 @@ def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> Vector:
 
 
 def euler_from_quaternion(q: Sequence[float] | Vector) -> tuple[float, float, float]:
-    """Roll, pitch, yaw [rad] (intrinsic z-y-x) of a unit quaternion (w, x, y, z)."""
+    """Return roll, pitch, yaw [rad] (intrinsic z-y-x) of a unit quaternion (w, x, y, z)."""
     w, x, y, z = (float(a) for a in q)
     roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
@@ -64,18 +64,18 @@ def euler_from_quaternion(q: Sequence[float] | Vector) -> tuple[float, float, fl
 
 
 def heading_from_yaw(yaw: float) -> float:
-    """Compass heading [0, 2π), clockwise from north, of an ENU yaw."""
+    """Return the compass heading [0, 2π), clockwise from north, of an ENU yaw."""
     return (math.pi / 2 - yaw) % (2 * math.pi)
 
 
 def yaw_from_heading(heading: float) -> float:
-    """ENU yaw (−π, π] of a compass heading."""
+    """Return the ENU yaw (−π, π] of a compass heading."""
     yaw = (math.pi / 2 - heading) % (2 * math.pi)
     return yaw - 2 * math.pi if yaw > math.pi else yaw
 
 
 def multiply(a: Vector, b: Vector) -> Vector:
-    """Hamilton product a ⊗ b of two quaternions (4,)."""
+    """Return the Hamilton product a ⊗ b of two quaternions (4,)."""
     aw, ax, ay, az = a
     bw, bx, by, bz = b
     return np.array(
@@ -89,12 +89,12 @@ def multiply(a: Vector, b: Vector) -> Vector:
 
 
 def conjugate(q: Vector) -> Vector:
-    """Inverse rotation of a unit quaternion (4,)."""
+    """Return the inverse rotation of a unit quaternion (4,)."""
     return np.array([q[0], -q[1], -q[2], -q[3]])
 
 
 def rotation_matrix(q: Sequence[float] | Vector) -> Vector:
-    """(3,3) matrix R with v_W = R v_B of a unit quaternion (w, x, y, z)."""
+    """Return the (3,3) matrix R with v_W = R v_B of a unit quaternion (w, x, y, z)."""
     w, x, y, z = (float(a) for a in q)
     return np.array(
         [
@@ -106,7 +106,10 @@ def rotation_matrix(q: Sequence[float] | Vector) -> Vector:
 
 
 def integrate(q: Vector, omega: Vector, dt: float) -> Vector:
-    """Attitude after `dt` [s] at constant body rates: q ⊗ exp(ω dt / 2), eq. (3)."""
+    """Return the attitude after `dt` [s] at constant body rates: q ⊗ exp(ω dt / 2), eq. (3).
+
+    It equals `rotate(q, omega * dt)` up to rounding; replays rely on the last bit of both.
+    """
     angle = float(np.linalg.norm(omega)) * dt
     if abs(angle) < 1e-9:
         return q
@@ -114,3 +117,23 @@ def integrate(q: Vector, omega: Vector, dt: float) -> Vector:
     step = np.concatenate([[np.cos(angle / 2)], np.sin(angle / 2) * axis])
     rotated = multiply(q, step)
     return rotated / np.linalg.norm(rotated)
+
+
+def rotate(q: Vector, rotation: Vector) -> Vector:
+    """Return q ⊗ exp(rotation / 2) for a rotation vector (3,) [rad] in the body frame of q."""
+    angle = float(np.linalg.norm(rotation))
+    if angle < 1e-9:
+        return q
+    step = np.concatenate([[math.cos(angle / 2)], math.sin(angle / 2) / angle * rotation])
+    rotated = multiply(q, step)
+    return rotated / np.linalg.norm(rotated)
+
+
+def rotation_vector(q: Vector) -> Vector:
+    """Return the rotation vector (3,) [rad], at most π long, of a unit quaternion (4,)."""
+    if q[0] < 0.0:
+        q = -q
+    size = float(np.linalg.norm(q[1:]))
+    if size < 1e-9:
+        return np.zeros(3)
+    return 2.0 * math.atan2(size, float(q[0])) / size * q[1:]

@@ -1,4 +1,4 @@
-"""MCAP files as both sides of the wire read them: whole, cut off, and still growing."""
+"""Readers of MCAP files that are whole, cut off, or still being written."""
 
 from __future__ import annotations
 
@@ -17,26 +17,34 @@ from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_strea
 from mcap.writer import MCAP0_MAGIC
 from zstandard import ZstdError
 
-# What the reader and the decompressors it calls raise on bytes that are no log any more; OSError
-# where an offset in them leads nowhere.
+# Errors of the reader and its decompressors on damaged bytes; OSError for an offset outside the
+# file.
 _DAMAGED = (
-    McapError, EOFError, ValueError, KeyError, RuntimeError, OverflowError, MemoryError, OSError,
-    struct.error, ZstdError,
-)  # fmt: skip
+    McapError,
+    EOFError,
+    ValueError,
+    KeyError,
+    RuntimeError,
+    OverflowError,
+    MemoryError,
+    OSError,
+    struct.error,
+    ZstdError,
+)
 _RECORD = struct.Struct("<BQ")  # opcode, length
 _MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, logged, published
 _CHANNEL, _MESSAGE, _CHUNK = 0x04, 0x05, 0x06
 
 
 class LogError(ValueError):
-    """A file that is no whole flight log; names it, says what is wrong and what helps."""
+    """A file is not a whole flight log; the message names the file, the fault and the remedy."""
 
 
 def read_messages(path: Path, topics: Iterable[str]) -> list[tuple[str, Message]]:
-    """(topic, message) of these topics, oldest first.
+    """Return (topic, message) of these topics, oldest first.
 
     Raises:
-        LogError: not there, empty, foreign, or cut off.
+        LogError: the file is missing, empty, cut off, or not an MCAP file.
     """
     check_whole(path)
     wanted = set(topics)
@@ -56,7 +64,7 @@ def read_messages(path: Path, topics: Iterable[str]) -> list[tuple[str, Message]
 
 
 def _picked(chunk: Chunk, channels: Container[int]) -> Iterator[Message]:
-    """Messages of these channels; of the others no more than the head is looked at."""
+    """Yield the messages of these channels; of other channels only the heads are read."""
     stream, length = get_chunk_data_stream(chunk)
     data, at = stream.read(length), 0
     while at < length:
@@ -71,13 +79,13 @@ def _picked(chunk: Chunk, channels: Container[int]) -> Iterator[Message]:
 
 
 def read_metadata(path: Path) -> dict[str, dict[str, str]]:
-    """The metadata records of a whole file, by name."""
+    """Return the metadata records of a whole file, by name."""
     with path.open("rb") as file:
         return {m.name: m.metadata for m in make_reader(file).iter_metadata()}
 
 
 def whole_records(file: IO[bytes]) -> Iterator[McapRecord]:
-    """Records in file order, chunks opened, up to the place where the file was cut."""
+    """Yield the records in file order, chunks unpacked, up to the place where the file is cut."""
     try:
         yield from StreamReader(file).records
     except _DAMAGED:
@@ -85,7 +93,7 @@ def whole_records(file: IO[bytes]) -> Iterator[McapRecord]:
 
 
 def salvage(path: Path, topic: str) -> list[Message]:
-    """Messages of one topic that are there, whatever became of the rest; none without a file."""
+    """Return the readable messages of one topic of a damaged file; none without a file."""
     try:
         with path.open("rb") as file:
             return list(_of_topic(whole_records(file), topic, set()))
@@ -94,7 +102,7 @@ def salvage(path: Path, topic: str) -> list[Message]:
 
 
 def check_whole(path: Path) -> None:
-    """Raises LogError unless the file begins and ends as a whole MCAP does."""
+    """Raise LogError unless the file begins and ends as a whole MCAP does."""
     check_begins(path)
     with path.open("rb") as file:
         file.seek(-len(MCAP0_MAGIC), 2)
@@ -103,7 +111,7 @@ def check_whole(path: Path) -> None:
 
 
 def check_begins(path: Path) -> None:
-    """Raises LogError unless there is a file that begins as an MCAP does."""
+    """Raise LogError unless the file exists and begins as an MCAP does."""
     try:
         with path.open("rb") as file:
             head = file.read(len(MCAP0_MAGIC))
@@ -116,7 +124,7 @@ def check_begins(path: Path) -> None:
 
 
 class Follower:
-    """Messages of one topic of a file that somebody is still writing."""
+    """Messages of one topic of a file that is still being written."""
 
     def __init__(self, path: Path, topic: str) -> None:
         self._path, self._topic = path, topic
@@ -124,9 +132,9 @@ class Follower:
         self._channels: set[int] = set()
 
     def new(self) -> list[Message]:
-        """What has been completed since the last call; nothing where there is no file yet.
+        """Return the messages completed since the last call; none where there is no file yet.
 
-        A record that is damaged is passed over.
+        A damaged record is skipped.
         """
         try:
             with self._path.open("rb") as file:
@@ -147,7 +155,7 @@ class Follower:
         return found
 
     def _opened(self, opcode: int, data: bytes) -> list[Message]:
-        """The topic's messages in one record."""
+        """Return the topic's messages in one record."""
         body = ReadDataStream(BytesIO(data))
         try:
             if opcode == _CHANNEL:
@@ -161,7 +169,7 @@ class Follower:
 
 
 def _of_topic(records: Iterable[McapRecord], topic: str, channels: set[int]) -> Iterator[Message]:
-    """The topic's messages; learns its channels on the way."""
+    """Yield the topic's messages; add the topic's channels to `channels`."""
     for record in records:
         if isinstance(record, Channel) and record.topic == topic:
             channels.add(record.id)

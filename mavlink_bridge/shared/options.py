@@ -1,4 +1,4 @@
-"""Whole numbers on a command line: types for argparse, which names the option and exits with 2."""
+"""Argument types of argparse for whole numbers; a bad number exits with status 2."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import argparse
 
 
 def count(text: str) -> int:
-    """1 or more."""
+    """Read a whole number that is 1 or more."""
     return _whole(text, 1)
 
 
 def natural(text: str) -> int:
-    """0 or more."""
+    """Read a whole number that is 0 or more."""
     return _whole(text, 0)
 
 

@@ -1,7 +1,7 @@
 """Strict YAML, layered, validated by pydantic; every error is `file:line:column: key: …`.
 
-YAML 1.1's traps are refused rather than guessed: only `true` and `false` are booleans, `012`
-is no number, neither are `.nan` and `.inf`, and a key may stand only once.
+Ambiguous values of YAML 1.1 are refused: only `true` and `false` are booleans, `012`, `.nan` and
+`.inf` are no numbers, and each key is unique.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ class StrictModel(BaseModel):
 
 
 class Contradiction(ValueError):
-    """Values that are fine each but not together; raise it in a model's validator.
+    """Values that contradict each other; a model's validator raises it.
 
-    keys: dotted, below the model; the first that a file holds gives the place.
+    keys: dotted, below the model; the first key that a file holds gives the place.
     """
 
     def __init__(self, keys: Sequence[str], text: str) -> None:
@@ -38,22 +38,22 @@ class Contradiction(ValueError):
 
 
 class SettingsError(ValueError):
-    """Every mistake found, one line each."""
+    """Mistakes in settings, one line each in `problems`."""
 
     def __init__(self, problems: Sequence[str]) -> None:
         super().__init__("\n".join(problems))
         self.problems = list(problems)
 
     def __reduce__(self) -> tuple[type[SettingsError], tuple[list[str]]]:
-        """From one process to another, whole."""
+        """Keep `problems` when the error is pickled."""
         return type(self), (self.problems,)
 
 
 @dataclass(frozen=True)
 class Document:
-    """Plain data, where each value came from (`file:line:column` by key path), what is wrong.
+    """Plain data, the place of each value (`file:line:column` by key path), and problems.
 
-    Problems wait here until `validate`, so that all of them are told at once.
+    `validate` reports all problems at once.
     """
 
     data: dict[str, Any] = field(default_factory=dict)
@@ -62,17 +62,17 @@ class Document:
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """SafeLoader whose scalars are only what they look like, and without aliases."""
+    """SafeLoader with the strict scalars of this module and without aliases."""
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """Refuse aliases: layers say the same, and a few lines of them can fill the memory."""
+        """Refuse aliases: a few lines of them can fill the memory."""
         if self.check_event(yaml.AliasEvent):
             mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
             raise yaml.MarkedYAMLError(problem="aliases are not used here", problem_mark=mark)
         return super().compose_node(parent, index)
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
-        """Values that their own tag does not fit (`!!int x`) have a place too."""
+        """Add the place to the error of a value that does not fit its tag (`!!int x`)."""
         try:
             return super().construct_object(node, deep)
         except ValueError as error:
@@ -100,7 +100,7 @@ def load_yaml(path: Path) -> Document:
     """Read one file.
 
     Raises:
-        SettingsError: no such file, bad YAML, a list or scalar at the top.
+        SettingsError: the file is missing, bad YAML, or a list or scalar at the top.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -111,7 +111,7 @@ def load_yaml(path: Path) -> Document:
 
 
 def parse_yaml(text: str, name: str) -> Document:
-    """As `load_yaml`, for text; `name` stands in messages for the file."""
+    """Read YAML text as `load_yaml` reads a file; messages call it `name`."""
     try:
         loader = _StrictLoader(text)
     except yaml.reader.ReaderError as error:
@@ -141,20 +141,20 @@ def parse_yaml(text: str, name: str) -> Document:
 
 
 def merge(documents: Iterable[Document]) -> Document:
-    """Lay the documents over each other, the last on top; lists are replaced whole."""
+    """Merge the documents, later ones over earlier ones; lists are replaced whole."""
     merged = Document()
     for document in documents:
         overlay(merged.data, document.data)
         whole = document.places.keys() - {key[:-1] for key in document.places}
         for key in [k for k in merged.places if any(k[:n] in whole for n in range(1, len(k)))]:
-            del merged.places[key]  # of an item of a list that is replaced
+            del merged.places[key]  # items of a list that is replaced
         merged.places.update(document.places)
         merged.problems.extend(document.problems)
     return merged
 
 
 def assignments(items: Iterable[str], name: str = "--set") -> Document:
-    """`path.to.key=value` arguments as a document; values are YAML."""
+    """Return `path.to.key=value` arguments as a document; values are YAML."""
     documents = []
     for item in items:
         path, equals, value = item.partition("=")
@@ -177,10 +177,10 @@ def assignments(items: Iterable[str], name: str = "--set") -> Document:
 
 
 def validate(model: type[Model], document: Document, name: str) -> Model:
-    """The document as a `model`.
+    """Return the document as a `model`.
 
     Raises:
-        SettingsError: with every mistake, each at its place.
+        SettingsError: lists every mistake with its place.
     """
     problems = list(document.problems)
     try:
@@ -218,7 +218,7 @@ def _at(name: str, node: yaml.Node) -> str:
 
 
 def overlay(below: dict[str, Any], above: Mapping[str, Any]) -> None:
-    """Lay `above` over `below`, in place and nested; mappings of either are not shared."""
+    """Merge `above` into `below` in place, nested; mappings are copied, not shared."""
     for key, value in above.items():
         if isinstance(value, Mapping):
             base = below.get(key)

@@ -1,8 +1,7 @@
-"""Collective acceleration c [m/s²] ↔ normalised thrust 0…1, per airframe and autopilot.
+"""Conversion of collective acceleration c [m/s²] and normalised thrust 0…1.
 
-Autopilots normalise thrust so that force is about proportional to it (PX4's MPC_THR_HOVER
-meaning); what the number for hover is depends on the airframe and the battery, so it is
-estimated in flight.
+Autopilots normalise thrust so that force is about proportional to it (as PX4's MPC_THR_HOVER).
+The hover thrust depends on the airframe and the battery, so it is estimated in flight.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 G = 9.80665
-HOVER_MIN, HOVER_MAX = 0.05, 0.8  # normalised thrust; no drone that can be flown hovers outside
+HOVER_MIN, HOVER_MAX = 0.05, 0.8  # normalised thrust of any drone that can fly
 
 
 @dataclass(frozen=True)
@@ -31,18 +30,14 @@ class ThrustMap:
             raise ValueError(f"exponent must lie in [0.5, 3], got {self.exponent}")
 
     def to_thrust(self, c: float) -> float:
-        """Normalised thrust, clipped to [0, 1], for a collective acceleration c [m/s²]."""
+        """Return the normalised thrust in [0, 1] for a collective acceleration c [m/s²]."""
         relative = max(c, 0.0) / G
         return float(min(self.hover_thrust * relative ** (1.0 / self.exponent), 1.0))
-
-    def to_acceleration(self, thrust: float) -> float:
-        """Collective acceleration c [m/s²] for a normalised thrust."""
-        return float(G * (max(thrust, 0.0) / self.hover_thrust) ** self.exponent)
 
 
 @dataclass(frozen=True)
 class HoverThrustEstimator:
-    """Scalar Kalman filter for hover_thrust from what a commanded thrust really gave.
+    """Scalar Kalman filter for hover_thrust from commanded thrust and measured acceleration.
 
     variance: of the estimate. process: variance growth per second (battery sag, payload).
     noise: variance of one measurement of c/g.
@@ -55,12 +50,12 @@ class HoverThrustEstimator:
     bounds: tuple[float, float] = (HOVER_MIN, HOVER_MAX)
 
     def update(self, thrust: float, c_measured: float, dt: float) -> HoverThrustEstimator:
-        """One step: `thrust` was in effect while the accelerometer axis gave c_measured [m/s²]."""
+        """Return the estimate after `dt` [s] of `thrust` with c_measured [m/s²] along +z_B."""
         h = self.map.hover_thrust
         variance = self.variance + self.process * dt
         if thrust < 0.05 or c_measured < 0.2 * G:
             return HoverThrustEstimator(self.map, variance, self.process, self.noise, self.bounds)
-        # measured c/g = (thrust/h)^e, linearised around the present h
+        # measured c/g = (thrust/h)^e, linearised around the last h
         predicted = (thrust / h) ** self.map.exponent
         slope = -self.map.exponent * predicted / h
         gain = variance * slope / (slope * slope * variance + self.noise)

@@ -1,1 +1,1 @@
-"""What crosses the wire: messages, MAVLink 2, links, video frames."""
+"""Messages, their MAVLink 2 encoding, links, and video frames."""

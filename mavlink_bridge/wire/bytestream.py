@@ -1,8 +1,8 @@
-"""TCP and serial endpoints: bytes in any chunks, and a line that may go and come back.
+"""TCP and serial endpoints: bytes in any chunks, over a line that may be lost and come back.
 
-Neither blocks and neither raises once open: a lost line is retried every half second, counted,
-and named in `problem` until it is back. What a line does not take waits for a moment only: an old
-setpoint is worse than none.
+Neither blocks, and neither raises once it is open. It retries a lost line every half second and
+names it in `problem` until it is back. Bytes that a line does not accept are dropped after a
+moment: an old setpoint is worse than none.
 """
 
 from __future__ import annotations
@@ -21,27 +21,27 @@ import serial
 
 _RETRY = 0.5  # s between attempts to reconnect
 _CHUNK = 65536
-_PENDING_MAX = 8192  # bytes that wait for a slow line; what comes on top is refused
-_STALE = 0.2  # s that anything waits for a line: two ticks of a companion
+_PENDING_MAX = 8192  # bytes that wait for a slow line; more are refused
+_STALE = 0.2  # s that a message waits for the line: two ticks of a companion
 BAUD_RATES = tuple(b for b in serial.Serial.BAUDRATES if b >= 9600)
 
 
 class ByteStream(ABC):
-    """What TCP and serial have in common: reconnecting, and bytes that wait to go out.
+    """Reconnection and the send queue that TCP and serial lines share.
 
-    problem: why the line is down, empty while it is up. reconnects: times it came back.
+    problem: why the line is down, empty while it is up. reconnects: number of reconnections.
     """
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.problem = ""
         self.reconnects = 0
-        self._pending: deque[tuple[float, bytes]] = deque()  # what was sent, and when
-        self._cut = False  # the first of them has gone out in part
-        self._stuck_since: float | None = None  # the line has taken nothing from then on
+        self._pending: deque[tuple[float, bytes]] = deque()  # (time, message)
+        self._cut = False  # the first message is partly written
+        self._stuck_since: float | None = None  # the line has accepted nothing since then
         self._retry_at = -1.0
         self._was_up = False
-        # select() wants a file that lives even while the line is down.
+        # select() needs an open file even while the line is down.
         self._idle, self._idle_other = os.pipe()
 
     @property
@@ -51,34 +51,34 @@ class ByteStream(ABC):
 
     @abstractmethod
     def _open(self) -> bool:
-        """Try to open without blocking; True where it is open now. Raises OSError."""
+        """Try to open without blocking; return whether the line is open. Raises OSError."""
 
     @abstractmethod
     def _read(self) -> bytes:
-        """What waits; empty where nothing does. Raises OSError where the line is dead."""
+        """Return the bytes that have arrived. Raises OSError where the line is lost."""
 
     @abstractmethod
     def _write(self, data: bytes) -> int:
-        """Write what fits now, return how much. Raises OSError where the line is dead."""
+        """Write as much as fits, return its length. Raises OSError where the line is lost."""
 
     @abstractmethod
     def _take_back(self) -> bool:
-        """Discard what was written and has not left yet; False: what is written will arrive."""
+        """Discard bytes written but not yet sent; False where the line cannot discard them."""
 
     @abstractmethod
     def _shut(self) -> None:
-        """Close the line; no error where it is closed."""
+        """Close the line; do nothing where it is closed."""
 
     @abstractmethod
     def _file(self) -> int:
-        """The open line's file number."""
+        """Return the file descriptor of the open line."""
 
     def open(self) -> bool:
-        """Whether the line is open, after an attempt where it was not."""
+        """Open the line where it is down; return whether it is open."""
         return self._ensure()
 
     def receive(self) -> Iterator[bytes]:
-        """Every chunk that waits; reconnects where the line is down."""
+        """Yield the chunks that have arrived; reconnect where the line is down."""
         while self._ensure():
             try:
                 self._flush()
@@ -91,9 +91,9 @@ class ByteStream(ABC):
             yield data
 
     def send(self, data: bytes) -> bool:
-        """Send whole messages, or keep them for a moment where the line does not take them now.
+        """Send whole messages, or queue them for a moment where the line accepts none.
 
-        False: refused, because too much waits, or the line has been stuck for too long.
+        Return False where they are refused: the queue is full, or the line is stuck for too long.
         """
         self._drop_stale()
         waiting = sum(len(chunk) for _, chunk in self._pending)
@@ -105,17 +105,17 @@ class ByteStream(ABC):
         except OSError as error:
             self._lose(error)
             return False
-        if self._stuck():  # so nothing of it has gone out
+        if self._stuck():  # so no byte of it is written
             self._pending.pop()
             return False
         return True
 
     def fileno(self) -> int:
-        """For select(): the line, or a file that never speaks while it is down."""
+        """Return a descriptor for select(): the line's, or an idle pipe's while it is down."""
         return self._file() if self.up else self._idle
 
     def close(self) -> None:
-        """Close for good."""
+        """Close the line and the idle pipe."""
         self._shut()
         for file in (self._idle, self._idle_other):
             os.close(file)
@@ -137,18 +137,18 @@ class ByteStream(ABC):
         return True
 
     def _stuck(self) -> bool:
-        """Whether the line has taken nothing for longer than anything may wait."""
+        """Return whether the line has accepted nothing for longer than a message may wait."""
         return self._stuck_since is not None and time.monotonic() - self._stuck_since > _STALE
 
     def _drop_stale(self) -> None:
-        """All but the rest of what is cut: without it the next message would be taken for it."""
+        """Drop old messages, but never the rest of one that is partly written."""
         first = int(self._cut)
         oldest = time.monotonic() - _STALE
         while len(self._pending) > first and self._pending[first][0] < oldest:
             del self._pending[first]
 
     def _flush(self) -> None:
-        """Write what waits and is not too old."""
+        """Write the queued messages that are not too old."""
         self._drop_stale()
         while self._pending:
             at, data = self._pending[0]
@@ -159,7 +159,7 @@ class ByteStream(ABC):
                 return
             moves_again, self._stuck_since = self._stuck(), None
             if moves_again and self._take_back() and not self._cut:
-                continue  # this one went with the old ones
+                continue  # the line discarded this message with the old ones
             self._cut = written < len(data)
             if self._cut:
                 self._pending[0] = at, data[written:]
@@ -185,7 +185,7 @@ class TcpEndpoint(ByteStream):
 
     @property
     def up(self) -> bool:
-        """Whether it is connected."""
+        """Whether the connection is established."""
         return self._connected
 
     def _open(self) -> bool:
@@ -257,13 +257,13 @@ class SerialEndpoint(ByteStream):
     def _write(self, data: bytes) -> int:
         assert self._port is not None
         try:
-            return os.write(self._port.fileno(), data)  # pyserial's own would try for ever
+            return os.write(self._port.fileno(), data)  # pyserial's write would retry for ever
         except BlockingIOError:
             return 0
 
     def _take_back(self) -> bool:
         assert self._port is not None
-        with contextlib.suppress(termios.error):  # of a line that has died: the next read tells
+        with contextlib.suppress(termios.error):  # a lost line: the next read raises
             termios.tcflush(self._port.fileno(), termios.TCOFLUSH)
         return True
 

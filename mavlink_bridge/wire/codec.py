@@ -1,7 +1,7 @@
-"""Bytes ↔ messages, without socket and without clock.
+"""Encode messages to bytes and decode bytes to messages, without socket and clock.
 
-Bad bytes are counted and never raised; message ids that this project does not use are
-dropped before anything else looks at them.
+Bad bytes are counted and never raise an error. Message ids that this project does not use are
+dropped.
 """
 
 from __future__ import annotations
@@ -15,18 +15,19 @@ from pymavlink.dialects.v20 import common as mavlink
 from mavlink_bridge.wire.dialect import FROM_WIRE, TO_WIRE
 from mavlink_bridge.wire.messages import Message, Received, Source
 from mavlink_bridge.wire.sequence import FrameCount
-from mavlink_bridge.wire.signing import Signing
+from mavlink_bridge.wire.signing import SIGNATURE_BYTES, Signing
 
-_V1, _V2 = 0xFE, 0xFD
+_V1, _V2 = 0xFE, 0xFD  # first byte of a frame
+_V1_OVERHEAD, _V2_OVERHEAD = 8, 12  # bytes of header and checksum
 _MAGIC = re.compile(rb"[\xfd\xfe]")
-_SIGNED = 0x01
-_LONGEST_FRAME = 280
-_SENDERS = 64  # most whose frames are counted
+_SIGNED = 0x01  # MAVLINK_IFLAG_SIGNED
+_LONGEST_FRAME = 255 + _V2_OVERHEAD + SIGNATURE_BYTES
+_SENDERS = 64  # most senders whose frames are counted
 
 
 @dataclass
 class CodecStatistics:
-    """What went through a codec: counts since it was made."""
+    """Counts of frames and bytes since the codec was made."""
 
     received: int = 0
     sent: int = 0
@@ -40,9 +41,10 @@ class CodecStatistics:
 class Codec:
     """One end of a MAVLink 2 stream.
 
-    system, component: this end's ids, stamped on what it sends. allow: who is heard (component 0:
-    any of that system); None: everybody. signing: key and timestamps; None: signatures are
-    neither made nor checked. One codec per stream: a half-received frame waits in it for the rest.
+    system, component: ids of this end, in the frames that it sends. allow: accepted senders
+    (component 0: any component of the system); None: all. signing: key and timestamps; None:
+    signatures are neither made nor checked. Each stream needs its own codec, which keeps an
+    incomplete frame until the rest arrives.
     """
 
     def __init__(
@@ -67,7 +69,7 @@ class Codec:
         self._counts: dict[Source, FrameCount] = {}
 
     def encode(self, messages: Iterable[Message]) -> bytes:
-        """The messages as consecutive MAVLink 2 frames."""
+        """Return the messages as consecutive MAVLink 2 frames."""
         frames = bytearray()
         if self._signing is not None:
             self._mav.signing.timestamp = self._signing.timestamp
@@ -80,14 +82,14 @@ class Codec:
         return bytes(frames)
 
     def decode_datagram(self, data: bytes) -> list[Received]:
-        """As `decode`, for transports whose packets hold whole frames: the rest is garbage."""
+        """Decode a packet of whole frames; the rest of it is garbage."""
         out = self.decode(data)
         self.statistics.bad_bytes += len(self._buffer)
         self._buffer.clear()
         return out
 
     def decode(self, data: bytes) -> list[Received]:
-        """Messages completed by `data` (any chunking); garbage is skipped and counted."""
+        """Return the messages that `data` completes, in any chunking; garbage is counted."""
         buffer = self._buffer
         buffer += data
         out: list[Received] = []
@@ -99,7 +101,7 @@ class Codec:
                 break
             received = self._decode_frame(start, end)
             if received is None:
-                # Step over the false start only: a true frame may begin inside it.
+                # Skip the false start only: a true frame may begin inside it.
                 start += 1
             else:
                 start = end
@@ -112,37 +114,34 @@ class Codec:
         return out
 
     def _next_magic(self, start: int) -> int:
-        """Index of the next possible frame start, counting what is passed over."""
+        """Return the index of the next possible frame start; count the bytes skipped."""
         magic = _MAGIC.search(self._buffer, start)
         found = len(self._buffer) if magic is None else magic.start()
         self.statistics.bad_bytes += found - start
         return found
 
     def _frame_end(self, start: int) -> int | None:
-        """Index behind the frame that begins at `start`; None while it is incomplete."""
+        """Return the index behind the frame that begins at `start`; None while incomplete."""
         have = len(self._buffer) - start
-        if have < 8:
+        if have < _V1_OVERHEAD:
             return None
         length = self._buffer[start + 1]
         if self._buffer[start] == _V1:
-            total = length + 8
+            total = length + _V1_OVERHEAD
         else:
-            total = length + 12 + (13 if self._buffer[start + 2] & _SIGNED else 0)
+            signed = self._buffer[start + 2] & _SIGNED
+            total = length + _V2_OVERHEAD + (SIGNATURE_BYTES if signed else 0)
         return start + total if have >= total else None
 
     def _decode_frame(self, start: int, end: int) -> Received | None:
-        """The message in buffer[start:end]; None where that is no valid frame."""
+        """Return the message in buffer[start:end]; None for an invalid frame."""
         b = self._buffer
-        if b[start] == _V1:
-            sequence, system, component, message_id = b[start + 2 : start + 6]
-        else:
-            sequence, system, component = b[start + 4 : start + 7]
-            message_id = b[start + 7] | b[start + 8] << 8 | b[start + 9] << 16
+        sequence, system, component, message_id = _header(b, start)
         if not self._allowed(system, component):
             self.statistics.foreign += 1
             return None
         if b[start] == _V2 and b[start + 2] & ~_SIGNED:
-            self.statistics.bad_frames += 1  # of a kind that is to be discarded where not known
+            self.statistics.bad_frames += 1  # unknown flags: MAVLink requires to discard the frame
             return None
         source, convert = Source(system, component), FROM_WIRE.get(message_id)
         if convert is None and message_id not in mavlink.mavlink_map:
@@ -161,11 +160,11 @@ class Codec:
             return None
         self.statistics.received += 1
         count = self._count(source)
-        count.came(sequence, read=message is not None)
-        return _DROPPED if message is None else Received(source, message, *count.taken())
+        count.add(sequence, read=message is not None)
+        return _DROPPED if message is None else Received(source, message, *count.take())
 
     def _count(self, source: Source) -> FrameCount:
-        """Of this sender; of too many, none is kept."""
+        """Return the counts of this sender; the counts of too many senders are not kept."""
         if source not in self._counts and len(self._counts) >= _SENDERS:
             return FrameCount()
         return self._counts.setdefault(source, FrameCount())
@@ -175,11 +174,21 @@ class Codec:
         return allow is None or (system, component) in allow or (system, 0) in allow
 
     def _trusted(self, frame: bytes, source: Source) -> bool:
-        """Whether a frame may be believed: signed, where signatures are wanted."""
+        """Return whether a frame is signed correctly, or signing is off."""
         if self._signing is None:
             return True
         signed = frame[0] == _V2 and bool(frame[2] & _SIGNED)
         return signed and self._signing.accepts(frame, source.system, source.component)
 
 
-_DROPPED = Received(Source(0, 0), None)  # type: ignore[arg-type]  # a valid frame nobody reads
+def _header(frame: bytearray, start: int) -> tuple[int, int, int, int]:
+    """Return sequence number, system, component and message id of the frame at `start`."""
+    if frame[start] == _V1:
+        sequence, system, component, message_id = frame[start + 2 : start + 6]
+    else:
+        sequence, system, component = frame[start + 4 : start + 7]
+        message_id = int.from_bytes(frame[start + 7 : start + 10], "little")
+    return sequence, system, component, message_id
+
+
+_DROPPED = Received(Source(0, 0), None)  # type: ignore[arg-type]  # a valid frame that is not used

@@ -1,7 +1,7 @@
 """A UDP, TCP or serial endpoint around the codec.
 
-Endpoints are named as ground stations name them: `udpin:HOST:PORT` binds and answers whom it
-believes, `udpout:HOST:PORT` speaks first, `tcp:HOST:PORT` connects, `serial:DEVICE:BAUD` is a line.
+Endpoints are named as in ground stations: `udpin:HOST:PORT` binds and answers the last accepted
+sender, `udpout:HOST:PORT` sends first, `tcp:HOST:PORT` connects, `serial:DEVICE:BAUD` is a line.
 """
 
 from __future__ import annotations
@@ -14,44 +14,44 @@ from typing import Protocol
 
 from mavlink_bridge.wire.bytestream import BAUD_RATES, ByteStream, SerialEndpoint, TcpEndpoint
 from mavlink_bridge.wire.codec import Codec
+from mavlink_bridge.wire.ids import ComponentId
 from mavlink_bridge.wire.messages import Heartbeat, Message, Received, Source
 
-_AUTOPILOT = 1  # MAV_COMP_ID
-_RIVAL_MEMORY = 3.0  # s; a vehicle that starts again may have another port
-_RIVALS = 16  # most places of one vehicle that are remembered
+_SENDER_MEMORY = 3.0  # s; a vehicle that restarts may have another port
+_SENDERS = 16  # most addresses of one vehicle that are remembered
 _RECEIVE_BUFFER = 4 << 20  # a second of telemetry, so that a slow tick loses nothing
 Address = tuple[str, int]
 ENDPOINT_FORMS = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, serial:DEVICE:BAUD"
 
 
 class EndpointError(ValueError):
-    """An endpoint that cannot be understood or opened; the message names it."""
+    """An endpoint is malformed or cannot be opened; the message names it."""
 
 
 class Endpoint(Protocol):
-    """Bytes in and out; never blocks."""
+    """Packets in and out; never blocks."""
 
     def receive(self) -> Iterator[bytes]:
-        """Every packet that waits."""
+        """Yield the packets that have arrived."""
         ...
 
     def send(self, data: bytes) -> bool:
-        """Send one packet; False where there is nobody to send to."""
+        """Send one packet; return False where there is no receiver."""
         ...
 
     def fileno(self) -> int:
-        """For select()."""
+        """Return the descriptor for select()."""
         ...
 
     def close(self) -> None:
-        """Release the port."""
+        """Close the port."""
         ...
 
 
 class UdpEndpoint:
-    """One UDP socket with one peer: given, or whom `answer_sender` was told to answer last.
+    """One UDP socket with one peer: a given one, or the last sender of `answer_sender`.
 
-    local, remote: (host, port); local port 0 takes any free one.
+    local, remote: (host, port); local port 0 is any free port.
     """
 
     def __init__(self, local: Address | None = None, remote: Address | None = None) -> None:
@@ -74,7 +74,7 @@ class UdpEndpoint:
         return int(self._socket.getsockname()[1])
 
     def receive(self) -> Iterator[bytes]:
-        """Every datagram that waits."""
+        """Yield the datagrams that have arrived."""
         while True:
             try:
                 data, sender = self._socket.recvfrom(65535)
@@ -84,15 +84,15 @@ class UdpEndpoint:
             yield data
 
     def answer_sender(self) -> None:
-        """Take the latest datagram's sender for the peer, unless one was given.
+        """Make the sender of the last datagram the peer, unless a peer was given.
 
-        Only for what was understood and believed: a stray packet must not turn the stream away.
+        Call it for accepted messages only: a stray packet must not redirect the stream.
         """
         if not self._fixed:
             self.remote = self.sender
 
     def send(self, data: bytes) -> bool:
-        """Send to the peer; False where none is known or nobody listens."""
+        """Send to the peer; return False where no peer is known or it does not listen."""
         if self.remote is None:
             return False
         try:
@@ -102,19 +102,19 @@ class UdpEndpoint:
         return True
 
     def fileno(self) -> int:
-        """For select()."""
+        """Return the descriptor for select()."""
         return self._socket.fileno()
 
     def close(self) -> None:
-        """Release the port."""
+        """Close the port."""
         self._socket.close()
 
 
 def open_endpoint(name: str) -> Endpoint:
-    """Open an endpoint by its name; see ENDPOINT_FORMS. A TCP listener may still be down.
+    """Open an endpoint by its name, as in ENDPOINT_FORMS; a TCP listener may still be down.
 
     Raises:
-        EndpointError: not such a name, the port is taken, no such device.
+        EndpointError: a malformed name, a port that is taken, no such device.
     """
     kind, host, number = parse_endpoint(name)
     if kind == "udpin":
@@ -127,10 +127,10 @@ def open_endpoint(name: str) -> Endpoint:
 
 
 def parse_endpoint(name: str) -> tuple[str, str, int]:
-    """Kind, host or device, port or baud rate.
+    """Return kind, host or device, port or baud rate.
 
     Raises:
-        EndpointError: not such a name.
+        EndpointError: a malformed name.
     """
     kind, _, address = name.partition(":")
     host, _, number = address.rpartition(":")
@@ -145,7 +145,7 @@ def parse_endpoint(name: str) -> tuple[str, str, int]:
 
 
 def _encodes(host: str) -> bool:
-    """Whether a socket takes the name at all: `a..b` is no host."""
+    """Return whether a socket accepts the host name; it refuses `a..b`."""
     try:
         host.encode("idna")
     except UnicodeError:
@@ -163,7 +163,7 @@ def open_serial(device: str, baud: int) -> SerialEndpoint:
     """Open a serial line.
 
     Raises:
-        EndpointError: no such device or baud rate; both are named.
+        EndpointError: no such device or baud rate; the message names both.
     """
     _check_baud(device, baud)
     endpoint = SerialEndpoint(device, baud)
@@ -174,9 +174,9 @@ def open_serial(device: str, baud: int) -> SerialEndpoint:
 
 
 class Link:
-    """Messages over an endpoint. Counts packets both ways, for who must know all arrived.
+    """Messages over an endpoint, with packet counts by which lockstep waits for every packet.
 
-    tap: told of each packet, (sent by us, its bytes), for a log.
+    tap: called with each packet for a log: (whether this end sent it, its bytes).
     """
 
     def __init__(self, endpoint: Endpoint, codec: Codec) -> None:
@@ -192,10 +192,10 @@ class Link:
 
     @property
     def problem(self) -> str:
-        """Why the line is down, or that two vehicles claim one id; empty while all is well."""
+        """Why the line is down, or that two vehicles have one id; empty where neither holds."""
         if isinstance(self.endpoint, ByteStream):
             return self.endpoint.problem
-        recent = time.monotonic() - _RIVAL_MEMORY
+        recent = time.monotonic() - _SENDER_MEMORY
         for system, senders in self._senders.items():
             places = [f"{host}:{port}" for (host, port), at in senders.items() if at > recent]
             if len(places) > 1:
@@ -205,7 +205,7 @@ class Link:
         return ""
 
     def _hear(self, data: bytes) -> list[Received]:
-        """What a packet says; who said something believed is answered from now on."""
+        """Return the messages of a packet; the sender of an accepted message becomes the peer."""
         received = self._decode(data)
         if isinstance(self.endpoint, UdpEndpoint) and received:
             self.endpoint.answer_sender()
@@ -213,23 +213,23 @@ class Link:
         return received
 
     def _note_sender(self, sender: Address | None, received: list[Received]) -> None:
-        """Remember from where each vehicle's heartbeats come."""
+        """Remember the address from which each vehicle's heartbeats come."""
         now = time.monotonic()
         for r in received:
-            if isinstance(r.message, Heartbeat) and r.source.component == _AUTOPILOT:
+            if isinstance(r.message, Heartbeat) and r.source.component == ComponentId.AUTOPILOT1:
                 known = self._senders.get(r.source.system, {})
-                kept = {place: at for place, at in known.items() if at > now - _RIVAL_MEMORY}
-                if sender is not None and (sender in kept or len(kept) < _RIVALS):
+                kept = {place: at for place, at in known.items() if at > now - _SENDER_MEMORY}
+                if sender is not None and (sender in kept or len(kept) < _SENDERS):
                     kept[sender] = now
                 self._senders[r.source.system] = kept
 
-    def age(self, kind: type, system: int, component: int = 1) -> float:
-        """Seconds (CLOCK_MONOTONIC) since that sender's last message of this kind, or infinity."""
-        heard = self._heard.get((Source(system, component), kind), float("-inf"))
-        return time.monotonic() - heard
+    def age(self, kind: type, system: int, component: int = ComponentId.AUTOPILOT1) -> float:
+        """Return the seconds since that sender's last message of this kind, or infinity."""
+        received_at = self._heard.get((Source(system, component), kind), float("-inf"))
+        return time.monotonic() - received_at
 
     def receive(self) -> list[Received]:
-        """All messages that wait, oldest first; never blocks."""
+        """Return the messages that have arrived, oldest first; never block."""
         out: list[Received] = []
         for data in self.endpoint.receive():
             self.packets_in += 1
@@ -242,7 +242,7 @@ class Link:
         return out
 
     def send(self, messages: Iterable[Message]) -> None:
-        """Send the messages in one packet (they stay below the usual 1500-byte MTU)."""
+        """Send the messages in one packet; together they stay below the usual 1500-byte MTU."""
         data = self.codec.encode(messages)
         if data and self.endpoint.send(data):
             self.packets_out += 1
@@ -250,9 +250,9 @@ class Link:
                 self.tap(True, data)
 
     def wait(self, timeout: float) -> bool:
-        """Block until something arrives or `timeout` [s] has passed; True where it arrived."""
+        """Block until bytes arrive or `timeout` [s] has passed; return whether bytes arrived."""
         return bool(select.select([self.endpoint.fileno()], [], [], max(timeout, 0.0))[0])
 
     def close(self) -> None:
-        """Release the endpoint."""
+        """Close the endpoint."""
         self.endpoint.close()

@@ -1,18 +1,19 @@
-"""Which frames of one MAVLink sender did not come, by the numbers 0…255 that each carries."""
+"""Lost frames of one MAVLink sender, from the sequence numbers 0…255 of its frames."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 _NUMBERS = 256
-_BEHIND = 128  # a step as large as this is backwards: a frame was overtaken, or came twice
+_BEHIND = 128  # a step as large as this is backwards: a frame late, or twice
 
 
 @dataclass
 class FrameCount:
-    """Counts since the last message that was taken.
+    """Counts of frames since the last call of `take`.
 
-    unknown: frames whose checksum nobody here can know; each explains one that seems to be missing.
+    missing: gaps in the sequence numbers. unread: valid frames of a kind that this project does not
+    use. unknown: frames whose checksum cannot be verified; each explains one gap.
     """
 
     missing: int = 0
@@ -20,8 +21,8 @@ class FrameCount:
     unknown: int = 0
     _last: int | None = None
 
-    def came(self, number: int, read: bool) -> None:
-        """A sound frame with this number came; read: somebody here reads it."""
+    def add(self, number: int, read: bool) -> None:
+        """Count a valid frame with this sequence number; read: this project uses its kind."""
         step = 1 if self._last is None else (number - self._last) % _NUMBERS
         self.unread += not read
         if 0 < step < _BEHIND:
@@ -30,10 +31,10 @@ class FrameCount:
             self.unread += explained
             self.unknown, self._last = 0, number
         elif step:
-            self.missing -= 1  # it was counted as missing, and is there after all
+            self.missing -= 1  # it is late and was counted as missing
 
-    def taken(self) -> tuple[int, int]:
-        """(missing, unread), which begin anew; missing < 0: some came after all."""
+    def take(self) -> tuple[int, int]:
+        """Return (missing, unread) and reset both; missing < 0: frames counted before were late."""
         counts = self.missing, self.unread
         self.missing = self.unread = 0
         return counts

@@ -1,9 +1,9 @@
-"""Time-stamped raw frames between the simulator and a companion, over one TCP stream.
+"""Timestamped raw frames between the simulator and a companion, over one TCP stream.
 
-Each record is a JSON header and named arrays, raw. From the simulator: a frame (image,
-optional depth, optional perfect detections) with its capture time in the vehicle's clock
-and how many MAVLink packets were sent before it. Back: an answer to each frame, with how
-many packets the companion sent before it, so that a tick without a setpoint answers too.
+Each record is a JSON header and named raw arrays. The simulator sends frames (image, optional
+depth, optional perfect detections) with the capture time in the vehicle's clock and the number
+of MAVLink packets sent before. The companion answers each frame with the number of packets that
+it sent before, so that a tick without a setpoint answers too.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _MAX_HEADER = 1 << 16
 _MAX_PAYLOAD = 1 << 26
 _MAX_PATIENCE = 3600.0  # s
 _DTYPES = {"uint8", "uint16", "float32", "float64"}
-# Of a frame's arrays: dtype, and the shape with -1 for what is free.
+# dtype and shape of a frame's arrays; -1: any length.
 _FORMS = {
     "image": ("uint8", (-1, -1, 3)),
     "depth": ("float32", (-1, -1)),
@@ -34,26 +34,26 @@ _FORMS = {
     "trunks": ("float64", (-1, 6)),
 }
 PATIENCE = 0.2
-"""Wall seconds that a companion waits for the rest of a frame, or for its answer to be taken.
+"""Wall seconds that a companion waits for the rest of a frame, or to send its answer.
 
-A sender in lockstep says otherwise: a starved machine must not change what is flown there.
+A simulator in lockstep sets a longer time: a busy machine must not change the flight.
 """
 _BAD_HEADER = (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError)
 
 
 class VideoError(ConnectionError):
-    """The other end is gone or speaks something else."""
+    """The other end is gone or sends something other than records."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """What one camera saw at `time` [s, vehicle's clock].
+    """Frame of one camera at `time` [s, vehicle's clock].
 
     arrays: `image` (H,W,3) uint8 BGR; `depth` (h,w) float32 m along the ray; `neighbours`
-    (m,6), `trunks` (k,6) and `ranges` (h,w) float32 m to walls where the simulator plays a
-    perfect detector (camera frame).
-    packets: MAVLink packets the vehicle had sent to the companion before this frame. due: s, when
-    it was sent, where that is later than when it was taken. local: `time` is CLOCK_MONOTONIC.
+    (m,6), `trunks` (k,6) and `ranges` (h,w) float32 m to walls (camera frame) where the simulator
+    replaces the detector.
+    packets: MAVLink packets that the vehicle sent to the companion before this frame. due: time of
+    sending [s], where it differs from the capture. local: `time` is CLOCK_MONOTONIC.
     """
 
     time: float
@@ -65,7 +65,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Answer:
-    """A companion's answer to the frame of `time`: its packets sent so far.
+    """A companion's answer to the frame of `time`; packets: MAVLink packets sent before.
 
     done: the companion's mission is over (it has landed).
     """
@@ -76,9 +76,9 @@ class Answer:
 
 
 class RecordStream:
-    """JSON header + named arrays over a connected stream socket.
+    """Records of a JSON header and named arrays over a connected stream socket.
 
-    The socket's timeout is how long the other end may be silent within a record.
+    The socket's timeout limits the silence within a record.
     """
 
     def __init__(self, connection: socket.socket) -> None:
@@ -86,18 +86,18 @@ class RecordStream:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def fileno(self) -> int:
-        """For select()."""
+        """Return the descriptor for select()."""
         return self._socket.fileno()
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         self._socket.close()
 
     def send(self, header: dict[str, Any], arrays: dict[str, NDArray[Any]] | None = None) -> None:
         """Send one record.
 
         Raises:
-            VideoError: the other end is gone, or does not take it.
+            VideoError: the other end is gone, or does not read.
         """
         arrays = arrays or {}
         shapes = [(k, a.dtype.name, a.shape) for k, a in arrays.items()]
@@ -110,10 +110,10 @@ class RecordStream:
             raise VideoError(f"frame channel: {error}") from error
 
     def receive(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """Receive one record; blocks until it begins, however long that takes.
+        """Receive one record; block until it begins, however long that takes.
 
         Raises:
-            VideoError: end of stream, not a record, or one that breaks off.
+            VideoError: end of the stream, not a record, or a record cut short.
         """
         magic, length = _HEAD.unpack(self._exactly(_HEAD.size, begun=False))
         if magic != _MAGIC or length > _MAX_HEADER:
@@ -138,7 +138,7 @@ class RecordStream:
         return header, arrays
 
     def waits(self, timeout: float = 0.0) -> bool:
-        """True where a record (or the end of the stream) waits within `timeout` [s]."""
+        """Return whether a record (or the end of the stream) arrives within `timeout` [s]."""
         return bool(select.select([self._socket], [], [], timeout)[0])
 
     def _exactly(self, size: int, begun: bool = True) -> bytearray:
@@ -164,7 +164,7 @@ def _seconds(microseconds: float) -> float:
 
 
 def _check_form(name: str, array: NDArray[Any]) -> None:
-    """Raises VideoError unless the array is what a frame of this name holds; others are free."""
+    """Raise VideoError where an array has not the form of its name; other names are free."""
     dtype, shape = _FORMS.get(name, (array.dtype.name, array.shape))
     fits = len(shape) == array.ndim and all(
         want in (-1, have) for want, have in zip(shape, array.shape, strict=True)
@@ -174,7 +174,7 @@ def _check_form(name: str, array: NDArray[Any]) -> None:
 
 
 class FrameClient:
-    """The companion's end: frames in, answers out."""
+    """The companion's end: receives frames, sends answers."""
 
     def __init__(self, host: str, port: int, timeout: float = 10.0) -> None:
         try:
@@ -185,54 +185,52 @@ class FrameClient:
         self._stream = RecordStream(connection)
 
     def fileno(self) -> int:
-        """For select()."""
+        """Return the descriptor for select()."""
         return self._stream.fileno()
 
     def receive(self) -> Frame:
-        """The next frame; blocks until it begins.
+        """Receive the next frame; block until it begins.
 
         Raises:
-            VideoError: at the end of the stream, for no frame, or where one breaks off.
+            VideoError: end of the stream, not a frame, or a frame cut short.
         """
         header, arrays = self._stream.receive()
         for name, array in arrays.items():
             _check_form(name, array)
         try:
             due = header.get("due_us")
-            return Frame(
-                _seconds(header["time_us"]), arrays, int(header["packets"]),
-                due=None if due is None else _seconds(due),
-            )  # fmt: skip
+            sent = None if due is None else _seconds(due)
+            return Frame(_seconds(header["time_us"]), arrays, int(header["packets"]), sent)
         except _BAD_HEADER as error:
             raise VideoError(f"frame channel: bad header: {error}") from error
 
     def waits(self, timeout: float = 0.0) -> bool:
-        """True where a frame waits within `timeout` [s]."""
+        """Return whether a frame arrives within `timeout` [s]."""
         return self._stream.waits(timeout)
 
     def answer(self, answer: Answer) -> None:
-        """Tell the simulator that the frame's tick is done."""
+        """Send the answer of a completed tick."""
         self._stream.send(
             {"time_us": round(answer.time * 1e6), "packets": answer.packets, "done": answer.done}
         )
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         self._stream.close()
 
 
 class FrameServer:
-    """The simulator's end for one vehicle: listens, accepts one companion at a time.
+    """The simulator's end for one vehicle: listens, and accepts one companion at a time.
 
-    timeout: wall seconds after which one that does not take a frame, or breaks off within an
-    answer, is hung up on; None: never. lockstep: it is told to be as patient.
+    timeout: wall seconds after which it disconnects a companion that does not read a frame or does
+    not complete an answer; None: never. lockstep: the companion uses the same timeout.
     """
 
     def __init__(
         self, host: str, port: int, timeout: float | None = None, lockstep: bool = False
     ) -> None:
         self._timeout = timeout
-        self._told = {"patience": timeout} if lockstep else {}
+        self._patience = {"patience": timeout} if lockstep else {}
         self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -250,7 +248,7 @@ class FrameServer:
 
     @property
     def connected(self) -> bool:
-        """True while a companion is on the line; accepts one that waits."""
+        """Whether a companion is connected; accepts a waiting one."""
         if self._stream is None and select.select([self._listener], [], [], 0.0)[0]:
             connection = self._listener.accept()[0]
             connection.settimeout(self._timeout)
@@ -258,20 +256,20 @@ class FrameServer:
         return self._stream is not None
 
     def send(self, frame: Frame) -> bool:
-        """Send a frame; False where nobody is (any longer) on the line."""
+        """Send a frame; return False where no companion is connected any longer."""
         if not self.connected or self._stream is None:
             return False
         try:
             due = {} if frame.due is None else {"due_us": round(frame.due * 1e6)}
             header = {"time_us": round(frame.time * 1e6), "packets": frame.packets}
-            self._stream.send({**header, **due, **self._told}, frame.arrays)
+            self._stream.send({**header, **due, **self._patience}, frame.arrays)
         except VideoError:
             self.hang_up()
             return False
         return True
 
     def answer(self, timeout: float) -> Answer | None:
-        """The next answer within `timeout` [s]; None where none came or the line is dead."""
+        """Return the next answer within `timeout` [s]; None without one or without a companion."""
         if self._stream is None:
             return None
         try:
@@ -284,12 +282,12 @@ class FrameServer:
             return None
 
     def close(self) -> None:
-        """Stop listening and hang up."""
+        """Stop listening and disconnect."""
         self.hang_up()
         self._listener.close()
 
     def hang_up(self) -> None:
-        """Leave the companion that is on the line, if any; another one may come."""
+        """Disconnect the companion, if any; another companion may connect."""
         if self._stream is not None:
             self._stream.close()
             self._stream = None

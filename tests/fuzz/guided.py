@@ -1,8 +1,8 @@
-"""One target under atheris, which follows the coverage: `python tests/fuzz/guided.py codec`.
+"""Coverage-guided fuzzing of one target with atheris: `python tests/fuzz/guided.py codec`.
 
-What follows the target's name goes to libFuzzer: `-max_total_time=600`. It begins with the corpus
-beside it; what it finds goes to a folder of its own, and what breaks the target to `crash-…` here.
-Needs the extra `fuzz`.
+Options after the target's name go to libFuzzer, e.g. `-max_total_time=600`. It starts from the
+corpus, writes new inputs to a temporary folder and failing inputs to `crash-…` in the working
+folder. It needs the extra `fuzz`.
 """
 
 import json
@@ -13,15 +13,15 @@ import warnings
 
 import atheris
 
-OURS = ["companion", "mavlink_bridge", "sitl_sim"]  # whose coverage is followed
-os.environ["NUMBA_DISABLE_JIT"] = "1"  # nothing compiled can be followed
+OURS = ["companion", "mavlink_bridge", "sitl_sim"]  # packages whose coverage guides it
+os.environ["NUMBA_DISABLE_JIT"] = "1"  # compiled code has no coverage
 
 with atheris.instrument_imports(include=OURS):
     from tests.fuzz import targets
 
 
 def main():
-    """Fuzz until told to stop."""
+    """Fuzz until it is stopped."""
     name = sys.argv.pop(1) if len(sys.argv) > 1 else ""
     if name not in targets.TARGETS:
         usage = {"usage": "guided.py TARGET [libFuzzer options]", "targets": list(targets.TARGETS)}

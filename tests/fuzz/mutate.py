@@ -1,7 +1,7 @@
 """Mutated frames by the million: `python tests/fuzz/mutate.py --frames 1000000` (make fuzz).
 
-Every frame is a true one that was damaged: bits flipped, bytes changed, cut, doubled, spliced.
-With signing on, whatever is accepted and is not the frame that was sent is a forgery.
+Every frame is a valid one after damage: bits flipped, bytes changed, cut, doubled, spliced. With
+signing, an accepted frame that differs from the frame sent is a forgery.
 """
 
 import argparse
@@ -22,25 +22,28 @@ NOW = 4_000_000_000_000
 
 
 def mavlink_frames():
-    """Signed frames of a vehicle."""
+    """Return signed frames of a vehicle."""
     vehicle = Codec(1, 1, signing=Signing(KEY, NOW))
-    return [vehicle.encode([message]) for message in (
+    messages = [
         m.Heartbeat(12, 2, True, 0x00060000, 4),
         m.Attitude(2.0, np.array([0.5, 0.5, -0.5, 0.5]), np.array([0.1, 0.2, 0.3])),
         m.LocalPosition(2.0, np.array([1.0, 2.0, 3.0]), np.array([0.5, -0.5, 0.25])),
-        m.StatusText(4, "arming refused: no position"), m.SystemTime(12.5, 0.0),
-        m.ParamValue("COM_OF_LOSS_T", 1.0, 9, 10, 3), m.CommandAck(400, 0, 1, 191),
-    )]  # fmt: skip
+        m.StatusText(4, "arming refused: no position"),
+        m.SystemTime(12.5, 0.0),
+        m.ParamValue("COM_OF_LOSS_T", 1.0, 9, 10, 3),
+        m.CommandAck(400, 0, 1, 191),
+    ]
+    return [vehicle.encode([message]) for message in messages]
 
 
 def msp_frames():
-    """Answers of a controller."""
+    """Return answers of a controller."""
     sizes = {msp.Msp.ATTITUDE: 6, msp.Msp.RAW_IMU: 18, msp.Msp.STATUS_EX: 25, msp.Msp.RAW_GPS: 16}
     return [b"$M>" + msp.encode(c, bytes(range(n)))[3:] for c, n in sizes.items()]
 
 
 def mutate(frame, rng):
-    """The frame damaged in one to four ways; never the frame itself."""
+    """Return the frame after one to four kinds of damage; never the frame itself."""
     data = bytearray(frame)
     for _ in range(rng.integers(1, 5)):
         at = int(rng.integers(len(data))) if data else 0
@@ -59,9 +62,9 @@ def mutate(frame, rng):
 
 
 def count_mavlink(count, seed):
-    """(accepted with signing, accepted without, longest buffer) of so many mutated frames.
+    """Return forgeries accepted with signing, frames accepted without, and the longest buffer.
 
-    Without signing nobody looks at signatures: frames that are damaged there alone pass.
+    Without signing, a frame that is damaged in its signature alone is accepted.
     """
     rng = np.random.default_rng([seed, 1])
     frames = mavlink_frames()
@@ -71,16 +74,16 @@ def count_mavlink(count, seed):
     for n in range(count):
         true = frames[n % len(frames)]
         data = mutate(true, rng)
-        whole = true in data  # a true frame with something around it is no forgery
+        whole = true in data  # a valid frame with bytes around it is no forgery
         forged += len(signed.decode_datagram(data)) * (not whole)
         passed += len(plain.decode_datagram(data)) * (not whole)
-        stream.decode(data)  # as from a serial line: frames may be completed by what follows
+        stream.decode(data)  # as from a serial line: later bytes may complete a frame
         longest = max(longest, len(stream._buffer))
     return forged, passed, longest
 
 
 def count_msp(count, seed):
-    """(accepted, longest buffer): MSP has an XOR of one byte, so one in 256 must pass."""
+    """Return accepted frames and the longest buffer; one in 256 passes MSP's one-byte XOR."""
     rng = np.random.default_rng([seed, 2])
     frames, decoder, passed, longest = msp_frames(), msp.MspDecoder(), 0, 0
     for n in range(count):
@@ -92,7 +95,7 @@ def count_msp(count, seed):
 
 
 def main():
-    """Count, and fail where anything was forged or grew."""
+    """Print the counts; return 1 where a forgery was accepted or a buffer grew."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--frames", type=int, default=1_000_000)
     parser.add_argument("--seed", type=int, default=0)

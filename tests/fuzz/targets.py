@@ -1,9 +1,9 @@
-"""What may be fed anything: each target takes bytes and must neither raise nor grow.
+"""Fuzzing targets: each takes any bytes, and must neither raise an error nor grow a buffer.
 
-`pytest tests/fuzz` runs all of them on the corpus and on what hypothesis makes up; `guided.py` one
-under atheris; `make fuzz` counts a million mutated frames of each protocol.
+`pytest tests/fuzz` runs all of them on the corpus and on bytes from hypothesis; `guided.py` runs
+one under atheris; `make fuzz` counts a million mutated frames of each protocol.
 
-A target catches what the product's own callers catch, and nothing else.
+A target catches the errors that the product's own callers catch, and no others.
 """
 
 import io
@@ -23,7 +23,7 @@ from companion.settings.config import CompanionConfig, load_config
 from companion.types import Phase
 from mavlink_bridge.betaflight import msp
 from mavlink_bridge.betaflight.bridge import BetaflightBridge
-from mavlink_bridge.betaflight.controller import QUESTIONS, interview
+from mavlink_bridge.betaflight.controller import QUESTIONS, query_controller
 from mavlink_bridge.betaflight.polling import POLLED
 from mavlink_bridge.shared.mcap_file import Follower, LogError, salvage, whole_records
 from mavlink_bridge.shared.settings import SettingsError, assignments
@@ -40,12 +40,12 @@ from tests.mavlink_bridge.betaflight.fake_controller import FakeController
 
 CORPUS = Path(__file__).parent / "corpus"
 KEY = bytes(range(32))
-_HELD = 600  # bytes, most that a decoder keeps of what may be a frame
+_HELD = 600  # bytes, most that a decoder keeps of an incomplete frame
 _IDS = sorted(FROM_WIRE)
 
 
 def frames_of(data):
-    """Bytes as MAVLink frames of a vehicle whose checksums hold: a byte chooses what, then it."""
+    """Return frames of a vehicle with valid checksums: a byte selects the kind, payload follows."""
     out = bytearray()
     while data:
         message_id, data = _IDS[data[0] % len(_IDS)], data[1:]
@@ -60,7 +60,7 @@ def frames_of(data):
 
 
 def codec(data):
-    """MAVLink bytes in two halves: a stream may be cut anywhere."""
+    """Decode MAVLink bytes in two halves, as a stream cut anywhere."""
     c = Codec(1, 191)
     half = len(data) // 2
     c.decode(data[:half])
@@ -70,7 +70,7 @@ def codec(data):
 
 
 def asked(data):
-    """Messages with sound checksums and any content, to us: what a ground station may send."""
+    """Return messages with valid checksums and any content, addressed to the vehicle."""
     out = Codec(1, 1).decode_datagram(frames_of(data))
     for r in out:
         for name in ("target_system", "target_component"):
@@ -81,7 +81,7 @@ def asked(data):
 
 @lru_cache(1)
 def _vehicles():
-    """An emulated vehicle of each kind, on the ground."""
+    """Return an emulated vehicle of each kind, on the ground."""
     made = []
     for flavour in ("px4", "ardupilot"):
         vehicles = Vehicles(Airframe(), np.zeros((1, 3)), 0.0)
@@ -90,9 +90,9 @@ def _vehicles():
 
 
 def vehicle(data):
-    """What a companion or a ground station asks of the bridge and of emulated vehicles."""
+    """Send messages of a companion or ground station to the bridge and to emulated vehicles."""
     fake, wire = FakeController(), Codec(1, 1)
-    bridge = BetaflightBridge(1, interview(fake.answer), ThrustMap(0.5, 1.75), 1.0)
+    bridge = BetaflightBridge(1, query_controller(fake.answer), ThrustMap(0.5, 1.75), 1.0)
     with np.errstate(all="ignore"):
         for n, received in enumerate(asked(data)):
             bridge.read(0.1 * n, fake.several(POLLED))
@@ -105,9 +105,9 @@ def vehicle(data):
 
 
 def msp_stream(data):
-    """MSP answers, as a bridge in flight takes them and one that asks for a set-up."""
+    """Send MSP answers to a bridge in flight and to one that reads a setup."""
     decoder, fake, wire = msp.MspDecoder(), FakeController(), Codec(1, 1)
-    bridge = BetaflightBridge(1, interview(fake.answer), ThrustMap(0.5, 1.75), 1.0)
+    bridge = BetaflightBridge(1, query_controller(fake.answer), ThrustMap(0.5, 1.75), 1.0)
     for n, reply in enumerate(decoder.decode(data)):
         for k, wrong in enumerate(POLLED):
             parts = [reply.payload if c == wrong else fake.answer(c) for c in POLLED]
@@ -117,14 +117,16 @@ def msp_stream(data):
                 wire.encode(bridge.cycle(n + 0.1 * k + 0.05).messages)
         for wrong in QUESTIONS:
             try:
-                interview(lambda q, w=wrong, r=reply: r.payload if q == w else fake.answer(q))
+                query_controller(
+                    lambda q, w=wrong, r=reply: r.payload if q == w else fake.answer(q)
+                )
             except msp.MspError as error:
                 assert "\n" not in str(error)  # noqa: PT017
     assert len(decoder._buffer) <= 261
 
 
 def config(data):
-    """A drone's file, a scenario, and what is set on the command line."""
+    """Read bytes as a drone's file, as a scenario and as an override on the command line."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "any.yaml"
         file.write_bytes(data)
@@ -140,7 +142,7 @@ def config(data):
 
 
 def mcap(data):
-    """A flight log, cut or damaged anywhere: read, saved, followed, flown again."""
+    """Read, recover, follow and replay bytes as a flight log."""
     list(whole_records(io.BytesIO(data)))
     with tempfile.TemporaryDirectory() as folder:
         file, saved = Path(folder) / "any.mcap", Path(folder) / "saved.mcap"
@@ -155,7 +157,7 @@ def mcap(data):
 
 
 class _Line:
-    """A socket on which these bytes came, and then its end."""
+    """A socket with these bytes, then its end."""
 
     def __init__(self, data):
         self._data = data
@@ -173,13 +175,13 @@ class _Line:
 
 
 def record(data):
-    """Bytes as a record of the frame channel: a line of JSON, then the arrays."""
+    """Return bytes as a record of the frame channel: a line of JSON, then the arrays."""
     head, _, rest = data.partition(b"\n")
     return b"SWF1" + len(head).to_bytes(4, "little") + head + rest
 
 
 def video(data):
-    """A frame from somebody who is no simulator; an answer from who is no companion."""
+    """Read bytes as frames of a simulator and as answers of a companion."""
     for stream in (data, record(data)):
         server = object.__new__(FrameServer)
         server._stream = RecordStream(_Line(stream))
@@ -197,19 +199,19 @@ def video(data):
 
 @lru_cache(1)
 def _pipeline():
-    """A pipeline that believes that it flies; made once, for it is compiled."""
+    """Return a pipeline; it is made once, because its solver is compiled."""
     fields = {"sensing": {"neighbours": "truth", "obstacles": "map"}}
     return Pipeline(CompanionConfig.model_validate(fields), lambda: 0.0)
 
 
 def _fly_on(received, frame):
-    """The next tick in flight; whatever it was told, what it sends is sound."""
+    """Run the next tick in flight; check that its setpoint is finite and within limits."""
     p = _pipeline()
     p._phases.phase = Phase.FLY
     p._phases._releasing = False
     time = (p._time if np.isfinite(p._time) else 0.0) + 0.1
     if frame is not None:
-        frame = replace(frame, time=time)  # one from another time would not be looked at
+        frame = replace(frame, time=time)  # a frame of another time is ignored
     with np.errstate(all="ignore"):
         out = p.tick(TickInputs(time, received, frame))
     Codec(1, 191).encode(out.messages)
@@ -221,12 +223,12 @@ def _fly_on(received, frame):
 
 
 def tick(data):
-    """One tick in flight: telemetry damaged and sound, and a frame's numbers."""
+    """Run one tick in flight on damaged and valid telemetry and on any numbers of a frame."""
     received = Codec(1, 191).decode_datagram(data) + asked(data[len(data) // 2 :])
     own = [replace(r, source=Source(1, 1)) for r in received]
     rows = np.frombuffer(data[: len(data) // 48 * 48], dtype="<f8").reshape(-1, 6)[:20].copy()
     with np.errstate(all="ignore"):
-        # Every other one gets past the door: a direction and numbers of any size that may be.
+        # Every other row passes the checks: a unit direction, and positive numbers of any size.
         rows[::2, :3] = np.nan_to_num(rows[::2, :3], posinf=1.0, neginf=-1.0).clip(-1.0, 1.0)
         rows[::2, :3] /= np.linalg.norm(rows[::2, :3], axis=1, keepdims=True)
         rows[::2, 3:] = 10.0 ** (4.0 * np.tanh(np.nan_to_num(rows[::2, 3:])))
@@ -234,7 +236,7 @@ def tick(data):
 
 
 def timestamps(data):
-    """What a signing daemon finds of the time before: damaged, it is as good as none."""
+    """Read bytes as the saved timestamps; damaged ones are ignored."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "signing.json"
         file.write_bytes(data)
@@ -243,11 +245,19 @@ def timestamps(data):
         Codec(1, 1, signing=Signing(KEY, 1)).decode_datagram(sent)
 
 
-TARGETS = {"codec": codec, "vehicle": vehicle, "msp": msp_stream, "config": config, "mcap": mcap,
-           "video": video, "tick": tick, "timestamps": timestamps}  # fmt: skip
+TARGETS = {
+    "codec": codec,
+    "vehicle": vehicle,
+    "msp": msp_stream,
+    "config": config,
+    "mcap": mcap,
+    "video": video,
+    "tick": tick,
+    "timestamps": timestamps,
+}
 FOLDERS = {name: name for name in TARGETS} | {"codec": "mavlink", "tick": "mavlink"}
 
 
 def seeds(name):
-    """The corpus of a target."""
+    """Return the corpus of a target."""
     return [f.read_bytes() for f in sorted((CORPUS / FOLDERS[name]).iterdir())]

@@ -1,4 +1,4 @@
-"""A short run of every fuzzing target: its corpus, and what hypothesis makes of bytes."""
+"""A short run of every fuzzing target, on its corpus and on bytes from hypothesis."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ QUICK = settings(max_examples=60, deadline=None, suppress_health_check=list(Heal
 
 
 @pytest.mark.parametrize("name", targets.TARGETS)
-def test_the_corpus(name):
+def test_every_target_accepts_its_corpus(name):
     seeds = targets.seeds(name)
     assert seeds
     for data in seeds:
@@ -24,7 +24,7 @@ def test_the_corpus(name):
 @pytest.mark.parametrize("name", [n for n in targets.TARGETS if n != "tick"])
 @QUICK
 @given(data=st.data())
-def test_anything(name, data):
+def test_every_target_accepts_any_bytes(name, data):
     seed = data.draw(st.sampled_from(targets.seeds(name)))
     rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
     targets.TARGETS[name](mutate.mutate(seed, rng))
@@ -33,7 +33,7 @@ def test_anything(name, data):
 
 @settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
 @given(seed=st.integers(0, 2**32 - 1))
-def test_any_tick(seed):
+def test_a_tick_accepts_any_bytes(seed):
     rng = np.random.default_rng(seed)
     data = b"".join(mutate.mutate(f, rng) for f in targets.seeds("tick")) + rng.bytes(480)
     targets.tick(data)
@@ -44,13 +44,14 @@ vectors = st.lists(floats, min_size=4, max_size=4).map(np.array)
 
 
 @QUICK
-@given(vectors, vectors, vectors, vectors, vectors, floats, floats, floats, floats, st.booleans(),
-       st.booleans())  # fmt: skip
+@given(*[vectors] * 5, *[floats] * 4, st.booleans(), st.booleans())
 @example(*[np.full(4, 1e308)] * 5, 0.0, 0.0, 1e308, 1e308, True, False)
-def test_the_guard_is_total(p, v, q, omega, u, time, age, outside, blind, usable, believable):
+def test_the_guard_gives_a_finite_command_for_any_numbers(
+    p, v, q, omega, u, time, age, outside, blind, usable, believable
+):
     plan = np.tile(u, (20, 1))
-    result = Result(np.zeros((21, 10)), plan, Status.SOLVED, usable, 1, 0.0, 0.0, 0.0, 0.0, 0.0,
-                    (), 0.0)  # fmt: skip
+    states = np.zeros((21, 10))
+    result = Result(states, plan, Status.SOLVED, usable, 1, *[0.0] * 5, (), 0.0)
     own = VehicleState(time, p[:3], v[:3], q, omega[:3])
     guard = Guard(GuardConfig())
     with np.errstate(all="ignore"):
@@ -64,11 +65,11 @@ def test_the_guard_is_total(p, v, q, omega, u, time, age, outside, blind, usable
 
 
 @pytest.mark.row("10")
-def test_mutated_frames(note):
+def test_no_mutated_frame_is_accepted_as_a_forgery(note):
     forged, _, longest = mutate.count_mavlink(10_000, 7)
     assert forged == 0
     assert longest <= 600
     answers, longest = mutate.count_msp(10_000, 7)
-    assert answers < 10_000 * 0.03  # its checksum is an XOR: two flips of one bit cancel
+    assert answers < 10_000 * 0.03  # the checksum is an XOR: two flips of one bit cancel
     assert longest <= 300
     note("forged of 10,000 mutated frames", forged)

@@ -22,7 +22,7 @@ from plotly.subplots import make_subplots
 
 from mavlink_bridge.betaflight import msp
 from mavlink_bridge.betaflight.controller import Controller
-from mavlink_bridge.betaflight.process import MspLine, meet, open_controller
+from mavlink_bridge.betaflight.process import MspLine, open_controller, wait_for_controller
 from mavlink_bridge.wire.messages import Command, RateSetpoint, Received, Source
 from sitl_sim.external.betaflight_sitl import BetaflightError, BetaflightSitl
 from sitl_sim.external.namespace import Host
@@ -159,7 +159,7 @@ class RealRates:
             raise BetaflightError("Betaflight does not arm: the machine is too busy")
 
     def _meet(self) -> Controller:
-        return meet(MspLine(self._line.stream))
+        return wait_for_controller(MspLine(self._line.stream))
 
     def steps(self, axis: str, rate_deg: float, count: int = 5) -> list[Response]:
         """Steps during which neither this process nor Betaflight was kept waiting.

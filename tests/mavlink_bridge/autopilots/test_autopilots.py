@@ -1,4 +1,4 @@
-"""Which autopilot is on the line, and whether it may be flown as it is set up."""
+"""Check of the vehicle against the config, and the requests of each adapter."""
 
 import math
 
@@ -18,16 +18,22 @@ def options(value):
 
 
 @pytest.mark.parametrize(
-    ("name", "heard", "words"),
+    ("name", "received", "words"),
     [
         ("px4", [beat(12)], ""),
-        ("px4", [beat(3), AutopilotVersion(0, 0x040700FF, 1)],
-         "vehicle 7 is ardupilot 4.7.0, but link.autopilot: px4; valid: px4, ardupilot, beta"),
+        (
+            "px4",
+            [beat(3), AutopilotVersion(0, 0x040700FF, 1)],
+            "vehicle 7 is ardupilot 4.7.0, but link.autopilot: px4; valid: px4, ardupilot, beta",
+        ),
         ("ardupilot", [beat(12)], "vehicle 7 is px4, but link.autopilot: ardupilot"),
         ("ardupilot", [beat(4)], "vehicle 7 is unknown (MAV_AUTOPILOT 4)"),
         ("ardupilot", [beat(3)], "waiting for parameter GUID_OPTIONS"),
-        ("ardupilot", [beat(3), options(0.0)],
-         "GUID_OPTIONS is 0: thrust would be taken as a climb rate; set GUID_OPTIONS to 8 (bit 3)"),
+        (
+            "ardupilot",
+            [beat(3), options(0.0)],
+            "GUID_OPTIONS is 0: thrust would be taken as a climb rate; set GUID_OPTIONS to 8",
+        ),
         ("ardupilot", [beat(3), options(1.0)], "set GUID_OPTIONS to 9 (bit 3)"),
         ("ardupilot", [beat(3), options(9.0)], ""),
         ("ardupilot", [beat(3), options(math.nan)], "waiting for parameter GUID_OPTIONS"),
@@ -36,19 +42,19 @@ def options(value):
         ("betaflight", [beat(0, 1)], "takes no setpoints; start mavlink-bridge betaflight"),
         ("px4", [], ""),
     ],
-)  # fmt: skip
-def test_what_stands_against_flying_is_one_line(name, heard, words):
+)
+def test_a_vehicle_that_must_not_fly_is_reported_in_one_line(name, received, words):
     identity = Identity(name, 7)
-    identity.hear(heard)
+    identity.hear(received)
     assert words in identity.objection() if words else identity.objection() == ""
     assert "\n" not in identity.objection()
 
 
 @pytest.mark.parametrize("name", sorted(ADAPTERS))
-def test_adapters_have_one_shape(name):
+def test_every_adapter_addresses_its_vehicle(name):
     a = adapter(name, 3)
-    requests = [*a.request_streams(), *a.arm(), *a.takeoff(2.0), *a.offboard(), *a.hold(),
-                *a.land()]  # fmt: skip
+    requests = [*a.request_streams(), *a.arm(), *a.takeoff(2.0)]
+    requests += [*a.offboard(), *a.hold(), *a.land()]
     assert {m.target_system for m in requests} == {3}
     assert a.mode(beat(a.autopilot, 0x7FFF)) == "other"
     assert a.up_in in ("hold", "offboard")

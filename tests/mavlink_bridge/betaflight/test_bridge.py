@@ -1,4 +1,4 @@
-"""The bridge against a controller that answers and does not fly: modes, arming, watchdog."""
+"""The bridge with a controller that answers and does not fly: modes, arming, watchdog."""
 
 import math
 import struct
@@ -28,26 +28,26 @@ from tests.mavlink_bridge.betaflight.bench import STEP, Bench
 def test_telemetry_at_50_hz_with_body_rates():
     b = Bench()
     b.fc.gyro = (164, 0, -328)  # 10 and −20 °/s
-    b.heard.clear()
+    b.messages.clear()
     b.run(1.0)
-    attitudes = [m for m in b.heard if isinstance(m, Attitude)]
+    attitudes = [m for m in b.messages if isinstance(m, Attitude)]
     assert len(attitudes) >= 50
-    assert len([m for m in b.heard if isinstance(m, LocalPosition)]) >= 50
+    assert len([m for m in b.messages if isinstance(m, LocalPosition)]) >= 50
     assert np.degrees(attitudes[-1].omega) == pytest.approx([10, 0, -20], abs=0.1)
 
 
 @pytest.mark.parametrize("empty", POLLED)
-def test_an_answer_without_content_counts_as_none(empty):
-    """A busy Betaflight sends such (seen with three SITLs on two cores)."""
+def test_an_answer_with_an_empty_part_is_ignored(empty):
+    """A busy Betaflight sends such answers; firmware without GPS has no RAW_GPS at all."""
     b = Bench()
     parts = [b"" if c == empty else b.fc.answer(c) for c in POLLED]
     payload = b"".join(bytes([len(p)]) + p for p in parts)
     b.bridge.cycle(b.t)
     b.bridge.read(b.t, Reply(Msp.MULTIPLE_MSP, payload))
-    told = any(isinstance(m, LocalPosition) for m in b.bridge.cycle(b.t).messages)
-    assert told == (empty is Msp.RAW_GPS)  # which firmware without GPS leaves empty
+    sent = any(isinstance(m, LocalPosition) for m in b.bridge.cycle(b.t).messages)
+    assert sent == (empty is Msp.RAW_GPS)
     b.run(0.1)
-    assert isinstance(b.heard[-1], LocalPosition)
+    assert isinstance(b.messages[-1], LocalPosition)
 
 
 def test_attitude_is_enu_and_flu():
@@ -59,25 +59,25 @@ def test_attitude_is_enu_and_flu():
     assert yaw == pytest.approx(-0.5, abs=0.6)
 
 
-def test_arms_by_the_switch_and_says_why_not():
+def test_arms_by_the_switch_and_reports_why_arming_is_denied():
     b = Bench()
     b.fc.reasons = 1 << 2 | 1 << 12
     b.run(0.1)
-    b.send(b.ask.arm())
+    b.send(b.adapter.arm())
     b.run(0.1)
     assert b.last(CommandAck).result == 1
     assert b.texts() == ["Arming denied: RXLOSS CALIB"]
     assert b.rc[4] == 1000
     b.fc.reasons = 0
     b.run(0.1)
-    b.send(b.ask.arm())
+    b.send(b.adapter.arm())
     b.run(1.0)
     assert b.last(CommandAck).result == 0
     assert b.last(Heartbeat).armed
     assert b.rc[2] == 1000  # throttle stays down
 
 
-def test_setpoints_become_sticks():
+def test_setpoints_give_stick_deflections():
     b = Bench()
     b.fly(np.radians([40.0, -80.0, 20.0]), 0.6)
     assert b.rc[:6] == (1550, 1400, 1600, 1475, 1900, 1000)
@@ -85,7 +85,7 @@ def test_setpoints_become_sticks():
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_a_setpoint_that_is_not_finite_is_none(bad):
+def test_a_setpoint_that_is_not_finite_is_ignored(bad):
     b = Bench()
     b.fly()
     b.setpoint = RateSetpoint(0.0, np.array([bad, 0, 0]), 0.5, 1)
@@ -93,15 +93,15 @@ def test_a_setpoint_that_is_not_finite_is_none(bad):
     assert b.bridge.mode == "hold"
 
 
-def test_offboard_wants_a_stream_first():
+def test_offboard_needs_a_stream_of_setpoints():
     b = Bench()
-    b.send(b.ask.offboard())
+    b.send(b.adapter.offboard())
     b.run(0.1)
     assert b.last(CommandAck).result == 1
     assert b.bridge.mode == "hold"
 
 
-def test_watchdog_levels_at_once_and_lands_where_no_pilot_stands_by():
+def test_watchdog_levels_at_once_and_lands_where_there_is_no_pilot():
     b = Bench()
     b.fly(np.radians([200.0, 0.0, 0.0]), 0.6)
     b.setpoint, stopped = None, b.t
@@ -109,25 +109,25 @@ def test_watchdog_levels_at_once_and_lands_where_no_pilot_stands_by():
         b.run(STEP)
     assert b.t - stopped <= 0.3
     assert b.rc[5] > 1700  # ANGLE
-    assert abs(b.rc[0] - 1500) < 130  # no more than a gentle lean
+    assert abs(b.rc[0] - 1500) < 130  # a gentle tilt at most
     assert b.rc[3] == 1500
     assert "Setpoints stopped: level" in b.texts()
-    b.run(8.0)  # this one stands on the ground, so landing ends at once
-    beats = [m for m in b.heard if isinstance(m, Heartbeat)]
+    b.run(8.0)  # its height does not change, so landing ends at once
+    beats = [m for m in b.messages if isinstance(m, Heartbeat)]
     assert MODES["land"] in {m.custom_mode for m in beats}
     assert 5 in {m.system_status for m in beats}
     assert not beats[-1].armed
 
 
-def test_take_off_climbs_and_never_in_the_first_second():
+def test_take_off_climbs_and_not_in_the_first_second_after_arming():
     b = Bench()
-    b.send(b.ask.arm())
+    b.send(b.adapter.arm())
     b.run(0.3)
-    b.send(b.ask.takeoff(2.0))
+    b.send(b.adapter.takeoff(2.0))
     b.run(0.1)
     assert b.last(CommandAck).result == 1
     b.run(1.0)
-    b.send(b.ask.takeoff(2.0))
+    b.send(b.adapter.takeoff(2.0))
     b.run(0.5)
     assert b.bridge.mode == "takeoff"
     assert b.rc[2] > 1500
@@ -135,21 +135,21 @@ def test_take_off_climbs_and_never_in_the_first_second():
 
 
 @pytest.mark.parametrize("component", [100, 154, 191])
-def test_what_is_for_another_component_is_not_ours(component):
+def test_messages_for_another_component_are_ignored(component):
     b = Bench()
     b.send([Command(CommandId.COMPONENT_ARM_DISARM, (1.0, *(0.0,) * 6), 1, component)])
     b.setpoint = RateSetpoint(0.0, np.zeros(3), 0.5, 1, component)
     b.run(1.0)
     assert not b.fc.armed
-    assert not [m for m in b.heard if isinstance(m, CommandAck)]
-    b.send(b.ask.offboard())
+    assert not [m for m in b.messages if isinstance(m, CommandAck)]
+    b.send(b.adapter.offboard())
     b.run(STEP)
     assert "Offboard refused: no setpoints" in b.texts()
-    assert b.asked(CommandId.COMPONENT_ARM_DISARM, 1.0, component=0) == CommandResult.ACCEPTED
+    assert b.command(CommandId.COMPONENT_ARM_DISARM, 1.0, component=0) == CommandResult.ACCEPTED
 
 
 class Stream:
-    """A line that keeps what is sent."""
+    """A line that keeps the bytes sent."""
 
     problem = ""
 
@@ -164,9 +164,9 @@ class Stream:
         pass
 
 
-@pytest.mark.parametrize("sole", [True, False])
-def test_the_last_thing_sent_is_level_sticks(sole):
-    b = Bench(sole)
+@pytest.mark.parametrize("only_receiver", [True, False])
+def test_the_final_frame_has_level_sticks(only_receiver):
+    b = Bench(only_receiver)
     b.fc.override = True
     b.run(0.2)
     b.fly(np.radians([100.0, 50.0, 0.0]), 0.6)

@@ -1,4 +1,4 @@
-"""A pilot and the bridge: who flies, who may arm and disarm, and what is handed over how."""
+"""Hand-over between a pilot and the bridge; arming and disarming by either."""
 
 import math
 
@@ -7,7 +7,7 @@ import pytest
 
 from mavlink_bridge.autopilots.betaflight import MODES, PILOT
 from mavlink_bridge.betaflight.bridge import BetaflightBridge
-from mavlink_bridge.betaflight.controller import interview
+from mavlink_bridge.betaflight.controller import query_controller
 from mavlink_bridge.shared.thrust import ThrustMap
 from mavlink_bridge.wire.messages import (
     CommandId,
@@ -20,8 +20,8 @@ from tests.mavlink_bridge.betaflight.bench import STEP, Bench
 
 
 def flown_by_the_pilot():
-    """In the air at 1.5 m by RC alone; the bridge stands by."""
-    b = Bench(sole=False)
+    """Return a bench whose pilot flies at 1.5 m; the bridge sends no RC frames."""
+    b = Bench(only_receiver=False)
     b.pilot = (True, 1000)
     b.run(1.5)
     b.pilot = (True, 1500)
@@ -30,7 +30,7 @@ def flown_by_the_pilot():
     return b
 
 
-def test_a_vehicle_that_the_pilot_flies_is_taken_over_in_flight():
+def test_the_pilot_hands_over_in_flight():
     b = flown_by_the_pilot()
     assert b.last(LocalPosition).p[2] == pytest.approx(1.5, abs=0.4)
     b.fc.override = True
@@ -38,7 +38,7 @@ def test_a_vehicle_that_the_pilot_flies_is_taken_over_in_flight():
     assert b.bridge.mode == "hold"
     assert b.fc.armed
     assert b.rc[4] > 1700
-    assert b.rc[2] > 1300  # carried
+    assert b.rc[2] > 1300  # thrust that holds the height
     b.fly(thrust=0.6)
     assert b.rc[2] == 1600
     b.fc.override = False
@@ -47,8 +47,8 @@ def test_a_vehicle_that_the_pilot_flies_is_taken_over_in_flight():
     assert b.fc.armed
 
 
-def test_handed_over_armed_on_the_ground_the_motors_idle_until_the_first_throttle():
-    b = Bench(sole=False)
+def test_after_a_hand_over_on_the_ground_the_motors_idle_until_the_first_throttle():
+    b = Bench(only_receiver=False)
     b.pilot = (True, 1000)
     b.run(1.5)
     b.fc.override = True
@@ -59,7 +59,7 @@ def test_handed_over_armed_on_the_ground_the_motors_idle_until_the_first_throttl
     assert b.rc[2] == 1600
 
 
-def test_landed_by_the_pilot_and_still_armed_the_motors_idle_until_the_first_throttle():
+def test_after_a_landing_by_the_pilot_the_motors_idle_until_the_first_throttle():
     b = flown_by_the_pilot()
     for _ in range(round(1.5 / STEP)):
         b.fc.altitude -= 2
@@ -72,7 +72,7 @@ def test_landed_by_the_pilot_and_still_armed_the_motors_idle_until_the_first_thr
     assert (b.rc[2], b.rc[4]) == (1000, 1900)
 
 
-def test_a_pilots_dive_is_no_landing():
+def test_a_dive_by_the_pilot_is_not_a_landing():
     b = flown_by_the_pilot()
     b.climb(6.0)
     b.pilot = (True, 1000)
@@ -82,13 +82,13 @@ def test_a_pilots_dive_is_no_landing():
     assert b.rc[2] > 1300
 
 
-def test_a_bridge_that_starts_anew_in_flight_goes_on():
+def test_a_bridge_restarted_in_flight_keeps_flying():
     b = Bench()
     b.hover()
     anew = Bench()
     anew.fc, anew.bridge = (
         b.fc,
-        BetaflightBridge(1, interview(b.fc.answer), ThrustMap(0.5, 1.75), math.radians(60)),
+        BetaflightBridge(1, query_controller(b.fc.answer), ThrustMap(0.5, 1.75), math.radians(60)),
     )
     anew.run(0.5)
     assert anew.fc.armed
@@ -96,44 +96,44 @@ def test_a_bridge_that_starts_anew_in_flight_goes_on():
 
 
 @pytest.mark.parametrize("mode", ["hold", "takeoff", "offboard", "land"])
-def test_in_flight_it_disarms_by_force_only(mode):
+def test_in_flight_only_a_forced_command_disarms(mode):
     b = Bench()
     if mode == "takeoff":
-        b.send(b.ask.arm())
+        b.send(b.adapter.arm())
         b.run(1.4)
-        b.send(b.ask.takeoff(2.0))
+        b.send(b.adapter.takeoff(2.0))
         b.climb(0.5)
     else:
         b.hover()
         if mode == "offboard":
             b.fly()
         if mode == "land":
-            b.send(b.ask.land())
+            b.send(b.adapter.land())
             b.run(STEP)
     assert b.bridge.mode == mode
-    assert b.asked(CommandId.COMPONENT_ARM_DISARM, 0.0) == CommandResult.DENIED
+    assert b.command(CommandId.COMPONENT_ARM_DISARM, 0.0) == CommandResult.DENIED
     assert b.texts()[-1] == "Disarming denied: in flight"
     assert b.fc.armed
-    assert b.asked(CommandId.COMPONENT_ARM_DISARM, 0.0, 21196.0) == CommandResult.ACCEPTED
+    assert b.command(CommandId.COMPONENT_ARM_DISARM, 0.0, 21196.0) == CommandResult.ACCEPTED
     b.run(STEP)
     assert not b.fc.armed
 
 
-def test_armed_on_the_ground_it_disarms_on_request():
+def test_on_the_ground_a_command_disarms():
     b = Bench()
-    b.send(b.ask.arm())
+    b.send(b.adapter.arm())
     b.run(0.5)
-    assert b.asked(CommandId.COMPONENT_ARM_DISARM, 0.0) == CommandResult.ACCEPTED
+    assert b.command(CommandId.COMPONENT_ARM_DISARM, 0.0) == CommandResult.ACCEPTED
     b.run(STEP)
     assert not b.fc.armed
 
 
-def test_while_the_pilot_flies_nothing_is_taken_and_nothing_kept_for_later():
+def test_commands_are_refused_while_the_pilot_flies_and_have_no_later_effect():
     b = flown_by_the_pilot()
     rejected = CommandResult.TEMPORARILY_REJECTED
-    assert b.asked(CommandId.NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 2.0) == rejected
-    assert b.asked(CommandId.NAV_LAND) == rejected
-    assert b.asked(CommandId.COMPONENT_ARM_DISARM, 0.0, 21196.0) == rejected
+    assert b.command(CommandId.NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 2.0) == rejected
+    assert b.command(CommandId.NAV_LAND) == rejected
+    assert b.command(CommandId.COMPONENT_ARM_DISARM, 0.0, 21196.0) == rejected
     assert b.rc is None
     assert b.last(Heartbeat).custom_mode == PILOT
     b.fc.override = True
@@ -141,14 +141,16 @@ def test_while_the_pilot_flies_nothing_is_taken_and_nothing_kept_for_later():
     assert b.fc.armed
 
 
-def test_released_to_the_pilot_only_his_switch_hands_over_again():
+def test_after_a_release_only_the_pilots_switch_hands_over_again():
     b = flown_by_the_pilot()
     b.fc.override = True
     b.run(0.2)
     b.fly()
     b.setpoint = None
     b.run(1.0)
-    assert b.asked(CommandId.DO_SET_MODE, 1.0, MODES["hold"]) == CommandResult.TEMPORARILY_REJECTED
+    assert (
+        b.command(CommandId.DO_SET_MODE, 1.0, MODES["hold"]) == CommandResult.TEMPORARILY_REJECTED
+    )
     assert b.rc is None
     assert b.fc.armed
     b.fc.override = False
@@ -159,8 +161,8 @@ def test_released_to_the_pilot_only_his_switch_hands_over_again():
     assert b.fc.armed
 
 
-def test_watchdog_is_silent_after_300_ms_so_that_the_pilot_has_it():
-    b = Bench(sole=False)
+def test_watchdog_ends_the_rc_frames_after_300_ms_so_that_the_pilot_has_control():
+    b = Bench(only_receiver=False)
     assert b.rc is None  # the pilot flies
     b.fc.override = True
     b.run(0.2)
@@ -170,24 +172,24 @@ def test_watchdog_is_silent_after_300_ms_so_that_the_pilot_has_it():
     assert b.rc_at - stopped <= 0.3
     assert b.rc is None
     assert b.last(Heartbeat).custom_mode == PILOT
-    # Setpoints that come back take nothing: only the pilot's switch gives control again.
+    # New setpoints take no control: only the pilot's switch hands over again.
     b.setpoint = RateSetpoint(0.0, np.zeros(3), 0.5, 1)
     b.run(0.5)
     assert b.rc is None
 
 
-def test_the_pilots_switch_wins_at_once():
-    b = Bench(sole=False)
+def test_the_pilots_switch_takes_back_at_once():
+    b = Bench(only_receiver=False)
     b.fc.override = True
     b.run(0.2)
     b.fly()
     b.fc.override = False
     b.run(2 * STEP)
     assert b.rc is None
-    b.send(b.ask.offboard())
+    b.send(b.adapter.offboard())
     b.run(0.1)
     assert b.bridge.mode == "pilot"
 
 
-def test_a_bridge_that_ends_says_nothing_into_the_pilots_flight():
-    assert flown_by_the_pilot().bridge.parting() == b""
+def test_a_bridge_that_ends_sends_no_frame_while_the_pilot_flies():
+    assert flown_by_the_pilot().bridge.final_frame() == b""

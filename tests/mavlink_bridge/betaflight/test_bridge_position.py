@@ -1,4 +1,4 @@
-"""Where the bridge believes its vehicle to be, and how it flies where it does not know."""
+"""Position estimate of the bridge, and flight without one."""
 
 import math
 import struct
@@ -12,7 +12,7 @@ from tests.mavlink_bridge.betaflight.bench import STEP, Bench
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, 1e38])
-def test_a_fix_whose_velocity_is_none_is_refused(bad):
+def test_a_fix_with_an_impossible_velocity_is_refused(bad):
     b = Bench()
     b.hover()
     for k in range(50):
@@ -24,21 +24,21 @@ def test_a_fix_whose_velocity_is_none_is_refused(bad):
     assert b.rc[4] > 1700
 
 
-def test_a_fix_without_velocity_does_not_stand_still():
-    """It moves east at 2 m/s, and the receiver tells places only."""
+def test_the_velocity_follows_from_fixes_without_velocity():
+    """The vehicle moves east at 2 m/s, and the receiver reports positions only."""
     b = Bench()
     b.fc.gps = False
     b.run(0.5)
     east = 2.0 / (math.radians(1.0) * 6371008.8 * math.cos(math.radians(47.4)))
     for k in range(40):
-        told = GpsInput(0.0, 3, 47.4, 8.5 + 0.1 * k * east, 488.0, None)
-        b.send([r.message for r in Codec(1, 1).decode(Codec(1, 220).encode([told]))])
+        fix = GpsInput(0.0, 3, 47.4, 8.5 + 0.1 * k * east, 488.0, None)
+        b.send([r.message for r in Codec(1, 1).decode(Codec(1, 220).encode([fix]))])
         b.run(0.1)
     assert b.last(LocalPosition).v[0] == pytest.approx(2.0, abs=0.3)
 
 
 def drifting():
-    """Taken off, in hold, told to drift east: the sticks lean against it."""
+    """Return a bench in hold with a GPS that reports a drift to the east; the sticks oppose it."""
     b = Bench()
     b.hover()
     b.fc.gps = False
@@ -49,24 +49,24 @@ def drifting():
     return b
 
 
-def test_without_a_fix_no_position_is_told_and_it_levels_and_lands_all_the_same():
+def test_without_a_fix_the_bridge_sends_no_position_levels_and_still_lands():
     b = drifting()
     b.run(1.1)
-    b.heard.clear()
+    b.messages.clear()
     b.run(5.0)
-    assert not [m for m in b.heard if isinstance(m, LocalPosition)]
-    assert len([m for m in b.heard if isinstance(m, Attitude)]) >= 250
+    assert not [m for m in b.messages if isinstance(m, LocalPosition)]
+    assert len([m for m in b.messages if isinstance(m, Attitude)]) >= 250
     assert b.rc[:2] == (1500, 1500)
-    assert b.rc[2] > 1300  # its height is still seen to
-    b.send(b.ask.land())
-    b.run(3.0)  # nothing gives way, so it has landed
+    assert b.rc[2] > 1300  # the height is still controlled
+    b.send(b.adapter.land())
+    b.run(3.0)  # the height does not change, so it counts as landed
     assert not b.fc.armed
-    b.send(b.ask.arm())
+    b.send(b.adapter.arm())
     b.run(0.5)
     assert "Arming denied: no position" in b.texts()
 
 
-def test_a_controller_that_answers_no_more_is_flown_level():
+def test_a_controller_that_stops_answering_gets_level_sticks():
     b = drifting()
     for _ in range(round(2.0 / STEP)):
         b.t += STEP

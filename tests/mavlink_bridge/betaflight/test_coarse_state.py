@@ -1,4 +1,4 @@
-"""A smooth state from stepped angles, a slow GPS and a barometer, against a known motion."""
+"""State from stepped angles, a slow GPS and a barometer, against a known motion."""
 
 import math
 
@@ -14,7 +14,7 @@ EARTH = 6371008.8
 
 
 def motion(t):
-    """A weave of 1.5 m/s: position, velocity, acceleration, roll with its rate."""
+    """Return position, velocity, acceleration, roll and roll rate of a weave at 1.5 m/s."""
     p = np.array([1.5 * t, 0.8 * math.sin(1.5 * t), 0.3 * math.sin(t)])
     v = np.array([1.5, 1.2 * math.cos(1.5 * t), 0.3 * math.cos(t)])
     a = np.array([0.0, -1.8 * math.sin(1.5 * t), -0.3 * math.sin(t)])
@@ -27,7 +27,7 @@ def step(value, size):
 
 
 def errors(gyro, seed=1):
-    """RMS errors of position, velocity, roll [deg] and roll rate over the last eight seconds."""
+    """Return RMS errors of position, velocity, roll [deg], roll rate over the last 8 s."""
     state, rng = CoarseState(), np.random.default_rng(seed)
     state.advance(0.0)
     state.angles(0.0, 0.0, 0.0)
@@ -55,22 +55,28 @@ def errors(gyro, seed=1):
             lon = 8.0 + math.degrees(q[0] / EARTH / math.cos(math.radians(47.0)))
             state.gps(lat, lon, w[:2] + 0.03 * rng.standard_normal(2))
         now = state.at(t)
-        believed = euler_from_quaternion(now.q_wb)[0]
+        estimated = euler_from_quaternion(now.q_wb)[0]
         if t > 2.0:
-            squares.append([np.sum((now.p - p) ** 2), np.sum((now.v - v) ** 2),
-                            math.degrees(believed - roll) ** 2,
-                            (now.omega[0] - rate) ** 2])  # fmt: skip
+            tilt = math.degrees(estimated - roll) ** 2
+            squares.append(
+                [
+                    np.sum((now.p - p) ** 2),
+                    np.sum((now.v - v) ** 2),
+                    tilt,
+                    (now.omega[0] - rate) ** 2,
+                ]
+            )
     return np.sqrt(np.mean(squares, axis=0))
 
 
-def test_with_a_gyro_it_follows_a_weave():
+def test_with_a_gyro_the_state_follows_a_weave():
     position, velocity, roll, _ = errors(gyro=True)
     assert position < 0.12
     assert velocity < 0.15
     assert roll < 0.15
 
 
-def test_without_a_gyro_the_rates_come_from_the_angles():
+def test_without_a_gyro_the_rates_follow_from_the_angles():
     position, velocity, roll, rate = errors(gyro=False)
     assert position < 0.2
     assert velocity < 0.3
@@ -78,7 +84,7 @@ def test_without_a_gyro_the_rates_come_from_the_angles():
     assert rate < 0.15
 
 
-def test_nothing_is_told_before_everything_has_spoken():
+def test_no_state_before_attitude_fix_and_height():
     state = CoarseState()
     state.advance(0.0)
     state.angles(0.0, 0.0, 0.0)
@@ -89,7 +95,7 @@ def test_nothing_is_told_before_everything_has_spoken():
     assert state.at(0.1).p == pytest.approx(np.zeros(3), abs=1e-6)
 
 
-def test_a_heading_that_stands_on_a_step_does_not_wander():
+def test_a_heading_on_a_step_does_not_drift():
     state = CoarseState()
     state.height(0.0, resting=True)
     for k in range(300):
@@ -101,7 +107,7 @@ def test_a_heading_that_stands_on_a_step_does_not_wander():
     assert math.degrees(yaw) == pytest.approx(90.0, abs=0.7)
 
 
-def test_a_height_that_is_zeroed_in_flight_moves_nothing():
+def test_a_barometer_zeroed_in_flight_does_not_move_the_state():
     state = CoarseState()
     state.advance(0.0)
     state.angles(0.0, 0.0, 0.0)
@@ -109,14 +115,14 @@ def test_a_height_that_is_zeroed_in_flight_moves_nothing():
     state.height(4.9, resting=True)
     for k in range(1, 200):
         state.advance(k / RATE)
-        state.fixed()
+        state.confirm_fix()
         state.height(max(4.9 - 0.3 * k, 0.0), resting=False)  # through the controller's filter
     now = state.at(200 / RATE)
     assert abs(now.v[2]) < 0.3
     assert abs(now.p[2]) < 1.0
 
 
-def test_without_fix_or_telemetry_nothing_is_told_and_a_new_fix_is_believed_at_once():
+def test_no_state_without_fix_or_telemetry_and_a_new_fix_sets_it_at_once():
     state = CoarseState(silent=0.5, unfixed=1.0)
     for k in range(240):  # s of 60, moving east; the fix ends after one
         state.advance(k / RATE)
@@ -125,10 +131,10 @@ def test_without_fix_or_telemetry_nothing_is_told_and_a_new_fix_is_believed_at_o
         if k <= 60:
             state.gps(47.0, 8.0, np.array([1.0, 0.0]))
         assert (state.at(k / RATE) is None) == (k > 120)
-        assert state.at(k / RATE, placed=False) is not None
+        assert state.at(k / RATE, need_fix=False) is not None
     state.gps(47.0 + math.degrees(5.0 / EARTH), 8.0, np.array([0.0, 2.0]))
     now = state.at(4.0)
     assert now.p == pytest.approx([0.0, 5.0, 0.0], abs=0.1)
     assert now.v == pytest.approx([0.0, 2.0, 0.0], abs=0.01)
     assert state.at(4.4) is not None
-    assert state.at(4.6, placed=False) is None
+    assert state.at(4.6, need_fix=False) is None

@@ -1,4 +1,4 @@
-"""MSP frames, what they mean, and the rate profile with its inverse."""
+"""MSP frames, their contents, and the rate profile with its inverse."""
 
 import math
 import struct
@@ -45,12 +45,12 @@ def test_a_flipped_bit_is_refused():
     assert MspDecoder().decode(bytes(frame)) == []
 
 
-def test_a_refused_request_says_so():
+def test_a_refused_request_is_marked():
     frame = b"$M!" + msp.encode(201)[3:]
     assert MspDecoder().decode(frame) == [Reply(201, b"", refused=True)]
 
 
-def test_several_answers_in_one():
+def test_several_answers_in_one_frame():
     fake = FakeController()
     fake.attitude, fake.reasons = (100, -50, 270), 1 << 7 | 1 << 28
     commands = [Msp.ATTITUDE, Msp.STATUS_EX, Msp.ANALOG]
@@ -76,16 +76,19 @@ def test_linear_actual_rates_are_exact():
 
 
 @given(
-    st.sampled_from([0, 3]), st.integers(5, 200), st.integers(0, 90), st.integers(0, 100),
+    st.sampled_from([0, 3]),
+    st.integers(5, 200),
+    st.integers(0, 90),
+    st.integers(0, 100),
     st.floats(-1.0, 1.0),
-)  # fmt: skip
-def test_the_inverse_gives_the_rate_back(kind, rc_rate, rate, expo, stick):
+)
+def test_the_stick_for_a_rate_gives_that_rate(kind, rc_rate, rate, expo, stick):
     axis = AxisRates(kind, rc_rate, rate, expo, 1998.0)
     wanted = axis.rate_of(stick)
     assert axis.rate_of(axis.stick_for(wanted)) == pytest.approx(wanted, abs=2e-4, rel=1e-4)
 
 
-def test_unknown_rates_are_refused_with_the_choice():
+def test_unknown_rates_are_refused_with_the_valid_choices():
     fake = FakeController()
     fake.rates = (40, 0, 40, 40, 40, 2)
     with pytest.raises(MspError, match=r"rates_type KISS .* ACTUAL or BETAFLIGHT"):

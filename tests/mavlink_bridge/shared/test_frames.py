@@ -1,4 +1,4 @@
-"""Frame laws: round trips, and what a known attitude means on the wire."""
+"""Frames and quaternions: round trips and known values."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from mavlink_bridge.shared import frames
-from mavlink_bridge.shared.thrust import G, HoverThrustEstimator, ThrustMap
 
 coordinate = st.floats(-1e3, 1e3)
 unit_quaternion = (
@@ -41,7 +40,7 @@ def test_level_and_facing_north_is_the_identity_in_ned():
 
 
 @given(unit_quaternion, unit_quaternion)
-def test_product_of_quaternions_is_product_of_rotations(a, b):
+def test_the_product_of_quaternions_is_the_product_of_rotations(a, b):
     r = frames.rotation_matrix(frames.multiply(a, b))
     assert np.allclose(r, frames.rotation_matrix(a) @ frames.rotation_matrix(b))
     assert np.allclose(frames.multiply(a, frames.conjugate(a)), [1, 0, 0, 0])
@@ -53,27 +52,10 @@ def test_euler_round_trip(roll, pitch, yaw):
     assert np.allclose(frames.euler_from_quaternion(q), (roll, pitch, yaw), atol=1e-6)
 
 
-@given(st.floats(0.5, 15), st.floats(0.2, 0.6), st.floats(1, 2))
-def test_thrust_round_trip(c, hover, exponent):
-    thrust_map = ThrustMap(hover, exponent)
-    thrust = thrust_map.to_thrust(c)
-    assert 0 <= thrust <= 1
-    if thrust < 1:
-        assert thrust_map.to_acceleration(thrust) == pytest.approx(c)
-    assert thrust_map.to_thrust(G) == pytest.approx(hover)
-
-
-@pytest.mark.parametrize("hover", [0.0, 1.0, -0.2, float("nan")])
-def test_impossible_hover_thrust_is_refused(hover):
-    with pytest.raises(ValueError, match="hover_thrust"):
-        ThrustMap(hover)
-
-
-def test_hover_thrust_is_found_in_flight():
-    rng = np.random.default_rng(0)
-    truth, estimator = ThrustMap(0.31), HoverThrustEstimator(ThrustMap(0.5))
-    for _ in range(300):
-        thrust = 0.31 + 0.05 * rng.standard_normal()
-        measured = truth.to_acceleration(thrust) + 0.3 * rng.standard_normal()
-        estimator = estimator.update(thrust, measured, 0.1)
-    assert estimator.map.hover_thrust == pytest.approx(0.31, abs=0.01)
+@given(unit_quaternion, hnp.arrays(float, 3, elements=st.floats(-1.5, 1.5)))
+def test_a_rotation_vector_is_found_again(q, rotation):
+    turned = frames.rotate(q, rotation)
+    relative = frames.multiply(frames.conjugate(q), turned)
+    assert np.allclose(frames.rotation_vector(relative), rotation, atol=1e-8)
+    assert np.allclose(frames.rotation_vector(-relative), rotation, atol=1e-8)
+    assert np.allclose(frames.integrate(q, rotation, 1.0), turned, atol=1e-12)

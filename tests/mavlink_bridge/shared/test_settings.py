@@ -1,4 +1,4 @@
-"""Strict YAML: each mistake is named with its place."""
+"""Strict YAML: each mistake is reported with its place."""
 
 import pytest
 from hypothesis import given
@@ -39,14 +39,10 @@ class Outer(StrictModel):
         ("name: a\nsizes: [1, x]\n", "f:2:12", "sizes.1"),
         ("- 1\n", "f:1:1", "key: value"),
         ("name: [a\n", "f:2:1", "not YAML"),
-        (
-            "name: 5\n",
-            "f:1:1",
-            "name: must be text, in quotes",
-        ),
+        ("name: 5\n", "f:1:1", "name: must be text, in quotes"),
     ],
 )
-def test_mistakes_are_named_with_their_place(text, where, what):
+def test_a_mistake_is_reported_with_its_place(text, where, what):
     with pytest.raises(SettingsError) as caught:
         validate(Outer, parse_yaml(text, "f"), "f")
     assert len(caught.value.problems) == 1
@@ -54,13 +50,13 @@ def test_mistakes_are_named_with_their_place(text, where, what):
     assert what in caught.value.problems[0]
 
 
-def test_all_mistakes_come_at_once():
+def test_all_mistakes_are_reported_at_once():
     with pytest.raises(SettingsError) as caught:
         validate(Outer, parse_yaml("nam: a\ninner: {on: 1, rate_hz: x}\n", "f"), "f")
     assert len(caught.value.problems) == 4
 
 
-def test_layers_and_assignments():
+def test_later_layers_override_earlier_ones():
     base = parse_yaml("name: a\ninner: {rate_hz: 5, on: false}\nsizes: [1, 2]\n", "base")
     top = parse_yaml("inner: {rate_hz: 7}\n", "top")
     merged = merge([base, top, assignments(["sizes=[3]"])])
@@ -74,7 +70,7 @@ def test_layers_and_assignments():
 
 
 @pytest.mark.parametrize("value", ["{rate_hz: 1, rate_hz: 2}", "{on: true,\n on: true}"])
-def test_a_key_that_stands_twice_in_an_assignment_is_told(value):
+def test_a_duplicate_key_in_an_assignment_is_reported(value):
     with pytest.raises(SettingsError) as caught:
         validate(Outer, merge([parse_yaml("name: a\n", "f"), assignments([f"inner={value}"])]), "f")
     assert len(caught.value.problems) == 1
@@ -93,13 +89,13 @@ def test_no_value_is_null(text):
     assert parse_yaml("a: ''\n", "f").data["a"] == ""
 
 
-def test_data_without_places_is_explained_too():
+def test_mistakes_in_data_without_places_are_reported():
     with pytest.raises(SettingsError, match=r"^f: inner\.rate: unknown key; did you mean"):
         validate(Outer, Document({"name": "a", "inner": {"rate": 1}}), "f")
 
 
 @given(st.text(st.sampled_from("abN:-[]{}!&*?|>#%@,'\"\\ \t\n0.1e+~_"), max_size=60))
-def test_any_text_is_a_document_or_errors_with_their_place(text):
+def test_any_text_gives_a_document_or_errors_with_their_place(text):
     problems = []
     try:
         problems += parse_yaml(text, "f").problems

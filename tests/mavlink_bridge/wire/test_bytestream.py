@@ -1,4 +1,4 @@
-"""TCP and serial lines: partial reads at 921600 baud, loss, return, one clear line each."""
+"""TCP and serial lines: partial reads at 921600 baud, loss and reconnection, clear errors."""
 
 import contextlib
 import os
@@ -24,7 +24,7 @@ FRAME = 44  # bytes, an attitude
 
 @pytest.fixture
 def line(tmp_path):
-    """A pty pair with a stable name, as udev gives a flight controller one; (master, name)."""
+    """A pty pair with a stable name, as udev gives to a flight controller: master, name, slave."""
     master, slave = pty.openpty()
     tty.setraw(slave)
     name = tmp_path / "ttyFC"
@@ -37,7 +37,7 @@ def line(tmp_path):
 
 @contextlib.contextmanager
 def in_time(seconds):
-    """Fail where what is done inside blocks."""
+    """Fail where the code inside blocks."""
 
     def late(number, frame):
         raise AssertionError(f"still blocked after {seconds} s")
@@ -51,8 +51,8 @@ def in_time(seconds):
         signal.signal(signal.SIGALRM, before)
 
 
-def heard(link, count, seconds=10.0):
-    """Messages until there are `count`."""
+def receive(link, count, seconds=10.0):
+    """Return messages as soon as there are `count`."""
     out, end = [], time.monotonic() + seconds
     while len(out) < count and time.monotonic() < end:
         link.wait(0.1)
@@ -60,7 +60,7 @@ def heard(link, count, seconds=10.0):
     return out
 
 
-def test_serial_gives_every_message_of_a_second_of_telemetry_in_crumbs(line):
+def test_serial_receives_every_message_in_any_chunking(line):
     master, name, _ = line
     link = Link(open_endpoint(f"serial:{name}:{BAUD}"), Codec(1, 191))
     sender = Codec(1, 1)
@@ -76,7 +76,7 @@ def test_serial_gives_every_message_of_a_second_of_telemetry_in_crumbs(line):
 
     writer = threading.Thread(target=trickle)
     writer.start()
-    got = heard(link, len(sent))
+    got = receive(link, len(sent))
     writer.join()
     assert [r.message.time for r in got] == [a.time for a in sent]
     assert link.codec.statistics.bad_bytes == 0
@@ -92,8 +92,8 @@ def test_serial_sends(line):
     link.close()
 
 
-def test_a_serial_line_has_one_reader(line):
-    """Two would have half of the telemetry each."""
+def test_a_serial_line_is_opened_once(line):
+    """Two readers would have half of the telemetry each."""
     _, name, _ = line
     first = open_endpoint(f"serial:{name}:{BAUD}")
     with pytest.raises(EndpointError, match="lock"):
@@ -101,7 +101,7 @@ def test_a_serial_line_has_one_reader(line):
     first.close()
 
 
-def test_a_serial_line_that_nobody_reads_refuses_and_blocks_nobody(line, monkeypatch):
+def test_a_serial_line_that_is_not_read_refuses_messages_and_does_not_block(line, monkeypatch):
     monkeypatch.setattr("mavlink_bridge.wire.bytestream._STALE", 60.0)  # as if it were at once
     master, name, _ = line
     link = Link(open_endpoint(f"serial:{name}:{BAUD}"), Codec(1, 191))
@@ -113,7 +113,7 @@ def test_a_serial_line_that_nobody_reads_refuses_and_blocks_nobody(line, monkeyp
     assert taken[0]
     assert not taken[-1]
     assert link.problem == ""
-    # What was taken arrives whole, once somebody reads.
+    # Accepted messages arrive whole once the other end reads.
     reader, count = Codec(1, 1), 0
     with in_time(5.0):
         while count < sum(taken):
@@ -123,45 +123,47 @@ def test_a_serial_line_that_nobody_reads_refuses_and_blocks_nobody(line, monkeyp
     link.close()
 
 
-def said(link, at, size=FRAME):
-    """Whether the line takes a packet of `size` bytes: attitudes of this time [s], and zeros."""
+def accepts(link, at, size=FRAME):
+    """Return whether the line accepts `size` bytes: attitudes of this time [s], and zeros."""
     level = Attitude(at, np.array([1.0, 0, 0, 0]), np.zeros(3))
     return link.endpoint.send(link.codec.encode([level] * (size // FRAME)).ljust(size, b"\0"))
 
 
 def stall(link, size):
-    """Fill the line until it takes no more; the number of packets that it took."""
+    """Fill the line until it accepts no more; return the number of accepted packets."""
     taken, moved = 0, time.monotonic()
     while time.monotonic() - moved < 0.4:
-        while said(link, 0.0, size):
+        while accepts(link, 0.0, size):
             taken, moved = taken + 1, time.monotonic()
         time.sleep(0.02)
     return taken
 
 
 def times(reader, data):
-    """Of the attitudes that `data` completes."""
+    """Return the times of the attitudes that `data` completes."""
     return [r.message.time for r in reader.decode(data)]
 
 
-@pytest.mark.parametrize("size", [FRAME, 64])  # cut by what a pty takes, or not
+@pytest.mark.parametrize(
+    "size", [FRAME, 64]
+)  # with a packet cut by the buffer of the pty, and without
 def test_a_serial_line_that_was_stuck_delivers_nothing_old(line, size):
     master, name, _ = line
     link, reader = Link(open_endpoint(f"serial:{name}:{BAUD}"), Codec(1, 191)), Codec(1, 1)
     with in_time(20.0):
         stall(link, size)
-        assert not said(link, 1.0)
-        beyond_reach = os.read(master, 65536)  # the reading side of a pty has it already
+        assert not accepts(link, 1.0)
+        beyond_reach = os.read(master, 65536)  # already on the reading side of the pty
         found = times(reader, beyond_reach)
-        while not said(link, 2.0):
+        while not accepts(link, 2.0):
             time.sleep(0.01)
         for at in (3.0, 4.0):
-            assert said(link, at)
+            assert accepts(link, at)
         while 4.0 not in found:
             found += times(reader, os.read(master, 65536))
     old = found.count(0.0)
     assert found == [0.0] * old + [2.0, 3.0, 4.0]
-    # As much again has come over before the next message said that somebody reads.
+    # As much again is sent before the next message shows that the other end reads.
     assert old <= 2 * len(beyond_reach) / size + 1
     link.close()
 
@@ -169,31 +171,31 @@ def test_a_serial_line_that_was_stuck_delivers_nothing_old(line, size):
 def test_a_tcp_line_that_was_stuck_drops_whole_packets():
     with socket.create_server(("127.0.0.1", 0)) as server:
         link = Link(open_endpoint(f"tcp:127.0.0.1:{server.getsockname()[1]}"), Codec(1, 191))
-        assert heard(link, 1, 0.05) == []
+        assert receive(link, 1, 0.05) == []
         peer, _ = server.accept()
     reader, found, at = Codec(1, 1), [], 2.0
     with peer, in_time(20.0):
-        assert heard(link, 1, 0.05) == []
+        assert receive(link, 1, 0.05) == []
         with socket.socket(fileno=os.dup(link.endpoint.fileno())) as ours:
             ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 8192)  # soon full
         taken = stall(link, 30 * FRAME)
-        assert not said(link, 1.0)
+        assert not accepts(link, 1.0)
         while not found or found[-1] < 2.0:
-            said(link, at)
+            accepts(link, at)
             at += 1.0
             while select.select([peer], [], [], 0.02)[0]:
                 found += times(reader, peer.recv(65536))
     old = found.count(0.0)
     assert found[:old] == [0.0] * old
     assert 1.0 not in found
-    assert old % 30 == 0  # of what was cut, the rest came
-    assert old < 30 * (taken - 2)  # what waited did not
+    assert old % 30 == 0  # a cut packet is completed
+    assert old < 30 * (taken - 2)  # queued packets are dropped
     assert reader.statistics.bad_bytes == 0
     link.close()
 
 
 @pytest.mark.row("25")
-def test_an_unplugged_serial_line_says_so_once_and_comes_back(line, tmp_path):
+def test_an_unplugged_serial_line_is_reported_and_comes_back(line, tmp_path):
     master, name, slave = line
     link = Link(open_endpoint(f"serial:{name}:{BAUD}"), Codec(1, 191))
     assert link.problem == ""
@@ -205,7 +207,7 @@ def test_an_unplugged_serial_line_says_so_once_and_comes_back(line, tmp_path):
         assert link.receive() == []
     assert str(name) in link.problem
     assert "\n" not in link.problem
-    link.send([HEARTBEAT])  # into the void, without an error
+    link.send([HEARTBEAT])  # lost without an error
 
     master, slave = pty.openpty()
     tty.setraw(slave)
@@ -217,7 +219,7 @@ def test_an_unplugged_serial_line_says_so_once_and_comes_back(line, tmp_path):
         link.receive()
     assert time.monotonic() - unplugged < 2.0
     os.write(master, Codec(1, 1).encode([HEARTBEAT]))
-    assert [r.message for r in heard(link, 1)] == [HEARTBEAT]
+    assert [r.message for r in receive(link, 1)] == [HEARTBEAT]
     assert link.endpoint.reconnects == 1
     link.close()
     os.close(master)
@@ -225,32 +227,32 @@ def test_an_unplugged_serial_line_says_so_once_and_comes_back(line, tmp_path):
 
 
 @pytest.mark.row("25")
-def test_tcp_waits_for_its_listener_and_comes_back_to_it():
+def test_tcp_waits_for_its_listener_and_reconnects():
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
     link = Link(open_endpoint(f"tcp:127.0.0.1:{port}"), Codec(1, 191))
-    assert heard(link, 1, 0.05) == []
+    assert receive(link, 1, 0.05) == []
     for _ in range(2):
         with socket.create_server(("127.0.0.1", port)) as server:
             server.settimeout(5.0)
-            reader = threading.Thread(target=heard, args=(link, 1, 2.0))
+            reader = threading.Thread(target=receive, args=(link, 1, 2.0))
             reader.start()
             peer, _ = server.accept()
             with peer:
                 peer.sendall(Codec(1, 1).encode([HEARTBEAT]))
                 reader.join()
                 assert link.problem == ""
-        heard(link, 1, 0.05)
+        receive(link, 1, 0.05)
         assert str(port) in link.problem
     link.close()
 
 
-def test_age_of_a_stream_belongs_to_its_sender(line):
+def test_the_age_of_a_stream_is_kept_per_sender(line):
     master, name, _ = line
     link = Link(open_endpoint(f"serial:{name}:{BAUD}"), Codec(1, 191))
     assert link.age(Heartbeat, 1) == float("inf")
     os.write(master, Codec(1, 1).encode([HEARTBEAT]))
-    heard(link, 1)
+    receive(link, 1)
     assert link.age(Heartbeat, 1) < 5.0
     assert link.age(Heartbeat, 2) == float("inf")
     assert link.age(Attitude, 1) == float("inf")
@@ -270,22 +272,22 @@ def test_age_of_a_stream_belongs_to_its_sender(line):
         ("udpin:a..b:14550", "is none of: udpin:"),
     ],
 )
-def test_a_bad_endpoint_is_one_clear_line(name, words):
+def test_a_bad_endpoint_is_refused_with_one_line(name, words):
     with pytest.raises(EndpointError) as error:
         open_endpoint(name)
     assert words in str(error.value)
     assert "\n" not in str(error.value)
 
 
-def test_two_vehicles_with_one_system_id_are_one_clear_line():
+def test_two_vehicles_with_one_system_id_are_reported_in_one_line():
     link = Link(UdpEndpoint(local=("127.0.0.1", 0)), Codec(1, 191))
-    vehicles = [Link(UdpEndpoint(remote=("127.0.0.1", link.endpoint.port)), Codec(7, 1))
-                for _ in range(2)]  # fmt: skip
+    address = ("127.0.0.1", link.endpoint.port)
+    vehicles = [Link(UdpEndpoint(remote=address), Codec(7, 1)) for _ in range(2)]
     vehicles[0].send([HEARTBEAT])
-    heard(link, 1)
+    receive(link, 1)
     assert link.problem == ""
     vehicles[1].send([HEARTBEAT])
-    heard(link, 1)
+    receive(link, 1)
     ports = sorted(f"127.0.0.1:{v.endpoint.port}" for v in vehicles)
     assert link.problem == f"two vehicles with system id 7: {' and '.join(ports)}"
     for each in (link, *vehicles):

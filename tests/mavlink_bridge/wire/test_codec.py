@@ -1,4 +1,4 @@
-"""Codec laws: round trips, any chunking, any garbage."""
+"""Codec: round trips, any chunking, any garbage."""
 
 import math
 
@@ -18,8 +18,13 @@ EXAMPLES = [
     m.Heartbeat(12, 2, True, 0x00060000, 4, 0x81),
     m.Attitude(2.0, np.array([0.5, 0.5, -0.5, 0.5]), np.array([0.1, 0.2, 0.3])),
     m.LocalPosition(2.0, np.array([1.0, 2.0, 3.0]), np.array([0.5, -0.5, 0.25])),
-    m.Odometry(2.0, np.array([1.0, 2.0, 3.0]), np.array([0.5, -0.5, 0.25]),
-               np.array([0.5, 0.5, -0.5, 0.5]), np.array([0.1, 0.2, 0.3])),
+    m.Odometry(
+        2.0,
+        np.array([1.0, 2.0, 3.0]),
+        np.array([0.5, -0.5, 0.25]),
+        np.array([0.5, 0.5, -0.5, 0.5]),
+        np.array([0.1, 0.2, 0.3]),
+    ),
     m.GlobalPosition(2.0, 47.1, 8.2, 500.0, 2.0, np.array([1.0, 0.5, 0.25]), math.radians(90)),
     m.Command(400, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 1, 1),
     m.CommandAck(400, 0, 1, 191),
@@ -51,11 +56,11 @@ EXAMPLES = [
     m.GpsInput(2.0, 3, 47.1, 8.2, 500.0, np.array([1.0, 0.5]), 9),
     m.GpsInput(2.0, 3, 47.1, 8.2, 500.0, None, 9),
     m.EulerAttitude(2.0, np.array([0.8, 0.2, -0.4, 0.4]), np.array([0.1, 0.2, 0.3])),
-]  # fmt: skip
+]
 
 
 def same(a, b):
-    """Equal field by field; floats and arrays within float32."""
+    """Return whether all fields are equal; floats and arrays within float32."""
     if type(a) is not type(b):
         return False
     for name in a.__dataclass_fields__:
@@ -68,7 +73,7 @@ def same(a, b):
     return True
 
 
-def test_every_message_survives_the_wire():
+def test_every_message_is_the_same_after_a_round_trip():
     for example in EXAMPLES:
         out = Codec(1, 1).decode(Codec(7, 191).encode([example]))
         assert len(out) == 1
@@ -92,11 +97,11 @@ def test_any_chunking_gives_the_same_messages(cuts):
 
 
 @given(st.binary(max_size=400), st.binary(max_size=400))
-def test_garbage_never_raises_and_never_eats_good_frames(before, after):
+def test_garbage_raises_no_error_and_hides_no_good_frame(before, after):
     good = Codec(7, 191).encode([EXAMPLES[2]] * 12)
     codec = Codec(1, 1)
     got = codec.decode(before) + codec.decode(good) + codec.decode(after)
-    # An unfinished false start may hold the first frames back until it is proven false.
+    # An incomplete false start may hold the first frames back.
     assert sum(isinstance(r.message, m.Attitude) for r in got) >= 5
     assert len(codec._buffer) <= 600
 
@@ -110,20 +115,20 @@ def test_a_flipped_bit_is_refused(data):
     assert not [r for r in codec.decode(bytes(frame)) if isinstance(r.message, m.LocalPosition)]
 
 
-def test_odometry_says_its_velocity_along_the_body_or_the_world():
+def test_odometry_has_its_velocity_along_the_body_or_the_world():
     north = np.array([math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)])  # nose north
-    told = m.Odometry(2.0, np.array([1.0, 2.0, 3.0]), np.array([0.0, 1.5, 0.5]), north, np.zeros(3))
-    wire = TO_WIRE[m.Odometry](told)
+    sent = m.Odometry(2.0, np.array([1.0, 2.0, 3.0]), np.array([0.0, 1.5, 0.5]), north, np.zeros(3))
+    wire = TO_WIRE[m.Odometry](sent)
     assert (wire.vx, wire.vy, wire.vz) == pytest.approx((1.5, 0.0, -0.5), abs=1e-6)
     wire.child_frame_id = 1  # MAV_FRAME_LOCAL_NED
     np.testing.assert_allclose(FROM_WIRE[331](wire).v, [0.0, 1.5, 0.5], atol=1e-6)
-    wire.frame_id = 20  # MAV_FRAME_LOCAL_FRD: where is north?
+    wire.frame_id = 20  # MAV_FRAME_LOCAL_FRD does not point north
     assert np.isnan(FROM_WIRE[331](wire).p).all()
 
 
 @pytest.mark.parametrize("off", [0.0, 3e-5, -3e-5])
 def test_a_course_is_less_than_a_full_turn(off):
-    """Just west of north it was rounded to 36000, which is none."""
+    """A course just west of north must not round to 36000, which MAVLink does not have."""
     north = np.array([-math.sin(off), math.cos(off), 0.0])
     for message in (
         m.GpsRaw(1.0, 3, 47.1, 8.2, 500.0, 9, 1.0, math.pi / 2 + off),
@@ -137,9 +142,9 @@ def test_a_course_is_less_than_a_full_turn(off):
 
 
 @pytest.mark.parametrize("flags", [0x02, 0x80])
-def test_a_frame_of_an_unknown_kind_is_discarded(flags):
+def test_a_frame_with_unknown_flags_is_discarded(flags):
     frame = bytearray(Codec(7, 191).encode([EXAMPLES[2]]))
-    frame[2] = flags  # incompat_flags; with a checksum that is right
+    frame[2] = flags  # incompat_flags, with a correct checksum
     kind = mavlink.mavlink_map[mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION]
     crc = x25crc(frame[1:-2] + bytes([kind.crc_extra])).crc
     frame[-2:] = crc.to_bytes(2, "little")

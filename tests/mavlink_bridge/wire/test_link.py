@@ -1,4 +1,4 @@
-"""Who is answered on UDP, and who is told apart: strays, forgers, vehicles with one id."""
+"""The peer of a UDP link: stray packets, forged packets, two vehicles with one id."""
 
 import contextlib
 import socket
@@ -20,7 +20,7 @@ HEARTBEAT = Heartbeat(12, 2, False, 0, 3)
 SETPOINT = RateSetpoint(0.0, np.zeros(3), 0.3, 1)
 STRAYS = {
     "garbage": b"stray",
-    "a vehicle that is not heard": Codec(9, 1).encode([HEARTBEAT]),
+    "a vehicle that is not allowed": Codec(9, 1).encode([HEARTBEAT]),
 }
 
 
@@ -36,7 +36,7 @@ def stray():
 
 @pytest.fixture
 def pair():
-    """Makes a companion that listens, and its vehicle."""
+    """Return a function that connects a listening companion and its vehicle."""
     with contextlib.ExitStack() as stack:
 
         def make(signed=False, kind=Link, **options):
@@ -52,20 +52,20 @@ def pair():
 
 
 def waiting(link):
-    """All messages, once the first one is there."""
+    """Return the messages as soon as the first one arrives."""
     link.wait(2.0)
     return link.receive()
 
 
 @pytest.mark.parametrize("signed", [False, True])
 @pytest.mark.parametrize("what", STRAYS)
-def test_a_stray_packet_does_not_turn_the_stream_away(pair, stray, what, signed):
+def test_a_stray_packet_does_not_redirect_the_stream(pair, stray, what, signed):
     ours, vehicle = pair(signed)
     here = ("127.0.0.1", ours.endpoint.port)
     stray.sendto(STRAYS[what], here)
     assert waiting(ours) == []
     ours.send([SETPOINT])
-    assert ours.packets_out == 0  # nobody has been believed yet
+    assert ours.packets_out == 0  # no message has been accepted yet
     vehicle.send([HEARTBEAT])
     assert waiting(ours)
     stray.sendto(STRAYS[what], here)
@@ -74,7 +74,7 @@ def test_a_stray_packet_does_not_turn_the_stream_away(pair, stray, what, signed)
     assert len(waiting(vehicle)) == 1
 
 
-def test_unsigned_words_of_the_right_vehicle_turn_nothing_away(pair, stray):
+def test_an_unsigned_packet_of_the_right_vehicle_does_not_redirect_the_stream(pair, stray):
     ours, vehicle = pair(signed=True)
     vehicle.send([HEARTBEAT])
     assert waiting(ours)
@@ -84,7 +84,7 @@ def test_unsigned_words_of_the_right_vehicle_turn_nothing_away(pair, stray):
     assert len(waiting(vehicle)) == 1
 
 
-def test_a_vehicle_that_comes_back_on_another_port_is_answered_there(pair):
+def test_a_vehicle_that_returns_on_another_port_is_answered_there(pair):
     ours, vehicle = pair()
     vehicle.send([HEARTBEAT])
     assert waiting(ours)
@@ -96,7 +96,7 @@ def test_a_vehicle_that_comes_back_on_another_port_is_answered_there(pair):
     again.close()
 
 
-def test_a_faulty_link_answers_who_is_believed_too(pair):
+def test_a_faulty_link_answers_the_accepted_sender_too(pair):
     ours, vehicle = pair(kind=FaultyLink, line=FaultyLine(Schedule([], ["drone1"], 0), 0))
     vehicle.send([HEARTBEAT])
     assert waiting(ours)
@@ -113,7 +113,7 @@ def test_a_memory_endpoint_has_one_peer():
     assert len(vehicle.receive()) == 1
 
 
-def test_of_many_vehicles_with_one_id_two_are_named_and_few_remembered(pair, monkeypatch):
+def test_of_many_vehicles_with_one_id_two_are_named_and_sixteen_remembered(pair, monkeypatch):
     clock = [100.0]
     monkeypatch.setattr(links.time, "monotonic", lambda: clock[0])
     ours, vehicle = pair()

@@ -1,4 +1,4 @@
-"""Who is heard: the allow-list, and signatures that cannot be forged, replayed or left out."""
+"""Accepted senders: the allow-list, and signatures that cannot be forged, replayed or omitted."""
 
 import hashlib
 
@@ -33,14 +33,13 @@ def companion(**options):
 def test_signed_frames_pass_both_ways():
     ours, theirs = companion(), vehicle()
     sent = [Attitude(1.0, np.array([1.0, 0, 0, 0]), np.zeros(3)), HEARTBEAT]
-    assert [type(r.message) for r in ours.decode_datagram(theirs.encode(sent))] == [
-        Attitude, Heartbeat,
-    ]  # fmt: skip
+    received = ours.decode_datagram(theirs.encode(sent))
+    assert [type(r.message) for r in received] == [Attitude, Heartbeat]
     assert len(theirs.decode_datagram(ours.encode([HEARTBEAT]))) == 1
 
 
 @pytest.mark.row("11")
-def test_none_of_ten_thousand_is_accepted(note):
+def test_no_forged_frame_of_ten_thousand_is_accepted(note):
     """Unsigned, signed by others, replayed, changed, from the past, foreign."""
     rng = np.random.default_rng(5)
     true = vehicle()
@@ -59,24 +58,24 @@ def test_none_of_ten_thousand_is_accepted(note):
         lambda: future.encode([HEARTBEAT]),
         lambda: stranger.encode([HEARTBEAT]),
         lambda: Codec(int(rng.integers(2, 256)), 1).encode([HEARTBEAT]),
-    ]  # fmt: skip
+    ]
     accepted = sum(len(ours.decode_datagram(makers[n % len(makers)]())) for n in range(FRAMES))
     assert accepted == 0
-    assert len(ours.decode_datagram(true.encode([HEARTBEAT]))) == 1  # and the true one still is
+    assert len(ours.decode_datagram(true.encode([HEARTBEAT]))) == 1  # a true frame still is
     s = ours.statistics
     assert s.foreign + s.unsigned + s.bad_frames + s.unknown >= FRAMES * 0.99
     note(f"accepted of {FRAMES}", accepted)
 
 
 def changed(frame, rng):
-    """A frame with one changed byte, its checksum made right again where that is possible."""
+    """Return the frame with one changed byte."""
     data = bytearray(frame)
     data[int(rng.integers(10, len(data)))] ^= int(rng.integers(1, 256))
     return bytes(data)
 
 
 def test_a_forged_frame_from_the_future_does_not_silence_the_true_one():
-    """As it would with pymavlink, which notes a frame's timestamp before its signature."""
+    """Pymavlink stores a frame's timestamp before it checks the signature."""
     ours, true = companion(), vehicle()
     assert ours.decode_datagram(true.encode([HEARTBEAT]))
     forged = bytearray(true.encode([HEARTBEAT]))
@@ -85,7 +84,7 @@ def test_a_forged_frame_from_the_future_does_not_silence_the_true_one():
     assert ours.decode_datagram(true.encode([HEARTBEAT]))
 
 
-def test_streams_are_bounded():
+def test_the_number_of_streams_is_bounded():
     signing = Signing(KEY, NOW)
     for link in range(256):
         other = Signing(KEY, NOW + 1, link_id=link)
@@ -94,14 +93,14 @@ def test_streams_are_bounded():
     assert len(signing.streams) == 32
 
 
-def test_foreigners_are_dropped_before_anything_is_looked_at():
+def test_frames_of_other_senders_are_dropped():
     ours = Codec(1, 191, allow=[Source(1, 1), Source(9, 0)])
     assert not ours.decode_datagram(Codec(2, 1).encode([HEARTBEAT]))
     assert ours.statistics.foreign == 1
     assert ours.decode_datagram(Codec(9, 77).encode([HEARTBEAT]))
 
 
-def test_the_key_is_for_the_service_alone(tmp_path):
+def test_only_the_service_may_read_the_key(tmp_path):
     file = tmp_path / "key"
     file.write_text(KEY.hex() + "\n")
     file.chmod(0o640)
@@ -120,8 +119,8 @@ def test_the_key_is_for_the_service_alone(tmp_path):
     assert find_key("key", {}).name == "key"
 
 
-def test_a_credential_may_show_the_mask_of_its_acl(tmp_path, monkeypatch):
-    """With DynamicUser systemd lets the service in by an ACL: mode 440, and still its own."""
+def test_a_credential_may_have_the_mode_of_its_acl(tmp_path, monkeypatch):
+    """With DynamicUser systemd grants access by an ACL, which shows as mode 440."""
     file = tmp_path / "key"
     file.write_text(KEY.hex())
     file.chmod(0o440)
@@ -134,11 +133,11 @@ def test_a_credential_may_show_the_mask_of_its_acl(tmp_path, monkeypatch):
         open_signing("one", "key", 0)
 
 
-def test_timestamps_outlive_a_restart(tmp_path):
+def test_timestamps_continue_after_a_restart(tmp_path):
     file = tmp_path / "signing.json"
     first = Timestamps(KEY, 0, file)
     start = first.signing.timestamp
-    assert abs(start / TICKS + EPOCH - 1.8e9) < 1e9  # of our time
+    assert abs(start / TICKS + EPOCH - 1.8e9) < 1e9  # this decade
     recorded = Codec(1, 1, signing=Signing(KEY, start)).encode([HEARTBEAT])
     assert first.signing.accepts(recorded, 1, 1)
     first.signing.timestamp += 3600 * TICKS  # a peer's clock was ahead
@@ -150,8 +149,8 @@ def test_timestamps_outlive_a_restart(tmp_path):
     assert abs(Timestamps(KEY, 0, file).signing.timestamp - start) < 60 * TICKS
 
 
-def test_a_clock_that_was_never_set_still_signs_and_only_goes_on(tmp_path, monkeypatch):
-    """A board without a battery starts in 1970; timestamps begin in 2015."""
+def test_timestamps_grow_with_a_clock_that_was_never_set(tmp_path, monkeypatch):
+    """A board without a clock battery starts in 1970; timestamps begin in 2015."""
     now = 0.0
     monkeypatch.setattr("companion.process.signing_keys._now", lambda: now)
     stamps = []
@@ -173,14 +172,14 @@ def test_a_clock_that_was_never_set_still_signs_and_only_goes_on(tmp_path, monke
     assert TICKS * 400e6 <= stamps[2] < stamps[3]
 
 
-def test_a_full_disk_ends_the_keeping_only(tmp_path):
+def test_signing_continues_where_the_timestamps_cannot_be_saved(tmp_path):
     kept = Timestamps(KEY, 0, tmp_path / "nowhere" / "signing.json")
     kept.tick(10.0)
     kept.tick(20.0)
     assert kept.signing.timestamp > 0
 
 
-def test_what_is_on_the_wire_is_the_standard():
+def test_signed_frames_follow_the_standard():
     frame = Codec(1, 1, signing=Signing(KEY, NOW, link_id=3)).encode([HEARTBEAT])
     assert frame[2] == 1  # MAVLINK_IFLAG_SIGNED
     assert frame[-13] == 3

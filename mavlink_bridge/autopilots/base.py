@@ -1,0 +1,86 @@
+"""Requests that every autopilot understands; a subclass adds its numbers and its exceptions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+from mavlink_bridge.wire.ids import AutopilotId, CommandId, ModeFlag
+from mavlink_bridge.wire.messages import Command, Heartbeat, Message
+
+_PARAMETERS = 7  # of a COMMAND_LONG
+_STREAM_OFF = -1.0  # interval of SET_MESSAGE_INTERVAL
+
+
+@dataclass(frozen=True)
+class Autopilot:
+    """Requests to one vehicle, as messages to send; each as its autopilot expects it.
+
+    system: MAVLink system id of the vehicle.
+
+    Class attributes: autopilot: MAV_AUTOPILOT in its HEARTBEAT. up_in: mode of the vehicle after a
+    take-off. modes: custom_mode by the name of the mode. streams: rate [Hz] by message id, None to
+    switch a stream off.
+    """
+
+    system: int
+    autopilot: ClassVar[AutopilotId]
+    up_in: ClassVar[str]
+    modes: ClassVar[Mapping[str, int]]
+    streams: ClassVar[Mapping[int, float | None]] = {}
+
+    def request_streams(self) -> list[Message]:
+        """Request attitude and position, and the parameters that `inhibit_reason` checks."""
+        return [
+            self._command(
+                CommandId.SET_MESSAGE_INTERVAL,
+                float(message_id),
+                1e6 / rate_hz if rate_hz else _STREAM_OFF,
+            )
+            for message_id, rate_hz in self.streams.items()
+        ]
+
+    def inhibit_reason(self, heartbeat: Heartbeat, parameters: Mapping[str, float]) -> str:
+        """Return why the vehicle must not fly as it is set up; empty where it may."""
+        return ""
+
+    def arm(self) -> list[Message]:
+        """Arm; a vehicle that is not ready refuses with STATUSTEXT."""
+        return [self._command(CommandId.COMPONENT_ARM_DISARM, 1.0)]
+
+    def takeoff(self, altitude: float) -> list[Message]:
+        """Climb to `altitude` [m] above the take-off point and hold."""
+        return [self._command(CommandId.NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, altitude)]
+
+    def offboard(self) -> list[Message]:
+        """Take setpoints from the companion, whose stream must already run."""
+        return [self._set_mode("offboard")]
+
+    def hold(self) -> list[Message]:
+        """Stop and hold the position; the vehicle ignores setpoints from then on."""
+        return [self._set_mode("hold")]
+
+    def land(self) -> list[Message]:
+        """Land at the present position and disarm."""
+        return [self._set_mode("land")]
+
+    def mode(self, heartbeat: Heartbeat) -> str:
+        """Return hold, takeoff, rtl, land or offboard; 'other' for a pilot's mode."""
+        for name, number in self.modes.items():
+            if heartbeat.custom_mode == number:
+                return name
+        return "other"
+
+    def _set_mode(self, name: str) -> Command:
+        return self._command(
+            CommandId.DO_SET_MODE, ModeFlag.CUSTOM_MODE_ENABLED, *self._mode_parameters(name)
+        )
+
+    def _mode_parameters(self, name: str) -> tuple[float, ...]:
+        """Return parameters 2 and on of DO_SET_MODE."""
+        return (self.modes[name],)
+
+    def _command(self, command: CommandId, *parameters: float) -> Command:
+        padded = (*parameters, *(0.0,) * (_PARAMETERS - len(parameters)))
+        return Command(int(command), padded, self.system)  # type: ignore[arg-type]

@@ -1,0 +1,290 @@
+"""MAVLink messages as message classes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
+
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.frames import (
+    enu_ned,
+    flu_frd,
+    quaternion_enu_ned,
+    quaternion_from_euler,
+    rotation_matrix,
+    yaw_from_heading,
+)
+from mavlink_bridge.wire import messages as m
+from mavlink_bridge.wire.dialect.units import UNKNOWN_HEADING, UNSET_COORDINATE
+
+_NED_FRAMES = (mavlink.MAV_FRAME_LOCAL_NED,)
+_BODY_FRAMES = (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_FRD)
+_GLOBAL_FRAMES = (  # x and y of COMMAND_INT are degrees · 1e7; elsewhere metres · 1e4
+    mavlink.MAV_FRAME_GLOBAL,
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+    mavlink.MAV_FRAME_GLOBAL_INT,
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+    mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT,
+    mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT,
+)
+
+
+def _text(raw: str | bytes) -> str:
+    return raw.decode("utf-8", "replace") if isinstance(raw, bytes) else raw
+
+
+def _array(x: float, y: float, z: float) -> Vector:
+    return np.array((x, y, z), dtype=float)
+
+
+def _body_rates(w: Any) -> Vector:
+    return _array(*flu_frd(w.rollspeed, w.pitchspeed, w.yawspeed))
+
+
+def _rate_setpoint(w: Any) -> m.RateSetpoint:
+    return m.RateSetpoint(
+        w.time_boot_ms / 1e3,
+        _array(*flu_frd(w.body_roll_rate, w.body_pitch_rate, w.body_yaw_rate)),
+        w.thrust,
+        w.target_system,
+        w.target_component,
+        w.type_mask,
+    )
+
+
+def _heartbeat(w: Any) -> m.Heartbeat:
+    armed = bool(w.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+    return m.Heartbeat(w.autopilot, w.type, armed, w.custom_mode, w.system_status, w.base_mode)
+
+
+def _attitude(w: Any) -> m.Attitude:
+    q = np.array(quaternion_enu_ned((w.q1, w.q2, w.q3, w.q4)))
+    return m.Attitude(w.time_boot_ms / 1e3, q, _body_rates(w))
+
+
+def _euler_attitude(w: Any) -> m.EulerAttitude:
+    q = np.array(quaternion_enu_ned(quaternion_from_euler(w.roll, w.pitch, w.yaw)))
+    return m.EulerAttitude(w.time_boot_ms / 1e3, q, _body_rates(w))
+
+
+def _local_position(w: Any) -> m.LocalPosition:
+    p, v = enu_ned(w.x, w.y, w.z), enu_ned(w.vx, w.vy, w.vz)
+    return m.LocalPosition(w.time_boot_ms / 1e3, _array(*p), _array(*v))
+
+
+def _odometry(w: Any) -> m.Odometry:
+    """Convert ODOMETRY, whose velocity is along the axes of the body or of the world."""
+    q = np.array(quaternion_enu_ned(w.q))
+    known = w.frame_id in _NED_FRAMES and w.child_frame_id in (*_NED_FRAMES, *_BODY_FRAMES)
+    p = _array(*enu_ned(w.x, w.y, w.z)) if known else np.full(3, math.nan)
+    if w.child_frame_id in _BODY_FRAMES:
+        v = rotation_matrix(q) @ _array(*flu_frd(w.vx, w.vy, w.vz))
+    else:
+        v = _array(*enu_ned(w.vx, w.vy, w.vz))
+    return m.Odometry(w.time_usec / 1e6, p, v, q, _body_rates(w))
+
+
+def _global_position(w: Any) -> m.GlobalPosition:
+    return m.GlobalPosition(
+        w.time_boot_ms / 1e3,
+        w.lat / 1e7,
+        w.lon / 1e7,
+        w.alt / 1e3,
+        w.relative_alt / 1e3,
+        _array(*enu_ned(w.vx / 100, w.vy / 100, w.vz / 100)),
+        None if w.hdg == UNKNOWN_HEADING else math.radians(w.hdg / 100),
+    )
+
+
+def _command_long(w: Any) -> m.Command:
+    params = (w.param1, w.param2, w.param3, w.param4, w.param5, w.param6, w.param7)
+    return m.Command(w.command, params, w.target_system, w.target_component, w.confirmation)
+
+
+def _command_int(w: Any) -> m.Command:
+    scale = 1e7 if w.frame in _GLOBAL_FRAMES else 1e4
+    params = (w.param1, w.param2, w.param3, w.param4, w.x / scale, w.y / scale, w.z)
+    return m.Command(w.command, params, w.target_system, w.target_component)
+
+
+def _system_status(w: Any) -> m.SystemStatus:
+    return m.SystemStatus(
+        w.onboard_control_sensors_present,
+        w.onboard_control_sensors_enabled,
+        w.onboard_control_sensors_health,
+        w.voltage_battery / 1e3,
+        w.current_battery / 100,
+        w.battery_remaining / 100,
+        w.load / 1000,
+    )
+
+
+def _battery(w: Any) -> m.BatteryStatus:
+    return m.BatteryStatus(w.voltages[0] / 1e3, w.current_battery / 100, w.battery_remaining / 100)
+
+
+def _home(w: Any) -> m.HomePosition:
+    p = _array(*enu_ned(w.x, w.y, w.z))
+    return m.HomePosition(w.latitude / 1e7, w.longitude / 1e7, w.altitude / 1e3, p)
+
+
+def _gps_raw(w: Any) -> m.GpsRaw:
+    return m.GpsRaw(
+        w.time_usec / 1e6,
+        w.fix_type,
+        w.lat / 1e7,
+        w.lon / 1e7,
+        w.alt / 1e3,
+        w.satellites_visible,
+        w.vel / 100,
+        yaw_from_heading(math.radians(w.cog / 100)),
+    )
+
+
+def _gps_input(w: Any) -> m.GpsInput:
+    return m.GpsInput(
+        w.time_usec / 1e6,
+        w.fix_type,
+        w.lat / 1e7,
+        w.lon / 1e7,
+        w.alt,
+        _gps_input_velocity(w),
+        w.satellites_visible,
+    )
+
+
+def _gps_input_velocity(w: Any) -> Vector | None:
+    """Return the velocity [m/s, ENU] (3,), (2,) or None, as the ignore flags allow."""
+    if w.ignore_flags & mavlink.GPS_INPUT_IGNORE_FLAG_VEL_HORIZ:
+        return None
+    v = _array(*enu_ned(w.vn, w.ve, w.vd))
+    return v[:2] if w.ignore_flags & mavlink.GPS_INPUT_IGNORE_FLAG_VEL_VERT else v
+
+
+def _actuators(w: Any) -> m.HilActuators:
+    armed = bool(w.mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+    return m.HilActuators(w.time_usec / 1e6, tuple(w.controls), armed)
+
+
+def _estimator(w: Any) -> m.EstimatorStatus:
+    return m.EstimatorStatus(w.time_usec / 1e6, w.flags, w.pos_horiz_accuracy, w.pos_vert_accuracy)
+
+
+def _param_request(w: Any) -> m.ParamRequestRead:
+    return m.ParamRequestRead(w.target_system, w.target_component, _text(w.param_id), w.param_index)
+
+
+def _param_set(w: Any) -> m.ParamSet:
+    return m.ParamSet(
+        w.target_system, w.target_component, _text(w.param_id), w.param_value, w.param_type
+    )
+
+
+def _param_value(w: Any) -> m.ParamValue:
+    return m.ParamValue(
+        _text(w.param_id), w.param_value, w.param_type, w.param_count, w.param_index
+    )
+
+
+def _mission_request(w: Any) -> m.MissionRequest:
+    return m.MissionRequest(w.target_system, w.target_component, w.seq, w.mission_type)
+
+
+def _mission_item(w: Any) -> m.MissionItem:
+    x, y = w.x, w.y
+    if w.get_type() == "MISSION_ITEM_INT":
+        x, y = (math.nan if k == UNSET_COORDINATE else k / 1e7 for k in (w.x, w.y))
+    return m.MissionItem(
+        w.target_system,
+        w.target_component,
+        w.seq,
+        w.frame,
+        w.command,
+        w.current,
+        w.autocontinue,
+        (w.param1, w.param2, w.param3, w.param4),
+        x,
+        y,
+        w.z,
+        w.mission_type,
+    )
+
+
+def _data_stream(w: Any) -> m.RequestDataStream:
+    return m.RequestDataStream(
+        w.target_system,
+        w.target_component,
+        w.req_stream_id,
+        w.req_message_rate,
+        bool(w.start_stop),
+    )
+
+
+FROM_WIRE: dict[int, Callable[[Any], m.Message]] = {
+    mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: _rate_setpoint,
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: _attitude,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: _euler_attitude,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _local_position,
+    mavlink.MAVLINK_MSG_ID_ODOMETRY: _odometry,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _global_position,
+    mavlink.MAVLINK_MSG_ID_COMMAND_LONG: _command_long,
+    mavlink.MAVLINK_MSG_ID_COMMAND_INT: _command_int,
+    mavlink.MAVLINK_MSG_ID_COMMAND_ACK: lambda w: m.CommandAck(
+        w.command, w.result, w.target_system, w.target_component
+    ),
+    mavlink.MAVLINK_MSG_ID_SET_MODE: lambda w: m.SetMode(
+        w.target_system, w.base_mode, w.custom_mode
+    ),
+    mavlink.MAVLINK_MSG_ID_STATUSTEXT: lambda w: m.StatusText(w.severity, _text(w.text)),
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: _system_status,
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: _battery,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: lambda w: m.ExtendedSystemState(w.landed_state),
+    mavlink.MAVLINK_MSG_ID_HOME_POSITION: _home,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: _gps_raw,
+    mavlink.MAVLINK_MSG_ID_GPS_INPUT: _gps_input,
+    mavlink.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS: _actuators,
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: _estimator,
+    mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: lambda w: m.AutopilotVersion(
+        w.capabilities, w.flight_sw_version, w.uid
+    ),
+    mavlink.MAVLINK_MSG_ID_TIMESYNC: lambda w: m.TimeSync(w.tc1, w.ts1),
+    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: lambda w: m.SystemTime(
+        w.time_boot_ms / 1e3, w.time_unix_usec / 1e6
+    ),
+    mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ: _param_request,
+    mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: lambda w: m.ParamRequestList(
+        w.target_system, w.target_component
+    ),
+    mavlink.MAVLINK_MSG_ID_PARAM_SET: _param_set,
+    mavlink.MAVLINK_MSG_ID_PARAM_VALUE: _param_value,
+    mavlink.MAVLINK_MSG_ID_MISSION_COUNT: lambda w: m.MissionCount(
+        w.target_system, w.target_component, w.count, w.mission_type
+    ),
+    mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: lambda w: m.MissionRequestList(
+        w.target_system, w.target_component, w.mission_type
+    ),
+    mavlink.MAVLINK_MSG_ID_MISSION_REQUEST: _mission_request,
+    mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_INT: _mission_request,
+    mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT: _mission_item,
+    mavlink.MAVLINK_MSG_ID_MISSION_ITEM: _mission_item,
+    mavlink.MAVLINK_MSG_ID_MISSION_ACK: lambda w: m.MissionAck(
+        w.target_system, w.target_component, w.type, w.mission_type
+    ),
+    mavlink.MAVLINK_MSG_ID_MISSION_SET_CURRENT: lambda w: m.MissionSetCurrent(
+        w.target_system, w.target_component, w.seq
+    ),
+    mavlink.MAVLINK_MSG_ID_MISSION_CLEAR_ALL: lambda w: m.MissionClearAll(
+        w.target_system, w.target_component, w.mission_type
+    ),
+    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: lambda w: m.MissionCurrent(w.seq),
+    mavlink.MAVLINK_MSG_ID_MISSION_ITEM_REACHED: lambda w: m.MissionItemReached(w.seq),
+    mavlink.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: _data_stream,
+    mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: lambda w: m.FileTransfer(
+        w.target_system, w.target_component, bytes(w.payload)
+    ),
+}

@@ -1,0 +1,375 @@
+"""Message classes as MAVLink messages."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.frames import (
+    enu_ned,
+    euler_from_quaternion,
+    flu_frd,
+    heading_from_yaw,
+    quaternion_enu_ned,
+    rotation_matrix,
+)
+from mavlink_bridge.wire import messages as m
+from mavlink_bridge.wire.dialect.units import (
+    UNKNOWN_HEADING,
+    clipped,
+    coordinate,
+    course,
+    int16,
+    milliseconds,
+)
+
+_IDENTITY = (1.0, 0.0, 0.0, 0.0)
+_MAVLINK_2 = 3  # mavlink_version of a HEARTBEAT
+_ALL_FIELDS = 0x1FFF  # fields_updated of HIL_SENSOR
+_UNKNOWN_TEMPERATURE = 0x7FFF
+_UNKNOWN_COVARIANCE = (math.nan,) * 21
+_FILE_BYTES = 251  # payload of FILE_TRANSFER_PROTOCOL
+
+
+def _ned(v: Vector) -> tuple[float, float, float]:
+    """Return a world vector (3,) in NED."""
+    return enu_ned(*(float(a) for a in v))
+
+
+def _frd(v: Vector) -> tuple[float, float, float]:
+    """Return a body vector (3,) in FRD."""
+    return flu_frd(*(float(a) for a in v))
+
+
+def _rate_setpoint(s: m.RateSetpoint) -> Any:
+    roll_rate, pitch_rate, yaw_rate = _frd(s.omega)
+    return mavlink.MAVLink_set_attitude_target_message(
+        time_boot_ms=milliseconds(s.time),
+        target_system=s.target_system,
+        target_component=s.target_component,
+        type_mask=s.type_mask,
+        q=_IDENTITY,
+        body_roll_rate=roll_rate,
+        body_pitch_rate=pitch_rate,
+        body_yaw_rate=yaw_rate,
+        thrust=s.thrust,
+    )
+
+
+def _heartbeat(h: m.Heartbeat) -> Any:
+    armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if h.armed else 0
+    return mavlink.MAVLink_heartbeat_message(
+        type=h.vehicle_type,
+        autopilot=h.autopilot,
+        base_mode=h.base_mode | armed,
+        custom_mode=h.custom_mode,
+        system_status=h.system_status,
+        mavlink_version=_MAVLINK_2,
+    )
+
+
+def _attitude(a: m.Attitude) -> Any:
+    return mavlink.MAVLink_attitude_quaternion_message(
+        milliseconds(a.time), *quaternion_enu_ned(a.q_wb), *_frd(a.omega)
+    )
+
+
+def _euler_attitude(a: m.EulerAttitude) -> Any:
+    angles = euler_from_quaternion(quaternion_enu_ned(a.q_wb))
+    return mavlink.MAVLink_attitude_message(milliseconds(a.time), *angles, *_frd(a.omega))
+
+
+def _local_position(lp: m.LocalPosition) -> Any:
+    return mavlink.MAVLink_local_position_ned_message(
+        milliseconds(lp.time), *_ned(lp.p), *_ned(lp.v)
+    )
+
+
+def _odometry(o: m.Odometry) -> Any:
+    x, y, z = _ned(o.p)
+    vx, vy, vz = _frd(rotation_matrix(o.q_wb).T @ o.v)
+    roll_rate, pitch_rate, yaw_rate = _frd(o.omega)
+    return mavlink.MAVLink_odometry_message(
+        time_usec=round(o.time * 1e6),
+        frame_id=mavlink.MAV_FRAME_LOCAL_NED,
+        child_frame_id=mavlink.MAV_FRAME_BODY_FRD,
+        x=x,
+        y=y,
+        z=z,
+        q=quaternion_enu_ned(o.q_wb),
+        vx=vx,
+        vy=vy,
+        vz=vz,
+        rollspeed=roll_rate,
+        pitchspeed=pitch_rate,
+        yawspeed=yaw_rate,
+        pose_covariance=_UNKNOWN_COVARIANCE,
+        velocity_covariance=_UNKNOWN_COVARIANCE,
+    )
+
+
+def _global_position(g: m.GlobalPosition) -> Any:
+    vx, vy, vz = _ned(g.v)
+    heading = UNKNOWN_HEADING if g.heading is None else course(math.degrees(g.heading))
+    return mavlink.MAVLink_global_position_int_message(
+        time_boot_ms=milliseconds(g.time),
+        lat=round(g.latitude_deg * 1e7),
+        lon=round(g.longitude_deg * 1e7),
+        alt=round(g.altitude * 1e3),
+        relative_alt=round(g.relative_altitude * 1e3),
+        vx=int16(vx * 100),
+        vy=int16(vy * 100),
+        vz=int16(vz * 100),
+        hdg=heading,
+    )
+
+
+def _system_status(s: m.SystemStatus) -> Any:
+    return mavlink.MAVLink_sys_status_message(
+        onboard_control_sensors_present=s.present,
+        onboard_control_sensors_enabled=s.enabled,
+        onboard_control_sensors_health=s.health,
+        load=clipped(s.load * 1000, 0, 1000),
+        voltage_battery=clipped(s.voltage * 1e3, 0, 65535),
+        current_battery=clipped(s.current * 100, -1, 32767),
+        battery_remaining=clipped(s.remaining * 100, -1, 100),
+        drop_rate_comm=0,
+        errors_comm=0,
+        errors_count1=0,
+        errors_count2=0,
+        errors_count3=0,
+        errors_count4=0,
+    )
+
+
+def _battery(b: m.BatteryStatus) -> Any:
+    return mavlink.MAVLink_battery_status_message(
+        id=0,
+        battery_function=mavlink.MAV_BATTERY_FUNCTION_UNKNOWN,
+        type=mavlink.MAV_BATTERY_TYPE_LION,
+        temperature=_UNKNOWN_TEMPERATURE,
+        voltages=[clipped(b.voltage * 1e3, 0, 65534), *(0xFFFF,) * 9],  # the pack, no other cells
+        current_battery=clipped(b.current * 100, -1, 32767),
+        current_consumed=-1,
+        energy_consumed=-1,
+        battery_remaining=clipped(b.remaining * 100, -1, 100),
+    )
+
+
+def _home(h: m.HomePosition) -> Any:
+    x, y, z = _ned(h.p)
+    return mavlink.MAVLink_home_position_message(
+        latitude=round(h.latitude_deg * 1e7),
+        longitude=round(h.longitude_deg * 1e7),
+        altitude=round(h.altitude * 1e3),
+        x=x,
+        y=y,
+        z=z,
+        q=(math.nan,) * 4,
+        approach_x=math.nan,
+        approach_y=math.nan,
+        approach_z=math.nan,
+    )
+
+
+def _gps_raw(g: m.GpsRaw) -> Any:
+    return mavlink.MAVLink_gps_raw_int_message(
+        time_usec=round(g.time * 1e6),
+        fix_type=g.fix_type,
+        lat=round(g.latitude_deg * 1e7),
+        lon=round(g.longitude_deg * 1e7),
+        alt=round(g.altitude * 1e3),
+        eph=80,
+        epv=120,
+        vel=clipped(g.speed * 100, 0, 65535),
+        cog=course(math.degrees(heading_from_yaw(g.course))),
+        satellites_visible=g.satellites,
+    )
+
+
+def _gps_input(g: m.GpsInput) -> Any:
+    given = [] if g.v is None else [float(a) for a in g.v]
+    ignored = 0 if len(given) > 1 else mavlink.GPS_INPUT_IGNORE_FLAG_VEL_HORIZ
+    ignored |= 0 if len(given) > 2 else mavlink.GPS_INPUT_IGNORE_FLAG_VEL_VERT
+    east, north, up = (*given, 0.0, 0.0, 0.0)[:3]
+    vn, ve, vd = enu_ned(east, north, up)
+    return mavlink.MAVLink_gps_input_message(
+        time_usec=round(g.time * 1e6),
+        gps_id=0,
+        ignore_flags=ignored,
+        time_week_ms=0,
+        time_week=0,
+        fix_type=g.fix_type,
+        lat=round(g.latitude_deg * 1e7),
+        lon=round(g.longitude_deg * 1e7),
+        alt=g.altitude,
+        hdop=0.8,
+        vdop=1.2,
+        vn=vn,
+        ve=ve,
+        vd=vd,
+        speed_accuracy=0.1,
+        horiz_accuracy=0.5,
+        vert_accuracy=0.8,
+        satellites_visible=g.satellites,
+    )
+
+
+def _hil_sensor(s: m.HilSensor) -> Any:
+    return mavlink.MAVLink_hil_sensor_message(
+        round(s.time * 1e6),
+        *_frd(s.force),
+        *_frd(s.omega),
+        *_frd(s.magnetic),
+        abs_pressure=s.pressure,
+        diff_pressure=0.0,
+        pressure_alt=s.altitude,
+        temperature=25.0,
+        fields_updated=_ALL_FIELDS,
+    )
+
+
+def _hil_gps(g: m.HilGps) -> Any:
+    vn, ve, vd = (int16(a * 100) for a in _ned(g.v))
+    return mavlink.MAVLink_hil_gps_message(
+        time_usec=round(g.time * 1e6),
+        fix_type=mavlink.GPS_FIX_TYPE_3D_FIX,
+        lat=round(g.latitude_deg * 1e7),
+        lon=round(g.longitude_deg * 1e7),
+        alt=round(g.altitude * 1e3),
+        eph=30,
+        epv=40,
+        vel=round(math.hypot(vn, ve)),
+        vn=vn,
+        ve=ve,
+        vd=vd,
+        cog=course(math.degrees(math.atan2(ve, vn))),
+        satellites_visible=12,
+    )
+
+
+def _estimator(e: m.EstimatorStatus) -> Any:
+    return mavlink.MAVLink_estimator_status_message(
+        time_usec=round(e.time * 1e6),
+        flags=e.flags,
+        vel_ratio=0.1,
+        pos_horiz_ratio=0.1,
+        pos_vert_ratio=0.1,
+        mag_ratio=0.1,
+        hagl_ratio=0.1,
+        tas_ratio=0.1,
+        pos_horiz_accuracy=e.horizontal_accuracy,
+        pos_vert_accuracy=e.vertical_accuracy,
+    )
+
+
+def _autopilot_version(v: m.AutopilotVersion) -> Any:
+    zeros = [0] * 8
+    return mavlink.MAVLink_autopilot_version_message(
+        capabilities=v.capabilities,
+        flight_sw_version=v.flight_sw_version,
+        middleware_sw_version=0,
+        os_sw_version=0,
+        board_version=0,
+        flight_custom_version=zeros,
+        middleware_custom_version=zeros,
+        os_custom_version=zeros,
+        vendor_id=0,
+        product_id=0,
+        uid=v.uid,
+    )
+
+
+def _mission_item(i: m.MissionItem) -> Any:
+    return mavlink.MAVLink_mission_item_int_message(
+        i.target_system,
+        i.target_component,
+        i.seq,
+        i.frame,
+        i.command,
+        i.current,
+        i.autocontinue,
+        *i.params,
+        x=coordinate(i.x_deg),
+        y=coordinate(i.y_deg),
+        z=i.z,
+        mission_type=i.mission_type,
+    )
+
+
+TO_WIRE: dict[type, Callable[[Any], Any]] = {
+    m.RateSetpoint: _rate_setpoint,
+    m.Heartbeat: _heartbeat,
+    m.Attitude: _attitude,
+    m.EulerAttitude: _euler_attitude,
+    m.LocalPosition: _local_position,
+    m.Odometry: _odometry,
+    m.GlobalPosition: _global_position,
+    m.SystemStatus: _system_status,
+    m.BatteryStatus: _battery,
+    m.HomePosition: _home,
+    m.GpsRaw: _gps_raw,
+    m.GpsInput: _gps_input,
+    m.EstimatorStatus: _estimator,
+    m.HilSensor: _hil_sensor,
+    m.HilGps: _hil_gps,
+    m.AutopilotVersion: _autopilot_version,
+    m.StatusText: lambda s: mavlink.MAVLink_statustext_message(s.severity, s.text.encode()[:50]),
+    m.ParamValue: lambda p: mavlink.MAVLink_param_value_message(
+        p.name.encode(), p.value, p.param_type, p.count, p.index
+    ),
+    m.MissionItem: _mission_item,
+    m.Command: lambda c: mavlink.MAVLink_command_long_message(
+        c.target_system, c.target_component, c.command, c.confirmation, *c.params
+    ),
+    m.CommandAck: lambda a: mavlink.MAVLink_command_ack_message(
+        a.command, a.result, 0, 0, a.target_system, a.target_component
+    ),
+    m.SetMode: lambda s: mavlink.MAVLink_set_mode_message(
+        s.target_system, s.base_mode, s.custom_mode
+    ),
+    m.ExtendedSystemState: lambda e: mavlink.MAVLink_extended_sys_state_message(0, e.landed_state),
+    m.TimeSync: lambda t: mavlink.MAVLink_timesync_message(t.tc1, t.ts1),
+    m.SystemTime: lambda t: mavlink.MAVLink_system_time_message(
+        round(t.unix_time * 1e6), milliseconds(t.time)
+    ),
+    m.ParamRequestRead: lambda p: mavlink.MAVLink_param_request_read_message(
+        p.target_system, p.target_component, p.name.encode(), p.index
+    ),
+    m.ParamRequestList: lambda p: mavlink.MAVLink_param_request_list_message(
+        p.target_system, p.target_component
+    ),
+    m.ParamSet: lambda p: mavlink.MAVLink_param_set_message(
+        p.target_system, p.target_component, p.name.encode(), p.value, p.param_type
+    ),
+    m.MissionCount: lambda c: mavlink.MAVLink_mission_count_message(
+        c.target_system, c.target_component, c.count, c.mission_type
+    ),
+    m.MissionRequestList: lambda r: mavlink.MAVLink_mission_request_list_message(
+        r.target_system, r.target_component, r.mission_type
+    ),
+    m.MissionRequest: lambda r: mavlink.MAVLink_mission_request_int_message(
+        r.target_system, r.target_component, r.seq, r.mission_type
+    ),
+    m.MissionAck: lambda a: mavlink.MAVLink_mission_ack_message(
+        a.target_system, a.target_component, a.result, a.mission_type
+    ),
+    m.MissionSetCurrent: lambda s: mavlink.MAVLink_mission_set_current_message(
+        s.target_system, s.target_component, s.seq
+    ),
+    m.MissionClearAll: lambda c: mavlink.MAVLink_mission_clear_all_message(
+        c.target_system, c.target_component, c.mission_type
+    ),
+    m.MissionCurrent: lambda c: mavlink.MAVLink_mission_current_message(c.seq),
+    m.MissionItemReached: lambda r: mavlink.MAVLink_mission_item_reached_message(r.seq),
+    m.RequestDataStream: lambda r: mavlink.MAVLink_request_data_stream_message(
+        r.target_system, r.target_component, r.stream, round(r.rate_hz), int(r.start)
+    ),
+    m.FileTransfer: lambda f: mavlink.MAVLink_file_transfer_protocol_message(
+        0, f.target_system, f.target_component, f.payload.ljust(_FILE_BYTES, b"\0")
+    ),
+}

@@ -1,0 +1,131 @@
+"""MAVLink's numbers by name, as far as this project sends or reads them.
+
+Source: https://mavlink.io/en/messages/common.html. A test compares every member with pymavlink.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class MessageId(IntEnum):
+    """Messages that are requested or sent as a stream."""
+
+    HEARTBEAT = 0
+    SYS_STATUS = 1
+    SYSTEM_TIME = 2
+    GPS_RAW_INT = 24
+    ATTITUDE = 30
+    ATTITUDE_QUATERNION = 31
+    LOCAL_POSITION_NED = 32
+    GLOBAL_POSITION_INT = 33
+    MISSION_CURRENT = 42
+    BATTERY_STATUS = 147
+    AUTOPILOT_VERSION = 148
+    ESTIMATOR_STATUS = 230
+    HOME_POSITION = 242
+    EXTENDED_SYS_STATE = 245
+
+
+class CommandId(IntEnum):
+    """MAV_CMD: commands that this project sends or answers."""
+
+    NAV_RETURN_TO_LAUNCH = 20
+    NAV_LAND = 21
+    NAV_TAKEOFF = 22
+    DO_SET_MODE = 176
+    COMPONENT_ARM_DISARM = 400
+    SET_MESSAGE_INTERVAL = 511
+    REQUEST_MESSAGE = 512
+
+
+class CommandResult(IntEnum):
+    """MAV_RESULT."""
+
+    ACCEPTED = 0
+    TEMPORARILY_REJECTED = 1
+    DENIED = 2
+    UNSUPPORTED = 3
+    FAILED = 4
+    IN_PROGRESS = 5
+
+
+class AutopilotId(IntEnum):
+    """MAV_AUTOPILOT: firmware of a vehicle; INVALID for a component that is no autopilot."""
+
+    GENERIC = 0
+    ARDUPILOTMEGA = 3
+    INVALID = 8
+    PX4 = 12
+
+
+class ComponentId(IntEnum):
+    """MAV_COMP_ID: components of one system."""
+
+    AUTOPILOT1 = 1
+    ONBOARD_COMPUTER = 191
+
+
+class VehicleType(IntEnum):
+    """MAV_TYPE."""
+
+    QUADROTOR = 2
+    ONBOARD_CONTROLLER = 18
+
+
+class SystemState(IntEnum):
+    """MAV_STATE, the system_status of a HEARTBEAT."""
+
+    STANDBY = 3
+    ACTIVE = 4
+    CRITICAL = 5
+
+
+class ModeFlag(IntEnum):
+    """MAV_MODE_FLAG: bits of the base_mode of a HEARTBEAT."""
+
+    CUSTOM_MODE_ENABLED = 1
+    AUTO_ENABLED = 4
+    GUIDED_ENABLED = 8
+    STABILIZE_ENABLED = 16
+    MANUAL_INPUT_ENABLED = 64
+    SAFETY_ARMED = 128
+
+
+class Severity(IntEnum):
+    """MAV_SEVERITY of a STATUSTEXT, as in syslog."""
+
+    EMERGENCY = 0
+    CRITICAL = 2
+    ERROR = 3
+    WARNING = 4
+    INFO = 6
+
+
+class ParameterType(IntEnum):
+    """MAV_PARAM_TYPE."""
+
+    INT8 = 2
+    INT16 = 4
+    INT32 = 6
+    REAL32 = 9
+
+
+class GpsFix(IntEnum):
+    """GPS_FIX_TYPE; FIX_3D is 3D_FIX there."""
+
+    NO_GPS = 0
+    FIX_3D = 3
+
+
+class AttitudeTargetMask(IntEnum):
+    """ATTITUDE_TARGET_TYPEMASK: fields of SET_ATTITUDE_TARGET that the autopilot ignores."""
+
+    ATTITUDE_IGNORE = 128
+
+
+class Capability(IntEnum):
+    """MAV_PROTOCOL_CAPABILITY: bits of AUTOPILOT_VERSION."""
+
+    SET_ATTITUDE_TARGET = 0x40
+    MAVLINK2 = 0x2000

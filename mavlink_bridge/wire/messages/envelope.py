@@ -1,0 +1,120 @@
+"""The union of all messages, and a received message with its sender."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from mavlink_bridge.wire.messages.protocols import (
+    FileTransfer,
+    MissionAck,
+    MissionClearAll,
+    MissionCount,
+    MissionCurrent,
+    MissionItem,
+    MissionItemReached,
+    MissionRequest,
+    MissionRequestList,
+    MissionSetCurrent,
+    ParamRequestList,
+    ParamRequestRead,
+    ParamSet,
+    ParamValue,
+)
+from mavlink_bridge.wire.messages.sensors import (
+    GpsInput,
+    GpsRaw,
+    HilActuators,
+    HilGps,
+    HilSensor,
+)
+from mavlink_bridge.wire.messages.setpoints import (
+    Command,
+    CommandAck,
+    RateSetpoint,
+    RequestDataStream,
+    SetMode,
+)
+from mavlink_bridge.wire.messages.state import (
+    Attitude,
+    EstimatorStatus,
+    EulerAttitude,
+    GlobalPosition,
+    HomePosition,
+    LocalPosition,
+    Odometry,
+)
+from mavlink_bridge.wire.messages.status import (
+    AutopilotVersion,
+    BatteryStatus,
+    ExtendedSystemState,
+    Heartbeat,
+    StatusText,
+    SystemStatus,
+    SystemTime,
+    TimeSync,
+)
+
+
+@dataclass(frozen=True)
+class Source:
+    """Sender of a message: MAVLink system and component id."""
+
+    system: int
+    component: int
+
+
+Message = (
+    RateSetpoint
+    | Heartbeat
+    | Attitude
+    | EulerAttitude
+    | LocalPosition
+    | Odometry
+    | GlobalPosition
+    | Command
+    | CommandAck
+    | SetMode
+    | StatusText
+    | SystemStatus
+    | BatteryStatus
+    | ExtendedSystemState
+    | HomePosition
+    | GpsRaw
+    | GpsInput
+    | HilSensor
+    | HilGps
+    | HilActuators
+    | EstimatorStatus
+    | AutopilotVersion
+    | TimeSync
+    | SystemTime
+    | ParamRequestRead
+    | ParamRequestList
+    | ParamSet
+    | ParamValue
+    | MissionCount
+    | MissionRequestList
+    | MissionRequest
+    | MissionItem
+    | MissionAck
+    | MissionSetCurrent
+    | MissionClearAll
+    | MissionCurrent
+    | MissionItemReached
+    | RequestDataStream
+    | FileTransfer
+)
+
+
+@dataclass(frozen=True)
+class Received:
+    """A decoded message and its sender.
+
+    missing, unread: frames of this sender since its last message. Missing frames are gaps in its
+    sequence numbers; unread frames arrived and hold nothing that this project uses.
+    """
+
+    source: Source
+    message: Message
+    missing: int = field(default=0, compare=False)
+    unread: int = field(default=0, compare=False)

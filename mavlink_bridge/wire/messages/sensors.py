@@ -1,0 +1,69 @@
+"""GPS fixes, and the sensors and motors of a simulated vehicle (HIL)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mavlink_bridge.shared.arrays import Vector
+
+
+@dataclass(frozen=True)
+class GpsRaw:
+    """GPS_RAW_INT; fix_type: GPS_FIX_TYPE; speed [m/s]; course: ENU yaw [rad]."""
+
+    time: float
+    fix_type: int
+    latitude_deg: float
+    longitude_deg: float
+    altitude: float
+    satellites: int
+    speed: float = 0.0
+    course: float = 0.0
+
+
+@dataclass(frozen=True)
+class GpsInput:
+    """GPS_INPUT, a fix that a receiver sends to an autopilot; degrees, m.
+
+    v: m/s, (3,) ENU, (2,) where the vertical is not given, None where the horizontal is not.
+    """
+
+    time: float
+    fix_type: int
+    latitude_deg: float
+    longitude_deg: float
+    altitude: float
+    v: Vector | None
+    satellites: int = 12
+
+
+@dataclass(frozen=True)
+class HilSensor:
+    """HIL_SENSOR: force (3,) m/s² and omega (3,) rad/s FLU, magnetic (3,) gauss FLU, hPa, m."""
+
+    time: float
+    force: Vector
+    omega: Vector
+    magnetic: Vector
+    pressure: float
+    altitude: float
+
+
+@dataclass(frozen=True)
+class HilGps:
+    """HIL_GPS, a simulated receiver's fix: degrees, m, v (3,) m/s ENU."""
+
+    time: float
+    latitude_deg: float
+    longitude_deg: float
+    altitude: float
+    v: Vector
+
+
+@dataclass(frozen=True)
+class HilActuators:
+    """HIL_ACTUATOR_CONTROLS: the autopilot's motor commands, 0…1 each (16)."""
+
+    time: float
+    controls: tuple[float, ...]
+    armed: bool

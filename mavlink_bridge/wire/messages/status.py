@@ -1,0 +1,79 @@
+"""Identity, health and clock of a vehicle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Heartbeat:
+    """HEARTBEAT. custom_mode as the autopilot sends it; `armed` from base_mode."""
+
+    autopilot: int
+    vehicle_type: int
+    armed: bool
+    custom_mode: int
+    system_status: int
+    base_mode: int = 0
+
+
+@dataclass(frozen=True)
+class StatusText:
+    """STATUSTEXT; severity as in syslog (0 emergency … 7 debug)."""
+
+    severity: int
+    text: str
+
+
+@dataclass(frozen=True)
+class SystemStatus:
+    """SYS_STATUS: sensor bits, battery voltage [V], current [A], remaining [0…1]."""
+
+    present: int
+    enabled: int
+    health: int
+    voltage: float
+    current: float
+    remaining: float
+    load: float = 0.0
+
+
+@dataclass(frozen=True)
+class BatteryStatus:
+    """BATTERY_STATUS of battery 0: voltage [V], current [A], remaining [0…1]."""
+
+    voltage: float
+    current: float
+    remaining: float
+
+
+@dataclass(frozen=True)
+class ExtendedSystemState:
+    """EXTENDED_SYS_STATE: landed_state 1 on ground, 2 in air, 3 taking off, 4 landing."""
+
+    landed_state: int
+
+
+@dataclass(frozen=True)
+class AutopilotVersion:
+    """AUTOPILOT_VERSION."""
+
+    capabilities: int
+    flight_sw_version: int
+    uid: int
+
+
+@dataclass(frozen=True)
+class TimeSync:
+    """TIMESYNC: tc1 and ts1 in nanoseconds of the two clocks."""
+
+    tc1: int
+    ts1: int
+
+
+@dataclass(frozen=True)
+class SystemTime:
+    """SYSTEM_TIME: boot clock and Unix time [s]."""
+
+    time: float
+    unix_time: float = 0.0
