@@ -126,7 +126,7 @@ def _identity(config: CompanionConfig, heard: Heard) -> Finding:
     """The one that the config expects, set up so that it can be flown?"""
     identity = Identity(config.link.autopilot, config.link.system_id)
     identity.hear(m for _, m in heard.messages)
-    wrong = identity.objection()
+    wrong = identity.inhibit_reason()
     told = f"{config.link.autopilot} {identity.version or '(no version told)'}"
     return either("vehicle", not wrong, wrong or told, "set link.autopilot, or the vehicle, right")
 

@@ -90,7 +90,7 @@ class VehicleEstimator:
             heartbeat=self._identity.heartbeat,
             mode_known=self._link.knows_mode,
             rebooted=rebooted,
-            inhibit_reason=self._identity.objection(),
+            inhibit_reason=self._identity.inhibit_reason(),
         )
 
     def _notice_reboot(self, time: float) -> bool:

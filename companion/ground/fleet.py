@@ -109,7 +109,7 @@ async def _do(action: str, drone: CompanionConfig, system: System) -> None:
     if action == "arm":
         await actions.arm()
     elif action == "takeoff":
-        if adapter(drone.link.autopilot, drone.link.system_id).up_in == "offboard":
+        if adapter(drone.link.autopilot, drone.link.system_id).mode_after_takeoff == "offboard":
             await _set_offboard(drone, system)  # ArduPilot takes off in guided mode alone
         await actions.set_takeoff_altitude(drone.mission.takeoff_altitude)
         await actions.takeoff()

@@ -158,7 +158,7 @@ class PhaseMachine:
         Until it climbs, the vehicle may stay in the mode in which it stood. While it is to land it
         may stay in offboard: the request was lost, and is repeated.
         """
-        up = self._autopilot.up_in
+        up = self._autopilot.mode_after_takeoff
         ours = {
             Phase.ARM: (self._mode, up),
             Phase.TAKEOFF: (self._mode, "takeoff", up),
@@ -175,7 +175,7 @@ class PhaseMachine:
         ArduPilot obeys them in the mode in which it takes off, so none may go out before it is up.
         Others ignore them until they are in offboard.
         """
-        if self._autopilot.up_in == "offboard":
+        if self._autopilot.mode_after_takeoff == "offboard":
             return self._is_up(mode, own)
         return mode in ("hold", "offboard")
 
@@ -196,7 +196,10 @@ class PhaseMachine:
     def _is_up(self, mode: str, own: VehicleState) -> bool:
         """Return whether the take-off is over."""
         height = float(own.p[2]) - self._ground
-        return mode == self._autopilot.up_in and height > 0.8 * self._config.takeoff_altitude
+        return (
+            mode == self._autopilot.mode_after_takeoff
+            and height > 0.8 * self._config.takeoff_altitude
+        )
 
     def _requests(self, mode: str) -> list[Message]:
         """Return what to request of the autopilot in this phase, until HEARTBEAT shows it."""

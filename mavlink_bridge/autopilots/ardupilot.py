@@ -31,7 +31,7 @@ class ArduPilot(Autopilot):
     """Requests to one ArduCopter."""
 
     autopilot = AutopilotId.ARDUPILOTMEGA
-    up_in = "offboard"
+    mode_after_takeoff = "offboard"
     modes = MODES
     streams = _STREAMS
 

@@ -19,14 +19,14 @@ class Autopilot:
 
     system: MAVLink system id of the vehicle.
 
-    Class attributes: autopilot: MAV_AUTOPILOT in its HEARTBEAT. up_in: mode of the vehicle after a
+    Class attributes: autopilot: MAV_AUTOPILOT in its HEARTBEAT. mode_after_takeoff: mode of the vehicle after a
     take-off. modes: custom_mode by the name of the mode. streams: rate [Hz] by message id, None to
     switch a stream off.
     """
 
     system: int
     autopilot: ClassVar[AutopilotId]
-    up_in: ClassVar[str]
+    mode_after_takeoff: ClassVar[str]
     modes: ClassVar[Mapping[str, int]]
     streams: ClassVar[Mapping[int, float | None]] = {}
 

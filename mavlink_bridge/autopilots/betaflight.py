@@ -24,7 +24,7 @@ class Betaflight(Autopilot):
     """Requests to one bridged Betaflight; the bridge sends its streams at 50 Hz unasked."""
 
     autopilot = AutopilotId.GENERIC
-    up_in = "hold"
+    mode_after_takeoff = "hold"
     modes = MODES
 
     def inhibit_reason(self, heartbeat: Heartbeat, parameters: Mapping[str, float]) -> str:

@@ -40,7 +40,7 @@ class Px4(Autopilot):
     """Requests to one PX4 vehicle."""
 
     autopilot = AutopilotId.PX4
-    up_in = "hold"
+    mode_after_takeoff = "hold"
     modes = MODES
     streams = _STREAMS
 

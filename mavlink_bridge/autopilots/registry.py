@@ -49,7 +49,7 @@ class Identity:
             elif isinstance(m, ParamValue) and math.isfinite(m.value):
                 self._parameters[m.name] = m.value
 
-    def objection(self) -> str:
+    def inhibit_reason(self) -> str:
         """Return why this config must not fly this vehicle, one line; empty where it may."""
         if self.heartbeat is None:
             return ""

@@ -42,7 +42,7 @@ class Flown:
 
     def until(self, phase):
         """Tick until `phase`, with the heartbeats of a vehicle that obeys."""
-        up, climbs = self.phases._autopilot.up_in, False
+        up, climbs = self.phases._autopilot.mode_after_takeoff, False
         for _ in range(20):
             now = self.phases.phase
             if now is phase:
@@ -110,7 +110,7 @@ def foreign_modes():
     """(adapter, its modes, phase, mode) wherever the phase does not lead to the mode."""
     for adapter, modes in ALL:
         for phase in (Phase.TAKEOFF, Phase.ENGAGE, Phase.FLY, Phase.LAND):
-            own = "land" if phase is Phase.LAND else adapter.up_in
+            own = "land" if phase is Phase.LAND else adapter.mode_after_takeoff
             for mode in sorted({"pilot", "rtl", "hold", "land"} & set(modes) - {own}):
                 name = f"{type(adapter).__name__}-{phase.value}-{mode}"
                 yield pytest.param(adapter, modes, phase, mode, id=name)
@@ -161,7 +161,7 @@ def test_a_take_off_that_a_pilot_ends_is_not_requested_again(adapter, modes):
         flown = Flown(adapter, modes, auto=True)
         flown.until(Phase.TAKEOFF)
         if climbs:
-            flown.tick("takeoff" if "takeoff" in modes else adapter.up_in, height=0.8)
+            flown.tick("takeoff" if "takeoff" in modes else adapter.mode_after_takeoff, height=0.8)
         assert flown.nothing_more("pilot", height=0.8)
 
 
@@ -180,8 +180,8 @@ def test_a_vehicle_that_stands_in_a_pilots_mode_takes_off_all_the_same(adapter, 
         flown.tick("pilot", armed=armed)
     asked = [flown.tick("pilot") for _ in range(25)]
     assert [d.requests for d in asked if d.requests] == [adapter.takeoff(2.0)] * 2
-    flown.tick("takeoff" if "takeoff" in modes else adapter.up_in, height=0.5)
-    assert flown.tick(adapter.up_in, height=2.0).phase is Phase.ENGAGE
+    flown.tick("takeoff" if "takeoff" in modes else adapter.mode_after_takeoff, height=0.5)
+    assert flown.tick(adapter.mode_after_takeoff, height=2.0).phase is Phase.ENGAGE
 
 
 @pytest.mark.row("21")

@@ -46,8 +46,8 @@ def options(value):
 def test_a_vehicle_that_must_not_fly_is_reported_in_one_line(name, received, words):
     identity = Identity(name, 7)
     identity.hear(received)
-    assert words in identity.objection() if words else identity.objection() == ""
-    assert "\n" not in identity.objection()
+    assert words in identity.inhibit_reason() if words else identity.inhibit_reason() == ""
+    assert "\n" not in identity.inhibit_reason()
 
 
 @pytest.mark.parametrize("name", sorted(ADAPTERS))
@@ -57,7 +57,7 @@ def test_every_adapter_addresses_its_vehicle(name):
     requests += [*a.offboard(), *a.hold(), *a.land()]
     assert {m.target_system for m in requests} == {3}
     assert a.mode(beat(a.autopilot, 0x7FFF)) == "other"
-    assert a.up_in in ("hold", "offboard")
+    assert a.mode_after_takeoff in ("hold", "offboard")
 
 
 def test_the_mode_is_read_from_heartbeat():
