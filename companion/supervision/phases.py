@@ -11,10 +11,15 @@ from dataclasses import dataclass, field
 from companion.guidance.mission import MissionConfig
 from companion.types import Phase
 from mavlink_bridge.autopilots.registry import Autopilot
+from mavlink_bridge.wire.ids import AutopilotId, SystemState, VehicleType
 from mavlink_bridge.wire.messages import Heartbeat, Message, VehicleState
 
 COMPANION_HEARTBEAT = Heartbeat(
-    autopilot=8, vehicle_type=18, armed=False, custom_mode=0, system_status=4
+    autopilot=AutopilotId.INVALID,
+    vehicle_type=VehicleType.ONBOARD_CONTROLLER,
+    armed=False,
+    custom_mode=0,
+    system_status=SystemState.ACTIVE,
 )
 _REPEAT = 1.0  # s between repeated requests
 _REPEAT_RELEASE = 0.3  # s; the same while control is given back, as only two seconds are left
