@@ -20,8 +20,8 @@ class Autopilot:
     system: MAVLink system id of the vehicle.
 
     Class attributes: autopilot: MAV_AUTOPILOT in its HEARTBEAT. mode_after_takeoff: mode of the
-    vehicle after a take-off. modes: custom_mode by the name of the mode. streams: rate [Hz] by message id, None to
-    switch a stream off.
+    vehicle after a take-off. modes: custom_mode by the name of the mode. streams: rate [Hz] by
+    message id, None to switch a stream off.
     """
 
     system: int
