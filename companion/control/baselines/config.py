@@ -1,4 +1,4 @@
-"""Numbers of the controllers to compare with; docs/studies.md says how they were found."""
+"""Numbers of the controllers to compare with; docs/history/studies-0.1.md says how they were found."""
 
 from __future__ import annotations
 
