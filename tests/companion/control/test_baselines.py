@@ -13,16 +13,16 @@ from companion.control.baselines.rules import braking, rule
 from companion.control.baselines.surroundings import Surroundings
 from companion.control.nmpc import Neighbour, make_instance
 from companion.model import predict
-from companion.settings.config import CompanionConfig, adapted
+from companion.settings.config import CompanionConfig
 from mavlink_bridge.shared.settings import SettingsError
 
 RULES = ("reynolds", "vasarhelyi", "potential-field", "orca")
 
 
 def planner(controller, **changes):
-    config = adapted(CompanionConfig(controller=controller, **changes))
+    config = CompanionConfig(controller=controller, **changes).for_controller()
     c = config
-    planner = make_planner(c.controller, c.nmpc, c.baselines, c.threat.level, lambda: 0.0)
+    planner = make_planner(c.controller, c.nmpc, c.baselines, c.right_of_way.level, lambda: 0.0)
     return planner, c.nmpc
 
 
@@ -150,9 +150,9 @@ def test_the_tracking_law_brings_the_model_to_the_wanted_velocity():
 
 
 def test_single_horizon_is_the_nmpc_over_all_of_it():
-    config = adapted(CompanionConfig(controller="single-horizon")).nmpc
+    config = CompanionConfig(controller="single-horizon").for_controller().nmpc
     assert config.M == config.M_constraint == config.N
-    assert adapted(CompanionConfig()).nmpc == CompanionConfig().nmpc
+    assert CompanionConfig().for_controller().nmpc == CompanionConfig().nmpc
 
 
 def test_orca_without_its_package_says_what_to_install(monkeypatch):
@@ -163,5 +163,5 @@ def test_orca_without_its_package_says_what_to_install(monkeypatch):
 
 
 def test_rules_are_told_of_every_neighbour():
-    config = adapted(CompanionConfig(controller="reynolds"))
+    config = CompanionConfig(controller="reynolds").for_controller()
     assert config.nmpc.neighbours == config.threat.critical == 12

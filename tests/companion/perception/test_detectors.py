@@ -1,30 +1,22 @@
-import dataclasses
+"""Detections from the output of networks, and the files that are refused."""
+
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from companion.perception.camera import FORWARD, CalibrationError, Camera
+from companion.perception.camera import Camera
 from companion.perception.cnn import CHANNELS, HEIGHT, STRIDE, WIDTH, CnnConfig, CnnDetector
 from companion.perception.detectors import ModelError, make_detector
-from companion.perception.frontend import Detections, Sight, load_camera
 from companion.perception.yolo import YoloConfig, YoloDetector
 from companion.settings.config import CompanionConfig
-from mavlink_bridge.shared.frames import multiply
 from mavlink_bridge.shared.settings import SettingsError, assignments, validate
-from mavlink_bridge.wire.messages import VehicleState
-from mavlink_bridge.wire.video import Frame
 
 CAMERA = Camera.equidistant(640, 400)
 
 
 def config(**parts):
     return CompanionConfig.model_validate(parts)
-
-
-def state():
-    return VehicleState(0.0, np.array([0, 0, 2.0]), np.zeros(3), np.array([1.0, 0, 0, 0]),
-                        np.zeros(3))  # fmt: skip
 
 
 def cells(*drones):
@@ -129,47 +121,3 @@ def test_yolo_of_one_class_and_four_strides_is_no_list_of_corners(monkeypatch):
 def test_yolo_without_a_model_is_refused_with_its_keys():
     with pytest.raises(SettingsError, match=r"sensing\.detector: .*sensing\.model"):
         validate(CompanionConfig, assignments(["sensing.detector=yolo"]), "x")
-
-
-def test_a_calibration_of_another_size_is_refused(tmp_path):
-    Camera.equidistant(320, 200).save(tmp_path / "c.yaml")
-    with pytest.raises(CalibrationError, match="made at 320×200"):
-        load_camera(config(camera={"calibration": str(tmp_path / "c.yaml")}).camera)
-
-
-def test_pictures_of_another_size_are_an_objection_until_they_fit():
-    c = config()
-    sight = Sight(c.camera, c.sensing)
-    sight.see(Frame(0.1, {"image": np.zeros((480, 640, 3), np.uint8)}), state())
-    assert "640×480" in sight.inhibit_reason
-    sight.see(Frame(0.2, {"image": np.zeros((400, 640, 3), np.uint8)}), state())
-    assert sight.inhibit_reason == ""
-
-
-@pytest.mark.parametrize("obstacles", ["camera", "depth", "map"])
-def test_a_frame_without_what_shows_obstacles_says_nothing_of_them(obstacles):
-    parts = config(sensing={"obstacles": obstacles, "trunks_every": 1})
-    sight = Sight(parts.camera, parts.sensing)
-    assert not sight.see(Frame(0.0, {"neighbours": np.zeros((0, 6))}), state()).searched
-    small = np.zeros((64, 64, 3), np.uint8)
-    assert not sight.see(Frame(0.1, {"image": small}), state()).searched
-
-
-@pytest.mark.parametrize(("obstacles", "near"), [("camera", 0.05), ("depth", 1.0), ("map", 1.0)])
-def test_how_much_of_a_look_at_a_trunk_a_frame_is(obstacles, near):
-    """From 2 m up its foot is out of the picture within 1.7 m; behind nothing is seen."""
-    parts = config(sensing={"obstacles": obstacles, "trunks_every": 1})
-    sight = Sight(parts.camera, parts.sensing)
-    sighting = Detections(0.0, state(), searched=True)
-    told = sight.tells(sighting, np.array([[4.0, 0, 2], [1.2, 0, 2], [-4.0, 0, 2]]))
-    assert told.tolist() == [1.0, near, 0.0]
-
-
-def test_on_a_camera_on_its_side_less_is_beside():
-    portrait = [0.7071067811865476, 0.0, 0.0, 0.7071067811865476]  # rolled about its axis
-    mount = multiply(np.array(FORWARD), np.array(portrait))
-    parts = config(sensing={"obstacles": "map"})
-    sight = Sight(parts.camera, parts.sensing)
-    sight.camera = dataclasses.replace(CAMERA, mount=mount)
-    aside = 4.0 * np.array([np.cos(1.05), np.sin(1.05), 0.0])  # 60° off; 50° are in the picture
-    assert sight.tells(Detections(0.0, state()), (state().p + aside)[None])[0] == 0.0

@@ -1,12 +1,10 @@
-"""The guard's rules one by one, the eye, the fence, and what own state refuses."""
+"""The guard's rules one by one, and what own state refuses."""
 
 import numpy as np
 import pytest
 
 from companion.estimation.own_state import OwnState
-from companion.guidance.fence import FenceConfig
 from companion.guidance.mission import MissionConfig
-from companion.perception.camera_health import CameraFault, CameraHealthConfig, Eye
 from companion.supervision.guard import (
     Ask,
     Guard,
@@ -19,9 +17,7 @@ from companion.supervision.guard import (
 from companion.supervision.phases import PhaseMachine
 from companion.types import Phase, Plan, PlanStatus
 from mavlink_bridge.autopilots.px4 import MODES, Px4
-from mavlink_bridge.shared.settings import SettingsError, parse_yaml, validate
 from mavlink_bridge.wire.messages import Attitude, Heartbeat, LocalPosition, VehicleState
-from mavlink_bridge.wire.video import Frame
 
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -101,74 +97,6 @@ def test_half_of_the_commands_lost_brakes_and_then_holds():
     assert {v.reason for v in said} == {Reason.LATE}
     assert [v.ask for v in said].index(Ask.HOLD) == 10
     assert guard.judge(situation(1.3, lost=0.2)).reason is Reason.PLAN
-
-
-def picture(seed):
-    return np.random.default_rng(seed).integers(50, 200, (64, 64, 3), np.uint8)
-
-
-def test_what_the_eye_notices():
-    eye = Eye(CameraHealthConfig())
-    frames = [
-        (Frame(0.0, {"image": picture(0)}), CameraFault.NONE),
-        (Frame(0.1, {"image": picture(0)}), CameraFault.FROZEN),
-        (Frame(0.2, {"image": np.zeros((64, 64, 3), np.uint8)}), CameraFault.BLACK),
-        (Frame(0.3, {"image": np.full((64, 64, 3), 255, np.uint8)}), CameraFault.SATURATED),
-        (Frame(0.4, {}), CameraFault.DEAD),
-        (Frame(0.5, {"image": picture(1)}), CameraFault.NONE),
-        (Frame(0.5, {"image": picture(1)}), CameraFault.NONE),  # the same frame again: none newer
-        (Frame(0.5, {"image": picture(1)}), CameraFault.LATE),
-    ]
-    for n, (frame, trouble) in enumerate(frames):
-        assert eye.look(0.1 * n, frame) is trouble, n
-    assert eye.look(1.1, frames[-1][0]) is CameraFault.DEAD
-    assert eye.blind(1.1) == pytest.approx(0.4, abs=0.01)
-    assert eye.look(1.2, Frame(1.2, {"neighbours": np.zeros((0, 6))})) is CameraFault.NONE
-    assert eye.blind(1.2) == 0.0
-
-
-def test_a_frame_without_all_that_is_to_be_looked_at_shows_nothing():
-    eye, far = Eye(CameraHealthConfig(), {"image", "depth"}), np.full((20, 32), np.inf)
-    unknown = np.where(np.arange(32) < 31, np.nan, far)
-    frames = [({"depth": far}, CameraFault.NONE), ({}, CameraFault.DEAD), ({"depth": far * np.nan}, None),
-              ({"depth": np.zeros((20, 32))}, None), ({"depth": unknown}, None)]  # fmt: skip
-    for n, (depth, trouble) in enumerate(frames):
-        frame = Frame(0.1 * n, {"image": picture(n), **depth})
-        assert eye.look(0.1 * n, frame) is (trouble or CameraFault.NO_DEPTH), n
-    assert eye.look(0.6, Frame(0.6, {"depth": far})) is CameraFault.DEAD
-
-
-def test_a_stamp_in_the_future_is_trouble_and_over_with_the_next_frame():
-    eye = Eye(CameraHealthConfig())
-    assert eye.look(10.0, Frame(9.97, {"image": picture(0)})) is CameraFault.NONE
-    assert eye.look(10.1, Frame(10.15, {"image": picture(1)})) is CameraFault.NONE  # clocks differ
-    assert eye.look(10.2, Frame(70.0, {"image": picture(2)})) is CameraFault.AHEAD
-    assert not eye.shows
-    assert eye.blind(10.2) > 0.0
-    assert eye.look(10.3, Frame(10.27, {"image": picture(3)})) is CameraFault.NONE
-    assert eye.look(10.6, Frame(10.27, {"image": picture(3)})) is CameraFault.LATE
-
-
-def test_the_fence_has_sides_and_a_top():
-    fence = FenceConfig(east=[-5.0, 8.0], north=[-3.0, 3.0], altitude_max=5.0)
-    assert fence.planes().shape == (5, 4)
-    outside, outward = fence.across(np.array([9.0, 0.0, 2.0]), np.array([1.0, 0.0, 0.0]))
-    assert (outside, outward) == (1.0, 1.0)
-    assert fence.across(np.array([0.0, 0.0, 2.0]), np.zeros(3))[0] == -3.0
-    assert len(fence.near(np.array([7.0, 0.0, 2.0]), 0.6)) == 3
-    assert FenceConfig().near(np.zeros(3), 0.6).shape == (0, 4)
-    with pytest.raises(SettingsError, match=r"f:1:1: east: must be \[least, most\]"):
-        validate(FenceConfig, parse_yaml("east: [3.0, -3.0]", "f"), "f")
-
-
-def test_a_side_that_is_crossed_lets_one_go_no_farther():
-    """It would else be come back over at any price: sides and trunks share one slack."""
-    fence = FenceConfig(east=[-5.0, 5.0], north=[-5.0, 5.0])
-    outside = fence.near(np.array([5.7, 4.8, 2.0]), 0.6)
-    east, north = outside[outside[:, 0] > 0][0], outside[outside[:, 1] > 0][0]
-    assert east[3] == pytest.approx(5.7 + 0.6)
-    assert north[3] == 5.0
-    assert fence.across(np.array([5.7, 4.8, 2.0]), np.zeros(3))[0] == pytest.approx(0.7)
 
 
 def fed(*samples):
