@@ -20,7 +20,7 @@ from companion.control.nmpc.outcome import (
     penalised,
     shifted,
 )
-from companion.control.nmpc.parameters import Numbers, weight_numbers
+from companion.control.nmpc.parameters import ParameterVectors, weight_numbers
 from companion.control.nmpc.problem import build_stage
 from companion.control.nmpc.qp import change_bounds, input_bounds
 from companion.model import NU, NX, normalise
@@ -51,7 +51,7 @@ class IpoptNmpc:
         self._clock = clock
         self._stage = build_stage(config)
         self._weights = weight_numbers(config)
-        self._numbers = Numbers(config)
+        self._parameters = ParameterVectors(config)
         self._build(expand, tolerance, barrier)
         self._plan: Trajectory | None = None
 
@@ -137,8 +137,8 @@ class IpoptNmpc:
         u_last = np.clip(instance.u_last, low, high)
         x0 = instance.x0.copy()
         x0[6:10] = normalise(x0[6:10])
-        self._numbers.fill(instance)
-        scene, stages = self._numbers.scene, self._numbers.stages.T
+        self._parameters.fill(instance)
+        scene, stages = self._parameters.scene, self._parameters.stages.T
         if not all(np.isfinite(a).all() for a in (x0, u_last, scene, stages)):
             return self._failure(instance, PlanStatus.NOT_FINITE, 0, started)
         x, u = self._plan if self._plan is not None else cold_guess(config, instance, x0)

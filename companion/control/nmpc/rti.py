@@ -19,9 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.control.nmpc.compiled import CompiledProgram, library
+from companion.control.nmpc.compiled import library
 from companion.control.nmpc.config import NmpcConfig
 from companion.control.nmpc.instance import Instance
+from companion.control.nmpc.kernel import CompiledProgram
 from companion.control.nmpc.outcome import (
     Trajectory,
     brake_guess,

@@ -10,10 +10,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from companion.control.nmpc.compiled import Sweep
 from companion.control.nmpc.config import NmpcConfig
 from companion.control.nmpc.instance import Instance
-from companion.control.nmpc.parameters import Numbers, weight_numbers
+from companion.control.nmpc.kernel import Sweep
+from companion.control.nmpc.parameters import ParameterVectors, weight_numbers
 from companion.control.nmpc.problem import Stage
 from companion.model import NU, NX, step
 from mavlink_bridge.shared.arrays import Vector
@@ -39,15 +39,15 @@ class Stages:
         self.reached, self.costs = np.zeros((N, NX)), np.zeros(N)
         self.margins = np.zeros((N, stage.evaluate.nnz_out(2)))
         self._before = np.zeros((N, NU))
-        self._numbers = Numbers(config)
+        self._parameters = ParameterVectors(config)
         self._weights = weight_numbers(config)
         inputs = [
             (self.x[:-1], NX),
             (self._before, NU),
             (self.u, NU),
             (self.x[1:], NX),
-            (self._numbers.stages, self._numbers.stages.shape[1]),
-            (self._numbers.scene, 0),
+            (self._parameters.stages, self._parameters.stages.shape[1]),
+            (self._parameters.scene, 0),
             (self._weights, 0),
         ]
         outputs = [(self.reached, NX), (self.costs, 1), (self.margins, self.margins.shape[1])]
@@ -81,15 +81,15 @@ class Stages:
 
     def place(self, instance: Instance, u_last: Vector) -> bool:
         """Set the parameters of an instance; False if one of them is not finite."""
-        self._numbers.fill(instance)
+        self._parameters.fill(instance)
         self._before[0] = u_last
         # A sum is finite only if every term is, short of overflow, which is no plan either.
-        total = self._numbers.scene.sum() + self._numbers.stages.sum() + self._before[0].sum()
+        total = self._parameters.scene.sum() + self._parameters.stages.sum() + self._before[0].sum()
         return math.isfinite(total)
 
     def roll_out(self) -> None:
         """Replace the states by what the inputs lead to from the first one."""
-        disturbance, x = self._numbers.scene[6:9].tolist(), self.x[0].tolist()
+        disturbance, x = self._parameters.of_scene["disturbance"].tolist(), self.x[0].tolist()
         for k, u in enumerate(self.u.tolist()):
             x = self.x[k + 1] = step(x, u, self.config.dt, disturbance)
 
