@@ -20,10 +20,10 @@ from mavlink_bridge.shared.arrays import Vector
 
 
 class Stages:
-    """An iterate (x, u), the parameters, and the stage functions evaluated on them.
+    """An iterate x (N+1,10), u (N,4), the parameters, and the stage functions on them.
 
-    All arrays are read and written in place by the generated functions; fill them, never
-    replace them. `source` is where the linearisation goes.
+    The generated functions read and write all arrays in place: fill them, never replace them.
+    reached (N,10): x_1…x_N by the model. costs (N,). margins (N,rows) m: of (37), (38).
     """
 
     def __init__(
@@ -33,6 +33,7 @@ class Stages:
         source: Vector,
         library: ctypes.CDLL | None = None,
     ) -> None:
+        """source: receives the linearisation. library: None for CasADi's virtual machine."""
         N = config.N
         self.config = config
         self.x, self.u = np.zeros((N + 1, NX)), np.zeros((N, NU))
@@ -66,7 +67,7 @@ class Stages:
         inputs: list[tuple[Vector, int]],
         outputs: list[tuple[Vector, int]],
     ) -> Callable[[], None]:
-        """The function mapped over the stages in CasADi's virtual machine."""
+        """Return a call of the function on all stages in CasADi's virtual machine."""
         shared = [i for i, (_, stride) in enumerate(inputs) if stride == 0]
         name = function.name() + "_all"
         mapped = function.map(name, "serial", self.config.N, shared, [])
@@ -79,16 +80,17 @@ class Stages:
         self._buffers.append(buffer)
         return call  # type: ignore[no-any-return]
 
-    def place(self, instance: Instance, u_last: Vector) -> bool:
-        """Set the parameters of an instance; False if one of them is not finite."""
+    def set_parameters(self, instance: Instance, u_last: Vector) -> bool:
+        """Set the parameters to those of an instance; return whether all are finite."""
         self._parameters.fill(instance)
         self._before[0] = u_last
-        # A sum is finite only if every term is, short of overflow, which is no plan either.
-        total = self._parameters.scene.sum() + self._parameters.stages.sum() + self._before[0].sum()
+        # A sum is finite only if every term is; a sum that overflows has no plan either.
+        given = self._parameters
+        total = given.scene.sum() + given.stages.sum() + self._before[0].sum()
         return math.isfinite(total)
 
     def roll_out(self) -> None:
-        """Replace the states by what the inputs lead to from the first one."""
+        """Replace x_1…x_N by the states that the inputs lead to from x_0."""
         disturbance, x = self._parameters.of_scene["disturbance"].tolist(), self.x[0].tolist()
         for k, u in enumerate(self.u.tolist()):
             x = self.x[k + 1] = step(x, u, self.config.dt, disturbance)
@@ -105,7 +107,7 @@ class Stages:
 
 
 def _memory(array: Vector) -> Any:
-    """The numbers of an array, in place; CasADi's stubs know only the C side of its buffers."""
+    """Return the memory of an array; CasADi's stubs know only the C side of its buffers."""
     flat = array.reshape(-1)
     assert np.shares_memory(flat, array)
     return memoryview(flat)  # type: ignore[arg-type]

@@ -89,7 +89,7 @@ def yolo(monkeypatch, out, **settings):
 
 
 @pytest.mark.parametrize(
-    ("size", "layout"), [(640, "rows"), (640, "columns"), (640, "found"), (64, "rows")]
+    ("size", "layout"), [(640, "rows"), (640, "columns"), (640, "end-to-end"), (64, "rows")]
 )
 def test_yolo_of_each_layout_sees_the_same(monkeypatch, size, layout):
     """A box of 32 x 20 px in the middle; of 80 classes the third, of a small input too."""

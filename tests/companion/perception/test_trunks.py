@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from companion.perception.camera import Camera
-from companion.perception.panorama import Level, Panorama
+from companion.perception.panorama import LevelFrame, Panorama
 from companion.perception.trunks import TrunkDetector
 
 CAMERA = Camera.equidistant(640, 400)
@@ -18,7 +18,7 @@ def gravity(pitch_deg, roll_deg):
 
 def picture(trunks, down, altitude, camera=CAMERA):
     """Flat-coloured trunks (forward, right, radius) on flat ground under flat sky."""
-    level = Level.of(down)
+    level = LevelFrame.along(down)
     rays = camera.directions.reshape(-1, 3).astype(float)
     f, r, d = rays @ level.forward, rays @ level.right, rays @ level.down
     image = np.where((d > 0)[:, None], GROUND, SKY)
@@ -42,7 +42,7 @@ def test_one_trunk_at_any_attitude(pitch, roll):
     (found,) = TrunkDetector(CAMERA).detect(picture([(5.0, 1.0, 0.8)], down, 2.0), down, 2.0)
     assert found.distance == pytest.approx(np.hypot(5, 1), rel=0.04)
     assert found.radius == pytest.approx(0.8, rel=0.15)
-    level = Level.of(down)
+    level = LevelFrame.along(down)
     truth = (5 * level.forward + 1 * level.right) / np.hypot(5, 1)
     assert np.degrees(np.arccos(found.direction @ truth)) < 0.7
     assert found.direction @ down == pytest.approx(0.0, abs=1e-9)
@@ -96,14 +96,14 @@ def test_a_blank_picture_is_harmless(level):
 
 def test_panorama_puts_a_direction_where_it_belongs():
     down = gravity(12, -20)
-    level = Level.of(down)
+    level = LevelFrame.along(down)
     image = np.zeros((400, 640, 3), np.uint8)
     azimuth, elevation = 0.6, -0.3
     ray = np.cos(elevation) * level.direction(azimuth) - np.sin(elevation) * level.down
     u, v = np.round(CAMERA.project(ray[None])[0]).astype(int)
     image[v - 2 : v + 3, u - 2 : u + 3] = 255
     panorama = Panorama(CAMERA, 1.5, 0.2, -1.3, 0.008)
-    cut, seen = panorama.look(image, level)
+    cut, seen = panorama.resample(image, level)
     rows, cols = np.nonzero(cut[..., 0] > 128)
     assert panorama.azimuth[cols].mean() == pytest.approx(azimuth, abs=0.005)
     assert panorama.elevation[rows].mean() == pytest.approx(elevation, abs=0.005)
