@@ -40,7 +40,7 @@ class Tally:
     """Counts and errors of one range band.
 
     wanted: drones in view. found: of these. false: detections of no drone. bearing: rad. relative:
-    error of range over range. velocity: m/s.
+    error of range over range. normalised: error of range over its own 1σ. velocity: m/s.
     """
 
     wanted: int = 0
@@ -48,6 +48,7 @@ class Tally:
     false: int = 0
     bearing: list[float] = field(default_factory=list)
     relative: list[float] = field(default_factory=list)
+    normalised: list[float] = field(default_factory=list)
     velocity: list[float] = field(default_factory=list)
 
     def figures(self) -> dict[str, float | int | None]:
@@ -60,9 +61,8 @@ class Tally:
             "bearing_rms_deg": _rms(np.degrees(self.bearing)),
             "range_error_median": _percentile(np.abs(relative), 50),
             "range_bias_median": _percentile(relative, 50),
-            "range_error_p95": float(np.percentile(np.abs(relative), 95))
-            if len(relative)
-            else None,
+            "range_error_p95": _percentile(np.abs(relative), 95),
+            "range_error_p95_sigma": _percentile(np.abs(np.array(self.normalised, float)), 95),
             "velocity_rmse_m_s": _rms(self.velocity),
         }
 
@@ -134,6 +134,8 @@ def score(bands: dict[tuple[float, float], Tally], found: list[Detection], drone
                     tally.found += 1
                     tally.bearing.append(float(angle[right[drone], drone]))
                     tally.relative.append(float(ratio[right[drone], drone] - 1.0))
+                    error = ranges[right[drone]] - distance
+                    tally.normalised.append(float(error / found[right[drone]].sigma_range))
     for n in sorted(set(range(len(found))) - set(right.values())):
         for (low, high), tally in bands.items():
             tally.false += bool(low <= ranges[n] < high)
@@ -215,6 +217,8 @@ class Trunks:
                 if n in right:
                     tally.found += 1
                     tally.relative.append(float(surface[right[n]] / max(true[n], 0.05) - 1.0))
+                    error = surface[right[n]] - true[n]
+                    tally.normalised.append(float(error / found[right[n]].sigma))
 
     def table(self) -> dict[str, Any]:
         """Return the figures per band of surface distance."""

@@ -20,7 +20,7 @@ def config(**parts):
 
 
 def cells(*drones):
-    """An output that shows drones at pixel (u, v) with a radius in pixels."""
+    """An output of drones at pixels (u, v) with a radius in pixels and heat."""
     out = np.zeros((CHANNELS, HEIGHT // STRIDE, WIDTH // STRIDE), np.float32)
     for u, v, size, heat in drones:
         x, y = (u + 0.5) / STRIDE - 0.5, (v + 0.5) / STRIDE - 0.5
@@ -32,8 +32,8 @@ def cells(*drones):
     return out
 
 
-class Reader(CnnDetector):
-    """The decoding alone."""
+class Decoder(CnnDetector):
+    """The decoding without the network."""
 
     def __init__(self, camera):
         self._config, self._camera = CnnConfig(), camera.scaled(WIDTH, HEIGHT)
@@ -41,26 +41,26 @@ class Reader(CnnDetector):
 
 @pytest.mark.parametrize("azimuth", [0.0, 0.6, -1.2])
 @pytest.mark.parametrize("distance", [1.0, 4.0, 9.0])
-def test_direction_and_range_at_any_place_of_the_lens(azimuth, distance):
+def test_direction_and_range_everywhere_on_the_lens(azimuth, distance):
     ray = np.array([np.sin(azimuth), 0.1, np.cos(azimuth)])
     ray /= np.linalg.norm(ray)
     ((u, v),) = CAMERA.project(ray[None])
     theta = np.arccos(ray[2])
     pixels = 0.2 / distance * CAMERA.fx * np.sqrt(theta / np.sin(theta))
-    (found,) = Reader(CAMERA).read(cells((u, v, pixels, 0.9)))
+    (found,) = Decoder(CAMERA).read(cells((u, v, pixels, 0.9)))
     assert np.degrees(np.arccos(min(found.direction @ ray, 1.0))) < 0.05
     assert found.range == pytest.approx(distance, rel=0.02)
     assert 0.0 < found.sigma_range < 0.2 * distance
 
 
-def test_one_drone_once_and_two_as_two_nearest_first():
+def test_each_drone_is_detected_once_nearest_first():
     near = cells((300, 200, 60, 0.9), (312, 200, 58, 0.6), (420, 200, 10, 0.8), (40, 40, 9, 0.2))
-    found = Reader(CAMERA).read(near)
+    found = Decoder(CAMERA).read(near)
     assert len(found) == 2
     assert found[0].range < found[1].range
 
 
-def test_missing_and_wrong_models_are_one_error(tmp_path):
+def test_missing_and_wrong_models_are_refused(tmp_path):
     for detector in ("cnn", "yolo"):
         wanted = config(sensing={"detector": detector, "model": str(tmp_path / "none.onnx")})
         with pytest.raises(ModelError, match=r"none\.onnx: no such model file"):
@@ -72,7 +72,7 @@ def test_missing_and_wrong_models_are_one_error(tmp_path):
 
 
 @pytest.mark.parametrize(("shape", "highest"), [((1, 84, 8400), 79), ((1, 25200, 7), 1)])
-def test_classes_that_a_yolo_does_not_know_are_named(monkeypatch, tmp_path, shape, highest):
+def test_classes_that_a_yolo_lacks_are_named(monkeypatch, tmp_path, shape, highest):
     network = SimpleNamespace(shape=shape)
     monkeypatch.setattr("companion.perception.yolo.OnnxNetwork", lambda model, w, h: network)
     YoloDetector(CAMERA, YoloConfig(classes=[0, highest]), tmp_path / "y.onnx")
@@ -81,7 +81,7 @@ def test_classes_that_a_yolo_does_not_know_are_named(monkeypatch, tmp_path, shap
 
 
 def yolo(monkeypatch, out, **settings):
-    """What a network with this output (1,…) sees in a picture."""
+    """The detections of a network with this output (1,…)."""
     network = SimpleNamespace(shape=out.shape, run=lambda image, swap: out)
     monkeypatch.setattr("companion.perception.yolo.OnnxNetwork", lambda model, w, h: network)
     detector = YoloDetector(CAMERA, YoloConfig(**settings), "y.onnx")
@@ -91,8 +91,8 @@ def yolo(monkeypatch, out, **settings):
 @pytest.mark.parametrize(
     ("size", "layout"), [(640, "rows"), (640, "columns"), (640, "end-to-end"), (64, "rows")]
 )
-def test_yolo_of_each_layout_sees_the_same(monkeypatch, size, layout):
-    """A box of 32 x 20 px in the middle; of 80 classes the third, of a small input too."""
+def test_each_layout_of_yolo_gives_the_same_detection(monkeypatch, size, layout):
+    """A box of 32 × 20 px in the middle, of the third of 80 classes; with a small input, too."""
     scale, cells = size / 640, 21 * (size // 32) ** 2
     u, v, w, h = (x * scale for x in (320.0, 200.0, 32.0, 20.0))
     if layout == "rows":
@@ -111,7 +111,7 @@ def test_yolo_of_each_layout_sees_the_same(monkeypatch, size, layout):
     assert yolo(monkeypatch, out, size=size, classes=[1]) == []
 
 
-def test_yolo_of_one_class_and_four_strides_is_no_list_of_corners(monkeypatch):
+def test_yolo_of_one_class_and_four_strides_is_not_end_to_end(monkeypatch):
     out = np.zeros((1, 3 * (8400 + 100), 6), np.float32)
     out[0, 5] = 320.0, 200.0, 32.0, 20.0, 1.0, 0.9
     (seen,) = yolo(monkeypatch, out)

@@ -87,7 +87,7 @@ def test_curvature_majorises_a_norm():
 
 
 def test_curvature_of_a_hinge_is_at_least_its_own():
-    """Of the blind side, pressed or not: what the solver's steps rest on."""
+    """For the hinge of the blind side, pressed or not: the solver's steps rest on it."""
     v, sight = ca.SX.sym("v", 3), ca.SX.sym("sight", 2)
     weights, w = weight_symbols()
     term = blind_motion(v, SimpleNamespace(sight=sight), w)
