@@ -52,6 +52,7 @@ def _kind(window: Sequence[Instance], config: NmpcConfig) -> str:
 
 
 def _inside(instance: Instance, config: NmpcConfig) -> bool:
+    """Return whether the drone is inside a safety distance, (37) or (38)."""
     apart = between(instance.neighbour_p, instance.x0[:3], config.agent_vertical_scale)
     near = apart[instance.neighbour_active > 0]
     return bool((near < config.d_agent_safety).any()) or _to_trunk(instance) < (
@@ -60,6 +61,7 @@ def _inside(instance: Instance, config: NmpcConfig) -> bool:
 
 
 def _head_on(instance: Instance, config: NmpcConfig) -> bool:
+    """Return whether a neighbour comes head-on."""
     d = instance.neighbour_p - instance.x0[:3]
     v = instance.neighbour_v - instance.x0[3:6]
     distance = np.linalg.norm(d, axis=1) + 1e-9
@@ -69,6 +71,7 @@ def _head_on(instance: Instance, config: NmpcConfig) -> bool:
 
 
 def _crowded(instance: Instance, config: NmpcConfig) -> bool:
+    """Return whether two neighbours and a trunk are near."""
     distance = between(instance.neighbour_p, instance.x0[:3])
     near = (distance < _NEAR) & (instance.neighbour_active > 0)
     return int(near.sum()) >= 2 and _to_trunk(instance) < _NEAR

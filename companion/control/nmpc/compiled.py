@@ -45,7 +45,7 @@ def library(stage: Stage, config: NmpcConfig) -> ctypes.CDLL | None:
         path = _cache() / f"nmpc-{hashlib.sha256(key.encode()).hexdigest()[:20]}.so"
         with _lock(path.parent):
             if path.exists():
-                with contextlib.suppress(OSError):  # cut short by a full disk: compiled anew
+                with contextlib.suppress(OSError):  # cut short by a full disk: compiled again
                     return ctypes.CDLL(str(path))
             _compile(compiler, source, path)
             return ctypes.CDLL(str(path))

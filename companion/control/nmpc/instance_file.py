@@ -145,6 +145,7 @@ def _fitted(path: Path, name: str, given: Any, count: int, config: NmpcConfig) -
 
 
 def _instance(row: dict[str, Vector]) -> Instance:
+    """Return the instance of one row of all arrays."""
     numbers: dict[str, Any] = dict(row)
     for name in ("speed", "v_max", "yaw"):
         numbers[name] = float(numbers[name])

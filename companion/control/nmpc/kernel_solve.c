@@ -51,7 +51,7 @@ static inline void combine(double *row, const double *weights, int stride, doubl
     AT(row, 0) = a, AT(row, 1) = b, AT(row, 2) = c, AT(row, 3) = d;
 }
 
-/* Riccati recursion: the gains of all stages. */
+/* Find the gains of all stages by the Riccati recursion; return 0 where a factor is singular. */
 static int factorise(Stage *stages, int N, double quadratic) {
     double P[NZ][PAD], T[NZ][PAD], M[NZ][PAD];
     memset(P, 0, sizeof P);
@@ -102,7 +102,7 @@ static int factorise(Stage *stages, int N, double quadratic) {
     return 1;
 }
 
-/* The next point for the present pushes. */
+/* Find the next point for the present pushes. */
 static void solve_point(Stage *stages, int N, double penalty) {
     double p[PAD] = {0}, k[MAX_STAGES][NU];
     for (int i = N - 1; i >= 0; i--) {
@@ -143,7 +143,7 @@ static void solve_point(Stage *stages, int N, double penalty) {
     }
 }
 
-/* Steps of t and l to the next point; the longest step that keeps both positive, up to 1. */
+/* Find the steps of t and l to the next point; return the longest, up to 1, that keeps them > 0. */
 static double steps(Stage *stages, int N) {
     static const double none[NU] = {0};
     double longest = 1.0, next[BOUNDS + MAX_ROWS + 2];

@@ -1,22 +1,22 @@
 /* The real-time iteration in C: stage linearisation and the quadratic program.
  *
- * Compiled, where there is a compiler, after the stage functions that CasADi generates
- * (`compiled.py`); PIQP (`qp.py`) solves the same program where there is none. `kernel.py` calls it
- * and passes the sizes by -D: NX, NU, LOCAL_*, MAX_*.
+ * It is compiled after the stage functions that CasADi generates (`compiled.py`), called by
+ * `kernel.py`, and given its sizes by -D: NX, NU, LOCAL_*, MAX_*. Without a C compiler PIQP solves
+ * the same program (`qp.py`).
  *
- * Variables, all steps from the iterate: dx_1..dx_N (10 each), w_i = du_i (4 each), and two
- * slacks s >= 0 for each stage (0 neighbours, 1 obstacles). With v_i = w_i - w_{i-1}:
+ * The variables are steps from the iterate, dx_1..dx_N (10 each) and w_i = du_i (4 each), and two
+ * slacks s >= 0 for each stage (0: neighbours, 1: obstacles). With v_i = w_i - w_{i-1}:
  *
  *   minimise  sum of stage costs + penalty s + quadratic s^2/2
  *   subject   dx_{i+1} = A dx_i + B w_i + gap,  bounds on w_i and v_i,
  *             margin + slope . dp_{i+1} + s >= 0 for each row.
  *
- * A Mehrotra predictor-corrector. For a constraint a.y + h = t >= 0 with multiplier l, the
+ * The method is Mehrotra's predictor-corrector (1992). For a constraint a.y + h = t >= 0 with multiplier l, the
  * Newton system is that of an equality-constrained quadratic program with Hessian
  * H + (l/t) a a' and gradient g - a ((target - correction)/t + l - (l/t) h), whose solution is
  * the next y itself. Slacks are eliminated by hand, the rest by a Riccati recursion over
  * (dx_i, w_{i-1}). All residuals shrink by (1 - step length), so their product is the measure
- * of infeasibility. No branch depends on a clock; fixed order of operations.
+ * of infeasibility. No branch depends on a clock, and the order of operations is fixed.
  */
 #include <math.h>
 #include <stddef.h>

@@ -159,17 +159,17 @@ class Scene:
 
     @property
     def neighbours(self) -> int:
-        """Number of neighbours, active or not."""
+        """Return the number of neighbours, active or not."""
         return int(self.neighbour_p.shape[1])
 
     @property
     def cylinder_count(self) -> int:
-        """Number of cylinders, active or not."""
+        """Return the number of cylinders, active or not."""
         return int(self.cylinders.shape[1])
 
     @property
     def plane_count(self) -> int:
-        """Number of half-spaces, active or not."""
+        """Return the number of half-spaces, active or not."""
         return int(self.planes.shape[1])
 
 

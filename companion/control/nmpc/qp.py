@@ -153,12 +153,15 @@ class Program:
         self.iterations = 0
 
     def _sources(self, stage: int, piece: Piece, keep: NDArray[np.bool_]) -> Indices:
+        """Return the places in `source` of a piece's entries that are kept."""
         return stage * self.count + piece.offset + np.flatnonzero(keep)
 
     def _constant(self, rows: Indices, columns: Indices, which: int) -> Entries:
+        """Return entries that all have the same source, one of the constants."""
         return rows, columns, np.full(len(rows), which)
 
     def _hessian(self, stage: Stage) -> None:
+        """Build the cost: P, the upper triangle, and c."""
         entries: list[Entries] = []
         gradient_places, gradient_sources = [], []
         for i in range(self.config.N):
@@ -184,6 +187,7 @@ class Program:
         self._gradient = Gather(np.concatenate(gradient_places), np.concatenate(gradient_sources))
 
     def _equalities(self, stage: Stage) -> None:
+        """Build the dynamics (31), A x = b."""
         entries: list[Entries] = []
         local = np.r_[np.arange(NX), np.arange(NX + NU, NX + 2 * NU)]
         gaps = []
@@ -199,7 +203,7 @@ class Program:
         self._gaps = np.concatenate(gaps)
 
     def _inequalities(self, stage: Stage) -> None:
-        """Rows in the order of the stages: change of input (33), (34), then margins."""
+        """Build h_l <= G x <= h_u, stage by stage: change of input (33), (34), then margins."""
         entries: list[Entries] = []
         agents, row = self.config.neighbours, 0
         margin_rows, margins, change_rows = [], [], []
@@ -233,6 +237,7 @@ class Program:
         self._margin_rows, self._margins = np.concatenate(margin_rows), np.concatenate(margins)
 
     def _bounds(self) -> None:
+        """Build x_l <= x <= x_u: the input, (35), (36), and the slacks."""
         self.u_min, self.u_max = input_bounds(self.config)
         self.change = change_bounds(self.config)
         self.x_l = np.full(self.where.size, -np.inf)
