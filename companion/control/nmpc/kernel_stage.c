@@ -11,12 +11,12 @@
  *   subject   dx_{i+1} = A dx_i + B w_i + gap,  bounds on w_i and v_i,
  *             margin + slope . dp_{i+1} + s >= 0 for each row.
  *
- * The method is Mehrotra's predictor-corrector (1992). For a constraint a.y + h = t >= 0 with multiplier l, the
- * Newton system is that of an equality-constrained quadratic program with Hessian
- * H + (l/t) a a' and gradient g - a ((target - correction)/t + l - (l/t) h), whose solution is
- * the next y itself. Slacks are eliminated by hand, the rest by a Riccati recursion over
- * (dx_i, w_{i-1}). All residuals shrink by (1 - step length), so their product is the measure
- * of infeasibility. No branch depends on a clock, and the order of operations is fixed.
+ * The method is Mehrotra's predictor-corrector (1992). For a constraint a.y + h = t >= 0 with
+ * multiplier l, the Newton system is that of an equality-constrained quadratic program with Hessian
+ * H + (l/t) a a' and gradient g - a ((target - correction)/t + l - (l/t) h); its solution is the
+ * next y itself. Slacks are eliminated by hand, the rest by a Riccati recursion over (dx_i,
+ * w_{i-1}). All residuals shrink by (1 - step length), so that their product measures the
+ * infeasibility. No branch depends on a clock, and the order of operations is fixed.
  */
 #include <math.h>
 #include <stddef.h>
