@@ -1,1 +1,1 @@
-"""How the packaged detector came about: network, data, training. Needs the `train` extra."""
+"""Training of the packaged detector: network, data, optimisation. Needs the `train` extra."""

@@ -1,6 +1,6 @@
-"""Synthetic pictures with labels, in shards on disk, and crops of them in random order.
+"""Synthetic pictures with labels, in shards on disk, and random crops of them.
 
-Every look differs: worlds with and without walls, drones marked, bare and in the colours of trees,
+The looks vary: worlds with and without walls; drones marked, bare and in the colours of trees;
 noise, blur, exposure, low sun, rain.
 """
 
@@ -20,9 +20,9 @@ from sitl_sim.sensors.renderer import Sensor
 from sitl_sim.sensors.scenes import RADIUS, Scene, stills
 
 SHARD = 250  # pictures
-REACH = 13.0  # m, farthest drone drawn
-KNOWN = 11.5  # m; beyond, and hidden to more than 1 − VISIBLE, it is left open whether one is seen
-VISIBLE = 0.35
+REACH = 13.0  # m, farthest drone rendered
+KNOWN = 11.5  # m; farther drones are left open
+VISIBLE = 0.35  # share; drones that show less are left open
 CROP = (128, 192)  # px, height and width
 LENS = Lens(640, 400)
 MOST = 9  # drones in a picture
@@ -30,7 +30,10 @@ U, V, SIZE, WANTED = range(4)  # columns of a label; WANTED: 1 yes, 0 left open,
 
 
 def shard(folder: Path, seed: int) -> tuple[Path, Path]:
-    """Files of the pictures (SHARD,h,w,3) and labels (SHARD,MOST,4) of a seed; made if missing."""
+    """Return the files of a seed's pictures (SHARD,h,w,3) and labels (SHARD,MOST,4).
+
+    Missing files are rendered first.
+    """
     pictures, labels = folder / f"{seed:05d}.npy", folder / f"{seed:05d}.labels.npy"
     if not labels.exists():
         folder.mkdir(parents=True, exist_ok=True)
@@ -46,9 +49,9 @@ def shard(folder: Path, seed: int) -> tuple[Path, Path]:
 
 
 def label(scene: Scene) -> NDArray[np.float32]:
-    """(m,4) of the drones in a picture: pixel u, v, size [px], wanted.
+    """Return the labels (m,4) of a picture's drones: pixel u, v, size [px], wanted.
 
-    size: the drone's radius in pixels as the lens images it there; from it and the lens, the range.
+    size: the drone's radius as the lens images it there; it and the lens give the range.
     """
     offsets = scene.in_camera(scene.drones - scene.p)
     ranges = np.linalg.norm(offsets, axis=1)
@@ -65,7 +68,7 @@ def label(scene: Scene) -> NDArray[np.float32]:
 
 
 def _pictures(seed: int) -> Iterator[tuple[Scene, NDArray[np.uint8]]]:
-    """One shard: ten worlds, each with its own weather."""
+    """Yield the scenes and pictures of one shard: ten worlds, each in its own weather."""
     rng = np.random.default_rng([seed, 80])
     scenes = stills(SHARD, 1_000_000 + seed, LENS, reach=REACH, varied=True)
     batch = [next(scenes) for _ in range(SHARD)]
@@ -84,7 +87,7 @@ def _pictures(seed: int) -> Iterator[tuple[Scene, NDArray[np.uint8]]]:
 
 @dataclass
 class Crops:
-    """Random crops of the shards of some seeds, prepared for the network."""
+    """Random crops of shards, as the network takes them."""
 
     files: list[tuple[Path, Path]]
     seed: int
@@ -98,7 +101,7 @@ class Crops:
     def batch(
         self, size: int
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
-        """Pictures (size,h,w,3) BGR, labels (size,MOST,4) in the crop's pixels, gains (size,)."""
+        """Return pictures (size,h,w,3) BGR, labels (size,MOST,4) in crop pixels, gains (size,)."""
         made = [self._one() for _ in range(size)]
         pictures, labels, gains = zip(*made, strict=True)
         return np.stack(pictures), np.stack(labels), np.array(gains, np.float32)

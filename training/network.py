@@ -1,6 +1,6 @@
 """The drone detector: a centre heat map at an eighth of the picture's size.
 
-Shaped by what `cv2.dnn` does fast on one core: few channels while the picture is large, plain 3×3
+Its shape is fast in `cv2.dnn` on one core: few channels while the picture is large, plain 3×3
 convolutions at stride 1, and depth-wise ones where it is made smaller.
 """
 
@@ -13,23 +13,24 @@ from torch import Tensor, nn
 from torch.nn.functional import interpolate
 
 STRIDE = 8  # px of the picture per cell of the output
-CHANNELS = 5  # heat (logit), offset u and v [cells], log size [px], log σ of log size
+CHANNELS = 5  # heat (logit), offset u and v [cells], log size [px], log scale of its error
 
 
 def _conv(inputs: int, outputs: int, size: int, stride: int = 1) -> nn.Sequential:
-    """Convolution, normalised (folded into it on export), rectified."""
+    """Return a convolution, normalised and rectified; the export folds the normalisation."""
     padding = size // 2
     conv = nn.Conv2d(inputs, outputs, size, stride, padding, bias=False)
     return nn.Sequential(conv, nn.BatchNorm2d(outputs), nn.ReLU())
 
 
 def _halve(inputs: int, outputs: int) -> nn.Sequential:
+    """Return a depth-wise convolution to half the size."""
     spatial = nn.Conv2d(inputs, inputs, 3, 2, 1, groups=inputs)
     return nn.Sequential(spatial, _conv(inputs, outputs, 1))
 
 
 class Network(nn.Module):
-    """Picture (n,3,h,w), BGR 0…1 → (n,CHANNELS,h/8,w/8)."""
+    """The network: picture (n,3,h,w), BGR 0…1 → cells (n,CHANNELS,h/8,w/8)."""
 
     def __init__(self, widths: tuple[int, int, int, int] = (16, 32, 48, 64)) -> None:
         super().__init__()
@@ -44,7 +45,7 @@ class Network(nn.Module):
         nn.init.constant_(self.head[-1].bias[:1], -4.0)  # most cells show no drone
 
     def forward(self, picture: Tensor) -> Tensor:
-        """See the class."""
+        """Return the cells of a picture."""
         eighth = self.eighth(self.stem(picture))
         sixteenth = self.sixteenth(eighth)
         wide = self.up_last(self.last(sixteenth))
@@ -53,7 +54,7 @@ class Network(nn.Module):
 
 
 class _Scored(nn.Module):
-    """A network as it is flown: heat as a probability."""
+    """A network as flown: heat as a probability."""
 
     def __init__(self, network: Network) -> None:
         super().__init__()
@@ -65,9 +66,14 @@ class _Scored(nn.Module):
 
 
 def export(network: Network, path: str, width: int, height: int) -> None:
-    """Write the network for `cv2.dnn`; heat as a probability."""
+    """Write the network for `cv2.dnn`, with heat as a probability; width, height: px."""
     picture = torch.zeros(1, 3, height, width)
     torch.onnx.export(
-        _Scored(network).eval(), (picture,), path, dynamo=False, opset_version=13,
-        input_names=["picture"], output_names=["cells"],
-    )  # fmt: skip
+        _Scored(network).eval(),
+        (picture,),
+        path,
+        dynamo=False,
+        opset_version=13,
+        input_names=["picture"],
+        output_names=["cells"],
+    )

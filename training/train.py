@@ -3,8 +3,8 @@
     nice -n 15 python -m training.train --work DIR [--shards N] [--steps K] [--minutes M] [--out F]
 
 Seeds of data and weights are fixed: with one build of torch the same steps give the same network.
-Where --minutes ends it, how many steps there were is printed. The file is written every few hundred
-steps, from an average over the last weights.
+The command prints the number of steps, which --minutes may end. It writes the file every few
+hundred steps, from an average over the last weights.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
+from companion.perception.cnn import PACKAGED
 from training.data import LENS, SIZE, WANTED, Crops, U, V, shard
 from training.network import STRIDE, Network, export
 
@@ -29,9 +30,9 @@ EXPORT_EVERY = 500
 
 
 def targets(labels: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
-    """Labels (n,m,4) → heat (n,h,w), and offset, log size, weight per cell (n,4,h,w).
+    """Return heat (n,h,w), and offset, log size, weight per cell (n,4,h,w), of labels (n,m,4).
 
-    heat: 0…1, −1 where it is left open. Offsets [cells] and size are the nearest drone's.
+    heat: 0…1; −1 where it is left open. Offsets [cells] and size are those of the nearest drone.
     """
     n, m = labels.shape[:2]
     row, column = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
@@ -41,7 +42,7 @@ def targets(labels: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
     dv = v[..., None, None] - row
     size = labels[..., SIZE].clamp(min=0.5)
     spread = (0.13 * size / STRIDE).clamp(min=0.55)[..., None, None]
-    # The cell that holds the centre counts fully, wherever in it the centre is.
+    # The cell that holds the centre has full heat.
     near = (du**2 + dv**2).sqrt()
     bump = torch.exp(-((near - 0.5).clamp(min=0) ** 2) / (2 * spread**2))
     here = (labels[..., WANTED] == 1)[..., None, None]
@@ -56,7 +57,7 @@ def targets(labels: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
 
 
 def loss(out: Tensor, heat: Tensor, aim: Tensor) -> Tensor:
-    """Focal loss of the heat; offsets; size with the doubt that the network itself states."""
+    """Return the loss: focal for heat, smooth for offsets, Laplacian for size and its scale."""
     p = torch.sigmoid(out[:, 0]).clamp(1e-5, 1 - 1e-5)
     hit = heat > 0.99
     positive = -((1 - p) ** 2) * p.log() * hit
@@ -65,13 +66,13 @@ def loss(out: Tensor, heat: Tensor, aim: Tensor) -> Tensor:
     weight = aim[:, 3]
     total = weight.sum().clamp(min=1)
     offset = smooth_l1_loss(out[:, 1:3], aim[:, :2], reduction="none", beta=0.2).sum(dim=1)
-    doubt = out[:, 4].clamp(-5.0, 1.0)
-    size = (out[:, 3] - aim[:, 2]).abs() * torch.exp(-doubt) + doubt
+    log_scale = out[:, 4].clamp(-5.0, 1.0)
+    size = (out[:, 3] - aim[:, 2]).abs() * torch.exp(-log_scale) + log_scale
     return (positive + negative).sum() / count + (weight * (offset + 0.5 * size)).sum() / total
 
 
 def lit(pictures: Tensor, gains: Tensor) -> Tensor:
-    """Crops (n,h,w,3) uint8 times gains (n,) → (n,3,h,w) in some other light, some noisier."""
+    """Return crops (n,h,w,3) uint8 times gains (n,) as (n,3,h,w) in random light, some noisier."""
     n = len(pictures)
     gain = torch.empty(n, 1, 1, 3).uniform_(0.92, 1.08)
     gain *= torch.empty(n, 1, 1, 1).uniform_(0.85, 1.15) * gains[:, None, None, None]
@@ -91,13 +92,15 @@ def _follow(average: Network, network: Network, share: float) -> None:
 
 
 def main() -> None:
-    """Make the data where it is missing, train, export."""
+    """Render missing data, train, export."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--work", type=Path, required=True, help="folder for the pictures")
     parser.add_argument("--shards", type=int, default=40, help="of 250 pictures")
     parser.add_argument("--steps", type=int, default=20000)
-    parser.add_argument("--minutes", type=float, default=math.inf, help="end by then, if sooner")
-    parser.add_argument("--out", type=Path, default=Path("companion/models/drones.onnx"))
+    parser.add_argument(
+        "--minutes", type=float, default=math.inf, help="end after these, if sooner"
+    )
+    parser.add_argument("--out", type=Path, default=PACKAGED)
     options = parser.parse_args()
     torch.set_num_threads(1)
     torch.manual_seed(5)

@@ -1,1 +1,1 @@
-"""How fast and how good the solver and perception are."""
+"""Benchmarks: speed and quality of the solver and of perception."""

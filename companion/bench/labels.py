@@ -1,14 +1,14 @@
-"""Labelled frames in a folder: what `companion bench perception` measures on.
+"""Labelled frames in a folder, the input of `companion bench perception`.
 
-`camera.yaml` is the calibration; `frames.json` lists the frames, each with what is in it (camera
-frame: x right, y down, z forward; m, m/s):
+`camera.yaml` is the calibration; `frames.json` lists the frames and their labels (camera frame: x
+right, y down, z forward; m, m/s):
 
     {"frames": [{"file", "conditions", "altitude", "q": [w, x, y, z] body → world,
       "drones": [{"direction": [3], "range", "visible": 0…1, "v": [3] world}],
       "trunks": [{"direction": [3] to the axis, level, "distance" to it, "radius", "visible"}],
-      "sequence", "time", "p": [3], "v": [3] world: only of frames that follow one another}]}
+      "sequence", "time", "p": [3], "v": [3] world: only of frames that follow each other}]}
 
-`trunks`, `visible` (taken as 1) and `v` may be left out.
+`trunks`, `visible` (then 1) and `v` may be left out.
 """
 
 from __future__ import annotations
@@ -29,12 +29,16 @@ from mavlink_bridge.wire.messages import VehicleState
 
 
 class LabelError(ValueError):
-    """A folder that cannot be measured on; the text names the file and what is wrong."""
+    """A folder that cannot be used; the text names the file and the mistake."""
 
 
 @dataclass(frozen=True)
 class Drones:
-    """The drones of one frame: rays (m,3), ranges (m,), visible (m,), velocities (m,3)."""
+    """The drones of one frame.
+
+    rays (m,3): unit vectors, camera frame. ranges (m,): m. visible (m,): share, 0…1. velocities
+    (m,3): m/s, world.
+    """
 
     rays: Vector
     ranges: Vector
@@ -43,10 +47,11 @@ class Drones:
 
 
 @dataclass(frozen=True)
-class Labelled:
-    """One frame and its truth; trunks (k,6): direction, distance to the axis, radius, visible.
+class LabelledFrame:
+    """One frame and its truth.
 
-    sequence: number of the flight it belongs to; None: it stands alone.
+    trunks (k,6): direction, distance to the axis, radius, visible; None where not labelled.
+    sequence: number of its flight; None for a single frame.
     """
 
     file: Path
@@ -57,23 +62,23 @@ class Labelled:
     sequence: int | None
 
     def image(self) -> Image:
-        """The picture.
+        """Return the picture (H,W,3) uint8 BGR.
 
         Raises:
-            LabelError: it cannot be read.
+            LabelError: a file that cannot be read.
         """
         image = cv2.imread(str(self.file), cv2.IMREAD_COLOR)
         if image is None:
-            raise LabelError(f"{self.file}: no picture that OpenCV reads")
+            raise LabelError(f"{self.file}: not a picture that OpenCV reads")
         return image  # type: ignore[return-value]
 
 
-def load(folder: Path) -> tuple[Camera, list[Labelled]]:
-    """Calibration and frames of a folder.
+def load(folder: Path) -> tuple[Camera, list[LabelledFrame]]:
+    """Return the camera and the frames of a folder.
 
     Raises:
-        LabelError: `frames.json` is missing or not as above.
-        CalibrationError: `camera.yaml` cannot be used.
+        LabelError: a `frames.json` that is missing or not as above.
+        CalibrationError: a `camera.yaml` that cannot be used.
     """
     listing = folder / "frames.json"
     camera = Camera.load(folder / "camera.yaml")
@@ -84,7 +89,7 @@ def load(folder: Path) -> tuple[Camera, list[Labelled]]:
     return camera, list(_frames(folder, listing, rows))
 
 
-def _frames(folder: Path, listing: Path, rows: list[dict[str, Any]]) -> Iterator[Labelled]:
+def _frames(folder: Path, listing: Path, rows: list[dict[str, Any]]) -> Iterator[LabelledFrame]:
     for number, row in enumerate(rows):
         try:
             yield _frame(folder, row)
@@ -92,12 +97,15 @@ def _frames(folder: Path, listing: Path, rows: list[dict[str, Any]]) -> Iterator
             raise LabelError(f"{listing}: frame {number}: {error!r}") from error
 
 
-def _frame(folder: Path, row: dict[str, Any]) -> Labelled:
+def _frame(folder: Path, row: dict[str, Any]) -> LabelledFrame:
     p = np.array([0.0, 0.0, float(row["altitude"])])
     own = VehicleState(
-        float(row.get("time", 0.0)), np.array(row.get("p", p), float),
-        np.array(row.get("v", [0.0, 0, 0]), float), np.array(row["q"], float), np.zeros(3),
-    )  # fmt: skip
+        float(row.get("time", 0.0)),
+        np.array(row.get("p", p), float),
+        np.array(row.get("v", [0.0, 0, 0]), float),
+        np.array(row["q"], float),
+        np.zeros(3),
+    )
     drones = row["drones"]
     known = Drones(
         np.array([d["direction"] for d in drones], float).reshape(-1, 3),
@@ -111,4 +119,4 @@ def _frame(folder: Path, row: dict[str, Any]) -> Labelled:
             [[*t["direction"], t["distance"], t["radius"], t["visible"]] for t in row["trunks"]]
         ).reshape(-1, 6)
     conditions = str(row.get("conditions", "clean"))
-    return Labelled(folder / row["file"], conditions, own, known, trunks, row.get("sequence"))
+    return LabelledFrame(folder / row["file"], conditions, own, known, trunks, row.get("sequence"))

@@ -1,8 +1,8 @@
-"""Perception measured on labelled frames: tables per range, conditions apart, tracks, time.
+"""Perception measured on labelled frames: tables per range and conditions, of tracks and of time.
 
-In view is what shows to 35 % at least. A detection is right where a drone is within 3° of it (or,
-near by, within a third of a metre) and between half and twice as far away; what is found of a
-drone that shows less is neither right nor wrong.
+A drone is in view where at least 35 % of it shows. A detection is right where a drone is within 3°
+of it (or, near by, within a third of a metre) and between half and twice as far away. A detection
+of a drone that shows less is neither right nor wrong.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from companion.bench.labels import Drones, Labelled
+from companion.bench.labels import Drones, LabelledFrame
 from companion.estimation.assignment import assign
 from companion.estimation.tracker import Tracker, TrackerConfig
 from companion.perception.ball import Detector
@@ -28,7 +28,7 @@ BANDS = ((0.3, 2.0), (2.0, 4.0), (4.0, 6.0), (6.0, 8.0), (8.0, 10.0), (10.0, 12.
 TO_8, TO_10 = (0.3, 8.0), (0.3, 10.0)
 TRUNK_BANDS = ((0.0, 2.0), (2.0, 5.0), (5.0, 8.0), (0.0, 5.0), (0.0, 8.0))
 VISIBLE = 0.35
-CROWD = "neighbours-"  # conditions that only time is taken of
+CROWD = "neighbours-"  # prefix of conditions in which only time is measured
 _FAR = 1e3
 _SAME_ANGLE, _SAME_SIZE = np.radians(3.0), 0.33
 _TRACK_GATE = 1.0  # m
@@ -37,17 +37,22 @@ _FRESH = 0.2  # s
 
 @dataclass
 class Tally:
-    """Counts and errors of one band. bearing: rad. relative: of range. velocity: m/s."""
+    """Counts and errors of one range band.
+
+    wanted: drones in view. found: of these. false: detections of no drone. bearing: rad. relative:
+    error of range over range. normalised: error of range over its own 1σ. velocity: m/s.
+    """
 
     wanted: int = 0
     found: int = 0
     false: int = 0
     bearing: list[float] = field(default_factory=list)
     relative: list[float] = field(default_factory=list)
+    normalised: list[float] = field(default_factory=list)
     velocity: list[float] = field(default_factory=list)
 
     def figures(self) -> dict[str, float | int | None]:
-        """As reported; None where there was nothing to measure."""
+        """Return the figures of the report; None where nothing was measured."""
         relative = np.array(self.relative, float)
         return {
             "wanted": self.wanted,
@@ -56,22 +61,23 @@ class Tally:
             "bearing_rms_deg": _rms(np.degrees(self.bearing)),
             "range_error_median": _percentile(np.abs(relative), 50),
             "range_bias_median": _percentile(relative, 50),
-            "range_error_p95": float(np.percentile(np.abs(relative), 95))
-            if len(relative)
-            else None,
+            "range_error_p95": _percentile(np.abs(relative), 95),
+            "range_error_p95_sigma": _percentile(np.abs(np.array(self.normalised, float)), 95),
             "velocity_rmse_m_s": _rms(self.velocity),
         }
 
 
 def measure(
-    camera: Camera, frames: Sequence[Labelled], detector: Detector,
-    beside: dict[str, Callable[[Image], object]], progress: Callable[[], None] = lambda: None,
-) -> dict[str, Any]:  # fmt: skip
-    """All tables. beside: by name, what else time is taken of."""
+    camera: Camera,
+    frames: Sequence[LabelledFrame],
+    detector: Detector,
+    compared: dict[str, Callable[[Image], object]],
+) -> dict[str, Any]:
+    """Return all tables. compared: by name, calls whose time is measured, too."""
     drones: dict[str, dict[tuple[float, float], Tally]] = {}
     tracked = {band: Tally() for band in (*BANDS, TO_8, TO_10)}
     trunks = Trunks(camera)
-    times: dict[str, list[float]] = {"detect_track": [], **{name: [] for name in beside}}
+    times: dict[str, list[float]] = {"detect_track": [], **{name: [] for name in compared}}
     crowds: dict[int, list[float]] = {}
     flight: Flight | None = None
     for frame in frames:
@@ -93,13 +99,12 @@ def measure(
         if frame.sequence is not None and flight is not None:
             flight.score(frame)
             times["detect_track"].append(taken)
-            for name, run in beside.items():
+            for name, run in compared.items():
                 begun = time.thread_time()
                 run(image)
                 times[name].append((time.thread_time() - begun) * 1e3)
         if frame.conditions == "clean" and frame.sequence is None and frame.trunks is not None:
             trunks.add(frame, image)
-        progress()
     return {
         "drones": {name: _table(bands) for name, bands in drones.items()},
         "tracks": _table(tracked),
@@ -111,7 +116,7 @@ def measure(
 
 
 def score(bands: dict[tuple[float, float], Tally], found: list[Detection], drones: Drones) -> None:
-    """Match one frame's detections to its drones and count them."""
+    """Match one frame's detections to its drones and count them in all bands."""
     rays = np.array([d.direction for d in found]).reshape(-1, 3)
     ranges = np.array([d.range for d in found])
     angle = np.arccos(np.clip(rays @ drones.rays.T, -1.0, 1.0))
@@ -129,13 +134,15 @@ def score(bands: dict[tuple[float, float], Tally], found: list[Detection], drone
                     tally.found += 1
                     tally.bearing.append(float(angle[right[drone], drone]))
                     tally.relative.append(float(ratio[right[drone], drone] - 1.0))
+                    error = ranges[right[drone]] - distance
+                    tally.normalised.append(float(error / found[right[drone]].sigma_range))
     for n in sorted(set(range(len(found))) - set(right.values())):
         for (low, high), tally in bands.items():
             tally.false += bool(low <= ranges[n] < high)
 
 
 class Flight:
-    """The tracker over one sequence, and its tracks against truth."""
+    """The tracker on one sequence, its tracks compared with the truth."""
 
     def __init__(
         self, number: int, camera: Camera, tallies: dict[tuple[float, float], Tally]
@@ -144,12 +151,12 @@ class Flight:
         self._camera, self._tallies = camera, tallies
         self._tracker = Tracker(TrackerConfig())
 
-    def update(self, frame: Labelled, found: list[Detection]) -> None:
-        """One frame's detections into the tracker."""
+    def update(self, frame: LabelledFrame, found: list[Detection]) -> None:
+        """Give one frame's detections to the tracker."""
         self._tracker.update(frame.own.time, found, frame.own, self._camera.mount)
 
-    def score(self, frame: Labelled) -> None:
-        """Compare the tracks that were seen just now; the first half second is a start."""
+    def score(self, frame: LabelledFrame) -> None:
+        """Compare fresh tracks with the truth; the first half second does not count."""
         tracks = [t for t in self._tracker.tracks() if t.unseen <= _FRESH]
         if frame.own.time < 0.5:
             return
@@ -175,15 +182,15 @@ class Flight:
 
 
 class Trunks:
-    """The trunk detector against truth."""
+    """The trunk detector, its trunks compared with the truth."""
 
     def __init__(self, camera: Camera) -> None:
         self._camera, self._detector = camera, TrunkDetector(camera)
         self._bands = {band: Tally() for band in TRUNK_BANDS}
         self.times: list[float] = []
 
-    def add(self, frame: Labelled, image: Any) -> None:
-        """Run on one frame and count."""
+    def add(self, frame: LabelledFrame, image: Any) -> None:
+        """Detect in one frame and count."""
         assert frame.trunks is not None
         r_wc = rotation_matrix(frame.own.q_wb) @ rotation_matrix(self._camera.mount)
         begun = time.thread_time()
@@ -192,7 +199,7 @@ class Trunks:
         self._score(found, frame.trunks)
 
     def _score(self, found: list[Trunk], trunks: Vector) -> None:
-        """Same bearing within the trunk's own width, and about as far away."""
+        """Match by bearing, within the trunk's own width, and by distance; count in all bands."""
         rays = np.array([t.direction for t in found]).reshape(-1, 3)
         surface = np.array([t.distance - t.radius for t in found])
         true = trunks[:, 3] - trunks[:, 4]
@@ -210,14 +217,16 @@ class Trunks:
                 if n in right:
                     tally.found += 1
                     tally.relative.append(float(surface[right[n]] / max(true[n], 0.05) - 1.0))
+                    error = surface[right[n]] - true[n]
+                    tally.normalised.append(float(error / found[right[n]].sigma))
 
     def table(self) -> dict[str, Any]:
-        """Figures per band of surface distance."""
+        """Return the figures per band of surface distance."""
         return _table(self._bands)
 
 
 def match(cost: Vector, allowed: Any) -> list[tuple[int, int]]:
-    """Pairs (row, column) among the allowed ones, least total cost."""
+    """Return the allowed pairs (row, column) of least total cost."""
     if not cost.size:
         return []
     return [pair for pair in assign(np.where(allowed, cost, _FAR)) if allowed[pair]]

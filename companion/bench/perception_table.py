@@ -16,25 +16,32 @@ if TYPE_CHECKING:
 
 EXIT_BAD_INPUT = 2
 _DRONE_COLUMNS = {
-    "recall": "recall", "precision": "precision", "bearing_rms_deg": "bearing°",
-    "range_error_median": "|range| med", "range_bias_median": "bias", "range_error_p95": "p95",
-    "velocity_rmse_m_s": "velocity", "wanted": "n",
-}  # fmt: skip
+    "recall": "recall",
+    "precision": "precision",
+    "bearing_rms_deg": "bearing°",
+    "range_error_median": "|range| med",
+    "range_bias_median": "bias",
+    "range_error_p95": "p95",
+    "velocity_rmse_m_s": "velocity",
+    "wanted": "n",
+}
 
 
 def add_arguments(perception: argparse.ArgumentParser) -> None:
-    """Its command line."""
+    """Add the command's options."""
     source = perception.add_mutually_exclusive_group()
     source.add_argument("--frames", type=Path, metavar="DIR", help="labelled frames to measure on")
-    source.add_argument("--seed", type=int, default=20260, help="of the frames rendered (20260)")
-    perception.add_argument("--count", type=int, default=200, help="clean frames rendered (200)")
+    source.add_argument("--seed", type=int, default=20260, help="of the rendered frames (20260)")
+    perception.add_argument(
+        "--count", type=int, default=200, help="number of clean rendered frames (200)"
+    )
     perception.add_argument("--detector", choices=["color", "cnn", "yolo"], default="color")
     perception.add_argument("--model", help="ONNX file of cnn or yolo")
     perception.add_argument("--json", action="store_true", help="for machines")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Render where nothing is given, measure, print."""
+    """Render frames where none are given, measure, print; return the exit status."""
     import cv2
 
     from companion.bench.labels import LabelError
@@ -57,19 +64,23 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _render(folder: Path, options: argparse.Namespace) -> None:
-    """The simulator's own command: the two meet on the disk."""
+    """Render frames into `folder` by `sitl-sim frames`; the siblings meet on the disk."""
     from companion.bench.labels import LabelError
 
     looks = "marked" if options.detector == "color" else "bare"
-    command = [sys.executable, "-m", "sitl_sim", "frames", str(folder), "--seed",
-               str(options.seed), "--count", str(options.count), "--looks", looks]  # fmt: skip
+    seed, count = str(options.seed), str(options.count)
+    arguments = [str(folder), "--seed", seed, "--count", count, "--looks", looks]
+    command = [sys.executable, "-m", "sitl_sim", "frames", *arguments]
     done = subprocess.run(command, stdout=sys.stderr)
     if done.returncode:
-        raise LabelError("no frames: `sitl-sim frames` failed; is the `sim` extra installed? "
-                         "--frames DIR measures on frames from elsewhere")  # fmt: skip
+        raise LabelError(
+            "no frames: `sitl-sim frames` failed; is the `sim` extra installed? "
+            "--frames DIR measures on other frames"
+        )
 
 
 def _measure(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
+    """Return the figures of the detector named in `options` on a folder of frames."""
     from companion.bench.labels import load
     from companion.bench.perception import measure
     from companion.perception.cnn import CnnDetector
@@ -80,34 +91,34 @@ def _measure(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
     camera, frames = load(folder)
     sensing = SensingConfig(detector=options.detector, model=options.model)
     detector = make_detector(camera, sensing)
-    beside: dict[str, Callable[[Image], object]] = {
+    compared: dict[str, Callable[[Image], object]] = {
         "color": make_detector(camera, SensingConfig()).detect
     }
     if isinstance(detector, CnnDetector | YoloDetector):
         network = detector.network
-        beside["forward_pass"] = lambda _: network.forward()
-    result = {"detector": options.detector, **measure(camera, frames, detector, beside)}
+        compared["forward_pass"] = lambda _: network.forward()
+    result = {"detector": options.detector, **measure(camera, frames, detector, compared)}
     whole = result["time_ms"]["detect_track"]
     if whole is not None:
         result["times_as_long_as"] = {
-            name: whole["p50"] / result["time_ms"][name]["p50"] for name in beside
+            name: whole["p50"] / result["time_ms"][name]["p50"] for name in compared
         }
     return result
 
 
 def _lines(result: dict[str, Any]) -> list[str]:
-    """Tables for a person."""
+    """Return the tables as lines of text."""
     lines = []
     for name, table in result["drones"].items():
-        if name not in ("clean", "sequence"):  # the whole is enough
+        if name not in ("clean", "sequence"):  # the wide bands are enough
             table = {band: f for band, f in table.items() if band in ("0.3–8 m", "0.3–10 m")}
         lines += _table(f"{result['detector']}, {name}", table, "velocity_rmse_m_s")
-    lines += _table("with tracking", result["tracks"], "bearing_rms_deg", "range_error_median",
-                    "range_bias_median", "range_error_p95")  # fmt: skip
-    lines += _table("trunks, by surface distance", result["trunks"], "bearing_rms_deg",
-                    "velocity_rmse_m_s")  # fmt: skip
-    for name, t in {**result["time_ms"], **{f"{n} neighbours": t for n, t in
-                                           result["scaling_ms"].items()}}.items():  # fmt: skip
+    of_range = [column for column in _DRONE_COLUMNS if column.startswith("range")]
+    lines += _table("with tracking", result["tracks"], "bearing_rms_deg", *of_range)
+    of_drones = ("bearing_rms_deg", "velocity_rmse_m_s")
+    lines += _table("trunks, by surface distance", result["trunks"], *of_drones)
+    crowds = {f"{n} neighbours": t for n, t in result["scaling_ms"].items()}
+    for name, t in {**result["time_ms"], **crowds}.items():
         if t is not None:
             lines.append(f"{name:16s} p50 {t['p50']:6.2f} ms   p99 {t['p99']:6.2f} ms")
     for name, ratio in result.get("times_as_long_as", {}).items():
@@ -116,6 +127,7 @@ def _lines(result: dict[str, Any]) -> list[str]:
 
 
 def _table(title: str, table: dict[str, Any], *without: str) -> list[str]:
+    """Return one table as lines, but for the columns in `without`."""
     columns = {k: v for k, v in _DRONE_COLUMNS.items() if k not in without}
     lines = [f"{title:28s}" + "".join(f"{head:>12s}" for head in columns.values())]
     for band, figures in table.items():

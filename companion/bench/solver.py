@@ -1,8 +1,8 @@
-"""How fast and how good: any set of instances through the real-time solver and IPOPT.
+"""Speed and quality of the real-time solver and IPOPT on any set of instances.
 
-Times are of the whole call from Python, one thread, one solver after the other on the same
-instances. `worse_percent` is by how much a plan costs more than what IPOPT makes of it (0.001
-is added to the costs: at a hover both are zero).
+Times are of the whole call from Python, on one thread, one solver after the other on the same
+instances. `worse_percent` is how much more a plan costs than the optimum that IPOPT finds from it;
+0.001 is added to the costs, as both are zero at a hover.
 """
 
 from __future__ import annotations
@@ -36,7 +36,10 @@ PERCENTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
 
 @dataclass
 class _Tally:
-    """What is counted while a solver goes through a set."""
+    """Counts of a solver on a set.
+
+    warm, cold: ms. worse: %, by flight. within: plans within bounds. slack: m, the deepest.
+    """
 
     warm: list[float] = field(default_factory=list)
     cold: list[float] = field(default_factory=list)
@@ -47,7 +50,7 @@ class _Tally:
     slack: float = 0.0
 
     def add(self, config: NmpcConfig, instance: Instance, result: Plan) -> None:
-        """Count a result; its time is counted by the caller."""
+        """Count a result, without its time."""
         self.total += 1
         self.usable += result.usable
         self.within += result.usable and within_bounds(config, instance, result)
@@ -64,10 +67,10 @@ def bench(
     clock: Clock = time.perf_counter,
     progress: Callable[[str, int], None] = lambda solver, done: None,
 ) -> dict[str, Any]:
-    """Measure `solvers` on `runs`; a dictionary of plain numbers.
+    """Return the figures of `solvers` on `runs`, a dictionary of plain numbers.
 
-    ticks: the real-time solvers go on through the set, again and again, until they have solved
-    this many warm ones. `ratio_p99` is a solver's p99 over that of the first one.
+    ticks: the real-time solvers repeat the set until they have solved this many warm instances.
+    `ratio_p99` is a solver's p99 over that of the first solver.
     """
     config = config or NmpcConfig()
     optimum = IpoptNmpc(config)
@@ -101,7 +104,7 @@ def _measure(
         if isinstance(solver, Nmpc) and not first and result.usable:
             compared.append((run.flight, instance, result))
         progress(name, tally.total)
-    for flight, instance, result in compared:  # afterwards: IPOPT would empty the caches
+    for flight, instance, result in compared:  # last, as IPOPT empties the processor's caches
         gap = worse_percent(optimum, instance, result)
         tally.worse.setdefault(flight, []).append(gap)
     total = max(1, tally.total)
@@ -120,7 +123,7 @@ def _measure(
 
 
 def solve_all(solver: Solver, runs: Sequence[Run]) -> Iterator[tuple[Run, Instance, Plan, bool]]:
-    """Every instance's result, in order; the flag marks the first of a run, solved cold."""
+    """Yield every instance's plan in order; the flag marks the first of a run, solved cold."""
     for run in runs:
         solver.reset()
         for number, instance in enumerate(run.instances):
@@ -128,18 +131,18 @@ def solve_all(solver: Solver, runs: Sequence[Run]) -> Iterator[tuple[Run, Instan
 
 
 def _endure(solver: Nmpc, runs: Sequence[Run], ticks: int) -> dict[str, Any]:
-    """Milliseconds of `ticks` warm solves, and the memory [MB] they left behind."""
+    """Return the milliseconds of `ticks` warm solves, and the growth of memory [MB]."""
     times: list[float] = []
     before = 0.0
     while len(times) < ticks and any(len(run.instances) > 1 for run in runs):
         times += [r.solve_time * 1e3 for _, _, r, first in solve_all(solver, runs) if not first]
-        before = before or _resident()  # once the first round has touched all there is
+        before = before or _resident()  # after the first round all memory is touched
     growth = _resident() - before
     return {"ticks": min(ticks, len(times)), "growth_mb": growth, **percentiles(times[:ticks])}
 
 
 def within_bounds(config: NmpcConfig, instance: Instance, result: Plan) -> bool:
-    """Whether the plan is finite and keeps (33)-(36) exactly."""
+    """Return whether the plan is finite and keeps (33)-(36) exactly."""
     x, u = result.x, result.u
     if not (np.isfinite(x).all() and np.isfinite(u).all()):
         return False
@@ -151,7 +154,7 @@ def within_bounds(config: NmpcConfig, instance: Instance, result: Plan) -> bool:
 
 
 def worse_percent(optimum: IpoptNmpc, instance: Instance, result: Plan) -> float:
-    """How much more [%] a plan costs than the optimum that IPOPT finds from it."""
+    """Return how much more [%] a plan costs than the optimum that IPOPT finds from it."""
     optimum.guess((result.x, result.u))
     best = optimum.solve(instance)
     if not best.usable:
@@ -160,7 +163,7 @@ def worse_percent(optimum: IpoptNmpc, instance: Instance, result: Plan) -> float
 
 
 def percentiles(values: Sequence[float]) -> dict[str, float]:
-    """p50, p95, p99 and max; zeros where there is nothing."""
+    """Return p50, p95, p99 and max; zeros without values."""
     if not values:
         return dict.fromkeys(PERCENTILES, 0.0)
     found = np.percentile(values, list(PERCENTILES.values()))
@@ -168,7 +171,7 @@ def percentiles(values: Sequence[float]) -> dict[str, float]:
 
 
 def _resident() -> float:
-    """Memory [MB] of this process now; 0 where the system does not tell."""
+    """Return the resident memory [MB] of this process; 0 where the system does not tell."""
     status = Path("/proc/self/status")
     lines = status.read_text().splitlines() if status.exists() else []
     return next((float(line.split()[1]) / 1024 for line in lines if line.startswith("VmRSS")), 0.0)

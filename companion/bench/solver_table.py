@@ -1,4 +1,4 @@
-"""The report of a bench as tables for people: the figures, and what they were to be."""
+"""The report of a benchmark as text: its figures and their goals."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Goal:
-    """A figure that was to be at most `goal`; `floor`, if any, is the least that is accepted."""
+    """A figure with its goal, an upper limit; up to `floor`, if any, it is accepted."""
 
     name: str
     value: float
@@ -18,14 +18,14 @@ class Goal:
 
     @property
     def verdict(self) -> str:
-        """reached, accepted, or missed."""
+        """Return `reached`, `accepted` or `missed`."""
         if self.value <= self.goal:
             return "reached"
         return "accepted" if self.floor is not None and self.value <= self.floor else "missed"
 
 
 def goals(report: dict[str, Any]) -> Iterator[Goal]:
-    """The figures of a report that a goal was set for, as far as the report has them."""
+    """Yield the figures of a report that have a goal."""
     solvers = report["solvers"]
     for name in ("rti", "rti-vm"):
         if name in solvers:
@@ -60,7 +60,7 @@ def _of_plans(name: str, row: dict[str, Any]) -> Iterator[Goal]:
 
 
 def table(report: dict[str, Any]) -> str:
-    """All of a report."""
+    """Return a report as text."""
     parts = [_figures(report), _endurance(report), _worse(report), _goals(report)]
     return "\n\n".join(part for part in parts if part)
 

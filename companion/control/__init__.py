@@ -1,1 +1,1 @@
-"""The drone's model, the NMPC, and the controllers that it is compared with."""
+"""Control: the NMPC, the controllers that it is compared with, and the setpoint."""

@@ -1,1 +1,1 @@
-"""What is seen in one frame: neighbours, trunks and other surfaces, in the camera's frame."""
+"""Perception: neighbours, trunks and other surfaces in one frame, in the camera's axes."""

@@ -1,7 +1,6 @@
-"""Neighbouring drones in one frame: pixels → `Detection`s.
+"""Neighbouring drones by the saturated ball that marked drones carry (detector: color).
 
-`Detector` is what the pipeline needs; `ColorDetector` finds the saturated ball that marked drones
-carry, by classical means. Camera frame: x right, y down, z forward.
+`Detector` is the interface of all detectors. The camera frame is x right, y down, z forward.
 """
 
 from __future__ import annotations
@@ -20,40 +19,39 @@ from companion.types import Detection, Image
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import StrictModel
 
-# A circle through less of an outline than this share is wrong more often than right.
+# A circle through a smaller share of an outline is wrong more often than right.
 _LEAST_ARC = 0.5
-# A ball in plain view shows this share of its outline and, cut at `edge`, of its disc. What hides
-# the rest also bends the circle that is drawn through what is left: the range is less certain,
-# by as much as errors of 5000 rendered detections showed.
+# A ball in plain view shows this share of its outline and, cut at `edge`, of its disc. An object
+# that hides the rest also bends the circle that is fitted to what shows: the range is less certain,
+# as measured on 5000 rendered detections.
 _WHOLE_ARC, _WHOLE_FILL = 0.85, 0.75
-
-
-_BLOBS = 40  # largest ones looked at: a picture full of the marker's colour must not end the tick
+# The largest blobs are fitted: a picture full of the marker's colour must not overrun the tick.
+_MOST_BLOBS = 40
 
 
 class Detector(Protocol):
-    """Anything that finds drones in a frame."""
+    """Finds drones in a frame."""
 
     def detect(self, image: Image) -> list[Detection]:
-        """Drones in image (H,W,3) uint8 BGR, camera frame."""
+        """Return the drones in image (H,W,3) uint8 BGR, camera frame."""
         ...
 
 
 class ColorSettings(StrictModel):
-    """What the marker looks like."""
+    """The look of the marker."""
 
     hue_deg: float = Field(
         300.0,
-        description="Of the marker: 300 is magenta, which neither tree, grass, earth nor sky is; "
-        "`camera` obstacles leave out magenta neighbours alone.",
+        description="Hue of the marker. 300 is magenta, which neither tree, grass, earth nor sky "
+        "is; `camera` obstacles leave out only magenta neighbours.",
     )
-    hue_width_deg: float = Field(30.0, gt=0, le=180, description="Accepted distance from it.")
-    marker_radius: float = Field(0.10, gt=0, description="Of the ball [m].")
+    hue_width_deg: float = Field(30.0, gt=0, le=180, description="Accepted distance from that hue.")
+    marker_radius: float = Field(0.10, gt=0, description="Radius of the ball [m].")
     min_chroma: float = Field(
         28.0, gt=0, description="Grey levels between the marker's strong and weak channels."
     )
-    min_area: float = Field(3.0, gt=0, description="Of the ball in the picture [px].")
-    max_range: float = Field(20.0, gt=0, description="Farther balls [m] are dropped.")
+    min_area: float = Field(3.0, gt=0, description="Area of the ball in the picture [px].")
+    max_range: float = Field(20.0, gt=0, description="Balls farther than this [m] are dropped.")
     edge: float = Field(
         0.44,
         gt=0,
@@ -65,7 +63,10 @@ class ColorSettings(StrictModel):
 
 @dataclass(frozen=True)
 class _Ball:
-    """A ball's outline: axis (3,) unit, angle: half opening of its cone [rad], arc seen 0…1."""
+    """A ball's outline as a cone.
+
+    axis: (3,) unit vector, camera frame. angle: rad, half its opening. arc: share seen, 0…1.
+    """
 
     axis: Vector
     angle: float
@@ -73,7 +74,10 @@ class _Ball:
 
 
 class ColorDetector:
-    """Finds saturated balls: chroma threshold, blobs, circles through sub-pixel outlines."""
+    """Finds saturated balls: chroma threshold, blobs, circles through sub-pixel outlines.
+
+    Circles on the sphere of directions are circles in its stereographic plane (`circles`).
+    """
 
     def __init__(self, camera: Camera, settings: ColorSettings | None = None) -> None:
         self.camera = camera
@@ -87,22 +91,22 @@ class ColorDetector:
         self._weights[self._weak] = -1.0 / len(self._weak)
 
     def detect(self, image: Image) -> list[Detection]:
-        """Marked drones in image (H,W,3) uint8 BGR, nearest first."""
+        """Return the marked drones in image (H,W,3) uint8 BGR, nearest first."""
         s = self.settings
-        # Averaged over neighbours, lest noise break a dim ball into pieces.
+        # The average over neighbouring pixels keeps noise from breaking a dim ball into pieces.
         chroma = cv2.blur(self._chroma(image), (3, 3))
         mask = cv2.threshold(chroma, s.min_chroma, 255, cv2.THRESH_BINARY)[1]
         outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         boxes = [box for box in map(cv2.boundingRect, outlines) if box[2] * box[3] >= s.min_area]
-        if len(boxes) > _BLOBS:
-            boxes = sorted(boxes, key=lambda box: -box[2] * box[3])[:_BLOBS]
+        if len(boxes) > _MOST_BLOBS:
+            boxes = sorted(boxes, key=lambda box: -box[2] * box[3])[:_MOST_BLOBS]
         found: list[Detection] = []
         for x, y, w, h in boxes:
             found += self._blob(image, x, y, w, h)
         return sorted(found, key=lambda d: d.range)
 
     def _chroma(self, image: Image) -> Image:
-        """(H,W) mean of the strong channels minus mean of the weak ones, negative cut to 0."""
+        """Return (H,W) mean of the strong channels minus mean of the weak ones, at least 0."""
         planes = cv2.split(image)
         strong, weak = (
             planes[c[0]]
@@ -113,12 +117,12 @@ class ColorDetector:
         return cv2.subtract(strong, weak)  # type: ignore[return-value]
 
     def _blob(self, image: Image, x: int, y: int, w: int, h: int) -> list[Detection]:
-        """Balls in one blob's bounding box."""
+        """Return the balls in one blob's bounding box [px]."""
         height, width = image.shape[:2]
         x0, y0 = max(x - 3, 0), max(y - 3, 0)
         x1, y1 = min(x + w + 3, width), min(y + h + 3, height)
         patch = image[y0:y1, x0:x1].astype(np.float32)
-        # Linear in the light, so that a pixel half covered by the ball reads half.
+        # Chroma is linear in the light: a pixel half covered by the ball reads half.
         chroma = patch @ self._weights
         inside = chroma[y - y0 : y - y0 + h, x - x0 : x - x0 + w].ravel()
         quarter = min(max(2, inside.size // 4), inside.size)
@@ -130,7 +134,7 @@ class ColorDetector:
         cover = (chroma - base) / max(full - base, 1.0)
         if not self._right_hue(patch[cover > 0.7]):
             return []
-        # Weighting by solid angle takes the lens' stretch out of the area.
+        # The weight by solid angle takes the lens' stretch out of the area.
         solid = cover.clip(0, 1) * (cover > 0.15) * self.camera.solid_angle[y0:y1, x0:x1]
         area = float(solid.sum())
         clipped = x == 0 or y == 0 or x + w == width or y + h == height
@@ -147,7 +151,7 @@ class ColorDetector:
         return [d for d in found if d is not None]
 
     def _right_hue(self, pixels: Vector) -> bool:
-        """Whether the mean hue of (n,3) BGR pixels is the marker's."""
+        """Return whether the mean hue of pixels (n,3) BGR is the marker's."""
         if not len(pixels):
             return False
         b, g, r = pixels.mean(axis=0)
@@ -156,7 +160,7 @@ class ColorDetector:
         return bool(abs(off) <= self.settings.hue_width_deg)
 
     def _outline(self, cover: Vector, x0: int, y0: int, pixel: float) -> list[_Ball]:
-        """Balls from the half-cover outline of a patch whose corner is pixel (x0, y0)."""
+        """Return the balls by the outline of `cover` in a patch whose corner is pixel (x0, y0)."""
         points = _crossings(cover, self.settings.edge) + np.array([x0, y0])
         if len(points) < 8:
             return []
@@ -179,55 +183,60 @@ class ColorDetector:
         return balls
 
     def _small(self, solid: Vector, area: float, x0: int, y0: int) -> _Ball:
-        """A ball of few pixels: centroid and area."""
+        """Return a ball of few pixels, by centroid and area."""
         v, u = np.indices(solid.shape)
         centre = [(solid * u).sum() / area + x0, (solid * v).sum() / area + y0]
         axis = self.camera.unproject(np.array([centre]))[0]
         return _Ball(axis, float(np.sqrt(area / np.pi)), 1.0)
 
     def _detection(self, ball: _Ball, pixel: float, clipped: bool, fill: float) -> Detection | None:
-        """One ball of a blob; fill: the blob's solid angle over that of all its balls."""
+        """Return the detection of one ball of a blob; None where it is not credible.
+
+        fill: the blob's solid angle over that of all its balls.
+        """
         s = self.settings
         if not 1e-4 < ball.angle < 1.4 or ball.arc < _LEAST_ARC:
             return None
         distance = s.marker_radius / math.sin(ball.angle)
         if distance > s.max_range:
             return None
-        # As 466 rendered balls to 10 m showed: the circle's radius is known to some 0.06 px; a
-        # short arc says less about it.
+        # Measured on 466 rendered balls up to 10 m: the circle's radius is known to some 0.06 px,
+        # less well by a short arc.
         weak = 1.0 / max(ball.arc, 0.15) * (2.0 if clipped else 1.0)
         sigma_angle = 0.06 * pixel * weak
         hidden = max(0.0, _WHOLE_ARC - ball.arc), max(0.0, _WHOLE_FILL - fill)
         sigma_hidden = 0.6 * hidden[0] + 0.8 * hidden[1]
         sigma_range = distance * math.hypot(0.008, sigma_angle / ball.angle, sigma_hidden)
         score = min(1.0, max(0.3, ball.angle / (2.0 * pixel))) * min(1.0, 0.5 + ball.arc)
-        return Detection(ball.axis, distance, math.hypot(0.002, sigma_angle),
-                         sigma_range, score)  # fmt: skip
+        return Detection(ball.axis, distance, math.hypot(0.002, sigma_angle), sigma_range, score)
 
 
 def _pure(hue_deg: float) -> tuple[float, float, float]:
-    """Fully saturated red, green, blue of a hue."""
+    """Return the fully saturated red, green, blue (0…1) of a hue."""
     h = hue_deg % 360.0 / 60.0
     r, g, b = (min(max(v, 0.0), 1.0) for v in (abs(h - 3) - 1, 2 - abs(h - 2), 2 - abs(h - 4)))
     return r, g, b
 
 
-def _crossings(values: Vector, level: float) -> Vector:
-    """Points (n,2) u, v where values (h,w) cross level between neighbouring pixels."""
-    above = values >= level
+def _crossings(values: Vector, threshold: float) -> Vector:
+    """Return points (n,2) u, v where values (h,w) cross the threshold between pixels."""
+    above = values >= threshold
     v, u = np.nonzero(above[:, 1:] != above[:, :-1])
     a, b = values[v, u], values[v, u + 1]
-    across = np.stack([u + (level - a) / (b - a), v], axis=1)
+    across = np.stack([u + (threshold - a) / (b - a), v], axis=1)
     v, u = np.nonzero(above[1:] != above[:-1])
     a, b = values[v, u], values[v + 1, u]
-    down = np.stack([u, v + (level - a) / (b - a)], axis=1)
+    down = np.stack([u, v + (threshold - a) / (b - a)], axis=1)
     return np.concatenate([across, down])
 
 
 def _tangents(axis: Vector) -> tuple[Vector, Vector]:
-    """Two unit vectors that complete axis (3,) to an orthonormal basis."""
+    """Return two unit vectors (3,) that complete the axis (3,) to an orthonormal basis.
+
+    Frisvad, "Building an orthonormal basis from a 3D unit vector without normalization", 2012.
+    """
     x, y, z = axis.tolist()
-    # Frisvad's construction, about whichever pole is far.
+    # About the pole that is farther.
     sign = 1.0 if z >= 0.0 else -1.0
     a = -1.0 / (sign + z)
     b = x * y * a

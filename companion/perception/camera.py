@@ -1,7 +1,8 @@
-"""160° fisheye camera: pixels ↔ directions (the equidistant model of `cv2.fisheye`).
+"""The fisheye camera: pixels ↔ directions, by the equidistant model of `cv2.fisheye`.
 
-Frames: camera C is x right, y down, z forward; body B is FLU. Pixels: u right, v down, integers
-at pixel centres, as OpenCV counts.
+The camera frame C is x right, y down, z forward; the body frame B is FLU. Pixels are u right, v
+down, with integers at pixel centres, as OpenCV counts. Source: Kannala and Brandt, "A generic
+camera model and calibration method for conventional, wide-angle, and fish-eye lenses", 2006.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ NEWTON_STEPS = 8
 
 
 class CalibrationError(ValueError):
-    """A calibration file that cannot be used; the text names file, key and what is valid."""
+    """A calibration that cannot be used; the text names the file, the key and the valid values."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +32,7 @@ class Camera:
     """Intrinsics and mount of one camera.
 
     width, height: px. fx, fy: px/rad. cx, cy: px. k: (4,) `cv2.fisheye` distortion.
-    max_angle: rad, largest angle from the axis that the lens images (corners included when 0).
+    max_angle: rad, largest angle from the axis that the lens images; 0: up to the corners.
     mount: (4,) quaternion w, x, y, z, camera → body.
     """
 
@@ -56,16 +57,16 @@ class Camera:
 
     @staticmethod
     def equidistant(width: int, height: int, fov_deg: float = 160.0) -> Camera:
-        """An ideal fisheye whose `fov_deg` spans the image's width."""
+        """Return an ideal fisheye whose `fov_deg` spans the image's width."""
         f = width / np.radians(fov_deg)
         return Camera(width, height, f, f, (width - 1) / 2, (height - 1) / 2)
 
     @staticmethod
     def load(path: str | Path) -> Camera:
-        """Read a YAML calibration (width, height, fx, fy, cx, cy, k1…k4; optional mount).
+        """Return the camera of a YAML file: width, height, fx, fy, cx, cy, k1…k4, optional mount.
 
         Raises:
-            CalibrationError: no such file, not YAML, or a key missing, unknown or out of range.
+            CalibrationError: a missing file, not YAML, or a key missing, unknown or out of range.
         """
         try:
             data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
@@ -87,7 +88,7 @@ class Camera:
             raise CalibrationError(f"{path}: width, height, fx, fy must be positive and finite")
         if n["width"] % 1 or n["height"] % 1:
             raise CalibrationError(f"{path}: width and height must be whole numbers of pixels")
-        # Of a mount that is no number the comparison is false.
+        # With NaN in the mount the comparison is false.
         if mount.shape != (4,) or not abs(np.linalg.norm(mount) - 1.0) <= 1e-3:
             raise CalibrationError(f"{path}: mount must be a unit quaternion w, x, y, z")
         k = np.array([n["k1"], n["k2"], n["k3"], n["k4"]])
@@ -100,10 +101,10 @@ class Camera:
 
     @property
     def inhibit_reason(self) -> str:
-        """Why nobody should fly by it, one line; empty where it can be true.
+        """Return why no drone should fly by this calibration, one line; empty where it can.
 
-        A polynomial that was fitted to the middle alone bends back farther out: a neighbour at the
-        side would be believed to be behind.
+        A polynomial that was fitted to the middle alone bends back farther out. A neighbour at the
+        side would then be placed behind the drone.
         """
         across = [(-0.5 - self.cx) / self.fx, (self.width - 0.5 - self.cx) / self.fx]
         down = [(-0.5 - self.cy) / self.fy, (self.height - 0.5 - self.cy) / self.fy]
@@ -111,16 +112,21 @@ class Camera:
             return ""
         return (
             f"fx, fy, k1…k4 image nothing beyond {np.degrees(self._peak):.0f}° off the axis, which "
-            "lies inside the picture: calibrate anew, with the board near the edges, too"
+            "lies inside the picture: calibrate again, with the board near the edges, too"
         )
 
     def scaled(self, width: int, height: int) -> Camera:
-        """The same view at another image size (width, height px)."""
+        """Return the same view at another image size (width, height px)."""
         su, sv = width / self.width, height / self.height
         return replace(
-            self, width=width, height=height, fx=self.fx * su, fy=self.fy * sv,
-            cx=(self.cx + 0.5) * su - 0.5, cy=(self.cy + 0.5) * sv - 0.5,
-        )  # fmt: skip
+            self,
+            width=width,
+            height=height,
+            fx=self.fx * su,
+            fy=self.fy * sv,
+            cx=(self.cx + 0.5) * su - 0.5,
+            cy=(self.cy + 0.5) * sv - 0.5,
+        )
 
     def save(self, path: str | Path) -> None:
         """Write the calibration that `load` reads."""
@@ -133,7 +139,7 @@ class Camera:
         Path(path).write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
 
     def project(self, points_c: Vector) -> Vector:
-        """Points (n,3) in the camera frame [m] → pixels (n,2); NaN beyond `max_angle`."""
+        """Return the pixels (n,2) of points (n,3) m, camera frame; NaN beyond `max_angle`."""
         x, y, z = np.asarray(points_c, float).reshape(-1, 3).T
         rho = np.hypot(x, y)
         theta = np.arctan2(rho, z)
@@ -143,7 +149,7 @@ class Camera:
         return np.stack([self.cx + self.fx * scale * x, self.cy + self.fy * scale * y], axis=1)
 
     def unproject(self, pixels: Vector) -> Vector:
-        """Pixels (n,2) → unit directions (n,3) in the camera frame."""
+        """Return the unit directions (n,3), camera frame, of pixels (n,2)."""
         u, v = np.asarray(pixels, float).reshape(-1, 2).T
         mx, my = (u - self.cx) / self.fx, (v - self.cy) / self.fy
         radius = np.hypot(mx, my)
@@ -153,14 +159,14 @@ class Camera:
 
     @cached_property
     def directions(self) -> NDArray[np.float32]:
-        """(height, width, 3) unit direction of every pixel, camera frame."""
+        """Return the unit direction of every pixel, (height,width,3), camera frame."""
         u, v = np.meshgrid(np.arange(float(self.width)), np.arange(float(self.height)))
         rays = self.unproject(np.stack([u, v], axis=-1).reshape(-1, 2))
         return rays.reshape(self.height, self.width, 3).astype(np.float32)
 
     @cached_property
     def solid_angle(self) -> NDArray[np.float32]:
-        """(height, width) solid angle of every pixel [sr]: dΩ = sin θ dθ dφ."""
+        """Return the solid angle [sr] of every pixel, (height,width): dΩ = sin θ dθ dφ."""
         u, v = np.meshgrid(np.arange(float(self.width)), np.arange(float(self.height)))
         radius = np.hypot((u - self.cx) / self.fx, (v - self.cy) / self.fy).ravel()
         theta = np.maximum(self._angle(radius), 1e-6)
@@ -169,14 +175,14 @@ class Camera:
         return area.reshape(self.height, self.width).astype(np.float32)
 
     def radius(self, theta: Vector) -> Vector:
-        """Angle from the axis [rad] → normalised image radius (`cv2.fisheye` polynomial)."""
+        """Return the normalised image radius of an angle from the axis [rad]: the polynomial."""
         t2 = theta * theta
         k1, k2, k3, k4 = self.k
         result: Vector = theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
         return result
 
     def _slope(self, theta: Vector) -> Vector:
-        """Derivative of `radius`."""
+        """Return the derivative of `radius`."""
         t2 = theta * theta
         k1, k2, k3, k4 = self.k
         result: Vector = 1.0 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))
@@ -184,15 +190,15 @@ class Camera:
 
     @cached_property
     def _peak(self) -> float:
-        """Angle [rad] up to which `radius` grows; π where it always does."""
+        """Return the angle [rad] up to which `radius` grows; π where it always does."""
         theta = np.linspace(0.0, np.pi, 1000)
         falls = self._slope(theta) <= 0.0
         return float(theta[int(np.argmax(falls))]) if falls.any() else np.pi
 
     def _angle(self, radius: Vector) -> Vector:
-        """Inverse of `radius` by Newton's method; exact without distortion.
+        """Return the angle [rad] of an image radius, by Newton's method; exact without distortion.
 
-        Beyond what the lens images, in the picture's corners, the largest angle that it does.
+        In corners that the lens does not image, this is the largest angle that it does.
         """
         theta = np.array(radius, float)
         if self.k.any():

@@ -14,18 +14,19 @@ from companion.perception.camera import CalibrationError, Camera
 from companion.types import Image
 from mavlink_bridge.shared.arrays import Vector
 
-LEAST = 6  # pictures with a board
+LEAST_PICTURES = 6  # with a board
 _CV2: Any = cv2 if hasattr(cv2, "CALIB_RECOMPUTE_EXTRINSIC") else cv2.fisheye  # OpenCV 5, 4
 _FLAGS = _CV2.CALIB_RECOMPUTE_EXTRINSIC | _CV2.CALIB_FIX_SKEW
 _CRITERIA = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-8)
-_BAD = 4.0  # times the typical error that a picture is left out at
+_OUTLIER = 4.0  # times the median error, from which a picture is left out
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """The camera, the RMS reprojection error [px], of each picture used, and those without use.
+    """A camera, and how well the pictures determine it.
 
-    reach: share of the picture's half diagonal that the corners found reach.
+    rms: px, reprojection error. errors: the same of each picture used. unused: why, for each of
+    the other pictures. reach: share of the picture's half diagonal that the corners span.
     """
 
     camera: Camera
@@ -36,7 +37,9 @@ class Calibration:
 
 
 def calibrate(files: Sequence[Path], board: tuple[int, int], square: float) -> Calibration:
-    """Calibrate from pictures of a board with `board` inner corners, squares of `square` [m].
+    """Return the calibration from pictures of a board.
+
+    board: inner corners across and down. square: m, edge of its squares.
 
     Raises:
         CalibrationError: pictures that cannot be read, differ in size, or show too few boards.
@@ -47,20 +50,22 @@ def calibrate(files: Sequence[Path], board: tuple[int, int], square: float) -> C
     for file in files:
         image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
         if image is None:
-            raise CalibrationError(f"{file}: no picture that OpenCV reads")
+            raise CalibrationError(f"{file}: not a picture that OpenCV reads")
         here = (image.shape[1], image.shape[0])
         if size not in (None, here):
-            raise CalibrationError(f"{file}: is {here[0]}×{here[1]}, those before {size}")
+            raise CalibrationError(
+                f"{file}: is {here[0]}×{here[1]} px, the pictures before are {size[0]}×{size[1]} px"
+            )
         size = here
         found = _corners(image, board)  # type: ignore[arg-type]
         if found is None:
             unused[str(file)] = f"no board of {board[0]}×{board[1]} inner corners"
         else:
             corners[str(file)] = found
-    if size is None or len(corners) < LEAST:
+    if size is None or len(corners) < LEAST_PICTURES:
         raise CalibrationError(
             f"{len(corners)} of {len(files)} pictures show a board of {board[0]}×{board[1]} inner "
-            f"corners; at least {LEAST} must, better 20, near the picture's edges too"
+            f"corners; at least {LEAST_PICTURES} must, better 20, near the picture's edges, too"
         )
     points = np.zeros((1, board[0] * board[1], 3))
     points[0, :, :2] = np.mgrid[0 : board[0], 0 : board[1]].T.reshape(-1, 2) * square
@@ -68,7 +73,7 @@ def calibrate(files: Sequence[Path], board: tuple[int, int], square: float) -> C
 
 
 def _corners(image: Image, board: tuple[int, int]) -> Vector | None:
-    """(1,n,2) px of the inner corners, to a part of a pixel."""
+    """Return the inner corners (1,n,2) px, to a fraction of a pixel; None without a board."""
     flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
     found, corners = cv2.findChessboardCornersSB(image, board, flags=flags)
     return np.asarray(corners, float).reshape(1, -1, 2) if found else None
@@ -77,11 +82,11 @@ def _corners(image: Image, board: tuple[int, int]) -> Vector | None:
 def _solve(
     points: Vector, corners: dict[str, Vector], size: tuple[int, int], unused: dict[str, str]
 ) -> Calibration:
-    """Fit, leave out the pictures that stand out, fit again."""
+    """Return the calibration by two fits, the second without the outliers of the first."""
     camera, errors = _fit(points, corners, size)
     typical = float(np.median(list(errors.values())))
-    bad = {name for name, error in errors.items() if error > max(_BAD * typical, 0.5)}
-    if bad and len(corners) - len(bad) >= LEAST:
+    bad = {name for name, error in errors.items() if error > max(_OUTLIER * typical, 0.5)}
+    if bad and len(corners) - len(bad) >= LEAST_PICTURES:
         unused = unused | {name: f"fits badly, {errors[name]:.2f} px" for name in bad}
         corners = {name: c for name, c in corners.items() if name not in bad}
         camera, errors = _fit(points, corners, size)
@@ -97,7 +102,7 @@ def _solve(
 def _fit(
     points: Vector, corners: dict[str, Vector], size: tuple[int, int]
 ) -> tuple[Camera, dict[str, float]]:
-    """`cv2.fisheye.calibrate`; per picture the RMS error [px]."""
+    """Return the camera by `cv2.fisheye.calibrate`, and the RMS error [px] of each picture."""
     matrix: Any = np.eye(3)
     k: Any = np.zeros((4, 1))
     seen = list(corners.values())
@@ -107,8 +112,8 @@ def _fit(
         )
     except cv2.error as error:
         raise CalibrationError(
-            "the pictures do not determine a fisheye: take some with the board tilted, and near "
-            f"the edges ({error.err})"
+            "the pictures do not determine a fisheye lens: take some with the board tilted, and "
+            f"near the edges ({error.err})"
         ) from error
     errors = {}
     for (name, found), turn, place in zip(corners.items(), turns, places, strict=True):

@@ -1,8 +1,8 @@
 """Circles through noisy outline points, some of which belong to something else.
 
-A ball's outline is a circle in the stereographic plane, wherever in the picture it lies. What
-hides a part of the ball replaces an arc by a chord inside the circle; a second ball behind it adds
-an arc outside. Both are handled by scoring circles through triples of points.
+A ball's outline is a circle in the stereographic plane, anywhere in the picture. An object in
+front of the ball replaces an arc by a chord inside the circle; a second ball behind it adds an arc
+outside. Both cases are solved by scoring circles through triples of points.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ class Circle:
 
 
 def fit_circles(x: Vector, y: Vector, tolerance: float, most: int = 4) -> list[Circle]:
-    """Circles that explain the points x, y (n,), most convincing first.
+    """Return the circles that explain the points x, y (n,), the best supported first.
 
-    tolerance: how far a point may lie off its circle. most: upper limit of circles.
+    tolerance: largest distance of a point from its circle. most: largest number of circles.
     """
     found: list[Circle] = []
     least = max(6.0, 0.12 * len(x))
@@ -48,14 +48,14 @@ def fit_circles(x: Vector, y: Vector, tolerance: float, most: int = 4) -> list[C
 
 
 def _off(x: Vector, y: Vector, circle: Triple) -> Vector:
-    """Signed distance of points to a circle, positive outside."""
+    """Return the signed distance of points to a circle, positive outside."""
     dx, dy = x - circle[0], y - circle[1]
     result: Vector = np.sqrt(dx * dx + dy * dy) - circle[2]
     return result
 
 
 def _best_circle(x: Vector, y: Vector, tolerance: float) -> Circle | None:
-    """A whole ball needs one fit; else the best of many circles through triples of points."""
+    """Return the circle of a single fit, or else the best of many through triples of points."""
     n = len(x)
     circle, off = _trimmed(x, y, _least_squares(x, y), tolerance)
     outside = np.count_nonzero(off > tolerance)
@@ -78,7 +78,7 @@ def _best_circle(x: Vector, y: Vector, tolerance: float) -> Circle | None:
 
 
 def _trimmed(x: Vector, y: Vector, circle: Triple, tolerance: float) -> tuple[Triple, Vector]:
-    """Refit on the points near the circle until they no longer change; circle, distances."""
+    """Refit to the points near the circle until they no longer change; return it and distances."""
     before = len(x)
     off = _off(x, y, circle)
     for _ in range(3):
@@ -93,10 +93,10 @@ def _trimmed(x: Vector, y: Vector, circle: Triple, tolerance: float) -> tuple[Tr
 
 
 def _vote(x: Vector, y: Vector, tolerance: float) -> Triple | None:
-    """The circle through a triple of points that most points support."""
+    """Return the circle through three points that most points support; None where there is none."""
     n = len(x)
     order = np.argsort(np.arctan2(y - y.mean(), x - x.mean()), kind="stable")
-    # Triples evenly and less evenly spread around the outline: one of them lies on one ball only.
+    # Triples are spread around the outline at several strides: one of them lies on one ball only.
     starts = np.arange(0, n, max(1, n // 24))
     strides = np.array(sorted({max(1, n // k) for k in (3, 4, 5, 7, 10)}))
     first = np.tile(starts, len(strides))
@@ -116,15 +116,15 @@ def _vote(x: Vector, y: Vector, tolerance: float) -> Triple | None:
     thin = slice(None, None, max(1, n // 80))
     dx, dy = x[thin] - mx[:, None], y[thin] - my[:, None]
     off = np.sqrt(dx * dx + dy * dy) - r[:, None]
-    # A ball hides nothing outside itself, so points outside speak against it; yet with a second
-    # ball in the blob some must lie outside.
+    # A ball hides nothing outside itself, so points outside count against it; with a second ball
+    # in the blob some must lie outside.
     support = (np.abs(off) < tolerance).sum(axis=1) - 0.5 * (off > tolerance).sum(axis=1)
     best = int(np.argmax(support))
     return float(mx[best]), float(my[best]), float(r[best])
 
 
 def _least_squares(x: Vector, y: Vector) -> Triple:
-    """Algebraic circle fit (Kåsa); NaN where the points lie on a line."""
+    """Return the algebraic circle fit (Kåsa, 1976); NaN where the points lie on a line."""
     n = len(x)
     mx, my = float(x.sum()) / n, float(y.sum()) / n
     u, v = x - mx, y - my

@@ -1,8 +1,8 @@
-"""A depth image → trunks, and ranges to every other surface.
+"""Trunks, and ranges to all other surfaces, from a depth image.
 
-The image shows the camera's own view, finer or coarser. Around the drone's height it is read as a
-level scan, much as a lidar's; stretches of the scan that are round and end before what lies behind
-them are trunks. All other surfaces stay ranges: `surfaces.py` makes walls of them.
+The image shows the camera's own view, at any resolution. Around the drone's height it is read as a
+level scan, much as a lidar's. Stretches of the scan that are round and nearer than their background
+are trunks. All other surfaces stay ranges, which `estimation.surface_map` remembers.
 """
 
 from __future__ import annotations
@@ -25,20 +25,24 @@ _BINS = round(2.0 * math.pi / _STEP)
 
 
 class DepthConfig(StrictModel):
-    """How a depth image is read."""
+    """How a depth image becomes trunks and ranges."""
 
-    range: float = Field(8.0, gt=0, description="Used up to here [m].")
-    ground: float = Field(0.35, ge=0, description="Lower than this [m] above take-off is ground.")
-    band: float = Field(0.5, gt=0, description="Scan: this far [m] above and below the drone.")
+    range: float = Field(8.0, gt=0, description="Farther ranges [m] are not used.")
+    ground: float = Field(0.35, ge=0, description="Surfaces lower than this [m] are ground.")
+    band: float = Field(0.5, gt=0, description="Height [m] of the scan above and below the drone.")
     tall: float = Field(
         0.5,
         ge=0,
-        description="A trunk shows at least this much [m] of itself, near the ground less.",
+        description="Least height [m] that a trunk shows in the scan; less near the ground.",
     )
-    jump: float = Field(0.3, gt=0, description="A step [m] between two things; 5 % of range more.")
-    roundness: float = Field(0.06, gt=0, description="Mean misfit [m] a trunk may have.")
-    max_radius: float = Field(2.5, gt=0, description="Rounder things [m] count as walls.")
-    neighbour: float = Field(0.45, gt=0, description="Within this [m] of a detection: the drone.")
+    jump: float = Field(
+        0.3, gt=0, description="Step [m] that parts two objects; 5 % of the range is added."
+    )
+    roundness: float = Field(0.06, gt=0, description="Largest mean misfit [m] of a trunk.")
+    max_radius: float = Field(2.5, gt=0, description="Larger radii [m] count as walls.")
+    neighbour: float = Field(
+        0.45, gt=0, description="Surfaces this near [m] to a detection are the drone."
+    )
 
 
 class DepthReader:
@@ -56,12 +60,12 @@ class DepthReader:
         altitude: float,
         drones: Sequence[Detection],
     ) -> tuple[list[Trunk], Ranges]:
-        """Trunks, nearest first, and ranges (h/2,w/2) to all surfaces, of depth (h,w).
+        """Return the trunks, nearest first, and the ranges (h/2,w/2) m to all surfaces.
 
-        depth: m along each pixel's ray, inf where nothing is; NaN and 0 are what cameras give for
-        what they cannot tell. r_wc: (3,3) camera → world. altitude: m above ground. drones: seen
-        at the same time. Ranges are inf where the view is free as far as it matters, and NaN where
-        that is unknown, as behind a drone.
+        depth: (h,w) m along each pixel's ray; inf where the view is free; NaN or ≤ 0 where the
+        camera cannot tell. r_wc: (3,3) camera → world. altitude: m above ground. drones: detected
+        in the same frame. Ranges are inf where the view is free up to `range`, and NaN where that
+        is unknown, as behind a drone.
         """
         if self._rays.shape[:2] != depth.shape:
             self._rays = self._camera.scaled(depth.shape[1], depth.shape[0]).directions
@@ -76,7 +80,7 @@ class DepthReader:
         return trunks, _halved(ranges).astype(np.float16)
 
     def _hide(self, ranges: Vector, drones: Sequence[Detection]) -> None:
-        """Set to NaN, in place, what a neighbour may cover."""
+        """Set to NaN, in place, the ranges (h,w) that a neighbour may cover."""
         c = self._config
         for drone in drones:
             cosine = math.cos(math.atan2(c.neighbour, drone.range))
@@ -84,10 +88,10 @@ class DepthReader:
             ranges[near & (self._rays @ drone.direction > cosine)] = np.nan
 
     def _trunks(self, offsets: Vector, r_wc: Vector, altitude: float) -> list[Trunk]:
-        """Round tall things in the level scan of surface points (n,3), world axes, from the camera.
+        """Return the round, tall objects in the level scan of surface points.
 
-        What is round but not tall is a neighbour that was not found as one: at the edge of the
-        picture, most of all.
+        offsets: (n,3) m, world axes, from the camera. A round object that is not tall is an
+        undetected neighbour, most often at the edge of the picture.
         """
         c = self._config
         x, y, z = offsets[np.abs(offsets[:, 2]) < c.band].T
@@ -95,7 +99,7 @@ class DepthReader:
         bins = ((np.arctan2(y, x) + math.pi) / _STEP).astype(int) % _BINS
         far = np.hypot(x, y)
         np.minimum.at(scan, bins, far)
-        first = far < scan[bins] + c.jump  # not what stands behind
+        first = far < scan[bins] + c.jump  # without the background
         top, foot = np.full(_BINS, -np.inf), np.full(_BINS, np.inf)
         np.maximum.at(top, bins[first], z[first])
         np.minimum.at(foot, bins[first], z[first])
@@ -106,7 +110,7 @@ class DepthReader:
         return sorted(found, key=lambda t: t.distance - t.radius)
 
     def _runs(self, scan: Vector) -> list[NDArray[np.int_]]:
-        """Bins of each thing in the scan, cut where the scan jumps; around the seam, too."""
+        """Return the bins of each object in the scan, cut where it jumps; around the seam, too."""
         following = np.roll(scan, -1)
         near = np.minimum(scan, following)
         with np.errstate(invalid="ignore"):
@@ -117,7 +121,7 @@ class DepthReader:
         return [run for run in runs if np.isfinite(scan[run[0]])]
 
     def _fit(self, scan: Vector, run: NDArray[np.int_], r_wc: Vector) -> Trunk | None:
-        """The trunk that a run of bins shows, if it is round and both its edges are its own."""
+        """Return the trunk that a run of bins shows, if it is round and hides its background."""
         t = scan[run]
         beyond = scan[[run[0] - 1, (run[-1] + 1) % _BINS]]
         if len(run) < 3 or (beyond < t[[0, -1]]).any():
@@ -140,7 +144,7 @@ class DepthReader:
 
 
 def _halved(ranges: Vector) -> Vector:
-    """(h/2,w/2): the mean of each four neighbours; the nearest where they differ much."""
+    """Return (h/2,w/2): the mean of each four ranges; the nearest where they differ much."""
     h, w = ranges.shape[0] // 2, ranges.shape[1] // 2
     four = ranges[: 2 * h, : 2 * w].reshape(h, 2, w, 2)
     nearest = four.min(axis=(1, 3))

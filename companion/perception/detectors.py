@@ -1,4 +1,4 @@
-"""The detectors of drones, by the name that the configuration gives them."""
+"""The detectors of drones, by their names in the configuration."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ __all__ = ["Detector", "ModelError", "make_detector"]
 
 
 def make_detector(camera: Camera, sensing: SensingConfig) -> Detector:
-    """The detector that `sensing.detector` names.
+    """Return the detector that `sensing.detector` names.
 
     Raises:
-        ModelError: its model file cannot be used.
+        ModelError: a model file that cannot be used.
     """
     model = Path(sensing.model) if sensing.model else None
     if sensing.detector == "cnn":
@@ -26,6 +26,6 @@ def make_detector(camera: Camera, sensing: SensingConfig) -> Detector:
     if sensing.detector == "yolo":
         from companion.perception.yolo import YoloDetector
 
-        assert model is not None  # the configuration asks for it
+        assert model is not None  # the configuration demands it
         return YoloDetector(camera, sensing.yolo, model)
     return ColorDetector(camera, sensing.color)

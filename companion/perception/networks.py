@@ -12,18 +12,18 @@ Tensor = NDArray[np.float32]
 
 
 class ModelError(ValueError):
-    """A model file that cannot be used; the text names it and says why."""
+    """A model file that cannot be used; the text names the file and the reason."""
 
 
 class OnnxNetwork:
     """A network with one picture as input and one output.
 
     Raises:
-        ModelError: no such file, not ONNX, or not of this input and output.
+        ModelError: a missing file, not ONNX, or not of this input and output.
     """
 
     def __init__(self, path: Path, width: int, height: int) -> None:
-        """width, height: of the pictures that it takes [px]."""
+        """width, height: px, of the pictures that the network takes."""
         self._path = path
         if not path.is_file():
             raise ModelError(f"{path}: no such model file")
@@ -37,20 +37,22 @@ class OnnxNetwork:
         self.shape = self.run(np.zeros((height, width, 3), np.uint8)).shape
 
     def run(self, image: NDArray[np.uint8], swap: bool = False, gain: float = 1.0) -> Tensor:
-        """Output for a picture (height,width,3) uint8 BGR, as BGR (swap: RGB) 0…1 times gain.
+        """Return the output for a picture (height,width,3) uint8 BGR.
+
+        The network is given BGR (swap: RGB) 0…1 times `gain`.
 
         Raises:
-            ModelError: the network does not take such pictures.
+            ModelError: a network that does not take such pictures.
         """
         for channel, plane in zip((2, 1, 0) if swap else (0, 1, 2), cv2.split(image), strict=True):
             np.multiply(plane, np.float32(gain / 255), out=self._picture[0, channel])
         return self.forward()
 
     def forward(self) -> Tensor:
-        """Output for the last picture once more.
+        """Return the output for the last picture once more.
 
         Raises:
-            ModelError: the network does not take such pictures.
+            ModelError: a network that does not take such pictures.
         """
         try:
             self._net.setInput(self._picture)
@@ -64,4 +66,5 @@ class OnnxNetwork:
 
 
 def _brief(error: cv2.error) -> str:
+    """Return the error's text in one short line."""
     return " ".join(str(error.err or error).split())[:160]

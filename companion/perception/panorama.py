@@ -1,7 +1,7 @@
-"""A level panorama cut from a fisheye frame: columns are azimuth, rows elevation.
+"""A level panorama of a fisheye frame: columns are azimuth, rows elevation.
 
-In it the horizon is a straight row and every vertical edge of the world a straight column,
-whatever the drone's attitude. Camera frame: x right, y down, z forward.
+The horizon is a straight row and every vertical edge of the world a straight column, at any
+attitude of the drone. The camera frame is x right, y down, z forward.
 """
 
 from __future__ import annotations
@@ -20,37 +20,40 @@ KNOT = 8  # pixels of panorama between directions that are projected exactly
 
 
 @dataclass(frozen=True)
-class Level:
-    """Axes of the levelled frame in camera axes: forward, right, down, each (3,) unit."""
+class LevelFrame:
+    """Axes of the levelled frame, each a (3,) unit vector in camera axes."""
 
     forward: Vector
     right: Vector
     down: Vector
 
     @staticmethod
-    def of(gravity_c: Vector) -> Level:
-        """Levelled frame whose forward is the camera's axis (its x when it looks along gravity)."""
+    def along(gravity_c: Vector) -> LevelFrame:
+        """Return the frame whose down is gravity_c (3,), camera frame.
+
+        Its forward is the camera's axis; the camera's −y where the camera looks along gravity.
+        """
         down = np.asarray(gravity_c, float) / np.linalg.norm(gravity_c)
         axis = np.array([0.0, 0.0, 1.0])
         if abs(down[2]) > 0.98:
             axis = np.array([0.0, -1.0, 0.0]) * np.sign(down[2])
         forward = axis - (axis @ down) * down
         forward /= np.linalg.norm(forward)
-        return Level(forward, np.cross(down, forward), down)
+        return LevelFrame(forward, np.cross(down, forward), down)
 
     def direction(self, azimuth: float) -> Vector:
-        """(3,) horizontal unit vector, azimuth [rad] positive to the right."""
+        """Return the horizontal unit vector (3,) at `azimuth` [rad], positive to the right."""
         result: Vector = np.cos(azimuth) * self.forward + np.sin(azimuth) * self.right
         return result
 
 
 class Panorama:
-    """Resampling of frames of one camera onto a fixed grid of azimuth and elevation."""
+    """Resamples frames of one camera onto a fixed grid of azimuth and elevation."""
 
     def __init__(
         self, camera: Camera, azimuth: float, top: float, bottom: float, step: float
     ) -> None:
-        """Azimuths −azimuth…azimuth, elevations top…bottom, both about `step` apart [rad]."""
+        """Span −azimuth…azimuth and top…bottom of elevation, both about `step` apart [rad]."""
         self._camera = camera
         cols = int(np.ceil(2 * azimuth / step / KNOT)) * KNOT
         rows = int(np.ceil((top - bottom) / step / KNOT)) * KNOT
@@ -65,8 +68,8 @@ class Panorama:
         # Levelled components forward, right, down of the exactly projected directions.
         self._knots = np.stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), -np.sin(el)])
 
-    def look(self, image: Image, level: Level) -> tuple[Image, NDArray[np.bool_]]:
-        """Panorama (rows, cols, 3) of a frame and where (rows, cols) the frame covers it."""
+    def resample(self, image: Image, level: LevelFrame) -> tuple[Image, NDArray[np.bool_]]:
+        """Return the panorama (rows,cols,3) of a frame, and the mask (rows,cols) that it covers."""
         f, r, d = self._knots
         # Written out: a matrix product would wake the threads of BLAS for very little work.
         x, y, z = (level.forward[i] * f + level.right[i] * r + level.down[i] * d for i in range(3))
@@ -83,7 +86,7 @@ class Panorama:
 
 
 def _enlarge(knots: Vector) -> NDArray[np.float32]:
-    """Values at the knots → values at every pixel, bilinear."""
+    """Return values at every pixel from those at the knots, bilinear."""
     half = KNOT // 2
     size = (knots.shape[1] * KNOT, knots.shape[0] * KNOT)
     big = cv2.resize(knots.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)

@@ -1,8 +1,8 @@
-"""Tree trunks in one frame, from pixels: where bark meets the ground says how far it is.
+"""Tree trunks from the pixels of one frame: where bark meets the ground gives the distance.
 
-The frame is levelled (`panorama`). Each of its columns is split into bark above and ground below;
-the foot's elevation and the altitude above ground give a distance per column, much as a lidar
-would. Neighbouring columns of like distance form a trunk; its two edges give the radius:
+The frame is levelled (`panorama`). Each of its columns is split into bark above and ground below.
+The elevation of this foot and the altitude above ground give a distance per column, much as a lidar
+does. Neighbouring columns of like distance form a trunk; its two edges give the radius:
 
     t(Δ) = d (cos Δ − √(sin² β − sin² Δ)),   sin β = r / d
 
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from companion.perception.camera import Camera
-from companion.perception.panorama import Level, Panorama
+from companion.perception.panorama import LevelFrame, Panorama
 from companion.types import Image, Trunk
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import Contradiction, StrictModel
@@ -31,22 +31,22 @@ from mavlink_bridge.shared.settings import Contradiction, StrictModel
 Mask = NDArray[np.bool_]
 CUT_WIDTH = 1.35  # typical true over visible width of a trunk cut by the picture's edge
 TRIED = np.geomspace(16.0, 1.02, 48)  # distances to the axis, in radii
-EDGE = 9.0  # grey levels of an upright edge that parts two trunks
+EDGE = 9.0  # grey levels, contrast of an upright edge that parts two trunks
 
 
 class TrunkSettings(StrictModel):
-    """What trunks and ground look like, and how far to look."""
+    """The look of trunks and ground, and how far trunks are sought."""
 
-    radius: float = Field(1.0, gt=0, description="Assumed where one edge of a trunk shows [m].")
-    max_range: float = Field(12.0, gt=0, description="To the surface [m].")
+    radius: float = Field(1.0, gt=0, description="Assumed [m] where one edge of a trunk shows.")
+    max_range: float = Field(12.0, gt=0, description="Farther surfaces [m] are not used.")
     step_deg: float = Field(0.6, ge=0.2, le=3, description="Pixel of the level panorama.")
-    min_width_deg: float = Field(2.5, gt=0, description="Thinner things are no trunks.")
+    min_width_deg: float = Field(2.5, gt=0, description="Narrower objects are no trunks.")
     ground_share: float = Field(
-        0.55, gt=0, lt=1, description="Of the ground's own saturation that makes a pixel ground."
+        0.55, gt=0, lt=1, description="Least share of the ground's saturation in a ground pixel."
     )
-    attitude_sigma: float = Field(0.006, ge=0, description="Std [rad] of the own attitude.")
-    min_radius: float = Field(0.08, gt=0, description="Thinner things [m] are no trunks.")
-    max_radius: float = Field(2.5, gt=0, description="Thicker ones [m] neither.")
+    attitude_sigma: float = Field(0.006, ge=0, description="1 σ [rad] of the own attitude.")
+    min_radius: float = Field(0.08, gt=0, description="Thinner objects [m] are no trunks.")
+    max_radius: float = Field(2.5, gt=0, description="Thicker objects [m] are no trunks.")
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -63,9 +63,9 @@ class TrunkSettings(StrictModel):
 class _Columns:
     """The panorama, column by column.
 
-    azimuth: rad. t: m to the foot of what stands there (inf: nothing). foot: whether the foot is in
-    the picture; if not, t is an upper bound. seen: whether the frame covers the column.
-    edge: grey levels of upright contrast towards the next column.
+    azimuth: rad. t: m to the foot of the object there; inf where there is none. foot: whether the
+    foot is in the picture; if not, t is an upper bound. seen: whether the frame covers the column.
+    edge: grey levels, upright contrast towards the next column.
     """
 
     azimuth: Vector
@@ -86,19 +86,19 @@ class TrunkDetector:
         self._panorama = Panorama(camera, side, top, bottom, step)
         elevation = self._panorama.elevation
         self._horizon = int(np.searchsorted(-elevation, 0.0))
-        # Above the far tree line and below the nearest crowns a trunk stands before the sky.
+        # Above the far tree line and below the nearest crowns the background of a trunk is the sky.
         above = (elevation > math.radians(6.0)) & (elevation < math.radians(13.0))
         self._above = slice(int(np.argmax(above)), int(np.argmax(above) + above.sum()))
 
     def detect(self, image: Image, gravity_c: Vector, altitude: float) -> list[Trunk]:
-        """Trunks in image (H,W,3) uint8 BGR, nearest first.
+        """Return the trunks in image (H,W,3) uint8 BGR, nearest first.
 
         gravity_c: (3,) unit vector down, camera frame. altitude: m, camera above the ground.
         """
         if not altitude > 0.1 or not np.isfinite(gravity_c).all():
             return []
-        level = Level.of(gravity_c)
-        view, seen = self._panorama.look(image, level)
+        level = LevelFrame.along(gravity_c)
+        view, seen = self._panorama.resample(image, level)
         columns = self._scan(view, seen, altitude)
         trunks = [
             trunk
@@ -108,12 +108,12 @@ class TrunkDetector:
         return sorted(trunks, key=lambda trunk: trunk.distance - trunk.radius)
 
     def _scan(self, view: Image, seen: Mask, altitude: float) -> _Columns:
-        """Split each column of the panorama at the foot of what stands in it."""
+        """Return the panorama's columns, each split at the foot of the object in it."""
         h = self._horizon
         # Columns become rows: sums down a column then run over adjacent memory.
         blue, green, red = (cv2.transpose(plane) for plane in cv2.split(cv2.blur(view, (3, 3))))
         high = np.asarray(cv2.max(red, green), np.uint8)
-        # A neighbour's marker is neither bark nor ground; what it hides stays unknown.
+        # A neighbour's marker is neither bark nor ground; the pixels behind it stay unknown.
         known = seen.T & (cv2.subtract(cv2.min(red, blue), green) < 28)
         warmth = np.asarray(cv2.divide(cv2.subtract(high, blue), high, scale=255.0), np.uint8)
         below, known_below = np.ascontiguousarray(warmth[:, h:]), known[:, h:]
@@ -121,7 +121,7 @@ class TrunkDetector:
         threshold = self._threshold(below, known_below, warmth, known, above)
         ground = (below > threshold[:, None]) & known_below
         vote = 2 * ground.view(np.int8) - known_below.astype(np.int8)
-        # Foot at row k: all above bark, all below ground. Mistakes(k) − const = cumulated votes.
+        # Misfits of a foot at row k, bark above and ground below: cumulated votes and a constant.
         running = np.zeros((vote.shape[0], vote.shape[1] + 1), np.int16)
         np.cumsum(vote, axis=1, dtype=np.int16, out=running[:, 1:])
         foot_row = np.argmin(running, axis=1)
@@ -135,7 +135,7 @@ class TrunkDetector:
         t = altitude / np.maximum(slope, 1e-3)
         t[foot_row == 0] = np.inf
         blind = np.count_nonzero(known_below, axis=1) < 6
-        # Nothing of the ground in view: what stands before the sky may be near.
+        # Without ground in view, an object before the sky may be near.
         t = np.where(blind & above, 2.0 * self.settings.max_range, t)
         return _Columns(
             self._panorama.azimuth,
@@ -148,9 +148,9 @@ class TrunkDetector:
     def _threshold(
         self, below: Image, known_below: Mask, warmth: Image, known: Mask, above: Mask
     ) -> Vector:
-        """Per column the saturation (of 255) that tells ground from bark.
+        """Return per column the saturation (of 255) that tells ground from bark.
 
-        From the ground of this very frame, and from the bark that the column shows before the sky.
+        It follows from the ground of this frame, and from the bark before the sky in the column.
         """
         sample = below[::4, below.shape[1] // 3 :: 3][known_below[::4, below.shape[1] // 3 :: 3]]
         # A high percentile: a near trunk may fill more than half of the lower picture.
@@ -162,7 +162,7 @@ class TrunkDetector:
         return np.where(above, np.maximum(own, common), common)
 
     def _edges(self, high: Image, known: Mask) -> Vector:
-        """Mean upright contrast between neighbouring columns around the horizon (last: 0)."""
+        """Return the mean upright contrast of neighbouring columns around the horizon; last: 0."""
         band = slice(0, self._horizon + 30)
         grey, ok = high[:, band].astype(np.int16), known[:, band]
         both = ok[1:] & ok[:-1]
@@ -172,7 +172,7 @@ class TrunkDetector:
 
     @staticmethod
     def _sub_row(below: Image, foot_row: NDArray[np.intp], threshold: Vector) -> Vector:
-        """Foot between rows, from where the colour passes the threshold."""
+        """Return the foot's row, between pixels, where the colour passes the threshold."""
         k = np.clip(foot_row, 1, below.shape[1] - 1)
         cols = np.arange(below.shape[0])
         a, b = below[cols, k - 1].astype(float), below[cols, k].astype(float)
@@ -180,7 +180,7 @@ class TrunkDetector:
         return part + k - 1.0
 
     def _stands(self, high: Image, warmth: Image, known: Mask) -> tuple[Mask, Mask]:
-        """Columns whose content rises above the horizon (or may), and those that surely do."""
+        """Return the columns whose object may rise above the horizon, and those where it does."""
         band, ok = high[:, self._above], known[:, self._above]
         covered = np.count_nonzero(ok, axis=1)
         if covered.sum() < 50:
@@ -192,9 +192,9 @@ class TrunkDetector:
         return tall | (covered < 4), tall & (covered >= 4)
 
     def _fit(
-        self, columns: _Columns, first: int, last: int, altitude: float, level: Level
+        self, columns: _Columns, first: int, last: int, altitude: float, level: LevelFrame
     ) -> Trunk | None:
-        """One run of columns [first, last] → trunk."""
+        """Return the trunk in a run of columns first…last; None where it is none."""
         s = self.settings
         step = float(columns.azimuth[1] - columns.azimuth[0])
         low, high = columns.azimuth[first] - step / 2, columns.azimuth[last] + step / 2
@@ -221,10 +221,10 @@ class TrunkDetector:
             noise = math.hypot(s.attitude_sigma, step / math.sqrt(use.sum()))
             sigma = math.hypot(0.02 * distance, tilt * noise)
         else:
-            # The foot is out of the picture: the width of a trunk of the assumed radius.
+            # The foot is out of the picture: the width and the assumed radius give the distance.
             distance = s.radius / max(sine, 1e-3)
             radius, sigma = s.radius, (0.1 if all(free) else 0.2) * distance + 0.1
-            # Only near trunks are wide enough to be told by width alone.
+            # Only near trunks are wide enough to be measured by width alone.
             if distance - radius > 0.6 * s.max_range:
                 return None
         if not s.min_radius <= radius <= s.max_radius or distance - radius > s.max_range:
@@ -233,8 +233,8 @@ class TrunkDetector:
 
 
 def _runs(columns: _Columns, max_range: float) -> list[tuple[int, int]]:
-    """Stretches of neighbouring columns [first, last] with like distances."""
-    # Farther than asked for, lest the limbs of a trunk at the limit be cut off.
+    """Return the runs first…last of neighbouring columns with like distances."""
+    # The margin keeps the limbs of a trunk at the limit.
     near = columns.seen & (columns.t < 1.3 * max_range)
     near |= columns.seen & ~columns.foot & np.isfinite(columns.t)
     # A single column lost to noise does not part a trunk.
@@ -244,8 +244,8 @@ def _runs(columns: _Columns, max_range: float) -> list[tuple[int, int]]:
     with np.errstate(invalid="ignore"):
         rise = np.diff(t)
         jump = np.abs(rise) > 0.35 + 0.12 * np.minimum(t[1:], t[:-1])
-    # Without a foot t is but an upper bound: it separates from a foot beyond it, no more; an
-    # upright edge does too.
+    # Without a foot, t is only an upper bound: a foot beyond it parts two trunks, as an upright
+    # edge does.
     farther = jump & np.where(rise > 0, columns.foot[1:], columns.foot[:-1])
     edge = columns.edge[:-1]
     crest = (edge > EDGE) & (edge >= np.roll(edge, 1)) & (edge >= np.roll(edge, -1))
@@ -255,7 +255,7 @@ def _runs(columns: _Columns, max_range: float) -> list[tuple[int, int]]:
 
 
 def _free(columns: _Columns, index: int, side: int) -> bool:
-    """Whether the edge at a run's end is the trunk's own: what lies beyond is farther."""
+    """Return whether the edge at a run's end is the trunk's own: its background is farther."""
     beyond = index + side
     if not 0 <= beyond + side < len(columns.t) or not columns.seen[[beyond, beyond + side]].all():
         return False
@@ -272,10 +272,10 @@ def _assumed(
     free: tuple[bool, bool],
     radius: float,
 ) -> tuple[float, float]:
-    """Azimuth of the axis and sin β of a trunk of assumed radius that is only partly in view.
+    """Return the axis' azimuth and sin β of a trunk of assumed radius, only partly in view.
 
-    Tries distances, largest first, and keeps the one whose profile fits t(az): equal where the
-    foot is seen, not beyond t where it is not, and wide enough for the columns covered.
+    Of the distances tried, largest first, the best profile fits t(az): equal where the foot is
+    seen, not beyond t where it is not, and wide enough for the columns covered.
     """
     distance = radius * TRIED
     sine = radius / distance
@@ -286,8 +286,7 @@ def _assumed(
         axis = low + beta
     elif free[1] and not free[0]:
         axis = high - beta
-    # Columns outside the profile cost as much as a wrong distance. Of a trunk that leaves the
-    # picture, foot and all, no more is known than that it is wider than what shows.
+    # Columns outside the profile cost as much as a wrong distance. A cut trunk is wider.
     width = (high - low) * (1.0 if foot.any() else CUT_WIDTH)
     short = np.maximum(width - 2.0 * beta, 0.0)
     if all(free):

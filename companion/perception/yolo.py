@@ -1,9 +1,9 @@
 """A user's own network of the YOLO family, as ONNX (detector: yolo).
 
-Reads the three layouts in use: (1, 4 + classes, n) without objectness (version 8 and later) and
-(1, n, 5 + classes) with it (5 and 7), where boxes are centre, width and height in the input's
-pixels; and (1, n, 6), two corners, score and class, where the net itself picks what it found
-(version 10, others exported end to end).
+Three layouts of the output are in use: (1, 4 + classes, n) without objectness (version 8 and later)
+and (1, n, 5 + classes) with it (versions 5 and 7), where boxes are centre, width and height in the
+input's pixels; and (1, n, 6), two corners, score and class, of networks that suppress overlaps
+themselves (version 10, and others exported end to end).
 """
 
 from __future__ import annotations
@@ -22,27 +22,29 @@ from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import StrictModel
 
 _PADDING = 114  # grey that these networks are trained with
-_ROWS, _COLUMNS, _FOUND = "rows", "columns", "found"
+_ROWS, _COLUMNS, _END_TO_END = "rows", "columns", "end-to-end"
 
 
 class YoloConfig(StrictModel):
-    """What the network was trained for."""
+    """The network's input, and how its output becomes detections."""
 
-    size: int = Field(640, ge=32, le=2048, multiple_of=32, description="Its square input [px].")
+    size: int = Field(
+        640, ge=32, le=2048, multiple_of=32, description="Edge of its square input [px]."
+    )
     classes: list[Annotated[int, Field(ge=0)]] = Field(
-        [], description="Classes that are drones; none given: all."
+        [], description="Numbers of the classes that are drones; empty: all."
     )
     threshold: float = Field(0.35, gt=0, lt=1, description="Least confidence.")
-    overlap: float = Field(0.45, gt=0, lt=1, description="Boxes that share more are one.")
-    radius: float = Field(0.2, gt=0, description="m, half of what a box is wide.")
-    sigma_range: float = Field(0.15, gt=0, description="1 σ of range, as a share of it.")
+    overlap: float = Field(0.45, gt=0, lt=1, description="Boxes with a larger overlap are one.")
+    radius: float = Field(0.2, gt=0, description="Half the width of a drone [m].")
+    sigma_range: float = Field(0.15, gt=0, description="1 σ, as a share of the range.")
 
 
 class YoloDetector:
-    """Boxes → detections.
+    """Runs the network on a camera's frames.
 
     Raises:
-        ModelError: the file is missing or not such a network.
+        ModelError: a file that is missing or not such a network.
     """
 
     def __init__(self, camera: Camera, config: YoloConfig, model: Path) -> None:
@@ -50,16 +52,19 @@ class YoloDetector:
         self.network = OnnxNetwork(model, config.size, config.size)
         shape = self.network.shape
         if len(shape) != 3 or shape[0] != 1 or min(shape[1:]) < 5:
-            raise ModelError(f"{model}: gives {shape}; a YOLO gives (1, 4+classes, n), "
-                             "(1, n, 5+classes) or (1, n, 6)")  # fmt: skip
+            raise ModelError(
+                f"{model}: gives {shape}; a YOLO gives (1, 4+classes, n), (1, n, 5+classes) or "
+                "(1, n, 6)"
+            )
         self._layout = _layout(shape, config.size)
         known = {_ROWS: shape[1] - 4, _COLUMNS: shape[2] - 5}.get(self._layout)
         if known is not None and (unknown := [n for n in config.classes if n >= known]):
-            raise ModelError(f"{model}: tells {known} classes, from 0 on; "
-                             f"sensing.yolo.classes names {unknown}")  # fmt: skip
+            raise ModelError(
+                f"{model}: tells {known} classes, from 0 on; sensing.yolo.classes names {unknown}"
+            )
 
     def detect(self, image: Image) -> list[Detection]:
-        """Drones in image (H,W,3) uint8 BGR, nearest first."""
+        """Return the drones in image (H,W,3) uint8 BGR, nearest first."""
         c = self._config
         height, width = image.shape[:2]
         scale = c.size / max(width, height)
@@ -73,8 +78,8 @@ class YoloDetector:
         return sorted(found, key=lambda d: d.range)
 
     def _boxes(self, out: Tensor) -> tuple[Vector, Vector]:
-        """Boxes (n,4), centre and size, and scores (n,) of whatever layout."""
-        if self._layout == _FOUND:
+        """Return the likely boxes (n,4), centre and size [px of the input], and scores (n,)."""
+        if self._layout == _END_TO_END:
             rows = out.astype(float)
             wanted = self._config.classes
             drones = np.isin(np.round(rows[:, 5]), wanted) | (not wanted)
@@ -93,18 +98,18 @@ class YoloDetector:
         return rows[likely, :4], scores[likely]
 
     def _detection(self, box: Vector, score: float) -> Detection:
-        """A box in the frame's pixels: its longer side is the drone's width."""
+        """Return the detection of a box [px of the frame]: its longer side is the drone's width."""
         u, v, w, h = box - np.array([0.5, 0.5, 0.0, 0.0])
         ends = [[u - w / 2, v], [u + w / 2, v]] if w >= h else [[u, v - h / 2], [u, v + h / 2]]
         middle, a, b = self._camera.unproject(np.array([[u, v], *ends]))
         half = np.arccos(np.clip(a @ b, -1.0, 1.0)) / 2
         distance = self._config.radius / max(float(np.sin(half)), 1e-3)
-        return Detection(middle, distance, 0.1 * float(half) + 0.002,
-                         self._config.sigma_range * distance, score)  # fmt: skip
+        sigma_range = self._config.sigma_range * distance
+        return Detection(middle, distance, 0.1 * float(half) + 0.002, sigma_range, score)
 
 
 def _layout(shape: tuple[int, ...], size: int) -> str:
-    """Which it is, by the number of boxes that a net of this input size tells, else by shape."""
+    """Return the layout, by the number of boxes of a network of this input size, else by shape."""
     cells = 21 * (size // 32) ** 2  # of strides 8, 16 and 32
     if shape[2] == cells:
         return _ROWS
@@ -112,5 +117,5 @@ def _layout(shape: tuple[int, ...], size: int) -> str:
     if shape[1] in boxes:
         return _COLUMNS
     if shape[2] == 6:
-        return _FOUND
+        return _END_TO_END
     return _ROWS if shape[1] < shape[2] else _COLUMNS

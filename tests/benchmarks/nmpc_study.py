@@ -1,11 +1,11 @@
-"""What the solver's time is made of, and what the second horizon is worth: tables for the docs.
+"""The solver's time by sizes, and the value of the second horizon: tables for the docs.
 
     python -m tests.benchmarks.nmpc_study dual|horizon|neighbours|obstacles|norms|crossing
 
-Each prints one table. Scenes are drawn from a seed: a swarm on its way among trunks, flown for
-a few ticks by the plan itself, so that all but the first solve are warm. Times are of the
-thread, so that others on the machine count little. `crossing` flies ten drones across each
-other (`plant.py`) and takes minutes.
+Each prints one table. Scenes are drawn from a seed: a swarm among trunks, flown for a few ticks by
+the plan itself, so that all but the first solve are warm. Times are of the thread, so that other
+processes count little. `crossing` flies ten drones across each other (`plant.py`) and takes
+minutes.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ NORMS = ("eps_cohesion", "eps_mig", "eps_c", "eps_yaw", "eps_omega")
 
 
 def configured(factor: float = 1.0, **sizes: int) -> NmpcConfig:
-    """The defaults with other sizes; `factor` on the smoothing of every norm."""
+    """Return the defaults with other sizes, and `factor` on the smoothing of every norm."""
     given = NmpcConfig()
     return NmpcConfig(**sizes, **{name: factor * getattr(given, name) for name in NORMS})
 
 
 def swarm(config: NmpcConfig, seed: int) -> Instance:
-    """A drone at cruise among as many others and trunks as the config takes."""
+    """Return a drone at cruise among as many neighbours and trunks as the config takes."""
     rng = np.random.default_rng(seed)
     v = np.array([1.4, 0.0, 0.0]) + rng.normal(0, 0.1, 3) * [1, 1, 0.2]
     bearing = rng.uniform(-np.pi, np.pi, 16)
@@ -69,7 +69,7 @@ def swarm(config: NmpcConfig, seed: int) -> Instance:
 
 
 def followed(config: NmpcConfig, first: Instance) -> Run:
-    """TICKS instances: each where the plan of the one before leads."""
+    """Return TICKS instances, each at the state that the previous plan leads to."""
     nmpc, instance, found = Nmpc(config), first, []
     for _ in range(TICKS):
         result = nmpc.solve(instance)
@@ -84,7 +84,7 @@ def followed(config: NmpcConfig, first: Instance) -> Run:
 
 
 def measured(config: NmpcConfig) -> Iterator[str]:
-    """Cells of a row: times of the real-time solver and of IPOPT, and how much worse."""
+    """Yield the cells of a row: times of both solvers, and how much more the plans cost."""
     runs = [followed(config, swarm(config, seed)) for seed in range(SCENES)]
     optimum, worse = IpoptNmpc(config), []
     iterations = []
@@ -116,7 +116,7 @@ def study(name: str) -> None:
 
 
 def crossing() -> None:
-    """Ten drones across each other in a forest, for each M."""
+    """Fly ten drones across each other in a forest, for each M."""
     from tests.companion.control.nmpc.plant import drone, fly, forest
 
     _print("M", "arrived", "seconds", "least distance m", "mean speed m/s")

@@ -1,10 +1,10 @@
-"""What each of ten daemons costs that fly in real time beside each other: a table for the docs.
+"""The cost of each of ten daemons that fly together in real time: a table for the docs.
 
     python -m tests.benchmarks.ten_daemons [SECONDS] [KEY=VALUE ...]
 
-`crossing` with neighbours and obstacles as the simulator knows them, so that the daemons' share
-is tracking and planning, not a camera's image. Further arguments are the flight's `--set`.
-CPU and memory are read from /proc once a second, from `START` seconds after all ten are there.
+They fly `crossing` with perfect sensing, so that the daemons' share is tracking and planning, not
+a camera's image. Further arguments are the flight's `--set`. CPU and memory are read from /proc
+once a second, from `START` seconds after all ten run.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ import time
 from pathlib import Path
 
 DRONES = 10
-START = 8.0  # s of imports and take-off that are not counted
+START = 8.0  # s of imports and take-off, not counted
 TICKS_PER_SECOND = os.sysconf("SC_CLK_TCK")
 SENSING = ("sensing.neighbours=truth", "sensing.obstacles=map")
 
 
 def companions(parent: int) -> list[Path]:
-    """/proc folders of the daemons that `parent` started."""
+    """Return the /proc folders of the daemons that `parent` started."""
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         try:
@@ -38,7 +38,7 @@ def companions(parent: int) -> list[Path]:
 
 
 def used(folder: Path) -> tuple[float, float]:
-    """CPU time [s] and resident memory [MB] of a process."""
+    """Return the CPU time [s] and resident memory [MB] of a process."""
     fields = (folder / "stat").read_text().rpartition(")")[2].split()
     status = dict(line.split(":", 1) for line in (folder / "status").read_text().splitlines())
     cpu = (int(fields[11]) + int(fields[12])) / TICKS_PER_SECOND
@@ -46,7 +46,7 @@ def used(folder: Path) -> tuple[float, float]:
 
 
 def watch(flight: subprocess.Popen[bytes]) -> tuple[list[float], list[float]]:
-    """Share of a core [%] and most memory [MB] of each daemon until the flight ends."""
+    """Return the share of a core [%] and the most memory [MB] of each daemon in the flight."""
     first: dict[Path, float] = {}
     share, memory = {}, {}
     began = 0.0

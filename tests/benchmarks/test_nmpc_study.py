@@ -1,4 +1,4 @@
-"""The studies' command runs; its figures are for the docs."""
+"""The command of the studies runs; its figures are for the docs."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The network that comes with the package, on pictures of seeds used for nothing else."""
+"""The packaged network on pictures of seeds used for nothing else."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from sitl_sim.sensors.scenes import crowds
 LENS, CAMERA = Lens(640, 400), Camera.equidistant(640, 400)
 
 
-def test_it_finds_bare_drones():
+def test_the_network_finds_bare_drones():
     detector = make_detector(CAMERA, SensingConfig(detector="cnn"))
     bands = {TO_8: Tally()}
     for scene, image in rendered(crowds(5, 8, 90, LENS), CONDITIONS["clean"], "bare", LENS, 90, 8):

@@ -1,37 +1,60 @@
-"""The perception figures on seeds used for nothing else, with the goals as bounds."""
+"""The detectors' figures on rendered frames of a seed used for nothing else, with their goals."""
 
-import numpy as np
+import pytest
 
+from companion.bench.labels import load
+from companion.bench.perception import TO_8, Tally, Trunks, score
 from companion.perception.ball import ColorDetector
-from companion.perception.camera import Camera
-from tests.benchmarks import perception_scenes, trunk_scenes
+from sitl_sim.sensors import labelled_frames
+
+SEED = 20260
 
 
-def test_marked_drones_to_8_m():
-    detector = ColorDetector(Camera.equidistant(640, 400))
-    bands, _ = perception_scenes.evaluate(detector, 120, 20260, 640, 400)
-    band = bands[(0.3, 8.0)]
-    assert band.wanted > 200
-    assert band.found / band.wanted >= 0.97
-    assert band.found / (band.found + band.false) >= 0.98
-    assert np.sqrt(np.mean(np.square(band.bearing))) <= 0.5
-    assert np.median(np.abs(band.relative)) <= 0.025
-    assert abs(np.median(band.relative)) <= 0.01
-    # sigma_range is honest: the errors are about as large as it says.
-    assert np.percentile(np.abs(band.normalised), 95) < 2.0
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """Camera and frames: 100 single ones at any attitude, and three flights of 4 s."""
+    folder = tmp_path_factory.mktemp("frames")
+    labelled_frames.write(folder, SEED, 100, 0, 3, "marked")
+    return load(folder)
 
 
-def test_trunks_in_flight_attitudes():
-    figures, _ = trunk_scenes.evaluate(100, 20260, 640, 400, tilt_deg=12.0)
-    near, all_ = figures.bands[(2.0, 5.0)], figures.bands[(0.0, 8.0)]
-    assert near.found == near.wanted > 40
-    assert all_.found / all_.wanted >= 0.97
-    assert np.median(np.abs(all_.relative)) <= 0.03
-    assert figures.ghosts <= 0.08 * figures.reports
+def trunks(recorded, conditions):
+    camera, frames = recorded
+    measured = Trunks(camera)
+    for frame in frames:
+        if frame.conditions == conditions:
+            measured.add(frame, frame.image())
+    return measured.table()
 
 
-def test_trunks_at_any_attitude():
-    figures, _ = trunk_scenes.evaluate(100, 20261, 640, 400)
-    band = figures.bands[(0.0, 8.0)]
-    assert band.found / band.wanted >= 0.92
-    assert np.median(np.abs(band.relative)) <= 0.05
+def test_marked_drones_to_8_m(recorded):
+    camera, frames = recorded
+    detector, bands = ColorDetector(camera), {TO_8: Tally()}
+    for frame in frames:
+        if frame.conditions == "clean":
+            score(bands, detector.detect(frame.image()), frame.drones)
+    figures = bands[TO_8].figures()
+    assert figures["wanted"] > 200
+    assert figures["recall"] >= 0.97
+    assert figures["precision"] >= 0.98
+    assert figures["bearing_rms_deg"] <= 0.5
+    assert figures["range_error_median"] <= 0.025
+    assert abs(figures["range_bias_median"]) <= 0.01
+    assert figures["range_error_p95_sigma"] < 2.0  # the stated uncertainty is that of the errors
+
+
+def test_trunks_in_flight(recorded):
+    table = trunks(recorded, "sequence")
+    near, whole = table["2–5 m"], table["0–8 m"]
+    assert near["wanted"] > 40
+    assert near["recall"] == 1.0
+    assert whole["recall"] >= 0.97
+    assert whole["precision"] >= 0.92
+    assert whole["range_error_median"] <= 0.03
+
+
+def test_trunks_at_any_attitude(recorded):
+    whole = trunks(recorded, "clean")["0–8 m"]
+    assert whole["wanted"] > 100
+    assert whole["recall"] >= 0.92
+    assert whole["range_error_median"] <= 0.05

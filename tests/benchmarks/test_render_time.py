@@ -1,4 +1,4 @@
-"""What a picture costs. Run it alone for figures: `python -m tests.benchmarks.test_render_time`."""
+"""The time of a picture; `python -m tests.benchmarks.test_render_time` prints figures."""
 
 from __future__ import annotations
 

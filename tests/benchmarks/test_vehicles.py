@@ -1,6 +1,6 @@
-"""What emulated vehicles cost without cameras: physics, autopilot, telemetry as bytes, setpoints.
+"""The cost of emulated vehicles without cameras: physics, autopilot, telemetry, setpoints.
 
-Run alone with `pytest tests/benchmarks/test_vehicles.py -s` for the table.
+`pytest tests/benchmarks/test_vehicles.py -s` prints the table.
 """
 
 import math

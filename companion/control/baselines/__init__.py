@@ -1,4 +1,4 @@
-"""Controllers to compare the NMPC with: the same instance in, a plan out; one option chooses."""
+"""Controllers to compare the NMPC with: the same instance in, a plan out."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ __all__ = ["BaselinesConfig", "Controller", "Planner", "make_planner"]
 
 
 class Planner(Protocol):
-    """What plans: the NMPC or what stands in its place."""
+    """Plans from instances: the NMPC, or a controller in its place."""
 
     def solve(self, instance: Instance) -> Plan:
-        """Plan from the instance; never raises, never gives a non-finite number."""
+        """Return the plan of an instance; it never raises, and every number is finite."""
         ...
 
     def reset(self) -> None:
-        """Forget what was planned before."""
+        """Forget the previous plan."""
         ...
 
 
@@ -31,17 +31,17 @@ def make_planner(
     level: float,
     stopwatch: Callable[[], float],
 ) -> Planner:
-    """The controller of this name; nmpc as `adapted` to it.
+    """Return the planner of this name; nmpc as `CompanionConfig.for_controller` has it.
 
-    level: m; a neighbour farther above or below is in nobody's way.
+    level: m; a neighbour farther above or below blocks no way. stopwatch: s, for solve times.
     """
     if controller in ("nmpc", "single-horizon"):
         return Nmpc(nmpc, stopwatch)
     from companion.control.baselines.planner import VelocityPlanner
-    from companion.control.baselines.rules import rule
+    from companion.control.baselines.rules import make_rule
 
     return VelocityPlanner(
-        rule(controller, baselines, flocking=nmpc.w_short > 0.0),
+        make_rule(controller, baselines, flocking=nmpc.w_short > 0.0),
         nmpc,
         baselines.tracking,
         level,

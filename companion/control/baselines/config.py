@@ -1,4 +1,4 @@
-"""Numbers of the controllers to compare with; docs/history/studies-0.1.md says how they were found."""
+"""Configuration of the controllers to compare with; see docs/history/studies-0.1.md."""
 
 from __future__ import annotations
 
@@ -8,15 +8,13 @@ from pydantic import Field
 
 from mavlink_bridge.shared.settings import StrictModel
 
-Controller = Literal[
-    "nmpc", "single-horizon", "reynolds", "vasarhelyi", "potential-field", "orca"
-]  # fmt: skip
+Controller = Literal["nmpc", "single-horizon", "reynolds", "vasarhelyi", "potential-field", "orca"]
 
 
 class TrackingConfig(StrictModel):
-    """From a velocity to body rates and thrust; the same for every rule."""
+    """Tracking of a velocity by body rates and thrust; the same for every rule."""
 
-    velocity_gain: float = Field(2.5, gt=0, description="Acceleration per error [1/s].")
+    velocity_gain: float = Field(2.5, gt=0, description="Acceleration per velocity error [1/s].")
     acceleration_max: float = Field(5.0, gt=0, description="m/s², horizontal: 27° of tilt.")
     attitude_gain: float = Field(6.0, gt=0, description="Rate per attitude error [1/s].")
     yaw_gain: float = Field(2.0, gt=0, description="Rate per yaw error [1/s].")
@@ -25,16 +23,16 @@ class TrackingConfig(StrictModel):
 
 
 class ReynoldsConfig(StrictModel):
-    """Separation, cohesion, migration as vision flocks fly them."""
+    """Separation, cohesion and migration of vision-based flocks."""
 
     separation: float = Field(8.0, ge=0, description="k_sep [m²/s].")
     cohesion: float = Field(2.0, ge=0, description="k_coh [1/s]; rest at sqrt(k_sep/k_coh) m.")
-    obstacle: float = Field(1.5, ge=0, description="k_sep of obstacles as virtual agents [m²/s].")
-    obstacle_range: float = Field(3.0, gt=0, description="Obstacles farther off [m] do not count.")
+    obstacle: float = Field(1.5, ge=0, description="k_sep of obstacles, as virtual agents [m²/s].")
+    obstacle_range: float = Field(3.0, gt=0, description="Farther obstacles [m] do not count.")
 
 
 class VasarhelyiConfig(StrictModel):
-    """Repulsion, friction and shill agents; scaled from 4 m/s outdoors to 1.5 m/s in a forest."""
+    """Repulsion, friction and shill agents, scaled from 4 m/s outdoors to 1.5 m/s in a forest."""
 
     r0_rep: float = Field(2.0, gt=0, description="Repulsion begins [m].")
     p_rep: float = Field(1.0, ge=0, description="Repulsion per metre [1/s].")
@@ -50,7 +48,7 @@ class VasarhelyiConfig(StrictModel):
 
 
 class PotentialFieldConfig(StrictModel):
-    """Attraction to the goal, repulsion from everything within reach."""
+    """Attraction to the goal, repulsion from drones and obstacles within reach."""
 
     eta_agent: float = Field(3.0, ge=0, description="Strength between drones [m⁴/s].")
     rho_agent: float = Field(3.0, gt=0, description="Reach between surfaces of drones [m].")
@@ -61,18 +59,22 @@ class PotentialFieldConfig(StrictModel):
 class OrcaConfig(StrictModel):
     """Optimal reciprocal collision avoidance."""
 
-    radius: float = Field(0.5, gt=0, description="Of a drone, with margin [m].")
+    radius: float = Field(0.5, gt=0, description="Radius of a drone, with margin [m].")
     horizon: float = Field(3.0, gt=0, description="Time free of collision with drones [s].")
-    horizon_obstacle: float = Field(3.0, gt=0, description="The same with obstacles [s].")
+    horizon_obstacle: float = Field(
+        3.0, gt=0, description="Time free of collision with obstacles [s]."
+    )
     aside: float = Field(
-        0.05, ge=0, description="Preferred velocity is turned right by this [rad]: breaks ties."
+        0.05,
+        ge=0,
+        description="The preferred velocity is turned right by this [rad], against ties.",
     )
 
 
 class BaselinesConfig(StrictModel):
     """One section for each rule."""
 
-    radius: float = Field(0.2, gt=0, description="Of a drone [m].")
+    radius: float = Field(0.2, gt=0, description="Radius of a drone [m].")
     tracking: TrackingConfig = TrackingConfig()
     reynolds: ReynoldsConfig = ReynoldsConfig()
     vasarhelyi: VasarhelyiConfig = VasarhelyiConfig()

@@ -1,6 +1,7 @@
-"""van den Berg et al., "Reciprocal n-body collision avoidance", ISRR 2011, by its authors' RVO2.
+"""ORCA by its authors' library RVO2.
 
-Each drone solves its own step: itself and the neighbours that it sees, as they move.
+Source: van den Berg et al., "Reciprocal n-body collision avoidance", ISRR 2011. Each drone solves
+its own step, with the neighbours in its view, as they move.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ _WALL = 20.0  # m of wall, centred on its nearest point
 
 
 class Orca:
-    """The velocity nearest to the preferred one that all agree on without a word."""
+    """The velocity nearest to the preferred one that is free of collision if all do the same."""
 
     def __init__(self, config: OrcaConfig) -> None:
         self._config = config
 
     def velocity(self, around: Surroundings) -> Vector:
-        """One step of a simulator in which the drone is agent 0."""
+        """Return the velocity (2,) m/s by one step of RVO2, in which the drone is agent 0."""
         c = self._config
         reach = 15.0
         sim = pyrvo.RVOSimulator(
@@ -49,19 +50,20 @@ class Orca:
 
 
 def _turned_right(v: Vector, angle: float) -> tuple[float, float]:
+    """Return v (2,) turned right by `angle` [rad]."""
     c, s = math.cos(angle), math.sin(angle)
     return float(c * v[0] + s * v[1]), float(c * v[1] - s * v[0])
 
 
 def _trunks(trunks: Vector) -> list[list[tuple[float, float]]]:
-    """Polygons around the trunks, counter-clockwise."""
+    """Return polygons around the trunks (c,3), counter-clockwise."""
     turn = 2.0 * np.pi * np.arange(_CORNERS) / _CORNERS
     ring = np.column_stack([np.cos(turn), np.sin(turn)]) / math.cos(math.pi / _CORNERS)
     return [[(float(a), float(b)) for a, b in ring * r + (x, y)] for x, y, r in trunks]
 
 
 def _walls(walls: Vector) -> list[list[tuple[float, float]]]:
-    """The planes as long thin blocks behind their surface, counter-clockwise."""
+    """Return the walls (h,3) as long thin blocks behind their surface, counter-clockwise."""
     blocks = []
     for nx, ny, room in walls.tolist():
         normal, along = np.array([nx, ny]), np.array([-ny, nx]) * (_WALL / 2)

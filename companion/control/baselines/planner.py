@@ -1,4 +1,4 @@
-"""A rule for the velocity in the NMPC's place: bounded, tracked, and written down as a plan."""
+"""A velocity rule in place of the NMPC: its velocity is bounded, tracked, and made a plan."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mavlink_bridge.shared.thrust import G
 
 
 class VelocityPlanner:
-    """Asks the rule once a tick."""
+    """Plans by one velocity of a rule per tick."""
 
     def __init__(
         self,
@@ -29,6 +29,7 @@ class VelocityPlanner:
         level: float,
         stopwatch: Callable[[], float],
     ) -> None:
+        """level: m; neighbours farther above or below do not count."""
         self._rule = rule
         self._nmpc = nmpc
         self._tracking = tracking
@@ -36,10 +37,10 @@ class VelocityPlanner:
         self._stopwatch = stopwatch
 
     def reset(self) -> None:
-        """A rule remembers nothing."""
+        """Do nothing: a rule has no memory."""
 
     def solve(self, instance: Instance) -> Plan:
-        """The command for now; the plan behind it flies straight on."""
+        """Return a plan of the command for now, followed by straight flight."""
         started = self._stopwatch()
         finite = instance.finite()
         v = np.zeros(3)
@@ -51,6 +52,7 @@ class VelocityPlanner:
         return self._plan(instance, v, finite, started)
 
     def _climb(self, instance: Instance) -> float:
+        """Return the vertical velocity [m/s] towards the goal's height."""
         c = self._tracking
         wanted = c.climb_gain * float(instance.goal[2] - instance.x0[2])
         return min(max(wanted, -c.climb_max), c.climb_max)
@@ -62,30 +64,41 @@ class VelocityPlanner:
         if usable:
             x[:, :3] += np.arange(n + 1)[:, None] * dt * v
             x[1:, 3:6] = v
-            u[0] = self._bounded(track(v, instance, self._tracking))
+            u[0] = self._within(tracking_command(v, instance, self._tracking))
         return Plan(
-            x=x, u=u, status=PlanStatus.SOLVED if usable else PlanStatus.NOT_FINITE, usable=usable,
-            iterations=1, solve_time=self._stopwatch() - started, step_norm=0.0,
-            slack_agent=0.0, slack_obstacle=0.0, slack_plane=0.0, active=(), cost=0.0,
-        )  # fmt: skip
+            x=x,
+            u=u,
+            status=PlanStatus.SOLVED if usable else PlanStatus.NOT_FINITE,
+            usable=usable,
+            iterations=1,
+            solve_time=self._stopwatch() - started,
+            step_norm=0.0,
+            slack_agent=0.0,
+            slack_obstacle=0.0,
+            slack_plane=0.0,
+            active=(),
+            cost=0.0,
+        )
 
-    def _bounded(self, u: Vector) -> Vector:
+    def _within(self, u: Vector) -> Vector:
+        """Return the input (4,) within (35), (36)."""
         c = self._nmpc
         low = np.array([c.c_min, *[-c.omega_max] * 3])
         return np.clip(u, low, np.array([c.c_max, *[c.omega_max] * 3]))
 
 
 def bounded(v: Vector, most: float) -> Vector:
-    """`v` no longer than `most`."""
+    """Return v, shortened to `most` where it is longer."""
     size = float(np.linalg.norm(v))
     return v if size <= most else v * (most / size)
 
 
-def track(v: Vector, instance: Instance, config: TrackingConfig) -> Vector:
-    """(4,) c, omega that bring the drone to velocity v (3,) m/s, looking along the instance's yaw.
+def tracking_command(v: Vector, instance: Instance, config: TrackingConfig) -> Vector:
+    """Return the input (4,) c, omega that tracks velocity v (3,) m/s at the instance's yaw.
 
-    Lee's geometric law reduced to rates: the wanted specific force, tilted and turned to in
-    proportion to what is missing; the disturbance is taken off.
+    The law is that of Lee et al., "Geometric tracking control of a quadrotor UAV on SE(3)", 2010,
+    reduced to rates: tilt and yaw turn in proportion to their errors from the wanted specific
+    force, less the disturbance.
     """
     x = instance.x0
     horizontal = bounded(config.velocity_gain * (v[:2] - x[3:5]), config.acceleration_max)

@@ -1,8 +1,8 @@
-"""Rules from the literature for the velocity a drone should fly next, each as its paper has it.
+"""Velocity rules from the literature, each as in its paper.
 
-All are horizontal; height is held by the tracking law. Where a paper knows no obstacles, they
-count as virtual agents at their nearest surface point (Olfati-Saber, "Flocking for multi-agent
-dynamic systems", IEEE TAC 51(3), 2006).
+All are horizontal; the tracking law holds the height. Where a paper has no obstacles, they count as
+virtual agents at their nearest surface point (Olfati-Saber, "Flocking for multi-agent dynamic
+systems", IEEE TAC 51(3), 2006).
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ _NEAREST = 0.05  # m: repulsion grows no further
 
 
 class Rule(Protocol):
-    """A rule: what is around in, a velocity (2,) m/s out."""
+    """A velocity rule."""
 
     def velocity(self, around: Surroundings) -> Vector:
-        """The velocity to fly next; the caller bounds it."""
+        """Return the velocity (2,) m/s to fly next, not yet bounded."""
         ...
 
 
-def rule(controller: Controller, config: BaselinesConfig, flocking: bool) -> Rule:
-    """The rule of that name. flocking: whether the drones are to stay together.
+def make_rule(controller: Controller, config: BaselinesConfig, flocking: bool) -> Rule:
+    """Return the rule of this name. flocking: whether the drones stay together.
 
     Raises:
-        SettingsError: it needs a package that is not there, named.
+        SettingsError: a package that the rule needs is missing.
     """
     if controller == "orca":
         try:
@@ -66,7 +66,7 @@ class Reynolds:
         self._flocking = flocking
 
     def velocity(self, around: Surroundings) -> Vector:
-        """Migration, separation and cohesion."""
+        """Return the sum of migration, separation and cohesion, (2,) m/s."""
         c = self._config
         v = around.migration + self._apart(around.neighbours, c.separation)
         near = around.surfaces[np.linalg.norm(around.surfaces, axis=1) < c.obstacle_range]
@@ -78,7 +78,7 @@ class Reynolds:
 
     @staticmethod
     def _apart(offsets: Vector, gain: float) -> Vector:
-        """-gain · mean of r / |r|²."""
+        """Return -gain · mean of r / |r|² over offsets r (k,2), eq. (5)."""
         if not len(offsets):
             return np.zeros(2)
         square = np.maximum((offsets**2).sum(axis=1), _NEAREST**2)
@@ -97,12 +97,12 @@ class Vasarhelyi:
         self._config = config
 
     def velocity(self, around: Surroundings) -> Vector:
-        """Self-propulsion and all interactions."""
+        """Return the sum of self-propulsion and all interactions, (2,) m/s."""
         v = around.migration + self._repulsion(around) + self._friction(around)
         return np.asarray(v + self._shills(around), float)
 
     def _repulsion(self, around: Surroundings) -> Vector:
-        """p_rep (r0 - r) away from whoever is nearer than r0."""
+        """Return the sum of p_rep (r0 - r) away from all neighbours nearer than r0, (2,) m/s."""
         c, out = self._config, np.zeros(2)
         for offset in around.neighbours:
             r = max(float(np.linalg.norm(offset)), _NEAREST)
@@ -110,32 +110,37 @@ class Vasarhelyi:
         return out
 
     def _friction(self, around: Surroundings) -> Vector:
-        """Alignment of what velocities differ by more than the braking curve allows."""
+        """Return the alignment of velocities that differ by more than the braking curve allows."""
         c, out = self._config, np.zeros(2)
         for offset, velocity in zip(around.neighbours, around.velocities, strict=True):
-            allowed = braking(float(np.linalg.norm(offset)) - c.r0_frict, c.a_frict, c.p_frict)
+            allowed = braking_curve(
+                float(np.linalg.norm(offset)) - c.r0_frict, c.a_frict, c.p_frict
+            )
             out += c.c_frict * _excess(velocity - around.v, max(c.v_frict, allowed))
         return out
 
     def _shills(self, around: Surroundings) -> Vector:
-        """The same friction, at full strength, with agents that fly off the obstacles."""
+        """Return the friction, at full strength, with agents that fly away from the obstacles."""
         c, out = self._config, np.zeros(2)
         for offset in around.surfaces:
             r = max(float(np.linalg.norm(offset)), _NEAREST)
-            allowed = braking(r - c.r0_shill, c.a_shill, c.p_shill)
+            allowed = braking_curve(r - c.r0_shill, c.a_shill, c.p_shill)
             out += _excess(-c.v_shill * offset / r - around.v, allowed)
         return out
 
 
-def braking(r: float, a: float, p: float) -> float:
-    """D(r, a, p): the speed from which a drone stops within r [m]; linear gain p at the end."""
+def braking_curve(r: float, a: float, p: float) -> float:
+    """Return D(r, a, p): the speed [m/s] that a drone stops from within r [m].
+
+    a: m/s². p: 1/s, linear gain at the end.
+    """
     if r <= 0.0:
         return 0.0
     return r * p if r * p < a / p else float(np.sqrt(2.0 * a * r - a * a / (p * p)))
 
 
 def _excess(difference: Vector, allowed: float) -> Vector:
-    """`difference` (2,) shortened by `allowed`; nothing where it is no longer."""
+    """Return `difference` (2,) shortened by `allowed`; 0 where it is shorter."""
     size = float(np.linalg.norm(difference))
     if size <= allowed:
         return np.zeros(2)
@@ -154,15 +159,15 @@ class PotentialField:
         self._radius = radius
 
     def velocity(self, around: Surroundings) -> Vector:
-        """Attraction and repulsions."""
+        """Return the sum of attraction and repulsions, (2,) m/s."""
         c = self._config
-        agents = _push(around.neighbours, 2 * self._radius, c.eta_agent, c.rho_agent)
-        obstacles = _push(around.surfaces, self._radius, c.eta_obstacle, c.rho_obstacle)
+        agents = _repulsion_of(around.neighbours, 2 * self._radius, c.eta_agent, c.rho_agent)
+        obstacles = _repulsion_of(around.surfaces, self._radius, c.eta_obstacle, c.rho_obstacle)
         return np.asarray(around.migration + agents + obstacles, float)
 
 
-def _push(offsets: Vector, size: float, eta: float, reach: float) -> Vector:
-    """Sum over offsets (k,2) of the repulsion at ρ = distance - size."""
+def _repulsion_of(offsets: Vector, size: float, eta: float, reach: float) -> Vector:
+    """Return the sum of the repulsions of offsets (k,2) m at ρ = distance - size, (2,) m/s."""
     out = np.zeros(2)
     for offset in offsets:
         distance = max(float(np.linalg.norm(offset)), _NEAREST)

@@ -1,4 +1,4 @@
-"""What a rule for the velocity looks at: an instance seen from the drone, in the plane."""
+"""The input of a velocity rule: an instance seen from the drone, in the horizontal plane."""
 
 from __future__ import annotations
 
@@ -11,18 +11,17 @@ from companion.control.nmpc import Instance, NmpcConfig
 from mavlink_bridge.shared.arrays import Vector
 
 _WALL = 0.5  # |n_z| of a plane below which it stands like a wall
-_NEAREST = 0.02  # m: no surface is nearer, whatever the numbers say
+_NEAREST = 0.02  # m; nearer surfaces count as this far
 
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Horizontal, relative to the drone, world axes; m, m/s.
+    """Horizontal positions relative to the drone, and velocities, in world axes; m, m/s.
 
-    v (2,): own velocity. migration (2,): velocity that the mission asks for, slower near the goal
-    and where that is unseen or crowded. fastest: most that may be flown, to make way too, as for
-    the NMPC. neighbours (k,2), their velocities (k,2), and 0…1 how much each is one to stay with
-    (k,). trunks (c,3): x, y, radius. walls (h,3): n_x, n_y, free while n·d <= b. surfaces (c+h,2):
-    nearest point of each of them.
+    v (2,): own velocity. migration (2,): velocity towards the goal, slower near it and where the
+    view or the crowd demands. fastest: largest speed that may be flown, as for the NMPC. neighbours
+    (k,2); velocities (k,2) and cohesion (k,) 0…1: theirs. trunks (c,3): x, y, radius. walls (h,3):
+    n_x, n_y, b; free while n·d <= b. surfaces (c+h,2): nearest point of each of them.
     """
 
     v: Vector
@@ -37,9 +36,9 @@ class Surroundings:
 
     @classmethod
     def of(cls, instance: Instance, config: NmpcConfig, level: float) -> Self:
-        """From the numbers that the NMPC would plan on; who is `level` [m] up or down is not there.
+        """Return the surroundings in an instance, without neighbours `level` [m] above or below.
 
-        A rule in the plane would flee from one that has landed.
+        A rule in the plane would flee from a drone that has landed.
         """
         p, v = instance.x0[:2], instance.x0[3:5]
         there = instance.neighbour_active > 0.5
@@ -66,11 +65,12 @@ class Surroundings:
 
 
 def _nearest_of_trunks(trunks: Vector) -> Vector:
-    """(c,2) nearest surface point of each trunk."""
+    """Return the nearest surface point (c,2) m of each trunk (c,3)."""
     distance = np.linalg.norm(trunks[:, :2], axis=1)
     return _scaled(trunks[:, :2] / np.maximum(distance, 1e-6)[:, None], distance - trunks[:, 2])
 
 
 def _scaled(directions: Vector, lengths: Vector) -> Vector:
+    """Return the points (k,2) m at lengths (k,), at least _NEAREST, along directions (k,2)."""
     points: Vector = directions * np.maximum(lengths, _NEAREST)[:, None]
     return points

@@ -1,4 +1,4 @@
-"""Dual-horizon NMPC, eq. (11)-(38): one problem, a real-time solver and a reference solver."""
+"""Dual-horizon NMPC, eq. (11)-(38): one problem, its real-time solver and its reference solver."""
 
 from companion.control.nmpc.config import NmpcConfig
 from companion.control.nmpc.instance import Instance, Neighbour, make_instance

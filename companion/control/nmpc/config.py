@@ -1,8 +1,8 @@
-"""Every number of the problem, with its unit and its reason; refused when it makes no sense.
+"""The numbers of the problem, each with its unit and its reason.
 
-Sizes (N, neighbours, cylinders, planes, dt) fix the shape of the generated functions; all
-other numbers are parameters of them, so that two drones with different weights share one
-compiled library.
+Sizes (N, neighbours, cylinders, planes, dt) fix the shape of the generated functions. All other
+numbers are parameters of these, so that two drones with different weights share one compiled
+library.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
+from companion.model import GRAVITY
 from mavlink_bridge.shared.settings import Contradiction, StrictModel
 
 
@@ -31,15 +32,15 @@ class NmpcConfig(StrictModel):
         8,
         ge=0,
         le=12,
-        description="Kept away from by (37): the critical ones of section III-C, then whoever is "
-        "near. With the critical three alone, who dodges one flies into a fourth.",
+        description="Neighbours in (37): the critical ones of section III-C, then the nearest. "
+        "With the critical three alone, a drone that dodges one of them flies into a fourth.",
     )
-    cylinders: int = Field(8, ge=0, le=64, description="Nearest cylinders taken.")
+    cylinders: int = Field(8, ge=0, le=64, description="Cylinders in (38), the nearest.")
     planes: int = Field(
-        6, ge=2, le=64, description="Half-spaces taken: floor, ceiling, then nearest walls, fence."
+        6, ge=2, le=64, description="Half-spaces in (38): floor, ceiling, nearest walls, fence."
     )
 
-    # What is wanted
+    # Reference
     speed: float = Field(
         1.65,
         gt=0,
@@ -58,7 +59,7 @@ class NmpcConfig(StrictModel):
         2.0,
         gt=0,
         description="Distance kept to neighbours [m]. 1.5, the spacing at the start, leaves too "
-        "little to brake in: 2 of 6 forests collided, none at 2.",
+        "little room to brake.",
     )
 
     # Safety distances, soft and exact
@@ -69,21 +70,23 @@ class NmpcConfig(StrictModel):
     agent_vertical_scale: float = Field(
         4.0,
         ge=1,
-        description="(37) is an ellipsoid this much taller than wide: who evades up or down "
-        "leaves the other's view, and flies in downwash. 1 is the paper's sphere.",
+        description="(37) is an ellipsoid this much taller than wide: a drone that evades up or "
+        "down leaves the other's view, and flies in downwash. 1 is the paper's sphere.",
     )
     kappa: float = Field(
-        1.0, ge=0, description="Standard deviations of a neighbour's place added to (37)."
+        1.0, ge=0, description="Standard deviations of a neighbour's position added to (37)."
     )
     widening_max: float = Field(
-        0.5, ge=0, description="Most [m] that uncertainty may add to (37); else none could pass."
+        0.5,
+        ge=0,
+        description="Most [m] that uncertainty adds to (37); with more, no drone could pass.",
     )
     tie_break: float = Field(
         0.06,
         ge=0,
-        description="What lies dead ahead is taken to lie this [m] to the left, so that the drone "
+        description="An object dead ahead is moved this far [m] to the left, so that the drone "
         "passes right of it; an exact tie has no descent direction to either side. 0.06 saves "
-        "0.4 s a trunk against 0.01; once off the line, nothing is moved.",
+        "0.4 s a trunk against 0.01; objects off the line are not moved.",
     )
 
     # Bounds
@@ -93,11 +96,14 @@ class NmpcConfig(StrictModel):
     delta_c_max: float = Field(4.0, ge=0.5, description="(33) [m/s² per step], both ways.")
     delta_omega_max: float = Field(1.5, ge=0.1, description="(34) [rad/s per step], each axis.")
     v_max: float = Field(
-        1.85, gt=0, description="(32) [m/s], soft; evasions above it only hit somebody else."
+        1.85, gt=0, description="(32) [m/s], soft; faster evasions only hit another drone."
     )
 
     seen_cone: float = Field(
-        0.5, ge=0, le=1, description="Cosine of the angle off the line of sight flown freely."
+        0.5,
+        ge=0,
+        le=1,
+        description="Cosine of the half-angle around the line of sight that is flown freely.",
     )
     v_blind: float = Field(
         0.1, ge=0, description="Backward speed [m/s] that is free: hovering is never quite still."
@@ -108,7 +114,7 @@ class NmpcConfig(StrictModel):
     crowding: float = Field(
         2.0, ge=1, description="Nearer than d_ref counts as this many times as far off; 1: paper."
     )
-    w_mig: float = Field(1.0, ge=0, description="Migration: sets the scale of all others.")
+    w_mig: float = Field(1.0, ge=0, description="Migration: the scale of all other weights.")
     w_mig_end: float = Field(
         1.0, ge=0, description="Factor on the migration cost of the last step."
     )
@@ -120,9 +126,9 @@ class NmpcConfig(StrictModel):
         2.5,
         ge=0,
         description="Line of sight, not in (29): norm of (R11,R21)-(cos psi,sin psi). A gaze of "
-        "0.6 rad at 1.5 rad/s is then followed within 15 deg, at no loss of speed.",
+        "0.6 rad at 1.5 rad/s is followed within 15 deg, without loss of speed.",
     )
-    w_v: float = Field(100.0, ge=0, description="Square of what exceeds v_max, (32).")
+    w_v: float = Field(100.0, ge=0, description="Square of the speed beyond v_max, (32).")
     w_blind: float = Field(
         100.0, ge=0, description="Square of the speed beyond v_blind away from the line of sight."
     )
@@ -140,48 +146,51 @@ class NmpcConfig(StrictModel):
     penalty: float = Field(
         40.0,
         gt=0,
-        description="L1 [1/m], exact: above any multiplier met, so slack is used only where "
-        "there is no other way.",
+        description="L1 [1/m], exact: above any multiplier met, so slack is used only where no "
+        "plan does without.",
     )
     penalty_quadratic: float = Field(
-        40.0, gt=0, description="L2 [1/m²]: the worse, the harder; keeps the QP strictly convex."
+        40.0, gt=0, description="L2 [1/m²]: deep intrusions cost more; the QP is strictly convex."
     )
 
-    # Solver: counts, never times, so that the same input gives the same bytes
-    sqp_iterations: int = Field(2, ge=1, le=50, description="Each tick, at least.")
-    sqp_iterations_max: int = Field(8, ge=1, le=500, description="While the step is large.")
-    sqp_iterations_cold: int = Field(15, ge=1, le=500, description="The first tick.")
+    # Solver: counts, never times, so that the same input gives the same plan, bit for bit
+    sqp_iterations: int = Field(2, ge=1, le=50, description="Least number in a tick.")
+    sqp_iterations_max: int = Field(8, ge=1, le=500, description="Most, while the step is large.")
+    sqp_iterations_cold: int = Field(15, ge=1, le=500, description="Most in the first tick.")
     sqp_iterations_rescue: int = Field(
-        15, ge=1, le=500, description="From braking to a halt, where a plan intrudes."
+        15,
+        ge=1,
+        le=500,
+        description="Most of the second start, from braking to a halt, where a plan intrudes.",
     )
     work_max: int = Field(
         1000,
         ge=1,
-        description="Interior-point iterations after which a tick begins none but the least number "
-        "of steps; a second start is carried on in the next. 1000 is never reached. 80 halves the "
-        "longest tick; eight crossings came to 0.60 m in the mean with it, to 0.65 m without.",
+        description="Interior-point iterations after which a tick begins only the least number of "
+        "steps; a second start is carried on in the next tick. 1000 is never reached. 80 halves "
+        "the longest tick; the least distance in eight crossings falls from 0.65 to 0.60 m.",
     )
     rescue_slack: float = Field(
         0.1,
         ge=0,
-        description="A plan that intrudes deeper [m] is compared with one that brakes to a halt; "
-        "into a plane, than it does at its first step.",
+        description="A plan that intrudes deeper [m] is compared with one that brakes to a halt. "
+        "Into a plane, it is the depth beyond that of the first step.",
     )
     step_tolerance: float = Field(
         0.1,
         gt=0,
-        description="A step (largest change of any variable, SI) below this is small: costs at "
+        description="Steps (largest change of any variable, SI) below this are small: they cost at "
         "most 0.2 % against the optimum on the recorded set, 0.03 % at 0.02.",
     )
 
     @model_validator(mode="after")
     def _orders(self) -> Self:
-        """Relations between fields."""
+        """Check the relations between fields."""
         checks = {
             ("M", "N"): (self.M <= self.N, "M must be at most N"),
             ("M_constraint", "N"): (self.M_constraint <= self.N, "M_constraint must be at most N"),
-            ("c_min",): (self.c_min < 9.81, "c_min must be below hover, 9.81"),
-            ("c_max",): (self.c_max > 9.81, "c_max must be above hover, 9.81"),
+            ("c_min",): (self.c_min < GRAVITY, f"c_min must be below hover, {GRAVITY}"),
+            ("c_max",): (self.c_max > GRAVITY, f"c_max must be above hover, {GRAVITY}"),
             ("v_max", "speed"): (self.v_max >= self.speed, "v_max must be at least speed"),
             ("d_ref", "d_agent_safety"): (
                 self.d_ref > self.d_agent_safety,

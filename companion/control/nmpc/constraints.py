@@ -1,8 +1,9 @@
-"""The distance constraints as margins: each row is to be >= -slack.
+"""The distance constraints (37), (38) as margins [m]: each row is to be >= -slack.
 
-Distances, not their squares: linearised, a distance gives the half-space tangent to what is to
-be avoided, which lies wholly inside the free side. So a plan that keeps the linearised rows
-keeps the true ones, and full steps need no line search.
+The rows are distances, not their squares: a linearised distance is the half-space tangent to the
+obstacle, which lies wholly on the free side. So a plan that keeps the linearised rows keeps the
+true ones, and full steps need no line search. The distances themselves are those of
+`mavlink_bridge/shared/distance.py`; a test holds the two together.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ FREE = 100.0
 
 
 def agent_margins(p: ca.SX, scene: Scene, w: Weights) -> ca.SX:
-    """(16), (37): distance to each neighbour's predicted place beyond the safety distance."""
+    """Return the margins (J,1) of (16), (37) to the neighbours' predicted positions, p (3,1) m."""
     rows = []
     for j in range(scene.neighbours):
         d = p - scene.neighbour_p[:, j]
@@ -27,7 +28,7 @@ def agent_margins(p: ca.SX, scene: Scene, w: Weights) -> ca.SX:
 
 
 def cylinder_margins(p: ca.SX, scene: Scene, w: Weights) -> ca.SX:
-    """(20), (38): horizontal distance to each cylinder's surface beyond the safety distance."""
+    """Return the margins (K,1) of (20), (38) to the cylinders' surfaces, horizontally."""
     rows = []
     for k in range(scene.cylinder_count):
         d = p[:2] - scene.cylinders[:2, k]
@@ -37,7 +38,7 @@ def cylinder_margins(p: ca.SX, scene: Scene, w: Weights) -> ca.SX:
 
 
 def plane_margins(p: ca.SX, scene: Scene, w: Weights) -> ca.SX:
-    """(38) for walls and the fence, which cylinders cannot describe: n·p <= b."""
+    """Return the margins (H,1) of (38) to the half-spaces n·p <= b: walls and the fence."""
     rows = []
     for h in range(scene.plane_count):
         margin = scene.planes[3, h] - ca.dot(scene.planes[:3, h], p) - w["d_obstacle_safety"]
@@ -46,4 +47,5 @@ def plane_margins(p: ca.SX, scene: Scene, w: Weights) -> ca.SX:
 
 
 def _switched(margin: ca.SX, active: ca.SX) -> ca.SX:
+    """Return the margin where `active` is 1, FREE where it is 0."""
     return active * margin + (1 - active) * FREE

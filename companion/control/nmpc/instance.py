@@ -1,4 +1,4 @@
-"""One problem as data: what changes from tick to tick, padded to the sizes of the config."""
+"""One problem as data: the numbers of one tick, padded to the sizes of the config."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from mavlink_bridge.shared.arrays import Vector
 
 
 class Neighbour(NamedTuple):
-    """A neighbour to keep away from and, by `cohesion` (0…1), to stay with.
+    """A neighbour to keep away from and, by `cohesion` 0…1, to stay with.
 
-    p [m], v [m/s], world ENU; sigma: standard deviations of p [m] and v [m/s] along one axis.
+    p (3,) m, v (3,) m/s: world ENU. sigma: 1σ of p [m] and v [m/s] along one axis.
     """
 
     p: ArrayLike
@@ -27,14 +27,13 @@ class Neighbour(NamedTuple):
 
 @dataclass(frozen=True)
 class Instance:
-    """One problem. World ENU, SI. `active` flags are 0 or 1; what is inactive has no effect.
+    """One problem, world ENU, SI. `active` flags are 0 or 1; inactive rows have no effect.
 
-    x0 (10,) p, v, q at the moment the input takes effect. u_last (4,) c, omega, the last sent.
-    goal (3,). speed: C [m/s] of this tick; v_max: bound of (32) [m/s] of this tick. yaw: line of
-    sight [rad]. K, H, J: sizes of the config. neighbour_p, neighbour_v (J,3), neighbour_sigma
-    (J,2), neighbour_cohesion (J,).
-    cylinders (K,3) x, y, radius. planes (H,4) n, b: free where n·p <= b, |n| = 1.
-    disturbance (3,) [m/s²]: acceleration the model knows nothing of (wind, drag).
+    x0 (10,): p, v, q when the input takes effect. u_last (4,): c, omega, the last sent. goal (3,)
+    m. speed: m/s, C of (18). v_max: m/s, of (32). yaw: rad, line of sight (7). neighbour_p,
+    neighbour_v (J,3), neighbour_sigma (J,2), neighbour_cohesion (J,): as `Neighbour`. cylinders
+    (K,3) m: x, y, radius. planes (H,4): n, b; free where n·p <= b, |n| = 1. disturbance (3,) m/s²:
+    acceleration that the model lacks (wind, drag). J, K, H are sizes of the config.
     """
 
     x0: Vector
@@ -55,7 +54,7 @@ class Instance:
     disturbance: Vector = field(default_factory=lambda: np.zeros(3))
 
     def finite(self) -> bool:
-        """Whether every number is finite, inactive rows included."""
+        """Return whether every number is finite, inactive rows included."""
         return all(bool(np.all(np.isfinite(getattr(self, f.name)))) for f in fields(self))
 
 
@@ -73,9 +72,10 @@ def make_instance(
     planes: ArrayLike = (),
     disturbance: ArrayLike = (0.0, 0.0, 0.0),
 ) -> Instance:
-    """Instance from lists of any length: keeps the first of each, pads the rest as inactive.
+    """Return an instance from lists of any length: the first rows of each, the rest inactive.
 
-    Give the most critical neighbour and the nearest obstacle first.
+    The most critical neighbour and the nearest obstacle come first. speed, v_max: m/s, by default
+    those of the config.
     """
     near = list(neighbours)[: config.neighbours]
     p, v = (
@@ -106,7 +106,7 @@ def make_instance(
 
 
 def _rows(values: ArrayLike, count: int, width: int) -> tuple[Vector, Vector]:
-    """First `count` rows of `values`, zero-padded, and the flags of those that are there."""
+    """Return the first `count` rows of `values`, zero-padded, and the flags of given rows."""
     given = np.asarray(values, dtype=float).reshape(-1, width)[:count]
     padded = np.zeros((count, width))
     padded[: len(given)] = given

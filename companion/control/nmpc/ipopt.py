@@ -1,4 +1,4 @@
-"""The reference solver: the same problem, converged by IPOPT. For tests, studies, benchmarks."""
+"""The reference solver: the same problem, converged by IPOPT, for tests, studies, benchmarks."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from companion.control.nmpc.instance import Instance
 from companion.control.nmpc.outcome import (
     Trajectory,
     cold_guess,
-    failed,
+    failed_plan,
     hover,
-    judged,
     no_clock,
-    penalised,
+    penalty,
     shifted,
+    usable_plan,
 )
-from companion.control.nmpc.parameters import Numbers, weight_numbers
+from companion.control.nmpc.parameters import ParameterVectors, weight_numbers
 from companion.control.nmpc.problem import build_stage
 from companion.control.nmpc.qp import change_bounds, input_bounds
 from companion.model import NU, NX, normalise
@@ -33,9 +33,8 @@ INFINITY = float("inf")
 class IpoptNmpc:
     """Multiple shooting on the stage functions of `problem.py`, solved to convergence.
 
-    expand: SX (fast); without it the MX graph is left as most people write it (benchmark).
-    barrier: IPOPT's first barrier parameter; a small one finds the minimum next to the guess
-    rather than a better one further off.
+    expand: the MX graph to SX, which is faster. barrier: IPOPT's first barrier parameter; a small
+    one finds the minimum next to the guess rather than a better one farther off.
     """
 
     def __init__(
@@ -44,18 +43,17 @@ class IpoptNmpc:
         clock: Callable[[], float] = no_clock,
         *,
         expand: bool = True,
-        tolerance: float = 1e-8,
         barrier: float = 0.1,
     ) -> None:
         self.config = config
         self._clock = clock
         self._stage = build_stage(config)
         self._weights = weight_numbers(config)
-        self._numbers = Numbers(config)
-        self._build(expand, tolerance, barrier)
+        self._parameters = ParameterVectors(config)
+        self._build(expand, barrier)
         self._plan: Trajectory | None = None
 
-    def _build(self, expand: bool, tolerance: float, barrier: float) -> None:
+    def _build(self, expand: bool, barrier: float) -> None:
         config, N, stage = self.config, self.config.N, self._stage
         X, U = ca.MX.sym("X", NX, N), ca.MX.sym("U", NU, N)
         slack = ca.MX.sym("slack", 2, N)
@@ -100,7 +98,7 @@ class IpoptNmpc:
             "ipopt": {
                 "print_level": 0,
                 "sb": "yes",
-                "tol": tolerance,
+                "tol": 1e-8,
                 "max_iter": 500,
                 "mu_init": barrier,
             },
@@ -116,29 +114,32 @@ class IpoptNmpc:
         self._plan = None
 
     def guess(self, plan: Trajectory) -> None:
-        """Take `plan` as the previous plan, already shifted: start from there next time."""
+        """Start the next solve from `plan`, which is of the same instance."""
         x, u = plan
         self._plan = (
             np.concatenate([x[:1], x[:-1]]),
             np.concatenate([u[:1], u[:-1]]),
         )
 
-    def solve(self, instance: Instance, steps: int = 1) -> Plan:
-        """Converged plan of the instance; never raises, never gives a non-finite number."""
+    def solve(self, instance: Instance) -> Plan:
+        """Return the converged plan of an instance, one step after the previous one.
+
+        It never raises, and every number of the plan is finite.
+        """
         started = self._clock()
         with np.errstate(all="ignore"):
-            return self._solve(instance, steps, started)
+            return self._solve(instance, started)
 
-    def _solve(self, instance: Instance, steps: int, started: float) -> Plan:
+    def _solve(self, instance: Instance, started: float) -> Plan:
         config, N = self.config, self.config.N
         if self._plan is not None:
-            self._plan = shifted(self._plan, steps, config.dt)
+            self._plan = shifted(self._plan, config.dt)
         low, high = self._least[NX * N :][:NU], self._most[NX * N :][:NU]
         u_last = np.clip(instance.u_last, low, high)
         x0 = instance.x0.copy()
         x0[6:10] = normalise(x0[6:10])
-        self._numbers.fill(instance)
-        scene, stages = self._numbers.scene, self._numbers.stages.T
+        self._parameters.fill(instance)
+        scene, stages = self._parameters.scene, self._parameters.stages.T
         if not all(np.isfinite(a).all() for a in (x0, u_last, scene, stages)):
             return self._failure(instance, PlanStatus.NOT_FINITE, 0, started)
         x, u = self._plan if self._plan is not None else cold_guess(config, instance, x0)
@@ -163,7 +164,7 @@ class IpoptNmpc:
         x = x + origin
         x[:, 6:10] = normalise(x[:, 6:10])
         self._plan = x, u
-        return judged(
+        return usable_plan(
             config,
             instance,
             self._plan,
@@ -178,18 +179,18 @@ class IpoptNmpc:
     def _evaluate(
         self, x: Vector, u: Vector, u_last: Vector, stages: Vector, scene: Vector
     ) -> tuple[float, Vector]:
-        """Cost and margins of a plan, by the functions the real-time solver reports with."""
+        """Return the cost (29) with penalties and the margins (N,rows) of a plan."""
         N = self.config.N
         before = np.concatenate([u_last[None], u[:-1]])
         shared = [np.tile(c[:, None], N) for c in (scene, self._weights)]
         columns = (x[:-1].T, before.T, u.T, x[1:].T, stages, *shared)
         _, costs, margins = self._stage.evaluate.map(N)(*columns)
         margins = margins.full().T
-        return float(costs.full().sum()) + penalised(self.config, margins), margins
+        return float(costs.full().sum()) + penalty(self.config, margins), margins
 
     def _failure(
         self, instance: Instance, status: PlanStatus, iterations: int, started: float
     ) -> Plan:
         plan = self._plan if self._plan is not None else hover(self.config, instance.x0)
         took = self._clock() - started
-        return failed(plan, status=status, iterations=iterations, solve_time=took)
+        return failed_plan(plan, status=status, iterations=iterations, solve_time=took)

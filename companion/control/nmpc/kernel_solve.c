@@ -51,7 +51,7 @@ static inline void combine(double *row, const double *weights, int stride, doubl
     AT(row, 0) = a, AT(row, 1) = b, AT(row, 2) = c, AT(row, 3) = d;
 }
 
-/* Riccati recursion: the gains of all stages. */
+/* Find the gains of all stages by the Riccati recursion; return 0 where a factor is singular. */
 static int factorise(Stage *stages, int N, double quadratic) {
     double P[NZ][PAD], T[NZ][PAD], M[NZ][PAD];
     memset(P, 0, sizeof P);
@@ -102,7 +102,7 @@ static int factorise(Stage *stages, int N, double quadratic) {
     return 1;
 }
 
-/* The next point for the present pushes. */
+/* Find the next point for the present pushes. */
 static void solve_point(Stage *stages, int N, double penalty) {
     double p[PAD] = {0}, k[MAX_STAGES][NU];
     for (int i = N - 1; i >= 0; i--) {
@@ -143,7 +143,7 @@ static void solve_point(Stage *stages, int N, double penalty) {
     }
 }
 
-/* Steps of t and l to the next point; the longest step that keeps both positive, up to 1. */
+/* Find the steps of t and l to the next point; return the longest, up to 1, that keeps them > 0. */
 static double steps(Stage *stages, int N) {
     static const double none[NU] = {0};
     double longest = 1.0, next[BOUNDS + MAX_ROWS + 2];
@@ -162,19 +162,13 @@ static double steps(Stage *stages, int N) {
     return longest;
 }
 
-/* Steps (dx, du) of the quadratic program. Returns the iterations taken, or -1. numbers: input
- * low, high, change (4 each), penalty, quadratic, tolerance, first complementarity. */
-int solve_program(const int *shape, const int *index, const double *source, const double *numbers,
-                  const double *u, const double *u_last, void *work, double *dx, double *du) {
-    Shape sizes;
-    const Shape *p = &sizes;
-    memcpy(&sizes, shape, sizeof sizes);
-    Stage *stages = work;
-    const double penalty = numbers[12], quadratic = numbers[13];
-    const double tolerance = numbers[14], mu0 = numbers[15];
+/* Find the steps dx, du of the quadratic program; return the iterations taken, or -1. */
+int solve_program(const Program *given) {
+    const Program program = *given, *p = &program;
+    Stage *stages = p->work;
     static const double none[NU] = {0};
     if (p->rows > MAX_ROWS || p->N > MAX_STAGES) return -1;
-    load(p, index, source, numbers, u, u_last, stages);
+    load(p, stages);
 
     int total = 0;
     for (int i = 0; i < p->N; i++) {
@@ -189,7 +183,7 @@ int solve_program(const int *shape, const int *index, const double *source, cons
         for (int c = 0; c < constraints(g); c++) {
             double t = now[c] + g->a[c];
             g->t[c] = t > 0.03 ? t : 0.03;
-            g->l[c] = mu0 / g->t[c];
+            g->l[c] = p->first_complementarity / g->t[c];
             total += used(g, c);
         }
     }
@@ -208,16 +202,16 @@ int solve_program(const int *shape, const int *index, const double *source, cons
         }
         mu /= total;
         int last = iteration == MAX_ITERATIONS; /* good enough for an SQP step, then */
-        double enough = last ? 100.0 * tolerance : tolerance;
+        double enough = last ? 100.0 * p->tolerance : p->tolerance;
         if (mu < enough && infeasible < enough) {
             for (int i = 0; i < p->N; i++) {
-                memcpy(dx + i * NX, stages[i].x, sizeof stages[i].x);
-                memcpy(du + i * NU, stages[i].w, sizeof stages[i].w);
+                memcpy(p->dx + i * NX, stages[i].x, sizeof stages[i].x);
+                memcpy(p->du + i * NU, stages[i].w, sizeof stages[i].w);
             }
             return iteration - 1;
         }
-        if (!factorise(stages, p->N, quadratic)) return -1;
-        solve_point(stages, p->N, penalty);
+        if (!factorise(stages, p->N, p->quadratic)) return -1;
+        solve_point(stages, p->N, p->penalty);
         double length = steps(stages, p->N), ahead = 0.0;
         for (int i = 0; i < p->N; i++) {
             Stage *g = stages + i;
@@ -238,7 +232,7 @@ int solve_program(const int *shape, const int *index, const double *source, cons
             for (int c = 0; c < constraints(g); c++)
                 if (used(g, c)) g->push[c] += (target - weight * g->dt[c] * g->dl[c]) / g->t[c];
         }
-        solve_point(stages, p->N, penalty);
+        solve_point(stages, p->N, p->penalty);
         length = steps(stages, p->N);
         if (length < 1.0) length *= 1.0 - fmin(5e-3, mu);
         if (!(length > 1e-10)) return -1;

@@ -1,4 +1,4 @@
-"""What a plan amounts to: cost, intrusion, the constraints it leans on; and the fallback plan."""
+"""Plans out of trajectories: cost, intrusion, active constraints; guesses, and the fallback."""
 
 from __future__ import annotations
 
@@ -16,11 +16,8 @@ from mavlink_bridge.shared.frames import quaternion_from_euler
 
 Trajectory = tuple[Vector, Vector]
 
-# A constraint nearer than this to its bound is named in Plan.active.
-ACTIVE = 1e-3
-
-# Deceleration [m/s²] of the guess that brakes.
-_BRAKING = 3.0
+ACTIVE = 1e-3  # SI; a constraint nearer than this to its bound is named in Plan.active
+_BRAKING = 3.0  # m/s², of the guess that brakes
 
 
 def no_clock() -> float:
@@ -28,21 +25,16 @@ def no_clock() -> float:
     return 0.0
 
 
-def shifted(plan: Trajectory, steps: int, dt: float) -> Trajectory:
-    """The plan as seen `steps` ticks later; the last input is held.
-
-    steps is cut to the horizon: what is older than the plan is hover-like anyway.
-    """
+def shifted(plan: Trajectory, dt: float) -> Trajectory:
+    """Return the plan as seen one step of `dt` [s] later; the last input is held."""
     x, u = plan
-    for _ in range(min(steps, len(u))):
-        last_x, last_u = x[-1].tolist(), u[-1].tolist()
-        x = np.concatenate([x[1:], [_held(last_x, last_u, dt)]])
-        u = np.concatenate([u[1:], u[-1:]])
-    return x, u
+    last_x, last_u = x[-1].tolist(), u[-1].tolist()
+    x = np.concatenate([x[1:], [_held(last_x, last_u, dt)]])
+    return x, np.concatenate([u[1:], u[-1:]])
 
 
 def _held(x: list[float], u: list[float], dt: float) -> list[float]:
-    """State after `dt` of a held input to second order: a guess, so plain and fast."""
+    """Return the state (10,) after `dt` [s] of a held input, to second order, for a guess."""
     px, py, pz, vx, vy, vz, w, i, j, k = x
     c, a, b, r = u
     n = 1.0 / math.sqrt(w * w + i * i + j * j + k * k)
@@ -64,7 +56,7 @@ def _held(x: list[float], u: list[float], dt: float) -> list[float]:
 
 
 def hover(config: NmpcConfig, x0: Vector) -> Trajectory:
-    """Staying where one is, level; also what stands in for a state that is not finite."""
+    """Return the level hover at the position of x0 (10,), or at 0 where x0 is not finite."""
     state = np.zeros(10)
     state[6] = 1.0
     if np.all(np.isfinite(x0)):
@@ -73,7 +65,7 @@ def hover(config: NmpcConfig, x0: Vector) -> Trajectory:
 
 
 def cold_guess(config: NmpcConfig, instance: Instance, x0: Vector) -> Trajectory:
-    """Where nothing is known: level flight straight to the goal, at speed within a second."""
+    """Return level flight straight to the goal, at speed within a second: the first guess."""
     k = np.arange(config.N + 1)[:, None] * config.dt
     e = instance.goal - x0[:3]
     wanted = instance.speed * e / np.sqrt(e @ e + config.goal_smoothing**2)
@@ -87,7 +79,7 @@ def cold_guess(config: NmpcConfig, instance: Instance, x0: Vector) -> Trajectory
 
 
 def brake_guess(config: NmpcConfig, x0: Vector) -> Trajectory:
-    """Straight on to a halt at `_BRAKING`, level: the other way out where a plan is stuck."""
+    """Return straight, level flight to a halt at `_BRAKING`: a guess where a plan is stuck."""
     k = np.arange(config.N + 1)[:, None] * config.dt
     speed = max(float(np.linalg.norm(x0[3:6])), 1e-6)
     left = np.maximum(1.0 - _BRAKING / speed * k, 0.0)
@@ -100,15 +92,15 @@ def brake_guess(config: NmpcConfig, x0: Vector) -> Trajectory:
     return x, np.tile(HOVER, (config.N, 1))
 
 
-def penalised(config: NmpcConfig, margins: Vector) -> float:
-    """Penalty of the deepest intrusion [m] per stage and kind; margins as for `judged`."""
+def penalty(config: NmpcConfig, margins: Vector) -> float:
+    """Return the penalty of the deepest intrusion per stage and kind, by margins (N,rows) m."""
     J = config.neighbours
     kinds = (margins[:, :J].min(axis=1, initial=0.0), margins[:, J:].min(axis=1, initial=0.0))
     deep = -np.concatenate(kinds)
     return float(np.sum(config.penalty * deep + 0.5 * config.penalty_quadratic * deep**2))
 
 
-def judged(
+def usable_plan(
     config: NmpcConfig,
     instance: Instance,
     plan: Trajectory,
@@ -120,10 +112,10 @@ def judged(
     step_norm: float,
     elapsed: Callable[[], float],
 ) -> Plan:
-    """Plan of a usable plan. margins (N, rows): agents, cylinders, planes at 1…N.
+    """Return the Plan of a solved trajectory.
 
-    cost: (29) with the penalties. A neighbour's margin beyond M_constraint is that of a row
-    switched off.
+    margins (N,rows) m: of agents, cylinders, planes at 1…N; beyond M_constraint, a neighbour's row
+    is switched off. cost: (29) with the penalties.
     """
     J, K = config.neighbours, config.neighbours + config.cylinders
     rows = margins.min(axis=0).tolist()
@@ -147,25 +139,29 @@ def judged(
 
 
 def _active_inputs(config: NmpcConfig, u_last: Vector, u: Vector) -> list[str]:
+    """Return the names of the bounds (33)-(36) that u (N,4) touches."""
     changes = np.abs(u - np.concatenate([u_last[None], u[:-1]])).max(axis=0).tolist()
     most, least = u.max(axis=0).tolist(), u.min(axis=0).tolist()
-    leaning = {
+    touches = {
         "c": most[0] > config.c_max - ACTIVE or least[0] < config.c_min + ACTIVE,
         "omega": max(*most[1:], -min(least[1:])) > config.omega_max - ACTIVE,
         "delta_c": changes[0] > config.delta_c_max - ACTIVE,
         "delta_omega": max(changes[1:]) > config.delta_omega_max - ACTIVE,
     }
-    return [name for name, leans in leaning.items() if leans]
+    return [name for name, active in touches.items() if active]
 
 
 def _speeding(instance: Instance, x: Vector) -> list[str]:
+    """Return the name of (32) where x (N+1,10) touches it."""
     v = x[1:, 3:6]
     fastest = math.sqrt(float((v * v).sum(axis=1).max()))
     return ["v_max"] if fastest > instance.v_max - ACTIVE else []
 
 
-def failed(plan: Trajectory, *, status: PlanStatus, iterations: int, solve_time: float) -> Plan:
-    """Plan of a solve that gave nothing: `plan` is the fallback."""
+def failed_plan(
+    plan: Trajectory, *, status: PlanStatus, iterations: int, solve_time: float
+) -> Plan:
+    """Return the Plan of a failed solve: `plan` is the fallback."""
     return Plan(
         x=plan[0],
         u=plan[1].reshape(-1, NU),

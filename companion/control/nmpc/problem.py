@@ -1,8 +1,8 @@
-"""The problem of eq. (28)-(38), once, as CasADi functions of one stage.
+"""The problem of eq. (28)-(38) as CasADi functions of one stage.
 
 Stage i spans u_i from x_i to x_{i+1}. Its terms are those of (29) in x_{i+1}, u_i and the
-change from u_{i-1}; its constraints are the dynamics (31) and the distances (37), (38) at
-x_{i+1}. The linearised stage serves the real-time solver, the stage itself the reference.
+change from u_{i-1}. Its constraints are the dynamics (31) and the distances (37), (38) at
+x_{i+1}. The real-time solver uses the linearised stage, the reference solver the stage itself.
 """
 
 from __future__ import annotations
@@ -40,10 +40,11 @@ class Piece:
 
 @dataclass(frozen=True)
 class Stage:
-    """The two functions of a stage and where in the linearised column each matrix is.
+    """The two functions of a stage, and the place of each matrix in the linearised column.
 
     linearise: (x, before, u, x_next, stage, scene, weights) → column of `size` numbers.
-    evaluate: the same → (x_{i+1} by the model, cost, margins: agents, cylinders, planes).
+    evaluate: the same arguments → (x_{i+1} by the model, cost, margins [m] of agents, cylinders,
+    planes).
     """
 
     linearise: ca.Function
@@ -58,7 +59,7 @@ class Stage:
 
 
 def build_stage(config: NmpcConfig) -> Stage:
-    """Generate the stage functions for the sizes of `config`; takes some 10 ms."""
+    """Return the stage functions for the sizes of `config`; this takes some 10 ms."""
     local = ca.SX.sym("local", LOCAL)
     x, before, u, after = (local[s] for s in (LOCAL_X, LOCAL_BEFORE, LOCAL_U, LOCAL_NEXT))
     weights, w = weight_symbols()
@@ -101,7 +102,7 @@ def build_stage(config: NmpcConfig) -> Stage:
 
 
 def majoriser(terms: list[costs.Term], variables: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Gradient of the sum of terms, and the sum of their positive semidefinite Hessians."""
+    """Return the gradient of the sum of terms, and the sum of their majorising Hessians."""
     gradient, hessian = ca.SX(LOCAL, 1), ca.SX(LOCAL, LOCAL)
     for term in terms:
         gradient += ca.jacobian(term.residual, variables).T @ term.gradient()

@@ -1,9 +1,9 @@
 """The quadratic program of one SQP iteration in PIQP, filled in place.
 
-Variables: u_0, then for k = 1…N: x_k, two slacks (neighbours; obstacles), u_k (k < N), all as
-steps from the iterate but the slacks. That order makes the matrices block-banded, which PIQP's
-multistage backend factorises in time linear in N. One slack per stage and kind, not per row:
-the L1 penalty on the largest intrusion is as exact, and the program stays small.
+The variables are u_0, then for k = 1…N: x_k, two slacks (neighbours; obstacles), u_k (k < N); all
+but the slacks are steps from the iterate. That order makes the matrices block-banded, which PIQP's
+multistage backend factorises in time linear in N. There is one slack per stage and kind, not per
+row: the L1 penalty on the largest intrusion is as exact, and the program stays small.
 """
 
 from __future__ import annotations
@@ -27,11 +27,10 @@ from companion.control.nmpc.problem import (
 from companion.model import NU, NX
 from mavlink_bridge.shared.arrays import Vector
 
-# A little curvature for directions no cost sees; as these are steps it moves no solution.
+# Curvature for directions without cost; on steps, it moves no solution.
 DAMPING = 1e-6
-# Bounds on the input are drawn in by this.
+# The bounds on the input are tightened by this: the solvers' tolerance.
 TIGHT = 2e-5
-
 
 # Rows, columns and sources of some entries of a matrix.
 Entries = tuple[Indices, Indices, Indices]
@@ -39,7 +38,7 @@ Entries = tuple[Indices, Indices, Indices]
 
 @dataclass(frozen=True)
 class Layout:
-    """Where each variable of the program is; -1 where a stage has none."""
+    """The place of each variable in the program."""
 
     size: int
     u: Indices  # (N, 4)
@@ -47,7 +46,7 @@ class Layout:
     slack: Indices  # (N, 2) of neighbours and obstacles at 1…N
 
     def local(self, stage: int) -> Indices:
-        """Places of the local variables of a stage; -1 for x_0 and u_{-1}, which are given."""
+        """Return the places of a stage's local variables; -1 for x_0 and u_{-1}."""
         places = np.full(LOCAL, -1)
         places[LOCAL_U] = self.u[stage]
         places[LOCAL_NEXT] = self.x[stage]
@@ -58,7 +57,7 @@ class Layout:
 
 
 def layout(N: int) -> Layout:
-    """Order of the variables."""
+    """Return the order of the variables."""
     u, x, slack = np.zeros((N, NU), int), np.zeros((N, NX), int), np.zeros((N, 2), int)
     u[0], place = np.arange(NU), NU
     for k in range(N):
@@ -72,7 +71,7 @@ def layout(N: int) -> Layout:
 
 
 def input_bounds(config: NmpcConfig) -> tuple[Vector, Vector]:
-    """(35), (36), drawn in by the solvers' tolerance: what is planned never exceeds them."""
+    """Return the least and largest input (4,) of (35), (36), tightened: no plan exceeds these."""
     rates = [config.omega_max - TIGHT] * 3
     return np.array([config.c_min + TIGHT, *[-r for r in rates]]), np.array(
         [config.c_max - TIGHT, *rates]
@@ -80,14 +79,14 @@ def input_bounds(config: NmpcConfig) -> tuple[Vector, Vector]:
 
 
 def change_bounds(config: NmpcConfig) -> Vector:
-    """(33), (34) per step, drawn in likewise."""
+    """Return the largest change (4,) of the input per step, (33), (34), tightened."""
     return np.array([config.delta_c_max, *[config.delta_omega_max] * 3]) - TIGHT
 
 
 class Gather:
     """Sums entries of a source array into the places of a target, at most two for each."""
 
-    def __init__(self, places: Indices, sources: Indices, size: int) -> None:
+    def __init__(self, places: Indices, sources: Indices) -> None:
         order = np.argsort(places, kind="stable")
         places, sources = places[order], sources[order]
         first = np.ones(len(places), dtype=bool)
@@ -97,7 +96,6 @@ class Gather:
         self.more_places, self.more_sources = places[~first], sources[~first]
         if len(set(self.more_places.tolist())) != len(self.more_places):
             raise AssertionError("more than two sources for one place")
-        self.size = size
 
     def fill(self, source: Vector, target: Vector) -> None:
         """Overwrite the places of `target`."""
@@ -106,7 +104,7 @@ class Gather:
 
 
 class Matrix:
-    """A CSC matrix of fixed structure, refilled from the source array."""
+    """A CSC matrix of fixed structure, refilled from a source array."""
 
     def __init__(self, shape: tuple[int, int], entries: list[Entries]) -> None:
         from scipy import sparse  # 50 MB, for boards without a C compiler alone
@@ -118,7 +116,7 @@ class Matrix:
         self.csc = sparse.csc_matrix(
             (np.zeros(len(unique)), unique % shape[0], pointers), shape=shape
         )
-        self.gather = Gather(places, sources, len(unique))
+        self.gather = Gather(places, sources)
 
     def fill(self, source: Vector) -> None:
         """Overwrite the numbers."""
@@ -126,7 +124,7 @@ class Matrix:
 
 
 class Program:
-    """The quadratic program: structure made once, numbers filled in, solved in place."""
+    """The quadratic program: its structure is built once, its numbers are filled in place."""
 
     def __init__(self, config: NmpcConfig, stage: Stage) -> None:
         import piqp
@@ -155,12 +153,15 @@ class Program:
         self.iterations = 0
 
     def _sources(self, stage: int, piece: Piece, keep: NDArray[np.bool_]) -> Indices:
+        """Return the places in `source` of a piece's entries that are kept."""
         return stage * self.count + piece.offset + np.flatnonzero(keep)
 
     def _constant(self, rows: Indices, columns: Indices, which: int) -> Entries:
+        """Return entries that all have the same source, one of the constants."""
         return rows, columns, np.full(len(rows), which)
 
     def _hessian(self, stage: Stage) -> None:
+        """Build the cost: P, the upper triangle, and c."""
         entries: list[Entries] = []
         gradient_places, gradient_sources = [], []
         for i in range(self.config.N):
@@ -183,11 +184,10 @@ class Program:
         self.P = Matrix((self.where.size, self.where.size), entries)
         self.c = np.zeros(self.where.size)
         self.c[slack] = self.config.penalty
-        self._gradient = Gather(
-            np.concatenate(gradient_places), np.concatenate(gradient_sources), self.where.size
-        )
+        self._gradient = Gather(np.concatenate(gradient_places), np.concatenate(gradient_sources))
 
     def _equalities(self, stage: Stage) -> None:
+        """Build the dynamics (31), A x = b."""
         entries: list[Entries] = []
         local = np.r_[np.arange(NX), np.arange(NX + NU, NX + 2 * NU)]
         gaps = []
@@ -203,7 +203,7 @@ class Program:
         self._gaps = np.concatenate(gaps)
 
     def _inequalities(self, stage: Stage) -> None:
-        """Rows in the order of the stages: change of input (33), (34), then margins."""
+        """Build h_l <= G x <= h_u, stage by stage: change of input (33), (34), then margins."""
         entries: list[Entries] = []
         agents, row = self.config.neighbours, 0
         margin_rows, margins, change_rows = [], [], []
@@ -237,6 +237,7 @@ class Program:
         self._margin_rows, self._margins = np.concatenate(margin_rows), np.concatenate(margins)
 
     def _bounds(self) -> None:
+        """Build x_l <= x <= x_u: the input, (35), (36), and the slacks."""
         self.u_min, self.u_max = input_bounds(self.config)
         self.change = change_bounds(self.config)
         self.x_l = np.full(self.where.size, -np.inf)
@@ -244,9 +245,10 @@ class Program:
         self.x_l[self.where.slack] = 0.0
 
     def solve(self, u: Vector, u_last: Vector) -> tuple[Vector, Vector] | None:
-        """Steps (dx of x_1…x_N, du) from the linearisation in `source`; None if none is found.
+        """Return the steps (dx of x_1…x_N, du) from the linearisation in `source`, or None.
 
-        u (N,4): the iterate. u_last (4,): the input before, within its bounds.
+        u (N,4): the iterate. u_last (4,): the input before, within its bounds. None: PIQP found no
+        solution.
         """
         source = self.source
         for matrix in (self.P, self.A, self.G):

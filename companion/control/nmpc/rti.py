@@ -1,14 +1,16 @@
 """The real-time solver: a few full SQP steps from the shifted previous plan.
 
-No line search: every cost term's Hessian majorises it (`costs.py`), and distances are linearised
-to their safe side (`constraints.py`), so full steps converge, but for what the dynamics bend
-where a plan is pressed hard. After more steps than a tick ever takes, when an optimum is
-wanted, only what makes the plan cheaper is taken of each.
+It needs no line search: every cost term's Hessian majorises it (`costs.py`), and distances are
+linearised to their safe side (`constraints.py`). So full steps converge, except where a plan is
+pressed hard against the curvature of the dynamics. After more steps than a tick ever takes, for an
+optimum, only the part of each step that makes the plan cheaper is taken.
 
-A plan that intrudes on others may be no more than a bad local minimum: it is then compared
-with what follows from braking to a halt, and the cheaper of the two flies.
+A plan that intrudes on others may be a bad local minimum. It is then compared with the plan that
+follows from braking to a halt, and the cheaper of the two flies.
 
-Everything iterates by count, never by the clock: the same instances give the same bytes.
+All iterations end by count, never by the clock: the same instances give the same plans, bit for
+bit. Source: Diehl, Bock and Schlöder, "A real-time iteration scheme for nonlinear optimization in
+optimal feedback control", 2005.
 """
 
 from __future__ import annotations
@@ -19,19 +21,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.control.nmpc.compiled import CompiledProgram, library
+from companion.control.nmpc.compiled import library
 from companion.control.nmpc.config import NmpcConfig
 from companion.control.nmpc.instance import Instance
+from companion.control.nmpc.kernel import CompiledProgram
 from companion.control.nmpc.outcome import (
     Trajectory,
     brake_guess,
     cold_guess,
-    failed,
+    failed_plan,
     hover,
-    judged,
     no_clock,
-    penalised,
+    penalty,
     shifted,
+    usable_plan,
 )
 from companion.control.nmpc.problem import build_stage
 from companion.control.nmpc.qp import Program
@@ -39,17 +42,20 @@ from companion.control.nmpc.stages import Stages
 from companion.types import Plan, PlanStatus
 from mavlink_bridge.shared.arrays import Vector
 
-# Length below which a quaternion says nothing.
-SMALLEST = 1e-3
+# Length below which a quaternion is no attitude.
+LEAST_LENGTH = 1e-3
 
-# Steps from a guess that are taken in full; how often a later one is halved; the share of the
-# cost that it must gain, else the optimum is found.
-FULL_STEPS, HALVINGS, LEAST_GAIN = 20, 10, 1e-8
+FULL_STEPS = 20  # from a guess; later steps are shortened
+HALVINGS = 10  # of a later step
+LEAST_GAIN = 1e-8  # share of the cost that a later step gains; less: the optimum is found
 
 
 @dataclass(frozen=True)
 class _Descent:
-    """Where the steps from one guess ended. cost: with penalties; gap: left open in (31)."""
+    """The end of the steps from one guess.
+
+    cost: (29) with penalties. gap: sum of the defects left in (31). margins (N,rows): m.
+    """
 
     plan: Trajectory
     cost: float
@@ -59,24 +65,25 @@ class _Descent:
     step_norm: float
 
     def intrusion(self, planes: int) -> float:
-        """Deepest [m] into what (37), (38) keep free; `planes`: how many of the rows are such.
+        """Return the deepest intrusion [m] into (37), (38).
 
-        Into a plane, only what is deeper than at the first step: in 0.1 s no plan gets out, and
-        who is being landed through the floor of the flying height has no better one.
+        planes: number of rows, the last, that are half-spaces. Into these, only the depth beyond
+        that of the first step counts: in 0.1 s no plan gets out, and a drone that lands through the
+        floor of the flying height has no better plan.
         """
         deep = -np.minimum(self.margins, 0.0)
         most = deep.max(axis=0)
-        others = len(most) - planes
-        most[others:] -= deep[0, others:]
+        first = len(most) - planes
+        most[first:] -= deep[0, first:]
         return float(most.max(initial=0.0))
 
     def merit(self, config: NmpcConfig) -> float:
-        """What two descents are compared by: a plan that cannot be flown as it stands is dear."""
+        """Return the measure of two descents: a plan that breaks the dynamics is dear."""
         return self.cost + config.penalty * self.gap
 
 
 class Nmpc:
-    """SQP-RTI on the problem of `problem.py`; keeps its own previous plan."""
+    """SQP-RTI on the problem of `problem.py`, warm-started from its own previous plan."""
 
     def __init__(
         self,
@@ -87,7 +94,7 @@ class Nmpc:
     ) -> None:
         """Build the solver.
 
-        compiled: use a C compiler if there is one. `backend` says what came of it; the first
+        compiled: use a C compiler if there is one; `backend` says whether there was. The first
         start with a new size of problem then takes seconds, later ones read the cache.
         """
         self.config = config
@@ -101,42 +108,41 @@ class Nmpc:
         linearised = self._program.source[: config.N * stage.size]
         self._stages = Stages(config, stage, linearised, found)
         self._plan: Trajectory | None = None
-        self._other: Trajectory | None = None  # a second start that the last tick had to break off
+        self._other: Trajectory | None = None  # the second start that the last tick broke off
         self._work = 0  # interior-point iterations of this tick
 
     def reset(self) -> None:
         """Forget the previous plan: the next solve starts cold."""
         self._plan = self._other = None
 
-    def solve(self, instance: Instance, steps: int = 1) -> Plan:
-        """Trajectory from the instance; never raises, never gives a non-finite number.
+    def solve(self, instance: Instance) -> Plan:
+        """Return the plan of an instance, one step after the previous one.
 
-        steps: ticks since the previous solve, by which its plan is shifted.
+        It never raises, and every number of the plan is finite.
         """
         started = self._clock()
         with np.errstate(all="ignore"):
-            return self._solve(instance, steps, started)
+            return self._solve(instance, started)
 
-    def _solve(self, instance: Instance, steps: int, started: float) -> Plan:
+    def _solve(self, instance: Instance, started: float) -> Plan:
         config, stages, program = self.config, self._stages, self._program
         self._work = 0
         self._plan, self._other = (
-            None if plan is None else shifted(plan, steps, config.dt)
-            for plan in (self._plan, self._other)
+            None if plan is None else shifted(plan, config.dt) for plan in (self._plan, self._other)
         )
         u_last = np.clip(instance.u_last, program.u_min, program.u_max)
         x0 = instance.x0.copy()
         attitude = math.sqrt(float(x0[6:10] @ x0[6:10]))
-        # A quaternion of no length is no attitude.
-        if not (stages.place(instance, u_last) and attitude > SMALLEST and math.isfinite(x0.sum())):
-            return self._failure(instance, PlanStatus.NOT_FINITE, 0, started)
+        given = stages.set_parameters(instance, u_last)
+        if not (given and attitude > LEAST_LENGTH and math.isfinite(x0.sum())):
+            return self._failure(instance, PlanStatus.NOT_FINITE, started)
         x0[6:10] /= attitude
         best = self._best(instance, x0, u_last)
         if best is None:
-            return self._failure(instance, PlanStatus.QP_FAILED, 0, started)
+            return self._failure(instance, PlanStatus.QP_FAILED, started)
         self._plan = best.plan
         converged = best.step_norm <= config.step_tolerance
-        return judged(
+        return usable_plan(
             config,
             instance,
             best.plan,
@@ -149,7 +155,7 @@ class Nmpc:
         )
 
     def _best(self, instance: Instance, x0: Vector, u_last: Vector) -> _Descent | None:
-        """The descent from the previous plan, or where that intrudes, a cheaper one."""
+        """Return the descent from the previous plan or, where that intrudes, a cheaper one."""
         config = self.config
         if self._plan is None:
             guess, most = cold_guess(config, instance, x0), config.sqp_iterations_cold
@@ -168,9 +174,9 @@ class Nmpc:
         return best
 
     def _descend(self, guess: Trajectory, x0: Vector, u_last: Vector, most: int) -> _Descent | None:
-        """At least `sqp_iterations`, at most `most` steps from a guess; None: found nothing.
+        """Return the end of `sqp_iterations`…`most` steps from a guess; None where all fail.
 
-        What an earlier iteration found still stands when a later one finds nothing.
+        Where a later step fails, the earlier ones stand.
         """
         config, stages = self.config, self._stages
         self._start_from(guess, x0)
@@ -211,7 +217,7 @@ class Nmpc:
         )
 
     def _improve(self, du: Vector) -> bool:
-        """Take as much of a step as makes what is flown from here cheaper; False: none of it."""
+        """Take the largest part of a step that makes the roll-out cheaper; return whether any."""
         stages = self._stages
         u, cost = stages.u.copy(), self._cost()
         for halvings in range(HALVINGS):
@@ -224,13 +230,13 @@ class Nmpc:
         return False
 
     def _cost(self) -> float:
-        """(29) with the penalties, at the iterate."""
+        """Return (29) with the penalties, at the iterate."""
         stages = self._stages
         stages.evaluate()
-        return float(stages.costs.sum()) + penalised(self.config, stages.margins)
+        return float(stages.costs.sum()) + penalty(self.config, stages.margins)
 
     def _start_from(self, guess: Trajectory, x0: Vector) -> None:
-        """Set the iterate: relative to x0's place, quaternions on its side of the sphere."""
+        """Set the iterate, relative to the position of x0, with quaternions of its sign."""
         stages = self._stages
         stages.x[:], stages.u[:] = guess
         if float(stages.x[0, 6:10] @ x0[6:10]) < 0.0:
@@ -238,9 +244,7 @@ class Nmpc:
         stages.x[0] = x0
         stages.x[:, :3] -= x0[:3]
 
-    def _failure(
-        self, instance: Instance, status: PlanStatus, iterations: int, started: float
-    ) -> Plan:
+    def _failure(self, instance: Instance, status: PlanStatus, started: float) -> Plan:
         plan = self._plan if self._plan is not None else hover(self.config, instance.x0)
         took = self._clock() - started
-        return failed(plan, status=status, iterations=iterations, solve_time=took)
+        return failed_plan(plan, status=status, iterations=0, solve_time=took)

@@ -10,20 +10,20 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from companion.control.nmpc.compiled import Sweep
 from companion.control.nmpc.config import NmpcConfig
 from companion.control.nmpc.instance import Instance
-from companion.control.nmpc.parameters import Numbers, weight_numbers
+from companion.control.nmpc.kernel import Sweep
+from companion.control.nmpc.parameters import ParameterVectors, weight_numbers
 from companion.control.nmpc.problem import Stage
 from companion.model import NU, NX, step
 from mavlink_bridge.shared.arrays import Vector
 
 
 class Stages:
-    """An iterate (x, u), the parameters, and the stage functions evaluated on them.
+    """An iterate x (N+1,10), u (N,4), the parameters, and the stage functions on them.
 
-    All arrays are read and written in place by the generated functions; fill them, never
-    replace them. `source` is where the linearisation goes.
+    The generated functions read and write all arrays in place: fill them, never replace them.
+    reached (N,10): x_1…x_N by the model. costs (N,). margins (N,rows) m: of (37), (38).
     """
 
     def __init__(
@@ -33,21 +33,22 @@ class Stages:
         source: Vector,
         library: ctypes.CDLL | None = None,
     ) -> None:
+        """source: receives the linearisation. library: None for CasADi's virtual machine."""
         N = config.N
         self.config = config
         self.x, self.u = np.zeros((N + 1, NX)), np.zeros((N, NU))
         self.reached, self.costs = np.zeros((N, NX)), np.zeros(N)
         self.margins = np.zeros((N, stage.evaluate.nnz_out(2)))
         self._before = np.zeros((N, NU))
-        self._numbers = Numbers(config)
+        self._parameters = ParameterVectors(config)
         self._weights = weight_numbers(config)
         inputs = [
             (self.x[:-1], NX),
             (self._before, NU),
             (self.u, NU),
             (self.x[1:], NX),
-            (self._numbers.stages, self._numbers.stages.shape[1]),
-            (self._numbers.scene, 0),
+            (self._parameters.stages, self._parameters.stages.shape[1]),
+            (self._parameters.scene, 0),
             (self._weights, 0),
         ]
         outputs = [(self.reached, NX), (self.costs, 1), (self.margins, self.margins.shape[1])]
@@ -66,7 +67,7 @@ class Stages:
         inputs: list[tuple[Vector, int]],
         outputs: list[tuple[Vector, int]],
     ) -> Callable[[], None]:
-        """The function mapped over the stages in CasADi's virtual machine."""
+        """Return a call of the function on all stages in CasADi's virtual machine."""
         shared = [i for i, (_, stride) in enumerate(inputs) if stride == 0]
         name = function.name() + "_all"
         mapped = function.map(name, "serial", self.config.N, shared, [])
@@ -79,17 +80,18 @@ class Stages:
         self._buffers.append(buffer)
         return call  # type: ignore[no-any-return]
 
-    def place(self, instance: Instance, u_last: Vector) -> bool:
-        """Set the parameters of an instance; False if one of them is not finite."""
-        self._numbers.fill(instance)
+    def set_parameters(self, instance: Instance, u_last: Vector) -> bool:
+        """Set the parameters to those of an instance; return whether all are finite."""
+        self._parameters.fill(instance)
         self._before[0] = u_last
-        # A sum is finite only if every term is, short of overflow, which is no plan either.
-        total = self._numbers.scene.sum() + self._numbers.stages.sum() + self._before[0].sum()
+        # A sum is finite only if every term is; a sum that overflows has no plan either.
+        given = self._parameters
+        total = given.scene.sum() + given.stages.sum() + self._before[0].sum()
         return math.isfinite(total)
 
     def roll_out(self) -> None:
-        """Replace the states by what the inputs lead to from the first one."""
-        disturbance, x = self._numbers.scene[6:9].tolist(), self.x[0].tolist()
+        """Replace x_1…x_N by the states that the inputs lead to from x_0."""
+        disturbance, x = self._parameters.of_scene["disturbance"].tolist(), self.x[0].tolist()
         for k, u in enumerate(self.u.tolist()):
             x = self.x[k + 1] = step(x, u, self.config.dt, disturbance)
 
@@ -105,7 +107,7 @@ class Stages:
 
 
 def _memory(array: Vector) -> Any:
-    """The numbers of an array, in place; CasADi's stubs know only the C side of its buffers."""
+    """Return the memory of an array; CasADi's stubs know only the C side of its buffers."""
     flat = array.reshape(-1)
     assert np.shares_memory(flat, array)
     return memoryview(flat)  # type: ignore[arg-type]

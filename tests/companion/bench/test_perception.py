@@ -1,3 +1,5 @@
+"""`companion bench perception` on frames of two drones that hover."""
+
 import json
 
 import cv2
@@ -12,13 +14,13 @@ DRONES = [((0.2, 0.0, 1.0), 3.0), ((-0.9, 0.1, 0.6), 5.0)]
 
 
 def label(ray, distance, **more):
-    return {"direction": (np.array(ray) / np.linalg.norm(ray)).tolist(), "range": distance,
-            "v": [0.0, 0.0, 0.0], **more}  # fmt: skip
+    direction = (np.array(ray) / np.linalg.norm(ray)).tolist()
+    return {"direction": direction, "range": distance, "v": [0.0, 0.0, 0.0], **more}
 
 
 @pytest.fixture
 def folder(tmp_path):
-    """Frames of a flight in which two marked drones hang still."""
+    """Frames of a flight in which two marked drones hover."""
     CAMERA.save(tmp_path / "camera.yaml")
     image = np.full((400, 640, 3), 110, np.uint8)
     for ray, distance in DRONES:
@@ -36,9 +38,9 @@ def folder(tmp_path):
     for n in range(15):
         cv2.imwrite(str(tmp_path / f"{n}.png"), image)
         drones = [label(*d, visible=1.0) for d in DRONES]
-        rows.append({"file": f"{n}.png", "conditions": "sequence", "altitude": 2.0, "time": n / 10,
-                     "q": [1, 0, 0, 0], "p": [0, 0, 2.0], "v": [0, 0, 0], "sequence": 0,
-                     "drones": drones})  # fmt: skip
+        state = {"altitude": 2.0, "q": [1, 0, 0, 0], "p": [0, 0, 2.0], "v": [0, 0, 0]}
+        sequence = {"conditions": "sequence", "sequence": 0, "time": n / 10}
+        rows.append({"file": f"{n}.png", "drones": drones, **state, **sequence})
     (tmp_path / "frames.json").write_text(json.dumps({"frames": rows}))
     return tmp_path
 
@@ -56,7 +58,7 @@ def test_perception_is_measured_on_labelled_frames(folder, capsys):
     assert result["time_ms"]["detect_track"]["p50"] > 0.0
 
 
-def test_a_drone_that_nobody_labelled_is_a_false_one(folder, capsys):
+def test_an_unlabelled_drone_is_a_false_detection(folder, capsys):
     listing = json.loads((folder / "frames.json").read_text())
     for row in listing["frames"]:
         row["drones"] = row["drones"][:1]
@@ -70,12 +72,12 @@ def test_a_drone_that_nobody_labelled_is_a_false_one(folder, capsys):
     ("spoil", "told"),
     [
         (lambda f: (f / "frames.json").unlink(), "no list of frames"),
-        (lambda f: (f / "3.png").unlink(), r"3.png: no picture"),
+        (lambda f: (f / "3.png").unlink(), r"3.png: not a picture"),
         (lambda f: (f / "camera.yaml").write_text("width: 640"), "missing height"),
         (lambda f: (f / "frames.json").write_text('{"frames": [{"file": "1.png"}]}'), "frame 0"),
     ],
 )
-def test_what_cannot_be_measured_on_is_told(folder, capsys, spoil, told):
+def test_a_folder_that_cannot_be_used_is_refused(folder, capsys, spoil, told):
     spoil(folder)
     assert main(["bench", "perception", "--frames", str(folder)]) == 2
     assert told in capsys.readouterr().err

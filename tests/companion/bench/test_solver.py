@@ -1,4 +1,4 @@
-"""The stored set and its measure: what was gained is kept."""
+"""The packaged set of instances and the benchmark on it: figures do not get worse."""
 
 import contextlib
 import json
@@ -30,7 +30,7 @@ def test_report():
     assert rti["success"] == rti["within_bounds"] == 1.0
     assert rti["worse_percent"]["p50"] <= 0.05
     assert rti["worse_percent"]["max"] <= 1.5
-    # Times are only compared with each other: the machine is shared.
+    # Times are only compared with each other, as the machine is shared.
     assert (
         reference["warm_ms"]["p50"] > 5 * rti["warm_ms"]["p50"]
         or Nmpc(CONFIG).backend != "compiled"
@@ -48,7 +48,7 @@ def test_verdicts():
     assert Goal("x", 1.5, 1.0).verdict == "missed"
 
 
-def test_what_is_out_of_bounds_is_told():
+def test_a_plan_out_of_bounds_is_found():
     instance = random_scene(1)
     result = Nmpc(CONFIG).solve(instance)
     assert within_bounds(CONFIG, instance, result)
@@ -69,7 +69,7 @@ def test_command(tmp_path, capsys):
     assert "none.npz" in capsys.readouterr().err
 
 
-def test_windows_are_named_by_the_hardest_thing_in_them():
+def test_windows_are_named_by_their_hardest_situation():
     others = {
         "easy": {},
         "inside": {"neighbours": [Neighbour((0.5, 0, 2), (0, 0, 0))]},
@@ -95,8 +95,8 @@ def test_recorded_from_a_flight_log(tmp_path, capsys):
     assert "FLIGHT=LOG" in capsys.readouterr().err
 
 
-def test_what_cannot_be_recorded_is_told(tmp_path, capsys, monkeypatch):
-    """A drone's calibration that is not on this machine; a folder that is not there."""
+def test_a_log_that_cannot_be_recorded_is_refused(tmp_path, capsys, monkeypatch):
+    """A calibration that is not on this machine; a folder that does not exist."""
     file = Path(__file__).parents[2] / "replay/flight.mcap"
     to, named = tmp_path / "none" / "set.npz", f"mine={file}"
     assert main(["bench", "record", str(to), named]) == 2
@@ -143,7 +143,7 @@ def test_other_sizes_are_padded_and_cut(tmp_path):
     assert instance.neighbour_active.tolist() == [1, 1, 1, 0, 0]
 
 
-def test_a_file_that_lacks_an_array_is_refused_by_name(tmp_path):
+def test_a_file_without_an_array_is_refused_by_its_name(tmp_path):
     np.savez(tmp_path / "set.npz", sequence=np.zeros(1), x0=np.zeros((1, 10)))
     with pytest.raises(InstancesError, match="u_last"):
         load(tmp_path / "set.npz", CONFIG)
@@ -160,7 +160,7 @@ def test_a_file_that_lacks_an_array_is_refused_by_name(tmp_path):
         ("flight", np.array("x")),
     ],
 )
-def test_an_array_that_does_not_fit_is_refused_by_name(name, value, tmp_path):
+def test_an_array_that_does_not_fit_is_refused_by_its_name(name, value, tmp_path):
     save(tmp_path / "set.npz", [Run("x", "a", (random_scene(1),))])
     with np.load(tmp_path / "set.npz") as data:
         arrays = dict(data)
@@ -171,7 +171,7 @@ def test_an_array_that_does_not_fit_is_refused_by_name(name, value, tmp_path):
 
 @pytest.mark.parametrize("seed", range(40))
 def test_a_damaged_file_is_one_error(seed, tmp_path):
-    """Cut short, empty, or with a byte turned: refused, or read where the byte did not matter."""
+    """Cut short, empty, or with a byte changed: refused, or read where the byte has no effect."""
     save(tmp_path / "set.npz", [Run("x", "a", (random_scene(1),))])
     data, rng = bytearray((tmp_path / "set.npz").read_bytes()), np.random.default_rng(seed)
     if seed < 3:

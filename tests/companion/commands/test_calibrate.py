@@ -62,7 +62,7 @@ def test_too_few_boards_and_no_pictures_are_told(folder, tmp_path, capsys):
     assert "at least 6 must" in capsys.readouterr().err
     (tmp_path / "x.png").write_text("no picture")
     assert main(["calibrate", str(tmp_path / "x.png")]) == 2
-    assert "x.png: no picture" in capsys.readouterr().err
+    assert "x.png: not a picture" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(["calibrate", *pictures, "--board", "9by6"])
     assert "COLUMNSxROWS" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Rules from the literature: what each does about one neighbour, one obstacle, one goal."""
+"""Velocity rules from the literature with one neighbour, one obstacle, one goal."""
 
 import math
 import sys
@@ -8,21 +8,21 @@ import pytest
 
 from companion.control.baselines import make_planner
 from companion.control.baselines.config import BaselinesConfig
-from companion.control.baselines.planner import track
-from companion.control.baselines.rules import braking, rule
+from companion.control.baselines.planner import tracking_command
+from companion.control.baselines.rules import braking_curve, make_rule
 from companion.control.baselines.surroundings import Surroundings
 from companion.control.nmpc import Neighbour, make_instance
 from companion.model import predict
-from companion.settings.config import CompanionConfig, adapted
+from companion.settings.config import CompanionConfig
 from mavlink_bridge.shared.settings import SettingsError
 
 RULES = ("reynolds", "vasarhelyi", "potential-field", "orca")
 
 
 def planner(controller, **changes):
-    config = adapted(CompanionConfig(controller=controller, **changes))
+    config = CompanionConfig(controller=controller, **changes).for_controller()
     c = config
-    planner = make_planner(c.controller, c.nmpc, c.baselines, c.threat.level, lambda: 0.0)
+    planner = make_planner(c.controller, c.nmpc, c.baselines, c.right_of_way.level, lambda: 0.0)
     return planner, c.nmpc
 
 
@@ -33,13 +33,13 @@ def instance(config, v=(0.0, 0.0, 0.0), **scene):
 
 
 def velocity(controller, **scene):
-    """What the rule asks for, bounded: the plan's second velocity."""
+    """The rule's velocity, bounded: the plan's second one."""
     p, config = planner(controller)
     return p.solve(instance(config, **scene)).x[1, 3:5]
 
 
 @pytest.mark.parametrize("controller", RULES)
-def test_nobody_around_it_flies_to_the_goal_at_cruise_speed(controller):
+def test_alone_it_flies_to_the_goal_at_cruise_speed(controller):
     v = velocity(controller)
     assert np.linalg.norm(v) == pytest.approx(CompanionConfig().nmpc.speed, abs=0.01)
     assert abs(math.atan2(v[1], v[0])) < 0.06
@@ -48,20 +48,20 @@ def test_nobody_around_it_flies_to_the_goal_at_cruise_speed(controller):
 @pytest.mark.parametrize("controller", RULES)
 def test_it_gives_way_to_a_neighbour_that_comes_from_the_left(controller):
     free = velocity(controller)
-    v = velocity(controller, neighbours=[Neighbour([1.2, 0.9, 2.0], [0.0, -1.0, 0.0])],
-                 v=(1.0, 0.0, 0.0))  # fmt: skip
+    crossing = Neighbour([1.2, 0.9, 2.0], [0.0, -1.0, 0.0])
+    v = velocity(controller, neighbours=[crossing], v=(1.0, 0.0, 0.0))
     assert v[0] < free[0] - 0.05 or v[1] < free[1] - 0.05
 
 
 @pytest.mark.parametrize("controller", RULES)
-def test_one_that_has_landed_is_in_nobodys_way(controller):
+def test_a_drone_that_has_landed_blocks_no_way(controller):
     landed = Neighbour([0.7, 0.0, 0.0], [0.0, 0.0, 0.0])
     assert velocity(controller, neighbours=[landed]) == pytest.approx(velocity(controller))
 
 
 @pytest.mark.parametrize("controller", RULES)
-def test_who_must_go_slowly_towards_its_goal_may_still_make_way(controller):
-    """As the NMPC may, up to its bound of this tick."""
+def test_a_drone_that_flies_slowly_to_its_goal_makes_way_faster(controller):
+    """As the NMPC does, up to its bound of this tick."""
     comes = Neighbour([-0.6, 0.0, 2.0], [1.0, 0.0, 0.0])
     v = velocity(controller, speed=0.165, v_max=1.5, neighbours=[comes])
     assert 0.4 < np.linalg.norm(v) <= 1.5 + 1e-9
@@ -87,7 +87,9 @@ def test_floor_and_ceiling_are_no_walls(controller):
 def test_reynolds_rests_where_cohesion_and_separation_balance():
     c = BaselinesConfig().reynolds
     rest = math.sqrt(c.separation / c.cohesion)
-    rules = {flocking: rule("reynolds", BaselinesConfig(), flocking) for flocking in (True, False)}
+    rules = {
+        flocking: make_rule("reynolds", BaselinesConfig(), flocking) for flocking in (True, False)
+    }
     _, config = planner("reynolds")
 
     def pull(distance, flocking):
@@ -100,16 +102,16 @@ def test_reynolds_rests_where_cohesion_and_separation_balance():
 
     assert pull(rest, True) == pytest.approx(0.0, abs=1e-9)
     assert pull(rest + 0.5, True) > 0 > pull(rest - 0.5, True)
-    assert pull(rest + 0.5, False) < 0  # own targets: nobody to stay with
+    assert pull(rest + 0.5, False) < 0  # own targets: no cohesion
 
 
 @pytest.mark.parametrize(("r", "speed"), [(-1.0, 0.0), (0.5, 0.5), (1.0, 1.0), (2.5, 2.0)])
 def test_the_braking_curve_is_linear_then_a_root(r, speed):
-    assert braking(r, 1.0, 1.0) == pytest.approx(speed)
+    assert braking_curve(r, 1.0, 1.0) == pytest.approx(speed)
 
 
 @pytest.mark.parametrize("controller", [*RULES, "single-horizon"])
-def test_what_is_not_finite_is_no_plan_and_nothing_not_finite_comes_out(controller):
+def test_an_instance_that_is_not_finite_gives_an_unusable_finite_plan(controller):
     p, config = planner(controller)
     result = p.solve(instance(config, goal=[np.nan, 0, 2]))
     assert not result.usable
@@ -118,7 +120,7 @@ def test_what_is_not_finite_is_no_plan_and_nothing_not_finite_comes_out(controll
 
 
 @pytest.mark.parametrize("controller", [*RULES, "single-horizon"])
-def test_all_that_may_happen_around_it_gives_a_bounded_command(controller):
+def test_random_surroundings_give_a_bounded_command(controller):
     p, config = planner(controller)
     rng = np.random.default_rng(7)
     for _ in range(30):
@@ -141,27 +143,28 @@ def test_all_that_may_happen_around_it_gives_a_bounded_command(controller):
 
 def test_the_tracking_law_brings_the_model_to_the_wanted_velocity():
     _, config = planner("orca")
+    law = BaselinesConfig().tracking
     x, wanted = np.array([0, 0, 2, 0, 0, 0, 1, 0, 0, 0.0]), np.array([1.2, -0.6, 0.3])
     for _ in range(40):
         at = make_instance(config, x0=x, u_last=[9.81, 0, 0, 0], goal=[9, 0, 2], yaw=0.7)
-        x = predict(x, track(wanted, at, BaselinesConfig().tracking), 0.1, np.zeros(3))
+        x = predict(x, tracking_command(wanted, at, law), 0.1, np.zeros(3))
     assert x[3:6] == pytest.approx(wanted, abs=0.05)
     assert 2 * math.atan2(x[9], x[6]) == pytest.approx(0.7, abs=0.05)
 
 
-def test_single_horizon_is_the_nmpc_over_all_of_it():
-    config = adapted(CompanionConfig(controller="single-horizon")).nmpc
+def test_single_horizon_is_the_nmpc_with_all_horizons_of_n_steps():
+    config = CompanionConfig(controller="single-horizon").for_controller().nmpc
     assert config.M == config.M_constraint == config.N
-    assert adapted(CompanionConfig()).nmpc == CompanionConfig().nmpc
+    assert CompanionConfig().for_controller().nmpc == CompanionConfig().nmpc
 
 
-def test_orca_without_its_package_says_what_to_install(monkeypatch):
+def test_orca_without_its_package_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyrvo", None)
     monkeypatch.delitem(sys.modules, "companion.control.baselines.orca", raising=False)
     with pytest.raises(SettingsError, match=r"swarm-companion\[studies\]"):
         planner("orca")
 
 
-def test_rules_are_told_of_every_neighbour():
-    config = adapted(CompanionConfig(controller="reynolds"))
+def test_rules_take_every_neighbour():
+    config = CompanionConfig(controller="reynolds").for_controller()
     assert config.nmpc.neighbours == config.threat.critical == 12

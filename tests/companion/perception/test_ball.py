@@ -1,3 +1,5 @@
+"""Marked drones by the ball that they carry."""
+
 import cv2
 import numpy as np
 import pytest
@@ -33,7 +35,7 @@ def towards(azimuth_deg, elevation_deg=0.0):
 
 @pytest.mark.parametrize("distance", [0.3, 0.5, 1.0, 2.0, 4.0, 8.0])
 @pytest.mark.parametrize("azimuth", [0.0, 33.0, -70.0])
-def test_one_ball(distance, azimuth):
+def test_the_place_of_one_ball(distance, azimuth):
     direction = towards(azimuth, 8.0)
     if azimuth == -70.0 and distance < 0.5:
         pytest.skip("reaches out of the picture")
@@ -44,7 +46,7 @@ def test_one_ball(distance, azimuth):
 
 
 @pytest.mark.parametrize("distance", [0.6, 1.5, 3.0])
-def test_half_a_ball_behind_a_trunk(distance):
+def test_the_place_of_half_a_ball_behind_a_trunk(distance):
     direction = towards(20.0)
     limit = np.tan(np.radians(20.0))
     image = picture((direction, distance, 0.1), hide=lambda r: r[:, 0] < limit * r[:, 2])
@@ -60,7 +62,7 @@ def test_two_balls_that_overlap_are_two():
     assert [round(d.range, 1) for d in found] == [1.2, 2.0]
 
 
-def test_a_ball_cut_by_the_frame():
+def test_the_range_of_a_ball_cut_by_the_frame():
     direction = towards(79.0)
     (found,) = ColorDetector(CAMERA).detect(picture((direction, 1.0, 0.1)))
     assert found.range == pytest.approx(1.0, rel=0.1)
@@ -74,7 +76,7 @@ def test_uncertainty_grows_with_range():
     assert sigma == sorted(sigma)
 
 
-def test_a_pixel_in_the_markers_colour_ends_no_look():
+def test_a_single_pixel_in_the_markers_colour_has_no_effect():
     image = picture((towards(0.0), 2.0, 0.1))
     image[200, 100] = MAGENTA
     (found,) = ColorDetector(CAMERA, ColorSettings(min_area=0.5)).detect(image)
@@ -99,7 +101,7 @@ def test_points_on_a_line_are_no_circle():
     assert fit_circles(x, 2 * x, 0.01) == []
 
 
-def test_a_picture_full_of_the_markers_colour_costs_no_more_than_forty_balls():
+def test_a_picture_full_of_balls_takes_the_time_of_forty():
     image = np.full((400, 640, 3), 128, np.uint8)
     for row in range(10, 390, 14):
         for column in range(10, 630, 14):

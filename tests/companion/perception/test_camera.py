@@ -1,3 +1,5 @@
+"""Pixels ↔ directions, and the calibrations that are refused."""
+
 import cv2
 import numpy as np
 import pytest
@@ -5,13 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.perception.camera import CalibrationError, Camera
+from mavlink_bridge.shared.frames import rotation_matrix
 
 IDEAL = Camera.equidistant(640, 400)
 REAL = Camera(640, 400, 231.0, 229.5, 322.0, 197.5, np.array([0.02, -0.011, 0.004, -0.0008]))
 
 
 @given(st.floats(0, 639), st.floats(0, 399), st.sampled_from([IDEAL, REAL]))
-def test_a_pixel_comes_back(u, v, camera):
+def test_project_inverts_unproject(u, v, camera):
     direction = camera.unproject(np.array([[u, v]]))
     assert np.linalg.norm(direction) == pytest.approx(1.0)
     np.testing.assert_allclose(camera.project(7.0 * direction), [[u, v]], atol=1e-6)
@@ -23,7 +26,7 @@ def test_field_of_view_is_160_degrees_over_the_width():
 
 
 @pytest.mark.parametrize("camera", [IDEAL, REAL])
-def test_agrees_with_opencv(camera):
+def test_project_agrees_with_opencv(camera):
     points = np.random.default_rng(1).normal((0, 0, 2), 1.0, (200, 3))
     points = points[points[:, 2] > 0.05]
     matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
@@ -34,30 +37,24 @@ def test_agrees_with_opencv(camera):
 
 
 def test_axes_of_the_mount():
-    w, x, y, z = IDEAL.mount
-    v = np.array([x, y, z])
-
-    def to_body(c):
-        c = np.array(c, float)
-        return c + 2 * w * np.cross(v, c) + 2 * np.cross(v, np.cross(v, c))
-
-    np.testing.assert_allclose(to_body([0, 0, 1]), [1, 0, 0], atol=1e-12)  # forward
-    np.testing.assert_allclose(to_body([1, 0, 0]), [0, -1, 0], atol=1e-12)  # right
-    np.testing.assert_allclose(to_body([0, 1, 0]), [0, 0, -1], atol=1e-12)  # down
+    forward, left, up = rotation_matrix(IDEAL.mount)  # the body's axes in the camera frame
+    np.testing.assert_allclose(forward, [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(left, [-1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(up, [0, -1, 0], atol=1e-12)
 
 
-def test_behind_is_nowhere():
+def test_a_point_behind_has_no_pixel():
     assert np.isnan(IDEAL.project(np.array([[0.0, 0.0, -1.0]]))).all()
 
 
-def test_pixels_cover_the_sphere_they_see():
+def test_solid_angles_add_up_to_the_cone():
     # A cone of half angle 50° (the image's half height) has 2π (1 − cos 50°) steradian.
     inside = IDEAL.directions[..., 2] > np.cos(np.radians(49.5))
     expected = 2 * np.pi * (1 - np.cos(np.radians(49.5)))
     assert IDEAL.solid_angle[inside].sum() == pytest.approx(expected, rel=2e-3)
 
 
-def test_calibration_survives_the_file(tmp_path):
+def test_a_calibration_is_saved_and_loaded(tmp_path):
     REAL.save(tmp_path / "cal.yaml")
     back = Camera.load(tmp_path / "cal.yaml")
     for key in ("width", "height", "fx", "fy", "cx", "cy"):
@@ -87,7 +84,7 @@ GOOD = "width: 640\nheight: 400\nfx: 229\nfy: 229\ncx: 319.5\ncy: 199.5\n"
         ("a: 2026-99-99", "cannot read"),
     ],
 )
-def test_a_bad_calibration_says_what_is_wrong(tmp_path, text, word):
+def test_an_invalid_calibration_is_refused_by_its_mistake(tmp_path, text, word):
     path = tmp_path / "cal.yaml"
     path.write_text(text)
     with pytest.raises(CalibrationError, match=word) as error:
@@ -95,13 +92,13 @@ def test_a_bad_calibration_says_what_is_wrong(tmp_path, text, word):
     assert str(path) in str(error.value)
 
 
-def test_a_missing_calibration_says_so(tmp_path):
+def test_a_missing_calibration_is_refused(tmp_path):
     with pytest.raises(CalibrationError, match="cannot read"):
         Camera.load(tmp_path / "none.yaml")
 
 
-def test_no_pixel_looks_back_where_the_lens_images_nothing():
-    """Its polynomial peaks at 101°, which is beyond the picture's sides but not its corners."""
+def test_corners_beyond_the_lens_have_its_largest_angle():
+    """The polynomial peaks at 101°, beyond the picture's sides but not its corners."""
     camera = Camera(640, 400, 229.0, 229.0, 319.5, 199.5, np.array([0.05, -0.03, 0.0, 0.0]))
     assert not camera.inhibit_reason
     angles = np.arccos(camera.directions[..., 2])

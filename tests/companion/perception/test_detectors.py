@@ -1,19 +1,16 @@
-import dataclasses
+"""Detections from the output of networks, and the files that are refused."""
+
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from companion.perception.camera import FORWARD, CalibrationError, Camera
+from companion.perception.camera import Camera
 from companion.perception.cnn import CHANNELS, HEIGHT, STRIDE, WIDTH, CnnConfig, CnnDetector
 from companion.perception.detectors import ModelError, make_detector
-from companion.perception.frontend import Detections, Sight, load_camera
 from companion.perception.yolo import YoloConfig, YoloDetector
 from companion.settings.config import CompanionConfig
-from mavlink_bridge.shared.frames import multiply
 from mavlink_bridge.shared.settings import SettingsError, assignments, validate
-from mavlink_bridge.wire.messages import VehicleState
-from mavlink_bridge.wire.video import Frame
 
 CAMERA = Camera.equidistant(640, 400)
 
@@ -22,13 +19,8 @@ def config(**parts):
     return CompanionConfig.model_validate(parts)
 
 
-def state():
-    return VehicleState(0.0, np.array([0, 0, 2.0]), np.zeros(3), np.array([1.0, 0, 0, 0]),
-                        np.zeros(3))  # fmt: skip
-
-
 def cells(*drones):
-    """An output that shows drones at pixel (u, v) with a radius in pixels."""
+    """An output of drones at pixels (u, v) with a radius in pixels and heat."""
     out = np.zeros((CHANNELS, HEIGHT // STRIDE, WIDTH // STRIDE), np.float32)
     for u, v, size, heat in drones:
         x, y = (u + 0.5) / STRIDE - 0.5, (v + 0.5) / STRIDE - 0.5
@@ -40,8 +32,8 @@ def cells(*drones):
     return out
 
 
-class Reader(CnnDetector):
-    """The decoding alone."""
+class Decoder(CnnDetector):
+    """The decoding without the network."""
 
     def __init__(self, camera):
         self._config, self._camera = CnnConfig(), camera.scaled(WIDTH, HEIGHT)
@@ -49,26 +41,26 @@ class Reader(CnnDetector):
 
 @pytest.mark.parametrize("azimuth", [0.0, 0.6, -1.2])
 @pytest.mark.parametrize("distance", [1.0, 4.0, 9.0])
-def test_direction_and_range_at_any_place_of_the_lens(azimuth, distance):
+def test_direction_and_range_everywhere_on_the_lens(azimuth, distance):
     ray = np.array([np.sin(azimuth), 0.1, np.cos(azimuth)])
     ray /= np.linalg.norm(ray)
     ((u, v),) = CAMERA.project(ray[None])
     theta = np.arccos(ray[2])
     pixels = 0.2 / distance * CAMERA.fx * np.sqrt(theta / np.sin(theta))
-    (found,) = Reader(CAMERA).read(cells((u, v, pixels, 0.9)))
+    (found,) = Decoder(CAMERA).read(cells((u, v, pixels, 0.9)))
     assert np.degrees(np.arccos(min(found.direction @ ray, 1.0))) < 0.05
     assert found.range == pytest.approx(distance, rel=0.02)
     assert 0.0 < found.sigma_range < 0.2 * distance
 
 
-def test_one_drone_once_and_two_as_two_nearest_first():
+def test_each_drone_is_detected_once_nearest_first():
     near = cells((300, 200, 60, 0.9), (312, 200, 58, 0.6), (420, 200, 10, 0.8), (40, 40, 9, 0.2))
-    found = Reader(CAMERA).read(near)
+    found = Decoder(CAMERA).read(near)
     assert len(found) == 2
     assert found[0].range < found[1].range
 
 
-def test_missing_and_wrong_models_are_one_error(tmp_path):
+def test_missing_and_wrong_models_are_refused(tmp_path):
     for detector in ("cnn", "yolo"):
         wanted = config(sensing={"detector": detector, "model": str(tmp_path / "none.onnx")})
         with pytest.raises(ModelError, match=r"none\.onnx: no such model file"):
@@ -80,7 +72,7 @@ def test_missing_and_wrong_models_are_one_error(tmp_path):
 
 
 @pytest.mark.parametrize(("shape", "highest"), [((1, 84, 8400), 79), ((1, 25200, 7), 1)])
-def test_classes_that_a_yolo_does_not_know_are_named(monkeypatch, tmp_path, shape, highest):
+def test_classes_that_a_yolo_lacks_are_named(monkeypatch, tmp_path, shape, highest):
     network = SimpleNamespace(shape=shape)
     monkeypatch.setattr("companion.perception.yolo.OnnxNetwork", lambda model, w, h: network)
     YoloDetector(CAMERA, YoloConfig(classes=[0, highest]), tmp_path / "y.onnx")
@@ -89,7 +81,7 @@ def test_classes_that_a_yolo_does_not_know_are_named(monkeypatch, tmp_path, shap
 
 
 def yolo(monkeypatch, out, **settings):
-    """What a network with this output (1,…) sees in a picture."""
+    """The detections of a network with this output (1,…)."""
     network = SimpleNamespace(shape=out.shape, run=lambda image, swap: out)
     monkeypatch.setattr("companion.perception.yolo.OnnxNetwork", lambda model, w, h: network)
     detector = YoloDetector(CAMERA, YoloConfig(**settings), "y.onnx")
@@ -97,10 +89,10 @@ def yolo(monkeypatch, out, **settings):
 
 
 @pytest.mark.parametrize(
-    ("size", "layout"), [(640, "rows"), (640, "columns"), (640, "found"), (64, "rows")]
+    ("size", "layout"), [(640, "rows"), (640, "columns"), (640, "end-to-end"), (64, "rows")]
 )
-def test_yolo_of_each_layout_sees_the_same(monkeypatch, size, layout):
-    """A box of 32 x 20 px in the middle; of 80 classes the third, of a small input too."""
+def test_each_layout_of_yolo_gives_the_same_detection(monkeypatch, size, layout):
+    """A box of 32 × 20 px in the middle, of the third of 80 classes; with a small input, too."""
     scale, cells = size / 640, 21 * (size // 32) ** 2
     u, v, w, h = (x * scale for x in (320.0, 200.0, 32.0, 20.0))
     if layout == "rows":
@@ -119,7 +111,7 @@ def test_yolo_of_each_layout_sees_the_same(monkeypatch, size, layout):
     assert yolo(monkeypatch, out, size=size, classes=[1]) == []
 
 
-def test_yolo_of_one_class_and_four_strides_is_no_list_of_corners(monkeypatch):
+def test_yolo_of_one_class_and_four_strides_is_not_end_to_end(monkeypatch):
     out = np.zeros((1, 3 * (8400 + 100), 6), np.float32)
     out[0, 5] = 320.0, 200.0, 32.0, 20.0, 1.0, 0.9
     (seen,) = yolo(monkeypatch, out)
@@ -129,47 +121,3 @@ def test_yolo_of_one_class_and_four_strides_is_no_list_of_corners(monkeypatch):
 def test_yolo_without_a_model_is_refused_with_its_keys():
     with pytest.raises(SettingsError, match=r"sensing\.detector: .*sensing\.model"):
         validate(CompanionConfig, assignments(["sensing.detector=yolo"]), "x")
-
-
-def test_a_calibration_of_another_size_is_refused(tmp_path):
-    Camera.equidistant(320, 200).save(tmp_path / "c.yaml")
-    with pytest.raises(CalibrationError, match="made at 320×200"):
-        load_camera(config(camera={"calibration": str(tmp_path / "c.yaml")}).camera)
-
-
-def test_pictures_of_another_size_are_an_objection_until_they_fit():
-    c = config()
-    sight = Sight(c.camera, c.sensing)
-    sight.see(Frame(0.1, {"image": np.zeros((480, 640, 3), np.uint8)}), state())
-    assert "640×480" in sight.inhibit_reason
-    sight.see(Frame(0.2, {"image": np.zeros((400, 640, 3), np.uint8)}), state())
-    assert sight.inhibit_reason == ""
-
-
-@pytest.mark.parametrize("obstacles", ["camera", "depth", "map"])
-def test_a_frame_without_what_shows_obstacles_says_nothing_of_them(obstacles):
-    parts = config(sensing={"obstacles": obstacles, "trunks_every": 1})
-    sight = Sight(parts.camera, parts.sensing)
-    assert not sight.see(Frame(0.0, {"neighbours": np.zeros((0, 6))}), state()).searched
-    small = np.zeros((64, 64, 3), np.uint8)
-    assert not sight.see(Frame(0.1, {"image": small}), state()).searched
-
-
-@pytest.mark.parametrize(("obstacles", "near"), [("camera", 0.05), ("depth", 1.0), ("map", 1.0)])
-def test_how_much_of_a_look_at_a_trunk_a_frame_is(obstacles, near):
-    """From 2 m up its foot is out of the picture within 1.7 m; behind nothing is seen."""
-    parts = config(sensing={"obstacles": obstacles, "trunks_every": 1})
-    sight = Sight(parts.camera, parts.sensing)
-    sighting = Detections(0.0, state(), searched=True)
-    told = sight.tells(sighting, np.array([[4.0, 0, 2], [1.2, 0, 2], [-4.0, 0, 2]]))
-    assert told.tolist() == [1.0, near, 0.0]
-
-
-def test_on_a_camera_on_its_side_less_is_beside():
-    portrait = [0.7071067811865476, 0.0, 0.0, 0.7071067811865476]  # rolled about its axis
-    mount = multiply(np.array(FORWARD), np.array(portrait))
-    parts = config(sensing={"obstacles": "map"})
-    sight = Sight(parts.camera, parts.sensing)
-    sight.camera = dataclasses.replace(CAMERA, mount=mount)
-    aside = 4.0 * np.array([np.cos(1.05), np.sin(1.05), 0.0])  # 60° off; 50° are in the picture
-    assert sight.tells(Detections(0.0, state()), (state().p + aside)[None])[0] == 0.0

@@ -1,8 +1,10 @@
+"""Trunks from the pixels of a frame."""
+
 import numpy as np
 import pytest
 
 from companion.perception.camera import Camera
-from companion.perception.panorama import Level, Panorama
+from companion.perception.panorama import LevelFrame, Panorama
 from companion.perception.trunks import TrunkDetector
 
 CAMERA = Camera.equidistant(640, 400)
@@ -18,7 +20,7 @@ def gravity(pitch_deg, roll_deg):
 
 def picture(trunks, down, altitude, camera=CAMERA):
     """Flat-coloured trunks (forward, right, radius) on flat ground under flat sky."""
-    level = Level.of(down)
+    level = LevelFrame.along(down)
     rays = camera.directions.reshape(-1, 3).astype(float)
     f, r, d = rays @ level.forward, rays @ level.right, rays @ level.down
     image = np.where((d > 0)[:, None], GROUND, SKY)
@@ -37,18 +39,18 @@ def picture(trunks, down, altitude, camera=CAMERA):
 
 
 @pytest.mark.parametrize(("pitch", "roll"), [(0, 0), (10, 0), (5, 25), (-8, -12)])
-def test_one_trunk_at_any_attitude(pitch, roll):
+def test_the_place_of_a_trunk_at_any_attitude(pitch, roll):
     down = gravity(pitch, roll)
     (found,) = TrunkDetector(CAMERA).detect(picture([(5.0, 1.0, 0.8)], down, 2.0), down, 2.0)
     assert found.distance == pytest.approx(np.hypot(5, 1), rel=0.04)
     assert found.radius == pytest.approx(0.8, rel=0.15)
-    level = Level.of(down)
+    level = LevelFrame.along(down)
     truth = (5 * level.forward + 1 * level.right) / np.hypot(5, 1)
     assert np.degrees(np.arccos(found.direction @ truth)) < 0.7
     assert found.direction @ down == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_nearer_of_two_that_overlap_is_right_and_first():
+def test_the_nearer_of_two_overlapping_trunks_is_right_and_first():
     down = gravity(0, 0)
     image = picture([(4.0, 0.0, 1.0), (9.0, 2.2, 1.0)], down, 2.0)
     near, far = TrunkDetector(CAMERA).detect(image, down, 2.0)
@@ -57,7 +59,7 @@ def test_the_nearer_of_two_that_overlap_is_right_and_first():
     assert far.distance == pytest.approx(np.hypot(9, 2.2), rel=0.1)
 
 
-def test_a_drone_in_front_does_not_break_it():
+def test_a_drone_in_front_does_not_part_a_trunk():
     down = gravity(0, 0)
     image = picture([(5.0, 0.0, 1.0)], down, 2.0)
     centre = CAMERA.unproject(np.array([[325.0, 230.0]]))[0]
@@ -67,7 +69,7 @@ def test_a_drone_in_front_does_not_break_it():
     assert found.distance == pytest.approx(5.0, rel=0.05)
 
 
-def test_a_trunk_whose_foot_is_below_the_picture():
+def test_the_distance_of_a_trunk_whose_foot_is_below_the_picture():
     down = gravity(-5, 0)
     image = picture([(2.0, 0.2, 1.0)], down, 3.0)
     (found,) = TrunkDetector(CAMERA).detect(image, down, 3.0)
@@ -81,7 +83,7 @@ def test_open_ground_has_no_trunk():
 
 
 @pytest.mark.parametrize("altitude", [np.nan, 0.0, -1.0])
-def test_on_the_ground_or_lost_it_says_nothing(altitude):
+def test_without_altitude_or_gravity_there_are_no_trunks(altitude):
     down = gravity(0, 0)
     image = picture([(5.0, 0.0, 1.0)], down, 2.0)
     assert TrunkDetector(CAMERA).detect(image, down, altitude) == []
@@ -89,21 +91,21 @@ def test_on_the_ground_or_lost_it_says_nothing(altitude):
 
 
 @pytest.mark.parametrize("level", [0, 128, 255])
-def test_a_blank_picture_is_harmless(level):
+def test_a_blank_picture_raises_no_error(level):
     blank = np.full((400, 640, 3), level, np.uint8)
     assert isinstance(TrunkDetector(CAMERA).detect(blank, gravity(0, 0), 2.0), list)
 
 
-def test_panorama_puts_a_direction_where_it_belongs():
+def test_the_panorama_has_each_direction_at_its_azimuth_and_elevation():
     down = gravity(12, -20)
-    level = Level.of(down)
+    level = LevelFrame.along(down)
     image = np.zeros((400, 640, 3), np.uint8)
     azimuth, elevation = 0.6, -0.3
     ray = np.cos(elevation) * level.direction(azimuth) - np.sin(elevation) * level.down
     u, v = np.round(CAMERA.project(ray[None])[0]).astype(int)
     image[v - 2 : v + 3, u - 2 : u + 3] = 255
     panorama = Panorama(CAMERA, 1.5, 0.2, -1.3, 0.008)
-    cut, seen = panorama.look(image, level)
+    cut, seen = panorama.resample(image, level)
     rows, cols = np.nonzero(cut[..., 0] > 128)
     assert panorama.azimuth[cols].mean() == pytest.approx(azimuth, abs=0.005)
     assert panorama.elevation[rows].mean() == pytest.approx(elevation, abs=0.005)

@@ -1,4 +1,4 @@
-"""A small closed loop for the controller's tests: a plant that lags, drags and answers late."""
+"""A small closed loop for the controller's tests: a plant with lag, drag and delay."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from companion.control.nmpc import Instance, Neighbour, Nmpc, NmpcConfig, make_instance
 from companion.model import (
-    GRAVITY,
     HOVER,
     f,
     normalise,
@@ -24,8 +23,7 @@ STEP = 0.005
 RATE_LAG = 0.04
 THRUST_LAG = 0.03
 DRAG = 0.25  # 1/s, linear
-# What the predictor adds to the delay for the actuators' lag.
-LAG = 0.03
+LAG = 0.03  # s that the predictor adds to the delay for the actuators
 
 NO_CYLINDERS, NO_PLANES = np.zeros((0, 3)), np.zeros((0, 4))
 
@@ -88,7 +86,7 @@ def drone(config: NmpcConfig, p: list[float], yaw: float = 0.0, **kwargs: object
 
 @dataclass
 class Log:
-    """What happened: one row per tick and drone."""
+    """The record of a flight: one row per tick and drone."""
 
     x: np.ndarray
     u: np.ndarray
@@ -111,9 +109,6 @@ class Log:
         n = np.linalg.norm(d, axis=-1) + np.eye(d.shape[1]) * 1e9
         return float(n.min())
 
-    def tilt(self) -> np.ndarray:
-        return np.arccos(np.clip(1 - 2 * (self.x[..., 7] ** 2 + self.x[..., 8] ** 2), -1, 1))
-
 
 def fly(
     drones: list[Drone],
@@ -127,9 +122,9 @@ def fly(
     stop: float = 0.0,
     seen: Callable[[int, int, Instance], None] = lambda tick, drone, instance: None,
 ) -> Log:
-    """Fly; neighbours are the nearest ones, perfectly seen, cohesion only with those alongside.
+    """Fly; neighbours are perfectly seen, the nearest first, with cohesion where they fly along.
 
-    seen(tick, drone, instance) is told every instance.
+    seen(tick, drone, instance): called with every instance.
     """
     config = drones[0].nmpc.config
     xs, us, results = [], [], []
@@ -191,12 +186,9 @@ def fly(
 
 
 def forest(seed: int, side: int = 7, spacing: float = 7.0, jitter: float = 1.5) -> np.ndarray:
-    """The paper's forest: side x side cylinders of 1 m radius, jittered, centred on the origin."""
+    """The paper's forest: side × side cylinders of 1 m radius, jittered, centred on the origin."""
     rng = np.random.default_rng(seed)
     k = (np.arange(side) - (side - 1) / 2) * spacing
     xy = np.stack(np.meshgrid(k, k), -1).reshape(-1, 2)
     xy = xy + rng.uniform(-jitter, jitter, xy.shape)
     return np.concatenate([xy, np.ones((len(xy), 1))], axis=1)
-
-
-__all__ = ["GRAVITY", "Drone", "Log", "drone", "fly", "forest"]

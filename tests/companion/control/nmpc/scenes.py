@@ -49,7 +49,7 @@ NAMED = {
 
 
 def random_scene(seed: int, config: NmpcConfig = CONFIG) -> Instance:
-    """Crowded: three neighbours, four cylinders, floor and ceiling, any heading."""
+    """A crowded scene: three neighbours, four cylinders, floor and ceiling, any heading."""
     rng = np.random.default_rng(seed)
     x0 = np.concatenate(
         [

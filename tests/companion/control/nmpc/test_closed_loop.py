@@ -1,4 +1,4 @@
-"""The controller on a plant that lags, drags and answers late (`plant.py`)."""
+"""The controller on a plant with lag, drag and delay (`plant.py`)."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from companion.model import yaw_of
 from tests.companion.control.nmpc.plant import drone, fly, forest
 
 CONFIG = NmpcConfig()
-AWAY = 0.58  # the safety distance of 0.6 m, less what the lag costs
+AWAY = 0.58  # m: the safety distance of 0.6 m, less the cost of the lag
 
 
 def cylinders(*rows):
@@ -24,7 +24,7 @@ def height_error(log, height=2.0):
 
 
 @pytest.mark.parametrize("delay", [0.02, 0.1])
-def test_flies_there_and_holds(delay):
+def test_a_drone_flies_to_its_goal_and_holds_it(delay):
     log = fly([drone(CONFIG, [0, 0, 2], delay=delay)], [[8, 0, 2]], 12)
     cruise = log.speed[15:45, 0]
     assert cruise.min() > 1.3
@@ -40,7 +40,7 @@ def test_flies_there_and_holds(delay):
 @pytest.mark.parametrize("delay", [0.02, 0.1])
 @pytest.mark.parametrize("seed", [3, 4])
 def test_forest_with_the_gaze_swinging(seed, delay):
-    """0.6 rad to both sides while cruising: speed, height and clearance do not care."""
+    """0.6 rad to both sides at cruise changes neither speed, height nor clearance."""
     trees = forest(seed)
     log = fly(
         [drone(CONFIG, [-26, 1, 2], delay=delay)],
@@ -96,8 +96,8 @@ def test_wall_is_not_crossed():
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.3])
-def test_head_on(offset):
-    """Nobody talks to anybody, both give way to their right."""
+def test_drones_pass_head_on(offset):
+    """Without communication, both give way to their right."""
     drones = [drone(CONFIG, [0, 0, 2]), drone(CONFIG, [12, offset, 2], np.pi)]
     log = fly(drones, [[12, 0, 2], [0, offset, 2]], 20, stop=0.5)
     assert len(log.p) < 120
@@ -106,25 +106,25 @@ def test_head_on(offset):
     assert unfailing(log)
 
 
-def test_starts_inside_a_safety_radius():
+def test_drones_that_start_inside_a_safety_radius_part():
     drones = [drone(CONFIG, [0, 0, 2]), drone(CONFIG, [0.55, 0.1, 2])]
     log = fly(drones, [[12, 0, 2], [12, 2, 2]], 15, stop=0.5)
     assert log.separation() > 0.5
     distance = np.linalg.norm(log.p[:, 0] - log.p[:, 1], axis=1)
     assert distance[12:].min() > 0.75
-    assert height_error(log) < 0.4  # all there is goes into getting apart
+    assert height_error(log) < 0.4  # all thrust goes into getting apart
     assert unfailing(log)
 
 
-def test_wind():
+def test_wind_is_compensated():
     there = drone(CONFIG, [0, 0, 2], wind=np.array([0.0, 4.0, 0.0]))
     log = fly([there], [[8, 0, 2]], 14)
     assert np.abs(log.p[-20:, 0] - [8, 0, 2]).max() < 0.05
     assert np.abs(log.p[:, 0, 1]).max() < 0.6
 
 
-def test_step_of_most_of_the_rate_is_tracked():
-    """The model's rates are the plant's: 0.8 of the bounds, after the lag, is what turns it."""
+def test_a_large_step_of_the_rate_is_tracked():
+    """The model's rates are the plant's: 0.8 of the bound, after the lag."""
     body = drone(CONFIG, [0, 0, 2], delay=0.0)
     u = np.array([9.81, 0.0, 0.0, 0.8 * CONFIG.omega_max])
     for _ in range(5):
@@ -135,7 +135,7 @@ def test_step_of_most_of_the_rate_is_tracked():
 
 
 @pytest.mark.slow
-def test_twenty_forests_answered_late():
+def test_twenty_forests_with_delay():
     for seed in range(20):
         trees = forest(100 + seed)
         log = fly(

@@ -1,4 +1,4 @@
-"""The compiled path is a convenience: cached, shared between weights, and never required."""
+"""The compiled path is cached, shared between weights, and never required."""
 
 import os
 import shutil
@@ -24,19 +24,19 @@ def needs_compiler():
         pytest.skip("no C compiler")
 
 
-def test_without_a_compiler_it_flies_all_the_same(monkeypatch):
+def test_without_a_compiler_piqp_solves(monkeypatch):
     monkeypatch.setattr(compiled.shutil, "which", lambda name: None)
     nmpc = Nmpc(CONFIG)
     assert nmpc.backend == "piqp"
     assert nmpc.solve(random_scene(1)).usable
 
 
-def test_a_compiler_that_fails_is_no_compiler(cache, monkeypatch):
+def test_a_compiler_that_fails_counts_as_none(cache, monkeypatch):
     monkeypatch.setattr(compiled.shutil, "which", lambda name: "/bin/false")
     assert Nmpc(CONFIG).backend == "piqp"
 
 
-def test_a_cache_that_cannot_be_written_is_no_cache(tmp_path, monkeypatch):
+def test_a_cache_that_cannot_be_written_counts_as_none(tmp_path, monkeypatch):
     blocked = tmp_path / "file"
     blocked.write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
@@ -52,7 +52,7 @@ def test_a_user_without_a_home_has_no_cache(monkeypatch):
     assert Nmpc(CONFIG).backend == "piqp"
 
 
-def test_compiled_once_for_all_weights(cache, monkeypatch):
+def test_one_library_serves_all_weights(cache, monkeypatch):
     needs_compiler()
     assert Nmpc(CONFIG).backend == "compiled"
     assert [p.suffix for p in cache.iterdir()] == [".so"]
@@ -66,7 +66,7 @@ def test_compiled_once_for_all_weights(cache, monkeypatch):
     assert Nmpc(NmpcConfig(cylinders=4)).backend == "piqp"
 
 
-def test_many_that_start_together_compile_once(cache):
+def test_processes_that_start_together_compile_once(cache):
     needs_compiler()
     start = (
         "from companion.control.nmpc import Nmpc, NmpcConfig;"
@@ -83,7 +83,7 @@ def test_many_that_start_together_compile_once(cache):
     assert len(calls.read_text().splitlines()) == 1
 
 
-def test_a_broken_library_is_made_anew(cache, monkeypatch):
+def test_a_broken_library_is_compiled_again(cache, monkeypatch):
     if shutil.which("gcc") is None and shutil.which("cc") is None:
         pytest.skip("no C compiler")
     proper = compiled._compile
@@ -109,7 +109,7 @@ def test_a_broken_library_is_made_anew(cache, monkeypatch):
         {"M": 20, "M_constraint": 20},
     ],
 )
-def test_other_sizes(sizes):
+def test_both_paths_agree_at_other_sizes(sizes):
     config = NmpcConfig(
         **sizes, sqp_iterations_cold=100, sqp_iterations_rescue=100, step_tolerance=1e-3
     )

@@ -1,4 +1,4 @@
-"""Bad numbers are refused when built, by the key's name."""
+"""Invalid numbers are refused by the key's name."""
 
 import math
 
@@ -31,12 +31,12 @@ from companion.control.nmpc import NmpcConfig
         ("wmig", 1.0),
     ],
 )
-def test_refused(key, value):
+def test_an_invalid_number_is_refused_by_its_key(key, value):
     with pytest.raises(ValidationError, match=key):
         NmpcConfig(**{key: value})
 
 
-def test_every_field_says_why():
+def test_every_field_has_a_description():
     for name, field in NmpcConfig.model_fields.items():
         assert field.description, name
         assert len(field.description) > 10, name

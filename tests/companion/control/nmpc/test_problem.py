@@ -7,23 +7,17 @@ import numpy as np
 import pytest
 
 from companion.control.nmpc.costs import Term, blind_motion
-from companion.control.nmpc.parameters import (
-    WEIGHTS,
-    Numbers,
-    scene_symbols,
-    weight_numbers,
-    weight_symbols,
-)
+from companion.control.nmpc.parameters import ParameterVectors, weight_numbers, weight_symbols
 from companion.control.nmpc.problem import LOCAL, build_stage
 from companion.model import NU, NX
-from tests.companion.control.nmpc.scenes import CONFIG, NAMED, random_scene, scene
+from tests.companion.control.nmpc.scenes import CONFIG, random_scene
 
 STAGE = build_stage(CONFIG)
 
 
 def arguments(instance, k, rng):
-    numbers = Numbers(CONFIG)
-    numbers.fill(instance)
+    vectors = ParameterVectors(CONFIG)
+    vectors.fill(instance)
     x = instance.x0 - np.r_[instance.x0[:3], np.zeros(7)] + rng.normal(0, 0.2, NX)
     after = x + rng.normal(0, 0.1, NX)
     u = instance.u_last + rng.normal(0, 0.5, NU)
@@ -32,18 +26,10 @@ def arguments(instance, k, rng):
         instance.u_last,
         u,
         after,
-        numbers.stages[k],
-        numbers.scene,
+        vectors.stages[k],
+        vectors.scene,
         weight_numbers(CONFIG),
     ]
-
-
-def test_layout_of_symbols_is_that_of_numbers():
-    numbers = Numbers(CONFIG)
-    scene_vector, stage_vector, _ = scene_symbols(CONFIG)
-    assert scene_vector.numel() == numbers.scene.size
-    assert stage_vector.numel() == numbers.stages.shape[1]
-    assert len(weight_numbers(CONFIG)) == len(WEIGHTS)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -101,7 +87,7 @@ def test_curvature_majorises_a_norm():
 
 
 def test_curvature_of_a_hinge_is_at_least_its_own():
-    """Of the blind side, pressed or not: what the solver's steps rest on."""
+    """For the hinge of the blind side, pressed or not: the solver's steps rest on it."""
     v, sight = ca.SX.sym("v", 3), ca.SX.sym("sight", 2)
     weights, w = weight_symbols()
     term = blind_motion(v, SimpleNamespace(sight=sight), w)
@@ -119,25 +105,3 @@ def test_curvature_of_a_hinge_is_at_least_its_own():
         assert model >= (before - 2 * here + after) / h**2 - 1e-2
         pressed += here > 0.1
     assert pressed > 50
-
-
-def test_uncertainty_widens_and_is_capped():
-    numbers = Numbers(CONFIG)
-    numbers.fill(scene(**NAMED["unsure"]))
-    safety = numbers.stages[:, 3 * CONFIG.neighbours]
-    assert safety[0] == pytest.approx(0.8 + np.hypot(0.1, 0.03))
-    assert np.all(np.diff(safety) >= 0)
-    assert safety[-1] == pytest.approx(0.8 + CONFIG.widening_max)
-
-
-def test_neighbours_are_predicted_at_constant_velocity():
-    numbers = Numbers(CONFIG)
-    numbers.fill(scene(**NAMED["head-on"]))
-    np.testing.assert_allclose(numbers.stages[9, :3], [4 - 1.5, 0.2, 0], atol=1e-12)
-
-
-def test_an_exact_tie_is_broken_to_the_right_and_nothing_else_moves():
-    numbers = Numbers(CONFIG)
-    numbers.fill(scene(cylinders=[(4, 0, 1), (4, 0.5, 1), (-4, 0, 1)]))
-    cylinders = numbers.scene[10 : 10 + 9].reshape(3, 3)
-    np.testing.assert_allclose(cylinders, [(4, CONFIG.tie_break, 1), (4, 0.5, 1), (-4, 0, 1)])

@@ -1,0 +1,29 @@
+"""The fence as half-spaces, and what is left of a side that is crossed."""
+
+import numpy as np
+import pytest
+
+from companion.guidance.fence import FenceConfig
+from mavlink_bridge.shared.settings import SettingsError, parse_yaml, validate
+
+
+def test_the_fence_has_sides_and_a_top():
+    fence = FenceConfig(east=[-5.0, 8.0], north=[-3.0, 3.0], altitude_max=5.0)
+    assert fence.planes().shape == (5, 4)
+    outside, outward = fence.across(np.array([9.0, 0.0, 2.0]), np.array([1.0, 0.0, 0.0]))
+    assert (outside, outward) == (1.0, 1.0)
+    assert fence.across(np.array([0.0, 0.0, 2.0]), np.zeros(3))[0] == -3.0
+    assert len(fence.near(np.array([7.0, 0.0, 2.0]), 0.6)) == 3
+    assert FenceConfig().near(np.zeros(3), 0.6).shape == (0, 4)
+    with pytest.raises(SettingsError, match=r"f:1:1: east: must be \[least, most\]"):
+        validate(FenceConfig, parse_yaml("east: [3.0, -3.0]", "f"), "f")
+
+
+def test_a_side_that_is_crossed_lets_the_drone_go_no_farther():
+    """Else the plan would come back at any price, through a trunk, too: they share one slack."""
+    fence = FenceConfig(east=[-5.0, 5.0], north=[-5.0, 5.0])
+    outside = fence.near(np.array([5.7, 4.8, 2.0]), 0.6)
+    east, north = outside[outside[:, 0] > 0][0], outside[outside[:, 1] > 0][0]
+    assert east[3] == pytest.approx(5.7 + 0.6)
+    assert north[3] == 5.0
+    assert fence.across(np.array([5.7, 4.8, 2.0]), np.zeros(3))[0] == pytest.approx(0.7)

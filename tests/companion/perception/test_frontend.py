@@ -1,0 +1,78 @@
+"""Frames in, detections out: what the frontend searches, and what it refuses."""
+
+import numpy as np
+import pytest
+
+from companion.perception.camera_health import CameraFault
+from companion.perception.frontend import PerceptionFrontend, make_view
+from companion.settings.config import CompanionConfig
+from mavlink_bridge.wire.video import Frame
+from tests.companion.depth_images import state
+
+OWN = state([0.0, 0.0, 2.0])
+NO_DRONES, NO_TRUNKS = np.zeros((0, 6)), np.zeros((0, 6))
+PICTURE = np.random.default_rng(0).integers(50, 200, (400, 640, 3), np.uint8)
+
+
+def frontend(**sensing):
+    config = CompanionConfig.model_validate({"sensing": sensing})
+    view = make_view(config.camera, config.sensing)
+    return PerceptionFrontend(view, config.sensing, config.camera_health)
+
+
+def test_pictures_of_another_size_inhibit_until_they_fit():
+    perception = frontend()
+    wrong = Frame(0.1, {"image": PICTURE[:, :400]})
+    found = perception.see(0.1, wrong, OWN)
+    assert "400×400" in found.inhibit_reason
+    assert found.fault is CameraFault.MISFIT
+    found = perception.see(0.2, Frame(0.2, {"image": PICTURE}), OWN)
+    assert found.inhibit_reason == ""
+    assert found.fault is CameraFault.NONE
+
+
+@pytest.mark.parametrize("obstacles", ["camera", "depth", "map"])
+def test_a_frame_without_the_array_of_obstacles_is_not_searched(obstacles):
+    perception = frontend(neighbours="truth", obstacles=obstacles, trunks_every=1)
+    found = perception.see(0.0, Frame(0.0, {"neighbours": NO_DRONES}), OWN)
+    assert not found.searched
+    small = np.zeros((64, 64, 3), np.uint8)
+    found = perception.see(0.1, Frame(0.1, {"neighbours": NO_DRONES, "image": small}), OWN)
+    assert not found.searched
+
+
+def test_each_frame_is_searched_once():
+    perception = frontend(neighbours="truth", obstacles="map", trunks_every=1)
+    frame = Frame(0.1, {"neighbours": NO_DRONES, "trunks": NO_TRUNKS})
+    assert not perception.see(0.1, None, None).started
+    first, again = (perception.see(time, frame, OWN) for time in (0.15, 0.2))
+    assert first.started
+    assert first.searched
+    assert first.own is not None
+    assert again.started
+    assert not again.searched
+    assert again.own is None
+
+
+def test_trunks_are_searched_in_every_second_frame():
+    perception = frontend(neighbours="truth", obstacles="map", trunks_every=2)
+    arrays = {"neighbours": NO_DRONES, "trunks": NO_TRUNKS}
+    found = [perception.see(0.1 * n, Frame(0.1 * n, arrays), OWN) for n in range(4)]
+    assert [d.searched for d in found] == [False, True, False, True]
+
+
+def test_impossible_detections_are_dropped():
+    ahead = [0.0, 0.0, 1.0]
+    drones = [
+        [*ahead, 3.0, 0.01, 0.1],
+        [*ahead, np.nan, 0.01, 0.1],
+        [*ahead, -1.0, 0.01, 0.1],
+        [0.0, 0.0, 2.0, 3.0, 0.01, 0.1],
+        [*ahead, 3.0, 0.01, np.inf],
+    ]
+    trunks = [[*ahead, 5.0, 1.0, 0.1], [*ahead, 5.0, 0.0, 0.1]]
+    perception = frontend(neighbours="truth", obstacles="map", trunks_every=1)
+    frame = Frame(0.1, {"neighbours": np.array(drones), "trunks": np.array(trunks)})
+    found = perception.see(0.1, frame, OWN)
+    assert [d.range for d in found.drones] == [3.0]
+    assert [t.radius for t in found.trunks] == [1.0]

@@ -1,0 +1,44 @@
+"""Which places a camera shows, and how well."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from companion.perception.camera import FORWARD, CalibrationError, Camera
+from companion.perception.config import CameraConfig
+from companion.perception.view import View, load_camera
+from mavlink_bridge.shared.frames import multiply
+from tests.companion.depth_images import CAMERA, state
+
+OWN = state([0.0, 0.0, 2.0])
+
+
+def test_a_calibration_of_another_size_is_refused(tmp_path):
+    Camera.equidistant(320, 200).save(tmp_path / "c.yaml")
+    with pytest.raises(CalibrationError, match="made at 320×200"):
+        load_camera(CameraConfig(calibration=str(tmp_path / "c.yaml")))
+
+
+@pytest.mark.parametrize(("needs_foot", "near"), [(True, 0.05), (False, 1.0)])
+def test_visibility_of_places_ahead_near_and_behind(needs_foot, near):
+    """From 2 m up the foot is out of the picture within 1.7 m; no place behind is seen."""
+    places = np.array([[4.0, 0, 2], [1.2, 0, 2], [-4.0, 0, 2]])
+    told = View(CAMERA, needs_foot).visibility(OWN, places, None)
+    assert told.tolist() == [1.0, near, 0.0]
+
+
+def test_a_place_of_unknown_range_is_not_visible():
+    ranges = np.full((50, 80), np.inf, np.float16)
+    ranges[:, :40] = np.nan  # left of the axis
+    places = np.array([[4.0, 1.0, 2], [4.0, -1.0, 2]])
+    told = View(CAMERA, needs_foot=False).visibility(OWN, places, ranges)
+    assert told.tolist() == [0.0, 1.0]
+
+
+def test_a_camera_on_its_side_shows_less_beside():
+    portrait = [0.7071067811865476, 0.0, 0.0, 0.7071067811865476]  # rolled about its axis
+    mount = multiply(np.array(FORWARD), np.array(portrait))
+    view = View(dataclasses.replace(CAMERA, mount=mount), needs_foot=False)
+    aside = 4.0 * np.array([np.cos(1.05), np.sin(1.05), 0.0])  # 60° off; 50° are in the picture
+    assert view.visibility(OWN, (OWN.p + aside)[None], None)[0] == 0.0
