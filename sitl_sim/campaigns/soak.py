@@ -18,6 +18,7 @@ import numpy as np
 from sitl_sim.faults.catalogue import FaultConfig
 from sitl_sim.figures.metrics import AIRBORNE, ground_strikes
 from sitl_sim.flight.runner import flight
+from sitl_sim.flight.stop_signals import stop_on_signals
 from sitl_sim.scenarios.scenario import Scenario
 from sitl_sim.worlds.world import surface_distance
 
@@ -80,8 +81,11 @@ def _fly(scenario: Scenario, grounded: set[int], before: float) -> Passed:
         scenario, Path(folder), in_process=True
     ) as f:  # fmt: skip
         f.write_inputs()
-        f.launch()
-        f.run()
+        with stop_on_signals(f):
+            f.launch()
+            f.run()
+        if f.stopped_by is not None:
+            raise KeyboardInterrupt
         if failed := [n for n, code in f.exit_codes().items() if code]:
             said = (Path(folder) / "drones" / failed[0] / "stderr.log").read_text("utf-8")
             raise RuntimeError(f"{failed[0]}: its companion ended:\n{said}")

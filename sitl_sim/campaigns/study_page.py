@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from mavlink_bridge.shared.settings import SettingsError
 from sitl_sim.campaigns.study import Cell, Study
 
 Row = tuple[Cell, dict[str, Any]]
@@ -62,17 +61,10 @@ def _failures(rows: list[Row]) -> list[str]:
 
 
 def new_figure(width: float, height: float) -> Any:
-    """An empty figure [inch] that is saved as the same SVG whenever the figures are the same.
+    """Return an empty figure [inch] that is saved as the same SVG whenever its data are equal."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
 
-    Raises:
-        SettingsError: matplotlib is not there.
-    """
-    try:
-        import matplotlib as mpl
-        from matplotlib.figure import Figure
-    except ImportError:
-        why = "plots need matplotlib: pip install 'swarm-companion[studies]'"
-        raise SettingsError([why]) from None
     mpl.rcParams["svg.fonttype"] = "none"
     mpl.rcParams["svg.hashsalt"] = "swarm-companion"
     return Figure(figsize=(width, height), layout="constrained")

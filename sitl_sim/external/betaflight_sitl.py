@@ -26,7 +26,7 @@ from mavlink_bridge.betaflight.msp import MspDecoder
 from mavlink_bridge.shared.frames import flu_frd, quaternion_enu_ned
 from sitl_sim.external.external_sitl import ExternalError
 from sitl_sim.external.namespace import Host, Namespace
-from sitl_sim.external.priority import AUTOPILOT, BRIDGE, hurry
+from sitl_sim.external.priority import AUTOPILOT, BRIDGE, raise_priority
 from sitl_sim.vehicles.rigid_body import State
 from sitl_sim.worlds.geodesy import LocalFrame
 
@@ -227,7 +227,7 @@ class BetaflightSitl:
                 )
             )  # fmt: skip
         # Its scheduler drops whole tasks (receiver, arming) for seconds after being preempted.
-        hurry(AUTOPILOT, process.pid)
+        raise_priority(AUTOPILOT, process.pid)
         return process
 
     def _connect(self) -> socket.socket:
@@ -343,7 +343,7 @@ class Relay:
             line.close()
 
     def _accept(self) -> None:
-        hurry(BRIDGE)
+        raise_priority(BRIDGE)
         while True:
             try:
                 caller, _ = self._listener.accept()

@@ -13,13 +13,16 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl_sim.external.priority import AUTOPILOT, hurry
-from sitl_sim.vehicles.rigid_body import State
-from sitl_sim.worlds.geodesy import LocalFrame
+from sitl_sim.external.priority import AUTOPILOT, raise_priority
+
+if TYPE_CHECKING:
+    from sitl_sim.vehicles.rigid_body import State
+    from sitl_sim.worlds.geodesy import LocalFrame
 
 _BOOT = 30.0  # s until motor commands come
 _OURS = [3, 0, 1, 2]  # places of our motors (rear right, front right, rear left, front left)
@@ -47,7 +50,7 @@ class ExternalSitl(ABC):
                 )  # fmt: skip
         except OSError as error:
             raise ExternalError(f"{command[0]}: cannot be run: {error.strerror}") from error
-        hurry(AUTOPILOT, self._process.pid)
+        raise_priority(AUTOPILOT, self._process.pid)
 
     @property
     def alive(self) -> bool:

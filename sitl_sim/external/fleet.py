@@ -30,7 +30,7 @@ from mavlink_bridge.wire.messages import GpsInput, Message, Received
 from sitl_sim.external.betaflight_sitl import BetaflightError, BetaflightSitl
 from sitl_sim.external.external_sitl import ExternalSitl
 from sitl_sim.external.namespace import Host, Namespace
-from sitl_sim.external.priority import BRIDGE, PHYSICS, hurry, relent
+from sitl_sim.external.priority import BRIDGE, PHYSICS, raise_priority, reset_priority
 from sitl_sim.vehicles.rigid_body import State, Vehicles
 from sitl_sim.worlds.geodesy import GeoReference, LocalFrame
 
@@ -97,7 +97,9 @@ class RealFleet:
         self._physics = threading.Thread(target=self._spin, daemon=True)
         self.longest_pause = 0.0
         sys.setswitchinterval(0.0005)  # the physics must not wait for the rest of the process
-        hurry(PHYSICS)  # whoever builds and flies it shares the interpreter with the physics
+        raise_priority(
+            PHYSICS
+        )  # whoever builds and flies it shares the interpreter with the physics
         try:
             betaflights = []
             for i, folder in enumerate(folders):
@@ -140,7 +142,7 @@ class RealFleet:
                 [sys.executable, "-m", "mavlink_bridge", "betaflight", str(file)],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log,
             ))  # fmt: skip
-        hurry(BRIDGE, self._bridges[-1].pid)
+        raise_priority(BRIDGE, self._bridges[-1].pid)
         self._gps.append(Link(UdpEndpoint(remote=("127.0.0.1", port)), Codec(system, 220)))
 
     # --- what a flight wants of autopilots -----------------------------------------------
@@ -210,7 +212,7 @@ class RealFleet:
             sitl.close()
         for link in self._gps:
             link.close()
-        relent()
+        reset_priority()
 
     # --- the physics thread --------------------------------------------------------------
 

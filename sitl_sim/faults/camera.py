@@ -23,7 +23,7 @@ class FaultyCamera:
         self._taken: deque[tuple[float, Arrays]] = deque(maxlen=_KEPT)
         self._frozen: Arrays | None = None
 
-    def see(self, now: float, stamp: float, arrays: Arrays) -> tuple[float, Arrays]:
+    def alter(self, now: float, stamp: float, arrays: Arrays) -> tuple[float, Arrays]:
         """The frame that goes out at `now` [s of the flight]: its capture time, what it shows.
 
         stamp: s, vehicle's clock, now.

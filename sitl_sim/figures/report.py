@@ -25,13 +25,18 @@ _LEFT_OUT = ("per_drone", "stage_ms", "perception")
 
 
 def summarise(
-    run: Run, seen: dict[str, list[Sight]], exits: Mapping[str, int | None]
+    run: Run,
+    seen: dict[str, list[Sight]],
+    exits: Mapping[str, int | None],
+    interrupted: bool = False,
 ) -> dict[str, Any]:
-    """The figures of `metrics.json` that truth and logs give, and the verdict.
+    """Return the figures of `metrics.json` that truth and logs give, and the verdict.
 
-    exits: how each companion ended, as `Flight.exit_codes` says it.
+    exits: how each companion ended, as `Flight.exit_codes` returns it. interrupted: the flight
+    was stopped before its end.
     """
     summary = safety(run.truth, run.world, run.names) | timing(run.logs)
+    summary["interrupted"] = interrupted
     summary["perception"] = perception(seen)
     summary["faults_in_truth"] = sanity(run.truth)
     summary["companion_errors"] = {
@@ -39,6 +44,7 @@ def summarise(
     }
     summary["ok"] = bool(
         summary["mission_complete"]
+        and not interrupted
         and not summary["agent_collisions"]
         and not summary["obstacle_collisions"]
         and not summary["ground_strikes"]
@@ -54,7 +60,8 @@ def make_report(run: Run) -> Path:
     seen = sights(run.scenario, run.world, run.truth, run.logs)
     each = run.metrics.get("per_drone", {})
     exits = {n: each.get(n, {}).get("companion_exit") for n in run.names}
-    return write_report(run, run.metrics | summarise(run, seen, exits), seen)
+    interrupted = bool(run.metrics.get("interrupted", False))
+    return write_report(run, run.metrics | summarise(run, seen, exits, interrupted), seen)
 
 
 def write_report(run: Run, summary: dict[str, Any], seen: dict[str, list[Sight]]) -> Path:
@@ -104,7 +111,9 @@ def _verdict(summary: dict[str, Any]) -> str:
 
 
 def shortcomings(s: dict[str, Any]) -> Iterator[str]:
-    """Why a flight with these metrics fell short, one reason each."""
+    """Yield the reasons why a flight with these metrics fell short."""
+    if s.get("interrupted"):
+        yield "interrupted"
     if not s["mission_complete"]:
         late = [n for n, r in s["targets_reached"].items() if len(set(r.split("/"))) > 1]
         yield "targets missed by " + ", ".join(late)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +20,7 @@ from sitl_sim.scenarios.scenario import Scenario
 
 Truth = dict[str, NDArray[Any]]
 _TOLERANCE = 1.5  # m, of targets where a world does not say
+_OF_A_FLIGHT = ("truth.npz", "metrics.json", "drones/*/flight.*")
 _ARRAYS = {"t", "position", "velocity", "attitude", "names"}
 
 
@@ -91,24 +91,9 @@ def log_path(folder: Path, name: str) -> Path:
     return folder / "drones" / name / "flight.mcap"
 
 
-def remove(folder: Path) -> None:
-    """Delete a run folder, where there is one.
-
-    Raises:
-        SettingsError: it cannot be deleted.
-    """
-    try:
-        if folder.exists():
-            shutil.rmtree(folder)
-    except OSError as error:
-        raise SettingsError([f"{folder}: cannot be made anew: {error.strerror}"]) from error
-
-
-def forget(folder: Path) -> None:
-    """Delete what would be read as this flight's where an earlier one has left it."""
-    for pattern in ("drones/*/flight.*", "truth.npz", "metrics.json", "report.html"):
-        for path in folder.glob(pattern):
-            path.unlink()
+def holds_flight(folder: Path) -> bool:
+    """Return whether a flight has left its truth, metrics or logs in the folder."""
+    return any(next(folder.glob(pattern), None) is not None for pattern in _OF_A_FLIGHT)
 
 
 def read_ticks(path: Path) -> list[dict[str, Any]]:

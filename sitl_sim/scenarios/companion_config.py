@@ -11,7 +11,7 @@ import yaml
 from mavlink_bridge.shared.settings import SettingsError, overlay, parse_yaml, validate
 from sitl_sim.external.fleet import BRIDGE_DELAY, EXPONENT, HOVER
 from sitl_sim.scenarios import scenario as scenarios
-from sitl_sim.scenarios.companion_door import companion_class
+from sitl_sim.scenarios.companion_entry_points import companion_class
 from sitl_sim.scenarios.scenario import Scenario, WireConfig
 
 

@@ -53,7 +53,7 @@ def test_a_killed_companion_stops_nobody_else_and_its_vehicle_lands(scenario, tm
         f.write_inputs()
         f.launch()
         f.wait_for_companions()
-        victim = f.processes["drone2"]
+        victim = f._drones[1].process
         killed = []
 
         def kill_at_seven(t):

@@ -26,7 +26,7 @@ from mavlink_bridge.betaflight.process import MspLine, meet, open_controller
 from mavlink_bridge.wire.messages import Command, RateSetpoint, Received, Source
 from sitl_sim.external.betaflight_sitl import BetaflightError, BetaflightSitl
 from sitl_sim.external.namespace import Host
-from sitl_sim.external.priority import PHYSICS, hurry, relent
+from sitl_sim.external.priority import PHYSICS, raise_priority, reset_priority
 from sitl_sim.figures.page import draw, page
 from sitl_sim.vehicles.emulated import Autopilots
 from sitl_sim.vehicles.estimator import SensorNoise
@@ -143,7 +143,7 @@ class RealRates:
     """A real Betaflight held in place: asks for rates, records what it does."""
 
     def __init__(self, folder: Path, settings: list[str]) -> None:
-        hurry(PHYSICS)
+        raise_priority(PHYSICS)
         self._vehicles = Vehicles(Airframe(), [[0.0, 0.0, 0.0]], 0.0)
         self._sitl = BetaflightSitl(folder, Host(), settings)
         self._frame = LocalFrame(np.zeros(3), 0.0, GeoReference())
@@ -198,7 +198,7 @@ class RealRates:
         """End the process."""
         self._line.stream.close()
         self._sitl.close()
-        relent()
+        reset_priority()
 
     def _run(
         self, seconds: float, omega: Floats, throttle: float, *, armed: bool = True,

@@ -26,7 +26,7 @@ from sitl_sim.faults.camera import FaultyCamera
 from sitl_sim.faults.catalogue import PIXELS, Schedule
 from sitl_sim.figures.metrics import safety
 from sitl_sim.flight.runner import Flight
-from sitl_sim.flight.sensors import Eyes
+from sitl_sim.flight.sensors import Sensors
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.scenario import Scenario
 from sitl_sim.worlds.world import surface_distance
@@ -189,14 +189,14 @@ def scenario(faults=(), count=1, seed=1, **more):
     return Scenario.model_validate(data)
 
 
-class NoisyEyes(Eyes):
+class NoisySensors(Sensors):
     """See a noisy picture too: nothing is detected in it, but it can be looked at."""
 
-    def see(self, i, stamp, p, q):
+    def frame(self, i, stamp, p, q):
         rng = np.random.default_rng(round(stamp * 1e3))
         row = rng.integers(60, 200, (1, self._sensing.width, 3), np.uint8)
         picture = np.broadcast_to(row, (self._sensing.height, self._sensing.width, 3))
-        return super().see(i, stamp, p, q) | {"image": picture}
+        return super().frame(i, stamp, p, q) | {"image": picture}
 
 
 class WithPictures(InProcess):
@@ -206,7 +206,7 @@ class WithPictures(InProcess):
         every = Schedule(scenario.faults, scenarios.drone_names(scenario), scenario.seed)
         others = [f for f in scenario.faults if f.kind not in PIXELS]
         super().__init__(scenario.model_copy(update={"faults": others}))
-        self.eyes = NoisyEyes(scenario, self.world)
+        self.sensors = NoisySensors(scenario, self.world)
         for drone in self._drones:
             drone.camera = FaultyCamera(every, drone.index)
 

@@ -15,7 +15,7 @@ import pytest
 from sitl_sim.__main__ import main
 from sitl_sim.campaigns import ports
 from sitl_sim.campaigns.campaign import Campaign, run
-from sitl_sim.campaigns.claim import claimed
+from sitl_sim.campaigns.campaign_folder import campaign_folder
 
 SCENARIO = """
 fileversion: 1
@@ -88,7 +88,7 @@ def settings(scenario, *overrides):
 
 def test_a_folder_of_other_flights_is_refused_and_left_as_it_is(scenario, tmp_path, capsys):
     out = tmp_path / "out"
-    with claimed(out, settings(scenario)):
+    with campaign_folder(out, settings(scenario)):
         (out / "unfinished" / "hop-0-17").mkdir(parents=True)
     Path(scenario).write_text(SCENARIO.replace("time_limit: 5.0", "time_limit: 6.0"))
     assert campaign(scenario, out, "--set", "drones.count=1") == 2
@@ -111,7 +111,7 @@ def test_what_was_there_before_a_campaign_stays(scenario, tmp_path):
     theirs = tmp_path / "out" / "unfinished" / "thesis.txt"
     theirs.parent.mkdir(parents=True)
     theirs.touch()
-    with claimed(tmp_path / "out", settings(scenario)):
+    with campaign_folder(tmp_path / "out", settings(scenario)):
         assert theirs.exists()
 
 
@@ -136,7 +136,7 @@ def test_runs_that_cannot_be_counted_are_named_before_more_are_flown(
 
 def test_two_campaigns_do_not_fly_into_one_folder(scenario, tmp_path, capsys):
     out = tmp_path / "out"
-    with claimed(out, settings(scenario)):
+    with campaign_folder(out, settings(scenario)):
         assert campaign(scenario, out) == 2
     assert "another campaign is flying into it" in capsys.readouterr().err
 

@@ -151,7 +151,7 @@ def frames(kind, n=20, **more):
     rng = np.random.default_rng(0)
     row = np.array([[0.0, 0.0, 1.0, 4.0, 0.005, 0.03]])
     return [
-        c.see(0.1 * k, 10 + 0.1 * k, {"neighbours": np.vstack([row, row * 0.5]),
+        c.alter(0.1 * k, 10 + 0.1 * k, {"neighbours": np.vstack([row, row * 0.5]),
                                      "image": rng.integers(40, 200, (8, 8, 3), np.uint8)})
         for k in range(n)
     ]  # fmt: skip

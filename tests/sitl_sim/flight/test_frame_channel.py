@@ -143,7 +143,7 @@ def test_lockstep_goes_on_without_a_companion_that_is_stopped(tmp_path, neighbou
     finally:
         flight.close()
     assert flight._now == 5000
-    assert flight._drones[0].deaf
+    assert flight._drones[0].companion_lost
     assert len(shown) == 1
 
 
@@ -157,8 +157,8 @@ def test_the_time_that_painting_takes_is_not_the_companions(tmp_path):
         "wire": {"companion_port": 28840, "gcs_port": 28850, "frame_port": 28860},
     })  # fmt: skip
     flight = Flight(scenario, tmp_path)
-    see = flight.eyes.see
-    flight.eyes.see = lambda *what: time.sleep(0.6) or see(*what)
+    frame = flight.sensors.frame
+    flight.sensors.frame = lambda *what: time.sleep(0.6) or frame(*what)
     companion = FrameClient("127.0.0.1", 28861)
 
     def answer_late():
@@ -172,7 +172,7 @@ def test_the_time_that_painting_takes_is_not_the_companions(tmp_path):
     thread.start()
     try:
         flight.run()
-        assert not flight._drones[0].deaf
+        assert not flight._drones[0].companion_lost
     finally:
         flight.close()
         thread.join()

@@ -1,0 +1,55 @@
+"""`sitl-sim soak`: hours of flights with random faults; collisions, memory and open files."""
+
+from __future__ import annotations
+
+import argparse
+
+from sitl_sim.commands.exit_status import EXIT_FELL_SHORT, EXIT_OK
+from sitl_sim.commands.extras import require
+
+HELP = "fly for hours with random faults; does memory grow?"
+_LEAST = {"hours": 0.001, "minutes": 0.01, "drones": 1, "seed": 0}
+_MEMORY_MB, _FILES = 5.0, 0  # growth that is allowed
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add duration, swarm size and seed."""
+    parser.add_argument("--hours", type=float, default=2.0, help="simulated (2)")
+    parser.add_argument("--drones", type=int, default=3, metavar="N")
+    parser.add_argument("--minutes", type=float, default=5.0, help="of one flight (5)")
+    parser.add_argument("--seed", type=int, default=0, metavar="S")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Fly and print a line after each flight; fall short where drones collide or memory grows.
+
+    Raises:
+        SettingsError: a duration, number of drones or seed is too small.
+    """
+    require("numba", "plotly")
+    from mavlink_bridge.shared.settings import SettingsError
+    from sitl_sim.campaigns.soak import growth, soak
+
+    wrong = [
+        f"--{name}: must be at least {low:g}"
+        for name, low in _LEAST.items()
+        if not getattr(options, name) >= low
+    ]
+    if wrong:
+        raise SettingsError(wrong)
+    passed = []
+    for p in soak(options.hours, options.drones, options.minutes, options.seed):
+        passed.append(p)
+        print(
+            f"{p.hours:6.3f} h  {p.faults:3d} faults  {p.grounded} grounded  "
+            f"{p.collisions} collisions  {p.rss_mb:7.1f} MB  {p.files} files",
+            flush=True,
+        )
+    memory, files = growth(passed)
+    collisions = sum(p.collisions for p in passed)
+    print(
+        f"{passed[-1].hours:.2f} h: {collisions} collisions of healthy drones, "
+        f"memory {memory:+.1f} MB, files {files:+d} since the second flight"
+    )
+    fine = collisions == 0 and memory <= _MEMORY_MB and files <= _FILES
+    return EXIT_OK if fine else EXIT_FELL_SHORT
