@@ -9,7 +9,6 @@ as long as what has passed, and a pause of the machine is one long step, never a
 
 from __future__ import annotations
 
-import math
 import subprocess
 import sys
 import threading
@@ -24,6 +23,7 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 
+from mavlink_bridge.shared.frames import euler_from_quaternion
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.link import Link, UdpEndpoint
 from mavlink_bridge.wire.messages import GpsInput, Message, Received
@@ -83,8 +83,8 @@ class RealFleet:
         self._flown = 0  # substeps
         self._first = 0  # the substep at which the flight began
         self._states: deque[tuple[int, State]] = deque(maxlen=round(_KEPT / _STEP))
-        heading = np.array([2.0 * math.atan2(q[3], q[0]) for q in vehicles.q])
-        self._moving = Vehicles(vehicles.airframes, vehicles.p, heading)
+        yaw = [euler_from_quaternion(q)[2] for q in vehicles.q]
+        self._moving = Vehicles(vehicles.airframes, vehicles.p, yaw)
         self._frames = [LocalFrame(o.copy(), float(y), GeoReference())
                         for o, y in zip(origin, yaw_offset, strict=True)]  # fmt: skip
         self._rngs = [np.random.default_rng([seed, 0x6B5, s]) for s in system_ids]

@@ -184,9 +184,10 @@ class Flight:
         """
         deadline = time.monotonic() + _CONNECT_TIMEOUT
         for drone in self._drones:
+            self._raise_if_stopped()
             while not drone.ready(self.folder / "drones" / drone.name, deadline):
-                self._raise_if_stopped()
                 time.sleep(0.01)
+                self._raise_if_stopped()  # first: Ctrl-C ends the companions, too
 
     # --- flying --------------------------------------------------------------------------
 

@@ -13,6 +13,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from mavlink_bridge.shared.frames import rotation_matrix
+
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
@@ -21,15 +23,8 @@ R_BC = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
 def rotation(q: Float64) -> Float64:
-    """Unit quaternion (4,) w, x, y, z, body → world, to its matrix (3,3)."""
-    w, x, y, z = np.asarray(q, float) / np.linalg.norm(q)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    """Return the matrix (3,3), body → world, of a quaternion (4,) that need not have length 1."""
+    return rotation_matrix(np.asarray(q, float) / np.linalg.norm(q))
 
 
 @dataclass(frozen=True)

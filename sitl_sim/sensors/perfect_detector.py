@@ -10,31 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavlink_bridge.shared.arrays import Vector
-from sitl_sim.sensors.fisheye import Lens
+from mavlink_bridge.shared.frames import rotation_matrix
+from sitl_sim.sensors.fisheye import R_BC, Lens
 from sitl_sim.worlds.world import Occluders
 
-# Camera axes in the body: right = -y, down = -z, forward = +x.
-_R_BC = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 _WALL_COLUMNS = 80  # of the coarse range image: 2° apart
 
 
-def rotation(q: Vector) -> Vector:
-    """(3,3) body → world of a unit quaternion w, x, y, z."""
-    w, x, y, z = q
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
 def camera_rays(q: Vector, offsets: Vector) -> Vector:
-    """Unit directions (...,n,3), camera frame, of world offsets (...,n,3); q (...,4): the eye."""
+    """Return unit directions (...,n,3) in the camera frame of world offsets (...,n,3).
+
+    q: (...,4) unit, body → world: attitudes of the drones that carry the cameras.
+    """
     distance = np.maximum(np.linalg.norm(offsets, axis=-1, keepdims=True), 1e-9)
-    r = np.moveaxis(rotation(np.moveaxis(q, -1, 0)), (0, 1), (-2, -1))
-    rays: Vector = (offsets / distance) @ r @ _R_BC
+    matrices = np.array([rotation_matrix(one) for one in q.reshape(-1, 4)])
+    r = matrices.reshape(*q.shape[:-1], 3, 3)
+    rays: Vector = (offsets / distance) @ r @ R_BC
     return rays
 
 
@@ -101,7 +92,7 @@ class WallRanges:
     def __call__(self, p: Vector, q: Vector, range_max: float) -> NDArray[np.float32]:
         """(h,w) m along each ray to the nearest box; inf where there is none, NaN behind trunks."""
         shape = self._rays.shape[1:]
-        rays = self._rays.reshape(3, -1).T @ _R_BC.T @ rotation(q).T
+        rays = self._rays.reshape(3, -1).T @ R_BC.T @ rotation_matrix(q).T
         nearest = np.full(len(rays), np.inf)
         for low, high in self._boxes:
             with np.errstate(divide="ignore", invalid="ignore"):

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import viser
 
+from mavlink_bridge.shared.frames import euler_from_quaternion
 from sitl_sim.figures.knowledge import Knowledge
 from sitl_sim.viewer.picture import Pictures
 from sitl_sim.viewer.scene import Scene
@@ -139,8 +140,7 @@ class Page:
         if self.follow.value == _NOBODY:
             return
         p = now.p[self._source.names.index(self.follow.value)]
-        w, x, y, z = now.q[self._source.names.index(self.follow.value)]
-        yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        _, _, yaw = euler_from_quaternion(now.q[self._source.names.index(self.follow.value)])
         behind = np.array([-3.5 * np.cos(yaw), -3.5 * np.sin(yaw), 1.5])
         for client in self.server.get_clients().values():
             client.camera.position = p + behind

@@ -72,7 +72,10 @@ class LocalFrame:
         return self.vector(p - self.origin)
 
     def attitude(self, q: Floats) -> Floats:
-        """Body → world (4,) as body → own frame."""
+        """Return an attitude (4,) body → world as body → own frame.
+
+        The product of two quaternions, one of which is about z: written out, half of it is zero.
+        """
         w, x, y, z = (float(k) for k in q)
         c, s = self._q
         return np.array([c * w + s * z, c * x + s * y, c * y - s * x, c * z - s * w])

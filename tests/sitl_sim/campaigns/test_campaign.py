@@ -151,13 +151,13 @@ def test_a_spoilt_request_is_one_clear_line(scenario, tmp_path, capsys, content)
 
 
 class Fragile:
-    """A crew of two; the worker that flies seed 3 dies, and all that fly beside it."""
+    """Two workers; the worker that flies seed 3 dies, and all flights beside it with it."""
 
-    places = 2
+    slots = 2
 
     def __init__(self):
         self.pool = {}
-        self.brought = []
+        self.stored = []
         self.most = 0
 
     def submit(self, job):
@@ -171,15 +171,15 @@ class Fragile:
             future.set_result(None)
         return future
 
-    def bring(self, job, result):
-        self.brought.append(job.seed)
+    def store(self, job, result):
+        self.stored.append(job.seed)
 
-    def renew(self):
+    def restart(self):
         assert all(f.done() for f in self.pool.values())
 
 
 class Idle(Fragile):
-    """A crew whose idle worker dies: the pool takes no work until it is renewed."""
+    """An executor whose idle worker dies: it takes no work until it is restarted."""
 
     def __init__(self):
         super().__init__()
@@ -193,25 +193,25 @@ class Idle(Fragile):
         future.set_result(None)
         return future
 
-    def renew(self):
+    def restart(self):
         self.ill = False
 
 
 def test_a_worker_that_dies_between_flights_costs_none(scenario, tmp_path):
-    told, crew = {}, Idle()
-    assert run(Campaign(scenario, [], 4, 0, tmp_path), crew, told.__setitem__) == {}
-    assert sorted(crew.brought) == sorted(told) == [0, 1, 2, 3]
+    told, executor = {}, Idle()
+    assert run(Campaign(scenario, [], 4, 0, tmp_path), executor, told.__setitem__) == {}
+    assert sorted(executor.stored) == sorted(told) == [0, 1, 2, 3]
 
 
 def test_a_worker_that_dies_takes_no_other_flight_with_it(scenario, tmp_path):
-    told, crew = {}, Fragile()
+    told, executor = {}, Fragile()
     flights = Campaign(scenario, [], 6, 0, tmp_path)
-    broken = run(flights, crew, lambda seed, what: told.update({seed: what}))
+    broken = run(flights, executor, lambda seed, what: told.update({seed: what}))
     assert list(broken) == [3]
     assert "BrokenProcessPool" in broken[3]
-    assert sorted(crew.brought) == [0, 1, 2, 4, 5]
+    assert sorted(executor.stored) == [0, 1, 2, 4, 5]
     assert sorted(told) == list(range(6))
-    assert crew.most == 2
+    assert executor.most == 2
 
 
 @pytest.mark.parametrize(
