@@ -77,9 +77,10 @@ def growth(passed: list[Passed]) -> tuple[float, int]:
 
 
 def _fly(scenario: Scenario, grounded: set[int], before: float) -> Passed:
-    with tempfile.TemporaryDirectory() as folder, flight(
-        scenario, Path(folder), in_process=True
-    ) as f:  # fmt: skip
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        flight(scenario, Path(folder), in_process=True) as f,
+    ):
         f.write_inputs()
         with stop_on_signals(f):
             f.launch()
@@ -112,14 +113,18 @@ def _scenario(
         grounded.add(victim)
         faults.append(_fault(rng, GROUNDING, victim, rng.uniform(0.5, 1.0) * seconds, None))
     data: dict[str, Any] = {
-        "name": "soak", "seed": seed,
+        "name": "soak",
+        "seed": seed,
         "world": {"cylinders": [{"x": 7.0, "y": 0.4, "radius": 0.5}]},
         "drones": {"count": drones, "heading_deg": 0.0, "frame_yaw_deg": "random"},
-        "mission": {"targets": [[_LEG * (n % 2 == 0), 0.0, 2.0] for n in range(turns)],
-                    "home": False, "time_limit": seconds},
+        "mission": {
+            "targets": [[_LEG * (n % 2 == 0), 0.0, 2.0] for n in range(turns)],
+            "home": False,
+            "time_limit": seconds,
+        },
         "sensing": {"neighbours": "truth", "obstacles": "map", "width": 64, "height": 64},
         "faults": faults,
-    }  # fmt: skip
+    }
     return Scenario.model_validate(data), grounded
 
 
@@ -129,9 +134,12 @@ def _passing(rng: np.random.Generator, drones: int, seconds: float) -> dict[str,
 
 
 def _fault(
-    rng: np.random.Generator, kinds: dict[str, tuple[float, float] | None], drone: int, at: float,
+    rng: np.random.Generator,
+    kinds: dict[str, tuple[float, float] | None],
+    drone: int,
+    at: float,
     lasts: float | None,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     kind = sorted(kinds)[int(rng.integers(len(kinds)))]
     amount = kinds[kind]
     fault: dict[str, Any] = {"kind": kind, "drone": f"drone{drone + 1}", "at": float(at)}

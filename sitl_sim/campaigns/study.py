@@ -37,8 +37,9 @@ class Cell:
 def names() -> list[str]:
     """Studies that come with the package."""
     folder = resources.files("sitl_sim") / "campaigns" / "studies"
-    return sorted(f.name.removesuffix(".yaml") for f in folder.iterdir()
-                  if f.name.endswith(".yaml"))  # fmt: skip
+    return sorted(
+        f.name.removesuffix(".yaml") for f in folder.iterdir() if f.name.endswith(".yaml")
+    )
 
 
 def load(name: str) -> Study:

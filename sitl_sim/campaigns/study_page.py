@@ -13,9 +13,18 @@ from sitl_sim.campaigns.study import Cell, Study
 
 Row = tuple[Cell, dict[str, Any]]
 _Bar = tuple[float, float, float]  # low, middle, high
-_HEAD = ("scenario", "case", "success", "95 % interval", "runs with a collision",
-         "between drones, least / median [m]", "to obstacles, least / median [m]",
-         "all targets, median [s]", "speed [m/s]", "solve p50 / p99 [ms]")  # fmt: skip
+_HEAD = (
+    "scenario",
+    "case",
+    "success",
+    "95 % interval",
+    "runs with a collision",
+    "between drones, least / median [m]",
+    "to obstacles, least / median [m]",
+    "all targets, median [s]",
+    "speed [m/s]",
+    "solve p50 / p99 [ms]",
+)
 
 
 def write_page(name: str, study: Study, rows: list[Row], command: str, folder: Path) -> Path:
@@ -26,12 +35,19 @@ def write_page(name: str, study: Study, rows: list[Row], command: str, folder: P
     (folder / f"{name}.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     commits = list(dict.fromkeys(str(s["commit"]) for _, s in rows))
     seeds = rows[0][0].campaign.seeds
-    text = "\n".join([
-        f"# {study.title}", "",
-        f"`{command}`, seeds {seeds.start} to {seeds.stop - 1}, commit {', '.join(commits)}.", "",
-        *_table(rows), "", f"![success, distances, times]({name}.svg)", "",
-        *_failures(rows),
-    ])  # fmt: skip
+    text = "\n".join(
+        [
+            f"# {study.title}",
+            "",
+            f"`{command}`, seeds {seeds.start} to {seeds.stop - 1}, commit {', '.join(commits)}.",
+            "",
+            *_table(rows),
+            "",
+            f"![success, distances, times]({name}.svg)",
+            "",
+            *_failures(rows),
+        ]
+    )
     path = folder / f"{name}.md"
     path.write_text(text, encoding="utf-8")
     return path
@@ -41,13 +57,24 @@ def _table(rows: list[Row]) -> list[str]:
     lines = ["| " + " | ".join(_HEAD) + " |", "|---" * len(_HEAD) + "|"]
     for cell, s in rows:
         low, high = s["wilson_95"]
-        lines.append("| " + " | ".join([
-            cell.scenario, cell.case, f"{s['ok']} of {s['tried']}", f"{low:.0%} – {high:.0%}",
-            str(s["collided"]),
-            _two(s["min_agent_distance_m"]), _two(s["min_obstacle_distance_m"]),
-            _one(s["mission_time_s"]["median"], 1), _one(s["mean_speed_m_s"], 2),
-            f"{_one(s['solve_ms']['p50'], 1)} / {_one(s['solve_ms']['p99'], 1)}",
-        ]) + " |")  # fmt: skip
+        lines.append(
+            "| "
+            + " | ".join(
+                [
+                    cell.scenario,
+                    cell.case,
+                    f"{s['ok']} of {s['tried']}",
+                    f"{low:.0%} – {high:.0%}",
+                    str(s["collided"]),
+                    _two(s["min_agent_distance_m"]),
+                    _two(s["min_obstacle_distance_m"]),
+                    _one(s["mission_time_s"]["median"], 1),
+                    _one(s["mean_speed_m_s"], 2),
+                    f"{_one(s['solve_ms']['p50'], 1)} / {_one(s['solve_ms']['p99'], 1)}",
+                ]
+            )
+            + " |"
+        )
     return lines
 
 

@@ -68,17 +68,20 @@ def table(s: dict[str, Any]) -> str:
         ("to an obstacle, least / median", _two(s["min_obstacle_distance_m"], "m")),
         ("nearer than asked, runs", str(s["below_safety"])),
         ("mission time, median / most", _two(s["mission_time_s"], "s", ("median", "most"))),
-        ("longest standstill of one / all, most",
-         f"{_number(s['longest_standstill_s']['most'])} / "
-         f"{_number(s['longest_deadlock_s']['most'])} s"),
+        (
+            "longest standstill of one / all, most",
+            f"{_number(s['longest_standstill_s']['most'])} / "
+            f"{_number(s['longest_deadlock_s']['most'])} s",
+        ),
         ("speed while moving", f"{_number(s['mean_speed_m_s'])} m/s"),
-        ("order / union / connectivity",
-         " / ".join(_number(s[k]) for k in ("order", "union", "connectivity"))),
-        ("solve, p50 / p99",
-         " / ".join(_number(s["solve_ms"][k]) for k in ("p50", "p99")) + " ms"),
+        (
+            "order / union / connectivity",
+            " / ".join(_number(s[k]) for k in ("order", "union", "connectivity")),
+        ),
+        ("solve, p50 / p99", " / ".join(_number(s["solve_ms"][k]) for k in ("p50", "p99")) + " ms"),
         *((f"seed {seed}", "; ".join(why)) for seed, why in s["failures"].items()),
         *((f"seed {seed} not flown", why) for seed, why in s["not_flown"].items()),
-    ]  # fmt: skip
+    ]
     width = max(len(k) for k, _ in rows)
     return "\n".join(f"{k:<{width}}  {v}" for k, v in rows)
 

@@ -36,9 +36,16 @@ class ArdupilotSitl(ExternalSitl):
     """
 
     def __init__(
-        self, binary: str, folder: Path, instance: int, system: int, companion: str, ground: str,
-        parameters: Mapping[str, float], reference: GeoReference,
-    ) -> None:  # fmt: skip
+        self,
+        binary: str,
+        folder: Path,
+        instance: int,
+        system: int,
+        companion: str,
+        ground: str,
+        parameters: Mapping[str, float],
+        reference: GeoReference,
+    ) -> None:
         port = PORT + PORTS_APART * instance
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
@@ -53,11 +60,25 @@ class ArdupilotSitl(ExternalSitl):
         home = f"{reference.latitude_deg},{reference.longitude_deg},{reference.altitude},0"
         try:
             super().__init__(
-                [binary, "--model", "JSON:127.0.0.1", "-I", str(instance), "--home", home,
-                 "--sysid", str(system), "--defaults", "defaults.parm",
-                 "--serial0", f"udpclient:{companion}", "--serial1", f"udpclient:{ground}"],
+                [
+                    binary,
+                    "--model",
+                    "JSON:127.0.0.1",
+                    "-I",
+                    str(instance),
+                    "--home",
+                    home,
+                    "--sysid",
+                    str(system),
+                    "--defaults",
+                    "defaults.parm",
+                    "--serial0",
+                    f"udpclient:{companion}",
+                    "--serial1",
+                    f"udpclient:{ground}",
+                ],
                 folder,
-            )  # fmt: skip
+            )
         except ExternalError:
             self._socket.close()
             raise

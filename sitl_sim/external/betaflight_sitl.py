@@ -222,10 +222,13 @@ class BetaflightSitl:
         with (self._folder / "output.log").open("ab") as log:
             process = self._network.run(
                 lambda: subprocess.Popen(
-                    [str(binary())], cwd=self._folder, stdin=subprocess.DEVNULL,
-                    stdout=log, stderr=log,
+                    [str(binary())],
+                    cwd=self._folder,
+                    stdin=subprocess.DEVNULL,
+                    stdout=log,
+                    stderr=log,
                 )
-            )  # fmt: skip
+            )
         # Its scheduler drops whole tasks (receiver, arming) for seconds after being preempted.
         raise_priority(AUTOPILOT, process.pid)
         return process

@@ -45,9 +45,13 @@ class ExternalSitl(ABC):
         try:
             with (folder / "output.log").open("wb") as log:
                 self._process = subprocess.Popen(
-                    command, cwd=folder, env=os.environ | (environment or {}),
-                    stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-                )  # fmt: skip
+                    command,
+                    cwd=folder,
+                    env=os.environ | (environment or {}),
+                    stdin=subprocess.DEVNULL,
+                    stdout=log,
+                    stderr=log,
+                )
         except OSError as error:
             raise ExternalError(f"{command[0]}: cannot be run: {error.strerror}") from error
         raise_priority(AUTOPILOT, self._process.pid)

@@ -85,8 +85,10 @@ class RealFleet:
         self._states: deque[tuple[int, State]] = deque(maxlen=round(_KEPT / _STEP))
         yaw = [euler_from_quaternion(q)[2] for q in vehicles.q]
         self._moving = Vehicles(vehicles.airframes, vehicles.p, yaw)
-        self._frames = [LocalFrame(o.copy(), float(y), GeoReference())
-                        for o, y in zip(origin, yaw_offset, strict=True)]  # fmt: skip
+        self._frames = [
+            LocalFrame(o.copy(), float(y), GeoReference())
+            for o, y in zip(origin, yaw_offset, strict=True)
+        ]
         self._rngs = [np.random.default_rng([seed, 0x6B5, s]) for s in system_ids]
         self._sitls: list[BetaflightSitl | ExternalSitl] = []
         self._bridges: list[subprocess.Popen[bytes]] = []
@@ -138,10 +140,14 @@ class RealFleet:
         file = folder / "bridge.yaml"
         file.write_text(yaml.safe_dump(config, sort_keys=False), encoding="utf-8")
         with (folder / "bridge.log").open("wb") as log:
-            self._bridges.append(subprocess.Popen(
-                [sys.executable, "-m", "mavlink_bridge", "betaflight", str(file)],
-                stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-            ))  # fmt: skip
+            self._bridges.append(
+                subprocess.Popen(
+                    [sys.executable, "-m", "mavlink_bridge", "betaflight", str(file)],
+                    stdin=subprocess.DEVNULL,
+                    stdout=log,
+                    stderr=log,
+                )
+            )
         raise_priority(BRIDGE, self._bridges[-1].pid)
         self._gps.append(Link(UdpEndpoint(remote=("127.0.0.1", port)), Codec(system, 220)))
 
@@ -232,10 +238,9 @@ class RealFleet:
             time.sleep(max(due - time.monotonic(), 0.0))
 
     def _exchange(self, chunks: int) -> None:
-        commands = np.array([
-            s.exchange(i, self._moving.state, self._frames[i])
-            for i, s in enumerate(self._sitls)
-        ])  # fmt: skip
+        commands = np.array(
+            [s.exchange(i, self._moving.state, self._frames[i]) for i, s in enumerate(self._sitls)]
+        )
         for _ in range(chunks):
             self._moving.step(_STEP, commands, self._wind, _CHUNK)
             flown = self._flown + _CHUNK
@@ -253,6 +258,11 @@ class RealFleet:
 
 def _copied(s: State) -> State:
     return State(
-        s.p.copy(), s.v.copy(), s.q.copy(), s.omega.copy(), s.motor.copy(),
-        s.specific_force.copy(), s.contact.copy(),
-    )  # fmt: skip
+        s.p.copy(),
+        s.v.copy(),
+        s.q.copy(),
+        s.omega.copy(),
+        s.motor.copy(),
+        s.specific_force.copy(),
+        s.contact.copy(),
+    )

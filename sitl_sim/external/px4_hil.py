@@ -97,10 +97,16 @@ class Px4Sitl(ExternalSitl):
             self._sensor_at = now
             field = rotation_matrix(frame.attitude(state.q[i])).T @ _FIELD
             pressure = 1013.25 * (1.0 - 2.25577e-5 * altitude) ** 5.25588
-            messages.append(HilSensor(
-                now, state.specific_force[i].copy(), state.omega[i].copy(), field, pressure,
-                altitude,
-            ))  # fmt: skip
+            messages.append(
+                HilSensor(
+                    now,
+                    state.specific_force[i].copy(),
+                    state.omega[i].copy(),
+                    field,
+                    pressure,
+                    altitude,
+                )
+            )
         if now - self._gps_at >= _GPS_PERIOD:
             self._gps_at = now
             v = frame.vector(state.v[i])

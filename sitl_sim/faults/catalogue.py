@@ -78,10 +78,20 @@ KINDS: dict[str, Meaning] = {
     "pause": Meaning("s that each answer of the companion comes late", 0.2, 0.0, 5.0),
     "disk_full": Meaning("the companion's log cannot grow"),
 }  # fmt: skip
-EMULATED = frozenset({
-    "position_lost", "position_jump", "stop", "turn_into", "kill", "disarm", "mode", "reboot",
-    "battery", "gyro_bias",
-})  # fmt: skip
+EMULATED = frozenset(
+    {
+        "position_lost",
+        "position_jump",
+        "stop",
+        "turn_into",
+        "kill",
+        "disarm",
+        "mode",
+        "reboot",
+        "battery",
+        "gyro_bias",
+    }
+)
 """Kinds that only an emulated autopilot can have."""
 PIXELS = frozenset({"camera_black", "camera_saturated"})
 """Kinds that only a camera can have: a perfect detector has no picture."""
@@ -182,8 +192,9 @@ def _struck(number: int, config: FaultConfig, names: Sequence[str]) -> Iterable[
     if config.drone == "all":
         return range(len(names))
     if config.drone not in names:
-        raise SettingsError([f"faults.{number}.drone: no drone {config.drone!r}; valid: all, "
-                             f"{', '.join(names)}"])  # fmt: skip
+        raise SettingsError(
+            [f"faults.{number}.drone: no drone {config.drone!r}; valid: all, {', '.join(names)}"]
+        )
     return [list(names).index(config.drone)]
 
 

@@ -16,8 +16,13 @@ if TYPE_CHECKING:
     from sitl_sim.vehicles.emulated import Autopilots
     from sitl_sim.vehicles.rigid_body import Vehicles
 
-_MODES = {"hold": Mode.HOLD, "land": Mode.LAND, "return": Mode.RETURN,
-          "position": Mode.POSITION, "stabilized": Mode.STABILIZED}  # fmt: skip
+_MODES = {
+    "hold": Mode.HOLD,
+    "land": Mode.LAND,
+    "return": Mode.RETURN,
+    "position": Mode.POSITION,
+    "stabilized": Mode.STABILIZED,
+}
 _THROUGH = 30.0  # m beyond the neighbour that a vehicle which turns into it aims at
 
 
@@ -40,22 +45,30 @@ class FaultyWorld:
         self._process, self._rebooted = process, rebooted
         self._on: dict[int, Fault] = {}  # by id, in the order in which they began
         self._whole = vehicles.body.thrust_max.copy()
-        self._own_bias = [autopilots.gyro_bias(i) if autopilots else np.zeros(3)
-                          for i in range(len(vehicles))]  # fmt: skip
+        self._own_bias = [
+            autopilots.gyro_bias(i) if autopilots else np.zeros(3) for i in range(len(vehicles))
+        ]
         self._limits: dict[int, tuple[int, int]] = {}  # of a process, by id: as it had them
         self._motors = {id(f): _motors(f) for f in schedule.all()}
         self._winds = {id(f): _wind(f) for f in schedule.all() if f.kind == "gust"}
         # Faults may overlap: what a kind does to vehicle i is made anew, whenever one of them
         # begins or ends, from how the vehicle is without any and from all that are on.
         self._lasting: dict[str, Callable[[int], None]] = {
-            "motor": self._set_thrust, "thrust_scale": self._set_thrust,
-            "gyro_bias": self._set_bias, "position_lost": self._set_gps,
-            "position_jump": self._set_offset, "disk_full": self._set_disk,
-        }  # fmt: skip
+            "motor": self._set_thrust,
+            "thrust_scale": self._set_thrust,
+            "gyro_bias": self._set_bias,
+            "position_lost": self._set_gps,
+            "position_jump": self._set_offset,
+            "disk_full": self._set_disk,
+        }
         self._sudden: dict[str, Callable[[Fault], None]] = {
-            "battery": self._drain, "reboot": self._reboot, "stop": self._stop,
-            "turn_into": self._turn_into, "kill": self._kill, "mode": self._change_mode,
-        }  # fmt: skip
+            "battery": self._drain,
+            "reboot": self._reboot,
+            "stop": self._stop,
+            "turn_into": self._turn_into,
+            "kill": self._kill,
+            "mode": self._change_mode,
+        }
 
     def update(self, now: float) -> None:
         """Everything that begins or ends at `now` [s of the flight], which never goes back."""

@@ -14,9 +14,16 @@ from sitl_sim.figures.metrics import AIRBORNE
 from sitl_sim.figures.perception import Sight
 from sitl_sim.recording.run_folder import Run
 
-_SYMBOLS = {"fault": "hexagram", "phase": "circle", "target": "star", "guard": "triangle-up",
-            "deadline": "line-ns-open", "silence": "square", "vehicle": "diamond-open",
-            "collision": "x"}  # fmt: skip
+_SYMBOLS = {
+    "fault": "hexagram",
+    "phase": "circle",
+    "target": "star",
+    "guard": "triangle-up",
+    "deadline": "line-ns-open",
+    "silence": "square",
+    "vehicle": "diamond-open",
+    "collision": "x",
+}
 
 
 def chosen_times(run: Run) -> list[float]:
@@ -45,12 +52,25 @@ def network(run: Run, minds: Minds, times: list[float]) -> go.Figure:
             a = minds.positions(time)[i]
             for threat in known.critical if known else []:
                 b, x, y = threat.position, f"x{panel}", f"y{panel}"
-                arrows.append({
-                    "x": b[0], "y": b[1], "ax": a[0], "ay": a[1],
-                    "xref": x, "yref": y, "axref": x, "ayref": y, "showarrow": True,
-                    "arrowhead": 2, "arrowwidth": 1 + 2 * min(threat.value, 1.5), "text": "",
-                    "arrowcolor": "rgba(200,0,0,0.6)", "standoff": 4, "startstandoff": 4,
-                })  # fmt: skip
+                arrows.append(
+                    {
+                        "x": b[0],
+                        "y": b[1],
+                        "ax": a[0],
+                        "ay": a[1],
+                        "xref": x,
+                        "yref": y,
+                        "axref": x,
+                        "ayref": y,
+                        "showarrow": True,
+                        "arrowhead": 2,
+                        "arrowwidth": 1 + 2 * min(threat.value, 1.5),
+                        "text": "",
+                        "arrowcolor": "rgba(200,0,0,0.6)",
+                        "standoff": 4,
+                        "startstandoff": 4,
+                    }
+                )
     figure.layout.annotations += tuple(map(go.layout.Annotation, arrows))
     return figure
 
@@ -62,24 +82,39 @@ def plans(run: Run, minds: Minds, times: list[float]) -> go.Figure:
         for i, colour in enumerate(colours(len(run.names))):
             known = minds.at(i, time)
             if known is not None:
-                figure.add_scatter(x=known.plan[:, 0], y=known.plan[:, 1], mode="lines",
-                                   line_color=colour, row=1, col=column + 1)  # fmt: skip
+                figure.add_scatter(
+                    x=known.plan[:, 0],
+                    y=known.plan[:, 1],
+                    mode="lines",
+                    line_color=colour,
+                    row=1,
+                    col=column + 1,
+                )
     return figure
 
 
 def _panels(run: Run, minds: Minds, times: list[float]) -> go.Figure:
     """A square map of the swarm at each time."""
-    figure = make_subplots(rows=1, cols=len(times), horizontal_spacing=0.04,
-                           subplot_titles=[f"t = {t:.1f} s" for t in times])  # fmt: skip
+    figure = make_subplots(
+        rows=1,
+        cols=len(times),
+        horizontal_spacing=0.04,
+        subplot_titles=[f"t = {t:.1f} s" for t in times],
+    )
     for column, time in enumerate(times):
         p = minds.positions(time)
         numbers = [n.removeprefix("drone") for n in run.names]
         add_map(figure, run.world, row=1, col=column + 1)
         figure.add_scatter(
-            x=p[:, 0], y=p[:, 1], mode="markers+text", text=numbers,
-            textposition="top center", row=1, col=column + 1,
+            x=p[:, 0],
+            y=p[:, 1],
+            mode="markers+text",
+            text=numbers,
+            textposition="top center",
+            row=1,
+            col=column + 1,
             marker={"color": colours(len(p)), "size": 8},
-        )  # fmt: skip
+        )
         centre = p[:, :2].mean(axis=0)
         half = float(np.abs(p[:, :2] - centre).max()) + 3.0
         window(figure, column + 1, centre, half)
@@ -97,8 +132,9 @@ def times(run: Run) -> go.Figure:
     figure = make_subplots(rows=1, cols=2, subplot_titles=[f"{k} time [ms]" for k in series])
     for column, values in enumerate(series.values()):
         counts, edges = np.histogram(values or [0.0], bins=60)
-        figure.add_bar(x=edges[:-1].round(2), y=counts, width=np.diff(edges), offset=0,
-                       row=1, col=column + 1)  # fmt: skip
+        figure.add_bar(
+            x=edges[:-1].round(2), y=counts, width=np.diff(edges), offset=0, row=1, col=column + 1
+        )
     figure.update_yaxes(type="log", title="ticks")
     figure.update_layout(height=320, margin={"l": 60, "r": 10, "t": 30, "b": 30}, showlegend=False)
     return figure
@@ -117,18 +153,27 @@ def perception(sights: dict[str, list[Sight]]) -> go.Figure:
         (1, "recall", [_ratio(seconds[k], "found", "in_view") for k in x]),
         (1, "precision", [_ratio(seconds[k], "right", "detections") for k in x]),
         (2, "bearing, median", [_median([np.degrees(s.bearing) for s in seconds[k]]) for k in x]),
-        (3, "range, median of size",
-         [_median([np.abs(s.range_error) * 100 for s in seconds[k]]) for k in x]),
-        (4, "velocity, rms",
-         [_rms([np.linalg.norm(s.velocity, axis=1) for s in seconds[k]]) for k in x]),
-    ]  # fmt: skip
+        (
+            3,
+            "range, median of size",
+            [_median([np.abs(s.range_error) * 100 for s in seconds[k]]) for k in x],
+        ),
+        (
+            4,
+            "velocity, rms",
+            [_rms([np.linalg.norm(s.velocity, axis=1) for s in seconds[k]]) for k in x],
+        ),
+    ]
     for row, name, values in lines:
         figure.add_scatter(x=x, y=values, name=name, mode="lines", row=row, col=1)
     for row, title in enumerate(titles):
         figure.update_yaxes(title=title, row=row + 1)
     figure.update_xaxes(title="time [s]", row=4)
-    figure.update_layout(height=640, margin={"l": 60, "r": 10, "t": 10, "b": 40},
-                         legend={"orientation": "h", "y": 1.05})  # fmt: skip
+    figure.update_layout(
+        height=640,
+        margin={"l": 60, "r": 10, "t": 10, "b": 40},
+        legend={"orientation": "h", "y": 1.05},
+    )
     return figure
 
 
@@ -137,22 +182,33 @@ def timeline(run: Run, happened: list[Event]) -> go.Figure:
     figure = go.Figure()
     for span in faults(run):
         figure.add_scatter(
-            x=[span.start, span.end], y=[span.drone] * 2, mode="lines", showlegend=False,
-            line={"color": "rgba(200,0,0,0.25)", "width": 16}, text=span.text,
+            x=[span.start, span.end],
+            y=[span.drone] * 2,
+            mode="lines",
+            showlegend=False,
+            line={"color": "rgba(200,0,0,0.25)", "width": 16},
+            text=span.text,
             hovertemplate="%{x:.1f} s: %{text}<extra></extra>",
-        )  # fmt: skip
+        )
     for kind, symbol in _SYMBOLS.items():
         some = [e for e in happened if e.kind == kind]
         if some:
             figure.add_scatter(
-                x=[e.time for e in some], y=[e.drone for e in some], mode="markers", name=kind,
-                text=[e.text for e in some], hovertemplate="%{x:.1f} s: %{text}",
+                x=[e.time for e in some],
+                y=[e.drone for e in some],
+                mode="markers",
+                name=kind,
+                text=[e.text for e in some],
+                hovertemplate="%{x:.1f} s: %{text}",
                 marker={"symbol": symbol, "size": 9},
-            )  # fmt: skip
+            )
     figure.update_yaxes(categoryorder="array", categoryarray=run.names[::-1])
     figure.update_xaxes(title="time [s]")
-    figure.update_layout(height=120 + 26 * len(run.names), legend={"orientation": "h"},
-                         margin={"l": 60, "r": 10, "t": 10, "b": 40})  # fmt: skip
+    figure.update_layout(
+        height=120 + 26 * len(run.names),
+        legend={"orientation": "h"},
+        margin={"l": 60, "r": 10, "t": 10, "b": 40},
+    )
     return figure
 
 

@@ -32,8 +32,15 @@ def collision(run: Run, minds: Minds, crash: Collision) -> go.Figure:
     _paths(figure, run, crash, drawn)
     curves = _with_drone if crash.other is not None else _with_obstacle
     for n, (name, values) in enumerate(curves(run, minds, crash, drawn)):
-        figure.add_scatter(x=t[drawn], y=values, mode="lines", name=name, row=1, col=2,
-                           line_dash="dot" if n else "solid")  # fmt: skip
+        figure.add_scatter(
+            x=t[drawn],
+            y=values,
+            mode="lines",
+            name=name,
+            row=1,
+            col=2,
+            line_dash="dot" if n else "solid",
+        )
     figure.update_xaxes(title="time [s]", row=1, col=2)
     figure.update_yaxes(title="m", scaleanchor=None, range=[0, 5], row=1, col=2)
     figure.add_vline(crash.time, line={"color": LIMIT, "dash": "dash"}, row=1, col=2)
@@ -49,9 +56,17 @@ def _paths(figure: go.Figure, run: Run, crash: Collision, drawn: Indices) -> Non
         if np.linalg.norm(p[drawn, i, :2] - place, axis=1).min() > _AROUND:
             continue
         width = 3 if i in (crash.drone, crash.other) else 1
-        figure.add_scatter(x=p[drawn, i, 0], y=p[drawn, i, 1], name=name, mode="lines+markers",
-                           line={"color": colour, "width": width}, marker_size=3,
-                           text=[f"{a:.1f} s" for a in t[drawn]], row=1, col=1)  # fmt: skip
+        figure.add_scatter(
+            x=p[drawn, i, 0],
+            y=p[drawn, i, 1],
+            name=name,
+            mode="lines+markers",
+            line={"color": colour, "width": width},
+            marker_size=3,
+            text=[f"{a:.1f} s" for a in t[drawn]],
+            row=1,
+            col=1,
+        )
     square(figure, 460)
     window(figure, 1, place, _AROUND)
 

@@ -41,10 +41,21 @@ def top_view(run: Run) -> go.Figure:
     add_map(figure, run.world)
     p = run.truth["position"][:: stride(run.truth)].astype(float).round(3)
     for i, (name, colour) in enumerate(zip(run.names, colours(p.shape[1]), strict=True)):
-        figure.add_scatter(x=p[:, i, 0], y=p[:, i, 1], name=name, mode="lines",
-                           line={"color": colour, "width": 1.5})  # fmt: skip
-        figure.add_scatter(x=p[:1, i, 0], y=p[:1, i, 1], mode="markers", showlegend=False,
-                           marker={"color": colour, "size": 7}, hoverinfo="skip")  # fmt: skip
+        figure.add_scatter(
+            x=p[:, i, 0],
+            y=p[:, i, 1],
+            name=name,
+            mode="lines",
+            line={"color": colour, "width": 1.5},
+        )
+        figure.add_scatter(
+            x=p[:1, i, 0],
+            y=p[:1, i, 1],
+            mode="markers",
+            showlegend=False,
+            marker={"color": colour, "size": 7},
+            hoverinfo="skip",
+        )
     return square(figure, 720)
 
 
@@ -58,12 +69,28 @@ def add_map(figure: go.Figure, world: dict[str, Any], **place: Any) -> None:
         (x0, y0, _), (x1, y1, _) = b["min"], b["max"]
         outlines.append(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]]))
     x, y = _joined(outlines)
-    figure.add_scatter(x=x, y=y, mode="lines", fill="toself", fillcolor=OBSTACLE, line_width=0,
-                       hoverinfo="skip", showlegend=False, **place)  # fmt: skip
+    figure.add_scatter(
+        x=x,
+        y=y,
+        mode="lines",
+        fill="toself",
+        fillcolor=OBSTACLE,
+        line_width=0,
+        hoverinfo="skip",
+        showlegend=False,
+        **place,
+    )
     reach = world["target_tolerance"]
     x, y = _joined([_circle(x, y, reach) for x, y, _ in shared_targets(world)])
-    figure.add_scatter(x=x, y=y, mode="lines", hoverinfo="skip", showlegend=False,
-                       line={"color": TARGET, "width": 1, "dash": "dot"}, **place)  # fmt: skip
+    figure.add_scatter(
+        x=x,
+        y=y,
+        mode="lines",
+        hoverinfo="skip",
+        showlegend=False,
+        line={"color": TARGET, "width": 1, "dash": "dot"},
+        **place,
+    )
 
 
 def _circle(x: float, y: float, radius: float) -> Vector:
@@ -88,8 +115,9 @@ def shared_targets(world: dict[str, Any]) -> list[tuple[float, ...]]:
 
 def square(figure: go.Figure, height: int) -> go.Figure:
     """Equal scales on both axes, with their names."""
-    figure.update_layout(height=height, margin={"l": 40, "r": 10, "t": 30, "b": 40},
-                         legend={"orientation": "h"})  # fmt: skip
+    figure.update_layout(
+        height=height, margin={"l": 40, "r": 10, "t": 30, "b": 40}, legend={"orientation": "h"}
+    )
     figure.update_xaxes(title="east [m]", constrain="domain")
     figure.update_yaxes(title="north [m]", scaleanchor="x")
     return figure
@@ -98,8 +126,9 @@ def square(figure: go.Figure, height: int) -> go.Figure:
 def window(figure: go.Figure, column: int, centre: Vector, half: float) -> None:
     """Show `half` [m] around `centre` in one subplot of a row."""
     figure.update_xaxes(range=[centre[0] - half, centre[0] + half], row=1, col=column)
-    figure.update_yaxes(range=[centre[1] - half, centre[1] + half], row=1, col=column,
-                        scaleanchor=f"x{column}")  # fmt: skip
+    figure.update_yaxes(
+        range=[centre[1] - half, centre[1] + half], row=1, col=column, scaleanchor=f"x{column}"
+    )
 
 
 def trajectories(run: Run) -> go.Figure:
@@ -107,21 +136,39 @@ def trajectories(run: Run) -> go.Figure:
     figure = go.Figure()
     p = run.truth["position"][:: stride(run.truth)].astype(float).round(3)
     for i, (name, colour) in enumerate(zip(run.names, colours(p.shape[1]), strict=True)):
-        figure.add_scatter3d(x=p[:, i, 0], y=p[:, i, 1], z=p[:, i, 2], name=name, mode="lines",
-                             line={"color": colour, "width": 4})  # fmt: skip
+        figure.add_scatter3d(
+            x=p[:, i, 0],
+            y=p[:, i, 1],
+            z=p[:, i, 2],
+            name=name,
+            mode="lines",
+            line={"color": colour, "width": 4},
+        )
     top = float(p[..., 2].max()) + 2.0
     if run.world["cylinders"]:
         figure.add_trace(_trunks(run.world["cylinders"], top))
     for b in run.world["boxes"]:
         figure.add_trace(_box(b))
     targets = np.array(shared_targets(run.world)).reshape(-1, 3)
-    figure.add_scatter3d(x=targets[:, 0], y=targets[:, 1], z=targets[:, 2], mode="markers",
-                         name="targets", marker={"color": TARGET, "size": 5})  # fmt: skip
+    figure.add_scatter3d(
+        x=targets[:, 0],
+        y=targets[:, 1],
+        z=targets[:, 2],
+        mode="markers",
+        name="targets",
+        marker={"color": TARGET, "size": 5},
+    )
     figure.update_layout(
-        height=720, margin={"l": 0, "r": 0, "t": 0, "b": 0}, legend={"orientation": "h"},
-        scene={"aspectmode": "data", "xaxis_title": "east [m]", "yaxis_title": "north [m]",
-               "zaxis_title": "up [m]"},
-    )  # fmt: skip
+        height=720,
+        margin={"l": 0, "r": 0, "t": 0, "b": 0},
+        legend={"orientation": "h"},
+        scene={
+            "aspectmode": "data",
+            "xaxis_title": "east [m]",
+            "yaxis_title": "north [m]",
+            "zaxis_title": "up [m]",
+        },
+    )
     return figure
 
 
@@ -187,8 +234,18 @@ def _band(figure: go.Figure, row: int, t: Vector, values: Vector, valid: NDArray
     least = np.minimum.reduceat(masked.min(axis=1).filled(np.inf), starts)
     x = t[some][starts].round(2)
     for y, fill in ((mean - std, None), (mean + std, "tonexty")):
-        figure.add_scatter(x=x, y=y.round(3), mode="lines", line_width=0, fill=fill, row=row, col=1,
-                           fillcolor="rgba(31,119,180,0.2)", hoverinfo="skip")  # fmt: skip
+        figure.add_scatter(
+            x=x,
+            y=y.round(3),
+            mode="lines",
+            line_width=0,
+            fill=fill,
+            row=row,
+            col=1,
+            fillcolor="rgba(31,119,180,0.2)",
+            hoverinfo="skip",
+        )
     figure.add_scatter(x=x, y=mean.round(3), line_color="#1f77b4", name="mean", row=row, col=1)
-    figure.add_scatter(x=x, y=least.round(3), line={"color": "#ff7f0e", "width": 1}, name="least",
-                       row=row, col=1)  # fmt: skip
+    figure.add_scatter(
+        x=x, y=least.round(3), line={"color": "#ff7f0e", "width": 1}, name="least", row=row, col=1
+    )

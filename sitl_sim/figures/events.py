@@ -59,8 +59,14 @@ def events(run: Run) -> list[Event]:
             found.append(Event(span.end, span.drone, "fault", f"fault over: {span.text}"))
     for c in collisions(run):
         with_ = "an obstacle" if c.other is None else run.names[c.other]
-        found.append(Event(c.time, run.names[c.drone], "collision",
-                           f"collides with {with_}: {c.distance:.2f} m"))  # fmt: skip
+        found.append(
+            Event(
+                c.time,
+                run.names[c.drone],
+                "collision",
+                f"collides with {with_}: {c.distance:.2f} m",
+            )
+        )
     return sorted(found, key=lambda e: e.time)
 
 

@@ -130,8 +130,9 @@ def load_run(folder: Path) -> Run:
         raise RunError(str(error)) from error
     world["targets"] = {n: world["targets"].get(n, world["targets"].get("*", [])) for n in logs}
     if scenario.drones.count != len(logs):
-        raise RunError(f"{folder}: scenario.yaml has {scenario.drones.count} drones, "
-                       f"truth.npz {len(logs)}")  # fmt: skip
+        raise RunError(
+            f"{folder}: scenario.yaml has {scenario.drones.count} drones, truth.npz {len(logs)}"
+        )
     return Run(folder, scenario, world, truth, logs)
 
 

@@ -84,8 +84,9 @@ class MissionConfig(StrictModel):
     spread: bool = Field(
         False, description="The last of the targets is the formation's: each to its place in it."
     )
-    exchange: bool = Field(False, description="Last: the place opposite the start, round "
-                           "drones.centre.")  # fmt: skip
+    exchange: bool = Field(
+        False, description="Last: the place opposite the start, round drones.centre."
+    )
     home: bool = Field(True, description="The last target is the drone's own start.")
     levels: list[float] = Field(
         [0.0],
@@ -176,8 +177,9 @@ class Scenario(StrictModel):
 def names() -> list[str]:
     """Scenarios that come with the package."""
     folder = resources.files("sitl_sim") / "scenarios"
-    return sorted(f.name.removesuffix(".yaml") for f in folder.iterdir()
-                  if f.name.endswith(".yaml"))  # fmt: skip
+    return sorted(
+        f.name.removesuffix(".yaml") for f in folder.iterdir() if f.name.endswith(".yaml")
+    )
 
 
 def description(name: str) -> str:
@@ -195,8 +197,9 @@ def load(scenario: str, overrides: list[str]) -> Scenario:
     loaded = with_mission(read(scenario, overrides))
     names_ = drone_names(loaded)
     if unknown := [n for n in loaded.mission.targets_of if n not in names_]:
-        raise SettingsError([f"mission.targets_of: no drone {unknown[0]!r}; valid: "
-                             f"{', '.join(names_)}"])  # fmt: skip
+        raise SettingsError(
+            [f"mission.targets_of: no drone {unknown[0]!r}; valid: {', '.join(names_)}"]
+        )
     return loaded
 
 
@@ -222,18 +225,27 @@ def with_mission(scenario: Scenario) -> Scenario:
     if scenario.world.generator != "missions":
         return scenario
     if scenario.world.missions is None:
-        raise SettingsError([f"world.missions: {scenario.name} needs the file that holds its "
-                             "missions: --set world.missions=FILE"])  # fmt: skip
+        raise SettingsError(
+            [
+                f"world.missions: {scenario.name} needs the file that holds its "
+                "missions: --set world.missions=FILE"
+            ]
+        )
     mission = read_mission(Path(scenario.world.missions), scenario.seed, scenario.drones.count)
     names_ = [f"drone{i + 1}" for i in range(scenario.drones.count)]
-    return scenario.model_copy(update={
-        "world": scenario.world.model_copy(
-            update={"generator": "empty", "missions": None, "cylinders": mission.cylinders}),
-        "drones": scenario.drones.model_copy(
-            update={"starts": mission.starts, "radius": mission.drone_radius}),
-        "mission": scenario.mission.model_copy(
-            update={"targets_of": {n: [g] for n, g in zip(names_, mission.goals, strict=True)}}),
-    })  # fmt: skip
+    return scenario.model_copy(
+        update={
+            "world": scenario.world.model_copy(
+                update={"generator": "empty", "missions": None, "cylinders": mission.cylinders}
+            ),
+            "drones": scenario.drones.model_copy(
+                update={"starts": mission.starts, "radius": mission.drone_radius}
+            ),
+            "mission": scenario.mission.model_copy(
+                update={"targets_of": {n: [g] for n, g in zip(names_, mission.goals, strict=True)}}
+            ),
+        }
+    )
 
 
 def fault_schedule(scenario: Scenario) -> fault.Schedule:

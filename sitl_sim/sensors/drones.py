@@ -4,6 +4,7 @@ Everything is an ellipsoid because one affine map per part takes a camera ray to
 nine multiplications and a square root per part and ray.
 """
 
+# ruff: noqa: ANN001, ANN201, ANN202 - numba infers the types of a kernel's arguments
 from __future__ import annotations
 
 import math
@@ -74,7 +75,7 @@ def _part(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _place(parts, p, r_wc, drone_p, r_wd, sun, f, lens, w, h):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _place(parts, p, r_wc, drone_p, r_wd, sun, f, lens, w, h):  # type: ignore[no-untyped-def]
     """Parts of one drone → per part: camera ray → unit sphere, camera there, sun, pixel box."""
     n = parts.shape[0]
     maps = np.empty((n, 3, 3), np.float32)
@@ -135,7 +136,7 @@ def _place(parts, p, r_wc, drone_p, r_wd, sun, f, lens, w, h):  # type: ignore[n
 
 
 @njit(inline="always", error_model="numpy")
-def _trace(dx, dy, dz, maps, origins, suns, parts, active, n_active, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _trace(dx, dy, dz, maps, origins, suns, parts, active, n_active, out):  # type: ignore[no-untyped-def]
     """One ray (camera frame) against a drone's parts: out = B, G, R, opacity; returns distance.
 
     Opaque parts in front hide; translucent discs (propellers) in front of them blend.
@@ -200,10 +201,26 @@ def _trace(dx, dy, dz, maps, origins, suns, parts, active, n_active, out):  # ty
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def draw_drones(  # type: ignore[no-untyped-def]  # noqa: ANN201
-    rays, p, r_wc, drones_p, drones_r, looks, parts_all, sun, haze, f, lens,  # noqa: ANN001
-    table, count, boxes, start, which, image, depth,  # noqa: ANN001
-):  # fmt: skip
+def draw_drones(  # type: ignore[no-untyped-def]
+    rays,
+    p,
+    r_wc,
+    drones_p,
+    drones_r,
+    looks,
+    parts_all,
+    sun,
+    haze,
+    f,
+    lens,
+    table,
+    count,
+    boxes,
+    start,
+    which,
+    image,
+    depth,
+):
     """Composite drones into image (h,w,3), far to near, or into depth (h,w) if it has rows.
 
     f: largest px/rad. lens: (8,) fx, fy, cx, cy, k1…k4.

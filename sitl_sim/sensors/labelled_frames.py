@@ -112,9 +112,14 @@ CROWDS = (1, 5, 10, 20)  # neighbours in view, for taking the time
 
 
 def write(
-    folder: Path, seed: int, count: int, degraded: int, sequences: int, kind: str,
+    folder: Path,
+    seed: int,
+    count: int,
+    degraded: int,
+    sequences: int,
+    kind: str,
     progress: Callable[[str], object] = lambda name: None,
-) -> int:  # fmt: skip
+) -> int:
     """Render the evaluation set of a seed; returns how many frames it has.
 
     That is `count` clean frames, `degraded` of each other kind of conditions, `sequences` flights
@@ -128,10 +133,17 @@ def write(
     folder.mkdir(parents=True, exist_ok=True)
     lens = Lens(640, 400)
     calibration = {
-        "width": lens.width, "height": lens.height, "fx": lens.f, "fy": lens.f,
-        "cx": (lens.width - 1) / 2, "cy": (lens.height - 1) / 2,
-        "k1": 0.0, "k2": 0.0, "k3": 0.0, "k4": 0.0,
-    }  # fmt: skip
+        "width": lens.width,
+        "height": lens.height,
+        "fx": lens.f,
+        "fy": lens.f,
+        "cx": (lens.width - 1) / 2,
+        "cy": (lens.height - 1) / 2,
+        "k1": 0.0,
+        "k2": 0.0,
+        "k3": 0.0,
+        "k4": 0.0,
+    }
     (folder / "camera.yaml").write_text(yaml.safe_dump(calibration, sort_keys=False))
     rows: list[dict[str, Any]] = []
     for name, scene, image in _all(seed, count, degraded, sequences, kind, lens):
@@ -177,8 +189,12 @@ def label(scene: Scene, lens: Lens) -> dict[str, Any]:
 
 def _moving(scene: Scene, sequence: int) -> dict[str, Any]:
     assert scene.own_v is not None
-    return {"sequence": sequence, "time": scene.time, "p": _plain(scene.p),
-            "v": _plain(scene.own_v)}  # fmt: skip
+    return {
+        "sequence": sequence,
+        "time": scene.time,
+        "p": _plain(scene.p),
+        "v": _plain(scene.own_v),
+    }
 
 
 def _all(
@@ -213,9 +229,14 @@ def rendered(
         if renderer is None or scene.world is not world:
             world = scene.world
             renderer = Renderer(
-                world, lens.width, lens.height, lens.fov_deg, seed=seed * 1009 + index,
-                sensor=conditions.sensor, looks=looks(conditions.looks or kind, rng),
-            )  # fmt: skip
+                world,
+                lens.width,
+                lens.height,
+                lens.fov_deg,
+                seed=seed * 1009 + index,
+                sensor=conditions.sensor,
+                looks=looks(conditions.looks or kind, rng),
+            )
         ids = (scene.ids + index // 25).tolist() if scene.own_v is None else scene.ids.tolist()
         image = renderer.render(
             scene.p, scene.q, scene.drones, scene.attitudes, seed * 100003 + index, drones_id=ids

@@ -41,9 +41,13 @@ def seen(rays_c: Vector, half_view: float, half_height: float) -> NDArray[np.boo
 
 
 def neighbours(
-    p: Vector, q: Vector, others: Vector, occluders: Occluders, fov: tuple[float, float],
+    p: Vector,
+    q: Vector,
+    others: Vector,
+    occluders: Occluders,
+    fov: tuple[float, float],
     range_max: float,
-) -> Vector:  # fmt: skip
+) -> Vector:
     """(m,6) direction, range, σ bearing, σ range of the drones `others` (k,3) in view.
 
     fov: half width and half height of the view [rad].

@@ -27,7 +27,7 @@ from sitl_sim.sensors.tables import (
     box_lists,
     ground_table,
     trunk_table,
-)  # fmt: skip
+)
 from sitl_sim.sensors.textures import UInt8
 
 HAZE = np.array([222.0, 216.0, 206.0], np.float32)  # BGR of the far distance
@@ -165,11 +165,26 @@ class Renderer:
         pixel = 1.0 / lens.f
         ground_table(max(float(view.p[2]), 0.02), pixel, elevations)
         paint(
-            lens.rays, view.r_wc.astype(np.float32), view.p.astype(np.float32), view.table,
-            view.count, elevations, self._boxes, view.start, view.which, self._ground,
-            self._palette, self._macro, self._macro_frame, self._bark, self._wall, self._sky,
-            HAZE, np.float32(pixel), raw,
-        )  # fmt: skip
+            lens.rays,
+            view.r_wc.astype(np.float32),
+            view.p.astype(np.float32),
+            view.table,
+            view.count,
+            elevations,
+            self._boxes,
+            view.start,
+            view.which,
+            self._ground,
+            self._palette,
+            self._macro,
+            self._macro_frame,
+            self._bark,
+            self._wall,
+            self._sky,
+            HAZE,
+            np.float32(pixel),
+            raw,
+        )
         self._draw(view, lens, drones_p, drones_q, drones_id, raw, np.empty((0, 0), np.float32))
         if self.sensor.blur > 0.0:
             raw = cv2.GaussianBlur(raw, (0, 0), self.sensor.blur)  # type: ignore[assignment]
@@ -198,9 +213,16 @@ class Renderer:
         view = self._view(p_wc, q_wb, lens)
         out = np.empty((height, width), np.float32)
         depth_image(
-            lens.rays, view.r_wc.astype(np.float32), view.p.astype(np.float32), view.table,
-            view.count, self._boxes, view.start, view.which, out,
-        )  # fmt: skip
+            lens.rays,
+            view.r_wc.astype(np.float32),
+            view.p.astype(np.float32),
+            view.table,
+            view.count,
+            self._boxes,
+            view.start,
+            view.which,
+            out,
+        )
         self._draw(view, lens, drones_p, drones_q, None, np.empty((0, 0, 3), np.uint8), out)
         return out
 
@@ -235,7 +257,22 @@ class Renderer:
         attitudes = np.array([rotation(q) for q in np.reshape(drones_q, (-1, 4))])
         ids = np.arange(len(positions)) if drones_id is None else np.asarray(drones_id)
         draw_drones(
-            lens.rays, view.p, view.r_wc, positions, attitudes, ids % len(self._looks), self._parts,
-            SUN, HAZE, lens.f, lens.numbers, view.table, view.count, self._boxes, view.start,
-            view.which, image, depth,
-        )  # fmt: skip
+            lens.rays,
+            view.p,
+            view.r_wc,
+            positions,
+            attitudes,
+            ids % len(self._looks),
+            self._parts,
+            SUN,
+            HAZE,
+            lens.f,
+            lens.numbers,
+            view.table,
+            view.count,
+            self._boxes,
+            view.start,
+            view.which,
+            image,
+            depth,
+        )

@@ -4,6 +4,7 @@ With the tables of `tables` a pixel needs one division to find its azimuth bin a
 comparison to know what it sees.
 """
 
+# ruff: noqa: ANN001, ANN201 - numba infers the types of a kernel's arguments
 from __future__ import annotations
 
 import math
@@ -38,7 +39,7 @@ from sitl_sim.sensors.tables import (
     front_trunks,
     mip,
     texel,
-)  # fmt: skip
+)
 from sitl_sim.sensors.textures import HUES, SKY_SHAPE
 
 WALL_TEXELS = np.float32(128.0)  # per metre
@@ -50,7 +51,7 @@ _ROWS_PER_SKY, _BINS_PER_SKY = np.uintp(EBINS // SKY_SHAPE[0]), np.uintp(BINS //
 
 
 @njit(inline="always", error_model="numpy")
-def hit_box(px, py, pz, dx, dy, dz, boxes, start, which, b):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def hit_box(px, py, pz, dx, dy, dz, boxes, start, which, b):  # type: ignore[no-untyped-def]
     """Nearest box on the ray (d need not be a unit vector): parameter t, box and face axis."""
     nearest, found, face = FAR, -1, 0
     ix = ONE / (dx if abs(dx) > TINY else TINY)
@@ -71,7 +72,7 @@ def hit_box(px, py, pz, dx, dy, dz, boxes, start, which, b):  # type: ignore[no-
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def scene_range(px, py, pz, dx, dy, dz, table, count, boxes, start, which):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def scene_range(px, py, pz, dx, dy, dz, table, count, boxes, start, which):  # type: ignore[no-untyped-def]
     """Distance [m] along the world ray d to the first surface of the static scene; inf: sky."""
     rho = math.sqrt(dx * dx + dy * dy) + TINY
     s = dz / rho
@@ -98,10 +99,27 @@ def scene_range(px, py, pz, dx, dy, dz, table, count, boxes, start, which):  # t
 
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
-def paint(  # type: ignore[no-untyped-def]  # noqa: ANN201
-    rays, rot, p, table, count, elevations, boxes, start, which,  # noqa: ANN001
-    ground, palette, macro, macro_frame, bark, wall, sky, haze, pixel_angle, out,  # noqa: ANN001
-):  # fmt: skip
+def paint(  # type: ignore[no-untyped-def]
+    rays,
+    rot,
+    p,
+    table,
+    count,
+    elevations,
+    boxes,
+    start,
+    which,
+    ground,
+    palette,
+    macro,
+    macro_frame,
+    bark,
+    wall,
+    sky,
+    haze,
+    pixel_angle,
+    out,
+):
     """Colour every pixel of the static scene.
 
     rays: (3,h,w) camera frame. rot: (3,3) camera → world. p: (3,) camera, world [m]. elevations:

@@ -72,9 +72,13 @@ def forest(rng: np.random.Generator, varied: bool = False) -> dict[str, Any]:
 
 
 def stills(
-    count: int, seed: int, lens: Lens, tilt_deg: float = 35.0, reach: float = 12.0,
+    count: int,
+    seed: int,
+    lens: Lens,
+    tilt_deg: float = 35.0,
+    reach: float = 12.0,
     varied: bool = False,
-) -> Iterator[Scene]:  # fmt: skip
+) -> Iterator[Scene]:
     """Unconnected looks: up to nine drones from 0.5 m to `reach`, attitudes up to `tilt_deg`."""
     rng = np.random.default_rng([seed, 77])
     world, room = forest(rng, varied), _Room({})
@@ -279,6 +283,14 @@ def _look(
     drones = np.array([c.p[k] for c in company])
     shares = visible_shares(own.p[k], own.q[k], drones, room.occluders, lens)
     return Scene(
-        world, own.p[k], own.q[k], drones, np.array([c.q[k] for c in company]),
-        np.array([c.v[k] for c in company]), np.arange(len(company)), shares, k / 10, own.v[k],
-    )  # fmt: skip
+        world,
+        own.p[k],
+        own.q[k],
+        drones,
+        np.array([c.q[k] for c in company]),
+        np.array([c.v[k] for c in company]),
+        np.arange(len(company)),
+        shares,
+        k / 10,
+        own.v[k],
+    )

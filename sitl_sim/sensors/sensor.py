@@ -1,5 +1,6 @@
 """From scene light to a sensor's bytes: lens blur, vignette, exposure, noise; and ideal depth."""
 
+# ruff: noqa: ANN001, ANN201 - numba infers the types of a kernel's arguments
 from __future__ import annotations
 
 import numpy as np
@@ -16,7 +17,7 @@ _ZERO, _MAX, _HALF = np.float32(0), np.float32(255), np.float32(0.5)
 
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz"})
-def develop(raw, noise, offset, sigma, exposure, vignette, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def develop(raw, noise, offset, sigma, exposure, vignette, out):  # type: ignore[no-untyped-def]
     """Lens blur (3×3), vignette, exposure and noise: raw → out, both (h,w,3) uint8.
 
     noise: (NOISE_BANK,) int8. offset: this frame's place in it. sigma: grey levels per unit.
@@ -61,7 +62,7 @@ def develop(raw, noise, offset, sigma, exposure, vignette, out):  # type: ignore
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def depth_image(rays, rot, p, table, count, boxes, start, which, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def depth_image(rays, rot, p, table, count, boxes, start, which, out):  # type: ignore[no-untyped-def]
     """Distance to the static scene along each ray (3,h,w) of the camera frame → out (h,w) [m]."""
     for y in range(rays.shape[1]):
         for x in range(rays.shape[2]):

@@ -7,6 +7,7 @@ becomes a second layer. Azimuth and elevation are "diamond" angles, y / (|x| + |
 the true angle and free of trigonometry.
 """
 
+# ruff: noqa: ANN001, ANN201 - numba infers the types of a kernel's arguments
 from __future__ import annotations
 
 import math
@@ -37,7 +38,7 @@ QUARTER = np.float32(BINS / 4)
 
 
 @njit(inline="always", error_model="numpy")
-def diamond(x, y):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def diamond(x, y):  # type: ignore[no-untyped-def]
     """Diamond angle of (x, y) in [−2, 2], growing with atan2(y, x)."""
     a = y / (abs(x) + abs(y) + TINY)
     if x < ZERO:
@@ -46,7 +47,7 @@ def diamond(x, y):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
 
 
 @njit(inline="always", error_model="numpy")
-def mip(footprint):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def mip(footprint):  # type: ignore[no-untyped-def]
     """Mip level for a pixel footprint in finest texels."""
     level = np.int32(0)
     while footprint > 1.5 and level < LEVELS - 1:
@@ -56,7 +57,7 @@ def mip(footprint):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
 
 
 @njit(inline="always", error_model="numpy")
-def texel(u, v, level):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def texel(u, v, level):  # type: ignore[no-untyped-def]
     """Index into a mip pyramid of finest-level int32 coordinates (wrapped)."""
     x = (u & _WRAP) >> level
     y = (v & _WRAP) >> level
@@ -64,7 +65,7 @@ def texel(u, v, level):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def trunk_table(  # type: ignore[no-untyped-def]  # noqa: ANN201
+def trunk_table(  # type: ignore[no-untyped-def]
     p: Float64,
     cylinders: Float64,
     tint: Float64,
@@ -146,7 +147,7 @@ def trunk_table(  # type: ignore[no-untyped-def]  # noqa: ANN201
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def ground_table(height: float, pixel_angle: float, table: Float32):  # type: ignore[no-untyped-def]  # noqa: ANN201
+def ground_table(height: float, pixel_angle: float, table: Float32):  # type: ignore[no-untyped-def]
     """(2,EBINS) mip level and clarity of the ground by diamond elevation, horizon first."""
     for i in range(EBINS):
         e = (i + 0.5) / EBINS
@@ -159,7 +160,7 @@ def ground_table(height: float, pixel_angle: float, table: Float32):  # type: ig
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def box_lists(p: Float64, boxes: Float64, start, which):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def box_lists(p: Float64, boxes: Float64, start, which):  # type: ignore[no-untyped-def]
     """Which boxes (n,6: min, max) each azimuth bin can see: which[start[b]:start[b+1]]."""
     n = boxes.shape[0]
     spans = np.empty((n, 2), np.int64)
@@ -193,7 +194,7 @@ def box_lists(p: Float64, boxes: Float64, start, which):  # type: ignore[no-unty
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def front_trunks(table, count):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def front_trunks(table, count):  # type: ignore[no-untyped-def]
     """The azimuth table's nearest layer, packed small for the pixel loop.
 
     Returns near (BINS,) distance, inf: none; top, upper (BINS,) slope of its front edge, and of

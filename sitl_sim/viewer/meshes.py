@@ -19,8 +19,9 @@ def cylinder() -> Mesh:
     points = np.vstack([low, low + np.array([0.0, 0.0, 1.0]), [[0.0, 0.0, 1.0]]])
     a = np.arange(_SIDES)
     b = (a + 1) % _SIDES
-    wall = np.vstack([np.column_stack([a, b, a + _SIDES]),
-                      np.column_stack([b, b + _SIDES, a + _SIDES])])  # fmt: skip
+    wall = np.vstack(
+        [np.column_stack([a, b, a + _SIDES]), np.column_stack([b, b + _SIDES, a + _SIDES])]
+    )
     lid = np.column_stack([a + _SIDES, b + _SIDES, np.full(_SIDES, 2 * _SIDES)])
     return _mesh(points, np.vstack([wall, lid]))
 

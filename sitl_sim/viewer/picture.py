@@ -47,5 +47,6 @@ class Pictures:
         v = round(self._centre[1] + self._focal * theta * y / rho)
         radius = max(round(size * self._focal), 4)
         cv2.circle(image, (u, v), radius, colour, 1, cv2.LINE_AA)
-        cv2.putText(image, text, (u + radius, v), cv2.FONT_HERSHEY_PLAIN, 0.9, colour, 1,
-                    cv2.LINE_AA)  # fmt: skip
+        cv2.putText(
+            image, text, (u + radius, v), cv2.FONT_HERSHEY_PLAIN, 0.9, colour, 1, cv2.LINE_AA
+        )

@@ -36,14 +36,29 @@ class Scene:
         q, p = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.zeros((n, 3))
         shape, faces = meshes.quadrotor(world["drone_radius"])
         self.drones = self._scene.add_batched_meshes_simple(
-            "/drones", shape, faces, q, p, batched_colors=self.colours, side="double",
+            "/drones",
+            shape,
+            faces,
+            q,
+            p,
+            batched_colors=self.colours,
+            side="double",
             lod="off",
-        )  # fmt: skip
+        )
         fan, faces = meshes.view_fan(np.radians(scenario.sensing.fov_deg) / 2, _VIEW_REACH)
         self.views = self._scene.add_batched_meshes_simple(
-            "/views", fan, faces, q, p, batched_colors=self.colours, side="double",
-            lod="off", opacity=0.15, cast_shadow=False, receive_shadow=False,
-        )  # fmt: skip
+            "/views",
+            fan,
+            faces,
+            q,
+            p,
+            batched_colors=self.colours,
+            side="double",
+            lod="off",
+            opacity=0.15,
+            cast_shadow=False,
+            receive_shadow=False,
+        )
         self._labels = [
             self._scene.add_label(f"/labels/{name}", name.removeprefix("drone")) for name in names
         ]
@@ -64,15 +79,20 @@ class Scene:
             label.position = at + np.array([0.0, 0.0, 0.35])
         self.views.visible = self.layers["fields of view"]
         self._draw("trails", self.trails, list(_segments(moment.trail)), 0.5)
-        self._draw("plans", self.plans, [_segments(m.plan[None])[0] if m and len(m.plan) else _NONE
-                                for m in minds], 1.0)  # fmt: skip
+        self._draw(
+            "plans",
+            self.plans,
+            [_segments(m.plan[None])[0] if m and len(m.plan) else _NONE for m in minds],
+            1.0,
+        )
         known = minds[chosen]
         self.tracks.visible = self.layers["tracks"] and known is not None and len(known.tracks) > 0
         if known is not None and len(known.tracks):
             self.tracks.points = known.tracks.astype(np.float32)
             self.tracks.colors = np.tile(self.colours[chosen], (len(known.tracks), 1))
-        edges = [(at, t.position) for at, m in zip(moment.p, minds, strict=True) if m
-                 for t in m.critical]  # fmt: skip
+        edges = [
+            (at, t.position) for at, m in zip(moment.p, minds, strict=True) if m for t in m.critical
+        ]
         points = np.array(edges, np.float32).reshape(-1, 2, 3)
         self.threats.visible = self.layers["threats"] and bool(len(points))
         if len(points):
@@ -104,23 +124,39 @@ class Scene:
         places = [(c["x"], c["y"]) for c in world["cylinders"]]
         places += [b[k][:2] for b in world["boxes"] for k in ("min", "max")]
         centre = np.mean(places or [(0.0, 0.0)], axis=0)
-        self._scene.add_grid("/ground", 80.0, 80.0, cell_size=1.0, section_size=10.0,
-                             position=(float(centre[0]), float(centre[1]), 0.0))  # fmt: skip
+        self._scene.add_grid(
+            "/ground",
+            80.0,
+            80.0,
+            cell_size=1.0,
+            section_size=10.0,
+            position=(float(centre[0]), float(centre[1]), 0.0),
+        )
         if world["cylinders"]:
-            c = np.array([[k["x"], k["y"], k["radius"], min(k["height"], _TALL)]
-                          for k in world["cylinders"]])  # fmt: skip
+            c = np.array(
+                [[k["x"], k["y"], k["radius"], min(k["height"], _TALL)] for k in world["cylinders"]]
+            )
             shape, faces = meshes.cylinder()
             self._scene.add_batched_meshes_simple(
-                "/trunks", shape, faces,
+                "/trunks",
+                shape,
+                faces,
                 np.tile([1.0, 0.0, 0.0, 0.0], (len(c), 1)),
                 np.column_stack([c[:, :2], np.zeros(len(c))]),
                 batched_scales=np.column_stack([c[:, 2], c[:, 2], c[:, 3]]).astype(np.float32),
-                batched_colors=_BARK, lod="off", opacity=0.6,
-            )  # fmt: skip
+                batched_colors=_BARK,
+                lod="off",
+                opacity=0.6,
+            )
         for n, b in enumerate(world["boxes"]):
             low, high = np.array(b["min"]), np.array(b["max"])
-            self._scene.add_box(f"/boxes/{n}", _BARK, dimensions=tuple(high - low),
-                                position=tuple((low + high) / 2), opacity=0.6)  # fmt: skip
+            self._scene.add_box(
+                f"/boxes/{n}",
+                _BARK,
+                dimensions=tuple(high - low),
+                position=tuple((low + high) / 2),
+                opacity=0.6,
+            )
         for n, target in enumerate(shared_targets(world)):
             self._scene.add_icosphere(f"/targets/{n}", 0.25, _TARGET, position=np.array(target))
 

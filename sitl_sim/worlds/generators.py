@@ -78,5 +78,9 @@ def tunnel(config: WorldConfig, rng: np.random.Generator) -> list[dict[str, Any]
 
 
 def _trunk(x: float, y: float, radius: float, height: float) -> dict[str, float]:
-    return {"x": round(float(x), 4), "y": round(float(y), 4),
-            "radius": round(float(radius), 4), "height": height}  # fmt: skip
+    return {
+        "x": round(float(x), 4),
+        "y": round(float(y), 4),
+        "radius": round(float(radius), 4),
+        "height": height,
+    }

@@ -41,22 +41,34 @@ class WorldConfig(StrictModel):
     spacing: float = Field(7.0, gt=0, description="forest: centre to centre [m].")
     staggered: bool = Field(False, description="forest: every other row by half a spacing.")
     radius: float = Field(1.0, gt=0, description="forest: of each trunk [m].")
-    jitter: float = Field(1.0, ge=0, description="forest: each trunk is moved up to this [m] "
-                          "along x and along y.")  # fmt: skip
+    jitter: float = Field(
+        1.0, ge=0, description="forest: each trunk is moved up to this [m] along x and along y."
+    )
     height: float = Field(8.0, gt=0, description="Of each trunk [m].")
-    area: list[float] = Field([-10.0, -10.0, 10.0, 10.0], min_length=4, max_length=4,
-                              description="thicket: x, y of two corners [m].")  # fmt: skip
+    area: list[float] = Field(
+        [-10.0, -10.0, 10.0, 10.0],
+        min_length=4,
+        max_length=4,
+        description="thicket: x, y of two corners [m].",
+    )
     density: float = Field(0.1, gt=0, le=1, description="thicket: trunks per m².")
-    radii: list[float] = Field([0.2, 0.5], min_length=2, max_length=2,
-                               description="thicket: least and largest radius [m].")  # fmt: skip
+    radii: list[float] = Field(
+        [0.2, 0.5], min_length=2, max_length=2, description="thicket: least and largest radius [m]."
+    )
     gap: float = Field(1.2, ge=0, description="thicket: least room between two trunks [m].")
-    opening: list[float] = Field([2.0, 2.0], min_length=2, max_length=2,
-                                 description="tunnel: width and height [m].")  # fmt: skip
+    opening: list[float] = Field(
+        [2.0, 2.0], min_length=2, max_length=2, description="tunnel: width and height [m]."
+    )
     sill: float = Field(1.0, ge=0, description="tunnel: height of its floor [m].")
-    thickness: list[float] = Field([2.0, 4.0], min_length=2, max_length=2,
-                                   description="tunnel: least and largest length [m].")  # fmt: skip
-    wall: list[float] = Field([30.0, 8.0], min_length=2, max_length=2,
-                              description="tunnel: length and height of the wall [m].")  # fmt: skip
+    thickness: list[float] = Field(
+        [2.0, 4.0], min_length=2, max_length=2, description="tunnel: least and largest length [m]."
+    )
+    wall: list[float] = Field(
+        [30.0, 8.0],
+        min_length=2,
+        max_length=2,
+        description="tunnel: length and height of the wall [m].",
+    )
     missions: str | None = Field(None, description="missions: the JSON file that holds them.")
     cylinders: list[Cylinder] = Field([])
     boxes: list[Box] = Field([])

@@ -104,8 +104,13 @@ def test_real_time_reports_deadline_misses(scenario, tmp_path):
 
 
 def test_a_companion_started_by_hand_flies_a_served_world(scenario, tmp_path):
-    overrides = ["drones.count=1", "mission.time_limit=40", "mission.home=true",
-                 "mission.targets=[[4.0, -1.5, 2.0]]", "world.cylinders=[]"]  # fmt: skip
+    overrides = [
+        "drones.count=1",
+        "mission.time_limit=40",
+        "mission.home=true",
+        "mission.targets=[[4.0, -1.5, 2.0]]",
+        "world.cylinders=[]",
+    ]
     with flight(scenarios.load(str(scenario), overrides), tmp_path / "run", real_time=True) as f:
         f.write_inputs()
         world = threading.Thread(target=f.run)

@@ -89,13 +89,18 @@ def served(autopilot, count=1, **keys):
     overrides = [f"--set={k.replace('__', '.')}={v}" for k, v in keys.items()]
     with tempfile.TemporaryDirectory() as folder:
         scenario = Path(folder) / "wire.yaml"
-        scenario.write_text(SCENARIO.format(
-            count=count, autopilot=autopilot, companion=companion, gcs=gcs, frames=frames
-        ))  # fmt: skip
+        scenario.write_text(
+            SCENARIO.format(
+                count=count, autopilot=autopilot, companion=companion, gcs=gcs, frames=frames
+            )
+        )
         process = subprocess.Popen(
             [sys.executable, "-m", "sitl_sim", "serve", str(scenario), "--out", folder, *overrides],
-            cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
-        )  # fmt: skip
+            cwd=ROOT,
+            stderr=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            text=True,
+        )
         lines = Lines(process.stderr)
         try:
             lines.wait_for(rf"drone{count}: system {count}, companion UDP")

@@ -201,10 +201,16 @@ class RealRates:
         reset_priority()
 
     def _run(
-        self, seconds: float, omega: Floats, throttle: float, *, armed: bool = True,
-        held: bool = False, turning: bool = False,
+        self,
+        seconds: float,
+        omega: Floats,
+        throttle: float,
+        *,
+        armed: bool = True,
+        held: bool = False,
+        turning: bool = False,
         note: Callable[[tuple[float, Floats]], None] = lambda sample: None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         end = time.monotonic() + seconds
         sticks = np.array(self._controller.rate_sticks(omega))
         frame = msp.raw_rc(self._controller.channels(sticks, throttle, armed, False))
@@ -262,11 +268,19 @@ def plot(pairs: list[Pair]) -> str:
     for n, pair in enumerate(pairs):
         # Half rise against half rise: transport to the real one is not the rate loop's.
         moved = pair.real.t - pair.real.delay + pair.ours.delay
-        for name, r, t, colour in (("Betaflight 4.6.0", pair.real, moved, "#d62728"),
-                                   ("emulated", pair.ours, pair.ours.t, "#1f77b4")):  # fmt: skip
-            figure.add_scatter(x=1e3 * t, y=np.degrees(r.rate), name=name, line_color=colour,
-                               showlegend=not n, row=n // len(STEPS_DEG) + 1,
-                               col=n % len(STEPS_DEG) + 1)  # fmt: skip
+        for name, r, t, colour in (
+            ("Betaflight 4.6.0", pair.real, moved, "#d62728"),
+            ("emulated", pair.ours, pair.ours.t, "#1f77b4"),
+        ):
+            figure.add_scatter(
+                x=1e3 * t,
+                y=np.degrees(r.rate),
+                name=name,
+                line_color=colour,
+                showlegend=not n,
+                row=n // len(STEPS_DEG) + 1,
+                col=n % len(STEPS_DEG) + 1,
+            )
     figure.update_xaxes(range=[-50, 250])
     figure.update_layout(width=1000, height=720, margin={"l": 40, "r": 10, "t": 40, "b": 30})
     return page("Step responses, °/s over ms", "", [("Rate loops", draw(figure))])

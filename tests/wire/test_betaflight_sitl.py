@@ -53,8 +53,11 @@ def flight(folder, count, tolerance):
     out = folder / "run"
     done = subprocess.run(
         [sys.executable, "-m", "sitl_sim", "run", str(file), "--out", str(out)],
-        cwd=ROOT, capture_output=True, text=True, timeout=240,
-    )  # fmt: skip
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=240,
+    )
     assert (out / "metrics.json").exists(), done.stderr[-2000:]
     return json.loads((out / "metrics.json").read_text()), out
 
@@ -125,9 +128,13 @@ def real_vehicle(folder):
     endpoint, gcs = UdpEndpoint(local=("127.0.0.1", 0)), free_ports(1)
     vehicles = Vehicles(Airframe(), [[0.0, 0.0, 0.0]], 0.0)
     fleet = RealFleet(
-        vehicles, [1], [folder / "drone1"], [Wire("127.0.0.1", endpoint.port, gcs)],
-        origin=np.zeros((1, 3)), yaw_offset=np.zeros(1),
-    )  # fmt: skip
+        vehicles,
+        [1],
+        [folder / "drone1"],
+        [Wire("127.0.0.1", endpoint.port, gcs)],
+        origin=np.zeros((1, 3)),
+        yaw_offset=np.zeros(1),
+    )
     link = Link(endpoint, Codec(1, 191))
     try:
         yield fleet, Companion(link)
@@ -181,7 +188,11 @@ def test_a_bridge_that_is_killed_lets_betaflight_fail_safe(tmp_path):
 def test_a_second_sitl_on_one_host_is_one_clear_line(tmp_path):
     with real_vehicle(tmp_path), pytest.raises(RuntimeError) as error:
         RealFleet(
-            Vehicles(Airframe(), [[0.0, 0.0, 0.0]], 0.0), [2], [tmp_path / "drone2"],
-            [Wire("127.0.0.1", 1, 1)], origin=np.zeros((1, 3)), yaw_offset=np.zeros(1),
-        )  # fmt: skip
+            Vehicles(Airframe(), [[0.0, 0.0, 0.0]], 0.0),
+            [2],
+            [tmp_path / "drone2"],
+            [Wire("127.0.0.1", 1, 1)],
+            origin=np.zeros((1, 3)),
+            yaw_offset=np.zeros(1),
+        )
     assert str(error.value) == "TCP 5761: Address already in use; another SITL?"

@@ -21,8 +21,10 @@ def client(name, *arguments, timeout=240):
     """Run a client's script; the JSON objects that it printed."""
     done = subprocess.run(
         [sys.executable, str(CLIENTS / name), *map(str, arguments)],
-        capture_output=True, text=True, timeout=timeout,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+    )
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
     return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
 

@@ -170,8 +170,12 @@ def check_half(f, i, kind, note):
 
 def check_13(f, i, kind, note):
     c = f.companions[i]
-    shown = next(t for t, o in c.ticks(AT) if o.heartbeat is not None and (
-        not o.heartbeat.armed or o.heartbeat.custom_mode != OFFBOARD))  # fmt: skip
+    shown = next(
+        t
+        for t, o in c.ticks(AT)
+        if o.heartbeat is not None
+        and (not o.heartbeat.armed or o.heartbeat.custom_mode != OFFBOARD)
+    )
     assert shown - AT <= 1.2  # HEARTBEAT: 1 Hz
     passive(f, i, shown + 0.05)
 
@@ -391,18 +395,28 @@ def scenario(drones, seed, seconds, parameters, faults):
     """The forest of this seed; perfect detectors, which nothing here is about."""
     return scenarios.load(
         "forest",
-        [f"drones.count={drones}", f"seed={seed}", f"mission.time_limit={seconds}",
-         "sensing.neighbours=truth", "sensing.obstacles=map",
-         f"mission.targets={TARGETS}", "mission.home=false",
-         f"drones.parameters={json.dumps(parameters)}", f"faults={json.dumps(faults)}",
-         f"companion={json.dumps(SET_OUT_AT_ONCE)}"],
-    )  # fmt: skip
+        [
+            f"drones.count={drones}",
+            f"seed={seed}",
+            f"mission.time_limit={seconds}",
+            "sensing.neighbours=truth",
+            "sensing.obstacles=map",
+            f"mission.targets={TARGETS}",
+            "mission.home=false",
+            f"drones.parameters={json.dumps(parameters)}",
+            f"faults={json.dumps(faults)}",
+            f"companion={json.dumps(SET_OUT_AT_ONCE)}",
+        ],
+    )
 
 
 def forest_flight(drones, seed, seconds, strikes):
     """Fly with these strikes: [(row's name, drone, kind)]."""
-    faults = [fault | {"drone": f"drone{i + 1}"} for row, i, kind in strikes
-              for fault in ROWS[row].faults[kind]]  # fmt: skip
+    faults = [
+        fault | {"drone": f"drone{i + 1}"}
+        for row, i, kind in strikes
+        for fault in ROWS[row].faults[kind]
+    ]
     parameters = {k: v for row, _, _ in strikes for k, v in ROWS[row].parameters.items()}
     return Forest(scenario(drones, seed, seconds, parameters, faults), strikes).fly()
 
@@ -411,8 +425,11 @@ def forest_flight(drones, seed, seconds, strikes):
 def flown(drones, number, seed):
     """The flight of THREE or NINE with this number."""
     rows, seconds = (THREE[number], 30.0) if drones == 3 else (NINE[number], 40.0)
-    strikes = [(row, i, (seed + rows[:i].count(row)) % len(ROWS[row].faults))
-               for i, row in enumerate(rows) if row is not None]  # fmt: skip
+    strikes = [
+        (row, i, (seed + rows[:i].count(row)) % len(ROWS[row].faults))
+        for i, row in enumerate(rows)
+        if row is not None
+    ]
     return forest_flight(drones, seed, seconds, strikes)
 
 

@@ -82,8 +82,9 @@ class Companion:
 
     def streamed(self, t):
         """Flight times from t on at which a setpoint was sent."""
-        return [at for at, o in self.ticks(t)
-                if any(isinstance(m, RateSetpoint) for m in o.messages)]  # fmt: skip
+        return [
+            at for at, o in self.ticks(t) if any(isinstance(m, RateSetpoint) for m in o.messages)
+        ]
 
     def at(self, t):
         """The first tick's outcome from t [s, vehicle's clock] on."""
@@ -91,8 +92,9 @@ class Companion:
 
     def reasons(self, t, until=np.inf):
         """Guard reasons of the ticks in [t, until) s of the vehicle's clock."""
-        return [o.verdict.reason for o in self.outs
-                if o.verdict is not None and t <= o.time < until]  # fmt: skip
+        return [
+            o.verdict.reason for o in self.outs if o.verdict is not None and t <= o.time < until
+        ]
 
 
 class InProcess(Flight):
@@ -160,9 +162,14 @@ class InProcess(Flight):
     def _lowest_in_offboard(self, i):
         """m above the ground while its companion flies drone i."""
         truth, changes = self.truth.arrays(), [*self.modes[i], (np.inf, "")]
-        return min((truth["position"][(truth["t"] > start) & (truth["t"] <= end), i, 2].min()
-                    for (start, name), (end, _) in itertools.pairwise(changes)
-                    if name == "OFFBOARD"), default=np.inf)  # fmt: skip
+        return min(
+            (
+                truth["position"][(truth["t"] > start) & (truth["t"] <= end), i, 2].min()
+                for (start, name), (end, _) in itertools.pairwise(changes)
+                if name == "OFFBOARD"
+            ),
+            default=np.inf,
+        )
 
 
 # Without a look round first, so that the times of rows are of full flight.
@@ -172,14 +179,15 @@ SET_OUT_AT_ONCE = {"gaze": {"survey": 0.0}}
 def scenario(faults=(), count=1, seed=1, **more):
     """A short flight: fly 12 m east among a few trunks and stay there; perfect detectors."""
     data = {
-        "name": "row", "seed": seed,
+        "name": "row",
+        "seed": seed,
         "world": {"cylinders": [{"x": 7.0, "y": 0.3, "radius": 0.5}]},
         "drones": {"count": count, "heading_deg": 0.0, "frame_yaw_deg": 0.0},
         "mission": {"targets": [[14.0, 0.0, 2.0]], "home": False, "time_limit": 20.0},
         "sensing": {"neighbours": "truth", "obstacles": "map", "width": 64, "height": 64},
         "faults": list(faults),
         "companion": SET_OUT_AT_ONCE,
-    }  # fmt: skip
+    }
     for path, value in more.items():
         section, _, key = path.partition("__")
         if key:

@@ -13,12 +13,19 @@ SEEDS = 10
 
 def cases():
     """(drones, number of the flight, seed, row), a row once for each flight that shows it."""
-    three = [(3, n, seed, row) for seed in range(SEEDS) for n, rows in enumerate(THREE)
-             for row in dict.fromkeys(r for r in rows if r)]  # fmt: skip
+    three = [
+        (3, n, seed, row)
+        for seed in range(SEEDS)
+        for n, rows in enumerate(THREE)
+        for row in dict.fromkeys(r for r in rows if r)
+    ]
     nine = [(9, n, 0, row) for n, rows in enumerate(NINE) for row in dict.fromkeys(rows)]
-    return [pytest.param(*case, marks=pytest.mark.row(case[3]),
-                         id=f"{case[0]}-{case[1]}-seed{case[2]}-{case[3]}")
-            for case in three + nine]  # fmt: skip
+    return [
+        pytest.param(
+            *case, marks=pytest.mark.row(case[3]), id=f"{case[0]}-{case[1]}-seed{case[2]}-{case[3]}"
+        )
+        for case in three + nine
+    ]
 
 
 @pytest.mark.slow

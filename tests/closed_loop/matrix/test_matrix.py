@@ -63,8 +63,7 @@ def never_start_over(patch):
 
 def never_land(patch):
     without_plan = Guard._without_plan
-    patch.setattr(Guard, "_without_plan",
-                  lambda *a: replace(without_plan(*a), ask=Ask.NOTHING))  # fmt: skip
+    patch.setattr(Guard, "_without_plan", lambda *a: replace(without_plan(*a), ask=Ask.NOTHING))
 
 
 WITHOUT = {

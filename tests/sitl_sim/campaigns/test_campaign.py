@@ -34,8 +34,9 @@ def scenario(tmp_path):
 
 
 def campaign(scenario, out, *options):
-    return main(["campaign", scenario, "--out", str(out), "--workers", "2", "--in-process",
-                 *options])  # fmt: skip
+    return main(
+        ["campaign", scenario, "--out", str(out), "--workers", "2", "--in-process", *options]
+    )
 
 
 def worker_of(folder):
@@ -69,8 +70,7 @@ def test_a_campaign_flies_what_is_missing_and_nothing_else(scenario, tmp_path, c
     (out / "hop-5" / "mark").touch()
     assert campaign(scenario, out, "--runs", "3", "--seed", "5", "--json") == 1
     said = capsys.readouterr()
-    assert sorted(line.split(":")[0] for line in said.err.splitlines()) == [
-        "seed 6", "seed 7"]  # fmt: skip
+    assert sorted(line.split(":")[0] for line in said.err.splitlines()) == ["seed 6", "seed 7"]
     assert (out / "hop-5" / "mark").exists()
     summary = json.loads(said.out)
     assert summary == json.loads((out / "summary.json").read_text())
@@ -94,8 +94,10 @@ def test_a_folder_of_other_flights_is_refused_and_left_as_it_is(scenario, tmp_pa
     assert campaign(scenario, out, "--set", "drones.count=1") == 2
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1
-    assert "holds another campaign (drones.count 2, not 1, mission.time_limit 5.0, not 6.0)" in (
-        lines[0])  # fmt: skip
+    assert (
+        "holds another campaign (drones.count 2, not 1, mission.time_limit 5.0, not 6.0)"
+        in (lines[0])
+    )
     assert (out / "unfinished" / "hop-0-17").exists()
 
 
@@ -243,8 +245,11 @@ def test_blocks_of_ports_are_apart_and_come_back():
     with ports.block(3) as one, ports.block(3) as two:
         assert abs(one - two) >= 8
         asked = ports.overrides(one, 3)
-    assert asked == [f"wire.companion_port={one}", f"wire.frame_port={one + 3}",
-                     f"wire.gcs_port={one + 7}"]  # fmt: skip
+    assert asked == [
+        f"wire.companion_port={one}",
+        f"wire.frame_port={one + 3}",
+        f"wire.gcs_port={one + 7}",
+    ]
     with ports.block(3) as again:
         assert again == one
 
@@ -268,8 +273,20 @@ def test_files_that_another_user_has_made_are_locked_too(monkeypatch):
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_a_campaign_that_was_ended_goes_on_where_it_was(scenario, tmp_path, how):
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "sitl_sim", "campaign", scenario, "--out", str(out),
-               "--runs", "3", "--workers", "1", "--in-process"]  # fmt: skip
+    command = [
+        sys.executable,
+        "-m",
+        "sitl_sim",
+        "campaign",
+        scenario,
+        "--out",
+        str(out),
+        "--runs",
+        "3",
+        "--workers",
+        "1",
+        "--in-process",
+    ]
     process = subprocess.Popen(command)
     deadline = time.monotonic() + 200
     while not (out / "hop-0").exists() and time.monotonic() < deadline:
@@ -291,18 +308,45 @@ def test_a_campaign_that_was_ended_goes_on_where_it_was(scenario, tmp_path, how)
 @pytest.mark.slow
 def test_the_same_truth_on_a_dask_cluster_and_with_processes_side_by_side(scenario, tmp_path):
     file = tmp_path / "scheduler.json"
-    dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--scheduler-file", str(file),
-            "--port", "0", "--no-dashboard"]  # fmt: skip
-    worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(file),
-              "--nthreads", "1", "--no-dashboard", "--no-nanny"]  # fmt: skip
+    dask = [
+        sys.executable,
+        "-m",
+        "distributed.cli.dask_scheduler",
+        "--scheduler-file",
+        str(file),
+        "--port",
+        "0",
+        "--no-dashboard",
+    ]
+    worker = [
+        sys.executable,
+        "-m",
+        "distributed.cli.dask_worker",
+        "--scheduler-file",
+        str(file),
+        "--nthreads",
+        "1",
+        "--no-dashboard",
+        "--no-nanny",
+    ]
     cluster = [subprocess.Popen(dask)]
     try:
         while not file.exists():
             time.sleep(0.1)
         cluster += [subprocess.Popen(worker) for _ in range(2)]
         address = json.loads(file.read_text())["address"]
-        main(["campaign", scenario, "--out", str(tmp_path / "dask"), "--runs", "2",
-              "--scheduler", address])  # fmt: skip
+        main(
+            [
+                "campaign",
+                scenario,
+                "--out",
+                str(tmp_path / "dask"),
+                "--runs",
+                "2",
+                "--scheduler",
+                address,
+            ]
+        )
     finally:
         for process in reversed(cluster):
             process.terminate()

@@ -12,10 +12,18 @@ def write_runs(folder, good, bad):
     for n in range(good + bad):
         run = folder / f"forest-{n}"
         run.mkdir(parents=True)
-        metrics = {"ok": n < good, "seed": n, "scenario": "forest", "drones": 9,
-                   "agent_collisions": int(n >= good), "obstacle_collisions": 0,
-                   "min_agent_distance_m": 0.3 + 0.1 * n, "min_obstacle_distance_m": 0.5,
-                   "mean_speed_m_s": 1.4, "duration_s": 90.0 + n}  # fmt: skip
+        metrics = {
+            "ok": n < good,
+            "seed": n,
+            "scenario": "forest",
+            "drones": 9,
+            "agent_collisions": int(n >= good),
+            "obstacle_collisions": 0,
+            "min_agent_distance_m": 0.3 + 0.1 * n,
+            "min_obstacle_distance_m": 0.5,
+            "mean_speed_m_s": 1.4,
+            "duration_s": 90.0 + n,
+        }
         (run / "metrics.json").write_text(json.dumps(metrics))
         if n != 1:  # the page links to those that are there
             (run / "report.html").write_text("")

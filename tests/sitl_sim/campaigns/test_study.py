@@ -33,17 +33,31 @@ def study(tmp_path):
 
 def metrics(seed, ok):
     return {
-        "ok": ok, "seed": seed, "commit": f"c{seed // 2}",
-        "scenario": "circle", "drones": 10, "mission_complete": ok,
-        "targets_reached": {"drone1": "1/1", "drone2": f"{int(ok)}/1"}, "never_flew": [],
-        "faults_in_truth": [], "agent_collisions": int(not ok), "obstacle_collisions": 0,
-        "min_agent_distance_m": 0.7 + 0.1 * seed if ok else 0.3, "min_obstacle_distance_m": None,
-        "below_agent_safety": not ok, "below_obstacle_safety": False,
-        "longest_standstill_s": 1.0, "longest_deadlock_s": 0.5,
-        "mission_time_s": 20.0 + seed if ok else None, "duration_s": 30.0,
-        "mean_speed_m_s": 1.4, "order": 0.5, "union": 1.0, "connectivity": 0.3,
+        "ok": ok,
+        "seed": seed,
+        "commit": f"c{seed // 2}",
+        "scenario": "circle",
+        "drones": 10,
+        "mission_complete": ok,
+        "targets_reached": {"drone1": "1/1", "drone2": f"{int(ok)}/1"},
+        "never_flew": [],
+        "faults_in_truth": [],
+        "agent_collisions": int(not ok),
+        "obstacle_collisions": 0,
+        "min_agent_distance_m": 0.7 + 0.1 * seed if ok else 0.3,
+        "min_obstacle_distance_m": None,
+        "below_agent_safety": not ok,
+        "below_obstacle_safety": False,
+        "longest_standstill_s": 1.0,
+        "longest_deadlock_s": 0.5,
+        "mission_time_s": 20.0 + seed if ok else None,
+        "duration_s": 30.0,
+        "mean_speed_m_s": 1.4,
+        "order": 0.5,
+        "union": 1.0,
+        "connectivity": 0.3,
         "solve_ms": {"p50": 2.0, "p99": 4.0, "max": 5.0},
-    }  # fmt: skip
+    }
 
 
 def test_every_study_that_comes_along_names_scenarios_and_settings_that_exist(tmp_path):
@@ -55,8 +69,18 @@ def test_every_study_that_comes_along_names_scenarios_and_settings_that_exist(tm
 
 def test_a_study_becomes_a_page_with_table_plot_and_failures(study, tmp_path, capsys):
     page = tmp_path / "page"
-    asked = ["study", str(study), "--runs", "4", "--seed", "0", "--out", str(tmp_path / "runs"),
-             "--page", str(page)]  # fmt: skip
+    asked = [
+        "study",
+        str(study),
+        "--runs",
+        "4",
+        "--seed",
+        "0",
+        "--out",
+        str(tmp_path / "runs"),
+        "--page",
+        str(page),
+    ]
     assert main(asked) == 0
     assert capsys.readouterr().out.strip() == str(page / "speeds.md")
     text = (page / "speeds.md").read_text()

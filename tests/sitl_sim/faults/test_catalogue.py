@@ -26,13 +26,16 @@ WRONG = [
     ("faults: [{kind: link_los}]\n", "4:11", "faults.0.kind: must be 'link_loss', "),
     ("faults: [{kind: gust, when: 3}]\n", "4:23", "faults.0.when: unknown key; valid: amount, "),
     ("faults: [{kind: gust, for: -1}]\n", "4:23", "faults.0.for: must be > 0, got -1"),
-    ("faults: [{kind: link_loss, amount: 20}]\n", "4:28",
-     "link_loss takes 0…1 (share of MAVLink packets lost, each way), got 20"),
+    (
+        "faults: [{kind: link_loss, amount: 20}]\n",
+        "4:28",
+        "link_loss takes 0…1 (share of MAVLink packets lost, each way), got 20",
+    ),
     ("faults: [{kind: kill, amount: 1}]\n", "4:23", "kill takes none"),
     ("faults: [{kind: mode}]\n", "4:11", "belongs to kind mode: hold, land, "),
     ("faults: [{kind: gust, to: hold}]\n", "4:23", "belongs to kind mode"),
     ("faults: [{}]\n", "4:10", "faults.0.kind: is missing"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("text", "place", "what"), WRONG)
@@ -89,9 +92,13 @@ def test_a_fault_has_its_time_and_its_drone():
 
 @pytest.mark.parametrize(
     ("kind", "amount", "least", "most"),
-    [("link_loss", 0.2, 760, 840), ("link_duplicate", 0.2, 1160, 1240),
-     ("link_reorder", 0.2, 998, 1000), ("link_flip", 0.2, 1000, 1000)],
-)  # fmt: skip
+    [
+        ("link_loss", 0.2, 760, 840),
+        ("link_duplicate", 0.2, 1160, 1240),
+        ("link_reorder", 0.2, 998, 1000),
+        ("link_flip", 0.2, 1000, 1000),
+    ],
+)
 def test_what_a_line_does_is_seeded(kind, amount, least, most):
     def carried(seed):
         line = FaultyLine(schedule(seed, kind=kind, amount=amount), 0)
@@ -118,9 +125,12 @@ def told(kind, n=50, **more):
     for k in range(n):
         out += t.alter(
             0.02 * k,
-            [Attitude(0.02 * k, np.array([1.0, 0, 0, 0]), np.zeros(3)),
-             LocalPosition(0.02 * k, np.zeros(3), np.zeros(3)), Heartbeat(12, 2, True, 0, 4)],
-        )  # fmt: skip
+            [
+                Attitude(0.02 * k, np.array([1.0, 0, 0, 0]), np.zeros(3)),
+                LocalPosition(0.02 * k, np.zeros(3), np.zeros(3)),
+                Heartbeat(12, 2, True, 0, 4),
+            ],
+        )
     return out
 
 
@@ -134,8 +144,11 @@ def test_telemetry_faults():
             assert not np.isfinite(values).all() or (np.abs(values[values != 0]) < 1e-40).any()
     late = [m for m in told("telemetry_late", amount=0.1) if isinstance(m, Attitude)]
     assert len(late) == 45
-    assert {round(np.linalg.norm(m.q_wb), 3) for m in told("quaternion", amount=0.5)
-            if isinstance(m, Attitude)} == {0.5}  # fmt: skip
+    assert {
+        round(np.linalg.norm(m.q_wb), 3)
+        for m in told("quaternion", amount=0.5)
+        if isinstance(m, Attitude)
+    } == {0.5}
 
 
 def test_what_is_no_number_is_none_on_the_wire_either():
@@ -151,10 +164,16 @@ def frames(kind, n=20, **more):
     rng = np.random.default_rng(0)
     row = np.array([[0.0, 0.0, 1.0, 4.0, 0.005, 0.03]])
     return [
-        c.alter(0.1 * k, 10 + 0.1 * k, {"neighbours": np.vstack([row, row * 0.5]),
-                                     "image": rng.integers(40, 200, (8, 8, 3), np.uint8)})
+        c.alter(
+            0.1 * k,
+            10 + 0.1 * k,
+            {
+                "neighbours": np.vstack([row, row * 0.5]),
+                "image": rng.integers(40, 200, (8, 8, 3), np.uint8),
+            },
+        )
         for k in range(n)
-    ]  # fmt: skip
+    ]
 
 
 def test_camera_faults():
@@ -187,8 +206,10 @@ def test_what_is_laid_on_a_vehicle_is_taken_off_again():
         dead.update(t)
         assert (vehicles.body.thrust_max == 0.0).sum() == 2 * (t == 1.0)
     assert (vehicles.body.thrust_max == whole).all()
-    configs = [{"kind": "thrust_scale", "at": float(k), "for": 2.0, "amount": a}
-               for k, a in enumerate((0.5, 0.8))]  # fmt: skip
+    configs = [
+        {"kind": "thrust_scale", "at": float(k), "for": 2.0, "amount": a}
+        for k, a in enumerate((0.5, 0.8))
+    ]
     faults = [FaultConfig.model_validate(c) for c in configs]
     both = FaultyWorld(Schedule(faults, ["drone1", "drone2"], 1), vehicles, None)
     for t, share in enumerate((0.5, 0.4, 0.8, 1.0)):

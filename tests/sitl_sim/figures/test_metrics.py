@@ -32,8 +32,13 @@ def way(t, stops):
 
 
 def figures(gap=1.0, stops=(), others=(), trunk=TRUNK, radius=0.2):
-    world = {"drone_radius": radius, "cylinders": [trunk], "boxes": [], "target_tolerance": 0.5,
-             "targets": {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, gap, 2.0]]}}  # fmt: skip
+    world = {
+        "drone_radius": radius,
+        "cylinders": [trunk],
+        "boxes": [],
+        "target_tolerance": 0.5,
+        "targets": {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, gap, 2.0]]},
+    }
     return safety(truth(gap, stops, others), world, ["a", "b"])
 
 
@@ -70,8 +75,13 @@ def test_the_longest_standstill_is_that_on_the_way():
 def test_who_never_sets_out_stands_nobody_up():
     flight = truth(1.0, (), ())
     flight["position"][:, 1, 0] = 0.0
-    world = {"drone_radius": 0.2, "cylinders": [], "boxes": [], "target_tolerance": 0.5,
-             "targets": {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, 1.0, 2.0]]}}  # fmt: skip
+    world = {
+        "drone_radius": 0.2,
+        "cylinders": [],
+        "boxes": [],
+        "target_tolerance": 0.5,
+        "targets": {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, 1.0, 2.0]]},
+    }
     assert not safety(flight, world, ["a", "b"])["mission_complete"]
     assert safety(flight, world, ["a", "b"])["longest_deadlock_s"] < 1.0
 
@@ -87,8 +97,13 @@ def test_who_touches_the_ground_on_the_way_has_struck_it(low, forward, strikes):
     x = np.clip(t - 2.0, 0.0, 10.0) * 3.0 * forward
     p = np.column_stack([x, np.zeros_like(t), z])[:, None]
     v = np.gradient(p, DT, axis=0)
-    world = {"drone_radius": 0.2, "cylinders": [], "boxes": [], "target_tolerance": 0.5,
-             "targets": {"a": [[*x[-1:].tolist(), 0.0, 2.0]]}}  # fmt: skip
+    world = {
+        "drone_radius": 0.2,
+        "cylinders": [],
+        "boxes": [],
+        "target_tolerance": 0.5,
+        "targets": {"a": [[*x[-1:].tolist(), 0.0, 2.0]]},
+    }
     flown = safety({"t": t, "position": p, "velocity": v}, world, ["a"])
     assert flown["ground_strikes"] == strikes
 
@@ -96,8 +111,13 @@ def test_who_touches_the_ground_on_the_way_has_struck_it(low, forward, strikes):
 def test_drones_that_never_fly_together_have_no_distance():
     flight = truth(1.0, (), ())
     flight["position"][:, 1, 2] = 0.0
-    world = {"drone_radius": 0.2, "cylinders": [], "boxes": [], "target_tolerance": 0.5,
-             "targets": {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, 1.0, 2.0]]}}  # fmt: skip
+    world = {
+        "drone_radius": 0.2,
+        "cylinders": [],
+        "boxes": [],
+        "target_tolerance": 0.5,
+        "targets": {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, 1.0, 2.0]]},
+    }
     flown = safety(flight, world, ["a", "b"])
     assert (flown["min_agent_distance_m"], flown["min_agent_distance_at"]) == (None, None)
     assert (flown["agent_collisions"], flown["below_agent_safety"]) == (0, False)

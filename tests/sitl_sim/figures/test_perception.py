@@ -60,8 +60,12 @@ def test_what_a_trunk_hides_need_not_be_seen():
     walled = perception(sights(flights.scenario(), flights.WORLD | {"boxes": [wall]}, truth, logs))
     assert open_field["recall"] == 0.0
     assert walled["frames"] == open_field["frames"]
-    hidden = [s.in_view for s in sights(flights.scenario(), flights.WORLD | {"boxes": [wall]},
-                                        truth, logs)["drone1"]]  # fmt: skip
+    hidden = [
+        s.in_view
+        for s in sights(flights.scenario(), flights.WORLD | {"boxes": [wall]}, truth, logs)[
+            "drone1"
+        ]
+    ]
     assert hidden[10] == 0
     assert hidden[-1] == 2
 

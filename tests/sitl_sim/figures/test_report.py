@@ -30,9 +30,16 @@ def test_the_page_is_whole_and_says_what_the_truth_says(folder, capsys):
     assert page.count("Plotly.newPlot(") == 8
     assert "<b>OK</b>" in page
     assert not re.search(r'<(script|link|img)[^>]+(src|href)="?http', page)
-    for heading in ("From above", "Trajectories", "mean ± std", "Network of critical neighbours",
-                    "Predicted trajectories", "Solve and tick times", "Perception against truth",
-                    "Events"):  # fmt: skip
+    for heading in (
+        "From above",
+        "Trajectories",
+        "mean ± std",
+        "Network of critical neighbours",
+        "Predicted trajectories",
+        "Solve and tick times",
+        "Perception against truth",
+        "Events",
+    ):
         assert heading in page
     assert (folder / "report.html").stat().st_size < 15e6
 
@@ -87,9 +94,11 @@ def test_events_are_those_of_the_logs(folder):
 
 def test_faults_of_the_scenario_are_on_the_time_line(folder):
     run = load_run(folder)
-    faults = [{"kind": "gust", "drone": "drone2", "at": 3.0, "for": 2.0, "amount": 4.0},
-              {"kind": "camera_dead", "drone": "drone3", "at": 5.0},
-              {"kind": "kill", "at": 99.0}]  # fmt: skip
+    faults = [
+        {"kind": "gust", "drone": "drone2", "at": 3.0, "for": 2.0, "amount": 4.0},
+        {"kind": "camera_dead", "drone": "drone3", "at": 5.0},
+        {"kind": "kill", "at": 99.0},
+    ]
     told = run.scenario.model_dump(by_alias=True) | {"faults": faults}
     run = dataclasses.replace(run, scenario=type(run.scenario).model_validate(told))
     found = [(e.time, e.drone, e.text) for e in events(run) if e.kind == "fault"]
@@ -169,13 +178,22 @@ def test_what_a_world_leaves_out_is_as_the_judge_has_it(tmp_path):
     folder = flights.write_run(tmp_path / "run")
     whole = load_run(folder)
     shared = {"*": [[9.0, 0.0, 2.0]], "drone2": whole.world["targets"]["drone2"]}
-    world(folder, target_tolerance=None, targets=shared, cylinders=[
-        {"x": 3.0, "y": 6.0, "radius": 0.5}, {"x": 5.0, "y": 6.0, "radius": 0.5, "height": None},
-    ])  # fmt: skip
+    world(
+        folder,
+        target_tolerance=None,
+        targets=shared,
+        cylinders=[
+            {"x": 3.0, "y": 6.0, "radius": 0.5},
+            {"x": 5.0, "y": 6.0, "radius": 0.5, "height": None},
+        ],
+    )
     run = load_run(folder)
     assert run.world["target_tolerance"] == 1.5
-    assert run.world["targets"] == {"drone1": shared["*"], "drone2": shared["drone2"],
-                                    "drone3": shared["*"]}  # fmt: skip
+    assert run.world["targets"] == {
+        "drone1": shared["*"],
+        "drone2": shared["drone2"],
+        "drone3": shared["*"],
+    }
     assert [c["height"] for c in run.world["cylinders"]] == [np.inf] * 2
     assert main(["report", str(folder)]) == 0
     assert "drone2 1/1" in (folder / "report.html").read_text()

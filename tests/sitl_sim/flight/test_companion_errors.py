@@ -11,10 +11,13 @@ def test_one_that_raises_is_gone_and_the_flight_falls_short(tmp_path, monkeypatc
         raise RuntimeError("a bug in flight")
 
     monkeypatch.setattr(Resident, "answer", answer)
-    scenario = Scenario.model_validate({
-        "drones": {"count": 1}, "sensing": {"neighbours": "truth", "obstacles": "map"},
-        "mission": {"time_limit": 2.0},
-    })  # fmt: skip
+    scenario = Scenario.model_validate(
+        {
+            "drones": {"count": 1},
+            "sensing": {"neighbours": "truth", "obstacles": "map"},
+            "mission": {"time_limit": 2.0},
+        }
+    )
     with flight(scenario, tmp_path, in_process=True) as f:
         f.write_inputs()
         f.launch()

@@ -123,13 +123,15 @@ def test_a_companion_that_takes_no_frames_is_hung_up_on():
 @pytest.mark.parametrize("neighbours", ["camera", "truth"])
 def test_lockstep_goes_on_without_a_companion_that_is_stopped(tmp_path, neighbours):
     """Pictures fill its line; what a perfect detector says does not, but no answer comes."""
-    scenario = Scenario.model_validate({
-        "drones": {"count": 1, "heading_deg": 0.0},
-        "sensing": {"neighbours": neighbours, "obstacles": "map"},
-        "mission": {"time_limit": 5.0},
-        "timing": {"answer_timeout": 0.5},
-        "wire": {"companion_port": 28840, "gcs_port": 28850, "frame_port": 28860},
-    })  # fmt: skip
+    scenario = Scenario.model_validate(
+        {
+            "drones": {"count": 1, "heading_deg": 0.0},
+            "sensing": {"neighbours": neighbours, "obstacles": "map"},
+            "mission": {"time_limit": 5.0},
+            "timing": {"answer_timeout": 0.5},
+            "wire": {"companion_port": 28840, "gcs_port": 28850, "frame_port": 28860},
+        }
+    )
     flight, shown = Flight(scenario, tmp_path), []
     frames = flight._drones[0].frames
     send = frames.send
@@ -149,13 +151,15 @@ def test_lockstep_goes_on_without_a_companion_that_is_stopped(tmp_path, neighbou
 
 def test_the_time_that_painting_takes_is_not_the_companions(tmp_path):
     """The first picture waits for compilation, longer than a companion may."""
-    scenario = Scenario.model_validate({
-        "drones": {"count": 1, "heading_deg": 0.0},
-        "sensing": {"neighbours": "truth", "obstacles": "map"},
-        "mission": {"time_limit": 0.3},
-        "timing": {"answer_timeout": 0.5},
-        "wire": {"companion_port": 28840, "gcs_port": 28850, "frame_port": 28860},
-    })  # fmt: skip
+    scenario = Scenario.model_validate(
+        {
+            "drones": {"count": 1, "heading_deg": 0.0},
+            "sensing": {"neighbours": "truth", "obstacles": "map"},
+            "mission": {"time_limit": 0.3},
+            "timing": {"answer_timeout": 0.5},
+            "wire": {"companion_port": 28840, "gcs_port": 28850, "frame_port": 28860},
+        }
+    )
     flight = Flight(scenario, tmp_path)
     frame = flight.sensors.frame
     flight.sensors.frame = lambda *what: time.sleep(0.6) or frame(*what)

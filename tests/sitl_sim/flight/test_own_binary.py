@@ -115,9 +115,14 @@ def test_motors_keep_their_places_and_motion_its_frames(tmp_path, make):
 def test_a_fleet_of_own_binaries_flies_our_physics(tmp_path):
     vehicles = Vehicles(Airframe(), [[0.0, 0.0, 0.0]], 0.0)
     fleet = RealFleet(
-        vehicles, [1], [tmp_path], [Wire("127.0.0.1", 1, 1)], origin=np.zeros((1, 3)),
-        yaw_offset=np.zeros(1), program=lambda i: ardupilot(tmp_path, [0.8] * 4),
-    )  # fmt: skip
+        vehicles,
+        [1],
+        [tmp_path],
+        [Wire("127.0.0.1", 1, 1)],
+        origin=np.zeros((1, 3)),
+        yaw_offset=np.zeros(1),
+        program=lambda i: ardupilot(tmp_path, [0.8] * 4),
+    )
     try:
         fleet.begin(time.monotonic())
         fleet.advance(0.4)

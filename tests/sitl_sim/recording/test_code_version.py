@@ -16,8 +16,11 @@ def test_another_projects_commit_is_not_ours(tmp_path, project, known):
     installed.mkdir(parents=True)
     (tmp_path / "pyproject.toml").write_text(f'[project]\nname = "{project}"\n')
     author = ["-c", "user.name=a", "-c", "user.email=a@b.c"]
-    for arguments in (["init", "-q"], ["add", "pyproject.toml"],
-                      [*author, "commit", "-qm", "first"]):  # fmt: skip
+    for arguments in (
+        ["init", "-q"],
+        ["add", "pyproject.toml"],
+        [*author, "commit", "-qm", "first"],
+    ):
         subprocess.run(["git", *arguments], cwd=tmp_path, check=True)
     found = codeversion.commit_at(installed)
     assert bool(found and re.fullmatch(r"[0-9a-f]{7,}", found)) is known

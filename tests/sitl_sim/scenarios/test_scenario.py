@@ -156,14 +156,17 @@ def test_places_have_three_coordinates_and_belong_to_drones(override, words):
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        (["FOO=1"], "--set drones.parameters.FOO=1: drones.parameters.FOO: px4 has no such "
-         "parameter; valid: BAT1_CAPACITY, "),
+        (
+            ["FOO=1"],
+            "--set drones.parameters.FOO=1: drones.parameters.FOO: px4 has no such "
+            "parameter; valid: BAT1_CAPACITY, ",
+        ),
         (["MAV_SYS_ID=1e10"], "MAV_SYS_ID: must be a whole number, -2147483648…2147483647, got"),
         (["COM_OBL_RC_ACT=1.5"], "COM_OBL_RC_ACT: must be a whole number"),
         (["MPC_THR_HOVER=1e39"], "MPC_THR_HOVER: must be a number, -3.4"),
         (["MPC_THR_HOVER=.inf"], "MPC_THR_HOVER: must be a"),
     ],
-)  # fmt: skip
+)
 def test_a_parameter_that_the_autopilot_cannot_have_is_refused(overrides, words):
     given = [f"drones.parameters.{o}" for o in overrides]
     with pytest.raises(SettingsError, match=re.escape(words)):
@@ -181,8 +184,10 @@ def test_too_few_agents_are_refused(missions):
 
 
 def test_ranges_to_walls_are_those_of_the_boxes_and_unknown_behind_trunks():
-    world = {"boxes": [{"min": [4, -9, 0], "max": [5, 9, 9]}],
-             "cylinders": [{"x": 2.0, "y": 0.0, "radius": 0.3, "height": 9.0}]}  # fmt: skip
+    world = {
+        "boxes": [{"min": [4, -9, 0], "max": [5, 9, 9]}],
+        "cylinders": [{"x": 2.0, "y": 0.0, "radius": 0.3, "height": 9.0}],
+    }
     ranges = WallRanges(Occluders(world), 640, 400, 160.0)
     level = np.array([1.0, 0.0, 0.0, 0.0])
     seen = ranges(np.array([0.0, 0.0, 2.0]), level, 15.0)

@@ -166,10 +166,18 @@ def test_unknown_items_are_refused_and_the_old_mission_stays(make_flight):
 
 @pytest.mark.parametrize(
     ("command", "x", "y", "z", "result"),
-    [(16, NAN, 8.0, 3.0, 10), (16, 500.0, 8.0, 3.0, 10), (21, -90.1, 8.0, 3.0, 10),
-     (16, 47.0, NAN, 3.0, 11), (22, 47.0, 180.1, 3.0, 11), (22, 47.0, -math.inf, 3.0, 11),
-     (16, 47.0, 8.0, NAN, 12), (22, 47.0, 8.0, math.inf, 12), (22, NAN, NAN, NAN, 12)],
-)  # fmt: skip
+    [
+        (16, NAN, 8.0, 3.0, 10),
+        (16, 500.0, 8.0, 3.0, 10),
+        (21, -90.1, 8.0, 3.0, 10),
+        (16, 47.0, NAN, 3.0, 11),
+        (22, 47.0, 180.1, 3.0, 11),
+        (22, 47.0, -math.inf, 3.0, 11),
+        (16, 47.0, 8.0, NAN, 12),
+        (22, 47.0, 8.0, math.inf, 12),
+        (22, NAN, NAN, NAN, 12),
+    ],
+)
 def test_a_place_that_is_none_on_earth_is_refused(make_flight, command, x, y, z, result):
     f = make_flight()
     upload(f, square(f))
@@ -179,9 +187,13 @@ def test_a_place_that_is_none_on_earth_is_refused(make_flight, command, x, y, z,
 
 @pytest.mark.parametrize(
     ("sent", "told"),
-    [(item(0, 22, NAN, NAN), (OPEN, OPEN)), (item(0, 21, NAN, NAN, NAN), (OPEN, OPEN)),
-     (item(0, 530, NAN, 1e9), (OPEN, OPEN)), (item(0, 178, 500.0, -500.0), (OPEN, -OPEN - 1))],
-)  # fmt: skip
+    [
+        (item(0, 22, NAN, NAN), (OPEN, OPEN)),
+        (item(0, 21, NAN, NAN, NAN), (OPEN, OPEN)),
+        (item(0, 530, NAN, 1e9), (OPEN, OPEN)),
+        (item(0, 178, 500.0, -500.0), (OPEN, -OPEN - 1)),
+    ],
+)
 def test_whatever_was_uploaded_can_be_asked_for(make_flight, sent, told):
     f, wire = make_flight(), Codec(1, 1)
     assert upload(f, [sent]) == MissionAck(255, 190, 0)
