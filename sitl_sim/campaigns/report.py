@@ -1,4 +1,4 @@
-"""campaign.html: all runs of a folder on one page, with links to each one's own."""
+"""campaign.html: all runs of a folder on one page, with links to their reports."""
 
 from __future__ import annotations
 
@@ -43,20 +43,20 @@ class Entry:
 
 
 def is_campaign(folder: Path) -> bool:
-    """Whether a folder holds runs rather than being one."""
+    """Return whether a folder holds run folders rather than being one."""
     return not (folder / "world.json").exists() and any(folder.glob("*/metrics.json"))
 
 
 def read_campaign(folder: Path) -> list[Entry]:
-    """The runs in a folder, by name.
+    """Return the runs in a folder, by name.
 
     Raises:
-        RunError: a run's metrics are empty or foreign, named.
+        RunError: the metrics of a run are empty or foreign; the message names the file.
     """
     entries = []
     for path in sorted(folder.glob("*/metrics.json")):
         try:
-            # Earlier versions wrote Infinity where nobody flew at the same time.
+            # Earlier versions wrote Infinity where no two drones flew at the same time.
             metrics = json.loads(path.read_text("utf-8"), parse_constant=lambda _: None)
             if not {"ok", "seed", "min_obstacle_distance_m"} <= set(metrics):
                 raise ValueError("no metrics of a flight")
@@ -71,7 +71,7 @@ def make_campaign_report(
 ) -> Path:
     """Write `campaign.html` into the folder.
 
-    names: the run folders that count, else all. not_flown: why a seed has none.
+    names: the run folders that count, else all. not_flown: seed → why it has no run folder.
     """
     entries = [e for e in read_campaign(folder) if names is None or e.name in names]
     broken = not_flown or {}
@@ -90,7 +90,7 @@ def make_campaign_report(
 
 
 def histograms(entries: list[Entry]) -> go.Figure:
-    """How the runs are spread, those that fell short in red."""
+    """Return histograms over the runs; those that fell short are red."""
     figure = make_subplots(
         rows=1, cols=len(_HISTOGRAMS), subplot_titles=[_COLUMNS[k] for k in _HISTOGRAMS]
     )

@@ -1,4 +1,4 @@
-"""A study's page: table in Markdown, plot as SVG, figures as JSON; with the commit that flew."""
+"""The page of a study: table in Markdown, plot as SVG, figures as JSON; with the flown commit."""
 
 from __future__ import annotations
 
@@ -57,29 +57,24 @@ def _table(rows: list[Row]) -> list[str]:
     lines = ["| " + " | ".join(_HEAD) + " |", "|---" * len(_HEAD) + "|"]
     for cell, s in rows:
         low, high = s["wilson_95"]
-        lines.append(
-            "| "
-            + " | ".join(
-                [
-                    cell.scenario,
-                    cell.case,
-                    f"{s['ok']} of {s['tried']}",
-                    f"{low:.0%} – {high:.0%}",
-                    str(s["collided"]),
-                    _two(s["min_agent_distance_m"]),
-                    _two(s["min_obstacle_distance_m"]),
-                    _one(s["mission_time_s"]["median"], 1),
-                    _one(s["mean_speed_m_s"], 2),
-                    f"{_one(s['solve_ms']['p50'], 1)} / {_one(s['solve_ms']['p99'], 1)}",
-                ]
-            )
-            + " |"
-        )
+        cells = [
+            cell.scenario,
+            cell.case,
+            f"{s['ok']} of {s['tried']}",
+            f"{low:.0%} – {high:.0%}",
+            str(s["collided"]),
+            _two(s["min_agent_distance_m"]),
+            _two(s["min_obstacle_distance_m"]),
+            _one(s["mission_time_s"]["median"], 1),
+            _one(s["mean_speed_m_s"], 2),
+            f"{_one(s['solve_ms']['p50'], 1)} / {_one(s['solve_ms']['p99'], 1)}",
+        ]
+        lines.append("| " + " | ".join(cells) + " |")
     return lines
 
 
 def _failures(rows: list[Row]) -> list[str]:
-    """Every run that fell short, by seed and reason."""
+    """Return the lines that name every run that fell short, by seed and reason."""
     lines = []
     for cell, s in rows:
         for seed, why in {**s["failures"], **{k: [v] for k, v in s["not_flown"].items()}}.items():
@@ -98,7 +93,7 @@ def new_figure(width: float, height: float) -> Any:
 
 
 def plot(title: str, rows: list[Row], path: Path) -> None:
-    """Success of each case with its interval; distances and times as median, least and most."""
+    """Draw success with its interval; distances and times as median, least and most."""
     cases = list(dict.fromkeys(c.case for c, _ in rows))
     scenarios = list(dict.fromkeys(c.scenario for c, _ in rows))
     figure = new_figure(11, 1.1 + 0.2 * len(cases) * len(scenarios))

@@ -37,18 +37,18 @@ def run(options: argparse.Namespace) -> int:
     ]
     if wrong:
         raise SettingsError(wrong)
-    passed = []
-    for p in soak(options.hours, options.drones, options.minutes, options.seed):
-        passed.append(p)
+    results = []
+    for r in soak(options.hours, options.drones, options.minutes, options.seed):
+        results.append(r)
         print(
-            f"{p.hours:6.3f} h  {p.faults:3d} faults  {p.grounded} grounded  "
-            f"{p.collisions} collisions  {p.rss_mb:7.1f} MB  {p.files} files",
+            f"{r.hours:6.3f} h  {r.faults:3d} faults  {r.grounded} grounded  "
+            f"{r.collisions} collisions  {r.rss_mb:7.1f} MB  {r.files} files",
             flush=True,
         )
-    memory, files = growth(passed)
-    collisions = sum(p.collisions for p in passed)
+    memory, files = growth(results)
+    collisions = sum(r.collisions for r in results)
     print(
-        f"{passed[-1].hours:.2f} h: {collisions} collisions of healthy drones, "
+        f"{results[-1].hours:.2f} h: {collisions} collisions of healthy drones, "
         f"memory {memory:+.1f} MB, files {files:+d} since the second flight"
     )
     fine = collisions == 0 and memory <= _MEMORY_MB and files <= _FILES
