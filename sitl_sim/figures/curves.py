@@ -1,4 +1,4 @@
-"""The paper's figures of one flight from its truth: trajectories, top view, curves over time."""
+"""The paper's figures of one flight, from its truth: trajectories, top view, curves over time."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ _SIDES = 24  # of a drawn cylinder
 
 
 def colours(count: int) -> list[str]:
-    """One per drone, the same in every figure."""
+    """Return a colour for each drone, the same in every figure."""
     if count <= len(qualitative.D3):
         return list(qualitative.D3[:count])
     return list(sample_colorscale("hsv", np.linspace(0.0, 0.95, count)))
 
 
 def stride(truth: Truth) -> int:
-    """Samples of truth between two drawn points."""
+    """Return the number of truth samples between two drawn points."""
     return (
         max(round(_STEP / float(np.median(np.diff(truth["t"])))), 1) if len(truth["t"]) > 1 else 1
     )
 
 
 def top_view(run: Run) -> go.Figure:
-    """All trajectories from above, with obstacles, starts and targets (Fig. 7a)."""
+    """Draw all trajectories from above, with obstacles, starts and targets (Fig. 7a)."""
     figure = go.Figure()
     add_map(figure, run.world)
     p = run.truth["position"][:: stride(run.truth)].astype(float).round(3)
@@ -60,9 +60,9 @@ def top_view(run: Run) -> go.Figure:
 
 
 def add_map(figure: go.Figure, world: dict[str, Any], **place: Any) -> None:
-    """Obstacles and shared targets from above; place: row and col of a subplot.
+    """Add obstacles and shared targets from above; place: row and col of a subplot.
 
-    One trace for all, as a shape each makes large forests slow.
+    They are one trace, because a shape for each makes large forests slow.
     """
     outlines = [_circle(c["x"], c["y"], c["radius"]) for c in world["cylinders"]]
     for b in world["boxes"]:
@@ -99,7 +99,7 @@ def _circle(x: float, y: float, radius: float) -> Vector:
 
 
 def _joined(outlines: list[Vector]) -> tuple[Vector, Vector]:
-    """Many outlines as x and y, with gaps between them."""
+    """Return many outlines as x and y, with gaps between them."""
     gap = np.full((1, 2), np.nan)
     every = np.vstack([part for outline in outlines for part in (outline, gap)] or [gap])
     x, y = every.round(2).T
@@ -107,14 +107,14 @@ def _joined(outlines: list[Vector]) -> tuple[Vector, Vector]:
 
 
 def shared_targets(world: dict[str, Any]) -> list[tuple[float, ...]]:
-    """Targets of all drones but their last, which is their own home."""
+    """Return the targets of all drones without their last, which is their own home."""
     return sorted(
         {tuple(t) for targets in world["targets"].values() for t in targets[:-1] or targets}
     )
 
 
 def square(figure: go.Figure, height: int) -> go.Figure:
-    """Equal scales on both axes, with their names."""
+    """Give both axes equal scales and their names; return the figure."""
     figure.update_layout(
         height=height, margin={"l": 40, "r": 10, "t": 30, "b": 40}, legend={"orientation": "h"}
     )
@@ -132,7 +132,7 @@ def window(figure: go.Figure, column: int, centre: Vector, half: float) -> None:
 
 
 def trajectories(run: Run) -> go.Figure:
-    """The flight in three dimensions (Fig. 6a)."""
+    """Draw the flight in three dimensions (Fig. 6a)."""
     figure = go.Figure()
     p = run.truth["position"][:: stride(run.truth)].astype(float).round(3)
     for i, (name, colour) in enumerate(zip(run.names, colours(p.shape[1]), strict=True)):
@@ -173,7 +173,7 @@ def trajectories(run: Run) -> go.Figure:
 
 
 def _trunks(cylinders: list[dict[str, float]], top: float) -> go.Mesh3d:
-    """All trunks as one mesh, drawn up to `top` [m]."""
+    """Return all trunks as one mesh, drawn up to `top` [m]."""
     angle = np.linspace(0, 2 * np.pi, _SIDES, endpoint=False)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     points, faces = [], []
@@ -197,7 +197,7 @@ def _box(box: dict[str, list[float]]) -> go.Mesh3d:
 
 
 def curves(run: Run) -> go.Figure:
-    """Mean ± std of distance between drones, to the nearest obstacle, and speed (Fig. 7b-d)."""
+    """Draw mean ± std of distances between drones and to obstacles, and of speed (Fig. 7b-d)."""
     t, p = run.truth["t"], run.truth["position"].astype(float)
     flying = p[..., 2] > AIRBORNE
     radius = run.world["drone_radius"]
@@ -217,14 +217,14 @@ def curves(run: Run) -> go.Figure:
 
 
 def pair_distances(p: Vector, flying: NDArray[np.bool_]) -> tuple[Vector, NDArray[np.bool_]]:
-    """(T,pairs) m between each two drones, and whether both were in the air."""
+    """Return the distance (T,pairs) m of each two drones, and whether both were in the air."""
     pairs = np.array(list(itertools.combinations(range(p.shape[1]), 2)), int).reshape(-1, 2)
     a, b = pairs.T
     return np.linalg.norm(p[:, a] - p[:, b], axis=-1), flying[:, a] & flying[:, b]
 
 
 def _band(figure: go.Figure, row: int, t: Vector, values: Vector, valid: NDArray[np.bool_]) -> None:
-    """Mean ± std and least over the columns that are valid, a point each `_STEP`."""
+    """Draw mean ± std and least over the valid columns, a point each `_STEP`."""
     some = np.flatnonzero(valid.any(axis=1))
     if not len(some):
         return

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from sitl_sim.figures.metrics import timing
-from sitl_sim.figures.perception import perception, sights
+from sitl_sim.figures.perception import perception, score_frames
 from sitl_sim.figures.report import shortcomings, summarise, write_report
 from sitl_sim.flight.runner import Flight
 from sitl_sim.recording.code_version import commit
@@ -28,9 +28,9 @@ def finish(
     sha = flight.truth.write(folder / "truth.npz")
     logs = {n: salvage_ticks(log_path(folder, n)) for n in flight.names}
     run = Run(folder, flight.scenario, flight.world, flight.truth.arrays(), logs)
-    seen = sights(run.scenario, run.world, run.truth, logs)
+    scores = score_frames(run.scenario, run.world, run.truth, logs)
     codes = flight.exit_codes()
-    metrics = summarise(run, seen, codes, interrupted)
+    metrics = summarise(run, scores, codes, interrupted)
     metrics["real_time_factor"] = flight.simulated_seconds / max(flight.wall_seconds, 1e-9)
     metrics["wall_s"] = {"setup": setup_seconds, "flight": flight.wall_seconds}
     metrics["truth_sha256"] = sha
@@ -43,13 +43,13 @@ def finish(
             "targets": metrics["targets_reached"][n],
             "companion_exit": codes[n],
             **timing({n: logs[n]}),
-            "perception": perception({n: seen[n]}),
+            "perception": perception({n: scores[n]}),
         }
         for n in flight.names
     }
     (folder / "metrics.json").write_text(json.dumps(metrics, indent=1), encoding="utf-8")
     if report == "always" or not metrics["ok"]:
-        write_report(run, metrics, seen)
+        write_report(run, metrics, scores)
     return metrics
 
 

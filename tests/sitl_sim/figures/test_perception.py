@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from sitl_sim.figures.perception import perception, sights
+from sitl_sim.figures.perception import perception, score_frames
 from tests.sitl_sim import flights
 
 
 def figures(**mistakes):
     truth = flights.truth()
     logs = {n: flights.log(i, truth, **mistakes) for i, n in enumerate(flights.NAMES)}
-    return perception(sights(flights.scenario(), flights.WORLD, truth, logs))
+    return perception(score_frames(flights.scenario(), flights.WORLD, truth, logs))
 
 
 def test_who_sees_all_has_no_errors():
@@ -38,7 +38,7 @@ def test_frames_that_did_not_come_are_missed_where_the_eye_is_in_trouble(eye, re
     logs = {n: flights.log(i, truth) for i, n in enumerate(flights.NAMES)}
     for tick in logs["drone1"][1::2]:
         tick.update(frame=None, detections=[], eye=eye)
-    f = perception(sights(flights.scenario(), flights.WORLD, truth, logs))
+    f = perception(score_frames(flights.scenario(), flights.WORLD, truth, logs))
     assert f["recall"] == pytest.approx(recall, abs=0.02)
     assert f["track_recall"] == 1.0
 
@@ -56,13 +56,15 @@ def test_what_a_trunk_hides_need_not_be_seen():
     for tick in logs["drone1"]:
         tick["detections"] = []
     wall = {"min": [1.0, -9.0, 0.0], "max": [1.2, 9.0, 9.0]}
-    open_field = perception(sights(flights.scenario(), flights.WORLD, truth, logs))
-    walled = perception(sights(flights.scenario(), flights.WORLD | {"boxes": [wall]}, truth, logs))
+    open_field = perception(score_frames(flights.scenario(), flights.WORLD, truth, logs))
+    walled = perception(
+        score_frames(flights.scenario(), flights.WORLD | {"boxes": [wall]}, truth, logs)
+    )
     assert open_field["recall"] == 0.0
     assert walled["frames"] == open_field["frames"]
     hidden = [
         s.in_view
-        for s in sights(flights.scenario(), flights.WORLD | {"boxes": [wall]}, truth, logs)[
+        for s in score_frames(flights.scenario(), flights.WORLD | {"boxes": [wall]}, truth, logs)[
             "drone1"
         ]
     ]
@@ -74,10 +76,10 @@ def test_who_flies_behind_another_drone_need_not_be_seen():
     truth = flights.truth(gap=0.0)
     truth["position"][:, 2] += [3.0, 0.0, 0.0]  # drone 3 behind drone 2, seen from drone 1
     logs = {n: flights.log(i, truth) for i, n in enumerate(flights.NAMES)}
-    seen_by = sights(flights.scenario(), flights.WORLD, truth, logs)["drone1"]
+    seen_by = score_frames(flights.scenario(), flights.WORLD, truth, logs)["drone1"]
     assert {s.in_view for s in seen_by if s.time > 3.0} == {1}
     truth["position"][:, 2] += [0.0, 1.0, 0.0]
-    seen_by = sights(flights.scenario(), flights.WORLD, truth, logs)["drone1"]
+    seen_by = score_frames(flights.scenario(), flights.WORLD, truth, logs)["drone1"]
     assert {s.in_view for s in seen_by if s.time > 3.0} == {2}
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from sitl_sim.__main__ import main
-from sitl_sim.figures.beliefs import timeline
+from sitl_sim.figures.belief import Beliefs
+from sitl_sim.figures.belief_figures import timeline
 from sitl_sim.figures.events import collisions, events
-from sitl_sim.figures.knowledge import Minds
 from sitl_sim.figures.metrics import sanity
-from sitl_sim.figures.perception import sights
+from sitl_sim.figures.perception import score_frames
 from sitl_sim.figures.report import shortcomings, summarise, write_report
 from sitl_sim.recording.run_folder import load_run, log_path, salvage_ticks
 from sitl_sim.viewer import Page, Replay
@@ -131,13 +131,13 @@ def test_silence_and_disarming_are_events(folder):
 
 def test_logs_meet_truth_in_the_worlds_frame(folder):
     run = load_run(folder)
-    minds = Minds(run)
-    known = minds.at(0, 8.0)
-    truth = minds.positions(8.0)
-    np.testing.assert_allclose(known.plan[0], truth[0], atol=0.11)
-    np.testing.assert_allclose(known.plan[-1] - known.plan[0], [2.0, 0.0, 0.0], atol=1e-6)
-    assert known.critical[0].drone == 1
-    np.testing.assert_allclose(known.tracks, truth[1:], atol=0.11)
+    beliefs = Beliefs(run)
+    belief = beliefs.at(0, 8.0)
+    truth = beliefs.positions(8.0)
+    np.testing.assert_allclose(belief.plan[0], truth[0], atol=0.11)
+    np.testing.assert_allclose(belief.plan[-1] - belief.plan[0], [2.0, 0.0, 0.0], atol=1e-6)
+    assert belief.critical[0].drone == 1
+    np.testing.assert_allclose(belief.tracks, truth[1:], atol=0.11)
 
 
 @pytest.mark.parametrize(
@@ -231,7 +231,7 @@ def test_after_the_flight_a_killed_companions_log_still_counts(tmp_path):
     logs = run.logs | {"drone2": salvage_ticks(log), "drone3": salvage_ticks(tmp_path / "none")}
     assert logs["drone3"] == []
     cut_short = dataclasses.replace(run, logs=logs)
-    seen = sights(run.scenario, run.world, run.truth, logs)
+    seen = score_frames(run.scenario, run.world, run.truth, logs)
     summary = summarise(cut_short, seen, {})
     assert summary["ok"]
     assert write_report(cut_short, summary, seen).stat().st_size > 1e6

@@ -77,7 +77,7 @@ def test_live_shows_the_present_and_reads_growing_logs(run, tmp_path):
         np.testing.assert_allclose(
             page.scene.drones.batched_positions, run.truth["position"][398], atol=1e-5
         )
-        assert live.knowledge(0, 0.0).record["phase"] == "fly"
+        assert live.belief(0, 0.0).record["phase"] == "fly"
         assert page.slider.disabled
     finally:
         page.close()
@@ -91,7 +91,7 @@ def test_twenty_drones_five_minutes_are_drawn_in_time(run):
     q = np.tile(np.float32([1, 0, 0, 0]), (len(times), n, 1))
     many, few = Replay(run), Replay(run)
     many.names = [f"drone{i + 1}" for i in range(n)]
-    many.knowledge = lambda drone, time: few.knowledge(drone % 3, time % 11.0)
+    many.belief = lambda drone, time: few.belief(drone % 3, time % 11.0)
     many._t, many._p, many._q = times, p, q
     page = Page(many, port=free_port())
     try:

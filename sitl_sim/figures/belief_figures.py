@@ -1,4 +1,4 @@
-"""Figures of what the companions knew: network, plans, times, perception, events, collisions."""
+"""Figures from the companions' logs: network, plans, times, perception, events."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from mavlink_bridge.shared.arrays import Vector
+from sitl_sim.figures.belief import Beliefs
 from sitl_sim.figures.curves import add_map, colours, window
 from sitl_sim.figures.events import Event, faults
-from sitl_sim.figures.knowledge import Minds
 from sitl_sim.figures.metrics import AIRBORNE
-from sitl_sim.figures.perception import Sight
+from sitl_sim.figures.perception import FrameScore
 from sitl_sim.recording.run_folder import Run
 
 _SYMBOLS = {
@@ -27,7 +27,7 @@ _SYMBOLS = {
 
 
 def chosen_times(run: Run) -> list[float]:
-    """Four moments worth a look: a quarter, a half, three quarters, and the closest approach."""
+    """Return four times [s]: a quarter, a half, three quarters, and the closest approach."""
     t, p = run.truth["t"], run.truth["position"].astype(float)
     up = np.flatnonzero((p[..., 2] > AIRBORNE).any(axis=1))
     if not len(up):
@@ -43,14 +43,14 @@ def chosen_times(run: Run) -> list[float]:
     return sorted(times)
 
 
-def network(run: Run, minds: Minds, times: list[float]) -> go.Figure:
-    """Who watches whom as critical, the wider the line the greater the threat (Fig. 6c)."""
-    figure, arrows = _panels(run, minds, times), []
+def network(run: Run, beliefs: Beliefs, times: list[float]) -> go.Figure:
+    """Draw the network of critical neighbours; a wider line is a greater threat (Fig. 6c)."""
+    figure, arrows = _panels(run, beliefs, times), []
     for panel, time in enumerate(times, start=1):
         for i in range(len(run.names)):
-            known = minds.at(i, time)
-            a = minds.positions(time)[i]
-            for threat in known.critical if known else []:
+            belief = beliefs.at(i, time)
+            a = beliefs.positions(time)[i]
+            for threat in belief.critical if belief else []:
                 b, x, y = threat.position, f"x{panel}", f"y{panel}"
                 arrows.append(
                     {
@@ -75,16 +75,16 @@ def network(run: Run, minds: Minds, times: list[float]) -> go.Figure:
     return figure
 
 
-def plans(run: Run, minds: Minds, times: list[float]) -> go.Figure:
-    """The trajectories predicted by every companion (Fig. 6d)."""
-    figure = _panels(run, minds, times)
+def plans(run: Run, beliefs: Beliefs, times: list[float]) -> go.Figure:
+    """Draw the trajectories that the companions predicted (Fig. 6d)."""
+    figure = _panels(run, beliefs, times)
     for column, time in enumerate(times):
         for i, colour in enumerate(colours(len(run.names))):
-            known = minds.at(i, time)
-            if known is not None:
+            belief = beliefs.at(i, time)
+            if belief is not None:
                 figure.add_scatter(
-                    x=known.plan[:, 0],
-                    y=known.plan[:, 1],
+                    x=belief.plan[:, 0],
+                    y=belief.plan[:, 1],
                     mode="lines",
                     line_color=colour,
                     row=1,
@@ -93,8 +93,8 @@ def plans(run: Run, minds: Minds, times: list[float]) -> go.Figure:
     return figure
 
 
-def _panels(run: Run, minds: Minds, times: list[float]) -> go.Figure:
-    """A square map of the swarm at each time."""
+def _panels(run: Run, beliefs: Beliefs, times: list[float]) -> go.Figure:
+    """Return a figure with a square map of the swarm at each time."""
     figure = make_subplots(
         rows=1,
         cols=len(times),
@@ -102,7 +102,7 @@ def _panels(run: Run, minds: Minds, times: list[float]) -> go.Figure:
         subplot_titles=[f"t = {t:.1f} s" for t in times],
     )
     for column, time in enumerate(times):
-        p = minds.positions(time)
+        p = beliefs.positions(time)
         numbers = [n.removeprefix("drone") for n in run.names]
         add_map(figure, run.world, row=1, col=column + 1)
         figure.add_scatter(
@@ -123,7 +123,7 @@ def _panels(run: Run, minds: Minds, times: list[float]) -> go.Figure:
 
 
 def times(run: Run) -> go.Figure:
-    """How long solves and ticks took, over all drones."""
+    """Draw histograms of solve and tick times, over all drones."""
     ticks = [r for log in run.logs.values() for r in log]
     series = {
         "solve": [r["solver"]["solve_ms"] for r in ticks if "solver" in r],
@@ -140,12 +140,12 @@ def times(run: Run) -> go.Figure:
     return figure
 
 
-def perception(sights: dict[str, list[Sight]]) -> go.Figure:
-    """Recall and precision, bearing, range and velocity errors, a point each second."""
-    every = [s for one in sights.values() for s in one]
+def perception(scores: dict[str, list[FrameScore]]) -> go.Figure:
+    """Draw recall, precision, and errors of bearing, range and velocity, a point each second."""
+    every = [s for one in scores.values() for s in one]
     titles = ("share", "bearing [°]", "range [%]", "velocity [m/s]")
     figure = make_subplots(rows=4, cols=1, shared_xaxes=True, vertical_spacing=0.04)
-    seconds: dict[int, list[Sight]] = {}
+    seconds: dict[int, list[FrameScore]] = {}
     for s in every:
         seconds.setdefault(int(s.time), []).append(s)
     x = sorted(seconds)
@@ -178,7 +178,7 @@ def perception(sights: dict[str, list[Sight]]) -> go.Figure:
 
 
 def timeline(run: Run, happened: list[Event]) -> go.Figure:
-    """Events on a line for each drone, and as bars the faults that the scenario gave it."""
+    """Draw each drone's events on a line, and the scenario's faults as bars."""
     figure = go.Figure()
     for span in faults(run):
         figure.add_scatter(
@@ -212,9 +212,9 @@ def timeline(run: Run, happened: list[Event]) -> go.Figure:
     return figure
 
 
-def _ratio(sights: list[Sight], part: str, whole: str) -> float | None:
-    total = sum(getattr(s, whole) for s in sights)
-    return sum(getattr(s, part) for s in sights) / total if total else None
+def _ratio(scores: list[FrameScore], part: str, whole: str) -> float | None:
+    total = sum(getattr(s, whole) for s in scores)
+    return sum(getattr(s, part) for s in scores) / total if total else None
 
 
 def _median(values: list[Vector]) -> float | None:
