@@ -1,4 +1,4 @@
-"""The companion classes that run in the simulator's process: found by entry point."""
+"""Companion classes that run in the simulator's process, found by their entry points."""
 
 from __future__ import annotations
 

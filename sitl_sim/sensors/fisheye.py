@@ -41,10 +41,10 @@ class Lens:
 
     @staticmethod
     def load(path: str | Path) -> Lens:
-        """The lens of a calibration file (width, height, fx, fy, cx, cy, k1…k4).
+        """Read the lens of a calibration file (width, height, fx, fy, cx, cy, k1…k4).
 
         Raises:
-            ValueError: no such file, or not such numbers; the text names it.
+            ValueError: the file or a number in it is missing or wrong; the message names the file.
         """
         try:
             data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
@@ -60,7 +60,7 @@ class Lens:
         return replace(flat, fov_deg=float(np.degrees(2 * edge)))
 
     def scaled(self, width: int, height: int) -> Lens:
-        """The same view at another image size (px)."""
+        """Return the lens with the same view at another image size [px]."""
         if self.calibration is None:
             return Lens(width, height, self.fov_deg)
         su, sv = width / self.width, height / self.height
@@ -85,7 +85,7 @@ class Lens:
         return np.array([self.f, self.f, (self.width - 1) / 2, (self.height - 1) / 2, 0, 0, 0, 0])
 
     def angle(self, radius: Float64) -> Float64:
-        """Angle from the axis [rad] of normalised image radii."""
+        """Return the angles from the axis [rad] of normalised image radii."""
         if self.calibration is None:
             return radius
         theta = np.linspace(0.0, 2.2, 20001)

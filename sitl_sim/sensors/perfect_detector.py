@@ -1,4 +1,4 @@
-"""What a perfect detector would report: only what eq. (6) lets a drone see.
+"""Reports of a perfect detector: everything that is visible by eq. (6), and nothing else.
 
 For studies with `neighbours: truth` or `obstacles: map`. Rows have the layout of the frame
 channel: direction (3) in the camera frame, distance, and two more numbers.
@@ -30,7 +30,7 @@ def camera_rays(q: Vector, offsets: Vector) -> Vector:
 
 
 def seen(rays_c: Vector, half_view: float, half_height: float) -> NDArray[np.bool_]:
-    """Whether unit directions (...,3) in the camera frame fall inside an equidistant image."""
+    """Return whether unit directions (...,3), camera frame, are inside an equidistant image."""
     x, y, z = np.moveaxis(rays_c, -1, 0)
     theta = np.arccos(np.clip(z, -1.0, 1.0))
     rho = np.maximum(np.hypot(x, y), 1e-9)
@@ -48,7 +48,7 @@ def neighbours(
     fov: tuple[float, float],
     range_max: float,
 ) -> Vector:
-    """(m,6) direction, range, σ bearing, σ range of the drones `others` (k,3) in view.
+    """Return (m,6) direction, range, σ bearing, σ range of the drones `others` (k,3) in view.
 
     fov: half width and half height of the view [rad].
     """
@@ -63,9 +63,9 @@ def neighbours(
 def trunks(
     p: Vector, q: Vector, occluders: Occluders, fov: tuple[float, float], range_max: float
 ) -> Vector:
-    """(m,6) direction to the axis, horizontal distance to it, radius, σ of the trunks in view.
+    """Return (m,6) direction to the axis, horizontal distance to it, radius, σ of trunks in view.
 
-    A trunk counts as seen when its axis or one of its edges is in view and not hidden.
+    A trunk is in view when its axis or one of its edges is inside the picture and not hidden.
     """
     d = occluders.cylinders[:, :2] - p[:2]
     radius, distance = occluders.cylinders[:, 2], np.hypot(d[:, 0], d[:, 1])
@@ -83,10 +83,10 @@ def trunks(
 
 
 class WallRanges:
-    """What a perfect depth sensor would say of the boxes of a world, coarsely; eq. (6)."""
+    """Coarse depth images of the boxes of a world by a perfect sensor; eq. (6)."""
 
     def __init__(self, occluders: Occluders, width: int, height: int, fov_deg: float) -> None:
-        """width, height: of the camera's image [px], whose view is sampled."""
+        """Sample the view of a camera of this image size [px]."""
         rows = round(_WALL_COLUMNS * height / width)
         self._rays = Lens(_WALL_COLUMNS, rows, fov_deg).rays.astype(float)
         self._boxes = occluders.boxes
@@ -94,7 +94,7 @@ class WallRanges:
         self._trunks.cylinders = occluders.cylinders
 
     def __call__(self, p: Vector, q: Vector, range_max: float) -> NDArray[np.float32]:
-        """(h,w) m along each ray to the nearest box; inf where there is none, NaN behind trunks."""
+        """Return distances (h,w) m along rays to the nearest box; inf: none, NaN: behind trunks."""
         shape = self._rays.shape[1:]
         rays = self._rays.reshape(3, -1).T @ R_BC.T @ rotation_matrix(q).T
         nearest = np.full(len(rays), np.inf)

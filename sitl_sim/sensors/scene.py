@@ -52,7 +52,7 @@ _ROWS_PER_SKY, _BINS_PER_SKY = np.uintp(EBINS // SKY_SHAPE[0]), np.uintp(BINS //
 
 @njit(inline="always", error_model="numpy")
 def hit_box(px, py, pz, dx, dy, dz, boxes, start, which, b):  # type: ignore[no-untyped-def]
-    """Nearest box on the ray (d need not be a unit vector): parameter t, box and face axis."""
+    """Return parameter t, box and face axis of the nearest box on a ray (d: of any length)."""
     nearest, found, face = FAR, -1, 0
     ix = ONE / (dx if abs(dx) > TINY else TINY)
     iy = ONE / (dy if abs(dy) > TINY else TINY)
@@ -73,7 +73,7 @@ def hit_box(px, py, pz, dx, dy, dz, boxes, start, which, b):  # type: ignore[no-
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def scene_range(px, py, pz, dx, dy, dz, table, count, boxes, start, which):  # type: ignore[no-untyped-def]
-    """Distance [m] along the world ray d to the first surface of the static scene; inf: sky."""
+    """Return the distance [m] along the world ray d to the first static surface; inf: sky."""
     rho = math.sqrt(dx * dx + dy * dy) + TINY
     s = dz / rho
     b = min(int((diamond(dx, dy) + np.float32(2)) * QUARTER), BINS - 1)
@@ -205,7 +205,7 @@ def paint(  # type: ignore[no-untyped-def]
             line[3 * x] = np.int32(min(blue_ * gain[x] + haze_b * mist[x], np.float32(255)))
             line[3 * x + 1] = np.int32(min(green_ * gain[x] + haze_g * mist[x], np.float32(255)))
             line[3 * x + 2] = np.int32(min(red_ * gain[x] + haze_r * mist[x], np.float32(255)))
-        for x in range(w):  # what stands behind the nearest trunks and above them, and boxes
+        for x in range(w):  # trunks behind and above the nearest ones, and boxes
             b, s = bins[x], slope[x]
             boxed = have_boxes and start[b] < start[b + 1]
             if not boxed and (s >= upper[b] or s < top[b]):

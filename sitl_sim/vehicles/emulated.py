@@ -147,7 +147,7 @@ class Autopilots:
         ticks = self._substeps // TICK_SUBSTEPS
         if place == 0 and self._substeps > 0:
             self._estimator.next_block()
-        self._estimator.wander(place // TICK_SUBSTEPS)
+        self._estimator.step_drifts(place // TICK_SUBSTEPS)
         self._observe()
         if ticks % BATTERY_TICKS == 0:
             self._shared.batteries.drain(self.vehicles, BATTERY_TICKS * TICK_SUBSTEPS * SUBSTEP)

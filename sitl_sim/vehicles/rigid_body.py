@@ -71,10 +71,10 @@ class Airframe:
 
 
 class State(NamedTuple):
-    """State of n vehicles, and what follows from it.
+    """State of n vehicles, with specific force and ground contact.
 
-    p (n,3) m; v (n,3) m/s; q (n,4) body → world; omega (n,3) rad/s body; motor (n,4) speed
-    0…1; specific_force (n,3) m/s² body, what an accelerometer feels; contact (n,) on the ground.
+    p (n,3) m; v (n,3) m/s; q (n,4) body → world; omega (n,3) rad/s, body; motor (n,4) speed 0…1;
+    specific_force (n,3) m/s², body, as an accelerometer measures; contact (n,) with the ground.
     """
 
     p: Floats
@@ -107,12 +107,12 @@ class Body(NamedTuple):
 
 
 class Vehicles:
-    """All vehicles as arrays; `step` moves them, commands come from outside."""
+    """All vehicles as arrays; `step` simulates them under given motor commands."""
 
     def __init__(
         self, airframe: Airframe | Sequence[Airframe], p: ArrayLike, yaw: ArrayLike
     ) -> None:
-        """Put vehicles at rest.
+        """Place vehicles at rest.
 
         airframe: one for all or one each. p: (n,3) m, world. yaw: (n,) rad, 0 = along +x (east).
         """
@@ -179,11 +179,11 @@ class Vehicles:
 
     @property
     def specific_force(self) -> Floats:
-        """What an accelerometer feels, (n,3) m/s², body."""
+        """Specific force as an accelerometer measures it, (n,3) m/s², body."""
         return self.state.specific_force
 
     def step(self, dt: float, command: Floats, wind: ArrayLike = 0.0, n_substeps: int = 1) -> None:
-        """Move all vehicles by dt seconds under constant motor commands.
+        """Simulate all vehicles for dt [s] under constant motor commands.
 
         command: (n,4) normalised motor speeds 0…1. wind: (3,) or (n,3) m/s, world.
         """
@@ -204,7 +204,7 @@ def _step_all(
 
 @njit(cache=True)
 def step_one(i: int, state: State, body: Body, command: Floats, wind: Floats, dt: float) -> None:
-    """Move vehicle i by one substep dt; command (n,4), wind (n,3) m/s."""
+    """Simulate vehicle i for one substep dt [s]; command (n,4) 0…1, wind (n,3) m/s, world."""
     p, v, q, omega = state.p[i], state.v[i], state.q[i], state.omega[i]
     mass = body.mass[i]
     jx, jy, jz = body.inertia[i]
@@ -256,8 +256,8 @@ def step_one(i: int, state: State, body: Body, command: Floats, wind: Floats, dt
 
     contact = height <= 0.0 and vz <= 0.0
     if contact:
-        # The ground takes the vertical velocity at once (no bouncing), friction the horizontal
-        # one, and the feet stop rotation and level the frame.
+        # The ground stops the vertical velocity at once (no bouncing), friction the horizontal
+        # one; the feet stop rotation and level the frame.
         grip = FRICTION * max(-az, 0.0) * dt
         speed = math.sqrt(vx * vx + vy * vy)
         keep = 1.0 - grip / speed if speed > grip else 0.0
@@ -284,7 +284,7 @@ def step_one(i: int, state: State, body: Body, command: Floats, wind: Floats, dt
 def rotate_by(
     w: float, x: float, y: float, z: float, a: float, b: float, c: float
 ) -> tuple[float, float, float, float]:
-    """Unit quaternion turned by the rotation vector (a, b, c) [rad] given in its own body axes."""
+    """Return a unit quaternion turned by the rotation vector (a, b, c) [rad] in its body axes."""
     angle2 = a * a + b * b + c * c
     if angle2 > 1e-8:
         angle = math.sqrt(angle2)

@@ -1,4 +1,4 @@
-"""Seeded worlds as data: cylinders and boxes in the form of `world.json`; metres, ENU."""
+"""Worlds as data: cylinders and boxes in the form of `world.json`; metres, ENU."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.distance import to_cylinder
 from mavlink_bridge.shared.settings import StrictModel
 
-Spot = Annotated[list[float], Field(min_length=2, max_length=2)]  # [x, y] m
-Place = Annotated[list[float], Field(min_length=3, max_length=3)]  # [x, y, z] m
+Point2 = Annotated[list[float], Field(min_length=2, max_length=2)]  # [x, y] m
+Point3 = Annotated[list[float], Field(min_length=3, max_length=3)]  # [x, y, z] m
 
 
 class Cylinder(StrictModel):
@@ -28,12 +28,12 @@ class Cylinder(StrictModel):
 class Box(StrictModel):
     """An axis-aligned block."""
 
-    min: Place
-    max: Place
+    min: Point3
+    max: Point3
 
 
 class WorldConfig(StrictModel):
-    """A generator with its parameters, or explicit shapes; both where both are given."""
+    """A generator with its parameters, explicit shapes, or both."""
 
     generator: Literal["forest", "thicket", "tunnel", "missions", "empty"] = "empty"
     rows: int = Field(7, ge=1, le=100, description="forest: trunks along y.")
@@ -75,7 +75,7 @@ class WorldConfig(StrictModel):
 
 
 def surface_distance(position: Vector, world: dict[str, Any]) -> Vector:
-    """Signed distance (...,) [m] from each point (...,3) to the nearest obstacle surface."""
+    """Return the signed distance (...,) m from points (...,3) to the nearest obstacle surface."""
     nearest = np.full(position.shape[:-1], np.inf)
     for c in world.get("cylinders", []):
         radial = to_cylinder(position, c["x"], c["y"], c["radius"])
@@ -92,10 +92,10 @@ def surface_distance(position: Vector, world: dict[str, Any]) -> Vector:
 
 
 class Occluders:
-    """The obstacles of a world as arrays, for asking what hides what; eq. (6)."""
+    """The obstacles of a world as arrays, to compute lines of sight; eq. (6)."""
 
     def __init__(self, world: dict[str, Any]) -> None:
-        """world: as in `world.json`."""
+        """Take the obstacles of a world as in `world.json`."""
         rows = [[c["x"], c["y"], c["radius"], c["height"]] for c in world.get("cylinders", [])]
         self.cylinders = np.array(rows, float).reshape(-1, 4)
         self.boxes = [(np.array(b["min"]), np.array(b["max"])) for b in world.get("boxes", [])]
@@ -103,10 +103,10 @@ class Occluders:
     def free(
         self, eye: Vector, points: Vector, own: NDArray[np.int_] | None = None
     ) -> NDArray[np.bool_]:
-        """(n,) whether the segment from `eye` to each of `points` (n,3) meets no obstacle.
+        """Return (n,) whether the segments from `eye` to `points` (n,3) m meet no obstacle.
 
-        eye: (3,), one for all, or (n,3). own: (n,) the cylinder that each point belongs to and
-        that does not hide it.
+        eye: (3,) m, one for all, or (n,3). own: (n,) index of the cylinder that each point belongs
+        to; this cylinder does not hide it.
         """
         d = points - eye
         length2 = np.maximum((d[:, :2] ** 2).sum(axis=1), 1e-9)[:, None]
@@ -124,7 +124,7 @@ class Occluders:
 
 
 def _segment_meets_box(eye: Vector, d: Vector, low: Vector, high: Vector) -> NDArray[np.bool_]:
-    """Slab test of segments eye + s·d, s in [0, 1]."""
+    """Return whether segments eye + s·d, s in [0, 1], meet a box, by the slab test."""
     safe = np.where(np.abs(d) < 1e-12, 1e-12, d)
     near, far = (low - eye) / safe, (high - eye) / safe
     enter = np.minimum(near, far).max(axis=1)
