@@ -1,4 +1,4 @@
-"""The simulated world, and vehicles that speak MAVLink."""
+"""The simulated world, and vehicles that communicate by MAVLink."""
 
 from pathlib import Path
 

@@ -128,7 +128,9 @@ class _Scorer:
         visible[asked] = self._shares(p[:, i], q, offsets, asked) >= VISIBLE
         return _OtherDrones(rays, np.maximum(distance, 1e-9), visible)
 
-    def _shares(self, eye: Vector, q: Vector, offsets: Vector, asked: NDArray[np.bool_]) -> Vector:
+    def _shares(
+        self, viewpoint: Vector, q: Vector, offsets: Vector, asked: NDArray[np.bool_]
+    ) -> Vector:
         """Return the visible share (k,) of each drone asked for: frames × drones, row by row.
 
         Points on its core must be in the picture and neither behind an obstacle nor behind
@@ -137,10 +139,10 @@ class _Scorer:
         frame, drone = np.nonzero(asked)
         offset = offsets[frame, drone]
         points = offset[:, None] + _CORE * self._radius * _disc(offset)
-        ends = (points + eye[frame][:, None]).reshape(-1, 3)
-        eyes = np.repeat(eye[frame], points.shape[1], axis=0)
+        ends = (points + viewpoint[frame][:, None]).reshape(-1, 3)
+        viewpoints = np.repeat(viewpoint[frame], points.shape[1], axis=0)
         blocks = [slice(at, at + _BLOCK) for at in range(0, len(ends), _BLOCK)]
-        rows = [self._occluders.free(eyes[b], ends[b]) for b in blocks]
+        rows = [self._occluders.free(viewpoints[b], ends[b]) for b in blocks]
         free = np.concatenate([*rows, np.zeros(0, bool)]).reshape(points.shape[:2])
         free &= seen(camera_rays(q[frame], points), *self._view)
         distance = np.linalg.norm(points, axis=-1)

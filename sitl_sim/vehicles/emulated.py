@@ -52,7 +52,7 @@ class Autopilots:
         outer_gains: OuterGains | None = None,
         battery_ah: float = 1.5,
     ) -> None:
-        """Switch them on.
+        """Switch the autopilots on.
 
         flavour: one for all or one each. origin: (n,3) m, world, origin of each vehicle's own
         frame (default: where it stands). yaw_offset: (n,) rad, world, direction of its own east.

@@ -122,7 +122,7 @@ class Scene:
         )
 
     def _surroundings(self, world: dict[str, Any]) -> None:
-        """Ground, obstacles and targets."""
+        """Draw ground, obstacles and targets."""
         self._scene.set_up_direction("+z")
         self._scene.configure_environment_map("studio", environment_intensity=0.12)
         self._scene.configure_default_lights(True)

@@ -101,32 +101,34 @@ class Occluders:
         self.boxes = [(np.array(b["min"]), np.array(b["max"])) for b in world.get("boxes", [])]
 
     def free(
-        self, eye: Vector, points: Vector, own: NDArray[np.int_] | None = None
+        self, viewpoint: Vector, points: Vector, own: NDArray[np.int_] | None = None
     ) -> NDArray[np.bool_]:
-        """Return (n,) whether the segments from `eye` to `points` (n,3) m meet no obstacle.
+        """Return (n,) whether the segments from `viewpoint` to `points` (n,3) m meet no obstacle.
 
-        eye: (3,) m, one for all, or (n,3). own: (n,) index of the cylinder that each point belongs
+        viewpoint: (3,) m, one for all, or (n,3). own: (n,) index of the cylinder that each point belongs
         to; this cylinder does not hide it.
         """
-        d = points - eye
+        d = points - viewpoint
         length2 = np.maximum((d[:, :2] ** 2).sum(axis=1), 1e-9)[:, None]
-        x, y = self.cylinders[:, 0] - eye[..., :1], self.cylinders[:, 1] - eye[..., 1:2]
+        x, y = self.cylinders[:, 0] - viewpoint[..., :1], self.cylinders[:, 1] - viewpoint[..., 1:2]
         along = np.clip((d[:, :1] * x + d[:, 1:2] * y) / length2, 0.0, 1.0)
         miss2 = (along * d[:, :1] - x) ** 2 + (along * d[:, 1:2] - y) ** 2
-        below = eye[..., 2:] + along * d[:, 2:] < self.cylinders[:, 3]
+        below = viewpoint[..., 2:] + along * d[:, 2:] < self.cylinders[:, 3]
         meets = (miss2 < self.cylinders[:, 2] ** 2) & below
         if own is not None:
             meets[np.arange(len(points)), own] = False
         free: NDArray[np.bool_] = ~meets.any(axis=1)
         for low, high in self.boxes:
-            free &= ~_segment_meets_box(eye, d, low, high)
+            free &= ~_segment_meets_box(viewpoint, d, low, high)
         return free
 
 
-def _segment_meets_box(eye: Vector, d: Vector, low: Vector, high: Vector) -> NDArray[np.bool_]:
-    """Return whether segments eye + s·d, s in [0, 1], meet a box, by the slab test."""
+def _segment_meets_box(
+    viewpoint: Vector, d: Vector, low: Vector, high: Vector
+) -> NDArray[np.bool_]:
+    """Return whether segments viewpoint + s·d, s in [0, 1], meet a box, by the slab test."""
     safe = np.where(np.abs(d) < 1e-12, 1e-12, d)
-    near, far = (low - eye) / safe, (high - eye) / safe
+    near, far = (low - viewpoint) / safe, (high - viewpoint) / safe
     enter = np.minimum(near, far).max(axis=1)
     leave = np.maximum(near, far).min(axis=1)
     meets: NDArray[np.bool_] = (enter < leave) & (leave > 0.0) & (enter < 1.0)
