@@ -1,4 +1,4 @@
-"""Campaigns: resumed, the same whoever flies, and apart from each other's ports."""
+"""Campaigns: resumed, and with the same truth on every executor."""
 
 import contextlib
 import json
@@ -13,9 +13,7 @@ from pathlib import Path
 import pytest
 
 from sitl_sim.__main__ import main
-from sitl_sim.campaigns import ports
 from sitl_sim.campaigns.campaign import Campaign, run
-from sitl_sim.campaigns.campaign_folder import campaign_folder
 
 SCENARIO = """
 fileversion: 1
@@ -39,7 +37,7 @@ def campaign(scenario, out, *options):
     )
 
 
-def worker_of(folder):
+def open_files_in(folder):
     """Processes that have a file of this folder open."""
     found = []
     for files in Path("/proc").glob("[0-9]*/fd"):
@@ -55,7 +53,7 @@ def truths(folder):
     }
 
 
-def test_a_campaign_flies_what_is_missing_and_nothing_else(scenario, tmp_path, capsys):
+def test_a_campaign_flies_only_the_missing_runs(scenario, tmp_path, capsys):
     out = tmp_path / "out"
     assert campaign(scenario, out, "--runs", "2", "--seed", "5") == 1  # too short to arrive
     text = capsys.readouterr().out
@@ -82,41 +80,6 @@ def test_a_campaign_flies_what_is_missing_and_nothing_else(scenario, tmp_path, c
     assert "<b>0 of 1</b>" in (out / "campaign.html").read_text()
 
 
-def settings(scenario, *overrides):
-    return Campaign(scenario, list(overrides), 1, 0, Path("anywhere")).settings()
-
-
-def test_a_folder_of_other_flights_is_refused_and_left_as_it_is(scenario, tmp_path, capsys):
-    out = tmp_path / "out"
-    with campaign_folder(out, settings(scenario)):
-        (out / "unfinished" / "hop-0-17").mkdir(parents=True)
-    Path(scenario).write_text(SCENARIO.replace("time_limit: 5.0", "time_limit: 6.0"))
-    assert campaign(scenario, out, "--set", "drones.count=1") == 2
-    lines = capsys.readouterr().err.strip().splitlines()
-    assert len(lines) == 1
-    assert (
-        "holds another campaign (drones.count 2, not 1, mission.time_limit 5.0, not 6.0)"
-        in (lines[0])
-    )
-    assert (out / "unfinished" / "hop-0-17").exists()
-
-
-def test_a_folder_of_another_version_is_refused_in_a_line(scenario, tmp_path, capsys):
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "campaign.json").write_text(json.dumps({"name": "hop", "overrides": []}))
-    assert campaign(scenario, out) == 2
-    assert len(capsys.readouterr().err) < 600
-
-
-def test_what_was_there_before_a_campaign_stays(scenario, tmp_path):
-    theirs = tmp_path / "out" / "unfinished" / "thesis.txt"
-    theirs.parent.mkdir(parents=True)
-    theirs.touch()
-    with campaign_folder(tmp_path / "out", settings(scenario)):
-        assert theirs.exists()
-
-
 @pytest.mark.parametrize(
     ("content", "words"),
     [
@@ -134,22 +97,6 @@ def test_runs_that_cannot_be_counted_are_named_before_more_are_flown(
     assert campaign(scenario, tmp_path / "out", "--runs", "2") == 2
     assert words in capsys.readouterr().err
     assert not (tmp_path / "out" / "hop-1").exists()
-
-
-def test_two_campaigns_do_not_fly_into_one_folder(scenario, tmp_path, capsys):
-    out = tmp_path / "out"
-    with campaign_folder(out, settings(scenario)):
-        assert campaign(scenario, out) == 2
-    assert "another campaign is flying into it" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("content", ["", "[1]", "no json"])
-def test_a_spoilt_request_is_one_clear_line(scenario, tmp_path, capsys, content):
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "campaign.json").write_text(content)
-    assert campaign(scenario, out) == 2
-    assert "campaign.json: not what a campaign wrote" in capsys.readouterr().err
 
 
 class Fragile:
@@ -199,7 +146,7 @@ class Idle(Fragile):
         self.ill = False
 
 
-def test_a_worker_that_dies_between_flights_costs_none(scenario, tmp_path):
+def test_a_worker_that_dies_between_flights_costs_no_flight(scenario, tmp_path):
     told, executor = {}, Idle()
     assert run(Campaign(scenario, [], 4, 0, tmp_path), executor, told.__setitem__) == {}
     assert sorted(executor.stored) == sorted(told) == [0, 1, 2, 3]
@@ -227,7 +174,7 @@ def test_a_worker_that_dies_takes_no_other_flight_with_it(scenario, tmp_path):
         (["--set", "drones.autopilot=betaflight"], "no --in-process"),
     ],
 )
-def test_bad_input_is_exit_2(scenario, tmp_path, capsys, options, words):
+def test_bad_input_is_status_2(scenario, tmp_path, capsys, options, words):
     assert campaign(scenario, tmp_path / "out", *options) == 2
     assert words in capsys.readouterr().err
 
@@ -241,37 +188,9 @@ def test_a_flight_that_cannot_be_flown_is_named_and_the_others_fly(scenario, tmp
     assert "missing.yaml" in summary["not_flown"]["0"]
 
 
-def test_blocks_of_ports_are_apart_and_come_back():
-    with ports.block(3) as one, ports.block(3) as two:
-        assert abs(one - two) >= 8
-        asked = ports.overrides(one, 3)
-    assert asked == [
-        f"wire.companion_port={one}",
-        f"wire.frame_port={one + 3}",
-        f"wire.gcs_port={one + 7}",
-    ]
-    with ports.block(3) as again:
-        assert again == one
-
-
-def test_files_that_another_user_has_made_are_locked_too(monkeypatch):
-    with ports.block(3) as one:
-        pass
-    opened = Path.open
-
-    def theirs(path, mode="r", *arguments, **keys):
-        if mode != "r" and path.exists():
-            raise PermissionError(13, "Permission denied")
-        return opened(path, mode, *arguments, **keys)
-
-    monkeypatch.setattr(Path, "open", theirs)
-    with ports.block(3) as mine, ports.block(3) as other:
-        assert mine == one != other
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
-def test_a_campaign_that_was_ended_goes_on_where_it_was(scenario, tmp_path, how):
+def test_an_ended_campaign_is_resumed(scenario, tmp_path, how):
     out = tmp_path / "out"
     command = [
         sys.executable,
@@ -295,7 +214,7 @@ def test_a_campaign_that_was_ended_goes_on_where_it_was(scenario, tmp_path, how)
     process.wait(timeout=10.0)
     time.sleep(1.0)
     assert not list((out / "unfinished").glob("*/metrics.json"))
-    assert not worker_of(out)
+    assert not open_files_in(out)
     before = truths(out)
     assert 0 < len(before) < 3
     said = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -1,8 +1,6 @@
 """Batteries discharge and sag."""
 
-from mavlink_bridge.wire.messages import (
-    SystemStatus,
-)
+from mavlink_bridge.wire.messages import SystemStatus
 
 
 def test_a_battery_discharges_in_flight(make_flight):

@@ -5,12 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from mavlink_bridge.wire.messages import (
-    Command,
-    LocalPosition,
-    Received,
-    Source,
-)
+from mavlink_bridge.wire.messages import Command, LocalPosition, Received, Source
 from sitl_sim.vehicles.emulated import Autopilots
 from sitl_sim.vehicles.estimator import SensorNoise
 from sitl_sim.vehicles.rigid_body import Airframe, Vehicles

@@ -4,9 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mavlink_bridge.wire.messages import (
-    LocalPosition,
-)
+from mavlink_bridge.wire.messages import LocalPosition
 from sitl_sim.vehicles.estimator import SensorNoise
 
 

@@ -5,11 +5,7 @@ import struct
 
 import pytest
 
-from mavlink_bridge.wire.messages import (
-    ParamRequestList,
-    ParamRequestRead,
-    ParamSet,
-)
+from mavlink_bridge.wire.messages import ParamRequestList, ParamRequestRead, ParamSet
 
 REAL32, INT32 = 9, 6
 
