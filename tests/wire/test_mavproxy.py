@@ -1,4 +1,4 @@
-"""MAVProxy, unmodified from PyPI, typed at as a pilot would, on the ground station's port."""
+"""MAVProxy, unmodified from PyPI, with a pilot's commands, on the ground station's port."""
 
 import contextlib
 import subprocess
@@ -31,7 +31,7 @@ class Console:
         self.lines = Lines(process.stdout)
 
     def type(self, command, answer, timeout=60.0):
-        """Type a command and wait for what it must lead to."""
+        """Type a command and wait for its result in the output."""
         since = len(self.lines.text)
         self._process.stdin.write(command + "\n")
         self._process.stdin.flush()

@@ -1,7 +1,7 @@
-"""A swarm's flight in one process: the runner's world, each companion's pipeline behind its codec.
+"""A flight in one process: the runner's world, each companion's pipeline behind its codec.
 
-Everything but sockets and processes is the real thing: the bytes of MAVLink, the lockstep, the
-faults of the scenario. A flight of one drone and 15 s takes half a second or so.
+All but sockets and processes is real: the bytes of MAVLink, the lockstep, the faults of the
+scenario. A flight of one drone and 15 s takes about half a second.
 """
 
 import itertools
@@ -70,7 +70,7 @@ class Companion:
     def close(self):
         pass
 
-    # --- what a test asks ----------------------------------------------------------------
+    # --- measures ------------------------------------------------------------------------
 
     def setpoints(self):
         """(time, setpoint) of all that were sent."""
@@ -98,7 +98,7 @@ class Companion:
 
 
 class InProcess(Flight):
-    """A flight whose companions live here; `companions` by index."""
+    """A flight with its companions in this process; `companions` by index."""
 
     def __init__(self, scenario):
         self.companions = []
@@ -114,12 +114,12 @@ class InProcess(Flight):
         return self.companions[-1], vehicle, MemoryEndpoint()
 
     def note_modes(self, t):
-        """Remember who is in another mode now."""
+        """Record changes of modes at t [s]."""
         for i, seen in enumerate(self.modes):
             if not seen or seen[-1][1] != self.mode(i):
                 seen.append((t, self.mode(i)))
 
-    # --- what a test asks ----------------------------------------------------------------
+    # --- measures ------------------------------------------------------------------------
 
     def figures(self):
         """Distances, collisions, targets, from the truth."""
@@ -140,7 +140,7 @@ class InProcess(Flight):
         return float(np.degrees(np.arccos(1 - 2 * (q[:, 1] ** 2 + q[:, 2] ** 2).max())))
 
     def check_always(self, healthy=None):
-        """What holds in every row: nothing hits anything, nothing bad is on the wire."""
+        """Assert what holds in every row: no collisions, only valid setpoints on the wire."""
         for c in self.companions:
             for _, s in c.setpoints():
                 assert np.isfinite(s.omega).all()
@@ -160,7 +160,7 @@ class InProcess(Flight):
                 assert gap > 2 * self.scenario.drones.radius, (a, b, gap)
 
     def _lowest_in_offboard(self, i):
-        """m above the ground while its companion flies drone i."""
+        """Least height [m] of drone i while its companion flies it."""
         truth, changes = self.truth.arrays(), [*self.modes[i], (np.inf, "")]
         return min(
             (
@@ -172,7 +172,7 @@ class InProcess(Flight):
         )
 
 
-# Without a look round first, so that the times of rows are of full flight.
+# Without a turn at the start, so that the times of rows are of full flight.
 SET_OUT_AT_ONCE = {"gaze": {"survey": 0.0}}
 
 
@@ -198,7 +198,7 @@ def scenario(faults=(), count=1, seed=1, **more):
 
 
 class NoisySensors(Sensors):
-    """See a noisy picture too: nothing is detected in it, but it can be looked at."""
+    """Sensors with a noisy picture, too: no drone is in it, but camera health can be checked."""
 
     def frame(self, i, stamp, p, q):
         rng = np.random.default_rng(round(stamp * 1e3))

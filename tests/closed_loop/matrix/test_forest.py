@@ -1,6 +1,6 @@
-"""Every row that concerns flight, in the paper's forest: three drones for 30 s on ten seeds; nine.
+"""Every row of the fault matrix in the paper's forest: three drones for 30 s on ten seeds; nine.
 
-In every flight nobody healthy hits anything; of each drone that is struck, what its row asks for.
+In every flight no healthy drone collides, and each drone with a fault reacts as its row requires.
 Slow: twenty minutes of one core.
 """
 

@@ -1,4 +1,4 @@
-"""The fault matrix: each row as it must be, and rows that fail where their mechanism is out."""
+"""The fault matrix: each row holds, and fails without its mechanism."""
 
 from dataclasses import replace
 
@@ -110,7 +110,7 @@ def test_a_row_fails_without(name, monkeypatch, record_property):
 
 
 def test_the_guard_is_used(monkeypatch):
-    """The mutations above are of what flies: without any guard there is no setpoint at all."""
+    """The mutations above concern the flying code: without a guard there is no setpoint."""
     monkeypatch.setattr(Guard, "judge", lambda *a: pytest.fail("asked"))
     with pytest.raises(pytest.fail.Exception):
         inprocess.fly(mission__time_limit=6.0, world={})

@@ -38,7 +38,7 @@ def campaign(scenario, out, *options):
 
 
 def open_files_in(folder):
-    """Processes that have a file of this folder open."""
+    """Files of this folder that a process has open."""
     found = []
     for files in Path("/proc").glob("[0-9]*/fd"):
         with contextlib.suppress(OSError):
@@ -181,7 +181,7 @@ def test_bad_input_is_status_2(scenario, tmp_path, capsys, options, words):
 
 def test_a_flight_that_cannot_be_flown_is_named_and_the_others_fly(scenario, tmp_path, capsys):
     out = tmp_path / "out"
-    wrong = ["--set", "sensing.calibration=missing.yaml"]  # nobody reads it before it flies
+    wrong = ["--set", "sensing.calibration=missing.yaml"]  # not read before the flight
     assert campaign(scenario, out, "--runs", "1", *wrong, "--json") == 1
     summary = json.loads(capsys.readouterr().out)
     assert (summary["flown"], summary["tried"], summary["success"]) == (0, 1, 0.0)

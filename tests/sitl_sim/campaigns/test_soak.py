@@ -1,4 +1,4 @@
-"""A soak of seconds: it flies, counts, and says what grew."""
+"""A soak of seconds: flights, collisions, and growth of memory and open files."""
 
 from sitl_sim.campaigns.soak import SoakResult, growth, soak
 

@@ -1,4 +1,4 @@
-"""A served world ends when it is told to, and only then."""
+"""A served world ends by a signal, and by nothing else."""
 
 import json
 import signal

@@ -48,7 +48,7 @@ def test_a_vehicle_is_whole_again_after_its_faults(schedule):
 
 @pytest.fixture
 def victim():
-    """A process whose files may be forbidden to grow; its id."""
+    """Id of a process whose files can be kept from growing."""
     with subprocess.Popen(["sleep", "60"]) as process:
         yield process.pid
         process.kill()

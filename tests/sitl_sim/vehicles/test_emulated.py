@@ -12,7 +12,7 @@ from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
 
 
 def test_the_own_frame_changes_telemetry_and_not_the_flight(make_flight):
-    """Origin and yaw of the frame change what is told, and nothing of what is flown."""
+    """Origin and yaw of the frame change telemetry, not the flight."""
     yaw, origin = 0.7, np.array([[10.0, -4.0, 0.0]])
     f = make_flight(origin=origin, yaw_offset=[yaw], noise=SensorNoise.none())
     f.in_the_air()
@@ -25,8 +25,8 @@ def test_the_own_frame_changes_telemetry_and_not_the_flight(make_flight):
     np.testing.assert_allclose(unit.frame.to_world(own), p, atol=1e-12)
     lat, lon, _ = unit.frame.to_geo(p)
     np.testing.assert_allclose(unit.frame.from_geo(lat, lon), p[:2], atol=1e-6)
-    told = unit.frame.attitude(q)
-    assert 2 * math.atan2(told[3], told[0]) == pytest.approx(-yaw, abs=0.02)
+    sent = unit.frame.attitude(q)
+    assert 2 * math.atan2(sent[3], sent[0]) == pytest.approx(-yaw, abs=0.02)
     np.testing.assert_allclose(f.vehicles.p[0], [0, 0, 2.5], atol=0.2)
 
 

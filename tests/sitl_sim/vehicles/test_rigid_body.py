@@ -1,4 +1,4 @@
-"""The rigid body against physics: laws that hold whatever the code looks like."""
+"""The rigid body against physics: laws that hold for any implementation."""
 
 import math
 

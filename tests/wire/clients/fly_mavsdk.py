@@ -1,4 +1,4 @@
-"""A user's MAVSDK script: fly every vehicle behind the given URLs, and print what was measured.
+"""A user's MAVSDK script: fly every vehicle behind the given URLs, and print measurements.
 
 Usage: fly_mavsdk.py {px4|ardupilot} {all|quick} URL… One JSON object per vehicle on stdout.
 """
@@ -38,7 +38,7 @@ class Vehicle:
         self._listeners = []
 
     async def listen(self):
-        """Subscribe to what the flight looks at, at the rates it wants."""
+        """Subscribe to the telemetry that the flight uses, at its rates."""
         rates = {"position": 20, "attitude_euler": 20, "velocity_ned": 20, "health": 2, "in_air": 5}
         for name, rate in rates.items():
             await getattr(self.telemetry, f"set_rate_{name}")(float(rate))
