@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 
 from sitl_sim.commands.exit_status import EXIT_FELL_SHORT, EXIT_OK
 from sitl_sim.commands.extras import require
@@ -38,13 +39,17 @@ def run(options: argparse.Namespace) -> int:
     if wrong:
         raise SettingsError(wrong)
     results = []
-    for r in soak(options.hours, options.drones, options.minutes, options.seed):
-        results.append(r)
-        print(
-            f"{r.hours:6.3f} h  {r.faults:3d} faults  {r.grounded} grounded  "
-            f"{r.collisions} collisions  {r.rss_mb:7.1f} MB  {r.files} files",
-            flush=True,
-        )
+    try:
+        for r in soak(options.hours, options.drones, options.minutes, options.seed):
+            results.append(r)
+            print(
+                f"{r.hours:6.3f} h  {r.faults:3d} faults  {r.grounded} grounded  "
+                f"{r.collisions} collisions  {r.rss_mb:7.1f} MB  {r.files} files",
+                flush=True,
+            )
+    except RuntimeError as error:  # a companion's, with its traceback
+        print(error, file=sys.stderr)
+        return EXIT_FELL_SHORT
     memory, files = growth(results)
     collisions = sum(r.collisions for r in results)
     print(

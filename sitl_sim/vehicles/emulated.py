@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mavlink_bridge.wire.messages import Message, Received, StatusText
+from mavlink_bridge.wire.messages import Message, Received
 from sitl_sim.vehicles.battery import Batteries
 from sitl_sim.vehicles.estimator import BLOCK_SUBSTEPS, TICK_SUBSTEPS, Estimator, SensorNoise
 from sitl_sim.vehicles.firmware.betaflight_quirks import QUIRKS
@@ -116,10 +116,6 @@ class Autopilots:
     def mode(self) -> list[Mode]:
         """The mode of each vehicle."""
         return [u.commander.mode for u in self.units]
-
-    def status_texts(self, i: int) -> list[StatusText]:
-        """Return the newest status texts of vehicle i, oldest first."""
-        return list(self.units[i].commander.texts)
 
     def advance(self, t_end: float, wind: ArrayLike = 0.0) -> None:
         """Simulate up to t_end [s], a multiple of 1 ms; wind: (3,) or (n,3) m/s, world."""

@@ -55,7 +55,7 @@ class Flight:
         return False
 
     def texts(self, i=0):
-        return [t.text for t in self.autopilots.status_texts(i)]
+        return [t.text for t in self.autopilots.units[i].commander.texts]
 
     @property
     def commander(self):

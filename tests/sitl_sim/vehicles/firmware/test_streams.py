@@ -80,7 +80,7 @@ def test_texts_of_hours_are_sent_once_and_not_kept(make_flight):
     for _ in range(1000):  # of more than is kept at once, the newest
         f.command(176, 1, 6)
     told = [m for m in f.autopilots.telemetry(0, "gcs") if isinstance(m, StatusText)]
-    assert told == f.autopilots.status_texts(0)
+    assert told == list(f.commander.texts)
     assert 10 < len(told) <= 100
     assert not f.autopilots.units[0].guidance.reached
     assert not [m for m in f.autopilots.telemetry(0, "gcs") if isinstance(m, StatusText)]
