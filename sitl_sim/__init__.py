@@ -1,22 +1,25 @@
-"""The simulated world, and vehicles that speak MAVLink."""
+"""The simulated world, and vehicles that communicate by MAVLink."""
 
 from pathlib import Path
 
 
-def drop_stale_kernels(package: Path) -> None:
-    """Remove Numba's compiled kernels of a package if one of its sources is newer than any of them.
+def drop_stale_kernels(package: Path, *others: Path) -> None:
+    """Remove Numba's compiled kernels of a package where a source is newer than any of them.
 
-    Numba's cache looks at a kernel's own file, not at the functions and constants that it takes
-    from others: after an update the old machine code would fly on.
+    others: sources outside the package whose constants the kernels use. Numba's cache checks a
+    kernel's own file, not the functions and constants that it takes from other files: after an
+    update the old machine code would fly on.
     """
     try:
         compiled = [*package.glob("**/__pycache__/*.nb[ic]")]
-        newest = max((p.stat().st_mtime for p in package.glob("**/*.py")), default=0.0)
+        sources = [*package.glob("**/*.py"), *others]
+        newest = max((p.stat().st_mtime for p in sources), default=0.0)
         if any(p.stat().st_mtime < newest for p in compiled):
             for p in compiled:
                 p.unlink(missing_ok=True)
     except OSError:
-        pass  # another process is at it, or nobody may write here and so nothing was edited
+        pass  # another process removes them, or the folder is read-only: nothing was edited
 
 
-drop_stale_kernels(Path(__file__).parent)
+_HERE = Path(__file__).parent
+drop_stale_kernels(_HERE, _HERE.parent / "mavlink_bridge" / "shared" / "thrust.py")

@@ -17,7 +17,7 @@ from companion.perception.cnn import exposure_gain
 from sitl_sim.sensors.fisheye import Lens
 from sitl_sim.sensors.labelled_frames import CONDITIONS, Conditions, rendered
 from sitl_sim.sensors.renderer import Sensor
-from sitl_sim.sensors.scenes import RADIUS, Scene, stills
+from sitl_sim.sensors.scenes import RADIUS, Scene, still_scenes
 
 SHARD = 250  # pictures
 REACH = 13.0  # m, farthest drone rendered
@@ -70,7 +70,7 @@ def label(scene: Scene) -> NDArray[np.float32]:
 def _pictures(seed: int) -> Iterator[tuple[Scene, NDArray[np.uint8]]]:
     """Yield the scenes and pictures of one shard: ten worlds, each in its own weather."""
     rng = np.random.default_rng([seed, 80])
-    scenes = stills(SHARD, 1_000_000 + seed, LENS, reach=REACH, varied=True)
+    scenes = still_scenes(SHARD, 1_000_000 + seed, LENS, reach=REACH, varied=True)
     batch = [next(scenes) for _ in range(SHARD)]
     for n in range(0, SHARD, 25):
         after = rng.choice(np.array([None] * 8 + ["backlight", "rain"], object))

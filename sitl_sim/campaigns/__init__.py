@@ -1,1 +1,1 @@
-"""Many flights: campaigns, studies, their tables and pages."""
+"""Many flights: campaigns, studies and soaks, their tables and pages."""

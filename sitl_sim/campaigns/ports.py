@@ -1,4 +1,4 @@
-"""A block of ports that no other flight on this machine uses: each flight needs its own."""
+"""Blocks of ports, so that no two flights on this machine use the same port."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from pathlib import Path
 
 from mavlink_bridge.shared.settings import SettingsError
 
-_FIRST, _LAST = 16000, 24000  # below what the kernel gives away, away from the fixed ports
-_UNIT = 8  # ports under one lock: the same for all, so flights of any size see each other
+_FIRST, _LAST = 16000, 24000  # below the kernel's own choice, away from the fixed ports
+_UNIT = 8  # ports under one lock: equal for all, so that flights of any size exclude each other
 
 
 def overrides(base: int, drones: int) -> list[str]:
-    """`wire` settings that put a flight of `drones` into the block that begins at `base`."""
+    """Return `wire` settings that put a flight of `drones` into the block that begins at `base`."""
     return [
         f"wire.companion_port={base}",
         f"wire.frame_port={base + drones}",
@@ -27,9 +27,9 @@ def overrides(base: int, drones: int) -> list[str]:
 
 @contextmanager
 def block(drones: int, first: int = _FIRST, last: int = _LAST) -> Iterator[int]:
-    """The first port of a block for a flight of `drones`, kept until the end of the context.
+    """Yield the first port of a block for a flight of `drones`, reserved within the context.
 
-    Who holds a block holds locks on files, which the kernel lets go of when its process ends.
+    A block is reserved by locks on files, which the kernel releases when the process ends.
 
     Raises:
         SettingsError: every block is taken.
@@ -48,10 +48,10 @@ def block(drones: int, first: int = _FIRST, last: int = _LAST) -> Iterator[int]:
 
 
 def _locked(unit: int, held: contextlib.ExitStack) -> bool:
-    """Whether the ports from `unit` on are now ours, until `held` is closed."""
+    """Return whether the ports from `unit` on are now reserved until `held` is closed."""
     path = Path(tempfile.gettempdir()) / f"swarm-companion-ports-{unit}.lock"
     try:
-        # Read only where it is there: another user's is locked as well as one's own.
+        # Opened for reading where it exists: another user's file can be locked, too.
         file = held.enter_context(path.open("r" if path.exists() else "a"))
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
@@ -60,7 +60,7 @@ def _locked(unit: int, held: contextlib.ExitStack) -> bool:
 
 
 def _free(port: int) -> bool:
-    """Whether nobody listens at a port, UDP or TCP."""
+    """Return whether no process listens at a port, UDP or TCP."""
     for kind in (socket.SOCK_DGRAM, socket.SOCK_STREAM):
         with contextlib.closing(socket.socket(socket.AF_INET, kind)) as s:
             if kind == socket.SOCK_STREAM:

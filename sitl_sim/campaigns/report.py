@@ -1,4 +1,4 @@
-"""campaign.html: all runs of a folder on one page, with links to each one's own."""
+"""campaign.html: all runs of a folder on one page, with links to their reports."""
 
 from __future__ import annotations
 
@@ -18,13 +18,19 @@ from sitl_sim.figures.page import draw, page
 from sitl_sim.recording.run_folder import RunError
 
 _COLUMNS = {
-    "scenario": "scenario", "seed": "seed", "drones": "drones", "ok": "verdict",
-    "agent_collisions": "drone collisions", "obstacle_collisions": "obstacle collisions",
+    "scenario": "scenario",
+    "seed": "seed",
+    "drones": "drones",
+    "ok": "verdict",
+    "agent_collisions": "drone collisions",
+    "obstacle_collisions": "obstacle collisions",
     "min_agent_distance_m": "least between drones [m]",
-    "min_obstacle_distance_m": "least to obstacle [m]", "mean_speed_m_s": "speed [m/s]",
+    "min_obstacle_distance_m": "least to obstacle [m]",
+    "mean_speed_m_s": "speed [m/s]",
     "mission_time_s": "all targets [s]",
-    "duration_s": "flown [s]", "real_time_factor": "real-time factor",
-}  # fmt: skip
+    "duration_s": "flown [s]",
+    "real_time_factor": "real-time factor",
+}
 _HISTOGRAMS = ("min_agent_distance_m", "min_obstacle_distance_m", "mean_speed_m_s", "duration_s")
 
 
@@ -37,20 +43,20 @@ class Entry:
 
 
 def is_campaign(folder: Path) -> bool:
-    """Whether a folder holds runs rather than being one."""
+    """Return whether a folder holds run folders rather than being one."""
     return not (folder / "world.json").exists() and any(folder.glob("*/metrics.json"))
 
 
 def read_campaign(folder: Path) -> list[Entry]:
-    """The runs in a folder, by name.
+    """Return the runs in a folder, by name.
 
     Raises:
-        RunError: a run's metrics are empty or foreign, named.
+        RunError: the metrics of a run are empty or foreign; the message names the file.
     """
     entries = []
     for path in sorted(folder.glob("*/metrics.json")):
         try:
-            # Earlier versions wrote Infinity where nobody flew at the same time.
+            # Earlier versions wrote Infinity where no two drones flew at the same time.
             metrics = json.loads(path.read_text("utf-8"), parse_constant=lambda _: None)
             if not {"ok", "seed", "min_obstacle_distance_m"} <= set(metrics):
                 raise ValueError("no metrics of a flight")
@@ -65,7 +71,7 @@ def make_campaign_report(
 ) -> Path:
     """Write `campaign.html` into the folder.
 
-    names: the run folders that count, else all. not_flown: why a seed has none.
+    names: the run folders that count, else all. not_flown: seed → why it has no run folder.
     """
     entries = [e for e in read_campaign(folder) if names is None or e.name in names]
     broken = not_flown or {}
@@ -84,21 +90,33 @@ def make_campaign_report(
 
 
 def histograms(entries: list[Entry]) -> go.Figure:
-    """How the runs are spread, those that fell short in red."""
-    figure = make_subplots(rows=1, cols=len(_HISTOGRAMS),
-                           subplot_titles=[_COLUMNS[k] for k in _HISTOGRAMS])  # fmt: skip
+    """Return histograms over the runs; those that fell short are red."""
+    figure = make_subplots(
+        rows=1, cols=len(_HISTOGRAMS), subplot_titles=[_COLUMNS[k] for k in _HISTOGRAMS]
+    )
     for column, key in enumerate(_HISTOGRAMS):
         values = [e.metrics.get(key) for e in entries]
         known = np.array([v for v in values if v is not None], float)
         edges = np.histogram_bin_edges(known, bins="auto") if len(known) else np.array([0.0, 1.0])
         for ok, colour in ((True, "#2ca02c"), (False, "#d62728")):
-            some = [v for v, e in zip(values, entries, strict=True)
-                    if v is not None and e.metrics["ok"] is ok]  # fmt: skip
+            some = [
+                v
+                for v, e in zip(values, entries, strict=True)
+                if v is not None and e.metrics["ok"] is ok
+            ]
             counts, _ = np.histogram(some, bins=edges)
-            figure.add_bar(x=edges[:-1], y=counts, width=np.diff(edges), offset=0,
-                           marker_color=colour, row=1, col=column + 1)  # fmt: skip
-    figure.update_layout(height=320, barmode="stack", showlegend=False,
-                         margin={"l": 40, "r": 10, "t": 30, "b": 30})  # fmt: skip
+            figure.add_bar(
+                x=edges[:-1],
+                y=counts,
+                width=np.diff(edges),
+                offset=0,
+                marker_color=colour,
+                row=1,
+                col=column + 1,
+            )
+    figure.update_layout(
+        height=320, barmode="stack", showlegend=False, margin={"l": 40, "r": 10, "t": 30, "b": 30}
+    )
     return figure
 
 

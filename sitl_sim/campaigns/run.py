@@ -1,4 +1,4 @@
-"""One run of a campaign, as a function that any executor can call: in a process, on a cluster."""
+"""One run of a campaign as a function that any executor can call, in a process or on a cluster."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 @dataclass(frozen=True)
 class Job:
-    """One flight: the scenario with its overrides, its seed, and where its folder is to be."""
+    """One flight: the scenario with its overrides, its seed, and its run folder."""
 
     scenario: str
     overrides: tuple[str, ...]
@@ -37,24 +37,25 @@ class Job:
     in_process: bool = False
 
 
-def die_with_parent() -> None:
-    """Let the kernel end this process when the one that started it ends, however it does."""
+def set_up_worker() -> None:
+    """Let the kernel end this process with its parent, and leave Ctrl-C to the parent."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def fly(job: Job) -> None:
-    """Fly a job into its folder. A folder is whole or it is not there.
+    """Fly a job into its folder, which then is whole or does not exist.
 
     Raises:
         SettingsError, EndpointError, VideoError: bad input.
-        RuntimeError: a companion did not start; with the end of what it printed.
+        RuntimeError: a companion did not start; with the end of its output.
     """
     with _whole(Path(job.folder)) as unfinished:
         _fly(job, unfinished)
 
 
-def fly_away(job: Job) -> bytes:
-    """Fly a job on whatever machine this is; gives its folder as a tar archive."""
+def fly_to_archive(job: Job) -> bytes:
+    """Fly a job on the machine of a cluster; return its folder as a tar archive."""
     with tempfile.TemporaryDirectory() as place:
         fly(replace(job, folder=f"{place}/run"))
         archive = io.BytesIO()
@@ -64,7 +65,7 @@ def fly_away(job: Job) -> bytes:
 
 
 def unpack(archive: bytes, folder: Path) -> None:
-    """Write a folder that came from elsewhere; whole or not at all."""
+    """Write a folder from its tar archive, whole or not at all."""
     stream = io.BytesIO(archive)
     with _whole(folder) as unfinished, tarfile.open(fileobj=stream, mode="r:gz") as tar:
         tar.extractall(unfinished, filter="data")
@@ -72,7 +73,7 @@ def unpack(archive: bytes, folder: Path) -> None:
 
 @contextmanager
 def _whole(folder: Path) -> Iterator[Path]:
-    """A place to write a folder's contents; they become the folder when all is well."""
+    """Yield a place for a folder's contents; they become the folder where no error is raised."""
     unfinished = folder.parent / "unfinished" / f"{folder.name}-{os.getpid()}"
     shutil.rmtree(unfinished, ignore_errors=True)
     yield unfinished
@@ -91,7 +92,7 @@ def _fly(job: Job, folder: Path) -> None:
     from sitl_sim.scenarios import scenario as scenarios
 
     cv2.setNumThreads(1)
-    commit()  # looked up now: what is committed during the flight did not fly
+    commit()  # looked up now: a commit made during the flight did not fly
     wanted = [*job.overrides, f"seed={job.seed}"]
     started = time.monotonic()
     with _ports(job, scenarios.load(job.scenario, wanted).drones.count) as ports:
@@ -107,7 +108,7 @@ def _fly(job: Job, folder: Path) -> None:
 
 @contextmanager
 def _ports(job: Job, drones: int) -> Iterator[list[str]]:
-    """Overrides that keep this flight's ports apart from all others'."""
+    """Yield overrides that keep this flight's ports apart from those of all others."""
     from sitl_sim.campaigns import ports
 
     if job.in_process:
@@ -118,16 +119,16 @@ def _ports(job: Job, drones: int) -> Iterator[list[str]]:
 
 
 def metrics_of(folder: Path) -> dict[str, Any] | None:
-    """What a finished run wrote down; None where there is none.
+    """Return the metrics of a finished run; None where there are none.
 
     Raises:
-        SettingsError: a file that no run wrote.
+        SettingsError: no run wrote the file.
     """
     path = folder / "metrics.json"
     try:
         if not path.exists():
             return None
-        # Earlier versions wrote Infinity where nobody flew at the same time.
+        # Earlier versions wrote Infinity where no two drones flew at the same time.
         return dict(json.loads(path.read_text("utf-8"), parse_constant=lambda _: None))
     except (OSError, ValueError, TypeError) as error:
         raise SettingsError([f"{path}: not what a run wrote: {error}"]) from error

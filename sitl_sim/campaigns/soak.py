@@ -1,7 +1,7 @@
-"""`sitl-sim soak`: there and back for simulated hours, with random faults; what does it cost?
+"""A soak: flights there and back for simulated hours, with random faults from a seed.
 
-Companions fly inside this process, in lockstep, one flight after another, each with other faults
-from the seed. After each: what the drones that nothing grounded have hit, memory, open files.
+Companions run inside this process, in lockstep, one flight after another. Counted after each:
+collisions of the drones that no fault grounds, memory, and open files.
 """
 
 from __future__ import annotations
@@ -18,14 +18,15 @@ import numpy as np
 from sitl_sim.faults.catalogue import FaultConfig
 from sitl_sim.figures.metrics import AIRBORNE, ground_strikes
 from sitl_sim.flight.runner import flight
+from sitl_sim.flight.stop_signals import stop_on_signals
 from sitl_sim.scenarios.scenario import Scenario
 from sitl_sim.worlds.world import surface_distance
 
 _LEG = 14.0  # m
 _LEG_SECONDS = 12.0
 _WARM_UP = 2  # flights before memory counts: compiled kernels, caches
-# What a flight survives, with the amounts drawn from; how long each lasts [s].
-PASSING: dict[str, tuple[float, float] | None] = {
+# Faults that a drone flies on with, and the range that their amount is drawn from.
+TRANSIENT: dict[str, tuple[float, float] | None] = {
     "link_loss": (0.05, 0.2), "link_duplicate": (0.1, 0.4), "link_reorder": (0.1, 0.4),
     "link_flip": (0.05, 0.3), "link_garbage": (1e4, 2e5), "link_foreign": (10, 200),
     "telemetry_nan": (0.05, 0.3), "clock_jump": (-3600, 3600), "timesync_jump": (-1, 1),
@@ -34,6 +35,7 @@ PASSING: dict[str, tuple[float, float] | None] = {
     "thrust_scale": (0.85, 1.15), "gust": (1.0, 4.0), "gyro_bias": (-0.03, 0.03),
     "pause": (0.05, 0.2),
 }  # fmt: skip
+# Faults that end the flight of their drone.
 GROUNDING: dict[str, tuple[float, float] | None] = {
     "telemetry_stale": None, "position_lost": None, "position_jump": (2.0, 20.0),
     "quaternion": (0.2, 0.9), "reboot": None, "kill": None, "stop": None,
@@ -41,8 +43,8 @@ GROUNDING: dict[str, tuple[float, float] | None] = {
 
 
 @dataclass(frozen=True)
-class Passed:
-    """One flight: simulated seconds so far, faults, collisions of healthy drones, cost now."""
+class SoakResult:
+    """After one flight: simulated hours so far, faults, collisions of healthy drones, cost now."""
 
     hours: float
     faults: int
@@ -53,11 +55,12 @@ class Passed:
     files: int
 
 
-def soak(hours: float, drones: int, minutes: float, seed: int) -> Iterator[Passed]:
-    """Fly until `hours` of simulated time are over; a result after each flight.
+def soak(hours: float, drones: int, minutes: float, seed: int) -> Iterator[SoakResult]:
+    """Fly until `hours` of simulated time are over; yield a result after each flight.
 
     Raises:
-        RuntimeError: a companion ended with an error; what it said.
+        RuntimeError: a companion ended with an error; with its output.
+        KeyboardInterrupt: SIGINT or SIGTERM.
     """
     flown, number = 0.0, 0
     while flown < hours * 3600.0:
@@ -69,19 +72,23 @@ def soak(hours: float, drones: int, minutes: float, seed: int) -> Iterator[Passe
         number += 1
 
 
-def growth(passed: list[Passed]) -> tuple[float, int]:
-    """Growth of memory [MB] and of open files since the warm-up; 0 where nothing came after it."""
-    warm, last = passed[min(_WARM_UP, len(passed)) - 1], passed[-1]
+def growth(results: list[SoakResult]) -> tuple[float, int]:
+    """Return the growth of memory [MB] and of open files since the warm-up; 0 within it."""
+    warm, last = results[min(_WARM_UP, len(results)) - 1], results[-1]
     return last.rss_mb - warm.rss_mb, last.files - warm.files
 
 
-def _fly(scenario: Scenario, grounded: set[int], before: float) -> Passed:
-    with tempfile.TemporaryDirectory() as folder, flight(
-        scenario, Path(folder), in_process=True
-    ) as f:  # fmt: skip
+def _fly(scenario: Scenario, grounded: set[int], before: float) -> SoakResult:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        flight(scenario, Path(folder), in_process=True) as f,
+    ):
         f.write_inputs()
-        f.launch()
-        f.run()
+        with stop_on_signals(f):
+            f.launch()
+            f.run()
+        if f.stopped_by is not None:
+            raise KeyboardInterrupt
         if failed := [n for n, code in f.exit_codes().items() if code]:
             said = (Path(folder) / "drones" / failed[0] / "stderr.log").read_text("utf-8")
             raise RuntimeError(f"{failed[0]}: its companion ended:\n{said}")
@@ -93,41 +100,50 @@ def _fly(scenario: Scenario, grounded: set[int], before: float) -> Passed:
     del truth, f
     gc.collect()
     hours = (before + scenario.mission.time_limit) / 3600.0
-    return Passed(hours, len(scenario.faults), len(grounded), collisions, legs, _rss(), _files())
+    return SoakResult(
+        hours, len(scenario.faults), len(grounded), collisions, legs, _rss(), _files()
+    )
 
 
 def _scenario(
     rng: np.random.Generator, drones: int, seconds: float, seed: int
 ) -> tuple[Scenario, set[int]]:
-    """There and back to the end of time; faults all along, and one drone at most is grounded."""
+    """Return a flight there and back with faults all along, and the drones that one grounds."""
     turns = max(int(seconds / _LEG_SECONDS), 1)
-    faults = [_passing(rng, drones, seconds) for _ in range(max(int(seconds / 15.0), 1))]
+    faults = [_transient(rng, drones, seconds) for _ in range(max(int(seconds / 15.0), 1))]
     grounded: set[int] = set()
     if rng.random() < 0.5:
         victim = int(rng.integers(drones))
         grounded.add(victim)
         faults.append(_fault(rng, GROUNDING, victim, rng.uniform(0.5, 1.0) * seconds, None))
     data: dict[str, Any] = {
-        "name": "soak", "seed": seed,
+        "name": "soak",
+        "seed": seed,
         "world": {"cylinders": [{"x": 7.0, "y": 0.4, "radius": 0.5}]},
         "drones": {"count": drones, "heading_deg": 0.0, "frame_yaw_deg": "random"},
-        "mission": {"targets": [[_LEG * (n % 2 == 0), 0.0, 2.0] for n in range(turns)],
-                    "home": False, "time_limit": seconds},
+        "mission": {
+            "targets": [[_LEG * (n % 2 == 0), 0.0, 2.0] for n in range(turns)],
+            "home": False,
+            "time_limit": seconds,
+        },
         "sensing": {"neighbours": "truth", "obstacles": "map", "width": 64, "height": 64},
         "faults": faults,
-    }  # fmt: skip
+    }
     return Scenario.model_validate(data), grounded
 
 
-def _passing(rng: np.random.Generator, drones: int, seconds: float) -> dict[str, Any]:
+def _transient(rng: np.random.Generator, drones: int, seconds: float) -> dict[str, Any]:
     lasts = float(rng.uniform(0.3, 1.2))
-    return _fault(rng, PASSING, int(rng.integers(drones)), rng.uniform(0.0, seconds), lasts)
+    return _fault(rng, TRANSIENT, int(rng.integers(drones)), rng.uniform(0.0, seconds), lasts)
 
 
 def _fault(
-    rng: np.random.Generator, kinds: dict[str, tuple[float, float] | None], drone: int, at: float,
+    rng: np.random.Generator,
+    kinds: dict[str, tuple[float, float] | None],
+    drone: int,
+    at: float,
     lasts: float | None,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     kind = sorted(kinds)[int(rng.integers(len(kinds)))]
     amount = kinds[kind]
     fault: dict[str, Any] = {"kind": kind, "drone": f"drone{drone + 1}", "at": float(at)}
@@ -142,7 +158,7 @@ def _fault(
 def _collisions(
     truth: dict[str, Any], grounded: set[int], radius: float, world: dict[str, Any]
 ) -> int:
-    """Healthy drones that hit each other (pairs), an obstacle, or the ground."""
+    """Count pairs of healthy drones that collided, and those that hit an obstacle or the ground."""
     p = truth["position"].astype(float)
     healthy = [i for i in range(p.shape[1]) if i not in grounded]
     pairs = [(a, b) for a in healthy for b in healthy if b < a]
@@ -157,11 +173,11 @@ def _collisions(
 
 
 def _rss() -> float:
-    """Resident memory of this process [MB]."""
+    """Return the resident memory of this process [MB]."""
     text = Path("/proc/self/status").read_text()
     return int(text.split("VmRSS:")[1].split()[0]) / 1e3
 
 
 def _files() -> int:
-    """Open files of this process."""
+    """Return the number of open files of this process."""
     return len(list(Path("/proc/self/fd").iterdir()))

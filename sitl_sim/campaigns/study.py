@@ -1,7 +1,7 @@
-"""A study: campaigns that differ in one thing, side by side; data in `studies/`, or a file.
+"""A study: campaigns that differ in one thing, compared; a file in `studies/`, or the user's.
 
-Each case of each scenario is a campaign of the same seeds, resumed like any other. Its result is a
-page in Markdown with a table and a plot, made of nothing but the campaigns' summaries.
+Each case of each scenario is a campaign of the same seeds, resumed like any other. The result is a
+page in Markdown with a table and a plot, made from the campaigns' summaries alone.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from sitl_sim.campaigns.campaign import Campaign
 
 
 class Study(StrictModel):
-    """What is compared with what."""
+    """Cases to compare, each flown in every scenario."""
 
     title: str
     scenarios: list[str] = Field(min_length=1)
@@ -35,17 +35,18 @@ class Cell:
 
 
 def names() -> list[str]:
-    """Studies that come with the package."""
+    """Return the names of the packaged studies."""
     folder = resources.files("sitl_sim") / "campaigns" / "studies"
-    return sorted(f.name.removesuffix(".yaml") for f in folder.iterdir()
-                  if f.name.endswith(".yaml"))  # fmt: skip
+    return sorted(
+        f.name.removesuffix(".yaml") for f in folder.iterdir() if f.name.endswith(".yaml")
+    )
 
 
 def load(name: str) -> Study:
-    """A study by name or YAML file.
+    """Read a study by name or YAML file.
 
     Raises:
-        SettingsError: with every mistake at its place, or the valid names.
+        SettingsError: with every mistake and its place, or the valid names.
     """
     if name in names():
         path = Path(str(resources.files("sitl_sim") / "campaigns" / "studies" / f"{name}.yaml"))
@@ -58,10 +59,10 @@ def load(name: str) -> Study:
 
 
 def cells(study: Study, folder: Path, runs: int, first_seed: int, in_process: bool) -> list[Cell]:
-    """Every case of every scenario, each with a folder of its own.
+    """Return every case of every scenario, each with a campaign folder of its own.
 
     Raises:
-        SettingsError: what a case asks for is wrong.
+        SettingsError: the settings of a case are wrong.
     """
     found = []
     for scenario in study.scenarios:

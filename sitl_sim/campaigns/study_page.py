@@ -1,4 +1,4 @@
-"""A study's page: table in Markdown, plot as SVG, figures as JSON; with the commit that flew."""
+"""The page of a study: table in Markdown, plot as SVG, figures as JSON; with the flown commit."""
 
 from __future__ import annotations
 
@@ -9,14 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from mavlink_bridge.shared.settings import SettingsError
 from sitl_sim.campaigns.study import Cell, Study
 
 Row = tuple[Cell, dict[str, Any]]
 _Bar = tuple[float, float, float]  # low, middle, high
-_HEAD = ("scenario", "case", "success", "95 % interval", "runs with a collision",
-         "between drones, least / median [m]", "to obstacles, least / median [m]",
-         "all targets, median [s]", "speed [m/s]", "solve p50 / p99 [ms]")  # fmt: skip
+_HEAD = (
+    "scenario",
+    "case",
+    "success",
+    "95 % interval",
+    "runs with a collision",
+    "between drones, least / median [m]",
+    "to obstacles, least / median [m]",
+    "all targets, median [s]",
+    "speed [m/s]",
+    "solve p50 / p99 [ms]",
+)
 
 
 def write_page(name: str, study: Study, rows: list[Row], command: str, folder: Path) -> Path:
@@ -27,12 +35,19 @@ def write_page(name: str, study: Study, rows: list[Row], command: str, folder: P
     (folder / f"{name}.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     commits = list(dict.fromkeys(str(s["commit"]) for _, s in rows))
     seeds = rows[0][0].campaign.seeds
-    text = "\n".join([
-        f"# {study.title}", "",
-        f"`{command}`, seeds {seeds.start} to {seeds.stop - 1}, commit {', '.join(commits)}.", "",
-        *_table(rows), "", f"![success, distances, times]({name}.svg)", "",
-        *_failures(rows),
-    ])  # fmt: skip
+    text = "\n".join(
+        [
+            f"# {study.title}",
+            "",
+            f"`{command}`, seeds {seeds.start} to {seeds.stop - 1}, commit {', '.join(commits)}.",
+            "",
+            *_table(rows),
+            "",
+            f"![success, distances, times]({name}.svg)",
+            "",
+            *_failures(rows),
+        ]
+    )
     path = folder / f"{name}.md"
     path.write_text(text, encoding="utf-8")
     return path
@@ -42,18 +57,24 @@ def _table(rows: list[Row]) -> list[str]:
     lines = ["| " + " | ".join(_HEAD) + " |", "|---" * len(_HEAD) + "|"]
     for cell, s in rows:
         low, high = s["wilson_95"]
-        lines.append("| " + " | ".join([
-            cell.scenario, cell.case, f"{s['ok']} of {s['tried']}", f"{low:.0%} – {high:.0%}",
+        cells = [
+            cell.scenario,
+            cell.case,
+            f"{s['ok']} of {s['tried']}",
+            f"{low:.0%} – {high:.0%}",
             str(s["collided"]),
-            _two(s["min_agent_distance_m"]), _two(s["min_obstacle_distance_m"]),
-            _one(s["mission_time_s"]["median"], 1), _one(s["mean_speed_m_s"], 2),
+            _two(s["min_agent_distance_m"]),
+            _two(s["min_obstacle_distance_m"]),
+            _one(s["mission_time_s"]["median"], 1),
+            _one(s["mean_speed_m_s"], 2),
             f"{_one(s['solve_ms']['p50'], 1)} / {_one(s['solve_ms']['p99'], 1)}",
-        ]) + " |")  # fmt: skip
+        ]
+        lines.append("| " + " | ".join(cells) + " |")
     return lines
 
 
 def _failures(rows: list[Row]) -> list[str]:
-    """Every run that fell short, by seed and reason."""
+    """Return the lines that name every run that fell short, by seed and reason."""
     lines = []
     for cell, s in rows:
         for seed, why in {**s["failures"], **{k: [v] for k, v in s["not_flown"].items()}}.items():
@@ -62,24 +83,17 @@ def _failures(rows: list[Row]) -> list[str]:
 
 
 def new_figure(width: float, height: float) -> Any:
-    """An empty figure [inch] that is saved as the same SVG whenever the figures are the same.
+    """Return an empty figure [inch] that is saved as the same SVG whenever its data are equal."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
 
-    Raises:
-        SettingsError: matplotlib is not there.
-    """
-    try:
-        import matplotlib as mpl
-        from matplotlib.figure import Figure
-    except ImportError:
-        why = "plots need matplotlib: pip install 'swarm-companion[studies]'"
-        raise SettingsError([why]) from None
     mpl.rcParams["svg.fonttype"] = "none"
     mpl.rcParams["svg.hashsalt"] = "swarm-companion"
     return Figure(figsize=(width, height), layout="constrained")
 
 
 def plot(title: str, rows: list[Row], path: Path) -> None:
-    """Success of each case with its interval; distances and times as median, least and most."""
+    """Draw success with its interval; distances and times as median, least and most."""
     cases = list(dict.fromkeys(c.case for c, _ in rows))
     scenarios = list(dict.fromkeys(c.scenario for c, _ in rows))
     figure = new_figure(11, 1.1 + 0.2 * len(cases) * len(scenarios))

@@ -1,4 +1,4 @@
-"""What a campaign comes to: success with its interval, distances, times, and every failure."""
+"""Summary of a campaign: success rate with its interval, distances, times, every failure."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ _MEANS = ("mean_speed_m_s", "order", "union", "connectivity")
 
 
 def summary(
-    name: str, flights: dict[int, dict[str, Any]], broken: dict[int, str], runs: int
+    name: str, flights: dict[int, dict[str, Any]], not_flown: dict[int, str], runs: int
 ) -> dict[str, Any]:
-    """Figures over all flights; flights: metrics by seed; broken: why a seed did not fly.
+    """Return the figures over all flights.
 
-    A flight that broke off is no success, whoever was to fly it.
+    flights: metrics by seed. not_flown: seed → reason; such a flight counts as no success.
     """
     good = {seed: m for seed, m in flights.items() if m["ok"]}
-    tried = len(flights) + len(broken)
+    tried = len(flights) + len(not_flown)
     low, high = wilson(len(good), tried)
     return {
         "scenario": name,
@@ -51,13 +51,15 @@ def summary(
         "failures": {
             str(seed): list(shortcomings(m)) for seed, m in sorted(flights.items()) if not m["ok"]
         },
-        "not_flown": {str(seed): why for seed, why in sorted(broken.items())},
+        "not_flown": {str(seed): why for seed, why in sorted(not_flown.items())},
     }
 
 
 def table(s: dict[str, Any]) -> str:
-    """The summary in a few lines, failures by seed below."""
+    """Return the summary as lines of text, failures by seed below."""
     low, high = s["wilson_95"]
+    standstills = (s[k]["most"] for k in ("longest_standstill_s", "longest_deadlock_s"))
+    flocking = (s[k] for k in ("order", "union", "connectivity"))
     rate = "–" if s["success"] is None else f"{s['success']:.1%}"
     rows = [
         ("scenario, runs", f"{s['scenario']}, {s['flown']} of {s['runs']} flown"),
@@ -68,17 +70,13 @@ def table(s: dict[str, Any]) -> str:
         ("to an obstacle, least / median", _two(s["min_obstacle_distance_m"], "m")),
         ("nearer than asked, runs", str(s["below_safety"])),
         ("mission time, median / most", _two(s["mission_time_s"], "s", ("median", "most"))),
-        ("longest standstill of one / all, most",
-         f"{_number(s['longest_standstill_s']['most'])} / "
-         f"{_number(s['longest_deadlock_s']['most'])} s"),
+        ("longest standstill of one / all, most", " / ".join(map(_number, standstills)) + " s"),
         ("speed while moving", f"{_number(s['mean_speed_m_s'])} m/s"),
-        ("order / union / connectivity",
-         " / ".join(_number(s[k]) for k in ("order", "union", "connectivity"))),
-        ("solve, p50 / p99",
-         " / ".join(_number(s["solve_ms"][k]) for k in ("p50", "p99")) + " ms"),
+        ("order / union / connectivity", " / ".join(map(_number, flocking))),
+        ("solve, p50 / p99", " / ".join(_number(s["solve_ms"][k]) for k in ("p50", "p99")) + " ms"),
         *((f"seed {seed}", "; ".join(why)) for seed, why in s["failures"].items()),
         *((f"seed {seed} not flown", why) for seed, why in s["not_flown"].items()),
-    ]  # fmt: skip
+    ]
     width = max(len(k) for k, _ in rows)
     return "\n".join(f"{k:<{width}}  {v}" for k, v in rows)
 

@@ -1,53 +1,60 @@
-"""`sitl-sim scenarios`: what there is to fly, and a plan of each from above."""
+"""`sitl-sim scenarios`: the packaged scenarios, and a plan of each from above."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
+
+from sitl_sim.commands.exit_status import EXIT_OK
+from sitl_sim.commands.extras import require
+
+if TYPE_CHECKING:
+    from sitl_sim.scenarios.scenario import Scenario
+
+HELP = "list them; draw their plans"
 
 
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Its options."""
-    command.add_argument("--plans", type=Path, metavar="DIR", help="draw NAME.svg of each there")
-    command.add_argument("--seed", type=int, default=0, metavar="S", help="of the plans (0)")
-    command.add_argument("--missions", metavar="FILE", help="for those whose worlds are in a file")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what is drawn and where."""
+    parser.add_argument("--plans", type=Path, metavar="DIR", help="draw NAME.svg of each there")
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the plans (0)")
+    parser.add_argument("--missions", metavar="FILE", help="for those whose worlds are in a file")
 
 
-def show_scenarios(options: argparse.Namespace) -> None:
-    """Print a line for each scenario; draw plans where wanted.
+def run(options: argparse.Namespace) -> int:
+    """Print a line for each scenario; draw plans where --plans is given.
 
     Raises:
-        SettingsError: bad input, or matplotlib is not there.
+        SettingsError: bad input.
     """
+    if options.plans is not None:
+        require("matplotlib")
     from sitl_sim.scenarios import scenario as scenarios
 
     for name in scenarios.names():
         print(f"{name:<14}{scenarios.description(name)}")
         if options.plans is None:
             continue
-        wanted = [f"seed={options.seed}"]
+        changes = [f"seed={options.seed}"]
         if name == "lsc-forest":
             if options.missions is None:
                 continue
-            wanted.append(f"world.missions={options.missions}")
+            changes.append(f"world.missions={options.missions}")
         options.plans.mkdir(parents=True, exist_ok=True)
-        draw_plan(scenarios.load(name, wanted), options.plans / f"{name}.svg")
+        draw_plan(scenarios.load(name, changes), options.plans / f"{name}.svg")
+    return EXIT_OK
 
 
-def draw_plan(scenario: Any, path: Path) -> None:
-    """World, starts and targets of a scenario from above, as SVG.
+def draw_plan(scenario: Scenario, path: Path) -> None:
+    """Draw world, starts and targets of a scenario from above, as SVG."""
+    from matplotlib.patches import Circle, Rectangle
 
-    Raises:
-        SettingsError: matplotlib is not there.
-    """
     from sitl_sim.campaigns.study_page import new_figure
     from sitl_sim.scenarios import scenario as scenarios
     from sitl_sim.worlds.generators import build
 
-    figure = new_figure(4.2, 4.2)  # says so where there is no matplotlib
-    from matplotlib.patches import Circle, Rectangle
-
+    figure = new_figure(4.2, 4.2)
     axes = figure.add_subplot()
     world = build(scenario.world, scenario.seed)
     for c in world["cylinders"]:
@@ -62,11 +69,11 @@ def draw_plan(scenario: Any, path: Path) -> None:
     for k, (s, goals) in enumerate(
         zip(start, scenarios.targets(scenario, start).values(), strict=True)
     ):
-        way = [s[:2], *(g[:2] for g in goals)]
+        path_xy = [s[:2], *(g[:2] for g in goals)]
         colour = f"C{k % 10}"
-        axes.plot(*zip(*way, strict=True), "-", color=colour, linewidth=0.7, alpha=0.6)
+        axes.plot(*zip(*path_xy, strict=True), "-", color=colour, linewidth=0.7, alpha=0.6)
         axes.plot(*s[:2], "o", color=colour, markersize=4)
-        axes.plot(*zip(*way[1:], strict=True), "x", color="k", markersize=5)
+        axes.plot(*zip(*path_xy[1:], strict=True), "x", color="k", markersize=5)
     axes.set_aspect("equal")
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")

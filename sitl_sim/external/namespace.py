@@ -1,4 +1,4 @@
-"""Network namespaces of Linux, so that programs with fixed ports can run side by side (root)."""
+"""Network namespaces of Linux: programs with fixed ports side by side (needs root)."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _libc = ctypes.CDLL(None, use_errno=True)
 
 
 class NamespaceError(RuntimeError):
-    """A namespace that cannot be made; the message says what is missing."""
+    """A namespace cannot be created; the message says what is missing."""
 
 
 class Namespace:
     """A network namespace with a loopback of its own.
 
-    Sockets and processes made by `run` live in it, wherever they are used from.
+    Sockets and processes that `run` creates belong to it, wherever they are used.
     """
 
     def __init__(self) -> None:
@@ -40,7 +40,7 @@ class Namespace:
             fcntl.ioctl(s, _SIOCSIFFLAGS, struct.pack("16sh14x", b"lo", _IFF_UP))
 
     def run(self, make: Callable[[], _Result]) -> _Result:
-        """The result of `make()`, called inside."""
+        """Call `make()` inside the namespace and return its result."""
 
         def inside() -> _Result:
             if _libc.setns(self._file, _CLONE_NEWNET) != 0:
@@ -50,23 +50,23 @@ class Namespace:
         return _in_thread(inside)
 
     def close(self) -> None:
-        """Let go of it; it ends with its last process and socket."""
+        """Release the namespace; it ends with its last process and socket."""
         os.close(self._file)
 
 
 class Host:
-    """The host's own network, for one vehicle alone."""
+    """The host's own network, for a single vehicle."""
 
     def run(self, make: Callable[[], _Result]) -> _Result:
-        """The result of `make()`."""
+        """Call `make()` and return its result."""
         return make()
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Do nothing."""
 
 
 def _in_thread(make: Callable[[], _Result]) -> _Result:
-    """Call in a thread that ends afterwards: a namespace belongs to the thread that enters it."""
+    """Call in a new thread that ends afterwards: a thread that enters a namespace stays in it."""
     results: list[_Result] = []
     errors: list[BaseException] = []
 

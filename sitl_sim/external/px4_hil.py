@@ -1,8 +1,8 @@
-"""A user's own PX4 SITL on our physics, by MAVLink's HIL messages over TCP.
+"""A user's own PX4 SITL on the simulator's physics, by MAVLink's HIL messages over TCP.
 
-PX4 calls us on 4560 + its instance, takes HIL_SENSOR and HIL_GPS, goes by their time, and answers
-with HIL_ACTUATOR_CONTROLS. Source: PX4 modules/simulation/simulator_mavlink; tested against a
-stand-in that speaks it, not against PX4.
+PX4 connects to port 4560 + its instance, takes HIL_SENSOR and HIL_GPS, runs by their time, and
+answers with HIL_ACTUATOR_CONTROLS. Source: PX4 modules/simulation/simulator_mavlink. Tested
+against a stand-in that implements the interface, not against PX4.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from sitl_sim.vehicles.rigid_body import State
 from sitl_sim.worlds.geodesy import LocalFrame
 
 PORT = 4560
-_FIELD = np.array([0.01, 0.21, -0.43])  # gauss, ENU, at the reference's place
+_FIELD = np.array([0.01, 0.21, -0.43])  # gauss, ENU: the Earth's, at the geodetic reference
 _SENSOR_PERIOD, _GPS_PERIOD = 0.004, 0.1  # s
 _QUADROTOR_BY_TCP = "10016"  # PX4's airframe that waits for such a simulator
 
@@ -58,7 +58,7 @@ class Px4Sitl(ExternalSitl):
             raise
 
     def exchange(self, i: int, state: State, frame: LocalFrame) -> NDArray[np.float64]:
-        """Send what sensors of vehicle i say, where it is due; the motor commands."""
+        """Send the sensor messages of vehicle i that are due; return its motor commands (4,)."""
         if self._line is None and not self._accept():
             return self.command
         assert self._line is not None
@@ -66,7 +66,7 @@ class Px4Sitl(ExternalSitl):
             self._line.sendall(self._codec.encode(self._due(time.monotonic(), i, state, frame)))
             for received in self._codec.decode(self._line.recv(65536)):
                 if isinstance(received.message, HilActuators):
-                    self._obey(received.message.controls)
+                    self._set_motors(received.message.controls)
         except BlockingIOError:
             pass
         except OSError:
@@ -97,10 +97,16 @@ class Px4Sitl(ExternalSitl):
             self._sensor_at = now
             field = rotation_matrix(frame.attitude(state.q[i])).T @ _FIELD
             pressure = 1013.25 * (1.0 - 2.25577e-5 * altitude) ** 5.25588
-            messages.append(HilSensor(
-                now, state.specific_force[i].copy(), state.omega[i].copy(), field, pressure,
-                altitude,
-            ))  # fmt: skip
+            messages.append(
+                HilSensor(
+                    now,
+                    state.specific_force[i].copy(),
+                    state.omega[i].copy(),
+                    field,
+                    pressure,
+                    altitude,
+                )
+            )
         if now - self._gps_at >= _GPS_PERIOD:
             self._gps_at = now
             v = frame.vector(state.v[i])

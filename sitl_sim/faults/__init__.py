@@ -1,1 +1,1 @@
-"""What can go wrong in a flight, and how it is laid on."""
+"""Faults of a flight: their catalogue, and how they take effect."""

@@ -1,4 +1,4 @@
-"""Faults of one drone's camera and of what a perfect detector reports."""
+"""Faults of one drone's camera, and of a perfect detector's reports."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from numpy.typing import NDArray
 from sitl_sim.faults.catalogue import Fault, Schedule
 
 Arrays = dict[str, NDArray[Any]]
-_KEPT = 60  # pictures, six seconds: the latest that can come late
+_KEPT = 60  # frames, six seconds: the longest delay
 _GHOST_RANGE = (1.5, 8.0)  # m
 
 
 class FaultyCamera:
-    """What becomes of the frames of drone i; one call a frame, in order."""
+    """Alters the frames of drone i; one call for each frame, in order."""
 
     def __init__(self, schedule: Schedule, i: int) -> None:
         self._schedule, self._i = schedule, i
         self._taken: deque[tuple[float, Arrays]] = deque(maxlen=_KEPT)
         self._frozen: Arrays | None = None
 
-    def see(self, now: float, stamp: float, arrays: Arrays) -> tuple[float, Arrays]:
-        """The frame that goes out at `now` [s of the flight]: its capture time, what it shows.
+    def alter(self, now: float, stamp: float, arrays: Arrays) -> tuple[float, Arrays]:
+        """Return capture time and arrays of the frame that is sent at `now` [s of the flight].
 
-        stamp: s, vehicle's clock, now.
+        stamp: now on the vehicle's clock [s].
         """
         arrays = self._report(now, arrays)
         self._taken.append((stamp, arrays))
@@ -47,7 +47,7 @@ class FaultyCamera:
         return stamp, arrays
 
     def _report(self, now: float, arrays: Arrays) -> Arrays:
-        """A perfect detector's report made less perfect."""
+        """Alter a perfect detector's report."""
         rows = arrays.get("neighbours")
         if rows is None:
             return arrays
@@ -66,7 +66,7 @@ class FaultyCamera:
 
 
 def _ghost(rng: np.random.Generator) -> NDArray[np.float64]:
-    """(6,) a report of a neighbour that is not there, ahead."""
+    """Return a report (6,) of a neighbour ahead that does not exist."""
     angle = rng.uniform(-1.0, 1.0)
     ray = [np.sin(angle), 0.0, np.cos(angle)]
     return np.array([*ray, rng.uniform(*_GHOST_RANGE), 0.005, 0.03])

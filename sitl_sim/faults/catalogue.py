@@ -1,8 +1,8 @@
-"""What can go wrong in a flight, as data: `faults: [{kind, drone, at, for, amount}]` of a scenario.
+"""Faults of a flight as data: `faults: [{kind, drone, at, for, amount}]` of a scenario.
 
 In lockstep every fault is deterministic: each draws from a generator of its own for each drone,
-seeded by the scenario's seed and the fault's place in the list. What comes from outside a flight
-(a killed or stopped process, a second companion, an unplugged line) is no fault of this kind.
+seeded by the scenario's seed and the fault's index in the list. Events from outside the flight
+(a killed or stopped process, a second companion, an unplugged line) are not in the catalogue.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Kind = Literal[
 
 @dataclass(frozen=True)
 class Meaning:
-    """What `amount` of a kind means: its unit, what it is where not given, least and most."""
+    """Meaning of a kind's `amount`: text with unit, default, least and most."""
 
     text: str
     default: float | None = None
@@ -46,7 +46,7 @@ KINDS: dict[str, Meaning] = {
     "link_flip": Meaning("share of packets with flipped bits", _SHARE),
     "link_garbage": Meaning("B/s of garbage, cut and mutated frames to the companion",
                             1e6, 0.0, 1e8),
-    "link_foreign": Meaning("heartbeats per second of systems that are not there", 50, 0, 1e4),
+    "link_foreign": Meaning("heartbeats per second of systems that do not exist", 50, 0, 1e4),
     "telemetry_nan": Meaning("share of attitudes and positions with a NaN or an infinity", 1.0),
     "telemetry_stale": Meaning("attitude and position stop; the heartbeat goes on"),
     "telemetry_late": Meaning("s that attitude and position come late", 0.1, 0.0, 5.0),
@@ -61,16 +61,16 @@ KINDS: dict[str, Meaning] = {
     "camera_saturated": Meaning("white pictures"),
     "camera_late": Meaning("s that pictures come late", 0.2, 0.0, 5.0),
     "missed": Meaning("share of detections missed", 0.3),
-    "ghosts": Meaning("share of frames with a neighbour that is not there", 0.05),
+    "ghosts": Meaning("share of frames with a neighbour that does not exist", 0.05),
     "swaps": Meaning("share of frames whose detections change places", 0.2),
     "range_bias": Meaning("factor on the range of detections", 1.2, 0.1, 10.0),
     "stop": Meaning("the vehicle stops dead: its pilot holds"),
     "turn_into": Meaning("m/s at which it flies straight at its nearest neighbour", 1.0, 0.1, 5),
     "kill": Meaning("kill switch: its motors stop in flight"),
-    "disarm": Meaning("its pilot asks to disarm, as often as it takes"),
+    "disarm": Meaning("its pilot asks to disarm, again and again"),
     "mode": Meaning("its pilot changes the mode, `to`"),
     "reboot": Meaning("the autopilot restarts"),
-    "battery": Meaning("share of the charge that is left", 0.1),
+    "battery": Meaning("share of the charge that remains", 0.1),
     "motor": Meaning("factor on the thrust of one motor", 0.8, 0.0, 2.0),
     "thrust_scale": Meaning("factor on the thrust of all motors", 0.8, 0.1, 2.0),
     "gust": Meaning("m/s of wind on top, from any side", 5.0, 0.0, 30.0),
@@ -78,10 +78,20 @@ KINDS: dict[str, Meaning] = {
     "pause": Meaning("s that each answer of the companion comes late", 0.2, 0.0, 5.0),
     "disk_full": Meaning("the companion's log cannot grow"),
 }  # fmt: skip
-EMULATED = frozenset({
-    "position_lost", "position_jump", "stop", "turn_into", "kill", "disarm", "mode", "reboot",
-    "battery", "gyro_bias",
-})  # fmt: skip
+EMULATED = frozenset(
+    {
+        "position_lost",
+        "position_jump",
+        "stop",
+        "turn_into",
+        "kill",
+        "disarm",
+        "mode",
+        "reboot",
+        "battery",
+        "gyro_bias",
+    }
+)
 """Kinds that only an emulated autopilot can have."""
 PIXELS = frozenset({"camera_black", "camera_saturated"})
 """Kinds that only a camera can have: a perfect detector has no picture."""
@@ -95,7 +105,7 @@ PilotMode = Literal["hold", "land", "return", "position", "stabilized"]
 
 
 class FaultConfig(StrictModel):
-    """One fault: what, to whom, from when, for how long, how much."""
+    """One fault: its kind, its drone, its time and its amount."""
 
     kind: Kind
     drone: str = Field("all", description="A drone's name, or all.")
@@ -103,8 +113,8 @@ class FaultConfig(StrictModel):
     duration: float | None = Field(
         None, gt=0, alias="for", description="It lasts [s]; to the end where not given."
     )
-    amount: float | None = Field(None, description="How much; each kind has its own unit.")
-    to: PilotMode | None = Field(None, description="Of `mode`: what the pilot chooses.")
+    amount: float | None = Field(None, description="Amount; each kind has its own unit.")
+    to: PilotMode | None = Field(None, description="Of `mode`: the mode that the pilot chooses.")
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -122,18 +132,18 @@ class FaultConfig(StrictModel):
 
     @property
     def value(self) -> float:
-        """`amount`, or the kind's own."""
+        """`amount`, or the default of the kind."""
         default = KINDS[self.kind].default
         return self.amount if self.amount is not None else default if default is not None else 1.0
 
     def active(self, now: float) -> bool:
-        """Whether it is there at `now` [s of the flight]."""
+        """Return whether the fault is present at `now` [s of the flight]."""
         return self.at <= now < self.at + (self.duration or np.inf)
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault of one drone: index i, with a generator of its own."""
+    """A fault of drone i, with a random generator of its own."""
 
     config: FaultConfig
     i: int
@@ -141,16 +151,16 @@ class Fault:
 
     @property
     def kind(self) -> str:
-        """What it is."""
+        """The kind of the fault."""
         return self.config.kind
 
     @property
     def value(self) -> float:
-        """How much of it."""
+        """The amount, or the default of the kind."""
         return self.config.value
 
     def strikes(self) -> bool:
-        """Whether this packet, frame or detection is struck, where `value` is a share."""
+        """Draw whether this packet, frame or detection is affected; `value` is a share."""
         return bool(self.rng.random() < self.value)
 
 
@@ -158,32 +168,33 @@ class Schedule:
     """The faults of a flight, by drone.
 
     Raises:
-        SettingsError: a drone that does not exist, named with the valid ones.
+        SettingsError: a fault names a drone that does not exist; with the valid names.
     """
 
     def __init__(self, configs: Sequence[FaultConfig], names: Sequence[str], seed: int) -> None:
         self._faults: list[list[Fault]] = [[] for _ in names]
         for number, config in enumerate(configs):
-            for i in _struck(number, config, names):
+            for i in _affected(number, config, names):
                 rng = np.random.default_rng([seed, 0xFA, number, i])
                 self._faults[i].append(Fault(config, i, rng))
 
     def all(self) -> Iterator[Fault]:
-        """Every fault of every drone."""
+        """Yield every fault of every drone."""
         for faults in self._faults:
             yield from faults
 
     def at(self, i: int, now: float, *kinds: str) -> list[Fault]:
-        """Drone i's faults of these kinds that are there now, in the order of the scenario."""
+        """Return drone i's faults of these kinds that are present now, in the scenario's order."""
         return [f for f in self._faults[i] if f.config.kind in kinds and f.config.active(now)]
 
 
-def _struck(number: int, config: FaultConfig, names: Sequence[str]) -> Iterable[int]:
+def _affected(number: int, config: FaultConfig, names: Sequence[str]) -> Iterable[int]:
     if config.drone == "all":
         return range(len(names))
     if config.drone not in names:
-        raise SettingsError([f"faults.{number}.drone: no drone {config.drone!r}; valid: all, "
-                             f"{', '.join(names)}"])  # fmt: skip
+        raise SettingsError(
+            [f"faults.{number}.drone: no drone {config.drone!r}; valid: all, {', '.join(names)}"]
+        )
     return [list(names).index(config.drone)]
 
 
@@ -195,13 +206,13 @@ def check(
     reports: bool = True,
     processes: bool = True,
 ) -> None:
-    """Refuse what this flight cannot show.
+    """Refuse faults that this flight cannot have.
 
-    emulated: the autopilots are. pixels: there is a camera. reports: neighbours are reported.
-    processes: companions are processes of their own.
+    emulated: its autopilots are emulated. pixels: it has cameras. reports: a perfect detector
+    reports neighbours. processes: its companions are processes of their own.
 
     Raises:
-        SettingsError: each fault that could not happen, with what it needs.
+        SettingsError: each impossible fault, with what it needs.
     """
     needs = [
         (EMULATED, emulated, "needs an emulated autopilot (drones.autopilot)"),

@@ -1,4 +1,4 @@
-"""Faults of the line between a vehicle and its companion: packets, and what telemetry says."""
+"""Faults of the link between a vehicle and its companion: packets, and telemetry values."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from sitl_sim.faults.catalogue import Fault, Schedule
 
 _DATAGRAM = 1400  # bytes of garbage at a time
 _FLIPS = 8  # most bits flipped in a packet
-_SPEAK = 0.02  # s between two looks at what garbage is due
+_PERIOD = 0.02  # s between two calls of `noise`
 _NOT_NUMBERS = (np.nan, np.inf, -np.inf, 1e-45)  # the last: a denormal as float32 too
 
 
 class FaultyLine:
-    """What becomes of the packets of drone i, each way; `now` [s of the flight] is set from out."""
+    """Alters the packets of drone i, each way; the flight sets `now` [s of the flight]."""
 
     def __init__(self, schedule: Schedule, i: int) -> None:
         self.now = 0.0
@@ -38,7 +38,7 @@ class FaultyLine:
         self._seen = b""
 
     def carry(self, data: bytes, to_companion: bool) -> list[bytes]:
-        """The packets that arrive where `data` was sent."""
+        """Return the packets that arrive where `data` was sent."""
         waiting: list[bytes] = []
         if to_companion:
             waiting, self._held = self._held, []
@@ -54,20 +54,20 @@ class FaultyLine:
         return [data] * (1 + self._strikes("link_duplicate")) + waiting
 
     def noise(self) -> list[bytes]:
-        """What nobody sent and comes to the companion all the same; asked for every 20 ms."""
+        """Return packets that no vehicle sent, for the companion; called every 20 ms."""
         out: list[bytes] = []
         for fault in self._active("link_garbage"):
-            left = round(fault.value * _SPEAK)
+            left = round(fault.value * _PERIOD)
             while left > 0:
                 out.append(self._garbage(fault.rng, min(left, _DATAGRAM)))
                 left -= len(out[-1]) or 1
         for fault in self._active("link_foreign"):
-            for _ in range(fault.rng.poisson(fault.value * _SPEAK)):
+            for _ in range(fault.rng.poisson(fault.value * _PERIOD)):
                 out.append(foreign(fault.rng, self._i + 1))
         return out
 
     def _garbage(self, rng: np.random.Generator, size: int) -> bytes:
-        """Random bytes, a frame cut off, or a frame with flipped bits."""
+        """Return random bytes, a truncated frame, or a frame with flipped bits."""
         kind = rng.integers(3)
         if kind == 0 or not self._seen:
             return rng.bytes(size)
@@ -79,25 +79,25 @@ class FaultyLine:
         return self._schedule.at(self._i, self.now, kind)
 
     def _strikes(self, kind: str) -> bool:
-        return sum(f.strikes() for f in self._active(kind)) > 0  # each draws, whatever the others
+        return sum(f.strikes() for f in self._active(kind)) > 0  # every fault draws
 
 
 class FaultyLink(Link):
-    """A link whose packets pass a `FaultyLine`; counts what was really put on the wire."""
+    """A link whose packets pass a `FaultyLine`; counts the packets really put on the wire."""
 
     def __init__(self, endpoint: Endpoint, codec: Codec, line: FaultyLine) -> None:
         super().__init__(endpoint, codec)
         self.line = line
 
     def send(self, messages: Iterable[Message]) -> None:
-        """Send, as far as the line lets it through, and what the line adds."""
+        """Send what the line lets through, and what the line adds."""
         data = self.codec.encode(messages)
         packets = self.line.carry(data, to_companion=True) if data else []
         for packet in packets + self.line.noise():
             self.packets_out += self.endpoint.send(packet)
 
     def receive(self) -> list[Received]:
-        """What comes through; the count is of what arrived at this end of the wire."""
+        """Return what the line lets through; all packets that arrived are counted."""
         out: list[Received] = []
         for data in self.endpoint.receive():
             self.packets_in += 1
@@ -107,14 +107,14 @@ class FaultyLink(Link):
 
 
 class FaultyTelemetry:
-    """What drone i's autopilot says wrongly, late or not at all."""
+    """Alters, delays or drops the telemetry of drone i's autopilot."""
 
     def __init__(self, schedule: Schedule, i: int) -> None:
         self._schedule, self._i = schedule, i
         self._late: deque[tuple[float, Message]] = deque()
 
     def alter(self, now: float, messages: list[Message]) -> list[Message]:
-        """The messages that go out at `now` [s of the flight]."""
+        """Return the messages that are sent at `now` [s of the flight]."""
         out = [a for m in messages for a in self._one(now, m)]
         while self._late and self._late[0][0] <= now:
             out.append(self._late.popleft()[1])
@@ -151,7 +151,7 @@ class FaultyTelemetry:
 
 
 def foreign(rng: np.random.Generator, system: int) -> bytes:
-    """A heartbeat of nobody: of another system, or of another component of this one."""
+    """Return a heartbeat of another system, or of another component of this system."""
     other = int(rng.integers(1, 256))
     component = int(rng.integers(2, 191)) if other == system else int(rng.integers(1, 256))
     heartbeat = Heartbeat(12, 2, bool(rng.integers(2)), int(rng.integers(1 << 32)), 4)
@@ -168,7 +168,7 @@ def _flip(data: bytes, rng: np.random.Generator) -> bytes:
 def _not_a_number(
     m: Attitude | LocalPosition, rng: np.random.Generator
 ) -> Attitude | LocalPosition:
-    """The message with one of its numbers none."""
+    """Return the message with one of its numbers NaN, infinite or denormal."""
     names = ("q_wb", "omega") if isinstance(m, Attitude) else ("p", "v")
     name = names[rng.integers(2)]
     values = getattr(m, name).copy()

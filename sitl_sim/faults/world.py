@@ -1,4 +1,4 @@
-"""Faults of vehicles, autopilots, pilots, companions and the air, laid on and taken off in time."""
+"""Faults of vehicles, autopilots, pilots, companions and the air."""
 
 from __future__ import annotations
 
@@ -16,16 +16,21 @@ if TYPE_CHECKING:
     from sitl_sim.vehicles.emulated import Autopilots
     from sitl_sim.vehicles.rigid_body import Vehicles
 
-_MODES = {"hold": Mode.HOLD, "land": Mode.LAND, "return": Mode.RETURN,
-          "position": Mode.POSITION, "stabilized": Mode.STABILIZED}  # fmt: skip
-_THROUGH = 30.0  # m beyond the neighbour that a vehicle which turns into it aims at
+_MODES = {
+    "hold": Mode.HOLD,
+    "land": Mode.LAND,
+    "return": Mode.RETURN,
+    "position": Mode.POSITION,
+    "stabilized": Mode.STABILIZED,
+}
+_THROUGH = 30.0  # m; a vehicle that turns into its neighbour aims this far away
 
 
 class FaultyWorld:
-    """Lays each fault on its vehicle when it begins and takes it off when it ends.
+    """Applies each fault to its vehicle when it begins, and removes it when it ends.
 
-    autopilots: emulated ones, or None where only the physics are ours. process: the companion
-    of drone i, its process id or None. rebooted: told whose autopilot starts anew.
+    autopilots: the emulated ones, None for real ones. process: process id of drone i's companion,
+    or None. rebooted: called with the index of a drone whose autopilot restarts.
     """
 
     def __init__(
@@ -40,25 +45,33 @@ class FaultyWorld:
         self._process, self._rebooted = process, rebooted
         self._on: dict[int, Fault] = {}  # by id, in the order in which they began
         self._whole = vehicles.body.thrust_max.copy()
-        self._own_bias = [autopilots.gyro_bias(i) if autopilots else np.zeros(3)
-                          for i in range(len(vehicles))]  # fmt: skip
-        self._limits: dict[int, tuple[int, int]] = {}  # of a process, by id: as it had them
+        self._own_bias = [
+            autopilots.gyro_bias(i) if autopilots else np.zeros(3) for i in range(len(vehicles))
+        ]
+        self._limits: dict[int, tuple[int, int]] = {}  # process id → its original limits
         self._motors = {id(f): _motors(f) for f in schedule.all()}
         self._winds = {id(f): _wind(f) for f in schedule.all() if f.kind == "gust"}
-        # Faults may overlap: what a kind does to vehicle i is made anew, whenever one of them
-        # begins or ends, from how the vehicle is without any and from all that are on.
+        # Faults may overlap: whenever one begins or ends, the effect of its kind on vehicle i is
+        # computed from the vehicle without faults and all faults that are present.
         self._lasting: dict[str, Callable[[int], None]] = {
-            "motor": self._set_thrust, "thrust_scale": self._set_thrust,
-            "gyro_bias": self._set_bias, "position_lost": self._set_gps,
-            "position_jump": self._set_offset, "disk_full": self._set_disk,
-        }  # fmt: skip
+            "motor": self._set_thrust,
+            "thrust_scale": self._set_thrust,
+            "gyro_bias": self._set_bias,
+            "position_lost": self._set_gps,
+            "position_jump": self._set_offset,
+            "disk_full": self._set_disk,
+        }
         self._sudden: dict[str, Callable[[Fault], None]] = {
-            "battery": self._drain, "reboot": self._reboot, "stop": self._stop,
-            "turn_into": self._turn_into, "kill": self._kill, "mode": self._change_mode,
-        }  # fmt: skip
+            "battery": self._drain,
+            "reboot": self._reboot,
+            "stop": self._stop,
+            "turn_into": self._turn_into,
+            "kill": self._kill,
+            "mode": self._change_mode,
+        }
 
     def update(self, now: float) -> None:
-        """Everything that begins or ends at `now` [s of the flight], which never goes back."""
+        """Apply what begins and remove what ends at `now` [s of the flight], which only grows."""
         for fault in self._schedule.all():
             key, active = id(fault), fault.config.active(now)
             if active and fault.kind == "disarm" and self._autopilots is not None:
@@ -75,7 +88,7 @@ class FaultyWorld:
                 self._sudden[fault.kind](fault)
 
     def wind(self, now: float, base: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,3) m/s, world: `base` (3,) and the gusts of each drone."""
+        """Return the wind (n,3) m/s, world: `base` (3,) and the gusts of each drone."""
         air = np.tile(base, (len(self._vehicles), 1))
         for fault in self._schedule.all():
             if fault.kind == "gust" and fault.config.active(now):
@@ -83,15 +96,15 @@ class FaultyWorld:
         return air
 
     def _emulated(self) -> Autopilots:
-        assert self._autopilots is not None  # `faults.check` has seen to it
+        assert self._autopilots is not None  # `catalogue.check` refuses other flights
         return self._autopilots
 
     def _of(self, i: int, *kinds: str) -> list[Fault]:
-        """Vehicle i's faults of these kinds that are on."""
+        """Return vehicle i's faults of these kinds that are present."""
         return [f for f in self._on.values() if f.i == i and f.kind in kinds]
 
     def _set_thrust(self, i: int) -> None:
-        """From whole motors: a factor of 0 cannot be divided out."""
+        """Set the motors from whole ones: a factor of 0 could not be divided out again."""
         row = self._vehicles.body.thrust_max[i]
         row[:] = self._whole[i]
         for f in self._of(i, "motor", "thrust_scale"):
@@ -109,7 +122,7 @@ class FaultyWorld:
         self._emulated().shift_position(i, [east, 0.0, 0.0])
 
     def _set_disk(self, i: int) -> None:
-        """Its files may not grow: writing fails as on a full disk."""
+        """Keep the companion's files from growing: writing fails as on a full disk."""
         pid = self._process(i)
         if pid is None:
             return
@@ -126,7 +139,7 @@ class FaultyWorld:
 
     def _reboot(self, f: Fault) -> None:
         self._emulated().reboot(f.i)
-        self._set_gps(f.i)  # a sensor that has failed is not mended by it
+        self._set_gps(f.i)  # a restart repairs no sensor
         self._rebooted(f.i)
 
     def _stop(self, f: Fault) -> None:
@@ -140,7 +153,7 @@ class FaultyWorld:
         self._emulated().units[f.i].commander.disarm(force=True)
 
     def _turn_into(self, f: Fault) -> None:
-        """Straight through the place where the nearest neighbour is now, and on."""
+        """Fly the vehicle straight through the present place of its nearest neighbour."""
         p = self._vehicles.p
         away = np.linalg.norm(p - p[f.i], axis=1)
         away[f.i] = np.inf
@@ -150,7 +163,7 @@ class FaultyWorld:
 
 
 def _motors(f: Fault) -> slice:
-    """Which motors it weakens."""
+    """Return the motors that a fault weakens."""
     return slice(int(f.rng.integers(4)), None, 4) if f.kind == "motor" else slice(None)
 
 

@@ -1,4 +1,4 @@
-"""The paper's figures of one flight from its truth: trajectories, top view, curves over time."""
+"""The paper's figures of one flight, from its truth: trajectories, top view, curves over time."""
 
 from __future__ import annotations
 
@@ -22,48 +22,75 @@ _SIDES = 24  # of a drawn cylinder
 
 
 def colours(count: int) -> list[str]:
-    """One per drone, the same in every figure."""
+    """Return a colour for each drone, the same in every figure."""
     if count <= len(qualitative.D3):
         return list(qualitative.D3[:count])
     return list(sample_colorscale("hsv", np.linspace(0.0, 0.95, count)))
 
 
 def stride(truth: Truth) -> int:
-    """Samples of truth between two drawn points."""
+    """Return the number of truth samples between two drawn points."""
     return (
         max(round(_STEP / float(np.median(np.diff(truth["t"])))), 1) if len(truth["t"]) > 1 else 1
     )
 
 
 def top_view(run: Run) -> go.Figure:
-    """All trajectories from above, with obstacles, starts and targets (Fig. 7a)."""
+    """Draw all trajectories from above, with obstacles, starts and targets (Fig. 7a)."""
     figure = go.Figure()
     add_map(figure, run.world)
     p = run.truth["position"][:: stride(run.truth)].astype(float).round(3)
     for i, (name, colour) in enumerate(zip(run.names, colours(p.shape[1]), strict=True)):
-        figure.add_scatter(x=p[:, i, 0], y=p[:, i, 1], name=name, mode="lines",
-                           line={"color": colour, "width": 1.5})  # fmt: skip
-        figure.add_scatter(x=p[:1, i, 0], y=p[:1, i, 1], mode="markers", showlegend=False,
-                           marker={"color": colour, "size": 7}, hoverinfo="skip")  # fmt: skip
+        figure.add_scatter(
+            x=p[:, i, 0],
+            y=p[:, i, 1],
+            name=name,
+            mode="lines",
+            line={"color": colour, "width": 1.5},
+        )
+        figure.add_scatter(
+            x=p[:1, i, 0],
+            y=p[:1, i, 1],
+            mode="markers",
+            showlegend=False,
+            marker={"color": colour, "size": 7},
+            hoverinfo="skip",
+        )
     return square(figure, 720)
 
 
 def add_map(figure: go.Figure, world: dict[str, Any], **place: Any) -> None:
-    """Obstacles and shared targets from above; place: row and col of a subplot.
+    """Add obstacles and shared targets from above; place: row and col of a subplot.
 
-    One trace for all, as a shape each makes large forests slow.
+    They are one trace, because a shape for each makes large forests slow.
     """
     outlines = [_circle(c["x"], c["y"], c["radius"]) for c in world["cylinders"]]
     for b in world["boxes"]:
         (x0, y0, _), (x1, y1, _) = b["min"], b["max"]
         outlines.append(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]]))
     x, y = _joined(outlines)
-    figure.add_scatter(x=x, y=y, mode="lines", fill="toself", fillcolor=OBSTACLE, line_width=0,
-                       hoverinfo="skip", showlegend=False, **place)  # fmt: skip
+    figure.add_scatter(
+        x=x,
+        y=y,
+        mode="lines",
+        fill="toself",
+        fillcolor=OBSTACLE,
+        line_width=0,
+        hoverinfo="skip",
+        showlegend=False,
+        **place,
+    )
     reach = world["target_tolerance"]
     x, y = _joined([_circle(x, y, reach) for x, y, _ in shared_targets(world)])
-    figure.add_scatter(x=x, y=y, mode="lines", hoverinfo="skip", showlegend=False,
-                       line={"color": TARGET, "width": 1, "dash": "dot"}, **place)  # fmt: skip
+    figure.add_scatter(
+        x=x,
+        y=y,
+        mode="lines",
+        hoverinfo="skip",
+        showlegend=False,
+        line={"color": TARGET, "width": 1, "dash": "dot"},
+        **place,
+    )
 
 
 def _circle(x: float, y: float, radius: float) -> Vector:
@@ -72,7 +99,7 @@ def _circle(x: float, y: float, radius: float) -> Vector:
 
 
 def _joined(outlines: list[Vector]) -> tuple[Vector, Vector]:
-    """Many outlines as x and y, with gaps between them."""
+    """Return many outlines as x and y, with gaps between them."""
     gap = np.full((1, 2), np.nan)
     every = np.vstack([part for outline in outlines for part in (outline, gap)] or [gap])
     x, y = every.round(2).T
@@ -80,16 +107,17 @@ def _joined(outlines: list[Vector]) -> tuple[Vector, Vector]:
 
 
 def shared_targets(world: dict[str, Any]) -> list[tuple[float, ...]]:
-    """Targets of all drones but their last, which is their own home."""
+    """Return the targets of all drones without their last, which is their own home."""
     return sorted(
         {tuple(t) for targets in world["targets"].values() for t in targets[:-1] or targets}
     )
 
 
 def square(figure: go.Figure, height: int) -> go.Figure:
-    """Equal scales on both axes, with their names."""
-    figure.update_layout(height=height, margin={"l": 40, "r": 10, "t": 30, "b": 40},
-                         legend={"orientation": "h"})  # fmt: skip
+    """Give both axes equal scales and their names; return the figure."""
+    figure.update_layout(
+        height=height, margin={"l": 40, "r": 10, "t": 30, "b": 40}, legend={"orientation": "h"}
+    )
     figure.update_xaxes(title="east [m]", constrain="domain")
     figure.update_yaxes(title="north [m]", scaleanchor="x")
     return figure
@@ -98,35 +126,54 @@ def square(figure: go.Figure, height: int) -> go.Figure:
 def window(figure: go.Figure, column: int, centre: Vector, half: float) -> None:
     """Show `half` [m] around `centre` in one subplot of a row."""
     figure.update_xaxes(range=[centre[0] - half, centre[0] + half], row=1, col=column)
-    figure.update_yaxes(range=[centre[1] - half, centre[1] + half], row=1, col=column,
-                        scaleanchor=f"x{column}")  # fmt: skip
+    figure.update_yaxes(
+        range=[centre[1] - half, centre[1] + half], row=1, col=column, scaleanchor=f"x{column}"
+    )
 
 
 def trajectories(run: Run) -> go.Figure:
-    """The flight in three dimensions (Fig. 6a)."""
+    """Draw the flight in three dimensions (Fig. 6a)."""
     figure = go.Figure()
     p = run.truth["position"][:: stride(run.truth)].astype(float).round(3)
     for i, (name, colour) in enumerate(zip(run.names, colours(p.shape[1]), strict=True)):
-        figure.add_scatter3d(x=p[:, i, 0], y=p[:, i, 1], z=p[:, i, 2], name=name, mode="lines",
-                             line={"color": colour, "width": 4})  # fmt: skip
+        figure.add_scatter3d(
+            x=p[:, i, 0],
+            y=p[:, i, 1],
+            z=p[:, i, 2],
+            name=name,
+            mode="lines",
+            line={"color": colour, "width": 4},
+        )
     top = float(p[..., 2].max()) + 2.0
     if run.world["cylinders"]:
         figure.add_trace(_trunks(run.world["cylinders"], top))
     for b in run.world["boxes"]:
         figure.add_trace(_box(b))
     targets = np.array(shared_targets(run.world)).reshape(-1, 3)
-    figure.add_scatter3d(x=targets[:, 0], y=targets[:, 1], z=targets[:, 2], mode="markers",
-                         name="targets", marker={"color": TARGET, "size": 5})  # fmt: skip
+    figure.add_scatter3d(
+        x=targets[:, 0],
+        y=targets[:, 1],
+        z=targets[:, 2],
+        mode="markers",
+        name="targets",
+        marker={"color": TARGET, "size": 5},
+    )
     figure.update_layout(
-        height=720, margin={"l": 0, "r": 0, "t": 0, "b": 0}, legend={"orientation": "h"},
-        scene={"aspectmode": "data", "xaxis_title": "east [m]", "yaxis_title": "north [m]",
-               "zaxis_title": "up [m]"},
-    )  # fmt: skip
+        height=720,
+        margin={"l": 0, "r": 0, "t": 0, "b": 0},
+        legend={"orientation": "h"},
+        scene={
+            "aspectmode": "data",
+            "xaxis_title": "east [m]",
+            "yaxis_title": "north [m]",
+            "zaxis_title": "up [m]",
+        },
+    )
     return figure
 
 
 def _trunks(cylinders: list[dict[str, float]], top: float) -> go.Mesh3d:
-    """All trunks as one mesh, drawn up to `top` [m]."""
+    """Return all trunks as one mesh, drawn up to `top` [m]."""
     angle = np.linspace(0, 2 * np.pi, _SIDES, endpoint=False)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     points, faces = [], []
@@ -150,7 +197,7 @@ def _box(box: dict[str, list[float]]) -> go.Mesh3d:
 
 
 def curves(run: Run) -> go.Figure:
-    """Mean ± std of distance between drones, to the nearest obstacle, and speed (Fig. 7b-d)."""
+    """Draw mean ± std of distances between drones and to obstacles, and of speed (Fig. 7b-d)."""
     t, p = run.truth["t"], run.truth["position"].astype(float)
     flying = p[..., 2] > AIRBORNE
     radius = run.world["drone_radius"]
@@ -170,14 +217,14 @@ def curves(run: Run) -> go.Figure:
 
 
 def pair_distances(p: Vector, flying: NDArray[np.bool_]) -> tuple[Vector, NDArray[np.bool_]]:
-    """(T,pairs) m between each two drones, and whether both were in the air."""
+    """Return the distance (T,pairs) m of each two drones, and whether both were in the air."""
     pairs = np.array(list(itertools.combinations(range(p.shape[1]), 2)), int).reshape(-1, 2)
     a, b = pairs.T
     return np.linalg.norm(p[:, a] - p[:, b], axis=-1), flying[:, a] & flying[:, b]
 
 
 def _band(figure: go.Figure, row: int, t: Vector, values: Vector, valid: NDArray[np.bool_]) -> None:
-    """Mean ± std and least over the columns that are valid, a point each `_STEP`."""
+    """Draw mean ± std and least over the valid columns, a point each `_STEP`."""
     some = np.flatnonzero(valid.any(axis=1))
     if not len(some):
         return
@@ -187,8 +234,18 @@ def _band(figure: go.Figure, row: int, t: Vector, values: Vector, valid: NDArray
     least = np.minimum.reduceat(masked.min(axis=1).filled(np.inf), starts)
     x = t[some][starts].round(2)
     for y, fill in ((mean - std, None), (mean + std, "tonexty")):
-        figure.add_scatter(x=x, y=y.round(3), mode="lines", line_width=0, fill=fill, row=row, col=1,
-                           fillcolor="rgba(31,119,180,0.2)", hoverinfo="skip")  # fmt: skip
+        figure.add_scatter(
+            x=x,
+            y=y.round(3),
+            mode="lines",
+            line_width=0,
+            fill=fill,
+            row=row,
+            col=1,
+            fillcolor="rgba(31,119,180,0.2)",
+            hoverinfo="skip",
+        )
     figure.add_scatter(x=x, y=mean.round(3), line_color="#1f77b4", name="mean", row=row, col=1)
-    figure.add_scatter(x=x, y=least.round(3), line={"color": "#ff7f0e", "width": 1}, name="least",
-                       row=row, col=1)  # fmt: skip
+    figure.add_scatter(
+        x=x, y=least.round(3), line={"color": "#ff7f0e", "width": 1}, name="least", row=row, col=1
+    )

@@ -1,4 +1,4 @@
-"""What happened when: changes in the companions' records, and collisions in the truth."""
+"""Events of a flight: changes in the companions' logs, collisions in the truth."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SILENCE = 1.0  # s without a tick
 
 @dataclass(frozen=True)
 class Event:
-    """Something that began at `time` [s, world] on a drone.
+    """An event that began at `time` [s, world] on a drone.
 
     kind: fault, phase, target, guard, deadline, silence, vehicle or collision.
     """
@@ -41,7 +41,7 @@ class Span:
 
 @dataclass(frozen=True)
 class Collision:
-    """Two drones, or a drone and an obstacle (other: None), first too near at `time` [s]."""
+    """Two drones, or a drone and an obstacle (other: None), that touched first at `time` [s]."""
 
     time: float
     drone: int
@@ -50,7 +50,7 @@ class Collision:
 
 
 def events(run: Run) -> list[Event]:
-    """Everything that deserves a mark on the time line, in order."""
+    """Return all events of a flight, in order of time."""
     found = [e for i, name in enumerate(run.names) for e in _of_drone(run, i, name)]
     found += [e for i, name in enumerate(run.names) for e in _of_vehicle(run, i, name)]
     for span in faults(run):
@@ -59,13 +59,19 @@ def events(run: Run) -> list[Event]:
             found.append(Event(span.end, span.drone, "fault", f"fault over: {span.text}"))
     for c in collisions(run):
         with_ = "an obstacle" if c.other is None else run.names[c.other]
-        found.append(Event(c.time, run.names[c.drone], "collision",
-                           f"collides with {with_}: {c.distance:.2f} m"))  # fmt: skip
+        found.append(
+            Event(
+                c.time,
+                run.names[c.drone],
+                "collision",
+                f"collides with {with_}: {c.distance:.2f} m",
+            )
+        )
     return sorted(found, key=lambda e: e.time)
 
 
 def faults(run: Run) -> list[Span]:
-    """What the scenario had go wrong in the time flown."""
+    """Return the faults of the scenario within the time flown."""
     end = float(run.truth["t"][-1])
     found = []
     for fault in fault_schedule(run.scenario).all():
@@ -78,7 +84,7 @@ def faults(run: Run) -> list[Span]:
 
 
 def _of_drone(run: Run, i: int, name: str) -> list[Event]:
-    """Changes of phase, target, guard reason and deadline misses in one log."""
+    """Return changes of phase, target, guard reason and deadline misses in one log."""
     boot = own_frames(run.scenario)[i].boot
     found = []
     for before, now in itertools.pairwise([{}, *run.logs[name]]):
@@ -97,11 +103,11 @@ def _of_drone(run: Run, i: int, name: str) -> list[Event]:
         pause = now["time"] - before["time"] if before else 0.0
         if pause > _SILENCE:
             found.append(Event(time - pause, name, "silence", f"no tick for {pause:.1f} s"))
-    return found + _last_words(run, name, boot)
+    return found + _end_of_log(run, name, boot)
 
 
-def _last_words(run: Run, name: str, boot: float) -> list[Event]:
-    """A companion that fell silent before the end, unless its flight was over."""
+def _end_of_log(run: Run, name: str, boot: float) -> list[Event]:
+    """Return an event where a log ends before the flight, unless its companion was done."""
     if not run.logs[name]:
         return [Event(0.0, name, "silence", "no log")]
     last = run.logs[name][-1]
@@ -111,7 +117,7 @@ def _last_words(run: Run, name: str, boot: float) -> list[Event]:
 
 
 def _of_vehicle(run: Run, i: int, name: str) -> list[Event]:
-    """Arming and disarming as it truly was."""
+    """Return arming and disarming, from the truth."""
     t, armed = run.truth["t"], run.truth.get("armed")
     if armed is None:
         return []
@@ -125,7 +131,7 @@ def _of_vehicle(run: Run, i: int, name: str) -> list[Event]:
 
 
 def collisions(run: Run) -> list[Collision]:
-    """Each pair, and each drone with an obstacle, at the first instant they were too near."""
+    """Return each pair, and each drone with an obstacle, at the first instant of contact."""
     t, p = run.truth["t"], run.truth["position"].astype(float)
     radius = float(run.world["drone_radius"])
     flying = p[..., 2] > AIRBORNE

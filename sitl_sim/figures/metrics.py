@@ -20,16 +20,16 @@ from sitl_sim.worlds.world import surface_distance
 
 AIRBORNE = 0.3  # m above ground
 MOVING = 0.3  # m/s
-LANDING = 1.5  # m/s: who is faster on the ground, and does not climb, has struck it
-REACH = 5.0  # m, within which two drones count as connected
+LANDING = 1.5  # m/s: a drone that is faster on the ground, and does not climb, has struck it
+REACH = 5.0  # m: two drones within this count as connected
 AGENT_SAFETY, OBSTACLE_SAFETY = 2.5, 1.5  # radii of a drone: 0.5 m and 0.3 m for 0.2 m
-STANDING = 0.5  # m: who stays within this of a place makes no way
+STANDING = 0.5  # m: a drone that stays within this of a place makes no progress
 
 
 def safety(
     truth: dict[str, NDArray[Any]], world: dict[str, Any], names: list[str]
 ) -> dict[str, Any]:
-    """Distances, collisions, targets and speeds, from truth alone."""
+    """Return distances, collisions, targets and speeds, from the truth alone."""
     t, p, v = truth["t"], truth["position"].astype(float), truth["velocity"].astype(float)
     radius = float(world["drone_radius"])
     flying = p[..., 2] > AIRBORNE
@@ -53,7 +53,7 @@ def safety(
     complete = all(reached[n] == wanted[n] > 0 for n in names)
     closest = min(pairs, default=None)
     nearest = np.unravel_index(int(surface.argmin()), surface.shape)
-    near_any = bool(np.isfinite(surface[nearest]))  # there are obstacles, and somebody flew
+    near_any = bool(np.isfinite(surface[nearest]))  # there are obstacles, and a drone flew
     return {
         "drones": len(names),
         "duration_s": float(t[-1] - t[0]),
@@ -86,9 +86,9 @@ def safety(
 
 
 def ground_strikes(p: Vector, v: Vector) -> NDArray[np.bool_]:
-    """(n,) who came down faster than one lands, or slid along the ground; p, v (T,n,3).
+    """Return (n,) which drones came down faster than a landing, or slid along the ground.
 
-    A climb does not count: a take-off is as fast as its autopilot likes.
+    p: (T,n,3) m. v: (T,n,3) m/s. A climb does not count: autopilots take off at any speed.
     """
     down = np.concatenate([v[..., :2], np.minimum(v[..., 2:], 0.0)], axis=-1)
     struck: NDArray[np.bool_] = (
@@ -98,9 +98,9 @@ def ground_strikes(p: Vector, v: Vector) -> NDArray[np.bool_]:
 
 
 def reached_in_order(path: Vector, targets: list[list[float]], tolerance: float) -> list[int]:
-    """When (index into the path (T,3)) each target was come near to, one after another.
+    """Return the index into the path (T,3) at which each target was reached, one after another.
 
-    Near: within `tolerance` [m]. As many as were reached.
+    Reached: within `tolerance` [m]. The list ends with the last target that was reached.
     """
     instants: list[int] = []
     at = 0
@@ -116,10 +116,11 @@ def reached_in_order(path: Vector, targets: list[list[float]], tolerance: float)
 def standstills(
     t: Vector, p: Vector, flying: NDArray[np.bool_], ends: list[int]
 ) -> dict[str, float]:
-    """Longest that one drone stood on its way, and that all did who were on theirs [s], at 10 Hz.
+    """Return the longest standstill of one drone, and of all drones under way at once [s].
 
-    t (T,), p (T,n,3), flying (T,n). By place, not by speed: who is held up wavers about. On its
-    way a drone is from when it leaves the place above its start until `ends`, index into t.
+    t: (T,) s. p: (T,n,3) m. flying: (T,n). ends: (n,) index into t at which a drone's way ends; it
+    begins when the drone leaves the place above its start. Measured at 10 Hz and by position, not
+    by speed, because a drone that is held up does not hover exactly still.
     """
     step = max(1, round(0.1 / max(float(np.diff(t).mean()), 1e-3))) if len(t) > 1 else 1
     gone = flying & (np.linalg.norm(p[..., :2] - p[0, :, :2], axis=-1) > STANDING)
@@ -128,10 +129,9 @@ def standstills(
     t, p, under_way = t[::step], p[::step], under_way[::step]
     one = everyone = 0.0
     for k in np.flatnonzero(under_way.any(axis=1)):
-        who = under_way[k]
-        # Who arrives has made way.
-        off = np.linalg.norm(p[k:, who] - p[k, who], axis=-1) > STANDING
-        off |= ~under_way[k:, who]
+        drones = under_way[k]
+        off = np.linalg.norm(p[k:, drones] - p[k, drones], axis=-1) > STANDING
+        off |= ~under_way[k:, drones]  # a drone that arrives has made progress
         stood = np.where(off.any(axis=0), off.argmax(axis=0), len(off)) - 1
         one = max(one, float(t[k + stood.max()] - t[k]))
         everyone = max(everyone, float(t[k + stood.min()] - t[k]))
@@ -141,7 +141,7 @@ def standstills(
 def flocking(
     p: Vector, v: Vector, flying: NDArray[np.bool_], moving: NDArray[np.bool_]
 ) -> dict[str, float | None]:
-    """Means over the flight of SwarmLab's order, union and connectivity, at 5 Hz."""
+    """Return the means of SwarmLab's order, union and connectivity over the flight, at 5 Hz."""
     order, union, connectivity = [], [], []
     for k in range(0, len(p), 10):
         if moving[k].sum() > 1:
@@ -166,7 +166,7 @@ def flocking(
 
 
 def sanity(truth: dict[str, NDArray[Any]]) -> list[str]:
-    """Faults of the truth itself: a frozen or teleporting world proves nothing."""
+    """Return inconsistencies of the truth itself: a frozen or jumping world proves nothing."""
     t = truth["t"]
     p, v, q = (truth[k].astype(float) for k in ("position", "velocity", "attitude"))
     names = ("t", "position", "velocity", "attitude")
@@ -186,11 +186,11 @@ def sanity(truth: dict[str, NDArray[Any]]) -> list[str]:
 
 
 def timing(logs: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
-    """Solve and tick times over all drones [ms], and missed deadlines.
+    """Return solve and tick times over all drones [ms], and missed deadlines.
 
-    A drone's deadline misses: the ticks that took longer than the period, or what its companion
-    counted, whichever is more. Free-running, it counts the periods that it let pass; in lockstep,
-    where the world waits, only frames whose telemetry was lost.
+    A drone's deadline misses: the ticks that took longer than the period, or the companion's own
+    count, whichever is more. In real time a companion counts the periods that it missed; in
+    lockstep, where the world waits, only frames whose telemetry was lost.
     """
     ticks = [r for log in logs.values() for r in log]
     solves = [r["solver"]["solve_ms"] for r in ticks if "solver" in r]
@@ -217,7 +217,7 @@ def timing(logs: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
 
 
 def wilson(successes: int, runs: int, z: float = 1.96) -> tuple[float, float]:
-    """Wilson score interval of a success rate; z = 1.96: 95 %."""
+    """Return the Wilson score interval of a success rate; z = 1.96: 95 %."""
     if runs == 0:
         return 0.0, 1.0
     rate, z2 = successes / runs, z * z
@@ -227,7 +227,7 @@ def wilson(successes: int, runs: int, z: float = 1.96) -> tuple[float, float]:
 
 
 def quantiles(values: list[float]) -> dict[str, float | None]:
-    """p50, p99 and max."""
+    """Return p50, p99 and max."""
     if not values:
         return {"p50": None, "p99": None, "max": None}
     return {

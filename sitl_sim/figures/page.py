@@ -1,4 +1,4 @@
-"""A self-contained HTML page: headings, figures, plotly's own script within."""
+"""A self-contained HTML page: headings, figures, and plotly's own script."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ nav a{margin-right:1rem}"""
 
 
 def page(title: str, verdict: str, sections: Iterable[tuple[str, str]]) -> str:
-    """The whole page; sections: (heading, content as HTML)."""
+    """Return the whole page; sections: (heading, content as HTML)."""
     parts = list(sections)
     links = "".join(f"<a href=#s{n}>{html.escape(name)}</a>" for n, (name, _) in enumerate(parts))
     body = "".join(
@@ -30,5 +30,5 @@ def page(title: str, verdict: str, sections: Iterable[tuple[str, str]]) -> str:
 
 
 def draw(figure: go.Figure) -> str:
-    """A figure as a part of a page."""
+    """Return a figure as a part of a page."""
     return str(figure.to_html(full_html=False, include_plotlyjs=False))

@@ -1,10 +1,9 @@
-"""How well the companions saw: their logs against truth.
+"""How well the companions perceived: their logs against the truth.
 
-In view is what eq. (6) says: inside the picture, within range, not hidden, here by an obstacle or
-by another drone, to 35 % at least. A detection is
-right where a drone is near its direction and about as far away; ranges are compared as a
-share of the true one. Detections are judged with the true attitude, tracks relative to the
-drone's own estimate of where it is.
+A drone is in view as in eq. (6): inside the picture, within range, and visible to 35 % at least
+behind obstacles and other drones. A detection is right where a drone is near its direction and
+about as far away; range errors are a share of the true range. Detections are compared with the
+true attitude, tracks relative to the drone's own position estimate.
 """
 
 from __future__ import annotations
@@ -24,25 +23,25 @@ from sitl_sim.scenarios.scenario import Scenario
 from sitl_sim.sensors.perfect_detector import camera_rays, seen
 from sitl_sim.worlds.world import Occluders
 
-DETECTION_RANGE = 8.0  # m, within which detections are judged
-TRACK_RANGE = 10.0  # m, within which tracks are judged
+DETECTION_RANGE = 8.0  # m: detections within this are scored
+TRACK_RANGE = 10.0  # m: tracks within this are scored
 VISIBLE = 0.35  # share of a drone's core that must be visible for it to count as in view
 _CORE = 0.5  # of a drone's radius: hull and marker; arms and propellers hide nothing
 _BLOCK = 2048  # sight lines at a time: what the processor's cache holds
 _BEARING_GATE = np.radians(3.0)
 _SIZE_GATE = 0.3  # m across the line of sight: near drones fill more than the angle above
 _TRACK_GATE = 1.0  # m
-_WELL = "none"  # no trouble with the camera, as a log says it
-_FRESH = 0.2  # s since last seen: whose velocity counts
+_WELL = "none"  # a healthy camera in a log
+_FRESH = 0.2  # s since last seen: the velocity of such a track counts
 
 
 @dataclass(frozen=True)
-class Sight:
-    """One frame of one drone against truth; one that was due and did not come shows nothing.
+class FrameScore:
+    """One frame of one drone against the truth; a frame that was due and did not come is empty.
 
-    time: of the world [s]. in_view, found: drones to see and seen; detections, right: given and
-    true. bearing [rad], range_error (share of the range): of what was right. The same of tracks;
-    velocity (k,3) m/s: errors of the fresh ones.
+    time: world [s]. in_view, found: drones in view, and those detected. detections, right: all,
+    and the right ones. bearing [rad], range_error (share of the range): of right detections. The
+    same for tracks; velocity (k,3) m/s: errors of the fresh ones.
     """
 
     time: float
@@ -59,9 +58,9 @@ class Sight:
     velocity: Vector
 
 
-def perception(seen: dict[str, list[Sight]]) -> dict[str, Any]:
-    """The figures of `metrics.json`, over all drones."""
-    every = [s for one in seen.values() for s in one]
+def perception(scores: dict[str, list[FrameScore]]) -> dict[str, Any]:
+    """Return the figures of `metrics.json`, over all drones."""
+    every = [s for one in scores.values() for s in one]
     bearing = np.concatenate([s.bearing for s in every]) if every else np.zeros(0)
     ranges = np.concatenate([s.range_error for s in every]) if every else np.zeros(0)
     velocity = np.concatenate([s.velocity for s in every]) if every else np.zeros((0, 3))
@@ -79,19 +78,19 @@ def perception(seen: dict[str, list[Sight]]) -> dict[str, Any]:
     }
 
 
-def sights(
+def score_frames(
     scenario: Scenario, world: dict[str, Any], truth: Truth, logs: dict[str, list[dict[str, Any]]]
-) -> dict[str, list[Sight]]:
-    """Every frame of every drone in flight, by its name."""
-    judge = _Judge(scenario, world, truth)
+) -> dict[str, list[FrameScore]]:
+    """Score every frame of every drone in flight; by drone name."""
+    scorer = _Scorer(scenario, world, truth)
     frames = own_frames(scenario)
     return {
-        name: list(judge.frames(i, frames[i], log)) for i, (name, log) in enumerate(logs.items())
+        name: list(scorer.frames(i, frames[i], log)) for i, (name, log) in enumerate(logs.items())
     }
 
 
-class _Judge:
-    """Truth, and what can be seen in it."""
+class _Scorer:
+    """Scores the frames of a flight against its truth."""
 
     def __init__(self, scenario: Scenario, world: dict[str, Any], truth: Truth) -> None:
         s = scenario.sensing
@@ -104,8 +103,8 @@ class _Judge:
             truth[k].astype(float) for k in ("position", "velocity", "attitude")
         )
 
-    def frames(self, i: int, frame: OwnFrame, log: list[dict[str, Any]]) -> Iterator[Sight]:
-        """Frames that drone i took in flight, or that were due while its eye was in trouble."""
+    def frames(self, i: int, frame: OwnFrame, log: list[dict[str, Any]]) -> Iterator[FrameScore]:
+        """Yield scores of frames taken in flight, and of those due while the camera was faulty."""
         log = [r for r in log if _due(r) is not None and "own" in r]
         times = np.array([_due(r) for r in log], float) - frame.boot
         flown = (times >= self._t[0]) & (times <= self._t[-1])
@@ -113,12 +112,12 @@ class _Judge:
         log, times = [r for r, f in zip(log, flown, strict=True) if f], times[flown]
         if log:
             others = self._others(i, times)
-            tracked = _tracks(log, frame, others, *self._tracked(i, frame, log))
-            for n, parts in enumerate(zip(*_looks(log, others), *tracked, strict=True)):
-                yield Sight(float(times[n]), *parts)
+            tracked = _score_tracks(log, frame, others, *self._tracked(i, frame, log))
+            for n, parts in enumerate(zip(*_score_detections(log, others), *tracked, strict=True)):
+                yield FrameScore(float(times[n]), *parts)
 
-    def _others(self, i: int, times: Vector) -> _Others:
-        """The other drones at each frame."""
+    def _others(self, i: int, times: Vector) -> _OtherDrones:
+        """Return the other drones at each frame."""
         p, q = self._at(self._p, times), self._at(self._q, times)[:, i]
         q /= np.linalg.norm(q, axis=-1, keepdims=True)
         others = np.delete(np.arange(p.shape[1]), i)
@@ -127,10 +126,12 @@ class _Judge:
         asked = (distance <= TRACK_RANGE) & (rays[..., 2] > 0.0) & (p[:, others, 2] > AIRBORNE)
         visible = np.zeros(asked.shape, bool)
         visible[asked] = self._shares(p[:, i], q, offsets, asked) >= VISIBLE
-        return _Others(rays, np.maximum(distance, 1e-9), visible)
+        return _OtherDrones(rays, np.maximum(distance, 1e-9), visible)
 
-    def _shares(self, eye: Vector, q: Vector, offsets: Vector, asked: NDArray[np.bool_]) -> Vector:
-        """(k,) visible share of each drone that is asked for: frames × drones, row by row.
+    def _shares(
+        self, viewpoint: Vector, q: Vector, offsets: Vector, asked: NDArray[np.bool_]
+    ) -> Vector:
+        """Return the visible share (k,) of each drone asked for: frames × drones, row by row.
 
         Points on its core must be in the picture and neither behind an obstacle nor behind
         the core of a nearer drone.
@@ -138,10 +139,10 @@ class _Judge:
         frame, drone = np.nonzero(asked)
         offset = offsets[frame, drone]
         points = offset[:, None] + _CORE * self._radius * _disc(offset)
-        ends = (points + eye[frame][:, None]).reshape(-1, 3)
-        eyes = np.repeat(eye[frame], points.shape[1], axis=0)
+        ends = (points + viewpoint[frame][:, None]).reshape(-1, 3)
+        viewpoints = np.repeat(viewpoint[frame], points.shape[1], axis=0)
         blocks = [slice(at, at + _BLOCK) for at in range(0, len(ends), _BLOCK)]
-        rows = [self._occluders.free(eyes[b], ends[b]) for b in blocks]
+        rows = [self._occluders.free(viewpoints[b], ends[b]) for b in blocks]
         free = np.concatenate([*rows, np.zeros(0, bool)]).reshape(points.shape[:2])
         free &= seen(camera_rays(q[frame], points), *self._view)
         distance = np.linalg.norm(points, axis=-1)
@@ -155,7 +156,7 @@ class _Judge:
         return share
 
     def _tracked(self, i: int, frame: OwnFrame, log: list[dict[str, Any]]) -> tuple[Vector, Vector]:
-        """The other drones at each tick: offsets and velocities (k,m,3)."""
+        """Return the other drones at each tick: offsets and velocities (k,m,3)."""
         times = np.minimum(np.array([r["time"] for r in log]) - frame.boot, self._t[-1])
         p, v = self._at(self._p, times), self._at(self._v, times)
         others = np.delete(np.arange(p.shape[1]), i)
@@ -163,7 +164,7 @@ class _Judge:
         return offsets, v[:, others]
 
     def _at(self, series: Vector, times: Vector) -> Vector:
-        """Truth (k,N,…) at times (k,) between its samples."""
+        """Return the truth (k,N,…) at times (k,), interpolated between its samples."""
         k = np.clip(np.searchsorted(self._t, times) - 1, 0, len(self._t) - 2)
         share = ((times - self._t[k]) / (self._t[k + 1] - self._t[k]))[:, None, None]
         between: Vector = series[k] + share * (series[k + 1] - series[k])
@@ -171,9 +172,9 @@ class _Judge:
 
 
 def _due(record: dict[str, Any]) -> float | None:
-    """When the frame of a tick was taken, or fell due that showed nothing; None: there was none.
+    """Return when the frame of a tick was taken, or was due from a faulty camera; else None.
 
-    A tick without a frame while the eye is well lies between two frames.
+    A tick without a frame while the camera is healthy lies between two frames.
     """
     taken: float | None = record.get("frame")
     blind = record.get("eye", _WELL) != _WELL
@@ -181,7 +182,7 @@ def _due(record: dict[str, Any]) -> float | None:
 
 
 @dataclass(frozen=True)
-class _Others:
+class _OtherDrones:
     """The other drones seen from one, frame by frame: rays (k,m,3), distance, visible (k,m)."""
 
     rays: Vector
@@ -189,8 +190,8 @@ class _Others:
     visible: NDArray[np.bool_]
 
 
-def _looks(log: list[dict[str, Any]], others: _Others) -> tuple[Iterable[Any], ...]:
-    """Detections against the others, frame by frame: in_view … range_error of `Sight`."""
+def _score_detections(log: list[dict[str, Any]], others: _OtherDrones) -> tuple[Iterable[Any], ...]:
+    """Return in_view … range_error of `FrameScore`, frame by frame."""
     frames = len(log)
     of, rows = _flat([r["detections"] for r in log], 5)
     angle = _angles(rows[:, :3], others.rays[of])
@@ -210,14 +211,14 @@ def _looks(log: list[dict[str, Any]], others: _Others) -> tuple[Iterable[Any], .
     )
 
 
-def _tracks(
+def _score_tracks(
     log: list[dict[str, Any]],
     frame: OwnFrame,
-    others: _Others,
+    others: _OtherDrones,
     true_offsets: Vector,
     true_v: Vector,
 ) -> tuple[Iterable[Any], ...]:
-    """Tracks at the ticks against truth: the last five of `Sight`."""
+    """Return the last five fields of `FrameScore`, tick by tick."""
     frames = len(log)
     of, rows = _flat([[[*t["p"], *t["v"], t["unseen"]] for t in r["tracks"]] for r in log], 7)
     own = np.array([r["own"]["p"] for r in log], float)
@@ -238,23 +239,23 @@ def _tracks(
 
 
 def _flat(rows: list[list[list[float]]], width: int) -> tuple[NDArray[np.int_], Vector]:
-    """Rows of all frames in one array (n,width), and the frame of each (n,)."""
+    """Return the frame (n,) of each row, and the rows of all frames in one array (n,width)."""
     of = np.repeat(np.arange(len(rows)), [len(r) for r in rows])
     return of, np.array([row for frame in rows for row in frame], float).reshape(-1, width)
 
 
 def _counts(frames: int, of: NDArray[np.int_]) -> list[int]:
-    """How often each frame stands there."""
+    """Count how often each frame occurs."""
     return [int(c) for c in np.bincount(of, minlength=frames)]
 
 
 def _by_frame(values: Vector, of: NDArray[np.int_], frames: int) -> list[Vector]:
-    """`values`, in order of their frames, cut up by frame."""
+    """Split `values`, which are in order of their frames, by frame."""
     return np.split(values, np.searchsorted(of, np.arange(1, frames)))
 
 
 def _disc(offsets: Vector) -> Vector:
-    """(n,8,3) the middle and a ring on a disc of radius 1 that faces each of `offsets` (n,3)."""
+    """Return (n,8,3) centre and ring of a disc of radius 1 that faces each of `offsets` (n,3)."""
     ray = offsets / np.maximum(np.linalg.norm(offsets, axis=1, keepdims=True), 1e-9)
     side = np.cross(ray, [0.0, 0.0, 1.0])
     side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-9)
@@ -266,7 +267,7 @@ def _disc(offsets: Vector) -> Vector:
 
 
 def _angles(a: Vector, b: Vector) -> Vector:
-    """(n,m) rad between directions a (n,3) and unit b (n,m,3); exact for small ones too."""
+    """Return angles (n,m) rad between directions a (n,3) and unit b (n,m,3), exact if small."""
     a = a / np.maximum(np.linalg.norm(a, axis=1, keepdims=True), 1e-9)
     half: Vector = np.linalg.norm(a[:, None] - b, axis=-1) / 2
     return 2 * np.arcsin(np.minimum(half, 1.0))
@@ -275,9 +276,9 @@ def _angles(a: Vector, b: Vector) -> Vector:
 def _match(
     cost: Vector, allowed: NDArray[np.bool_], of: NDArray[np.int_]
 ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """Pairs (row, column) among the allowed ones, as many and as near as can be in each frame.
+    """Return the best assignment of rows to columns in each frame, among the allowed pairs.
 
-    of: (n,) the frame of each row, ascending. Most rows fit one column and no other does.
+    of: (n,) the frame of each row, ascending. Most rows fit exactly one column.
     """
     rows, columns = np.nonzero(allowed)
     place = of[rows] * allowed.shape[1] + columns
@@ -295,7 +296,7 @@ def _match(
 
 
 def _repeated(values: NDArray[np.int_]) -> NDArray[np.bool_]:
-    """Which of the values stand there more than once."""
+    """Return which values occur more than once."""
     _, places, counts = np.unique(values, return_inverse=True, return_counts=True)
     several: NDArray[np.bool_] = counts[places] > 1
     return several
@@ -305,6 +306,6 @@ def _rms(values: Vector) -> float | None:
     return float(np.sqrt((values**2).mean())) if len(values) else None
 
 
-def _share(sights: list[Sight], part: str, whole: str) -> float | None:
-    total = sum(getattr(s, whole) for s in sights)
-    return sum(getattr(s, part) for s in sights) / total if total else None
+def _share(scores: list[FrameScore], part: str, whole: str) -> float | None:
+    total = sum(getattr(s, whole) for s in scores)
+    return sum(getattr(s, part) for s in scores) / total if total else None

@@ -1,7 +1,7 @@
-"""Companions inside the simulator's own process: no sockets, nobody waits.
+"""Companions inside the simulator's own process: no sockets and no waiting.
 
-The simulator knows a companion only by what crosses the wire. So also here: MAVLink bytes over a
-memory endpoint, frames in, answers out; the class is found by name, as a process's module is.
+Only what crosses the wire passes between simulator and companion, here too: MAVLink bytes over a
+memory endpoint, frames in, answers out. The companion's class is found by its entry point.
 """
 
 from __future__ import annotations
@@ -15,79 +15,80 @@ from typing import Any, Protocol
 
 from mavlink_bridge.wire.memory import MemoryEndpoint
 from mavlink_bridge.wire.video import Answer, Frame
-from sitl_sim.scenarios.companion_door import companion_class
+from sitl_sim.scenarios.companion_entry_points import companion_class
 
 
-class Mind(Protocol):
-    """A companion: ticks when it is shown a frame."""
+class InProcessCompanion(Protocol):
+    """A companion that ticks when it is given a frame."""
 
     def answer(self, frame: Frame) -> Answer:
-        """Tick."""
+        """Tick on the frame and return the answer."""
         ...
 
     def close(self) -> None:
-        """Finish its log."""
+        """Finish the flight log."""
         ...
 
 
 class LocalFrames:
-    """The simulator's end of the frame channel of one vehicle, without a channel."""
+    """The simulator's end of one vehicle's frame channel, with the companion in this process."""
 
     def __init__(self) -> None:
-        self._mind: Mind | None = None
+        self._companion: InProcessCompanion | None = None
         self._answers: deque[Answer] = deque()
-        self._said = Path()
+        self._error_log = Path()
         self.failed = False
 
-    def board(self, config: Path, endpoint: MemoryEndpoint) -> None:
-        """Let a companion of this configuration hear `endpoint`'s peer and see the frames."""
-        self._said = config.with_name("stderr.log")
-        self._mind = companion_class("in_process")(config, endpoint)
+    def start_companion(self, config: Path, endpoint: MemoryEndpoint) -> None:
+        """Start a companion of this configuration; its MAVLink link is `endpoint`."""
+        self._error_log = config.with_name("stderr.log")
+        self._companion = companion_class("in_process")(config, endpoint)
 
     @property
     def connected(self) -> bool:
-        """Whether a companion is on board."""
-        return self._mind is not None
+        """Whether a companion runs."""
+        return self._companion is not None
 
     def send(self, frame: Frame) -> bool:
         """Let the companion tick on a frame; times are rounded as they are on the wire.
 
-        One that raises is gone, as its process would be: its vehicle flies on without it.
+        A companion that raises is lost, as its process would be: its vehicle flies on without it.
         """
-        if self._mind is None:
+        if self._companion is None:
             return False
-        due = None if frame.due is None else _wired(frame.due)
-        shown = Frame(_wired(frame.time), frame.arrays, frame.packets, due)
+        due = None if frame.due is None else _to_microseconds(frame.due)
+        received = Frame(_to_microseconds(frame.time), frame.arrays, frame.packets, due)
         try:
-            self._answers.append(self._mind.answer(shown))
+            self._answers.append(self._companion.answer(received))
         except Exception:
-            self._said.write_text(traceback.format_exc(), encoding="utf-8")
+            self._error_log.write_text(traceback.format_exc(), encoding="utf-8")
             self.failed = True
             self.close()
         return not self.failed
 
     def answer(self, timeout: float) -> Answer | None:
-        """The next answer; there is nothing to wait for."""
+        """Return the next answer without waiting; None where there is none."""
         return self._answers.popleft() if self._answers else None
 
     def close(self) -> None:
         """End the companion."""
-        if self._mind is not None:
-            self._mind.close()
-        self._mind = None
+        if self._companion is not None:
+            self._companion.close()
+        self._companion = None
 
     hang_up = close
 
 
-def _wired(time: float) -> float:
+def _to_microseconds(time: float) -> float:
+    """Return the time [s] rounded to whole microseconds."""
     return round(time * 1e6) / 1e6
 
 
-class AtOnce(Executor):
-    """Does what it is given before it returns: one thread, one order."""
+class SerialExecutor(Executor):
+    """Runs each call before `submit` returns: one thread, one order."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """The finished work; what went wrong is raised here and now."""
+        """Call `fn` and return its finished future; an exception of `fn` is raised here."""
         future: Future[Any] = Future()
         future.set_result(fn(*args, **kwargs))
         return future

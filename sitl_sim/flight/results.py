@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from sitl_sim.figures.metrics import timing
-from sitl_sim.figures.perception import perception, sights
+from sitl_sim.figures.perception import perception, score_frames
 from sitl_sim.figures.report import shortcomings, summarise, write_report
 from sitl_sim.flight.runner import Flight
 from sitl_sim.recording.code_version import commit
@@ -15,17 +15,23 @@ from sitl_sim.recording.run_folder import Run, log_path, salvage_ticks
 
 
 def finish(
-    flight: Flight, setup_seconds: float, report: Literal["always", "on failure"] = "always"
+    flight: Flight,
+    setup_seconds: float,
+    report: Literal["always", "on failure"] = "always",
+    interrupted: bool = False,
 ) -> dict[str, Any]:
-    """Write truth.npz, metrics.json and report.html, 5 MB; gives the metrics."""
+    """Write truth.npz, metrics.json and report.html (5 MB); return the metrics.
+
+    interrupted: the flight was stopped before its end, so it is never OK.
+    """
     folder = flight.folder
     sha = flight.truth.write(folder / "truth.npz")
     logs = {n: salvage_ticks(log_path(folder, n)) for n in flight.names}
     run = Run(folder, flight.scenario, flight.world, flight.truth.arrays(), logs)
-    seen = sights(run.scenario, run.world, run.truth, logs)
+    scores = score_frames(run.scenario, run.world, run.truth, logs)
     codes = flight.exit_codes()
-    metrics = summarise(run, seen, codes)
-    metrics["real_time_factor"] = metrics["duration_s"] / max(flight.wall_seconds, 1e-9)
+    metrics = summarise(run, scores, codes, interrupted)
+    metrics["real_time_factor"] = flight.simulated_seconds / max(flight.wall_seconds, 1e-9)
     metrics["wall_s"] = {"setup": setup_seconds, "flight": flight.wall_seconds}
     metrics["truth_sha256"] = sha
     metrics["scenario"] = flight.scenario.name
@@ -33,48 +39,56 @@ def finish(
     metrics["commit"] = commit()
     metrics["controller"] = flight.scenario.companion.get("controller", "nmpc")
     metrics["per_drone"] = {
-        n: {"targets": metrics["targets_reached"][n], "companion_exit": codes[n],
-            **timing({n: logs[n]}), "perception": perception({n: seen[n]})}
+        n: {
+            "targets": metrics["targets_reached"][n],
+            "companion_exit": codes[n],
+            **timing({n: logs[n]}),
+            "perception": perception({n: scores[n]}),
+        }
         for n in flight.names
-    }  # fmt: skip
+    }
     (folder / "metrics.json").write_text(json.dumps(metrics, indent=1), encoding="utf-8")
     if report == "always" or not metrics["ok"]:
-        write_report(run, metrics, seen)
+        write_report(run, metrics, scores)
     return metrics
 
 
 def table(m: dict[str, Any], folder: Path) -> str:
-    """The flight in a few lines."""
-    done = sum(a.split("/")[0] == a.split("/")[1] for a in m["targets_reached"].values())
-
-    def ms(q: dict[str, float | None]) -> str:
-        return " / ".join("–" if q[k] is None else f"{q[k]:.1f}" for k in ("p50", "p99", "max"))
-
-    def metres(value: float | None) -> str:
-        return "–" if value is None else f"{value:.2f} m"
-
+    """Return the metrics of a flight as a few lines of text."""
+    complete = sum(a.split("/")[0] == a.split("/")[1] for a in m["targets_reached"].values())
+    collisions = f"{m['agent_collisions']} / {m['obstacle_collisions']}"
+    flocking = (m[k] for k in ("order", "union", "connectivity"))
+    detection = (m["perception"][k] for k in ("recall", "precision"))
     rows = [
         ("scenario, seed, drones", f"{m['scenario']}, {m['seed']}, {m['drones']}"),
-        ("all targets reached by", f"{done} of {m['drones']}"),
-        ("collisions, drones / obstacles", f"{m['agent_collisions']} / {m['obstacle_collisions']}"),
+        ("all targets reached by", f"{complete} of {m['drones']}"),
+        ("collisions, drones / obstacles", collisions),
         ("ground strikes", str(m["ground_strikes"])),
-        ("least distance between drones", metres(m["min_agent_distance_m"])),
-        ("least distance to an obstacle", metres(m["min_obstacle_distance_m"])),
+        ("least distance between drones", _metres(m["min_agent_distance_m"])),
+        ("least distance to an obstacle", _metres(m["min_obstacle_distance_m"])),
         ("speed while moving", f"{m['mean_speed_m_s']:.2f} ± {m['std_speed_m_s']:.2f} m/s"),
-        ("order / union / connectivity",
-         " / ".join("–" if m[k] is None else f"{m[k]:.2f}"
-                    for k in ("order", "union", "connectivity"))),
-        ("recall / precision to 8 m",
-         " / ".join("–" if m["perception"][k] is None else f"{m['perception'][k]:.3f}"
-                    for k in ("recall", "precision"))),
-        ("solve, p50 / p99 / max", f"{ms(m['solve_ms'])} ms"),
-        ("tick, p50 / p99 / max", f"{ms(m['tick_ms'])} ms"),
+        ("order / union / connectivity", " / ".join(_number(v, 2) for v in flocking)),
+        ("recall / precision to 8 m", " / ".join(_number(v, 3) for v in detection)),
+        ("solve, p50 / p99 / max", _milliseconds(m["solve_ms"])),
+        ("tick, p50 / p99 / max", _milliseconds(m["tick_ms"])),
         ("deadline misses", f"{m['deadline_misses']} ({m['deadline_miss_rate']:.2%})"),
         ("flown", f"{m['duration_s']:.1f} s"),
         ("real-time factor", f"{m['real_time_factor']:.2f}"),
         ("truth", m["truth_sha256"][:16]),
         ("run folder", str(folder)),
         ("verdict", "OK" if m["ok"] else "FALLS SHORT: " + "; ".join(shortcomings(m))),
-    ]  # fmt: skip
+    ]
     width = max(len(k) for k, _ in rows)
     return "\n".join(f"{k:<{width}}  {v}" for k, v in rows)
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def _metres(value: float | None) -> str:
+    return "–" if value is None else f"{value:.2f} m"
+
+
+def _milliseconds(quantiles: dict[str, float | None]) -> str:
+    return " / ".join(_number(quantiles[k], 1) for k in ("p50", "p99", "max")) + " ms"

@@ -9,19 +9,19 @@ from numpy.typing import NDArray
 
 from mavlink_bridge.shared.arrays import Vector
 from sitl_sim.scenarios.scenario import Scenario, lens_of
-from sitl_sim.sensors import perfect_detector as sensing
+from sitl_sim.sensors import perfect_detector as detector
 from sitl_sim.sensors.renderer import Renderer
 from sitl_sim.sensors.sensor import measured
 from sitl_sim.worlds.world import Occluders
 
 
-class Eyes:
+class Sensors:
     """The forward sensors of all drones of a scenario in its world."""
 
     def __init__(self, scenario: Scenario, world: dict[str, Any]) -> None:
         s = self._sensing = scenario.sensing
         self._occluders = Occluders(world)
-        self._walls = sensing.WallRanges(self._occluders, s.width, s.height, s.fov_deg)
+        self._walls = detector.WallRanges(self._occluders, s.width, s.height, s.fov_deg)
         half = np.radians(s.fov_deg) / 2
         self._view = (half, half * s.height / s.width)
         self._renderer: Renderer | None = None
@@ -30,13 +30,13 @@ class Eyes:
 
     @property
     def renders(self) -> bool:
-        """Whether any sensor's picture has to be rendered."""
+        """Whether a picture or a depth image has to be rendered."""
         return self._renderer is not None
 
-    def see(self, i: int, stamp: float, p: Vector, q: Vector) -> dict[str, NDArray[Any]]:
-        """Arrays of drone i's frame, named as on the frame channel (`mavlink_bridge.video`).
+    def frame(self, i: int, stamp: float, p: Vector, q: Vector) -> dict[str, NDArray[Any]]:
+        """Return the arrays of drone i's frame, named as in `mavlink_bridge.wire.video`.
 
-        stamp: capture time [s], its clock; p (n,3) m and q (n,4) of all drones, world frame.
+        stamp: capture time [s] on the drone's clock. p: (n,3) m and q: (n,4) of all drones, world.
         """
         s = self._sensing
         others = np.delete(np.arange(len(p)), i)
@@ -44,19 +44,23 @@ class Eyes:
         seed = round(stamp * 1e3) * 64 + i
         if self._renderer is not None and "camera" in (s.neighbours, s.obstacles):
             arrays["image"] = self._renderer.render(
-                p[i], q[i], p[others], q[others],
-                frame_seed=seed, drones_id=[int(o) for o in others],
-            )  # fmt: skip
+                p[i],
+                q[i],
+                p[others],
+                q[others],
+                frame_seed=seed,
+                drones_id=[int(o) for o in others],
+            )
         if self._renderer is not None and s.obstacles == "depth":
             height = round(s.depth.width * s.height / s.width)
             depth = self._renderer.depth(p[i], q[i], p[others], q[others], s.depth.width, height)
             arrays["depth"] = measured(depth, s.depth.range, s.depth.noise, seed)
         if s.neighbours == "truth":
-            arrays["neighbours"] = sensing.neighbours(
+            arrays["neighbours"] = detector.neighbours(
                 p[i], q[i], p[others], self._occluders, self._view, s.range_max
             )
         if s.obstacles == "map":
-            arrays["trunks"] = sensing.trunks(p[i], q[i], self._occluders, self._view, s.range_max)
+            arrays["trunks"] = detector.trunks(p[i], q[i], self._occluders, self._view, s.range_max)
             if self._occluders.boxes:
                 arrays["ranges"] = self._walls(p[i], q[i], s.range_max)
         return arrays

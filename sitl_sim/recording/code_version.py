@@ -1,4 +1,4 @@
-"""Which code flew: results are kept with the commit that made them."""
+"""Version of the code: results are kept with the commit that made them."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ _PACKAGE = "swarm-companion"
 
 @functools.cache
 def commit() -> str | None:
-    """The commit of this code, `+` where it was changed since; None where there is no git.
+    """Return the commit of this code, with `+` where it was changed since; None without git.
 
-    Ask before anything flies: a commit made later is not what this process has loaded.
+    Call it before a flight: a commit made later is not the code that this process has loaded.
     """
     return commit_at(Path(__file__).parent)
 
 
 def commit_at(place: Path) -> str | None:
-    """The commit of the checkout of this package around `place`.
+    """Return the commit of this package's checkout around `place`.
 
-    None in any other: an environment within somebody's project is none of its commits.
+    None in any other checkout: an environment inside another project has none of its commits.
     """
     try:
         top = Path(_git(place, "rev-parse", "--show-toplevel"))

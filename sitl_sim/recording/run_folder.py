@@ -1,9 +1,8 @@
-"""A run folder read back: scenario, world, truth, and each drone's log in the world's frame."""
+"""Reading a run folder: scenario, world, truth, and each drone's log with its own frame."""
 
 from __future__ import annotations
 
 import json
-import shutil
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,19 +19,20 @@ from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.scenario import Scenario
 
 Truth = dict[str, NDArray[Any]]
-_TOLERANCE = 1.5  # m, of targets where a world does not say
+_TOLERANCE = 1.5  # m, of targets where a world has none
+_OF_A_FLIGHT = ("truth.npz", "metrics.json", "drones/*/flight.*")
 _ARRAYS = {"t", "position", "velocity", "attitude", "names"}
 
 
 class RunError(ValueError):
-    """A folder that holds no whole flight; names the file and says what is wrong."""
+    """A folder holds no whole flight; the message names the file and the mistake."""
 
 
 @dataclass(frozen=True)
 class OwnFrame:
-    """One drone's own frame and clock, which it shares with nobody.
+    """One drone's own frame and clock, which it shares with no other drone.
 
-    origin (3,) m and yaw [rad] in the world; its clock shows world time + boot [s].
+    origin: (3,) m and yaw [rad] in the world. Its clock shows world time + boot [s].
     """
 
     origin: Vector
@@ -40,19 +40,19 @@ class OwnFrame:
     boot: float
 
     def vectors(self, v: Any) -> Vector:
-        """Vectors (...,3) of the own frame in the world."""
+        """Return vectors (...,3) of the own frame in the world's frame."""
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         turned: Vector = np.asarray(v, float) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
         return turned
 
     def points(self, p: Any) -> Vector:
-        """Points (...,3) of the own frame in the world."""
+        """Return points (...,3) of the own frame in the world's frame."""
         return self.vectors(p) + self.origin
 
 
 @dataclass(frozen=True)
 class Run:
-    """One flight. truth: arrays of `truth.npz`; logs: each drone's ticks as it wrote them."""
+    """One flight. truth: arrays of `truth.npz`. logs: each drone's tick records, in its frame."""
 
     folder: Path
     scenario: Scenario
@@ -62,15 +62,15 @@ class Run:
 
     @property
     def names(self) -> list[str]:
-        """Of the drones, in the order of the truth."""
+        """Names of the drones, in the order of the truth."""
         return [str(n) for n in self.truth["names"]]
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """What the runner wrote down; empty where it did not come so far.
+        """Contents of `metrics.json`; empty where there is none.
 
         Raises:
-            RunError: something else is written there.
+            RunError: the file is not the metrics of a flight.
         """
         path = self.folder / "metrics.json"
         try:
@@ -80,42 +80,27 @@ class Run:
 
 
 def own_frames(scenario: Scenario) -> list[OwnFrame]:
-    """Of each drone, as the simulator gave it to them."""
+    """Return the own frame of each drone."""
     start, yaws = scenarios.starts(scenario), scenarios.frame_yaws(scenario)
     boots = scenarios.boot_ms(scenario)
     return [OwnFrame(o, float(y), b / 1e3) for o, y, b in zip(start, yaws, boots, strict=True)]
 
 
 def log_path(folder: Path, name: str) -> Path:
-    """Where a drone's flight log is."""
+    """Return the path of a drone's flight log."""
     return folder / "drones" / name / "flight.mcap"
 
 
-def remove(folder: Path) -> None:
-    """Delete a run folder, where there is one.
-
-    Raises:
-        SettingsError: it cannot be deleted.
-    """
-    try:
-        if folder.exists():
-            shutil.rmtree(folder)
-    except OSError as error:
-        raise SettingsError([f"{folder}: cannot be made anew: {error.strerror}"]) from error
-
-
-def forget(folder: Path) -> None:
-    """Delete what would be read as this flight's where an earlier one has left it."""
-    for pattern in ("drones/*/flight.*", "truth.npz", "metrics.json", "report.html"):
-        for path in folder.glob(pattern):
-            path.unlink()
+def holds_flight(folder: Path) -> bool:
+    """Return whether a flight has left its truth, metrics or logs in the folder."""
+    return any(next(folder.glob(pattern), None) is not None for pattern in _OF_A_FLIGHT)
 
 
 def read_ticks(path: Path) -> list[dict[str, Any]]:
-    """Every tick of a whole log, oldest first.
+    """Return every tick of a whole log, oldest first.
 
     Raises:
-        LogError: not there, empty, foreign, or cut off.
+        LogError: the log is missing, empty, foreign, or cut off.
     """
     ticks = [orjson.loads(m.data) for _, m in read_messages(path, ["/tick"])]
     if not ticks:
@@ -124,7 +109,7 @@ def read_ticks(path: Path) -> list[dict[str, Any]]:
 
 
 def salvage_ticks(path: Path) -> list[dict[str, Any]]:
-    """The ticks that are there, also of a companion that was killed; none where there is no log."""
+    """Return the ticks that a log holds, also of a killed companion; none without a log."""
     return [orjson.loads(m.data) for m in salvage(path, "/tick")]
 
 
@@ -132,7 +117,7 @@ def load_run(folder: Path) -> Run:
     """Read a whole run folder.
 
     Raises:
-        RunError: something is missing, empty, foreign or cut off; named.
+        RunError: a file is missing, empty, foreign or cut off; the message names it.
     """
     if not folder.is_dir():
         raise RunError(f"{folder}: no such run folder")
@@ -145,13 +130,14 @@ def load_run(folder: Path) -> Run:
         raise RunError(str(error)) from error
     world["targets"] = {n: world["targets"].get(n, world["targets"].get("*", [])) for n in logs}
     if scenario.drones.count != len(logs):
-        raise RunError(f"{folder}: scenario.yaml has {scenario.drones.count} drones, "
-                       f"truth.npz {len(logs)}")  # fmt: skip
+        raise RunError(
+            f"{folder}: scenario.yaml has {scenario.drones.count} drones, truth.npz {len(logs)}"
+        )
     return Run(folder, scenario, world, truth, logs)
 
 
 def _world(path: Path) -> dict[str, Any]:
-    """What is there to touch and to reach; what may be left out is filled in."""
+    """Read `world.json`, with defaults where values may be left out."""
     try:
         world = json.loads(path.read_text("utf-8"))
         if not {"drone_radius", "cylinders", "boxes", "targets"} <= set(world):
@@ -173,7 +159,7 @@ def _world(path: Path) -> dict[str, Any]:
 
 
 def _cylinder(c: dict[str, Any]) -> dict[str, float]:
-    """One without a height goes up for ever."""
+    """Return a cylinder with numbers; without a height it is infinitely high."""
     height = c.get("height")
     place = {k: float(c[k]) for k in ("x", "y", "radius")}
     return {**c, **place, "height": np.inf if height is None else float(height)}

@@ -1,8 +1,9 @@
-"""The recorded ground truth of a flight, as the judge reads it."""
+"""The recorded ground truth of a flight, in the form that an independent judge reads."""
 
 from __future__ import annotations
 
 import hashlib
+from collections import deque
 from pathlib import Path
 
 import numpy as np
@@ -11,24 +12,30 @@ from numpy.typing import NDArray
 from mavlink_bridge.shared.arrays import Vector
 from sitl_sim.vehicles.rigid_body import Vehicles
 
+RATE_HZ = 50
+
 
 class Truth:
-    """50 Hz samples of every vehicle: t (T,) s; position, velocity (T,N,3); attitude (T,N,4)."""
+    """50 Hz samples of every vehicle: t (T,) s; position, velocity (T,N,3); attitude (T,N,4).
 
-    def __init__(self, names: list[str]) -> None:
+    last_seconds: older samples are dropped; None: all are kept.
+    """
+
+    def __init__(self, names: list[str], last_seconds: float | None = None) -> None:
         self.names = names
-        self._t: list[float] = []
-        self._rows: list[tuple[Vector, Vector, Vector, NDArray[np.bool_]]] = []
+        most = None if last_seconds is None else round(last_seconds * RATE_HZ)
+        self._t: deque[float] = deque(maxlen=most)
+        self._rows: deque[tuple[Vector, Vector, Vector, NDArray[np.bool_]]] = deque(maxlen=most)
 
     def record(self, t: float, vehicles: Vehicles, armed: NDArray[np.bool_]) -> None:
-        """Append one instant."""
+        """Append the state of all vehicles at t [s]."""
         self._t.append(t)
         self._rows.append(
             (vehicles.p.copy(), vehicles.v.copy(), vehicles.q.copy(), np.array(armed, bool))
         )
 
     def arrays(self) -> dict[str, NDArray[np.generic]]:
-        """Everything recorded, under the judge's names."""
+        """Return everything recorded, under the names of `truth.npz`."""
         p, v, q, armed = (np.stack(column) for column in zip(*self._rows, strict=True))
         return {
             "t": np.array(self._t),
@@ -40,6 +47,6 @@ class Truth:
         }
 
     def write(self, path: Path) -> str:
-        """Write `truth.npz`; gives its SHA-256."""
+        """Write `truth.npz` and return its SHA-256."""
         np.savez_compressed(path, **self.arrays())  # type: ignore[arg-type]
         return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,1 +1,1 @@
-"""Scenarios as data, and what each companion is told of them."""
+"""Scenarios as data, and the configurations of their companions."""

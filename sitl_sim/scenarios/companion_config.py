@@ -1,4 +1,4 @@
-"""What each companion is told before take-off: its ports and goals, nothing of the others."""
+"""Configuration of each companion: its ports and goals, nothing about the other drones."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ import yaml
 from mavlink_bridge.shared.settings import SettingsError, overlay, parse_yaml, validate
 from sitl_sim.external.fleet import BRIDGE_DELAY, EXPONENT, HOVER
 from sitl_sim.scenarios import scenario as scenarios
-from sitl_sim.scenarios.companion_door import companion_class
+from sitl_sim.scenarios.companion_entry_points import companion_class
 from sitl_sim.scenarios.scenario import Scenario, WireConfig
 
 
 def companion_port(wire: WireConfig, system: int) -> int:
-    """UDP port of the companion of vehicle `system`: the ground stations' is left out."""
+    """Return the UDP port of vehicle `system`'s companion; the ground stations' is left out."""
     port = wire.companion_port + system
     return port + (wire.companion_port < wire.gcs_port <= port)
 
 
 def companion_config(scenario: Scenario, i: int, folder: Path, clock: bool) -> dict[str, Any]:
-    """The config.yaml of drone i's companion; goals are in its own frame.
+    """Return the config.yaml of drone i's companion; goals are in its own frame.
 
-    folder: of the run, where its log goes. clock: whether it paces itself, or frames pace it.
+    folder: run folder, for its log. clock: its ticks are paced by its clock, else by frames.
     """
     s, wire, name = scenario, scenario.wire, scenarios.drone_names(scenario)[i]
     start, yaws = scenarios.starts(s), scenarios.frame_yaws(s)
@@ -67,11 +67,11 @@ def companion_config(scenario: Scenario, i: int, folder: Path, clock: bool) -> d
 
 
 def check_companions(scenario: Scenario, in_process: bool) -> None:
-    """See that companions will take what they are to be told, before anything flies.
+    """Check the companions' configurations before anything flies.
 
     Raises:
-        SettingsError: with every mistake of the first that does not; or they cannot be where the
-            autopilots are.
+        SettingsError: with every mistake of the first wrong one, or companions in this process
+            cannot fly real autopilots.
     """
     if in_process and scenario.drones.real:
         raise SettingsError(["real autopilots talk to companions in processes: no --in-process"])

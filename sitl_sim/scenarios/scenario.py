@@ -1,4 +1,4 @@
-"""A scenario as data: world, drones, mission, sensing, timing; YAML in, everything overridable."""
+"""A scenario as data: world, drones, mission, sensing, timing; from YAML, with overrides."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from mavlink_bridge.shared.settings import (
 from sitl_sim.faults import catalogue as fault
 from sitl_sim.sensors.fisheye import Lens
 from sitl_sim.worlds.mission_file import read_mission
-from sitl_sim.worlds.world import Place, Spot, WorldConfig
+from sitl_sim.worlds.world import Point2, Point3, WorldConfig
 
-QUANTUM_MS = 2  # of the simulated time
+QUANTUM_MS = 2  # smallest step of the simulated time
 TICK_MS = 100  # between frames of a camera
 
 
 class DronesConfig(StrictModel):
-    """Who flies, and from where."""
+    """The drones and their starts."""
 
     count: int = Field(9, ge=1, le=200)
     formation: Literal["grid", "circle"] = "grid"
@@ -38,9 +38,9 @@ class DronesConfig(StrictModel):
     centre: list[float] = Field([0.0, 0.0], min_length=2, max_length=2)
     ring: float = Field(10.0, gt=0, description="circle: its radius [m].")
     heading_deg: float | Literal["target"] = Field(
-        90.0, description="Where they look: ENU yaw; target: each to its own first target."
+        90.0, description="ENU yaw at the start; target: each faces its own first target."
     )
-    starts: list[Spot] = Field([], description="[x, y] each, instead of a formation.")
+    starts: list[Point2] = Field([], description="[x, y] each, instead of a formation.")
     jitter: float = Field(0.1, ge=0, description="Each start is moved up to this [m].")
     shift: float = Field(0.0, ge=0, description="All starts together, across their heading [m].")
     radius: float = Field(0.2, gt=0, description="Of the sphere around a drone [m].")
@@ -58,7 +58,7 @@ class DronesConfig(StrictModel):
 
     @model_validator(mode="after")
     def _knows_its_parameters(self) -> Self:
-        if self.binary or not self.parameters:  # an own binary has more than the emulated ones
+        if self.binary or not self.parameters:  # a user's binary has further parameters
             return self
         from sitl_sim.vehicles.firmware.flavours import (
             FLAVOURS,  # slow to import, seldom needed here
@@ -77,26 +77,28 @@ class DronesConfig(StrictModel):
 
 
 class MissionConfig(StrictModel):
-    """Where to fly, in the world frame."""
+    """Targets, in the world frame."""
 
-    targets: list[Place] = Field([], description="[x, y, z] each, for all drones, in order.")
-    targets_of: dict[str, list[Place]] = Field({}, description="Instead, by drone name.")
+    targets: list[Point3] = Field([], description="[x, y, z] each, for all drones, in order.")
+    targets_of: dict[str, list[Point3]] = Field({}, description="Instead, by drone name.")
     spread: bool = Field(
-        False, description="The last of the targets is the formation's: each to its place in it."
+        False,
+        description="The last target is the formation's: each drone flies to its place in it.",
     )
-    exchange: bool = Field(False, description="Last: the place opposite the start, round "
-                           "drones.centre.")  # fmt: skip
+    exchange: bool = Field(
+        False, description="Last: the place opposite the start, round drones.centre."
+    )
     home: bool = Field(True, description="The last target is the drone's own start.")
     levels: list[float] = Field(
         [0.0],
         min_length=1,
-        description="m above the targets: the drones' ways are spread over these heights, by lot.",
+        description="m above the targets: the drones are distributed over these heights at random.",
     )
     waits: list[Annotated[float, Field(ge=0)]] = Field(
         [0.0],
         min_length=1,
-        description="s after take-off at which drones set out: they are spread over these, and "
-        "those of each level too.",
+        description="s after take-off at which drones set out: distributed over all drones, and "
+        "over those of each level.",
     )
     tolerance: float = Field(3.0, gt=0, description="A target is reached within this [m].")
     altitude: float = Field(2.0, gt=0.5, description="Of take-off and home [m].")
@@ -107,14 +109,14 @@ class DepthConfig(StrictModel):
     """The depth image of airframes that carry such a sensor: the camera's view, coarser."""
 
     width: int = Field(160, ge=32, le=640, description="px; the height follows the camera's.")
-    range: float = Field(10.0, gt=0, description="Nothing is measured beyond [m].")
+    range: float = Field(10.0, gt=0, description="Farthest measurement [m].")
     noise: float = Field(
         0.01, ge=0, le=0.5, description="1 σ as a share of the distance; stereo has 1–2 % at 4 m."
     )
 
 
 class SensingConfig(StrictModel):
-    """What the companions see."""
+    """What the companions sense."""
 
     neighbours: Literal["camera", "truth"] = "camera"
     obstacles: Literal["camera", "depth", "map"] = "camera"
@@ -127,18 +129,18 @@ class SensingConfig(StrictModel):
         ge=0,
         le=0.08,
         description="From capture to delivery [s]: exposure, read-out, transfer. In lockstep "
-        "pictures are painted meanwhile.",
+        "pictures are rendered meanwhile.",
     )
     depth: DepthConfig = DepthConfig()
     calibration: str | None = Field(
         None,
-        description="Calibration file of all cameras, read here and by each companion for "
-        "itself; width and height must be its own.",
+        description="Calibration file of all cameras, read by the simulator and by each "
+        "companion; width and height must be those of the file.",
     )
 
 
 class TimingConfig(StrictModel):
-    """Lockstep's clockwork."""
+    """Timing of the lockstep."""
 
     compute_delay: float = Field(0.02, ge=0.002, le=0.08, description="Tick to effect [s].")
     answer_timeout: float = Field(
@@ -169,39 +171,45 @@ class Scenario(StrictModel):
     timing: TimingConfig = TimingConfig()
     wire: WireConfig = WireConfig()
     wind: list[float] = Field([0.0, 0.0, 0.0], min_length=3, max_length=3, description="m/s ENU.")
-    faults: list[fault.FaultConfig] = Field([], description="What goes wrong: docs/faults.md.")
+    faults: list[fault.FaultConfig] = Field([], description="Faults of the flight: docs/faults.md.")
     companion: dict[str, Any] = Field({}, description="Overrides of every companion's config.")
 
 
 def names() -> list[str]:
-    """Scenarios that come with the package."""
+    """Return the names of the packaged scenarios."""
     folder = resources.files("sitl_sim") / "scenarios"
-    return sorted(f.name.removesuffix(".yaml") for f in folder.iterdir()
-                  if f.name.endswith(".yaml"))  # fmt: skip
+    return sorted(
+        f.name.removesuffix(".yaml") for f in folder.iterdir() if f.name.endswith(".yaml")
+    )
 
 
 def description(name: str) -> str:
-    """One line about a scenario that comes with the package."""
+    """Return the description of a packaged scenario, one line."""
     path = Path(str(resources.files("sitl_sim") / "scenarios" / f"{name}.yaml"))
     return str(load_yaml(path).data.get("description", ""))
 
 
 def load(scenario: str, overrides: list[str]) -> Scenario:
-    """A scenario by name or YAML file, with path.to.key=value overrides on top, ready to fly.
+    """Read a scenario by name or YAML file, with path.to.key=value overrides, ready to fly.
 
     Raises:
-        SettingsError: with every mistake at its place, or the valid names.
+        SettingsError: with every mistake and its place, or the valid names.
     """
     loaded = with_mission(read(scenario, overrides))
     names_ = drone_names(loaded)
     if unknown := [n for n in loaded.mission.targets_of if n not in names_]:
-        raise SettingsError([f"mission.targets_of: no drone {unknown[0]!r}; valid: "
-                             f"{', '.join(names_)}"])  # fmt: skip
+        raise SettingsError(
+            [f"mission.targets_of: no drone {unknown[0]!r}; valid: {', '.join(names_)}"]
+        )
     return loaded
 
 
 def read(scenario: str, overrides: list[str]) -> Scenario:
-    """The same as it is written: a mission of `world.missions` is not looked up yet."""
+    """Read a scenario as it is written, without a lookup of its mission in `world.missions`.
+
+    Raises:
+        SettingsError: as `load`.
+    """
     if scenario in names():
         path = Path(str(resources.files("sitl_sim") / "scenarios" / f"{scenario}.yaml"))
     elif scenario.endswith((".yaml", ".yml")):
@@ -214,33 +222,42 @@ def read(scenario: str, overrides: list[str]) -> Scenario:
 
 
 def with_mission(scenario: Scenario) -> Scenario:
-    """World, starts and targets of one mission of `world.missions` written out; the seed's.
+    """Return the scenario with world, starts and targets of the seed's mission filled in.
 
     Raises:
-        SettingsError: no file, or not one of missions; named.
+        SettingsError: `world.missions` is missing or holds no missions; the message names it.
     """
     if scenario.world.generator != "missions":
         return scenario
     if scenario.world.missions is None:
-        raise SettingsError([f"world.missions: {scenario.name} needs the file that holds its "
-                             "missions: --set world.missions=FILE"])  # fmt: skip
+        raise SettingsError(
+            [
+                f"world.missions: {scenario.name} needs the file that holds its "
+                "missions: --set world.missions=FILE"
+            ]
+        )
     mission = read_mission(Path(scenario.world.missions), scenario.seed, scenario.drones.count)
     names_ = [f"drone{i + 1}" for i in range(scenario.drones.count)]
-    return scenario.model_copy(update={
-        "world": scenario.world.model_copy(
-            update={"generator": "empty", "missions": None, "cylinders": mission.cylinders}),
-        "drones": scenario.drones.model_copy(
-            update={"starts": mission.starts, "radius": mission.drone_radius}),
-        "mission": scenario.mission.model_copy(
-            update={"targets_of": {n: [g] for n, g in zip(names_, mission.goals, strict=True)}}),
-    })  # fmt: skip
+    return scenario.model_copy(
+        update={
+            "world": scenario.world.model_copy(
+                update={"generator": "empty", "missions": None, "cylinders": mission.cylinders}
+            ),
+            "drones": scenario.drones.model_copy(
+                update={"starts": mission.starts, "radius": mission.drone_radius}
+            ),
+            "mission": scenario.mission.model_copy(
+                update={"targets_of": {n: [g] for n, g in zip(names_, mission.goals, strict=True)}}
+            ),
+        }
+    )
 
 
 def fault_schedule(scenario: Scenario) -> fault.Schedule:
-    """The scenario's faults by drone.
+    """Return the scenario's faults by drone.
 
     Raises:
-        SettingsError: one that this scenario cannot have, or of a drone that is not there.
+        SettingsError: this scenario cannot have a fault, or its drone does not exist.
     """
     s = scenario.sensing
     fault.check(
@@ -253,10 +270,10 @@ def fault_schedule(scenario: Scenario) -> fault.Schedule:
 
 
 def lens_of(sensing: SensingConfig) -> Lens:
-    """The lens of all cameras.
+    """Return the lens of all cameras.
 
     Raises:
-        SettingsError: a calibration that cannot be used, or is of another image size.
+        SettingsError: the calibration cannot be used, or is of another image size.
     """
     if sensing.calibration is None:
         return Lens(sensing.width, sensing.height, sensing.fov_deg)
@@ -271,12 +288,12 @@ def lens_of(sensing: SensingConfig) -> Lens:
 
 
 def drone_names(scenario: Scenario) -> list[str]:
-    """drone1 … droneN."""
+    """Return drone1 … droneN."""
     return [f"drone{i + 1}" for i in range(scenario.drones.count)]
 
 
 def starts(scenario: Scenario) -> Vector:
-    """(n,3) m on the ground: the formation, moved a little by the seed."""
+    """Return the starts (n,3) m on the ground: the formation, moved at random by the seed."""
     d = scenario.drones
     flat = _formation(d)
     rng = np.random.default_rng([scenario.seed, 2])
@@ -288,7 +305,7 @@ def starts(scenario: Scenario) -> Vector:
 
 
 def _formation(d: DronesConfig) -> Vector:
-    """(n,2) m: where each drone is to stand."""
+    """Return the place (n,2) m of each drone in the formation."""
     n, centre = d.count, np.array(d.centre)
     if d.starts:
         if len(d.starts) < n:
@@ -310,20 +327,20 @@ def _formation(d: DronesConfig) -> Vector:
 
 
 def headings(scenario: Scenario, start: Vector) -> Vector:
-    """(n,) rad, ENU yaw of each drone as it stands."""
+    """Return the ENU yaw (n,) rad of each drone at its start."""
     wanted = scenario.drones.heading_deg
     if wanted != "target":
         return np.full(len(start), np.radians(wanted))
     goals = targets(scenario, start)
     if none := [name for name, g in goals.items() if not g]:
-        raise SettingsError([f"drones.heading_deg: {none[0]} has no target to look to"])
+        raise SettingsError([f"drones.heading_deg: {none[0]} has no target to face"])
     first = np.array([g[0][:2] for g in goals.values()])
     yaws: Vector = np.arctan2(*(first - start[:, :2]).T[::-1])
     return yaws
 
 
 def frame_yaws(scenario: Scenario) -> Vector:
-    """(n,) rad: yaw of each vehicle's own frame in the world."""
+    """Return the yaw (n,) rad of each vehicle's own frame in the world."""
     d = scenario.drones
     if d.frame_yaw_deg == "random":
         return np.random.default_rng([scenario.seed, 3]).uniform(-np.pi, np.pi, d.count)
@@ -331,29 +348,29 @@ def frame_yaws(scenario: Scenario) -> Vector:
 
 
 def boot_ms(scenario: Scenario) -> list[int]:
-    """What each vehicle's clock shows when the flight begins: so they tick at different phases."""
+    """Return each vehicle's clock [ms] when the flight begins; companions tick out of phase."""
     n = scenario.drones.count
     return [round(i * TICK_MS / n / QUANTUM_MS) * QUANTUM_MS for i in range(n)]
 
 
 def levels(scenario: Scenario) -> Vector:
-    """(n,) m above its targets at which each drone flies its way."""
-    return _by_lot(scenario, scenario.mission.levels)
+    """Return the height (n,) m above its targets at which each drone flies."""
+    return _distributed(scenario, scenario.mission.levels)
 
 
 def waits(scenario: Scenario) -> Vector:
-    """(n,) s that each drone waits before it sets out."""
-    return _by_lot(scenario, np.repeat(scenario.mission.waits, len(scenario.mission.levels)))
+    """Return the time (n,) s that each drone waits before it sets out."""
+    return _distributed(scenario, np.repeat(scenario.mission.waits, len(scenario.mission.levels)))
 
 
-def _by_lot(scenario: Scenario, values: ArrayLike) -> Vector:
-    """(n,) the values in turn; all that are drawn for a seed are drawn in the same order."""
+def _distributed(scenario: Scenario, values: ArrayLike) -> Vector:
+    """Return (n,) the values in turn, permuted; the permutation depends on the seed alone."""
     n = scenario.drones.count
     return np.random.default_rng([scenario.seed, 4]).permutation(np.resize(values, n))
 
 
 def targets(scenario: Scenario, start: Vector) -> dict[str, list[list[float]]]:
-    """Targets of each drone in the world frame, the place opposite and home included."""
+    """Return the targets of each drone, world frame, with the place opposite and home."""
     m = scenario.mission
     out = {}
     for name, s in zip(drone_names(scenario), start, strict=True):

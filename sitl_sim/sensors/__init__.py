@@ -1,1 +1,1 @@
-"""What cameras see: rendered pictures, depth, or a perfect detector's report."""
+"""Sensors: rendered pictures, depth, and a perfect detector's reports."""

@@ -1,9 +1,10 @@
 """Drones in the picture: each a set of ellipsoids (hull, arms, motors, propellers, marker).
 
-Everything is an ellipsoid because one affine map per part takes a camera ray to the unit sphere:
-nine multiplications and a square root per part and ray.
+All parts are ellipsoids because one affine map takes a camera ray to the unit sphere: nine
+multiplications and a square root per part and ray.
 """
 
+# ruff: noqa: ANN001, ANN201, ANN202 - numba infers the types of a kernel's arguments
 from __future__ import annotations
 
 import math
@@ -12,24 +13,21 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from sitl_sim.sensors.fisheye import Float32, Float64
+from sitl_sim.sensors.fisheye import Float32
 from sitl_sim.sensors.scene import scene_range
 from sitl_sim.sensors.tables import FOG_RANGE
-from sitl_sim.sensors.textures import UInt8
 
 # Fields of a part, world-independent: 3×3 body → unit sphere, centre, bounding radius, BGR,
 # opacity, share of the light that does not depend on the surface's slope.
 PART_FIELDS = 9 + 3 + 1 + 3 + 1 + 1
 MAGENTA = (200.0, 20.0, 235.0)
-ORANGE = (10.0, 110.0, 250.0)
 
 
 @dataclass(frozen=True)
 class Look:
     """Appearance of a drone.
 
-    body, marker: BGR 0…255. marker_radius: m, of the saturated ball around the centre; 0: no
-    marker. scale: tip-to-centre size [m].
+    body, marker: BGR 0…255. marker_radius: of the saturated ball around the centre [m]; 0: none.
     """
 
     body: tuple[float, float, float] = (62.0, 60.0, 58.0)
@@ -37,7 +35,7 @@ class Look:
     marker_radius: float = 0.10
 
     def parts(self, radius: float) -> Float32:
-        """(n, PART_FIELDS) of a drone whose propeller tips reach `radius` [m]."""
+        """Return the parts (n, PART_FIELDS) of a drone whose propeller tips reach `radius` [m]."""
         k = radius / 0.2
         a, grey = 0.0955 * k, (70.0, 70.0, 72.0)
         dark = (self.body[0] * 0.55, self.body[1] * 0.55, self.body[2] * 0.55)
@@ -74,8 +72,8 @@ def _part(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _place(parts, p, r_wc, drone_p, r_wd, sun, f, lens, w, h):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Parts of one drone → per part: camera ray → unit sphere, camera there, sun, pixel box."""
+def _place(parts, p, r_wc, drone_p, r_wd, sun, f, lens, w, h):  # type: ignore[no-untyped-def]
+    """Return each part's map of camera rays to the unit sphere, camera there, sun, pixel box."""
     n = parts.shape[0]
     maps = np.empty((n, 3, 3), np.float32)
     origins = np.empty((n, 4), np.float32)  # and |origin|² − 1
@@ -135,10 +133,10 @@ def _place(parts, p, r_wc, drone_p, r_wd, sun, f, lens, w, h):  # type: ignore[n
 
 
 @njit(inline="always", error_model="numpy")
-def _trace(dx, dy, dz, maps, origins, suns, parts, active, n_active, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """One ray (camera frame) against a drone's parts: out = B, G, R, opacity; returns distance.
+def _trace(dx, dy, dz, maps, origins, suns, parts, active, n_active, out):  # type: ignore[no-untyped-def]
+    """Trace one ray (camera frame) through a drone's parts: out = B, G, R, opacity; the distance.
 
-    Opaque parts in front hide; translucent discs (propellers) in front of them blend.
+    The nearest opaque part hides the others; translucent discs (propellers) before it blend.
     """
     nearest, solid = np.float32(np.inf), -1
     veil_t, veil, veil_part = np.float32(np.inf), np.float32(0), -1
@@ -200,10 +198,26 @@ def _trace(dx, dy, dz, maps, origins, suns, parts, active, n_active, out):  # ty
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def draw_drones(  # type: ignore[no-untyped-def]  # noqa: ANN201
-    rays, p, r_wc, drones_p, drones_r, looks, parts_all, sun, haze, f, lens,  # noqa: ANN001
-    table, count, boxes, start, which, image, depth,  # noqa: ANN001
-):  # fmt: skip
+def draw_drones(  # type: ignore[no-untyped-def]
+    rays,
+    p,
+    r_wc,
+    drones_p,
+    drones_r,
+    looks,
+    parts_all,
+    sun,
+    haze,
+    f,
+    lens,
+    table,
+    count,
+    boxes,
+    start,
+    which,
+    image,
+    depth,
+):
     """Composite drones into image (h,w,3), far to near, or into depth (h,w) if it has rows.
 
     f: largest px/rad. lens: (8,) fx, fy, cx, cy, k1…k4.
@@ -229,7 +243,7 @@ def draw_drones(  # type: ignore[no-untyped-def]  # noqa: ANN201
         if distance[j] < 0.05 or distance[j] > 60.0:
             continue
         parts = parts_all[looks[j]]
-        # One that is wholly beside or behind what the lens takes in costs no more than this.
+        # A drone wholly outside the field of view costs no more than this.
         size = np.max(np.abs(parts[:, 9:12])) * 2.0 + np.max(parts[:, 12])
         ahead = np.sum(r_wc[:, 2] * (drones_p[j] - p)) / distance[j]
         if size < distance[j] and math.acos(ahead) - math.asin(size / distance[j]) > reach:
@@ -305,7 +319,7 @@ def draw_drones(  # type: ignore[no-untyped-def]  # noqa: ANN201
 
 
 def stack_parts(looks: list[Look], radius: float) -> Float32:
-    """(k, n, PART_FIELDS), padded with parts of zero size that no ray can hit."""
+    """Return parts (k, n, PART_FIELDS), padded with parts of zero size that no ray can hit."""
     each = [look.parts(radius) for look in looks]
     n = max(len(parts) for parts in each)
     result = np.zeros((len(each), n, PART_FIELDS), np.float32)
@@ -313,6 +327,3 @@ def stack_parts(looks: list[Look], radius: float) -> Float32:
         row[: len(parts)] = parts
         row[len(parts) :, :9] = np.eye(3, dtype=np.float32).ravel() * 1e6
     return result
-
-
-__all__ = ["MAGENTA", "ORANGE", "Float64", "Look", "UInt8", "draw_drones", "stack_parts"]

@@ -13,6 +13,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from mavlink_bridge.shared.frames import rotation_matrix
+
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
@@ -21,15 +23,8 @@ R_BC = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
 def rotation(q: Float64) -> Float64:
-    """Unit quaternion (4,) w, x, y, z, body → world, to its matrix (3,3)."""
-    w, x, y, z = np.asarray(q, float) / np.linalg.norm(q)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    """Return the matrix (3,3), body → world, of a quaternion (4,) that need not have length 1."""
+    return rotation_matrix(np.asarray(q, float) / np.linalg.norm(q))
 
 
 @dataclass(frozen=True)
@@ -46,10 +41,10 @@ class Lens:
 
     @staticmethod
     def load(path: str | Path) -> Lens:
-        """The lens of a calibration file (width, height, fx, fy, cx, cy, k1…k4).
+        """Read the lens of a calibration file (width, height, fx, fy, cx, cy, k1…k4).
 
         Raises:
-            ValueError: no such file, or not such numbers; the text names it.
+            ValueError: the file or a number in it is missing or wrong; the message names the file.
         """
         try:
             data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
@@ -65,7 +60,7 @@ class Lens:
         return replace(flat, fov_deg=float(np.degrees(2 * edge)))
 
     def scaled(self, width: int, height: int) -> Lens:
-        """The same view at another image size (px)."""
+        """Return the lens with the same view at another image size [px]."""
         if self.calibration is None:
             return Lens(width, height, self.fov_deg)
         su, sv = width / self.width, height / self.height
@@ -90,7 +85,7 @@ class Lens:
         return np.array([self.f, self.f, (self.width - 1) / 2, (self.height - 1) / 2, 0, 0, 0, 0])
 
     def angle(self, radius: Float64) -> Float64:
-        """Angle from the axis [rad] of normalised image radii."""
+        """Return the angles from the axis [rad] of normalised image radii."""
         if self.calibration is None:
             return radius
         theta = np.linspace(0.0, 2.2, 20001)

@@ -1,4 +1,4 @@
-"""Labelled frames in a folder: what perception is measured and trained with.
+"""Labelled frames in a folder, to measure and train perception.
 
 `camera.yaml` is the calibration, `frames.json` lists the frames: file, conditions, attitude and
 altitude, and what is in it (camera frame: x right, y down, z forward; m, m/s):
@@ -25,11 +25,17 @@ from mavlink_bridge.shared.settings import SettingsError
 from sitl_sim.sensors.drones import MAGENTA, Look
 from sitl_sim.sensors.fisheye import Lens
 from sitl_sim.sensors.renderer import Renderer, Sensor
-from sitl_sim.sensors.scenes import Scene, crowds, flights, stills, trunks_in_view
+from sitl_sim.sensors.scenes import (
+    Scene,
+    crowded_scenes,
+    flight_scenes,
+    still_scenes,
+    trunks_in_view,
+)
 from sitl_sim.sensors.textures import UInt8
 
 LOOKS = 12  # of drones in one world
-# Bark and litter as the renderer's textures have them.
+# Colours of bark and litter in the renderer's textures, BGR.
 _TREE = np.array([[70.0, 82.0, 92.0], [48.0, 88.0, 116.0], [52.0, 98.0, 92.0], [90.0, 112.0, 96.0]])
 
 
@@ -37,8 +43,8 @@ _TREE = np.array([[70.0, 82.0, 92.0], [48.0, 88.0, 116.0], [52.0, 98.0, 92.0], [
 class Conditions:
     """How a set of frames is degraded.
 
-    looks: `marked`, `bare` or `tree`. after: what befalls the scene's picture.
-    hidden: only frames in which a drone is partly hidden.
+    looks: `marked`, `bare` or `tree`. after: alters the rendered picture. hidden: only frames in
+    which a drone is partly hidden.
     """
 
     sensor: Sensor = field(default_factory=Sensor)
@@ -48,7 +54,7 @@ class Conditions:
 
 
 def _backlight(image: UInt8, scene: Scene, lens: Lens, rng: np.random.Generator) -> UInt8:
-    """A low sun in the view: glare around it, and all else underexposed."""
+    """Add a low sun: glare around it, and underexposure elsewhere."""
     azimuth, height = rng.uniform(-1.2, 1.2), rng.uniform(0.05, 0.5)
     sun = np.array([np.sin(azimuth), -np.sin(height), np.cos(azimuth)])
     away = np.arccos(np.clip(np.tensordot(sun / np.linalg.norm(sun), lens.rays, 1), -1, 1))
@@ -58,7 +64,7 @@ def _backlight(image: UInt8, scene: Scene, lens: Lens, rng: np.random.Generator)
 
 
 def _rain(image: UInt8, scene: Scene, lens: Lens, rng: np.random.Generator) -> UInt8:
-    """Streaks, drops on the lens, and less contrast."""
+    """Add streaks, drops on the lens, and less contrast."""
     veil = cv2.addWeighted(image, 0.8, np.full_like(image, 190), 0.2, 0)
     streaks = np.zeros(image.shape[:2], np.uint8)
     for u, v in rng.uniform([0, 0], [lens.width, lens.height], (260, 2)):
@@ -88,10 +94,10 @@ CONDITIONS = {
 
 
 def looks(kind: str, rng: np.random.Generator) -> list[Look]:
-    """LOOKS appearances.
+    """Return LOOKS appearances of drones of one kind.
 
-    marked: dark with a magenta ball; bare: grey to coloured, no ball; tree: in the colours of bark
-    and litter; mixed: any of them.
+    marked: dark with a magenta ball. bare: grey to coloured, without ball. tree: in the colours of
+    bark and litter. mixed: any of these.
     """
     made = []
     for _ in range(LOOKS):
@@ -108,30 +114,42 @@ def looks(kind: str, rng: np.random.Generator) -> list[Look]:
     return made
 
 
-CROWDS = (1, 5, 10, 20)  # neighbours in view, for taking the time
+CROWDS = (1, 5, 10, 20)  # neighbours in view, to measure computation time
 
 
 def write(
-    folder: Path, seed: int, count: int, degraded: int, sequences: int, kind: str,
+    folder: Path,
+    seed: int,
+    count: int,
+    degraded: int,
+    sequences: int,
+    kind: str,
     progress: Callable[[str], object] = lambda name: None,
-) -> int:  # fmt: skip
-    """Render the evaluation set of a seed; returns how many frames it has.
+) -> int:
+    """Render the evaluation set of a seed and return its number of frames.
 
-    That is `count` clean frames, `degraded` of each other kind of conditions, `sequences` flights
-    of 4 s, and `neighbours-N`.
+    It has `count` clean frames, `degraded` ones of each other condition, `sequences` flights of
+    4 s, and `neighbours-N`.
 
     Raises:
-        SettingsError: there is no such seed.
+        SettingsError: the seed is negative.
     """
     if seed < 0:
         raise SettingsError([f"--seed: must be at least 0, got {seed}"])
     folder.mkdir(parents=True, exist_ok=True)
     lens = Lens(640, 400)
     calibration = {
-        "width": lens.width, "height": lens.height, "fx": lens.f, "fy": lens.f,
-        "cx": (lens.width - 1) / 2, "cy": (lens.height - 1) / 2,
-        "k1": 0.0, "k2": 0.0, "k3": 0.0, "k4": 0.0,
-    }  # fmt: skip
+        "width": lens.width,
+        "height": lens.height,
+        "fx": lens.f,
+        "fy": lens.f,
+        "cx": (lens.width - 1) / 2,
+        "cy": (lens.height - 1) / 2,
+        "k1": 0.0,
+        "k2": 0.0,
+        "k3": 0.0,
+        "k4": 0.0,
+    }
     (folder / "camera.yaml").write_text(yaml.safe_dump(calibration, sort_keys=False))
     rows: list[dict[str, Any]] = []
     for name, scene, image in _all(seed, count, degraded, sequences, kind, lens):
@@ -148,7 +166,7 @@ def write(
 
 
 def label(scene: Scene, lens: Lens) -> dict[str, Any]:
-    """What is in a scene's picture, as `frames.json` has it."""
+    """Return the labels of a scene's picture, as in `frames.json`."""
     offsets = scene.in_camera(scene.drones - scene.p)
     ranges = np.linalg.norm(offsets, axis=1)
     drones = [
@@ -177,8 +195,12 @@ def label(scene: Scene, lens: Lens) -> dict[str, Any]:
 
 def _moving(scene: Scene, sequence: int) -> dict[str, Any]:
     assert scene.own_v is not None
-    return {"sequence": sequence, "time": scene.time, "p": _plain(scene.p),
-            "v": _plain(scene.own_v)}  # fmt: skip
+    return {
+        "sequence": sequence,
+        "time": scene.time,
+        "p": _plain(scene.p),
+        "v": _plain(scene.own_v),
+    }
 
 
 def _all(
@@ -186,15 +208,17 @@ def _all(
 ) -> Iterator[tuple[str, Scene, UInt8]]:
     for number, (name, conditions) in enumerate(CONDITIONS.items()):
         wanted = count if name == "clean" else degraded
-        scenes = stills(10 * wanted if conditions.hidden else wanted, seed * 16 + number, lens)
+        scenes = still_scenes(
+            10 * wanted if conditions.hidden else wanted, seed * 16 + number, lens
+        )
         yield from (
             (name, *pair) for pair in rendered(scenes, conditions, kind, lens, seed, wanted)
         )
     for crowd in CROWDS:
-        scenes = crowds(crowd, 12, seed, lens)
+        scenes = crowded_scenes(crowd, 12, seed, lens)
         for scene, image in rendered(scenes, CONDITIONS["clean"], kind, lens, seed, 12):
             yield f"neighbours-{crowd}", scene, image
-    for n, flight in enumerate(flights(sequences, 4.0, seed, lens)):
+    for n, flight in enumerate(flight_scenes(sequences, 4.0, seed, lens)):
         for scene, image in rendered(iter(flight), CONDITIONS["clean"], kind, lens, seed, 40):
             yield f"sequence:{n}", scene, image
 
@@ -202,7 +226,7 @@ def _all(
 def rendered(
     scenes: Iterator[Scene], conditions: Conditions, kind: str, lens: Lens, seed: int, wanted: int
 ) -> Iterator[tuple[Scene, UInt8]]:
-    """Pictures of scenes under the given conditions; a renderer for each world."""
+    """Render scenes under the given conditions; each world has a renderer of its own."""
     rng = np.random.default_rng([seed, 79])
     renderer: Renderer | None = None
     world: dict[str, Any] | None = None
@@ -213,9 +237,14 @@ def rendered(
         if renderer is None or scene.world is not world:
             world = scene.world
             renderer = Renderer(
-                world, lens.width, lens.height, lens.fov_deg, seed=seed * 1009 + index,
-                sensor=conditions.sensor, looks=looks(conditions.looks or kind, rng),
-            )  # fmt: skip
+                world,
+                lens.width,
+                lens.height,
+                lens.fov_deg,
+                seed=seed * 1009 + index,
+                sensor=conditions.sensor,
+                looks=looks(conditions.looks or kind, rng),
+            )
         ids = (scene.ids + index // 25).tolist() if scene.own_v is None else scene.ids.tolist()
         image = renderer.render(
             scene.p, scene.q, scene.drones, scene.attitudes, seed * 100003 + index, drones_id=ids

@@ -1,4 +1,4 @@
-"""What a perfect detector would report: only what eq. (6) lets a drone see.
+"""Reports of a perfect detector: everything that is visible by eq. (6), and nothing else.
 
 For studies with `neighbours: truth` or `obstacles: map`. Rows have the layout of the frame
 channel: direction (3) in the camera frame, distance, and two more numbers.
@@ -10,36 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavlink_bridge.shared.arrays import Vector
-from sitl_sim.sensors.fisheye import Lens
+from mavlink_bridge.shared.frames import rotation_matrix
+from sitl_sim.sensors.fisheye import R_BC, Lens
 from sitl_sim.worlds.world import Occluders
 
-# Camera axes in the body: right = -y, down = -z, forward = +x.
-_R_BC = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 _WALL_COLUMNS = 80  # of the coarse range image: 2° apart
 
 
-def rotation(q: Vector) -> Vector:
-    """(3,3) body → world of a unit quaternion w, x, y, z."""
-    w, x, y, z = q
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
 def camera_rays(q: Vector, offsets: Vector) -> Vector:
-    """Unit directions (...,n,3), camera frame, of world offsets (...,n,3); q (...,4): the eye."""
+    """Return unit directions (...,n,3) in the camera frame of world offsets (...,n,3).
+
+    q: (...,4) unit, body → world: attitudes of the drones that carry the cameras.
+    """
     distance = np.maximum(np.linalg.norm(offsets, axis=-1, keepdims=True), 1e-9)
-    r = np.moveaxis(rotation(np.moveaxis(q, -1, 0)), (0, 1), (-2, -1))
-    rays: Vector = (offsets / distance) @ r @ _R_BC
+    matrices = np.array([rotation_matrix(one) for one in q.reshape(-1, 4)])
+    r = matrices.reshape(*q.shape[:-1], 3, 3)
+    rays: Vector = (offsets / distance) @ r @ R_BC
     return rays
 
 
 def seen(rays_c: Vector, half_view: float, half_height: float) -> NDArray[np.bool_]:
-    """Whether unit directions (...,3) in the camera frame fall inside an equidistant image."""
+    """Return whether unit directions (...,3), camera frame, are inside an equidistant image."""
     x, y, z = np.moveaxis(rays_c, -1, 0)
     theta = np.arccos(np.clip(z, -1.0, 1.0))
     rho = np.maximum(np.hypot(x, y), 1e-9)
@@ -50,10 +41,14 @@ def seen(rays_c: Vector, half_view: float, half_height: float) -> NDArray[np.boo
 
 
 def neighbours(
-    p: Vector, q: Vector, others: Vector, occluders: Occluders, fov: tuple[float, float],
+    p: Vector,
+    q: Vector,
+    others: Vector,
+    occluders: Occluders,
+    fov: tuple[float, float],
     range_max: float,
-) -> Vector:  # fmt: skip
-    """(m,6) direction, range, σ bearing, σ range of the drones `others` (k,3) in view.
+) -> Vector:
+    """Return (m,6) direction, range, σ bearing, σ range of the drones `others` (k,3) in view.
 
     fov: half width and half height of the view [rad].
     """
@@ -68,9 +63,9 @@ def neighbours(
 def trunks(
     p: Vector, q: Vector, occluders: Occluders, fov: tuple[float, float], range_max: float
 ) -> Vector:
-    """(m,6) direction to the axis, horizontal distance to it, radius, σ of the trunks in view.
+    """Return (m,6) direction to the axis, horizontal distance to it, radius, σ of trunks in view.
 
-    A trunk counts as seen when its axis or one of its edges is in view and not hidden.
+    A trunk is in view when its axis or one of its edges is inside the picture and not hidden.
     """
     d = occluders.cylinders[:, :2] - p[:2]
     radius, distance = occluders.cylinders[:, 2], np.hypot(d[:, 0], d[:, 1])
@@ -88,10 +83,10 @@ def trunks(
 
 
 class WallRanges:
-    """What a perfect depth sensor would say of the boxes of a world, coarsely; eq. (6)."""
+    """Coarse depth images of the boxes of a world by a perfect sensor; eq. (6)."""
 
     def __init__(self, occluders: Occluders, width: int, height: int, fov_deg: float) -> None:
-        """width, height: of the camera's image [px], whose view is sampled."""
+        """Sample the view of a camera of this image size [px]."""
         rows = round(_WALL_COLUMNS * height / width)
         self._rays = Lens(_WALL_COLUMNS, rows, fov_deg).rays.astype(float)
         self._boxes = occluders.boxes
@@ -99,9 +94,9 @@ class WallRanges:
         self._trunks.cylinders = occluders.cylinders
 
     def __call__(self, p: Vector, q: Vector, range_max: float) -> NDArray[np.float32]:
-        """(h,w) m along each ray to the nearest box; inf where there is none, NaN behind trunks."""
+        """Return distances (h,w) m along rays to the nearest box; inf: none, NaN: behind trunks."""
         shape = self._rays.shape[1:]
-        rays = self._rays.reshape(3, -1).T @ _R_BC.T @ rotation(q).T
+        rays = self._rays.reshape(3, -1).T @ R_BC.T @ rotation_matrix(q).T
         nearest = np.full(len(rays), np.inf)
         for low, high in self._boxes:
             with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,4 +1,4 @@
-"""What a drone's camera sees: a 160° fisheye picture, and depth.
+"""A drone's camera: a 160° fisheye picture, and depth.
 
 `Renderer` holds the static world and its textures; `render` is a pure function of pose, neighbours
 and frame seed, safe to call from many threads at once (the kernels release the GIL).
@@ -27,7 +27,7 @@ from sitl_sim.sensors.tables import (
     box_lists,
     ground_table,
     trunk_table,
-)  # fmt: skip
+)
 from sitl_sim.sensors.textures import UInt8
 
 HAZE = np.array([222.0, 216.0, 206.0], np.float32)  # BGR of the far distance
@@ -38,9 +38,9 @@ MACRO_SIZE = 512  # texels along a side of the map of light and moss
 
 @dataclass(frozen=True)
 class Sensor:
-    """The imager: what it adds to the scene's light.
+    """Degradations by the image sensor and its lens.
 
-    noise: grey levels, 1 σ at mid brightness. blur: px, σ of an extra Gaussian (focus, rain).
+    noise: grey levels, 1 σ at mid brightness. blur: σ of a Gaussian [px] (focus, rain).
     exposure: gain. vignette: loss of light at the image's corner, 0…1.
     """
 
@@ -52,7 +52,7 @@ class Sensor:
 
 @dataclass(frozen=True)
 class _View:
-    """Per-frame tables of the static scene seen from one place."""
+    """Per-frame tables of the static scene for one camera pose."""
 
     p: Float64
     r_wc: Float64
@@ -63,7 +63,7 @@ class _View:
 
 
 def _bin_directions() -> Float64:
-    """(BINS,2) unit vector in the middle of each diamond-angle bin."""
+    """Return the unit vector (BINS,2) in the middle of each diamond-angle bin."""
     a = (np.arange(BINS) + 0.5) * 4 / BINS - 2
     front = np.abs(a) <= 1
     x = np.where(front, 1 - np.abs(a), 1 - np.abs(a))
@@ -152,11 +152,11 @@ class Renderer:
         *,
         drones_id: Sequence[int] | None = None,
     ) -> UInt8:
-        """Picture (height, width, 3) uint8 BGR from p_wc (3,) [m, W] with body attitude q_wb (4,).
+        """Render (height, width, 3) uint8 BGR from p_wc (3,) [m, W] with body attitude q_wb (4,).
 
-        drones_p (m,3) [m, W], drones_q (m,4) body → world. A drone at the camera (within 5 cm) is
-        the camera's own and left out, so the whole swarm may be passed. frame_seed picks the
-        noise. drones_id (m,) picks the looks when not in order. out: reused when given.
+        drones_p: (m,3) [m, W]. drones_q: (m,4) body → world. The drone within 5 cm of the camera
+        carries it and is not drawn, so the whole swarm may be passed. frame_seed: of the noise.
+        drones_id: (m,) index of each drone's look, default 0, 1, …. out: written to if given.
         """
         lens = self.lens
         view = self._view(p_wc, q_wb, lens)
@@ -165,11 +165,26 @@ class Renderer:
         pixel = 1.0 / lens.f
         ground_table(max(float(view.p[2]), 0.02), pixel, elevations)
         paint(
-            lens.rays, view.r_wc.astype(np.float32), view.p.astype(np.float32), view.table,
-            view.count, elevations, self._boxes, view.start, view.which, self._ground,
-            self._palette, self._macro, self._macro_frame, self._bark, self._wall, self._sky,
-            HAZE, np.float32(pixel), raw,
-        )  # fmt: skip
+            lens.rays,
+            view.r_wc.astype(np.float32),
+            view.p.astype(np.float32),
+            view.table,
+            view.count,
+            elevations,
+            self._boxes,
+            view.start,
+            view.which,
+            self._ground,
+            self._palette,
+            self._macro,
+            self._macro_frame,
+            self._bark,
+            self._wall,
+            self._sky,
+            HAZE,
+            np.float32(pixel),
+            raw,
+        )
         self._draw(view, lens, drones_p, drones_q, drones_id, raw, np.empty((0, 0), np.float32))
         if self.sensor.blur > 0.0:
             raw = cv2.GaussianBlur(raw, (0, 0), self.sensor.blur)  # type: ignore[assignment]
@@ -190,7 +205,7 @@ class Renderer:
         height: int = 100,
         fov_deg: float | None = None,
     ) -> Float32:
-        """Distance (height, width) along each pixel's ray [m]; inf: nothing (sky)."""
+        """Return the distance (height, width) along each pixel's ray [m]; inf: sky."""
         key = (width, height, fov_deg or self.lens.fov_deg)
         if key not in self._lens_of:
             self._lens_of[key] = Lens(*key) if fov_deg else self.lens.scaled(width, height)
@@ -198,15 +213,22 @@ class Renderer:
         view = self._view(p_wc, q_wb, lens)
         out = np.empty((height, width), np.float32)
         depth_image(
-            lens.rays, view.r_wc.astype(np.float32), view.p.astype(np.float32), view.table,
-            view.count, self._boxes, view.start, view.which, out,
-        )  # fmt: skip
+            lens.rays,
+            view.r_wc.astype(np.float32),
+            view.p.astype(np.float32),
+            view.table,
+            view.count,
+            self._boxes,
+            view.start,
+            view.which,
+            out,
+        )
         self._draw(view, lens, drones_p, drones_q, None, np.empty((0, 0, 3), np.uint8), out)
         return out
 
     def _view(self, p_wc: Float64, q_wb: Float64, lens: Lens) -> _View:
         p = np.array(p_wc, float)
-        # A camera under the ground would see nothing that makes sense.
+        # The picture of a camera below the ground would be meaningless.
         p[2] = max(p[2], 0.02)
         table = np.empty((LAYERS, BINS, FIELDS), np.float32)
         count = np.empty(BINS, np.int32)
@@ -235,7 +257,22 @@ class Renderer:
         attitudes = np.array([rotation(q) for q in np.reshape(drones_q, (-1, 4))])
         ids = np.arange(len(positions)) if drones_id is None else np.asarray(drones_id)
         draw_drones(
-            lens.rays, view.p, view.r_wc, positions, attitudes, ids % len(self._looks), self._parts,
-            SUN, HAZE, lens.f, lens.numbers, view.table, view.count, self._boxes, view.start,
-            view.which, image, depth,
-        )  # fmt: skip
+            lens.rays,
+            view.p,
+            view.r_wc,
+            positions,
+            attitudes,
+            ids % len(self._looks),
+            self._parts,
+            SUN,
+            HAZE,
+            lens.f,
+            lens.numbers,
+            view.table,
+            view.count,
+            self._boxes,
+            view.start,
+            view.which,
+            image,
+            depth,
+        )

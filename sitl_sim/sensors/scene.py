@@ -4,6 +4,7 @@ With the tables of `tables` a pixel needs one division to find its azimuth bin a
 comparison to know what it sees.
 """
 
+# ruff: noqa: ANN001, ANN201 - numba infers the types of a kernel's arguments
 from __future__ import annotations
 
 import math
@@ -38,7 +39,7 @@ from sitl_sim.sensors.tables import (
     front_trunks,
     mip,
     texel,
-)  # fmt: skip
+)
 from sitl_sim.sensors.textures import HUES, SKY_SHAPE
 
 WALL_TEXELS = np.float32(128.0)  # per metre
@@ -50,8 +51,8 @@ _ROWS_PER_SKY, _BINS_PER_SKY = np.uintp(EBINS // SKY_SHAPE[0]), np.uintp(BINS //
 
 
 @njit(inline="always", error_model="numpy")
-def hit_box(px, py, pz, dx, dy, dz, boxes, start, which, b):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """Nearest box on the ray (d need not be a unit vector): parameter t, box and face axis."""
+def hit_box(px, py, pz, dx, dy, dz, boxes, start, which, b):  # type: ignore[no-untyped-def]
+    """Return parameter t, box and face axis of the nearest box on a ray (d: of any length)."""
     nearest, found, face = FAR, -1, 0
     ix = ONE / (dx if abs(dx) > TINY else TINY)
     iy = ONE / (dy if abs(dy) > TINY else TINY)
@@ -71,8 +72,8 @@ def hit_box(px, py, pz, dx, dy, dz, boxes, start, which, b):  # type: ignore[no-
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def scene_range(px, py, pz, dx, dy, dz, table, count, boxes, start, which):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """Distance [m] along the world ray d to the first surface of the static scene; inf: sky."""
+def scene_range(px, py, pz, dx, dy, dz, table, count, boxes, start, which):  # type: ignore[no-untyped-def]
+    """Return the distance [m] along the world ray d to the first static surface; inf: sky."""
     rho = math.sqrt(dx * dx + dy * dy) + TINY
     s = dz / rho
     b = min(int((diamond(dx, dy) + np.float32(2)) * QUARTER), BINS - 1)
@@ -98,10 +99,27 @@ def scene_range(px, py, pz, dx, dy, dz, table, count, boxes, start, which):  # t
 
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
-def paint(  # type: ignore[no-untyped-def]  # noqa: ANN201
-    rays, rot, p, table, count, elevations, boxes, start, which,  # noqa: ANN001
-    ground, palette, macro, macro_frame, bark, wall, sky, haze, pixel_angle, out,  # noqa: ANN001
-):  # fmt: skip
+def paint(  # type: ignore[no-untyped-def]
+    rays,
+    rot,
+    p,
+    table,
+    count,
+    elevations,
+    boxes,
+    start,
+    which,
+    ground,
+    palette,
+    macro,
+    macro_frame,
+    bark,
+    wall,
+    sky,
+    haze,
+    pixel_angle,
+    out,
+):
     """Colour every pixel of the static scene.
 
     rays: (3,h,w) camera frame. rot: (3,3) camera → world. p: (3,) camera, world [m]. elevations:
@@ -187,7 +205,7 @@ def paint(  # type: ignore[no-untyped-def]  # noqa: ANN201
             line[3 * x] = np.int32(min(blue_ * gain[x] + haze_b * mist[x], np.float32(255)))
             line[3 * x + 1] = np.int32(min(green_ * gain[x] + haze_g * mist[x], np.float32(255)))
             line[3 * x + 2] = np.int32(min(red_ * gain[x] + haze_r * mist[x], np.float32(255)))
-        for x in range(w):  # what stands behind the nearest trunks and above them, and boxes
+        for x in range(w):  # trunks behind and above the nearest ones, and boxes
             b, s = bins[x], slope[x]
             boxed = have_boxes and start[b] < start[b + 1]
             if not boxed and (s >= upper[b] or s < top[b]):

@@ -1,7 +1,7 @@
-"""Seeded scenes with known truth: worlds, a camera somewhere in them, drones around it.
+"""Seeded scenes with known truth: a world, a camera in it, drones around the camera.
 
-For measuring and for training perception; nothing here flies. World W = ENU, camera C = x right,
-y down, z forward.
+For measuring and training perception, not for flights. World W = ENU, camera C = x right, y down,
+z forward.
 """
 
 from __future__ import annotations
@@ -15,23 +15,24 @@ from numpy.typing import NDArray
 
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.frames import quaternion_from_euler
+from mavlink_bridge.shared.thrust import G
 from sitl_sim.sensors.fisheye import R_BC, Lens, rotation
 from sitl_sim.sensors.perfect_detector import camera_rays, seen
 from sitl_sim.worlds.world import Occluders
 
 RADIUS = 0.2  # m, of a drone
-CORE = 0.1  # m, hull and marker: what must be visible of a drone
-_SPOTS = 32  # points on a drone's core whose visibility is asked
-_A_WORLD = 25  # scenes before the world changes
+CORE = 0.1  # m, radius of hull and marker: the part of a drone whose visibility counts
+_SPOTS = 32  # points on a drone's core whose visibility is computed
+_SCENES_PER_WORLD = 25
 
 
 @dataclass(frozen=True)
 class Scene:
-    """One look and its truth.
+    """One camera pose and its truth.
 
-    p (3,) m, q (4,) body → world: of the camera's drone. drones (m,3), attitudes (m,4), velocities
-    (m,3) m/s and ids (m,) of the others; visible (m,): share of each one's core that the picture
-    shows. time [s], own_v (3,) m/s: only where scenes follow one another.
+    p: (3,) m and q: (4,) body → world of the camera's drone. drones: (m,3) m, attitudes: (m,4),
+    velocities: (m,3) m/s and ids: (m,) of the other drones. visible: (m,) share of each core that
+    the picture shows. time [s] and own_v: (3,) m/s only where scenes follow one another.
     """
 
     world: dict[str, Any]
@@ -46,13 +47,13 @@ class Scene:
     own_v: Vector | None = None
 
     def in_camera(self, offsets: Vector) -> Vector:
-        """World vectors (n,3) in the camera frame."""
+        """Return world vectors (n,3) in the camera frame."""
         result: Vector = offsets @ (rotation(self.q) @ R_BC)
         return result
 
 
 def forest(rng: np.random.Generator, varied: bool = False) -> dict[str, Any]:
-    """The paper's forest; varied: other radii and spacings, and some walls."""
+    """Return the paper's forest; varied: with other radii and spacings, and some walls."""
     spacing = rng.uniform(4.5, 9.0) if varied else 7.0
     grid = (np.arange(7) - 3) * spacing
     at = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
@@ -70,17 +71,21 @@ def forest(rng: np.random.Generator, varied: bool = False) -> dict[str, Any]:
     return {"cylinders": cylinders, "boxes": boxes, "drone_radius": RADIUS}
 
 
-def stills(
-    count: int, seed: int, lens: Lens, tilt_deg: float = 35.0, reach: float = 12.0,
+def still_scenes(
+    count: int,
+    seed: int,
+    lens: Lens,
+    tilt_deg: float = 35.0,
+    reach: float = 12.0,
     varied: bool = False,
-) -> Iterator[Scene]:  # fmt: skip
-    """Unconnected looks: up to nine drones from 0.5 m to `reach`, attitudes up to `tilt_deg`."""
+) -> Iterator[Scene]:
+    """Yield unrelated scenes: up to nine drones from 0.5 m to `reach`, tilts up to `tilt_deg`."""
     rng = np.random.default_rng([seed, 77])
-    world, room = forest(rng, varied), _Room({})
+    world, room = forest(rng, varied), _FreeSpace({})
     for index in range(count):
-        if index % _A_WORLD == 0:
+        if index % _SCENES_PER_WORLD == 0:
             world = forest(rng, varied)
-            room = _Room(world)
+            room = _FreeSpace(world)
         p = room.free_place(rng)
         q = _attitude(rng.uniform(-np.pi, np.pi), *np.radians(rng.uniform(-tilt_deg, tilt_deg, 2)))
         drones = _around(rng, room, p, q, 1 + index % 9, reach)
@@ -91,11 +96,11 @@ def stills(
         yield Scene(world, p, q, drones, attitudes, np.zeros((n, 3)), np.arange(n), shares)
 
 
-def crowds(neighbours: int, count: int, seed: int, lens: Lens) -> Iterator[Scene]:
-    """Looks at exactly so many drones, 2 m to 8 m away, all of them wholly in view."""
+def crowded_scenes(neighbours: int, count: int, seed: int, lens: Lens) -> Iterator[Scene]:
+    """Yield scenes with exactly so many drones, 2 m to 8 m away, all of them wholly in view."""
     rng = np.random.default_rng([seed, 79, neighbours])
     world: dict[str, Any] = {"cylinders": [], "boxes": [], "drone_radius": RADIUS}
-    room = _Room(world)
+    room = _FreeSpace(world)
     p, q = np.array([0.0, 0.0, 3.0]), _attitude(0.0, 0.0, 0.0)
     made = 0
     while made < count:
@@ -112,31 +117,31 @@ def crowds(neighbours: int, count: int, seed: int, lens: Lens) -> Iterator[Scene
         yield Scene(world, p, q, drones, attitudes, still, ids, np.ones(neighbours))
 
 
-def flights(count: int, seconds: float, seed: int, lens: Lens) -> Iterator[list[Scene]]:
-    """Looks at 10 Hz from a drone that cruises through a forest in company."""
+def flight_scenes(count: int, seconds: float, seed: int, lens: Lens) -> Iterator[list[Scene]]:
+    """Yield sequences at 10 Hz from a drone that cruises through a forest beside others."""
     rng = np.random.default_rng([seed, 78])
     made = 0
     while made < count:
         world = forest(rng)
-        room = _Room(world)
+        room = _FreeSpace(world)
         t = np.arange(round(seconds * 10)) / 10
         own = _Path.own(rng, t)
         if not room.free(own.p, 0.4).all():
             continue
-        company = [_Path.beside(rng, t, own) for _ in range(rng.integers(2, 9))]
-        company = [c for c in company if room.free(c.p, 0.25).all()]
-        # Swarms keep apart; so do these.
-        company = [c for c in company if np.linalg.norm(c.p - own.p, axis=1).min() > 0.8]
-        if not company:
+        others = [_Path.beside(rng, t, own) for _ in range(rng.integers(2, 9))]
+        others = [o for o in others if room.free(o.p, 0.25).all()]
+        # The drones of a swarm keep apart.
+        others = [o for o in others if np.linalg.norm(o.p - own.p, axis=1).min() > 0.8]
+        if not others:
             continue
         made += 1
-        yield [_look(world, room, own, company, k, lens) for k in range(len(t))]
+        yield [_scene_at(world, room, own, others, k, lens) for k in range(len(t))]
 
 
 def visible_shares(
     p: Vector, q: Vector, drones: Vector, occluders: Occluders, lens: Lens
 ) -> Vector:
-    """(m,) share of each drone's core that is in the picture and hidden by nothing; eq. (6)."""
+    """Return the share (m,) of each drone's core that is in the picture and not hidden; eq. (6)."""
     k = np.arange(_SPOTS)
     radius, angle = CORE * np.sqrt((k + 0.5) / _SPOTS), k * 2.399963  # sunflower
     half = np.radians(lens.fov_deg) / 2
@@ -160,10 +165,10 @@ def visible_shares(
 
 
 def trunks_in_view(scene: Scene, lens: Lens) -> list[tuple[Vector, float, float, float]]:
-    """Each trunk: direction to its axis, distance to the axis, radius, visible share.
+    """Return for each trunk: direction to its axis, distance to the axis, radius, visible share.
 
-    direction (3,): camera frame, level. m. visible: of its width at the camera's height, in the
-    picture and not hidden.
+    direction: (3,) camera frame, level. distance, radius: m. visible share: of the trunk's width at
+    the camera's height, in the picture and not hidden.
     """
     rows = []
     half = np.radians(lens.fov_deg) / 2
@@ -193,14 +198,14 @@ def _attitude(yaw: float, pitch: float, roll: float) -> Vector:
     return quaternion_from_euler(roll, pitch, yaw)
 
 
-class _Room:
-    """Where in a world a drone can be."""
+class _FreeSpace:
+    """The space of a world that is free for drones."""
 
     def __init__(self, world: dict[str, Any]) -> None:
         self.occluders = Occluders(world)
 
     def free(self, points: Vector, gap: float) -> NDArray[np.bool_]:
-        """Whether each of points (n,3) is at least `gap` [m] from every obstacle and off ground."""
+        """Return whether points (n,3) m are over `gap` [m] from obstacles, and off the ground."""
         c = self.occluders.cylinders
         away = np.hypot(points[:, :1] - c[:, 0], points[:, 1:2] - c[:, 1]) - c[:, 2]
         free: NDArray[np.bool_] = (away > gap).all(axis=1) & (points[:, 2] > 0.4)
@@ -210,7 +215,7 @@ class _Room:
         return free
 
     def free_place(self, rng: np.random.Generator) -> Vector:
-        """A random place (3,) for a camera."""
+        """Return a random place (3,) m for a camera."""
         while True:
             p = np.array([*rng.uniform(-27, 27, 2), rng.uniform(0.8, 4.0)])
             if self.free(p[None], 0.3)[0]:
@@ -218,9 +223,9 @@ class _Room:
 
 
 def _around(
-    rng: np.random.Generator, room: _Room, p: Vector, q: Vector, count: int, reach: float
+    rng: np.random.Generator, room: _FreeSpace, p: Vector, q: Vector, count: int, reach: float
 ) -> Vector:
-    """Up to `count` places (m,3) of drones about the view from p."""
+    """Return up to `count` places (m,3) m of drones around the view from p."""
     forward = (rotation(q) @ R_BC)[:, 2]
     drones: list[Vector] = []
     for _ in range(200):
@@ -238,7 +243,7 @@ def _around(
 
 @dataclass(frozen=True)
 class _Path:
-    """Position, velocity (k,3) and attitude (k,4) over time."""
+    """Position (k,3) m, velocity (k,3) m/s and attitude (k,4) over time."""
 
     p: Vector
     v: Vector
@@ -246,7 +251,7 @@ class _Path:
 
     @staticmethod
     def own(rng: np.random.Generator, t: Vector) -> _Path:
-        """Cruise at about 1.5 m/s with slow bends, looking left and right."""
+        """Return a cruise at about 1.5 m/s with slow bends and a sweeping line of sight."""
         heading = rng.uniform(-np.pi, np.pi) + 0.3 * np.sin(0.4 * t + rng.uniform(0, 6))
         speed = 1.5 + 0.3 * np.sin(0.7 * t + rng.uniform(0, 6))
         v = np.stack([speed * np.cos(heading), speed * np.sin(heading), 0.2 * np.sin(t)], axis=1)
@@ -255,7 +260,7 @@ class _Path:
 
     @staticmethod
     def beside(rng: np.random.Generator, t: Vector, own: _Path) -> _Path:
-        """In company of `own`: its velocity and one's own wandering, up to about 1 m/s²."""
+        """Return a path beside `own`: its velocity plus a weave of up to about 1 m/s²."""
         swing, rate = rng.uniform(0.1, 0.8, 3) * [1, 1, 0.3], rng.uniform(0.4, 1.6, 3)
         v = own.v + swing * np.cos(rate * t[:, None] + rng.uniform(0, 6, 3))
         start = own.p[0] + rng.uniform([-4, -4, -0.7], [8, 4, 0.7])
@@ -268,16 +273,24 @@ class _Path:
         a = np.gradient(v, dt, axis=0)
         forward = a[:, 0] * np.cos(yaw) + a[:, 1] * np.sin(yaw)
         left = a[:, 1] * np.cos(yaw) - a[:, 0] * np.sin(yaw)
-        tilt = zip(yaw, np.arctan(forward / 9.81), -np.arctan(left / 9.81), strict=True)
+        tilt = zip(yaw, np.arctan(forward / G), -np.arctan(left / G), strict=True)
         return _Path(p, v, np.array([_attitude(*angles) for angles in tilt]))
 
 
-def _look(
-    world: dict[str, Any], room: _Room, own: _Path, company: list[_Path], k: int, lens: Lens
+def _scene_at(
+    world: dict[str, Any], room: _FreeSpace, own: _Path, others: list[_Path], k: int, lens: Lens
 ) -> Scene:
-    drones = np.array([c.p[k] for c in company])
+    drones = np.array([o.p[k] for o in others])
     shares = visible_shares(own.p[k], own.q[k], drones, room.occluders, lens)
     return Scene(
-        world, own.p[k], own.q[k], drones, np.array([c.q[k] for c in company]),
-        np.array([c.v[k] for c in company]), np.arange(len(company)), shares, k / 10, own.v[k],
-    )  # fmt: skip
+        world,
+        own.p[k],
+        own.q[k],
+        drones,
+        np.array([o.q[k] for o in others]),
+        np.array([o.v[k] for o in others]),
+        np.arange(len(others)),
+        shares,
+        k / 10,
+        own.v[k],
+    )

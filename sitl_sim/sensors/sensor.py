@@ -1,5 +1,6 @@
-"""From scene light to a sensor's bytes: lens blur, vignette, exposure, noise; and ideal depth."""
+"""From scene light to a sensor's bytes: lens blur, vignette, exposure, noise; depth images."""
 
+# ruff: noqa: ANN001, ANN201 - numba infers the types of a kernel's arguments
 from __future__ import annotations
 
 import numpy as np
@@ -10,16 +11,16 @@ from sitl_sim.sensors.scene import scene_range
 
 NOISE_BANK = 1 << 20  # precomputed normal samples, σ = 32
 _MASK = NOISE_BANK - 1
-# A lens spreads a point over its neighbours: binomial-like 3×3 kernel, σ ≈ 0.55 px.
+# A lens spreads a point over its neighbours: 3×3 kernel, σ ≈ 0.55 px.
 _SIDE, _MID = np.float32(0.14), np.float32(0.72)
 _ZERO, _MAX, _HALF = np.float32(0), np.float32(255), np.float32(0.5)
 
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz"})
-def develop(raw, noise, offset, sigma, exposure, vignette, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """Lens blur (3×3), vignette, exposure and noise: raw → out, both (h,w,3) uint8.
+def develop(raw, noise, offset, sigma, exposure, vignette, out):  # type: ignore[no-untyped-def]
+    """Apply lens blur (3×3), vignette, exposure and noise: raw → out, both (h,w,3) uint8.
 
-    noise: (NOISE_BANK,) int8. offset: this frame's place in it. sigma: grey levels per unit.
+    noise: (NOISE_BANK,) int8. offset: index of this frame's noise. sigma: grey levels per unit.
     """
     h, w = raw.shape[0], raw.shape[1]
     n = 3 * w
@@ -46,7 +47,7 @@ def develop(raw, noise, offset, sigma, exposure, vignette, out):  # type: ignore
             rows[c], rows[n + 3 + c] = rows[3 + c], rows[n + c]
         dy = np.float32(y - (h - 1) / 2)
         bright = np.float32(1) - dy * dy * scale
-        # Rows start at unrelated places of the bank: no pattern repeats down the picture.
+        # Rows start at unrelated indices of the bank: no pattern repeats down the picture.
         state = (state * 1664525 + 1013904223) & 0xFFFFFFFF
         first = min((state >> 8) & _MASK, NOISE_BANK - n)
         grain = noise[first : first + n]
@@ -54,15 +55,15 @@ def develop(raw, noise, offset, sigma, exposure, vignette, out):  # type: ignore
         for i in range(n):
             light = _SIDE * (rows[i] + rows[i + 6]) + _MID * rows[i + 3]
             light *= gain * (bright - fade[i])
-            # Shot noise grows with light; a straight line is near enough to its root.
+            # Shot noise grows with the root of the light, here approximated by a line.
             spread = strength * (np.float32(0.6) + light * np.float32(0.0032))
             light += np.float32(grain[i]) * spread + _HALF
             line[i] = np.uint8(np.int32(min(max(light, _ZERO), _MAX)))
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def depth_image(rays, rot, p, table, count, boxes, start, which, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """Distance to the static scene along each ray (3,h,w) of the camera frame → out (h,w) [m]."""
+def depth_image(rays, rot, p, table, count, boxes, start, which, out):  # type: ignore[no-untyped-def]
+    """Write the distance to the static scene along each ray (3,h,w), camera frame, to out (h,w)."""
     for y in range(rays.shape[1]):
         for x in range(rays.shape[2]):
             a, b, c = rays[0, y, x], rays[1, y, x], rays[2, y, x]
@@ -75,7 +76,7 @@ def depth_image(rays, rot, p, table, count, boxes, start, which, out):  # type: 
 def measured(
     depth: NDArray[np.float32], range_max: float, noise: float, seed: int
 ) -> NDArray[np.float32]:
-    """What a depth sensor makes of true distances (h,w) [m]: noisy, inf beyond `range_max` [m].
+    """Return true distances (h,w) [m] as a depth sensor measures them; inf beyond `range_max`.
 
     noise: 1 σ as a share of the distance.
     """

@@ -1,4 +1,4 @@
-"""Tables of one view of the static scene, built once per picture for the kernels of its pixels.
+"""Tables of the static scene for one camera pose, built once per picture for the pixel kernels.
 
 A vertical cylinder covers an interval of azimuths, and in each azimuth an interval of slopes
 (rise over horizontal run). So once per frame every trunk is written into a table over azimuth
@@ -7,6 +7,7 @@ becomes a second layer. Azimuth and elevation are "diamond" angles, y / (|x| + |
 the true angle and free of trigonometry.
 """
 
+# ruff: noqa: ANN001, ANN201 - numba infers the types of a kernel's arguments
 from __future__ import annotations
 
 import math
@@ -37,8 +38,8 @@ QUARTER = np.float32(BINS / 4)
 
 
 @njit(inline="always", error_model="numpy")
-def diamond(x, y):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """Diamond angle of (x, y) in [−2, 2], growing with atan2(y, x)."""
+def diamond(x, y):  # type: ignore[no-untyped-def]
+    """Return the diamond angle of (x, y) in [−2, 2]; it grows with atan2(y, x)."""
     a = y / (abs(x) + abs(y) + TINY)
     if x < ZERO:
         return (np.float32(2) if y >= ZERO else np.float32(-2)) - a
@@ -46,8 +47,8 @@ def diamond(x, y):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
 
 
 @njit(inline="always", error_model="numpy")
-def mip(footprint):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """Mip level for a pixel footprint in finest texels."""
+def mip(footprint):  # type: ignore[no-untyped-def]
+    """Return the mip level for a pixel footprint in finest texels."""
     level = np.int32(0)
     while footprint > 1.5 and level < LEVELS - 1:
         footprint *= 0.5
@@ -56,15 +57,15 @@ def mip(footprint):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
 
 
 @njit(inline="always", error_model="numpy")
-def texel(u, v, level):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """Index into a mip pyramid of finest-level int32 coordinates (wrapped)."""
+def texel(u, v, level):  # type: ignore[no-untyped-def]
+    """Return the index into a mip pyramid for finest-level int32 coordinates (wrapped)."""
     x = (u & _WRAP) >> level
     y = (v & _WRAP) >> level
     return np.uintp(_OFFSETS[np.uintp(level)] + (y << (_LOG_TILE - level)) + x)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def trunk_table(  # type: ignore[no-untyped-def]  # noqa: ANN201
+def trunk_table(  # type: ignore[no-untyped-def]
     p: Float64,
     cylinders: Float64,
     tint: Float64,
@@ -146,8 +147,8 @@ def trunk_table(  # type: ignore[no-untyped-def]  # noqa: ANN201
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def ground_table(height: float, pixel_angle: float, table: Float32):  # type: ignore[no-untyped-def]  # noqa: ANN201
-    """(2,EBINS) mip level and clarity of the ground by diamond elevation, horizon first."""
+def ground_table(height: float, pixel_angle: float, table: Float32):  # type: ignore[no-untyped-def]
+    """Fill (2,EBINS) mip level and clarity of the ground by diamond elevation, horizon first."""
     for i in range(EBINS):
         e = (i + 0.5) / EBINS
         t = height * (1 - e) / e
@@ -159,8 +160,8 @@ def ground_table(height: float, pixel_angle: float, table: Float32):  # type: ig
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def box_lists(p: Float64, boxes: Float64, start, which):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """Which boxes (n,6: min, max) each azimuth bin can see: which[start[b]:start[b+1]]."""
+def box_lists(p: Float64, boxes: Float64, start, which):  # type: ignore[no-untyped-def]
+    """List the boxes (n,6: min, max) in each azimuth bin: which[start[b]:start[b+1]]."""
     n = boxes.shape[0]
     spans = np.empty((n, 2), np.int64)
     for i in range(n):
@@ -193,12 +194,11 @@ def box_lists(p: Float64, boxes: Float64, start, which):  # type: ignore[no-unty
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def front_trunks(table, count):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """The azimuth table's nearest layer, packed small for the pixel loop.
+def front_trunks(table, count):  # type: ignore[no-untyped-def]
+    """Return the nearest layer of the azimuth table, packed for the pixel loop.
 
-    Returns near (BINS,) distance, inf: none; top, upper (BINS,) slope of its front edge, and of
-    whatever else stands there; stem, level (BINS,) its column in the bark and mip level; shade
-    (BINS,6) gain and fog.
+    near: (BINS,) distance, inf: none. top, upper: (BINS,) slope of its front edge, and of all
+    layers. stem, level: (BINS,) its column in the bark, and mip level. shade: (BINS,6) gain, fog.
     """
     near, top, upper = np.full(BINS, FAR), np.full(BINS, -FAR), np.full(BINS, -FAR)
     stem, level = np.zeros(BINS, np.int32), np.zeros(BINS, np.int32)

@@ -1,6 +1,6 @@
-"""Seeded textures of the rendered world: ground, bark, wall, sky, and the ground's map of light.
+"""Seeded textures of the rendered world: ground, bark, wall, sky, and light on the ground.
 
-All are built once. Tiling ones are stored with their mip levels, one after another, so that a
+All are built once. Tiling textures are stored with their mip levels, one after another, so that a
 kernel picks a level by distance and never samples finer than a pixel.
 """
 
@@ -23,7 +23,7 @@ SKY_SHAPE = (256, 1024)  # bins of elevation (diamond, horizon … zenith) and o
 
 
 def fractal(rng: np.random.Generator, shape: tuple[int, int], beta: float, low: int = 1) -> Float64:
-    """Periodic 1/f^beta noise, zero mean, unit variance; frequencies below `low` cycles are cut."""
+    """Return periodic 1/f^beta noise of mean 0 and variance 1, without less than `low` cycles."""
     fy = np.fft.fftfreq(shape[0], 1 / shape[0])[:, None]
     fx = np.fft.rfftfreq(shape[1], 1 / shape[1])[None]
     f = np.hypot(fy, fx)
@@ -36,7 +36,7 @@ def fractal(rng: np.random.Generator, shape: tuple[int, int], beta: float, low: 
 
 
 def pyramid(texture: UInt8) -> UInt8:
-    """(n,n,c) → flat (Σ n²/4^l, c): all mip levels, finest first."""
+    """Return all mip levels of (n,n,c), finest first, flat (Σ n²/4^l, c)."""
     levels = [texture.reshape(-1, texture.shape[2])]
     image = texture.astype(np.float32)
     for _ in range(LEVELS - 1):
@@ -47,7 +47,7 @@ def pyramid(texture: UInt8) -> UInt8:
 
 
 def packed(channels: UInt8) -> NDArray[Any]:
-    """(…, c) → (…): channel 0 in the lowest byte; uint16 of two, uint32 of three channels."""
+    """Pack channels (…, c) → (…), channel 0 in the lowest byte; two: uint16, three: uint32."""
     shifted = (channels[..., c].astype(np.uint32) << 8 * c for c in range(channels.shape[-1]))
     kind = np.uint16 if channels.shape[-1] == 2 else np.uint32
     return np.ascontiguousarray(sum(shifted, start=np.uint32(0)).astype(kind))
@@ -58,12 +58,12 @@ def _to_byte(values: Float64) -> UInt8:
 
 
 def ground(rng: np.random.Generator) -> UInt8:
-    """Forest floor, two channels (brightness, hue index): soil, litter of leaves, twigs."""
+    """Return a forest floor of soil, leaves and twigs; two channels: brightness, hue index."""
     n = TILE
     bright = 118 + 20 * fractal(rng, (n, n), 1.0, 3) + 9 * rng.standard_normal((n, n))
     hue = 9 + 3.5 * fractal(rng, (n, n), 1.2, 4)
     layers = np.stack([bright, hue], axis=-1).astype(np.float32)
-    # Drawn on a 3×3 tiling's middle by wrapping each leaf's image: the tile stays periodic.
+    # Each leaf's image is wrapped around the edges: the tile stays periodic.
     for index in range(2600):
         size = rng.uniform(2.5, 8.0)
         thin = rng.uniform(0.08, 0.18) if index % 9 == 0 else rng.uniform(0.35, 0.6)
@@ -86,7 +86,7 @@ def ground(rng: np.random.Generator) -> UInt8:
 
 
 def palette(rng: np.random.Generator) -> UInt8:
-    """(HUES, 256, 3) BGR: brightness → colour for each hue index of the ground."""
+    """Return colours (HUES, 256, 3) BGR of each hue index and brightness of the ground."""
     stops = np.array([[46, 84, 122], [52, 96, 138], [58, 92, 118], [52, 98, 92], [48, 104, 78]])
     at = np.linspace(0, len(stops) - 1, HUES)
     base = np.stack([np.interp(at, np.arange(len(stops)), stops[:, c]) for c in range(3)], axis=-1)
@@ -96,7 +96,7 @@ def palette(rng: np.random.Generator) -> UInt8:
 
 
 def bark(rng: np.random.Generator) -> UInt8:
-    """Bark, one channel; rows are height, columns arc length: vertical furrows and plates."""
+    """Return bark with vertical furrows, one channel; rows: height, columns: arc length."""
     n = TILE
     stretched = cv2.resize(
         fractal(rng, (n // 8, n), 0.9, 6).astype(np.float32), (n, n), interpolation=cv2.INTER_CUBIC
@@ -107,7 +107,7 @@ def bark(rng: np.random.Generator) -> UInt8:
 
 
 def wall(rng: np.random.Generator) -> UInt8:
-    """Masonry, one channel: courses of bricks with mortar joints and stains."""
+    """Return masonry, one channel: courses of bricks with mortar joints and stains."""
     n, rows, cols = TILE, 16, 8
     y, x = np.mgrid[0:n, 0:n]
     course = y * rows // n
@@ -119,7 +119,7 @@ def wall(rng: np.random.Generator) -> UInt8:
 
 
 def sky(rng: np.random.Generator, haze: Float32) -> UInt8:
-    """(SKY_SHAPE, 3) BGR over diamond elevation and azimuth: gradient, clouds, far tree line."""
+    """Return a sky (SKY_SHAPE, 3) BGR by diamond elevation and azimuth, with a far tree line."""
     rows, cols = 2 * SKY_SHAPE[0], 2 * SKY_SHAPE[1]
     e = (np.arange(rows)[:, None] + 0.5) / rows  # 0 horizon … 1 zenith
     elevation = np.degrees(np.arctan2(e, 1 - e))
@@ -145,9 +145,9 @@ def sky(rng: np.random.Generator, haze: Float32) -> UInt8:
 def ground_light(
     rng: np.random.Generator, cylinders: Float64, sun: Float64, origin: Float64, size: float, n: int
 ) -> UInt8:
-    """(n, n, 2): light 0…255 and moss 0…HUES on the square [origin, origin + size]² of ground.
+    """Return light 0…255 and moss 0…HUES (n, n, 2) on the square [origin, origin + size]².
 
-    Shadows of the trunks (x, y, radius, height rows) towards −sun, and the darker ring at a foot.
+    The trunks (rows x, y, radius, height) cast shadows towards −sun and darken their feet.
     """
     scale = n / size
     shade = np.full((n, n), 255, np.uint8)

@@ -1,1 +1,1 @@
-"""Vehicles: rigid bodies, rate loops, estimators, emulated and real autopilots."""
+"""Vehicles: rigid bodies, rate loops, estimators, emulated autopilots."""

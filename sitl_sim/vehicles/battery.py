@@ -1,4 +1,4 @@
-"""Batteries that run down and sag: what the autopilots report, and what the motors feel."""
+"""Batteries that discharge and sag: reported by the autopilots, felt by the motors."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Batteries:
         self.voltage = np.full(n, CELLS * CELL_FULL)
 
     def drain(self, vehicles: Vehicles, dt: float) -> None:
-        """Draw for dt seconds what the motors draw now; sets the vehicles' motor_gain."""
+        """Discharge for dt [s] by the motors' present current; set the vehicles' motor_gain."""
         motors: Floats = (vehicles.motor**3).sum(axis=1)
         current = CURRENT_ELECTRONICS + CURRENT_FULL * motors
         self.remaining = np.maximum(self.remaining - current * dt / self.capacity, 0.0)

@@ -11,12 +11,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mavlink_bridge.wire.messages import Message, Received, StatusText
+from mavlink_bridge.wire.messages import Message, Received
 from sitl_sim.vehicles.battery import Batteries
 from sitl_sim.vehicles.estimator import BLOCK_SUBSTEPS, TICK_SUBSTEPS, Estimator, SensorNoise
 from sitl_sim.vehicles.firmware.betaflight_quirks import QUIRKS
 from sitl_sim.vehicles.firmware.flavour import Mode
 from sitl_sim.vehicles.firmware.flavours import flavour_of
+from sitl_sim.vehicles.firmware.ids import Component
 from sitl_sim.vehicles.firmware.protocol import answer
 from sitl_sim.vehicles.firmware.streams import BUILDERS, SENSORS
 from sitl_sim.vehicles.firmware.unit import Shared, Unit
@@ -28,7 +29,6 @@ from sitl_sim.worlds.geodesy import GeoReference, LocalFrame
 
 Floats = NDArray[np.float64]
 
-COMPANION = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 BATTERY_TICKS = 10
 
 
@@ -52,12 +52,12 @@ class Autopilots:
         outer_gains: OuterGains | None = None,
         battery_ah: float = 1.5,
     ) -> None:
-        """Switch them on.
+        """Switch the autopilots on.
 
-        flavour: one for all or one each. origin: (n,3) m, world, where each vehicle's own frame
-        begins (default: where it stands). yaw_offset: (n,) rad, world, direction of its own
-        east. boot_offset: (n,) s, time_boot = t + boot_offset. reference: where the world lies.
-        parameters: overrides by name; in a mixed fleet for those whose flavour knows the name.
+        flavour: one for all or one each. origin: (n,3) m, world, origin of each vehicle's own
+        frame (default: where it stands). yaw_offset: (n,) rad, world, direction of its own east.
+        boot_offset: (n,) s, time_boot = t + boot_offset. reference: where the world lies on the
+        Earth. parameters: overrides by name; in a mixed fleet for those flavours that have them.
         """
         n = len(vehicles)
         names = [flavour] * n if isinstance(flavour, str) else list(flavour)
@@ -87,7 +87,7 @@ class Autopilots:
             | {k: v for k, v in wanted.items() if k in f.parameters or k not in known}
             for i, f in enumerate(self._flavours)
         ]
-        self._substeps = 0  # since the start; the clock
+        self._substeps = 0  # since the start: the clock
         self.units = [self._boot(i, system_ids[i], float(boots[i])) for i in range(n)]
         observe(vehicles.state, self._shared.estimate, self._estimator.gyro_noise, 0)
 
@@ -104,25 +104,21 @@ class Autopilots:
 
     @property
     def armed(self) -> NDArray[np.bool_]:
-        """(n,) motors may turn."""
+        """(n,) whether the motors may turn."""
         return np.array([u.commander.armed for u in self.units])
 
     @property
     def landed(self) -> NDArray[np.bool_]:
-        """(n,) on the ground and at rest."""
+        """(n,) whether on the ground and at rest."""
         return np.array([u.commander.landed for u in self.units])
 
     @property
     def mode(self) -> list[Mode]:
-        """What each vehicle does."""
+        """The mode of each vehicle."""
         return [u.commander.mode for u in self.units]
 
-    def status_texts(self, i: int) -> list[StatusText]:
-        """The newest that vehicle i said, oldest first."""
-        return list(self.units[i].commander.texts)
-
     def advance(self, t_end: float, wind: ArrayLike = 0.0) -> None:
-        """Run on to t_end [s], a multiple of 1 ms; wind: (3,) or (n,3) m/s, world."""
+        """Simulate up to t_end [s], a multiple of 1 ms; wind: (3,) or (n,3) m/s, world."""
         air = np.ascontiguousarray(
             np.broadcast_to(np.asarray(wind, dtype=np.float64), self.vehicles.p.shape)
         )
@@ -143,11 +139,11 @@ class Autopilots:
         fly(v.state, v.body, s.loop, s.setpoints, s.estimate, noise, wind, first, count)
 
     def _tick(self, place: int) -> None:
-        """Every 10 ms: sensors, batteries, modes, outer loops."""
+        """Update sensors, batteries, modes and outer loops, every 10 ms."""
         ticks = self._substeps // TICK_SUBSTEPS
         if place == 0 and self._substeps > 0:
             self._estimator.next_block()
-        self._estimator.wander(place // TICK_SUBSTEPS)
+        self._estimator.step_drifts(place // TICK_SUBSTEPS)
         self._observe()
         if ticks % BATTERY_TICKS == 0:
             self._shared.batteries.drain(self.vehicles, BATTERY_TICKS * TICK_SUBSTEPS * SUBSTEP)
@@ -163,19 +159,22 @@ class Autopilots:
         observe(self.vehicles.state, self._shared.estimate, self._estimator.gyro_noise, place)
 
     def receive(self, i: int, received: Received, link: str | None = None) -> list[Message]:
-        """Vehicle i takes a message at the present time; replies go back by the asking link.
+        """Let vehicle i take a message now; return its replies for the same link.
 
-        link: "companion" or "gcs", where the caller knows it; else the sender's component tells.
+        link: "companion" or "gcs"; None: by the component that sent the message.
         """
         unit = self.units[i]
         self._set_clock(unit)
         if link is None:
-            own = received.source.component == COMPANION or received.source.system == unit.system
+            own = (
+                received.source.component == Component.ONBOARD_COMPUTER
+                or received.source.system == unit.system
+            )
             link = "companion" if own else "gcs"
         return answer(unit, received, link)
 
     def sticks(self, i: int, channels: Sequence[float]) -> None:
-        """RC channels [µs], A E T R AUX1 …, of a Betaflight vehicle; it wants them every 20 ms."""
+        """Give a Betaflight vehicle its RC channels [µs], A E T R AUX1 …; every 20 ms."""
         unit = self.units[i]
         self._set_clock(unit)
         unit.commander.fly_sticks(channels)
@@ -183,14 +182,18 @@ class Autopilots:
     # Faults.
 
     def fail(self, i: int, sensor: str, failed: bool = True) -> None:
-        """Let a sensor of vehicle i fail, or work again."""
+        """Let a sensor of vehicle i fail, or work again.
+
+        Raises:
+            ValueError: there is no such sensor; the message lists the choices.
+        """
         if sensor not in SENSORS:
             raise ValueError(f"unknown sensor {sensor!r}: choose one of {', '.join(SENSORS)}")
         faults = self.units[i].commander.failed
         (faults.add if failed else faults.discard)(sensor)
 
     def shift_position(self, i: int, offset: ArrayLike) -> None:
-        """Let vehicle i believe it is `offset` (3,) m, world, from where it is."""
+        """Shift the position estimate of vehicle i by `offset` (3,) m, world."""
         self._shared.estimate.offset[i] = offset
 
     def bias_gyro(self, i: int, bias: ArrayLike) -> None:
@@ -198,30 +201,30 @@ class Autopilots:
         self._shared.estimate.bias[i] = bias
 
     def gyro_bias(self, i: int) -> Floats:
-        """(3,) rad/s, the bias that the gyro of vehicle i has now."""
+        """Return the gyro bias (3,) rad/s of vehicle i."""
         bias: Floats = self._shared.estimate.bias[i].copy()
         return bias
 
     def set_battery(self, i: int, remaining: float) -> None:
-        """Leave vehicle i this share 0…1 of its charge."""
+        """Set the remaining charge 0…1 of vehicle i."""
         self._shared.batteries.remaining[i] = remaining
 
     def fly_to(self, i: int, p: ArrayLike, speed: float) -> None:
-        """Let vehicle i's pilot fly straight to p (3,) m, world, at `speed` [m/s]; then hold."""
+        """Fly vehicle i straight to p (3,) m, world, at `speed` [m/s], and hold there."""
         self.units[i].commander.set_mode(Mode.HOLD)
         setpoints = self._shared.setpoints
         setpoints.p[i] = p
         setpoints.limits[i, 0] = speed
 
     def reboot(self, i: int) -> None:
-        """Restart the autopilot of vehicle i: clock 0, disarmed, parameters and mission as new."""
+        """Restart the autopilot of vehicle i: clock 0, disarmed, parameters and mission reset."""
         self._shared.setpoints.control[i] = Control.OFF
         self.units[i] = self._boot(i, self.units[i].system, -self.t)
 
     def telemetry(self, i: int, link: str, quiet: bool = False) -> list[Message]:
-        """Messages of vehicle i that are due now on link "companion" or "gcs".
+        """Return the messages of vehicle i that are due now on link "companion" or "gcs".
 
-        quiet: nobody listens yet, so HEARTBEAT alone.
+        quiet: HEARTBEAT alone, as long as nothing was received on the link.
         """
         unit = self.units[i]
         self._set_clock(unit)

@@ -1,7 +1,7 @@
-"""What the autopilot believes: truth with drift, noise, bias and lag, from a seed.
+"""State estimates of the autopilots: truth with drift, noise, bias and lag, from a seed.
 
-Noise is drawn in blocks of one second per vehicle, from the seed and the system id alone: the
-same vehicle sees the same noise whoever else flies and however often it is asked.
+Noise is drawn in blocks of one second for each vehicle, from the seed and the system id alone: a
+vehicle's noise depends neither on the other vehicles nor on how often it is read.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ DRIFTS = 9  # position, velocity, attitude
 class SensorNoise:
     """Standard deviations of the estimate's errors, small but real.
 
-    Drifts wander with the time constant given beside them; the gyro's noise is white, its bias
-    constant, drawn once. There is no accelerometer: velocity has its own drift.
+    Drifts change with the time constant that follows each. The gyro has white noise and a constant
+    bias, drawn once. There is no accelerometer: velocity has a drift of its own.
     """
 
     position: float = 0.02  # m
@@ -43,16 +43,16 @@ class SensorNoise:
 
     @staticmethod
     def none() -> SensorNoise:
-        """A perfect estimate."""
+        """Return the noise of a perfect estimate: none."""
         return SensorNoise(0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 
 class Estimate(NamedTuple):
-    """Estimates of n vehicles, and the errors they are made with.
+    """Estimates of n vehicles, and their errors.
 
-    p (n,3) m, v (n,3) m/s, q (n,4), omega (n,3) rad/s: world and body as the truth. drift (n,9):
-    errors of p, v, and attitude (rotation vector, body). bias (n,3) rad/s, gyro. lag (n,) s.
-    offset (n,3) m: an error of p that a fault puts there.
+    p (n,3) m, v (n,3) m/s, q (n,4), omega (n,3) rad/s: in the frames of the truth. drift (n,9):
+    errors of p, v, and attitude (rotation vector, body). bias (n,3) rad/s: of the gyro. lag (n,) s.
+    offset (n,3) m: a further error of p, set by a fault.
     """
 
     p: Floats
@@ -66,9 +66,9 @@ class Estimate(NamedTuple):
 
 
 class Estimator:
-    """The noise of all vehicles, ready for the kernels.
+    """Noise of all vehicles for the kernels.
 
-    gyro_noise (n,1000,3): rad/s, one second of it; the next one with `next_block`.
+    gyro_noise: (n,1000,3) rad/s, of one second; `next_block` draws that of the next.
     """
 
     def __init__(self, system_ids: list[int], noise: list[SensorNoise], seed: int) -> None:
@@ -104,8 +104,8 @@ class Estimator:
         self.gyro_noise[:] = self._gyro[:, None, None] * self._draw((BLOCK_SUBSTEPS, 3))
         self._kicks[:] = self._kick[:, None] * self._draw(self._kicks.shape[1:])
 
-    def wander(self, tick: int) -> None:
-        """Let the drifts take the step of this tick (10 ms) of the block."""
+    def step_drifts(self, tick: int) -> None:
+        """Step the drifts by one tick (10 ms), number `tick` of the block."""
         drift = self.estimate.drift
         drift *= self._keep
         drift += self._kicks[:, tick]
@@ -113,7 +113,7 @@ class Estimator:
 
 @njit(cache=True)
 def estimate_one(i: int, est: Estimate, state: State, noise: Floats) -> None:
-    """Estimate of vehicle i from the truth; noise (3,) rad/s of the gyro at this instant."""
+    """Update the estimate of vehicle i from the truth; noise: (3,) rad/s, of the gyro now."""
     lag = est.lag[i]
     q0, q1, q2, q3 = state.q[i]
     f = state.specific_force[i]

@@ -1,4 +1,4 @@
-"""The compiled heart: rate loops and rigid bodies of all vehicles over many substeps."""
+"""Compiled loops over all vehicles: rate loops and rigid bodies, estimates, outer loops."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def fly(
     first: int,
     count: int,
 ) -> None:
-    """Fly all vehicles through `count` substeps, the first being number `first` of the block.
+    """Simulate `count` substeps of all vehicles; the first is number `first` of the block.
 
     gyro_noise (n, substeps of a block, 3) rad/s; wind (n,3) m/s, world.
     """
@@ -43,20 +43,20 @@ def fly(
                 gyro[k] = state.omega[i, k] + est.bias[i, k] + gyro_noise[i, s, k]
             if control > IDLE:
                 if state.contact[i] and sp.thrust[i] < 0.5 * sp.hover[i]:
-                    reset_rates(i, loop)  # nothing to learn while the ground holds the frame
+                    reset_rates(i, loop)  # no integral while the ground holds the frame
                 rate_loop(i, loop, sp.omega[i], sp.thrust[i], gyro, SUBSTEP)
             step_one(i, state, body, loop.command, wind, SUBSTEP)
 
 
 @njit(cache=True)
 def observe(state: State, est: Estimate, gyro_noise: Floats, substep: int) -> None:
-    """Bring the estimates up to date; substep: number in the block of noise."""
+    """Update all estimates; substep: number in the block of noise."""
     for i in range(len(state.p)):
         estimate_one(i, est, state, gyro_noise[i, substep])
 
 
 @njit(cache=True)
 def steer(sp: Setpoints, est: Estimate) -> None:
-    """Run the outer loops once."""
+    """Run the outer loops of all vehicles once."""
     for i in range(len(est.p)):
         outer_loop(i, sp, est.p, est.v, est.q, OUTER_PERIOD)

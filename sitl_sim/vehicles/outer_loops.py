@@ -1,7 +1,7 @@
 """The autopilot's outer loops at 100 Hz: position → velocity → attitude → body rates.
 
-World ENU, body FLU, SI. What a vehicle is asked to do stands in `Setpoints`, a row each; the
-loops see the autopilot's estimate and never the truth.
+World ENU, body FLU, SI. The setpoints of each vehicle are a row of `Setpoints`; the loops use the
+autopilot's estimate, never the truth.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sitl_sim.vehicles.rigid_body import GRAVITY
+from mavlink_bridge.shared.thrust import G
 
 Floats = NDArray[np.float64]
 
 OUTER_PERIOD = 0.01  # s
-I_LIMIT_XY, I_LIMIT_Z = 3.0, 5.0  # m/s², what the velocity loop's I term may ask for
+I_LIMIT_XY, I_LIMIT_Z = 3.0, 5.0  # m/s², limits of the velocity loop's I term
 UP_LIMIT, DOWN_LIMIT = 8.0, 5.0  # m/s², vertical acceleration
 RATE_LIMIT, YAW_RATE_LIMIT = 3.5, 1.5  # rad/s
 
 
 class Control(IntEnum):
-    """What the loops follow."""
+    """Which setpoints the loops follow."""
 
     OFF = 0  # motors stopped
     IDLE = 1  # motors at idle, on the ground
@@ -51,12 +51,12 @@ class OuterGains:
 
 
 class Setpoints(NamedTuple):
-    """What n vehicles are asked to do.
+    """Setpoints of n vehicles.
 
-    control (n,): a `Control`. omega (n,3) rad/s; thrust (n,) 0…1. p (n,3) m, NaN where only the
+    control (n,): a `Control`. omega (n,3) rad/s. thrust (n,) 0…1. p (n,3) m, NaN where only the
     velocity v (n,3) m/s counts (else v is fed forward). yaw (n,) rad, 0 = east. limits (n,3):
-    speed [m/s] along the ground, up, down. hover (n,): thrust that carries the weight, as the
-    autopilot believes. integral (n,3) m/s²: memory of the velocity loop.
+    speed [m/s] along the ground, up, down. hover (n,): hover thrust that the autopilot assumes.
+    integral (n,3) m/s²: I term of the velocity loop.
     """
 
     control: NDArray[np.int64]
@@ -72,7 +72,7 @@ class Setpoints(NamedTuple):
 
 
 def make_setpoints(hover: Floats, gains: OuterGains) -> Setpoints:
-    """Setpoints of n vehicles with their motors off; hover (n,): thrust 0…1."""
+    """Return setpoints of n vehicles with their motors off; hover: (n,) hover thrust 0…1."""
     n = len(hover)
     row = [*gains.position, *gains.velocity, *gains.integral, *gains.attitude, gains.tilt_max]
     return Setpoints(
@@ -91,10 +91,10 @@ def make_setpoints(hover: Floats, gains: OuterGains) -> Setpoints:
 
 @njit(cache=True)
 def outer_loop(i: int, sp: Setpoints, p: Floats, v: Floats, q: Floats, dt: float) -> None:
-    """One step for vehicle i from its estimate (n,3), (n,3), (n,4) → sp.omega[i], sp.thrust[i]."""
+    """Compute sp.omega[i] and sp.thrust[i] from the estimates p (n,3), v (n,3), q (n,4)."""
     control = sp.control[i]
     if control <= RATES:
-        # Nothing to do, but be ready to take over without a jump from old memory.
+        # An old integral must not make the next mode begin with a jump.
         sp.integral[i] = 0.0
         return
     k_p, k_pz, k_v, k_vz, k_i, k_iz, k_tilt, k_yaw, tilt_max = sp.gains[i]
@@ -118,8 +118,8 @@ def outer_loop(i: int, sp: Setpoints, p: Floats, v: Floats, q: Floats, dt: float
     q0, q1, q2, q3 = q[i]
     upright = 1.0 - 2.0 * (q1 * q1 + q2 * q2)
     if control == RATES_AND_CLIMB:
-        force = (GRAVITY + az) / max(upright, 0.5)
-        sp.thrust[i] = min(max(sp.hover[i] * force / GRAVITY, 0.0), 1.0)
+        force = (G + az) / max(upright, 0.5)
+        sp.thrust[i] = min(max(sp.hover[i] * force / G, 0.0), 1.0)
         return
     ax = ay = 0.0
     if control == POSITION:
@@ -133,13 +133,13 @@ def outer_loop(i: int, sp: Setpoints, p: Floats, v: Floats, q: Floats, dt: float
         ay = k_v * ey + sp.integral[i, 1]
 
     # Acceleration → thrust direction within the tilt limit, and thrust along the present one.
-    fz = GRAVITY + az
+    fz = G + az
     size, limit = math.sqrt(ax * ax + ay * ay), fz * math.tan(tilt_max)
     if size > limit:
         ax, ay = ax * limit / size, ay * limit / size
     bx, by = 2.0 * (q1 * q3 + q0 * q2), 2.0 * (q2 * q3 - q0 * q1)
     force = ax * bx + ay * by + fz * max(upright, 0.5)
-    sp.thrust[i] = min(max(sp.hover[i] * force / GRAVITY, 0.0), 1.0)
+    sp.thrust[i] = min(max(sp.hover[i] * force / G, 0.0), 1.0)
 
     # Attitude → rates: turn the body's z axis to the wanted one by the shortest way …
     size = math.sqrt(ax * ax + ay * ay + fz * fz)

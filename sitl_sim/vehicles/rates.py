@@ -1,9 +1,8 @@
 """The autopilot's inner loop at 1 kHz: rate PID with Betaflight's structure, and the mixer.
 
-Feed-forward from the filtered setpoint, D on the gyro behind a low-pass, relaxed and bounded
-I, air mode, desaturation, thrust linearisation, motor idle. Gains are in SI, so that one set
-fits every airframe: the controller asks for angular acceleration [rad/s²] and the mixer knows
-inertia and levers.
+Feed-forward from the filtered setpoint, D on the low-passed gyro, relaxed and bounded I, air mode,
+desaturation, thrust linearisation, motor idle. Gains are in SI, so that one set fits every
+airframe: the controller computes angular acceleration [rad/s²], the mixer has inertia and levers.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from sitl_sim.vehicles.rigid_body import MOTOR_SPIN, MOTOR_X, MOTOR_Y, SUBSTEP, 
 
 Floats = NDArray[np.float64]
 
-I_LIMIT = 60.0  # rad/s², what the I term may ask for at most
+I_LIMIT = 60.0  # rad/s², limit of the I term
 RELAX_RATE = 0.7  # rad/s (40°/s); a setpoint that moves faster than this freezes the I term
 YAW_SHARE = 0.3  # share of the motors' range that yaw may take when roll and pitch need it
 
@@ -29,7 +28,7 @@ YAW_SHARE = 0.3  # share of the motors' range that yaw may take when roll and pi
 class RateGains:
     """Gains of roll, pitch, yaw: P [1/s], I [1/s²], D [-], feed-forward [-]; cutoffs in Hz.
 
-    The defaults answer a step of roll or pitch within 50 ms (90 %) and with 2 % overshoot; yaw
+    With the defaults a step of roll or pitch rises to 90 % within 50 ms and overshoots by 2 %; yaw
     has less authority and takes 60 ms.
     """
 
@@ -44,12 +43,12 @@ class RateGains:
 
 
 class RateLoop(NamedTuple):
-    """Gains and memory of the rate loops of n vehicles.
+    """Gains and states of the rate loops of n vehicles.
 
     gains (n,4,3): P, I, D, feed-forward by axis. smoothing (n,4): per-step factors of the
     low-passes of setpoint, gyro, D and relax. share (n,3): share of a motor's thrust for 1 rad/s²
     of roll, pitch, yaw. curve (n,): 1 where thrust goes with the square of the motor command, 0
-    where in proportion. idle (n,). boost (n,): what makes up for a low battery. setpoint, slow,
+    where in proportion. idle (n,). boost (n,): compensation of a low battery. setpoint, slow,
     gyro, slope, integral (n,3): filter states. command (n,4): motor commands 0…1.
     """
 
@@ -68,7 +67,7 @@ class RateLoop(NamedTuple):
 
 
 def make_rate_loop(gains: list[RateGains], airframes: list[Airframe]) -> RateLoop:
-    """Rate loops at rest, one for each set of gains and airframe."""
+    """Return rate loops at rest, one for each set of gains and airframe."""
     n = len(gains)
     cutoffs = np.array([[g.setpoint_hz, g.gyro_hz, g.d_hz, g.relax_hz] for g in gains])
     levers = [
@@ -93,7 +92,7 @@ def make_rate_loop(gains: list[RateGains], airframes: list[Airframe]) -> RateLoo
 
 @njit(cache=True)
 def reset_rates(i: int, loop: RateLoop) -> None:
-    """Forget setpoint and integral of vehicle i (on the ground with motors at idle)."""
+    """Reset setpoint and integral of vehicle i (on the ground with motors at idle)."""
     loop.setpoint[i] = 0.0
     loop.slow[i] = 0.0
     loop.integral[i] = 0.0
@@ -103,9 +102,9 @@ def reset_rates(i: int, loop: RateLoop) -> None:
 def rate_loop(
     i: int, loop: RateLoop, omega_sp: Floats, thrust: float, gyro: Floats, dt: float
 ) -> None:
-    """One step for vehicle i: body rates omega_sp (3,) and thrust 0…1 → loop.command[i].
+    """Compute loop.command[i] from body rates omega_sp (3,) rad/s and thrust 0…1.
 
-    gyro: (3,) rad/s as measured.
+    gyro: (3,) rad/s, measured.
     """
     a_sp, a_gyro, a_d, a_relax = loop.smoothing[i]
     gains = loop.gains[i]
@@ -143,10 +142,10 @@ def rate_loop(
 
 @njit(cache=True)
 def mix(i: int, loop: RateLoop, roll: float, pitch: float, yaw: float, thrust: float) -> None:
-    """Angular accelerations [rad/s²] and thrust 0…1 → motor commands of vehicle i.
+    """Compute the motor commands of vehicle i from angular accelerations [rad/s²] and thrust 0…1.
 
-    What does not fit is given up in this order: yaw beyond its share, the wanted thrust (air
-    mode: it moves so that attitude control stays), then roll and pitch in proportion.
+    Where the motors saturate, these are reduced in order: yaw beyond its share; thrust (air mode:
+    it is shifted so that attitude control remains); then roll and pitch in proportion.
     """
     roll *= loop.share[i, 0]
     pitch *= loop.share[i, 1]

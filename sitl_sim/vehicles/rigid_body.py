@@ -1,8 +1,11 @@
 """Rigid bodies: eq. (1)-(4) of the paper with motor lag, drag, wind and ground contact.
 
 World ENU, body FLU, SI; quaternions w,x,y,z, body → world. The equations are the
-simulator's own and are never shared with the companion's model. Motors stand as in
+simulator's own and are never shared with the companion's model. Motors are numbered as in
 Betaflight: 1 rear right, 2 front right, 3 rear left, 4 front left.
+
+The compiled kernels have their own quaternion product, written out in scalars: numba cannot call
+`mavlink_bridge.shared.frames`.
 """
 
 from __future__ import annotations
@@ -16,9 +19,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from mavlink_bridge.shared.thrust import G
+
 Floats = NDArray[np.float64]
 
-GRAVITY = 9.80665
 SUBSTEP = 0.001  # s; one step of the rigid body and of the rate loop
 
 # Signs of each motor's place along x (forward) and y (left), and of the reaction torque about
@@ -63,14 +67,14 @@ class Airframe:
     @property
     def hover_thrust(self) -> float:
         """Share of the full collective thrust that carries the weight."""
-        return GRAVITY / self.c_max
+        return G / self.c_max
 
 
 class State(NamedTuple):
-    """State of n vehicles, and what follows from it.
+    """State of n vehicles, with specific force and ground contact.
 
-    p (n,3) m; v (n,3) m/s; q (n,4) body → world; omega (n,3) rad/s body; motor (n,4) speed
-    0…1; specific_force (n,3) m/s² body, what an accelerometer feels; contact (n,) on the ground.
+    p (n,3) m; v (n,3) m/s; q (n,4) body → world; omega (n,3) rad/s, body; motor (n,4) speed 0…1;
+    specific_force (n,3) m/s², body, as an accelerometer measures; contact (n,) with the ground.
     """
 
     p: Floats
@@ -103,12 +107,12 @@ class Body(NamedTuple):
 
 
 class Vehicles:
-    """All vehicles as arrays; `step` moves them, commands come from outside."""
+    """All vehicles as arrays; `step` simulates them under given motor commands."""
 
     def __init__(
         self, airframe: Airframe | Sequence[Airframe], p: ArrayLike, yaw: ArrayLike
     ) -> None:
-        """Put vehicles at rest.
+        """Place vehicles at rest.
 
         airframe: one for all or one each. p: (n,3) m, world. yaw: (n,) rad, 0 = along +x (east).
         """
@@ -128,7 +132,7 @@ class Vehicles:
             q=q0,
             omega=np.zeros((n, 3)),
             motor=np.zeros((n, 4)),
-            specific_force=np.tile([0.0, 0.0, GRAVITY], (n, 1)),
+            specific_force=np.tile([0.0, 0.0, G], (n, 1)),
             contact=p0[:, 2] <= 0.0,
         )
         self.body = Body(
@@ -175,11 +179,11 @@ class Vehicles:
 
     @property
     def specific_force(self) -> Floats:
-        """What an accelerometer feels, (n,3) m/s², body."""
+        """Specific force as an accelerometer measures it, (n,3) m/s², body."""
         return self.state.specific_force
 
     def step(self, dt: float, command: Floats, wind: ArrayLike = 0.0, n_substeps: int = 1) -> None:
-        """Move all vehicles by dt seconds under constant motor commands.
+        """Simulate all vehicles for dt [s] under constant motor commands.
 
         command: (n,4) normalised motor speeds 0…1. wind: (3,) or (n,3) m/s, world.
         """
@@ -200,7 +204,7 @@ def _step_all(
 
 @njit(cache=True)
 def step_one(i: int, state: State, body: Body, command: Floats, wind: Floats, dt: float) -> None:
-    """Move vehicle i by one substep dt; command (n,4), wind (n,3) m/s."""
+    """Simulate vehicle i for one substep dt [s]; command (n,4) 0…1, wind (n,3) m/s, world."""
     p, v, q, omega = state.p[i], state.v[i], state.q[i], state.omega[i]
     mass = body.mass[i]
     jx, jy, jz = body.inertia[i]
@@ -246,14 +250,14 @@ def step_one(i: int, state: State, body: Body, command: Floats, wind: Floats, dt
     # Eq. (2) and (1); the trapezoid is exact under constant acceleration.
     ax = (xx * fx + xy * fy + xz * fz) / mass
     ay = (yx * fx + yy * fy + yz * fz) / mass
-    az = (zx * fx + zy * fy + zz * fz) / mass - GRAVITY
+    az = (zx * fx + zy * fy + zz * fz) / mass - G
     vx, vy, vz = v[0] + ax * dt, v[1] + ay * dt, v[2] + az * dt
     height = p[2] + half * (v[2] + vz)
 
     contact = height <= 0.0 and vz <= 0.0
     if contact:
-        # The ground takes the vertical velocity at once (no bouncing), friction the horizontal
-        # one, and the feet stop rotation and level the frame.
+        # The ground stops the vertical velocity at once (no bouncing), friction the horizontal
+        # one; the feet stop rotation and level the frame.
         grip = FRICTION * max(-az, 0.0) * dt
         speed = math.sqrt(vx * vx + vy * vy)
         keep = 1.0 - grip / speed if speed > grip else 0.0
@@ -263,7 +267,7 @@ def step_one(i: int, state: State, body: Body, command: Floats, wind: Floats, dt
         level = dt / GROUND_LEVELLING_TIME
         q0, q1, q2, q3 = rotate_by(q0, q1, q2, q3, -zy * level, zx * level, 0.0)
 
-    sx, sy, sz = (vx - v[0]) / dt, (vy - v[1]) / dt, (vz - v[2]) / dt + GRAVITY
+    sx, sy, sz = (vx - v[0]) / dt, (vy - v[1]) / dt, (vz - v[2]) / dt + G
     state.specific_force[i, 0] = xx * sx + yx * sy + zx * sz
     state.specific_force[i, 1] = xy * sx + yy * sy + zy * sz
     state.specific_force[i, 2] = xz * sx + yz * sy + zz * sz
@@ -280,7 +284,7 @@ def step_one(i: int, state: State, body: Body, command: Floats, wind: Floats, dt
 def rotate_by(
     w: float, x: float, y: float, z: float, a: float, b: float, c: float
 ) -> tuple[float, float, float, float]:
-    """Unit quaternion turned by the rotation vector (a, b, c) [rad] given in its own body axes."""
+    """Return a unit quaternion turned by the rotation vector (a, b, c) [rad] in its body axes."""
     angle2 = a * a + b * b + c * c
     if angle2 > 1e-8:
         angle = math.sqrt(angle2)

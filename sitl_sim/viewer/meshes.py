@@ -1,4 +1,4 @@
-"""Shapes drawn many times over: vertices (n,3) m and faces (m,3)."""
+"""Shapes of drones, trunks and fields of view: vertices (n,3) m and faces (m,3)."""
 
 from __future__ import annotations
 
@@ -12,21 +12,22 @@ _SIDES = 20
 
 
 def cylinder() -> Mesh:
-    """Radius 1, from z = 0 to 1, closed above."""
+    """Return a cylinder of radius 1 from z = 0 to 1, closed above."""
     angle = np.linspace(0, 2 * np.pi, _SIDES, endpoint=False)
     ring = np.column_stack([np.cos(angle), np.sin(angle)])
     low = np.column_stack([ring, np.zeros(_SIDES)])
     points = np.vstack([low, low + np.array([0.0, 0.0, 1.0]), [[0.0, 0.0, 1.0]]])
     a = np.arange(_SIDES)
     b = (a + 1) % _SIDES
-    wall = np.vstack([np.column_stack([a, b, a + _SIDES]),
-                      np.column_stack([b, b + _SIDES, a + _SIDES])])  # fmt: skip
+    wall = np.vstack(
+        [np.column_stack([a, b, a + _SIDES]), np.column_stack([b, b + _SIDES, a + _SIDES])]
+    )
     lid = np.column_stack([a + _SIDES, b + _SIDES, np.full(_SIDES, 2 * _SIDES)])
     return _mesh(points, np.vstack([wall, lid]))
 
 
 def quadrotor(radius: float) -> Mesh:
-    """Four propeller discs, a body, and a nose towards +x; radius: to a propeller's tip."""
+    """Return a body with four propeller discs and a nose towards +x; radius: to a tip [m]."""
     disc, reach = 0.42 * radius, 0.58 * radius / np.sqrt(2)
     parts = [_box([0, 0, 0], [0.6 * radius, 0.4 * radius, 0.3 * radius])]
     parts.append(_box([0.6 * radius, 0, 0], [0.7 * radius, 0.12 * radius, 0.12 * radius]))
@@ -38,7 +39,7 @@ def quadrotor(radius: float) -> Mesh:
 
 
 def view_fan(half_angle: float, reach: float) -> Mesh:
-    """A horizontal slice of a field of view around +x."""
+    """Return a horizontal slice of a field of view around +x."""
     angle = np.linspace(-half_angle, half_angle, _SIDES)
     rim = reach * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_SIDES)])
     faces = [[0, 1 + k, 2 + k] for k in range(_SIDES - 1)]

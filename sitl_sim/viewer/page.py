@@ -1,4 +1,4 @@
-"""The page: scene, time slider, follow camera, one drone's picture and state."""
+"""The page: scene, time slider, camera that follows a drone, one drone's picture and state."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import viser
 
-from sitl_sim.figures.knowledge import Knowledge
+from mavlink_bridge.shared.frames import euler_from_quaternion
+from sitl_sim.figures.belief import Belief
 from sitl_sim.viewer.picture import Pictures
 from sitl_sim.viewer.scene import Scene
 from sitl_sim.viewer.sources import Moment, Source
@@ -18,7 +19,7 @@ _RATE = 20.0  # Hz, of the scene
 _PICTURE_PERIOD = 0.25  # s
 _STEP = 0.1  # s
 _SPEEDS = ("0.25", "0.5", "1", "2", "4")
-_NOBODY = "nobody"
+_NO_DRONE = "no drone"
 
 
 class Page:
@@ -39,7 +40,7 @@ class Page:
 
     @property
     def url(self) -> str:
-        """Where to look."""
+        """Address of the page."""
         return f"http://{self.server.get_host()}:{self.server.get_port()}"
 
     def run(self) -> None:
@@ -54,7 +55,7 @@ class Page:
             last = now
 
     def start(self) -> None:
-        """As `run`, in the background."""
+        """Run in the background."""
         threading.Thread(target=self.run, daemon=True).start()
 
     def close(self) -> None:
@@ -63,18 +64,18 @@ class Page:
         self.server.stop()
 
     def show(self, moment: float) -> None:
-        """Draw the flight at that time [s]."""
-        with self._lock:  # browsers' wishes come on other threads
+        """Draw the flight at a time [s]."""
+        with self._lock:  # browsers call from other threads
             now = self._source.moment(moment)
-            minds = [self._source.knowledge(i, now.time) for i in range(len(self._source.names))]
+            beliefs = [self._source.belief(i, now.time) for i in range(len(self._source.names))]
             with self.server.atomic():
-                self.scene.show(now, minds, self._chosen)
+                self.scene.show(now, beliefs, self._chosen)
                 self._follow(now)
-            self._show_drone(now, minds)
+            self._show_drone(now, beliefs)
 
     @property
     def _chosen(self) -> int:
-        """The drone whose picture, state and tracks are shown."""
+        """Index of the drone whose picture, state and tracks are shown."""
         return self._source.names.index(self.camera.value)
 
     # --- parts ---------------------------------------------------------------------------
@@ -86,7 +87,7 @@ class Page:
         self.slider = gui.add_slider("time [s]", 0.0, end, _STEP, 0.0, disabled=not replay)
         self.play = gui.add_checkbox("play", False, visible=replay)
         self.speed = gui.add_dropdown("speed", _SPEEDS, initial_value="1", visible=replay)
-        self.follow = gui.add_dropdown("follow", (_NOBODY, *names))
+        self.follow = gui.add_dropdown("follow", (_NO_DRONE, *names))
         self.camera = gui.add_dropdown("camera of", names)
         for layer in self.scene.layers:
             self._toggle(layer)
@@ -108,7 +109,7 @@ class Page:
         box.on_update(switch)
 
     def _on_seek(self, event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
-        """A person moved the slider; our own moves come without a client."""
+        """Show the time that a person moved the slider to; the page's own moves have no client."""
         if event.client is not None:
             self.show(event.target.value)
 
@@ -136,43 +137,42 @@ class Page:
 
     def _follow(self, now: Moment) -> None:
         """Put every browser's camera behind the drone that is followed."""
-        if self.follow.value == _NOBODY:
+        if self.follow.value == _NO_DRONE:
             return
         p = now.p[self._source.names.index(self.follow.value)]
-        w, x, y, z = now.q[self._source.names.index(self.follow.value)]
-        yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        _, _, yaw = euler_from_quaternion(now.q[self._source.names.index(self.follow.value)])
         behind = np.array([-3.5 * np.cos(yaw), -3.5 * np.sin(yaw), 1.5])
         for client in self.server.get_clients().values():
             client.camera.position = p + behind
             client.camera.look_at = p
 
-    def _show_drone(self, now: Moment, minds: list[Knowledge | None]) -> None:
-        """Picture and state of the chosen drone; the picture a few times a second."""
+    def _show_drone(self, now: Moment, beliefs: list[Belief | None]) -> None:
+        """Show picture and state of the chosen drone; the picture a few times a second."""
         i = self._chosen
-        self.state.content = _describe(minds[i])
+        self.state.content = _describe(beliefs[i])
         wall, wanted = time.monotonic(), (now.time, self.camera.value)
         if wanted != self._shown and wall - self._picture_time >= _PICTURE_PERIOD:
-            self.picture.image = self._pictures.take(now, i, minds[i])
+            self.picture.image = self._pictures.take(now, i, beliefs[i])
             self._picture_time, self._shown = wall, wanted
 
 
 def _set(handle: viser.GuiInputHandle[Any], value: object) -> None:
-    """Change a control from our side."""
+    """Change a control."""
     handle.value = value  # type: ignore[misc]  # viser hides its setter from type checkers
 
 
-def _describe(known: Knowledge | None) -> str:
-    """A drone's state in a few lines of Markdown."""
-    if known is None:
+def _describe(belief: Belief | None) -> str:
+    """Return a drone's state as a few lines of Markdown."""
+    if belief is None:
         return "no log yet"
-    r = known.record
+    r = belief.record
     command, goal = r.get("command", {}), r.get("goal", {})
     return "\n\n".join(
         [
             f"**{r['phase']}**, target {goal.get('index', 0) + 1}, "
             f"guard: {command.get('reason', '–')}",
             f"{len(r['detections'])} detections, {len(r['tracks'])} tracks, "
-            f"{len(known.critical)} critical",
+            f"{len(belief.critical)} critical",
             f"tick {r['stages_ms'].get('tick', 0.0):.1f} ms, "
             f"solve {r.get('solver', {}).get('solve_ms', 0.0):.1f} ms",
         ]

@@ -1,4 +1,4 @@
-"""What one drone's camera sees, rendered from the truth, with what its companion found in it."""
+"""One drone's camera picture, rendered from the truth, with its companion's detections."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from mavlink_bridge.shared.arrays import Vector
-from sitl_sim.figures.knowledge import Knowledge
+from sitl_sim.figures.belief import Belief
 from sitl_sim.scenarios.scenario import Scenario, lens_of
 from sitl_sim.sensors.renderer import Renderer
 from sitl_sim.viewer.sources import Moment
@@ -17,7 +17,7 @@ _GREEN, _BROWN = (80, 255, 80), (60, 150, 255)  # BGR
 
 
 class Pictures:
-    """Renders and annotates."""
+    """Renders pictures and marks detections in them."""
 
     def __init__(self, scenario: Scenario, world: dict[str, Any]) -> None:
         s = scenario.sensing
@@ -26,13 +26,13 @@ class Pictures:
         self._radius = world["drone_radius"]
         self._renderer = Renderer(world, seed=scenario.seed, lens=lens_of(s))
 
-    def take(self, moment: Moment, drone: int, known: Knowledge | None) -> Any:
-        """(H,W,3) uint8 RGB."""
+    def take(self, moment: Moment, drone: int, belief: Belief | None) -> Any:
+        """Return the picture (H,W,3) uint8 RGB of a drone's camera."""
         image = self._renderer.render(moment.p[drone], moment.q[drone], moment.p, moment.q)
-        if known is not None:
-            for *direction, distance, _ in known.record["trunks"]:
+        if belief is not None:
+            for *direction, distance, _ in belief.record["trunks"]:
                 self._mark(image, np.array(direction), 0.3, f"{distance:.1f}", _BROWN)
-            for *direction, distance, _ in known.record["detections"]:
+            for *direction, distance, _ in belief.record["detections"]:
                 size = self._radius / max(distance, self._radius)
                 self._mark(image, np.array(direction), size, f"{distance:.1f}", _GREEN)
         return image[..., ::-1]
@@ -40,12 +40,13 @@ class Pictures:
     def _mark(
         self, image: Any, direction: Vector, size: float, text: str, colour: tuple[int, int, int]
     ) -> None:
-        """A ring of angular radius `size` [rad] around a direction in the camera frame."""
+        """Draw a ring of angular radius `size` [rad] around a direction in the camera frame."""
         x, y, z = direction / max(float(np.linalg.norm(direction)), 1e-9)
         theta, rho = np.arctan2(np.hypot(x, y), z), max(float(np.hypot(x, y)), 1e-9)
         u = round(self._centre[0] + self._focal * theta * x / rho)
         v = round(self._centre[1] + self._focal * theta * y / rho)
         radius = max(round(size * self._focal), 4)
         cv2.circle(image, (u, v), radius, colour, 1, cv2.LINE_AA)
-        cv2.putText(image, text, (u + radius, v), cv2.FONT_HERSHEY_PLAIN, 0.9, colour, 1,
-                    cv2.LINE_AA)  # fmt: skip
+        cv2.putText(
+            image, text, (u + radius, v), cv2.FONT_HERSHEY_PLAIN, 0.9, colour, 1, cv2.LINE_AA
+        )

@@ -1,4 +1,4 @@
-"""Where the page takes a flight from: a run folder, or a flight under way."""
+"""Sources of the flight that a page shows: a run folder, or a flight under way."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import orjson
 
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.mcap_file import Follower
-from sitl_sim.figures.knowledge import Knowledge, Minds, know
+from sitl_sim.figures.belief import Belief, Beliefs, belief_of
 from sitl_sim.recording.run_folder import Run, log_path, own_frames
 from sitl_sim.scenarios.scenario import Scenario, drone_names
 
@@ -27,7 +27,7 @@ class Moment:
 
 
 class Source(Protocol):
-    """A flight that can be looked at."""
+    """A flight that can be shown."""
 
     scenario: Scenario
     world: dict[str, Any]
@@ -36,15 +36,15 @@ class Source(Protocol):
 
     @property
     def duration(self) -> float:
-        """What can be shown so far [s]."""
+        """Time up to which the flight can be shown [s]."""
         ...
 
     def moment(self, time: float) -> Moment:
-        """Truth at that time."""
+        """Return the truth at a time [s]."""
         ...
 
-    def knowledge(self, drone: int, time: float) -> Knowledge | None:
-        """What a companion knew then."""
+    def belief(self, drone: int, time: float) -> Belief | None:
+        """Return what a companion believed at a time [s]."""
         ...
 
 
@@ -60,21 +60,21 @@ class Replay:
         self.scenario, self.world, self.names = run.scenario, run.world, run.names
         self._t = run.truth["t"]
         self._p, self._q = (run.truth[k].astype(float) for k in ("position", "attitude"))
-        self._minds = Minds(run)
+        self._beliefs = Beliefs(run)
 
     @property
     def duration(self) -> float:
-        """To the last recorded instant [s]."""
+        """Time of the last recorded instant [s]."""
         return float(self._t[-1])
 
     def moment(self, time: float) -> Moment:
-        """The recorded instant at or after `time`."""
+        """Return the recorded instant at or after `time`."""
         k = min(int(np.searchsorted(self._t, time - 1e-9)), len(self._t) - 1)
         return Moment(float(self._t[k]), self._p[k], self._q[k], self._trail(time))
 
-    def knowledge(self, drone: int, time: float) -> Knowledge | None:
-        """The last tick before `time`."""
-        return self._minds.at(drone, time)
+    def belief(self, drone: int, time: float) -> Belief | None:
+        """Return the belief at the last tick before `time`."""
+        return self._beliefs.at(drone, time)
 
     def _trail(self, time: float) -> Vector:
         times = time - np.arange(0.0, _TRAIL, _TRAIL_STEP)[::-1]
@@ -85,7 +85,7 @@ class Replay:
 
 @dataclass
 class Live:
-    """A flight under way: the runner says where everybody is, the logs what they know."""
+    """A flight under way: truth from the runner, beliefs from the growing logs."""
 
     scenario: Scenario
     world: dict[str, Any]
@@ -104,7 +104,7 @@ class Live:
         self._now = Moment(0.0, start, level, start[:, None])
 
     def update(self, time: float, p: Vector, q: Vector) -> None:
-        """Take over the state of the world; called by the runner as it flies."""
+        """Take the state of the world at `time` [s]; called by the runner as it flies."""
         if time - self._now.time < 0.04:
             return
         if round(time / 0.04) % round(_TRAIL_STEP / 0.04) == 0:
@@ -113,18 +113,18 @@ class Live:
 
     @property
     def duration(self) -> float:
-        """Now [s]."""
+        """The present [s]."""
         return self._now.time
 
     def moment(self, time: float) -> Moment:
-        """The present, whatever is asked for."""
+        """Return the present, at any `time`."""
         return self._now
 
-    def knowledge(self, drone: int, time: float) -> Knowledge | None:
-        """The newest tick in the drone's log, half a second old at most."""
+    def belief(self, drone: int, time: float) -> Belief | None:
+        """Return the belief at the newest tick in the drone's log, at most half a second old."""
         for message in self._followers[drone].new()[-1:]:
             self._records[drone] = orjson.loads(message.data)
         record = self._records[drone]
         if record is None:
             return None
-        return know(record, self._frames[drone], drone, self._now.p)
+        return belief_of(record, self._frames[drone], drone, self._now.p)

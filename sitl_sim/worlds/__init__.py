@@ -1,1 +1,1 @@
-"""Where a flight takes place: obstacles, seeded generators, geodesy."""
+"""The world of a flight: obstacles, seeded generators, geodesy."""

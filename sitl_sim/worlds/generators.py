@@ -1,4 +1,4 @@
-"""What stands in a generated world: forests, pillars, thickets, a wall with a tunnel; seeded."""
+"""Seeded generators of obstacles: forests, pillars, thickets, a wall with a tunnel."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from sitl_sim.worlds.world import WorldConfig
 
-_ATTEMPTS = 200  # to find room for one more trunk
+_ATTEMPTS = 200  # to find a free place for one more trunk
 
 
 def build(config: WorldConfig, seed: int) -> dict[str, Any]:
-    """`cylinders` and `boxes` as plain data; the same seed, the same world."""
+    """Return `cylinders` and `boxes` as plain data; the same seed gives the same world."""
     rng = np.random.default_rng([seed, 1])
     cylinders = [c.model_dump() for c in config.cylinders]
     boxes = [b.model_dump() for b in config.boxes]
@@ -27,7 +27,7 @@ def build(config: WorldConfig, seed: int) -> dict[str, Any]:
 
 
 def forest(config: WorldConfig, rng: np.random.Generator) -> list[dict[str, float]]:
-    """A grid of trunks around the origin, each moved at random: the paper's scenarios 1 and 2."""
+    """Return a grid of trunks around the origin, each moved at random (scenarios 1 and 2)."""
     x = (np.arange(config.columns) - (config.columns - 1) / 2) * config.spacing
     y = (np.arange(config.rows) - (config.rows - 1) / 2) * config.spacing
     grid = np.stack(np.meshgrid(x, y), axis=-1)
@@ -39,10 +39,10 @@ def forest(config: WorldConfig, rng: np.random.Generator) -> list[dict[str, floa
 
 
 def thicket(config: WorldConfig, rng: np.random.Generator) -> list[dict[str, float]]:
-    """`density` trunks per m² over `area`, of random radii, nowhere nearer than `gap`.
+    """Return `density` trunks per m² over `area`, of random radii and at least `gap` apart.
 
-    Places are drawn one after another, and drawn again where they come too near to an earlier
-    one; a trunk that finds no room is left out.
+    Places are drawn one after another, and drawn again where they are too near to an earlier one;
+    a trunk without a free place is left out.
     """
     x0, y0, x1, y1 = config.area
     low, high = config.radii
@@ -58,9 +58,9 @@ def thicket(config: WorldConfig, rng: np.random.Generator) -> list[dict[str, flo
 
 
 def tunnel(config: WorldConfig, rng: np.random.Generator) -> list[dict[str, Any]]:
-    """A wall along x with one opening, whose middle is above the origin; its ends lie at ±y.
+    """Return a wall along x with one opening, whose middle is above the origin; faces at ±y.
 
-    The seed draws how thick the wall is: as long is the tunnel.
+    The seed draws the thickness of the wall, which is the length of the tunnel.
     """
     half = rng.uniform(config.thickness[0], config.thickness[1]) / 2
     wide, high = config.opening[0] / 2, config.opening[1] / 2
@@ -78,5 +78,9 @@ def tunnel(config: WorldConfig, rng: np.random.Generator) -> list[dict[str, Any]
 
 
 def _trunk(x: float, y: float, radius: float, height: float) -> dict[str, float]:
-    return {"x": round(float(x), 4), "y": round(float(y), 4),
-            "radius": round(float(radius), 4), "height": height}  # fmt: skip
+    return {
+        "x": round(float(x), 4),
+        "y": round(float(y), 4),
+        "radius": round(float(radius), 4),
+        "height": height,
+    }

@@ -17,7 +17,7 @@ E2 = 6.69437999014e-3  # first eccentricity squared
 
 @dataclass(frozen=True)
 class GeoReference:
-    """Where the world's origin lies on the Earth: degrees, metres above sea level."""
+    """Place of the world's origin on the Earth: degrees, metres above sea level."""
 
     latitude_deg: float = 47.397742
     longitude_deg: float = 8.545594
@@ -33,7 +33,7 @@ class GeoReference:
         return north, east
 
     def to_degrees(self, x: float, y: float) -> tuple[float, float]:
-        """Metres east and north of the origin → latitude, longitude [deg]."""
+        """Return latitude and longitude [deg] of a point x east and y north of the origin [m]."""
         north, east = self._radii
         return (
             self.latitude_deg + math.degrees(y / north),
@@ -41,7 +41,7 @@ class GeoReference:
         )
 
     def to_metres(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
-        """Latitude, longitude [deg] → metres east and north of the origin."""
+        """Return the metres east and north of the origin of a latitude and longitude [deg]."""
         north, east = self._radii
         return (
             math.radians(longitude_deg - self.longitude_deg) * east,
@@ -52,8 +52,8 @@ class GeoReference:
 class LocalFrame:
     """A vehicle's own ENU frame: its origin in the world, turned by `yaw` [rad] about z.
 
-    What the vehicle takes for east is the world's east turned by yaw. Its GPS agrees with its
-    own frame around its origin, so that all it tells of itself is consistent.
+    The vehicle's east is the world's east turned by yaw. Its GPS agrees with its own frame around
+    its origin, so that all its telemetry is consistent.
     """
 
     def __init__(self, origin: Floats, yaw: float, reference: GeoReference) -> None:
@@ -63,22 +63,25 @@ class LocalFrame:
         self._q = (math.cos(self.yaw / 2), math.sin(self.yaw / 2))
 
     def vector(self, v: Floats) -> Floats:
-        """A world vector (3,) in the own frame."""
+        """Return a world vector (3,) in the own frame."""
         x, y, z = float(v[0]), float(v[1]), float(v[2])
         return np.array([self._cos * x + self._sin * y, self._cos * y - self._sin * x, z])
 
     def point(self, p: Floats) -> Floats:
-        """A world point (3,) m in the own frame."""
+        """Return a world point (3,) m in the own frame."""
         return self.vector(p - self.origin)
 
     def attitude(self, q: Floats) -> Floats:
-        """Body → world (4,) as body → own frame."""
+        """Return an attitude (4,) body → world as body → own frame.
+
+        The product of two quaternions, one of which is about z: written out, half of it is zero.
+        """
         w, x, y, z = (float(k) for k in q)
         c, s = self._q
         return np.array([c * w + s * z, c * x + s * y, c * y - s * x, c * z - s * w])
 
     def to_world(self, p: Floats) -> tuple[float, float, float]:
-        """A point (3,) m of the own frame in the world."""
+        """Return a point (3,) m of the own frame in the world."""
         x, y, z = float(p[0]), float(p[1]), float(p[2])
         ox, oy, oz = (float(k) for k in self.origin)
         return (
@@ -88,13 +91,13 @@ class LocalFrame:
         )
 
     def to_geo(self, p: Floats) -> tuple[float, float, float]:
-        """A world point (3,) m → latitude, longitude [deg], altitude [m], as it believes."""
+        """Return latitude, longitude [deg] and altitude [m] of a world point, by the own frame."""
         x, y, z = (float(k) for k in self.point(p))
         lat, lon = self.reference.to_degrees(x + float(self.origin[0]), y + float(self.origin[1]))
         return lat, lon, self.reference.altitude + z + float(self.origin[2])
 
     def from_geo(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
-        """Latitude, longitude [deg] → world x, y [m]: the inverse of `to_geo`."""
+        """Return world x, y [m] of a latitude and longitude [deg]: the inverse of `to_geo`."""
         x, y = self.reference.to_metres(latitude_deg, longitude_deg)
         own = np.array([x - float(self.origin[0]), y - float(self.origin[1]), 0.0])
         return self.to_world(own)[:2]

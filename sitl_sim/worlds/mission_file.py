@@ -1,4 +1,4 @@
-"""A file of missions (worlds with a start and a goal for each drone), as benchmarks come.
+"""A file of missions (worlds with a start and a goal for each drone), the form of benchmarks.
 
 JSON: `drone_radius` [m]; `missions`: by number, `cylinders` [[x, y, radius], …] and `agents`
 [{"start": [x, y, z], "goal": [x, y, z]}, …], all in metres. Optional `arena`: {"max": [x, y, z]}.
@@ -13,23 +13,23 @@ from typing import Any
 from pydantic import Field
 
 from mavlink_bridge.shared.settings import SettingsError, StrictModel
-from sitl_sim.worlds.world import Cylinder, Place, Spot
+from sitl_sim.worlds.world import Cylinder, Point2, Point3
 
 
 class Mission(StrictModel):
     """One mission: a start and a goal for each drone, of this radius [m]."""
 
     cylinders: list[Cylinder]
-    starts: list[Spot]
-    goals: list[Place]
+    starts: list[Point2]
+    goals: list[Point3]
     drone_radius: float = Field(gt=0)
 
 
 def read_mission(path: Path, seed: int, drones: int) -> Mission:
-    """Mission number `seed` (round and round) of the file, for its first `drones` agents.
+    """Read mission number `seed` (modulo their number) of a file, for its first `drones` agents.
 
     Raises:
-        SettingsError: the file cannot be read, is none of missions, or has too few agents.
+        SettingsError: the file cannot be read, holds no missions, or has too few agents.
     """
     try:
         data = json.loads(path.read_text("utf-8"))

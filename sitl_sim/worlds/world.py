@@ -1,4 +1,4 @@
-"""Seeded worlds as data: cylinders and boxes in the form of `world.json`; metres, ENU."""
+"""Worlds as data: cylinders and boxes in the form of `world.json`; metres, ENU."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.distance import to_cylinder
 from mavlink_bridge.shared.settings import StrictModel
 
-Spot = Annotated[list[float], Field(min_length=2, max_length=2)]  # [x, y] m
-Place = Annotated[list[float], Field(min_length=3, max_length=3)]  # [x, y, z] m
+Point2 = Annotated[list[float], Field(min_length=2, max_length=2)]  # [x, y] m
+Point3 = Annotated[list[float], Field(min_length=3, max_length=3)]  # [x, y, z] m
 
 
 class Cylinder(StrictModel):
@@ -28,12 +28,12 @@ class Cylinder(StrictModel):
 class Box(StrictModel):
     """An axis-aligned block."""
 
-    min: Place
-    max: Place
+    min: Point3
+    max: Point3
 
 
 class WorldConfig(StrictModel):
-    """A generator with its parameters, or explicit shapes; both where both are given."""
+    """A generator with its parameters, explicit shapes, or both."""
 
     generator: Literal["forest", "thicket", "tunnel", "missions", "empty"] = "empty"
     rows: int = Field(7, ge=1, le=100, description="forest: trunks along y.")
@@ -41,29 +41,41 @@ class WorldConfig(StrictModel):
     spacing: float = Field(7.0, gt=0, description="forest: centre to centre [m].")
     staggered: bool = Field(False, description="forest: every other row by half a spacing.")
     radius: float = Field(1.0, gt=0, description="forest: of each trunk [m].")
-    jitter: float = Field(1.0, ge=0, description="forest: each trunk is moved up to this [m] "
-                          "along x and along y.")  # fmt: skip
+    jitter: float = Field(
+        1.0, ge=0, description="forest: each trunk is moved up to this [m] along x and along y."
+    )
     height: float = Field(8.0, gt=0, description="Of each trunk [m].")
-    area: list[float] = Field([-10.0, -10.0, 10.0, 10.0], min_length=4, max_length=4,
-                              description="thicket: x, y of two corners [m].")  # fmt: skip
+    area: list[float] = Field(
+        [-10.0, -10.0, 10.0, 10.0],
+        min_length=4,
+        max_length=4,
+        description="thicket: x, y of two corners [m].",
+    )
     density: float = Field(0.1, gt=0, le=1, description="thicket: trunks per m².")
-    radii: list[float] = Field([0.2, 0.5], min_length=2, max_length=2,
-                               description="thicket: least and largest radius [m].")  # fmt: skip
+    radii: list[float] = Field(
+        [0.2, 0.5], min_length=2, max_length=2, description="thicket: least and largest radius [m]."
+    )
     gap: float = Field(1.2, ge=0, description="thicket: least room between two trunks [m].")
-    opening: list[float] = Field([2.0, 2.0], min_length=2, max_length=2,
-                                 description="tunnel: width and height [m].")  # fmt: skip
+    opening: list[float] = Field(
+        [2.0, 2.0], min_length=2, max_length=2, description="tunnel: width and height [m]."
+    )
     sill: float = Field(1.0, ge=0, description="tunnel: height of its floor [m].")
-    thickness: list[float] = Field([2.0, 4.0], min_length=2, max_length=2,
-                                   description="tunnel: least and largest length [m].")  # fmt: skip
-    wall: list[float] = Field([30.0, 8.0], min_length=2, max_length=2,
-                              description="tunnel: length and height of the wall [m].")  # fmt: skip
+    thickness: list[float] = Field(
+        [2.0, 4.0], min_length=2, max_length=2, description="tunnel: least and largest length [m]."
+    )
+    wall: list[float] = Field(
+        [30.0, 8.0],
+        min_length=2,
+        max_length=2,
+        description="tunnel: length and height of the wall [m].",
+    )
     missions: str | None = Field(None, description="missions: the JSON file that holds them.")
     cylinders: list[Cylinder] = Field([])
     boxes: list[Box] = Field([])
 
 
 def surface_distance(position: Vector, world: dict[str, Any]) -> Vector:
-    """Signed distance (...,) [m] from each point (...,3) to the nearest obstacle surface."""
+    """Return the signed distance (...,) m from points (...,3) to the nearest obstacle surface."""
     nearest = np.full(position.shape[:-1], np.inf)
     for c in world.get("cylinders", []):
         radial = to_cylinder(position, c["x"], c["y"], c["radius"])
@@ -80,41 +92,43 @@ def surface_distance(position: Vector, world: dict[str, Any]) -> Vector:
 
 
 class Occluders:
-    """The obstacles of a world as arrays, for asking what hides what; eq. (6)."""
+    """The obstacles of a world as arrays, to compute lines of sight; eq. (6)."""
 
     def __init__(self, world: dict[str, Any]) -> None:
-        """world: as in `world.json`."""
+        """Take the obstacles of a world as in `world.json`."""
         rows = [[c["x"], c["y"], c["radius"], c["height"]] for c in world.get("cylinders", [])]
         self.cylinders = np.array(rows, float).reshape(-1, 4)
         self.boxes = [(np.array(b["min"]), np.array(b["max"])) for b in world.get("boxes", [])]
 
     def free(
-        self, eye: Vector, points: Vector, own: NDArray[np.int_] | None = None
+        self, viewpoint: Vector, points: Vector, own: NDArray[np.int_] | None = None
     ) -> NDArray[np.bool_]:
-        """(n,) whether the segment from `eye` to each of `points` (n,3) meets no obstacle.
+        """Return (n,) whether the segments from `viewpoint` to `points` (n,3) m meet no obstacle.
 
-        eye: (3,), one for all, or (n,3). own: (n,) the cylinder that each point belongs to and
-        that does not hide it.
+        viewpoint: (3,) m, one for all, or (n,3). own: (n,) index of the cylinder that each point
+        belongs to; this cylinder does not hide it.
         """
-        d = points - eye
+        d = points - viewpoint
         length2 = np.maximum((d[:, :2] ** 2).sum(axis=1), 1e-9)[:, None]
-        x, y = self.cylinders[:, 0] - eye[..., :1], self.cylinders[:, 1] - eye[..., 1:2]
+        x, y = self.cylinders[:, 0] - viewpoint[..., :1], self.cylinders[:, 1] - viewpoint[..., 1:2]
         along = np.clip((d[:, :1] * x + d[:, 1:2] * y) / length2, 0.0, 1.0)
         miss2 = (along * d[:, :1] - x) ** 2 + (along * d[:, 1:2] - y) ** 2
-        below = eye[..., 2:] + along * d[:, 2:] < self.cylinders[:, 3]
+        below = viewpoint[..., 2:] + along * d[:, 2:] < self.cylinders[:, 3]
         meets = (miss2 < self.cylinders[:, 2] ** 2) & below
         if own is not None:
             meets[np.arange(len(points)), own] = False
         free: NDArray[np.bool_] = ~meets.any(axis=1)
         for low, high in self.boxes:
-            free &= ~_segment_meets_box(eye, d, low, high)
+            free &= ~_segment_meets_box(viewpoint, d, low, high)
         return free
 
 
-def _segment_meets_box(eye: Vector, d: Vector, low: Vector, high: Vector) -> NDArray[np.bool_]:
-    """Slab test of segments eye + s·d, s in [0, 1]."""
+def _segment_meets_box(
+    viewpoint: Vector, d: Vector, low: Vector, high: Vector
+) -> NDArray[np.bool_]:
+    """Return whether segments viewpoint + s·d, s in [0, 1], meet a box, by the slab test."""
     safe = np.where(np.abs(d) < 1e-12, 1e-12, d)
-    near, far = (low - eye) / safe, (high - eye) / safe
+    near, far = (low - viewpoint) / safe, (high - viewpoint) / safe
     enter = np.minimum(near, far).max(axis=1)
     leave = np.maximum(near, far).min(axis=1)
     meets: NDArray[np.bool_] = (enter < leave) & (leave > 0.0) & (enter < 1.0)

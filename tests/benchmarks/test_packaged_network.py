@@ -11,7 +11,7 @@ from companion.perception.config import SensingConfig
 from companion.perception.detectors import ModelError, make_detector
 from sitl_sim.sensors.fisheye import Lens
 from sitl_sim.sensors.labelled_frames import CONDITIONS, rendered
-from sitl_sim.sensors.scenes import crowds
+from sitl_sim.sensors.scenes import crowded_scenes
 
 LENS, CAMERA = Lens(640, 400), Camera.equidistant(640, 400)
 
@@ -19,7 +19,9 @@ LENS, CAMERA = Lens(640, 400), Camera.equidistant(640, 400)
 def test_the_network_finds_bare_drones():
     detector = make_detector(CAMERA, SensingConfig(detector="cnn"))
     bands = {TO_8: Tally()}
-    for scene, image in rendered(crowds(5, 8, 90, LENS), CONDITIONS["clean"], "bare", LENS, 90, 8):
+    for scene, image in rendered(
+        crowded_scenes(5, 8, 90, LENS), CONDITIONS["clean"], "bare", LENS, 90, 8
+    ):
         offsets = scene.in_camera(scene.drones - scene.p)
         ranges = np.linalg.norm(offsets, axis=1)
         drones = Drones(offsets / ranges[:, None], ranges, scene.visible, scene.velocities)

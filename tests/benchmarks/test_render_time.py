@@ -9,14 +9,14 @@ import pytest
 
 from sitl_sim.sensors.fisheye import Lens
 from sitl_sim.sensors.renderer import Renderer
-from sitl_sim.sensors.scenes import stills
+from sitl_sim.sensors.scenes import still_scenes
 
 LENS = Lens(640, 400)
 
 
 def frame_times(count: int, seed: int) -> np.ndarray:
     """(count,) ms of one thread's processor time, forest with up to nine drones about the view."""
-    scenes = list(stills(25, seed, LENS))  # of one world
+    scenes = list(still_scenes(25, seed, LENS))  # of one world
     renderer = Renderer(scenes[0].world, LENS.width, LENS.height, seed=seed)
     out = np.empty((LENS.height, LENS.width, 3), np.uint8)
     times = []

@@ -1,4 +1,4 @@
-"""Companions in the simulator's own process fly as those in processes of their own do."""
+"""Companions in the simulator's process fly as companions in processes of their own."""
 
 import json
 

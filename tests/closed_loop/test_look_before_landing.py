@@ -1,4 +1,4 @@
-"""Who has arrived looks round before it lands, where the mission asks for it."""
+"""A drone that has arrived turns once before it lands, where the mission asks for it."""
 
 import json
 import math

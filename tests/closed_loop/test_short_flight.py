@@ -1,4 +1,4 @@
-"""Real processes, real MAVLink, rendered frames: one drone, a trunk in its way, there and home."""
+"""Real processes, real MAVLink, rendered frames: one drone round a trunk and home."""
 
 import json
 
@@ -56,7 +56,7 @@ def test_the_same_seed_gives_the_same_bytes(scenario, tmp_path):
         (["run", "forest", "--set", "drones.count=no"], "drones.count"),
     ],
 )
-def test_bad_input_is_one_clear_line_and_exit_2(arguments, words, capsys):
+def test_bad_input_is_one_clear_line_and_status_2(arguments, words, capsys):
     assert main(arguments) == 2
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1

@@ -48,12 +48,12 @@ def test_three_fly_from_pixels_to_a_shared_target(scenario, tmp_path):
 
 
 @pytest.mark.row("1")
-def test_a_killed_companion_stops_nobody_else_and_its_vehicle_lands(scenario, tmp_path):
+def test_a_killed_companion_stops_no_other_drone_and_its_vehicle_lands(scenario, tmp_path):
     with flight(scenarios.load(str(scenario), []), tmp_path / "run") as f:
         f.write_inputs()
         f.launch()
         f.wait_for_companions()
-        victim = f.processes["drone2"]
+        victim = f._drones[1].process
         killed = []
 
         def kill_at_seven(t):
@@ -99,13 +99,18 @@ def test_real_time_reports_deadline_misses(scenario, tmp_path):
     metrics = metrics_of(tmp_path / "run")
     assert metrics["never_flew"] == []
     assert 0.0 <= metrics["deadline_miss_rate"] <= 1.0
-    # Nobody waits: simulated and real seconds are the same, start-up aside.
+    # The world waits for no companion: simulated and real seconds are equal, start-up aside.
     assert metrics["real_time_factor"] == pytest.approx(1.0, abs=0.1)
 
 
 def test_a_companion_started_by_hand_flies_a_served_world(scenario, tmp_path):
-    overrides = ["drones.count=1", "mission.time_limit=40", "mission.home=true",
-                 "mission.targets=[[4.0, -1.5, 2.0]]", "world.cylinders=[]"]  # fmt: skip
+    overrides = [
+        "drones.count=1",
+        "mission.time_limit=40",
+        "mission.home=true",
+        "mission.targets=[[4.0, -1.5, 2.0]]",
+        "world.cylinders=[]",
+    ]
     with flight(scenarios.load(str(scenario), overrides), tmp_path / "run", real_time=True) as f:
         f.write_inputs()
         world = threading.Thread(target=f.run)
@@ -119,7 +124,7 @@ def test_a_companion_started_by_hand_flies_a_served_world(scenario, tmp_path):
     assert figures["targets_reached"] == {"drone1": "2/2"}
 
 
-def test_a_port_in_use_is_one_clear_line_and_exit_2(scenario, tmp_path, capsys):
+def test_a_port_in_use_is_one_clear_line_and_status_2(scenario, tmp_path, capsys):
     with socket.create_server(("127.0.0.1", 26541)):
         assert main(["run", str(scenario), "--out", str(tmp_path / "run")]) == 2
     lines = capsys.readouterr().err.strip().splitlines()

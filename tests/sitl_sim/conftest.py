@@ -1,4 +1,4 @@
-"""A flight without sockets: vehicles, autopilots, and whoever talks to them."""
+"""A flight without sockets: vehicles, their autopilots, a ground station and a companion."""
 
 import math
 
@@ -55,11 +55,17 @@ class Flight:
         return False
 
     def texts(self, i=0):
-        return [t.text for t in self.autopilots.status_texts(i)]
+        return [t.text for t in self.autopilots.units[i].commander.texts]
 
     @property
     def commander(self):
         return self.autopilots.units[0].commander
+
+    @property
+    def tilt(self):
+        """Angle of vehicle 0 from level [rad]."""
+        _, x, y, _ = self.vehicles.q[0]
+        return math.acos(1 - 2 * (x * x + y * y))
 
     def last(self, kind, i=0):
         return [m for m in self.heard[i] if isinstance(m, kind)][-1]
@@ -70,6 +76,14 @@ class Flight:
         assert self.command(22) == 0
         assert self.run(10.0, lambda: self.commander.mode.name == "HOLD")
         self.run(2.0)
+
+    def in_offboard(self):
+        """Take off and enter offboard with a level stream of setpoints (PX4's way)."""
+        self.in_the_air()
+        self.stream([0, 0, 0], Airframe().hover_thrust)
+        self.run(0.5)
+        self.command(176, 1, 6, 0)
+        assert self.commander.mode.name == "OFFBOARD"
 
 
 @pytest.fixture

@@ -12,17 +12,27 @@ from sitl_sim.sensors.perfect_detector import camera_rays
 
 DRONES = 3
 SECONDS = 12.0
-WORLD = {"drone_radius": 0.2, "boxes": [], "target_tolerance": 1.0,
-         "cylinders": [{"x": 6.0, "y": 4.0, "radius": 0.5, "height": 8.0}]}  # fmt: skip
+WORLD = {
+    "drone_radius": 0.2,
+    "boxes": [],
+    "target_tolerance": 1.0,
+    "cylinders": [{"x": 6.0, "y": 4.0, "radius": 0.5, "height": 8.0}],
+}
 NAMES = [f"drone{i + 1}" for i in range(DRONES)]
 
 
 def scenario():
     return scenarios.Scenario.model_validate(
-        {"name": "made up", "drones": {"count": DRONES, "frame_yaw_deg": "random",
-                                       "starts": [[0, 0], [1.5, 1.2], [1.5, -1.2]]},
-         "sensing": {"width": 640, "height": 400}}
-    )  # fmt: skip
+        {
+            "name": "made up",
+            "drones": {
+                "count": DRONES,
+                "frame_yaw_deg": "random",
+                "starts": [[0, 0], [1.5, 1.2], [1.5, -1.2]],
+            },
+            "sensing": {"width": 640, "height": 400},
+        }
+    )
 
 
 def truth(gap=1.2):
@@ -37,8 +47,14 @@ def truth(gap=1.2):
     v[99:102] = (p[100:103] - p[98:101]) / 0.04
     q = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), DRONES, 1))
     armed = np.ones((len(t), DRONES), bool)
-    return {"t": t, "position": p, "velocity": v, "attitude": q, "armed": armed,
-            "names": np.array(NAMES)}  # fmt: skip
+    return {
+        "t": t,
+        "position": p,
+        "velocity": v,
+        "attitude": q,
+        "armed": armed,
+        "names": np.array(NAMES),
+    }
 
 
 def log(i, world, miss=0.0, ghost=0.0, turn=0.0, stretch=1.0, slow=0.0):
@@ -67,21 +83,37 @@ def log(i, world, miss=0.0, ghost=0.0, turn=0.0, stretch=1.0, slow=0.0):
         if rng.random() < ghost:
             rows.append([0.0, -0.5, 0.866, 3.0, 1.0])
         tracks = [
-            {"id": j, "p": own(p[j] - frame.origin).tolist(), "unseen": 0.0, "sigma": 0.1,
-             "v": (own(v[j]) + np.array([slow, 0, 0])).tolist()} for j in others
-        ]  # fmt: skip
+            {
+                "id": j,
+                "p": own(p[j] - frame.origin).tolist(),
+                "unseen": 0.0,
+                "sigma": 0.1,
+                "v": (own(v[j]) + np.array([slow, 0, 0])).tolist(),
+            }
+            for j in others
+        ]
         place = own(p[i] - frame.origin)
         plan = [(place + own([0.1 * a, 0, 0])).tolist() for a in range(21)]
         stamp = time + frame.boot
-        ticks.append({
-            "time": stamp, "frame": stamp, "phase": "fly" if time > 2 else "takeoff",
-            "own": {"p": place.tolist(), "q": [1, 0, 0, 0]}, "goal": {"p": [9, 0, 2], "index": 0},
-            "detections": rows, "trunks": [], "tracks": tracks, "cylinders": [],
-            "critical": [[others[0], 0.8]], "plan": plan,
-            "solver": {"solve_ms": 2.0 + n % 5, "usable": True},
-            "command": {"reason": "plan" if n % 40 else "brake"},
-            "stages_ms": {"tick": 6.0}, "counters": {"deadline_misses": 0},
-        })  # fmt: skip
+        ticks.append(
+            {
+                "time": stamp,
+                "frame": stamp,
+                "phase": "fly" if time > 2 else "takeoff",
+                "own": {"p": place.tolist(), "q": [1, 0, 0, 0]},
+                "goal": {"p": [9, 0, 2], "index": 0},
+                "detections": rows,
+                "trunks": [],
+                "tracks": tracks,
+                "cylinders": [],
+                "critical": [[others[0], 0.8]],
+                "plan": plan,
+                "solver": {"solve_ms": 2.0 + n % 5, "usable": True},
+                "command": {"reason": "plan" if n % 40 else "brake"},
+                "stages_ms": {"tick": 6.0},
+                "counters": {"deadline_misses": 0},
+            }
+        )
     return ticks
 
 

@@ -18,3 +18,15 @@ def test_kernels_older_than_a_source_are_removed(tmp_path: Path, edited: int, le
         os.utime(tmp_path / name, (time, time))
     drop_stale_kernels(tmp_path)
     assert len(list(cache.iterdir())) == left
+
+
+def test_a_newer_source_outside_the_package_removes_them_too(tmp_path: Path) -> None:
+    kernel, other = tmp_path / "package" / "__pycache__" / "paint.nbi", tmp_path / "constants.py"
+    kernel.parent.mkdir(parents=True)
+    for path, time in ((kernel, 100), (other, 150)):
+        path.touch()
+        os.utime(path, (time, time))
+    drop_stale_kernels(tmp_path / "package")
+    assert kernel.exists()
+    drop_stale_kernels(tmp_path / "package", other)
+    assert not kernel.exists()

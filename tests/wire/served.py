@@ -1,4 +1,4 @@
-"""The world served as a user serves it: `sitl-sim serve` in a process of its own."""
+"""A world served by `sitl-sim serve` in a process of its own, as users serve it."""
 
 import contextlib
 import os
@@ -24,7 +24,7 @@ wire: {{companion_port: {companion}, gcs_port: {gcs}, frame_port: {frames}}}
 
 
 def free_ports(count, kind=socket.SOCK_DGRAM):
-    """A port p so that p … p + count are free at this moment."""
+    """Return a port p so that p … p + count are free now."""
     for first in range(20000 + os.getpid() % 5000, 60000, count + 1):
         sockets = []
         try:
@@ -41,7 +41,7 @@ def free_ports(count, kind=socket.SOCK_DGRAM):
 
 
 class Lines:
-    """What a process prints, as it comes."""
+    """The growing output of a process."""
 
     def __init__(self, stream):
         self.text = ""
@@ -57,11 +57,11 @@ class Lines:
                     self._changed.notify_all()
 
     def join(self):
-        """Until the stream has ended."""
+        """Wait until the stream has ended."""
         self._thread.join()
 
     def wait_for(self, pattern, since=0, timeout=90.0):
-        """The first match of a pattern behind `since` characters."""
+        """Wait for and return the first match of a pattern after `since` characters."""
         end = time.monotonic() + timeout
         with self._changed:
             while (found := re.compile(pattern).search(self.text, since)) is None:
@@ -71,13 +71,13 @@ class Lines:
 
 
 class Served:
-    """Where the vehicles are reached."""
+    """Ports and process of a served world."""
 
     def __init__(self, companion, gcs, process):
         self.companion, self.gcs, self.process = companion, gcs, process
 
     def urls(self, count):
-        """MAVSDK's names of the companion ports."""
+        """Return MAVSDK's URLs of the companion ports."""
         return [f"udpin://127.0.0.1:{self.companion + i + 1}" for i in range(count)]
 
 
@@ -89,13 +89,18 @@ def served(autopilot, count=1, **keys):
     overrides = [f"--set={k.replace('__', '.')}={v}" for k, v in keys.items()]
     with tempfile.TemporaryDirectory() as folder:
         scenario = Path(folder) / "wire.yaml"
-        scenario.write_text(SCENARIO.format(
-            count=count, autopilot=autopilot, companion=companion, gcs=gcs, frames=frames
-        ))  # fmt: skip
+        scenario.write_text(
+            SCENARIO.format(
+                count=count, autopilot=autopilot, companion=companion, gcs=gcs, frames=frames
+            )
+        )
         process = subprocess.Popen(
             [sys.executable, "-m", "sitl_sim", "serve", str(scenario), "--out", folder, *overrides],
-            cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
-        )  # fmt: skip
+            cwd=ROOT,
+            stderr=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            text=True,
+        )
         lines = Lines(process.stderr)
         try:
             lines.wait_for(rf"drone{count}: system {count}, companion UDP")

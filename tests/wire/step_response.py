@@ -1,8 +1,8 @@
-"""Step responses of the rate loop: the emulated vehicle's, and a real Betaflight's, same physics.
+"""Step responses of the rate loop: emulated vehicle and real Betaflight on the same physics.
 
 A vehicle hovers in place (position and velocity are held, rotation is free), and one body rate
-is asked for, then none again. Rise time is from 10 to 90 % of the step, overshoot what exceeds
-it, both of the median of several steps. Run as a program it draws them:
+is commanded for a while. Rise time is from 10 to 90 % of the step, overshoot is the excess over
+it, both of the median of several steps. Run as a program, this module draws them:
 `python tests/wire/step_response.py PAGE.html`.
 """
 
@@ -26,7 +26,7 @@ from mavlink_bridge.betaflight.process import MspLine, open_controller, wait_for
 from mavlink_bridge.wire.messages import Command, RateSetpoint, Received, Source
 from sitl_sim.external.betaflight_sitl import BetaflightError, BetaflightSitl
 from sitl_sim.external.namespace import Host
-from sitl_sim.external.priority import PHYSICS, hurry, relent
+from sitl_sim.external.priority import PHYSICS, raise_priority, reset_priority
 from sitl_sim.figures.page import draw, page
 from sitl_sim.vehicles.emulated import Autopilots
 from sitl_sim.vehicles.estimator import SensorNoise
@@ -49,7 +49,7 @@ HOVER_THROTTLE = 0.575
 
 @dataclass(frozen=True)
 class Response:
-    """One axis's answer: times (k,) s from the step, rate (k,) rad/s, the step asked for."""
+    """Response of one axis: times (k,) s from the step, rate (k,) rad/s, commanded rate."""
 
     axis: str
     asked: float
@@ -58,17 +58,17 @@ class Response:
 
     @property
     def rise_time(self) -> float:
-        """From 10 to 90 % of the step [s]."""
+        """Time from 10 to 90 % of the step [s]."""
         return self._crossing(0.9) - self._crossing(0.1)
 
     @property
     def delay(self) -> float:
-        """From the step to half of it [s]."""
+        """Time from the step to half of it [s]."""
         return self._crossing(0.5)
 
     @property
     def overshoot(self) -> float:
-        """What exceeds the step, as a share of it."""
+        """Excess over the step, as a share of it."""
         return max(float(self.rate.max()) / self.asked - 1.0, 0.0)
 
     def _crossing(self, share: float) -> float:
@@ -82,9 +82,9 @@ class Response:
 
 
 def typical(responses: list[Response]) -> Response:
-    """The median, point by point, of responses to one step, each moved to its own half rise.
+    """Return the median of responses to one step, point by point, aligned at half their rise.
 
-    What lies between sending and arriving is transport, and of a busy machine: it is taken out.
+    The delay from sending to arrival depends on the machine's load: the alignment removes it.
     """
     first = responses[0]
     delay = float(np.median([r.delay for r in responses]))
@@ -93,7 +93,7 @@ def typical(responses: list[Response]) -> Response:
 
 
 def hold_in_place(vehicles: Vehicles, level: bool) -> None:
-    """Take away where it went; `level`: and how it turned."""
+    """Reset position and velocity; `level`: the attitude, too."""
     s = vehicles.state
     s.p[:], s.v[:] = [0.0, 0.0, 10.0], 0.0
     s.contact[:] = False
@@ -102,14 +102,14 @@ def hold_in_place(vehicles: Vehicles, level: bool) -> None:
 
 
 def omega_of(axis: str, rate_deg: float) -> Floats:
-    """Body rates (3,) rad/s with one axis turning."""
+    """Return body rates (3,) rad/s with one axis turning."""
     omega = np.zeros(3)
     omega[AXES.index(axis)] = math.radians(rate_deg)
     return omega
 
 
 def emulated(axis: str, rate_deg: float) -> Response:
-    """The emulated vehicle's answer, in simulated time."""
+    """Return the emulated vehicle's response, in simulated time."""
     vehicles = Vehicles(Airframe(), [[0.0, 0.0, 0.0]], 0.0)
     autopilots = Autopilots(vehicles, [1], "px4", noise=SensorNoise.none())
     companion = Source(1, 191)
@@ -140,10 +140,10 @@ def emulated(axis: str, rate_deg: float) -> Response:
 
 
 class RealRates:
-    """A real Betaflight held in place: asks for rates, records what it does."""
+    """A real Betaflight held in place: commands rates, records its response."""
 
     def __init__(self, folder: Path, settings: list[str]) -> None:
-        hurry(PHYSICS)
+        raise_priority(PHYSICS)
         self._vehicles = Vehicles(Airframe(), [[0.0, 0.0, 0.0]], 0.0)
         self._sitl = BetaflightSitl(folder, Host(), settings)
         self._frame = LocalFrame(np.zeros(3), 0.0, GeoReference())
@@ -162,10 +162,10 @@ class RealRates:
         return wait_for_controller(MspLine(self._line.stream))
 
     def steps(self, axis: str, rate_deg: float, count: int = 5) -> list[Response]:
-        """Steps during which neither this process nor Betaflight was kept waiting.
+        """Return steps during which neither this process nor Betaflight was delayed.
 
         Raises:
-            BetaflightError: the machine is too busy for any.
+            BetaflightError: the machine is too busy for undisturbed steps.
         """
         good: list[Response] = []
         for _ in range(_TRIES):
@@ -179,7 +179,7 @@ class RealRates:
         raise BetaflightError(f"{len(good)} of {count} steps undisturbed: the machine is too busy")
 
     def _step(self, axis: str, rate_deg: float) -> Response:
-        """One step; the time of its sending is its beginning."""
+        """Record one step, which begins when it is sent."""
         self._run(_SETTLE, np.zeros(3), HOVER_THROTTLE, held=True)
         omega = omega_of(axis, rate_deg)
         samples: list[tuple[float, Floats]] = []
@@ -198,13 +198,19 @@ class RealRates:
         """End the process."""
         self._line.stream.close()
         self._sitl.close()
-        relent()
+        reset_priority()
 
     def _run(
-        self, seconds: float, omega: Floats, throttle: float, *, armed: bool = True,
-        held: bool = False, turning: bool = False,
+        self,
+        seconds: float,
+        omega: Floats,
+        throttle: float,
+        *,
+        armed: bool = True,
+        held: bool = False,
+        turning: bool = False,
         note: Callable[[tuple[float, Floats]], None] = lambda sample: None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         end = time.monotonic() + seconds
         sticks = np.array(self._controller.rate_sticks(omega))
         frame = msp.raw_rc(self._controller.channels(sticks, throttle, armed, False))
@@ -229,14 +235,14 @@ class RealRates:
 
 @dataclass(frozen=True)
 class Pair:
-    """One step, answered by the emulated vehicle and by a real Betaflight."""
+    """Responses of the emulated vehicle and of a real Betaflight to one step."""
 
     ours: Response
     real: Response
 
     @property
     def text(self) -> str:
-        """A row of a table: axis, step, rise times, overshoots."""
+        """Row of a table: axis, step, rise times, overshoots."""
         o, r = self.ours, self.real
         return (
             f"| {o.axis} | {math.degrees(o.asked):.0f} | {1e3 * r.rise_time:.0f} | "
@@ -245,7 +251,7 @@ class Pair:
 
 
 def compare(folder: Path, count: int) -> Iterator[Pair]:
-    """Every axis and step; the real ones are medians of `count`."""
+    """Yield every axis and step; real responses are medians of `count`."""
     real = RealRates(folder, [])
     try:
         for axis in AXES:
@@ -256,17 +262,25 @@ def compare(folder: Path, count: int) -> Iterator[Pair]:
 
 
 def plot(pairs: list[Pair]) -> str:
-    """A row for each axis, a column for each step, as a page."""
+    """Return a page with a row for each axis and a column for each step."""
     titles = [f"{p.ours.axis}, {math.degrees(p.ours.asked):.0f} °/s" for p in pairs]
     figure = make_subplots(rows=len(AXES), cols=len(STEPS_DEG), subplot_titles=titles)
     for n, pair in enumerate(pairs):
         # Half rise against half rise: transport to the real one is not the rate loop's.
         moved = pair.real.t - pair.real.delay + pair.ours.delay
-        for name, r, t, colour in (("Betaflight 4.6.0", pair.real, moved, "#d62728"),
-                                   ("emulated", pair.ours, pair.ours.t, "#1f77b4")):  # fmt: skip
-            figure.add_scatter(x=1e3 * t, y=np.degrees(r.rate), name=name, line_color=colour,
-                               showlegend=not n, row=n // len(STEPS_DEG) + 1,
-                               col=n % len(STEPS_DEG) + 1)  # fmt: skip
+        for name, r, t, colour in (
+            ("Betaflight 4.6.0", pair.real, moved, "#d62728"),
+            ("emulated", pair.ours, pair.ours.t, "#1f77b4"),
+        ):
+            figure.add_scatter(
+                x=1e3 * t,
+                y=np.degrees(r.rate),
+                name=name,
+                line_color=colour,
+                showlegend=not n,
+                row=n // len(STEPS_DEG) + 1,
+                col=n % len(STEPS_DEG) + 1,
+            )
     figure.update_xaxes(range=[-50, 250])
     figure.update_layout(width=1000, height=720, margin={"l": 40, "r": 10, "t": 40, "b": 30})
     return page("Step responses, °/s over ms", "", [("Rate loops", draw(figure))])

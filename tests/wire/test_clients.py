@@ -1,4 +1,4 @@
-"""Clients that we did not write, unmodified from PyPI, fly the emulated vehicles in real time.
+"""Clients of other projects, unmodified from PyPI, fly the emulated vehicles in real time.
 
 What they measure does not depend on how loaded the machine is; only their patience is in wall
 time. The scripts in `clients/` are what a user would write.
@@ -18,17 +18,19 @@ PARAMETERS = {"px4": (29, 4, 5), "ardupilot": (20, 0, 8)}  # how many, one of th
 
 
 def client(name, *arguments, timeout=240):
-    """Run a client's script; the JSON objects that it printed."""
+    """Run a client's script; return the JSON objects that it printed."""
     done = subprocess.run(
         [sys.executable, str(CLIENTS / name), *map(str, arguments)],
-        capture_output=True, text=True, timeout=timeout,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+    )
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
     return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
 
 
 def check_flight(flown, flavour):
-    """What every flight by MAVSDK must have measured."""
+    """Check the measurements of a flight by MAVSDK."""
     assert flown["health"] == 7
     assert (flown["parameters"], flown["int_before"], flown["int_after"]) == PARAMETERS[flavour]
     assert flown["hover"] == pytest.approx(0.333)

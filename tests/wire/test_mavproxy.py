@@ -1,4 +1,4 @@
-"""MAVProxy, unmodified from PyPI, typed at as a pilot would, on the ground station's port."""
+"""MAVProxy, unmodified from PyPI, with a pilot's commands, on the ground station's port."""
 
 import contextlib
 import subprocess
@@ -16,10 +16,10 @@ WAYS = {
         29,
         ("COM_OBL_RC_ACT", 5),
         "param set MIS_TAKEOFF_ALT 5",
-        "long NAV_LAND 0 0 0 0 0 0 0" ,
+        "long NAV_LAND 0 0 0 0 0 0 0",
     ),
     "ardupilot": (20, ("GUID_OPTIONS", 8), "mode guided", "mode land"),
-}  # fmt: skip
+}
 ANYTHING = ""
 
 
@@ -31,7 +31,7 @@ class Console:
         self.lines = Lines(process.stdout)
 
     def type(self, command, answer, timeout=60.0):
-        """Type a command and wait for what it must lead to."""
+        """Type a command and wait for its result in the output."""
         since = len(self.lines.text)
         self._process.stdin.write(command + "\n")
         self._process.stdin.flush()
@@ -48,12 +48,20 @@ class Console:
 @contextlib.contextmanager
 def mavproxy(port, folder):
     process = subprocess.Popen(
-        [sys.executable, str(Path(sys.executable).parent / "mavproxy.py"),
-         f"--master=udpin:127.0.0.1:{port}", f"--state-basedir={folder}",
-         "--default-modules=link,arm,mode,param,wp,misc,cmdlong,rc", "--source-system=250"],
-        cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        [
+            sys.executable,
+            str(Path(sys.executable).parent / "mavproxy.py"),
+            f"--master=udpin:127.0.0.1:{port}",
+            f"--state-basedir={folder}",
+            "--default-modules=link,arm,mode,param,wp,misc,cmdlong,rc",
+            "--source-system=250",
+        ],
+        cwd=folder,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
         text=True,
-    )  # fmt: skip
+    )
     console = Console(process)
     try:
         yield console

@@ -1,4 +1,4 @@
-"""A machine that stands still for a while must not look like a client that fell silent."""
+"""A stalled machine must not look like a silent client."""
 
 import signal
 import threading
@@ -13,7 +13,7 @@ OFFBOARD = 6  # PX4's main mode
 
 
 class Client:
-    """Asks for offboard and streams level setpoints at 20 Hz, as MAVSDK does."""
+    """Requests offboard and streams level setpoints at 20 Hz, as MAVSDK does."""
 
     def __init__(self, port):
         self._line = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", source_system=245)
@@ -32,14 +32,14 @@ class Client:
         self._line.mav.command_long_send(1, 1, number, 0, *values, *[0] * (7 - len(values)))
 
     def modes(self, seconds):
-        """PX4's main mode and whether armed, of each heartbeat of some seconds."""
-        end, told = time.monotonic() + seconds, []
+        """Return PX4's main mode and whether armed, of each heartbeat of some seconds."""
+        end, seen = time.monotonic() + seconds, []
         while (left := end - time.monotonic()) > 0:
             beat = self._line.recv_match(type="HEARTBEAT", blocking=True, timeout=left)
             if beat is not None:
                 armed = bool(beat.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
-                told.append((beat.custom_mode >> 16 & 0xFF, armed))
-        return told
+                seen.append((beat.custom_mode >> 16 & 0xFF, armed))
+        return seen
 
     def close(self):
         self._ended.set()
@@ -47,7 +47,7 @@ class Client:
         self._line.close()
 
 
-def test_setpoints_that_came_during_a_stall_are_no_silence():
+def test_setpoints_during_a_stall_count_when_it_ends():
     with served("px4") as world:
         client = Client(world.companion + 1)
         try:
@@ -59,8 +59,8 @@ def test_setpoints_that_came_during_a_stall_are_no_silence():
             world.process.send_signal(signal.SIGSTOP)
             time.sleep(3.0)  # PX4 waits for 1.0 s
             world.process.send_signal(signal.SIGCONT)
-            told = client.modes(5.0)
+            seen = client.modes(5.0)
         finally:
             client.close()
-    assert len(told) > 3
-    assert set(told) == {(OFFBOARD, True)}
+    assert len(seen) > 3
+    assert set(seen) == {(OFFBOARD, True)}

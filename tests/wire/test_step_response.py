@@ -1,4 +1,4 @@
-"""How the rate loops answer steps, emulated and real, on the same physics."""
+"""Step responses of the rate loops, emulated and real, on the same physics."""
 
 import importlib.util
 

@@ -1,1 +1,1 @@
-"""Emulated autopilots: modes, parameters, missions, telemetry streams, in three flavours."""
+"""Emulated autopilots in three flavours: modes, parameters, missions, telemetry streams."""

@@ -1,32 +1,46 @@
-"""The emulated ArduCopter: names and values as ArduCopter 4.7 has them.
+"""The emulated ArduCopter: names and values as in ArduCopter 4.7.
 
-Its guided mode is our OFFBOARD: it holds until the first setpoint, and when setpoints stop for
-GUID_TIMEOUT it levels with climb rate 0 and stays in guided mode. Thrust is a climb rate unless
-GUID_OPTIONS has bit 3.
+Its guided mode is `Mode.OFFBOARD` here: it holds until the first setpoint, and when setpoints
+stop for GUID_TIMEOUT it levels with climb rate 0 and stays in guided mode. Thrust is a climb rate
+unless GUID_OPTIONS has bit 3.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from enum import IntEnum
 
-from sitl_sim.vehicles.firmware.flavour import (
-    INT8,
-    INT16,
-    INT32,
-    REAL32,
-    Flavour,
-    Loss,
-    Mode,
-    Settings,
-)
+from mavlink_bridge.wire.messages import CommandResult
+from sitl_sim.vehicles.firmware.flavour import FailsafeAction, Flavour, Mode, Settings
+from sitl_sim.vehicles.firmware.ids import Autopilot, Capability, MessageId, ParamType
+
+INT8, INT16, INT32, REAL32 = ParamType.INT8, ParamType.INT16, ParamType.INT32, ParamType.REAL32
 
 THRUST_AS_THRUST = 8  # bit 3 of GUID_OPTIONS
 CENTI = 0.01  # its lengths and speeds are in cm
 LANDED_DISARM = 0.1  # s
 
 
+class CopterMode(IntEnum):
+    """ArduCopter's custom modes (ArduCopter/mode.h)."""
+
+    STABILIZE = 0
+    ACRO = 1
+    ALT_HOLD = 2
+    AUTO = 3
+    GUIDED = 4
+    LOITER = 5
+    RTL = 6
+    LAND = 9
+    POSHOLD = 16
+    BRAKE = 17
+    GUIDED_NOGPS = 20
+    SMART_RTL = 21
+
+
 def _settings(p: Mapping[str, float]) -> Settings:
-    actions = {1: Loss.LAND, 2: Loss.RETURN, 3: Loss.RETURN, 4: Loss.RETURN}
+    land, home = FailsafeAction.LAND, FailsafeAction.RETURN
+    actions = {1: land, 2: home, 3: home, 4: home}
     capacity = max(p["BATT_CAPACITY"], 1.0)
     return Settings(
         hover=p["MOT_THST_HOVER"],
@@ -41,13 +55,13 @@ def _settings(p: Mapping[str, float]) -> Settings:
         return_altitude=CENTI * p["RTL_ALT"],
         acceptance_radius=CENTI * p["WPNAV_RADIUS"],
         loss_time=p["GUID_TIMEOUT"],
-        loss_action=Loss.LEVEL,
+        loss_action=FailsafeAction.LEVEL,
         loss_action_time=0.0,
         disarm_landed=LANDED_DISARM,
         disarm_preflight=p["DISARM_DELAY"],
         battery_low=p["BATT_LOW_MAH"] / capacity,
         battery_critical=p["BATT_CRT_MAH"] / capacity,
-        battery_action=actions.get(int(p["BATT_FS_CRT_ACT"]), Loss.HOLD),
+        battery_action=actions.get(int(p["BATT_FS_CRT_ACT"]), FailsafeAction.HOLD),
         battery_compensated=True,
         thrust_is_climb=not int(p["GUID_OPTIONS"]) & THRUST_AS_THRUST,
         mission_ends_in_hold=False,
@@ -56,19 +70,24 @@ def _settings(p: Mapping[str, float]) -> Settings:
 
 ARDUPILOT = Flavour(
     name="ardupilot",
-    autopilot=3,
+    autopilot=Autopilot.ARDUPILOTMEGA,
     sw_version=0x04070000,
     modes={
-        Mode.STABILIZED: 0,
-        Mode.ALTITUDE: 2,
-        Mode.MISSION: 3,  # auto
-        Mode.OFFBOARD: 4,  # guided
-        Mode.POSITION: 5,  # loiter
-        Mode.RETURN: 6,
-        Mode.LAND: 9,
-        Mode.HOLD: 17,  # brake
+        Mode.STABILIZED: CopterMode.STABILIZE,
+        Mode.ALTITUDE: CopterMode.ALT_HOLD,
+        Mode.MISSION: CopterMode.AUTO,
+        Mode.OFFBOARD: CopterMode.GUIDED,
+        Mode.POSITION: CopterMode.LOITER,
+        Mode.RETURN: CopterMode.RTL,
+        Mode.LAND: CopterMode.LAND,
+        Mode.HOLD: CopterMode.BRAKE,
     },
-    also={1: Mode.STABILIZED, 16: Mode.POSITION, 20: Mode.OFFBOARD, 21: Mode.RETURN},
+    mode_aliases={
+        CopterMode.ACRO: Mode.STABILIZED,
+        CopterMode.POSHOLD: Mode.POSITION,
+        CopterMode.GUIDED_NOGPS: Mode.OFFBOARD,
+        CopterMode.SMART_RTL: Mode.RETURN,
+    },
     initial=Mode.STABILIZED,
     parameters={
         "ARMING_CHECK": (INT32, 1),
@@ -103,10 +122,18 @@ ARDUPILOT = Flavour(
     first_item_is_home=True,
     hover_name="MOT_THST_HOVER",
     system_name="MAV_SYSID",
-    unsent=frozenset({193}),  # EKF_STATUS_REPORT: MAVSDK asks for it with its health
-    arm_refusal=4,
+    unsent=frozenset({MessageId.EKF_STATUS_REPORT}),  # MAVSDK requests it with its health
+    arm_refusal=CommandResult.FAILED,
     arm_prefix="Arm",
-    # Mission float and int, parameters by value, command int, attitude target, MAVLink 2.
-    capabilities=0x1 | 0x2 | 0x4 | 0x8 | 0x40 | 0x2000 | 0x20000,
-    streams={"companion": {0: 1}, "gcs": {0: 1}},  # nothing else until asked
+    capabilities=int(
+        Capability.MISSION_FLOAT
+        | Capability.MISSION_INT
+        | Capability.COMMAND_INT
+        | Capability.PARAM_FLOAT
+        | Capability.PARAM_ENCODE_C_CAST
+        | Capability.SET_ATTITUDE_TARGET
+        | Capability.MAVLINK2
+    ),
+    # Nothing else until it is requested.
+    streams={"companion": {MessageId.HEARTBEAT: 1}, "gcs": {MessageId.HEARTBEAT: 1}},
 )

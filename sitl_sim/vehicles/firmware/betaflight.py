@@ -1,14 +1,18 @@
 """The emulated Betaflight: MAVLink telemetry with its quirks, and RC channels to fly it.
 
-As 2025.12 sends it: no LOCAL_POSITION_NED, no parameters, no commands, no setpoints. What its
-messages do wrong is in `betaflight_quirks.py`, its sticks in `sticks.py`.
+As in 2025.12: no LOCAL_POSITION_NED, no parameters, no commands, no setpoints. The errors of its
+messages are in `betaflight_quirks.py`, its RC channels in `sticks.py`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from sitl_sim.vehicles.firmware.flavour import REAL32, Flavour, Loss, Mode, Settings
+from sitl_sim.vehicles.firmware.flavour import FailsafeAction, Flavour, Mode, Settings
+from sitl_sim.vehicles.firmware.ids import Autopilot, MessageId, ParamType
+
+REAL32 = ParamType.REAL32
+_ACRO = 1  # the custom_mode that it sends in every mode
 
 
 def _settings(p: Mapping[str, float]) -> Settings:
@@ -25,23 +29,23 @@ def _settings(p: Mapping[str, float]) -> Settings:
         return_altitude=10.0,
         acceptance_radius=2.0,
         loss_time=p["failsafe_delay"],
-        loss_action=Loss.HOLD,
+        loss_action=FailsafeAction.HOLD,
         loss_action_time=0.0,
         disarm_landed=0.0,
         disarm_preflight=0.0,
         battery_low=0.15,
         battery_critical=0.0,
-        battery_action=Loss.HOLD,
+        battery_action=FailsafeAction.HOLD,
         battery_compensated=False,
     )
 
 
 BETAFLIGHT = Flavour(
     name="betaflight",
-    autopilot=0,  # GENERIC
+    autopilot=Autopilot.GENERIC,
     sw_version=0,
-    modes=dict.fromkeys(Mode, 1),  # acro, whatever it does
-    parameters={  # not on the wire: for the scenario
+    modes=dict.fromkeys(Mode, _ACRO),
+    parameters={  # never on the wire: for scenarios alone
         "failsafe_delay": (REAL32, 1.5),  # s
         "hover": (REAL32, 0.33),
         "rate_max": (REAL32, 400.0),  # °/s at full stick, linear (ACTUAL rates, expo 0)
@@ -56,7 +60,19 @@ BETAFLIGHT = Flavour(
     hover_name="hover",
     system_name="",
     streams={
-        "companion": {0: 10, 1: 2, 24: 10, 30: 50, 33: 10},
-        "gcs": {0: 10, 1: 2, 24: 2, 30: 10, 33: 2},
+        "companion": {
+            MessageId.HEARTBEAT: 10,
+            MessageId.SYS_STATUS: 2,
+            MessageId.GPS_RAW_INT: 10,
+            MessageId.ATTITUDE: 50,
+            MessageId.GLOBAL_POSITION_INT: 10,
+        },
+        "gcs": {
+            MessageId.HEARTBEAT: 10,
+            MessageId.SYS_STATUS: 2,
+            MessageId.GPS_RAW_INT: 2,
+            MessageId.ATTITUDE: 10,
+            MessageId.GLOBAL_POSITION_INT: 2,
+        },
     },
 )

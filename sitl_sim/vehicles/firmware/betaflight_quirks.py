@@ -1,4 +1,4 @@
-"""Betaflight's telemetry as it really is: coarse attitude, no body rates, a clock in µs."""
+"""Errors of Betaflight's telemetry: coarse attitude, no body rates, a clock in µs."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from mavlink_bridge.shared.frames import euler_from_quaternion, quaternion_from_euler
 from mavlink_bridge.wire.messages import EulerAttitude, GlobalPosition, Message
+from sitl_sim.vehicles.firmware.ids import MessageId
 from sitl_sim.vehicles.firmware.streams import attitude, global_position
 from sitl_sim.vehicles.firmware.unit import Unit
 
@@ -17,7 +18,7 @@ STEP = math.radians(0.1)
 
 
 def coarse_attitude(u: Unit) -> Message:
-    """Roll, pitch and yaw in steps of 0.1°; body rates zero."""
+    """Make ATTITUDE with angles in steps of 0.1° and body rates of zero."""
     exact = attitude(u)
     q = quaternion_from_euler(*(_step(a) for a in euler_from_quaternion(exact.q_wb)))
     return EulerAttitude(exact.time, q, np.zeros(3))
@@ -28,7 +29,11 @@ def _step(angle: float) -> float:
 
 
 def odd_global_position(u: Unit) -> Message | None:
-    """Time in µs in a field of ms, heading in whole degrees, height not zeroed before arming."""
+    """Make GLOBAL_POSITION_INT as Betaflight does; none without a position.
+
+    Its time is in µs in a field of ms, its heading in whole degrees, and its height above home is
+    the height above the sea until the vehicle is armed first.
+    """
     exact = global_position(u)
     if not isinstance(exact, GlobalPosition) or exact.heading is None:
         return exact
@@ -42,6 +47,6 @@ def odd_global_position(u: Unit) -> Message | None:
 
 
 QUIRKS: dict[int, Callable[[Unit], Message | None]] = {
-    30: coarse_attitude,
-    33: odd_global_position,
+    MessageId.ATTITUDE: coarse_attitude,
+    MessageId.GLOBAL_POSITION_INT: odd_global_position,
 }

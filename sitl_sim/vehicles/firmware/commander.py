@@ -1,7 +1,7 @@
 """One vehicle's discrete state: armed or not, mode, landed or not, and the failsafes.
 
-Time is the world's, in seconds; `tick` runs at 100 Hz. What a mode means for the loops is in
-`guidance.py`.
+Time is the world's, in seconds; `tick` runs at 100 Hz. What a mode asks of the control loops is
+in `guidance.py`.
 """
 
 from __future__ import annotations
@@ -9,31 +9,20 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from enum import IntEnum
 
 import numpy as np
 
 from mavlink_bridge.wire.messages import CommandResult, RateSetpoint, StatusText
-from sitl_sim.vehicles.firmware.flavour import Flavour, Loss, Mode, Settings
+from sitl_sim.vehicles.firmware.flavour import FailsafeAction, Flavour, Mode, Settings
 from sitl_sim.vehicles.firmware.guidance import Guidance
+from sitl_sim.vehicles.firmware.ids import LandedState, Severity, TypeMask
 from sitl_sim.vehicles.firmware.sticks import STICKS, Sticks
 from sitl_sim.vehicles.rigid_body import State
 
-RATES_AND_THRUST = 128  # type_mask: attitude ignored
 LANDED_AFTER = 0.5  # s of contact
 LIFTED_HEIGHT = 0.05  # m
 WITHOUT_POSITION = (Mode.OFFBOARD, Mode.ALTITUDE, Mode.STABILIZED, Mode.LAND)
-TEXTS_KEPT = 100  # the newest: who asks for the impossible for hours is answered each time
-EMERGENCY, CRITICAL, WARNING, INFO = 0, 2, 4, 6  # severities of STATUSTEXT
-
-
-class Landed(IntEnum):
-    """MAV_LANDED_STATE."""
-
-    ON_GROUND = 1
-    IN_AIR = 2
-    TAKEOFF = 3
-    LANDING = 4
+TEXTS_KEPT = 100  # the newest: a refused request that repeats for hours is answered each time
 
 
 class Commander:
@@ -50,7 +39,7 @@ class Commander:
         self.failed: set[str] = set()  # of gyro, accelerometer, magnetometer, gps
         self.remaining = 1.0  # battery
         self.texts: deque[StatusText] = deque(maxlen=TEXTS_KEPT)
-        self.said = 0  # texts since the start
+        self.texts_total = 0  # since the start
         self.now = 0.0
         self._touched_at = -math.inf
         self._armed_at = self._landed_at = -math.inf
@@ -62,16 +51,16 @@ class Commander:
 
     @property
     def landed(self) -> bool:
-        """On the ground and at rest."""
+        """Whether the vehicle is on the ground and at rest."""
         return self.guidance.landed
 
     @property
-    def landed_state(self) -> Landed:
-        """For EXTENDED_SYS_STATE."""
+    def landed_state(self) -> LandedState:
+        """The state for EXTENDED_SYS_STATE."""
         if self.landed:
-            return Landed.ON_GROUND
-        special = {Mode.TAKEOFF: Landed.TAKEOFF, Mode.LAND: Landed.LANDING}
-        return special.get(self.mode, Landed.IN_AIR)
+            return LandedState.ON_GROUND
+        special = {Mode.TAKEOFF: LandedState.TAKEOFF, Mode.LAND: LandedState.LANDING}
+        return special.get(self.mode, LandedState.IN_AIR)
 
     @property
     def armable(self) -> bool:
@@ -80,34 +69,34 @@ class Commander:
 
     @property
     def stream_ok(self) -> bool:
-        """Whether there is a new setpoint, as PX4 asks; one will do (its offboardCheck.cpp)."""
+        """Whether a setpoint is new enough for offboard (PX4: offboardCheck.cpp)."""
         return self.now - self.guidance.setpoint_at <= self.settings.loss_time
 
     def say(self, severity: int, text: str) -> None:
         """Queue a STATUSTEXT."""
         self.texts.append(StatusText(severity, text[:50]))
-        self.said += 1
+        self.texts_total += 1
 
     def configure(self, settings: Settings) -> None:
         """Take changed parameters."""
         self.settings = self.guidance.settings = settings
 
-    # What a companion or a ground station may ask; each answers with a MAV_RESULT.
+    # Requests of companions and ground stations; each returns a MAV_RESULT.
 
     def arm(self, force: bool = False) -> int:
-        """Arm, or say why not."""
+        """Arm, or send the reason why not."""
         if self.armed:
             return CommandResult.ACCEPTED
         reason = "" if force else self._why_not_armable()
         if reason:
-            self.say(CRITICAL, f"{self.flavour.arm_prefix}: {reason}")
+            self.say(Severity.CRITICAL, f"{self.flavour.arm_prefix}: {reason}")
             return self.flavour.arm_refusal
         self.armed = self.was_armed = True
         self._armed_at = self.now
         if self.landed:
             self._set_home()
         self.guidance.begin(self.mode, self.mode)
-        self.say(INFO, "Armed by external command")
+        self.say(Severity.INFO, "Armed by external command")
         return CommandResult.ACCEPTED
 
     def _set_home(self) -> None:
@@ -130,7 +119,7 @@ class Commander:
         if not self.armed:
             return CommandResult.ACCEPTED
         if not self.landed and not force:
-            self.say(CRITICAL, "Disarming denied: not landed")
+            self.say(Severity.CRITICAL, "Disarming denied: not landed")
             return self.flavour.arm_refusal
         self._disarm("Disarmed by external command")
         return CommandResult.ACCEPTED
@@ -139,18 +128,18 @@ class Commander:
         self.armed = self.failsafe = False
         self._act_at = math.inf
         self.guidance.stop_motors()
-        self.say(INFO, text)
+        self.say(Severity.INFO, text)
         if self.flavour.takeoff_mode:
             self._enter(Mode.HOLD)
 
     def set_mode(self, mode: Mode) -> int:
-        """Change the mode as asked from outside."""
+        """Change the mode on request."""
         if mode is Mode.OFFBOARD and self.flavour.stream_first and not self.stream_ok:
-            # As the real one: acknowledged, and not entered.
-            self.say(CRITICAL, "Offboard refused: no setpoints")
+            # The real one, too, acknowledges the request and does not enter the mode.
+            self.say(Severity.CRITICAL, "Offboard refused: no setpoints")
             return CommandResult.ACCEPTED
         if mode is Mode.MISSION and not self.guidance.mission:
-            self.say(CRITICAL, "Mission refused: no valid mission")
+            self.say(Severity.CRITICAL, "Mission refused: no valid mission")
             return CommandResult.TEMPORARILY_REJECTED
         if mode is Mode.MISSION and self.guidance.mission_seq >= len(self.guidance.mission):
             self.guidance.mission_seq = 0
@@ -160,7 +149,7 @@ class Commander:
         return CommandResult.ACCEPTED
 
     def take_off(self, height: float | None) -> int:
-        """Climb to `height` [m] above here (None: the parameter's)."""
+        """Climb to `height` [m] above this place; None: the parameter's height."""
         in_mode = self.flavour.takeoff_mode
         if not in_mode and not (self.armed and self.mode is Mode.OFFBOARD):
             return CommandResult.FAILED
@@ -172,8 +161,8 @@ class Commander:
         return CommandResult.ACCEPTED
 
     def follow(self, m: RateSetpoint) -> None:
-        """Take a setpoint; what is not finite or not body rates with thrust is ignored."""
-        if m.type_mask != RATES_AND_THRUST:
+        """Take a setpoint of body rates with thrust; others, and those not finite, are ignored."""
+        if m.type_mask != TypeMask.ATTITUDE_IGNORE:
             if self.flavour.bad_setpoint_stops and self.mode is Mode.OFFBOARD:
                 self.guidance.stop_following()
             return
@@ -192,10 +181,10 @@ class Commander:
         elif self.armed and not wanted:
             self._disarm("Disarmed by switch")
 
-    # What happens by itself.
+    # What happens without a request.
 
     def tick(self, now: float) -> None:
-        """Land detection, failsafes, and what the mode wants next."""
+        """Detect landings, run failsafes, and fly the mode."""
         self.now = self.guidance.now = now
         self._detect_landing()
         self._check_position()
@@ -212,7 +201,7 @@ class Commander:
         after = self.guidance.step(self.mode)
         if after is not None:
             if self.mode is Mode.MISSION and after is Mode.HOLD:
-                self.say(INFO, "Mission finished, loitering")
+                self.say(Severity.INFO, "Mission finished, loitering")
             self._enter(after)
 
     def _enter(self, mode: Mode) -> None:
@@ -228,10 +217,10 @@ class Commander:
             self.guidance.landed = True
             self._landed_at = self.now
             if self.armed:
-                self.say(INFO, "Landing detected")
+                self.say(Severity.INFO, "Landing detected")
 
     def _check_rest(self) -> None:
-        """Disarm what rests on the ground, armed, for long."""
+        """Disarm a vehicle that has long been armed on the ground."""
         if not self.landed or (self.mode is Mode.OFFBOARD and self.stream_ok):
             return
         s, flown = self.settings, self._landed_at > self._armed_at
@@ -246,25 +235,25 @@ class Commander:
         if self.now >= self._act_at:
             self._act_at = math.inf
             self._act(s.loss_action, "offboard lost")
-        if self.mode is not Mode.OFFBOARD or s.loss_action is Loss.LEVEL:
+        if self.mode is not Mode.OFFBOARD or s.loss_action is FailsafeAction.LEVEL:
             return
         if self.now - self.guidance.setpoint_at > s.loss_time:
-            self.say(EMERGENCY, "Failsafe: no offboard setpoints, holding")
+            self.say(Severity.EMERGENCY, "Failsafe: no offboard setpoints, holding")
             self._enter(Mode.HOLD)
             self.failsafe = True
             self._act_at = self.now + s.loss_action_time
 
     def _check_position(self) -> None:
-        """Without a position: level, and down, unless the mode needs none."""
+        """Level and land where the position is lost, unless the mode needs none."""
         ok = "gps" not in self.failed
         lost, self.guidance.position_ok = self.guidance.position_ok and not ok, ok
         flying = self.armed and not self.landed
         if lost and flying and self.mode not in WITHOUT_POSITION:
-            self._act(Loss.LAND, "position lost")
+            self._act(FailsafeAction.LAND, "position lost")
 
     def _check_sticks(self) -> None:
         if self.now - self.guidance.setpoint_at > self.settings.loss_time:
-            self.say(EMERGENCY, "Failsafe: RC lost, dropping")
+            self.say(Severity.EMERGENCY, "Failsafe: RC lost, dropping")
             self._disarm("Disarmed by failsafe")
             if self.sticks is not None:
                 self.sticks.failsafe()
@@ -275,12 +264,16 @@ class Commander:
         if stage <= self._battery_stage:
             return
         self._battery_stage = stage
-        self.say((WARNING, EMERGENCY)[stage - 1], ("Low battery", "Critical battery")[stage - 1])
-        if stage == 2 and s.battery_action is not Loss.HOLD and not self.landed:
+        if stage == 1:
+            self.say(Severity.WARNING, "Low battery")
+        else:
+            self.say(Severity.EMERGENCY, "Critical battery")
+        if stage == 2 and s.battery_action is not FailsafeAction.HOLD and not self.landed:
             self._act(s.battery_action, "battery")
 
-    def _act(self, action: Loss, why: str) -> None:
-        mode = {Loss.LAND: Mode.LAND, Loss.RETURN: Mode.RETURN}.get(action, Mode.HOLD)
-        self.say(EMERGENCY, f"Failsafe: {why}, {mode.name.lower()}")
+    def _act(self, action: FailsafeAction, why: str) -> None:
+        modes = {FailsafeAction.LAND: Mode.LAND, FailsafeAction.RETURN: Mode.RETURN}
+        mode = modes.get(action, Mode.HOLD)
+        self.say(Severity.EMERGENCY, f"Failsafe: {why}, {mode.name.lower()}")
         self._enter(mode)
         self.failsafe = True

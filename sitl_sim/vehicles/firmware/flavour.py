@@ -1,4 +1,4 @@
-"""What can differ between the emulated autopilots: modes, parameters, rules."""
+"""What differs between the emulated autopilots: modes, parameters, rules."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
 
+from mavlink_bridge.wire.messages import CommandResult
 from sitl_sim.vehicles.rigid_body import Airframe
 
 
 class Mode(Enum):
-    """What a vehicle does, whatever its autopilot calls it."""
+    """What a vehicle does, by one name for all autopilots."""
 
     HOLD = auto()
     TAKEOFF = auto()
@@ -23,21 +24,18 @@ class Mode(Enum):
     STABILIZED = auto()
 
 
-INT8, INT16, INT32, REAL32 = 2, 4, 6, 9  # MAV_PARAM_TYPE
-
-
-class Loss(Enum):
-    """What follows when the setpoints stop."""
+class FailsafeAction(Enum):
+    """What an autopilot does when setpoints stop, or its battery is empty."""
 
     LAND = auto()
     RETURN = auto()
     HOLD = auto()
-    LEVEL = auto()  # stays in offboard, level, climb rate 0 (ArduPilot's guided mode)
+    LEVEL = auto()  # stay in offboard, level, climb rate 0 (ArduPilot's guided mode)
 
 
 @dataclass(frozen=True)
 class Settings:
-    """A flavour's parameters as the commander understands them; SI."""
+    """A flavour's parameters as the commander takes them; SI."""
 
     hover: float
     thrust_curve: float
@@ -51,13 +49,13 @@ class Settings:
     return_altitude: float
     acceptance_radius: float
     loss_time: float
-    loss_action: Loss
+    loss_action: FailsafeAction
     loss_action_time: float
     disarm_landed: float
     disarm_preflight: float
     battery_low: float
     battery_critical: float
-    battery_action: Loss
+    battery_action: FailsafeAction
     battery_compensated: bool
     thrust_is_climb: bool = False
     mission_ends_in_hold: bool = True
@@ -65,17 +63,18 @@ class Settings:
 
 @dataclass(frozen=True)
 class Flavour:
-    """One autopilot's ways.
+    """The behaviour of one autopilot.
 
-    autopilot: MAV_AUTOPILOT. modes: custom_mode of each mode. also: further custom_mode values
-    that it accepts, and what they fly as. parameters: name → (type, value). settings: what
-    they mean. bytewise: INT32 as bits in the float. armable: modes in which it arms. initial:
-    the mode after boot. stream_first: offboard wants setpoints before it is entered.
-    takeoff_mode: taking off is a mode of its own. takeoff_above_sea: its altitude counts from
-    the sea. split_mode: DO_SET_MODE has main and sub mode apart. bad_setpoint_stops: a setpoint
-    with another type_mask ends the following. sticks: flown by RC channels, deaf to messages.
-    first_item_is_home: of a mission. unsent: ids whose interval it takes without sending them.
-    arm_refusal: the MAV_RESULT. streams: default streams per link, message id → Hz.
+    autopilot: MAV_AUTOPILOT. modes: custom_mode of each mode. mode_aliases: further custom_mode
+    values that it accepts, and the modes that they fly as. parameters: name → (MAV_PARAM_TYPE,
+    value). settings: from parameter values. bytewise: INT32 as bits in the float. armable: modes
+    in which it arms. initial: the mode after boot. stream_first: offboard is entered only while
+    setpoints come. takeoff_mode: take-off is a mode of its own. takeoff_above_sea: the altitude of
+    a take-off counts from the sea. split_mode: DO_SET_MODE has main and sub mode apart.
+    bad_setpoint_stops: a setpoint with another type_mask ends offboard control. sticks: flown by
+    RC channels, deaf to messages. first_item_is_home: of a mission. unsent: message ids whose
+    interval it accepts without sending them. arm_refusal: MAV_RESULT of a refused request to arm.
+    streams: default streams of each link, message id → Hz.
     """
 
     name: str
@@ -85,7 +84,7 @@ class Flavour:
     parameters: Mapping[str, tuple[int, float]]
     settings: Callable[[Mapping[str, float]], Settings]
     armable: frozenset[Mode]
-    also: Mapping[int, Mode] = field(default_factory=dict)
+    mode_aliases: Mapping[int, Mode] = field(default_factory=dict)
     bytewise: bool = True
     stream_first: bool = True
     initial: Mode = Mode.HOLD
@@ -98,20 +97,20 @@ class Flavour:
     hover_name: str = "MPC_THR_HOVER"
     system_name: str = "MAV_SYS_ID"
     unsent: frozenset[int] = frozenset()
-    arm_refusal: int = 1
+    arm_refusal: int = CommandResult.TEMPORARILY_REJECTED
     arm_prefix: str = "Arming denied"
     capabilities: int = 0
     streams: Mapping[str, Mapping[int, float]] = field(default_factory=dict)
 
     def mode_of(self, custom_mode: int) -> Mode | None:
-        """The mode of this custom_mode; None where there is none."""
+        """Return the mode of this custom_mode; None where there is none."""
         for mode, value in self.modes.items():
             if value == custom_mode:
                 return mode
-        return self.also.get(custom_mode)
+        return self.mode_aliases.get(custom_mode)
 
     def defaults_for(self, airframe: Airframe, system: int) -> dict[str, float]:
-        """Parameters that follow from the vehicle: hover thrust and system id."""
+        """Return the parameters that follow from the vehicle: hover thrust and system id."""
         return {
             name: value
             for name, value in (

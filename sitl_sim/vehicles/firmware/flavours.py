@@ -11,7 +11,11 @@ FLAVOURS: dict[str, Flavour] = {f.name: f for f in (PX4, ARDUPILOT, BETAFLIGHT)}
 
 
 def flavour_of(name: str) -> Flavour:
-    """The flavour of this name, or an error that lists the choices."""
+    """Return the flavour of this name.
+
+    Raises:
+        ValueError: there is none; the message lists the choices.
+    """
     if name not in FLAVOURS:
         raise ValueError(f"unknown autopilot {name!r}: choose one of {', '.join(FLAVOURS)}")
     return FLAVOURS[name]

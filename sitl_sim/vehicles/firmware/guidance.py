@@ -1,7 +1,7 @@
 """What each mode asks of the outer loops: one vehicle's row of `Setpoints`.
 
-World frame, the autopilot's estimate, SI; time is the world's, in seconds. Each `_fly_…` is
-one mode at 100 Hz and returns the mode to go on with, or None to stay.
+World frame, the autopilot's estimate, SI; time is the world's, in seconds. Each `_fly_…` flies
+one mode at 100 Hz and returns the mode to change to, or None to stay in it.
 """
 
 from __future__ import annotations
@@ -9,28 +9,25 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
-from numpy.typing import NDArray
-
+from mavlink_bridge.shared.frames import euler_from_quaternion
 from mavlink_bridge.wire.messages import RateSetpoint
 from sitl_sim.vehicles.estimator import Estimate
 from sitl_sim.vehicles.firmware.flavour import Mode, Settings
+from sitl_sim.vehicles.firmware.ids import MissionCommand
 from sitl_sim.vehicles.outer_loops import Control, Setpoints
 
 REACHED_HEIGHT = 0.15  # m, a climb ends this close to its altitude
-CRAWL_HEIGHT = 0.6  # m, the last bit of a landing is slow
+CRAWL_HEIGHT = 0.6  # m, below it a landing is slow
 MISSION_HEIGHT = 0.8  # m, a waypoint counts as reached this close in height
-BRAKE_TIME = 0.5  # s, a vehicle that shall stay comes to rest this much further on
-# MAV_CMD of mission items; all others are done as soon as they come up.
-WAYPOINT, TAKEOFF, RETURN_HOME, LAND_HERE, CHANGE_SPEED = 16, 22, 20, 21, 178
+BRAKE_TIME = 0.5  # s, a vehicle that is to stay comes to rest this much further on
 
 
 @dataclass(frozen=True)
 class Waypoint:
     """A mission item in the world frame: MAV_CMD, p (3,) m, seconds to stay, radius [m].
 
-    speed: m/s, of CHANGE_SPEED; 0 where not given.
+    speed: m/s, of DO_CHANGE_SPEED; 0 where not given.
     """
 
     command: int
@@ -51,7 +48,7 @@ class Guidance:
         self.home = (0.0, 0.0, 0.0)
         self.mission: list[Waypoint] = []
         self.mission_seq = 0
-        self.reached: list[int] = []  # mission items that nobody was told of yet
+        self.reached: list[int] = []  # mission items reached and not yet reported
         self.setpoint: RateSetpoint | None = None
         self.setpoint_at = -math.inf
         self.climb_to = math.nan
@@ -66,17 +63,17 @@ class Guidance:
         }
 
     def begin(self, mode: Mode, before: Mode) -> None:
-        """Enter a mode."""
+        """Enter `mode` from the mode `before`."""
         s = self.settings
         self._began = self.now
         self.climb_to = self._arrived_at = math.nan
         self.sp.limits[self.i] = (s.cruise_speed, s.up_speed, s.down_speed)
-        # After a climb keep its target: where it happened to end is not where it should stay.
+        # After a climb keep its target: the vehicle should stay there, not where the climb ended.
         if not (mode is Mode.HOLD and before is Mode.TAKEOFF and not self.landed):
             self.stay()
 
     def step(self, mode: Mode) -> Mode | None:
-        """Update the setpoints; returns the mode to change to, if any."""
+        """Update the setpoints; return the mode to change to, if any."""
         fly = self._fly.get(mode)
         if fly is not None:
             return fly()
@@ -84,18 +81,18 @@ class Guidance:
         return None
 
     def stop_motors(self) -> None:
-        """Disarmed."""
+        """Stop the motors, as when disarmed."""
         self._control(Control.OFF)
 
     def stay(self) -> None:
-        """Hold the place where the vehicle comes to rest, and the heading."""
+        """Hold the place where the vehicle comes to rest, and its yaw."""
         i = self.i
         self.sp.p[i] = self.est.p[i] + BRAKE_TIME * self.est.v[i]
         self.sp.v[i] = 0.0
-        self.sp.yaw[i] = heading(self.est.q[i])
+        _, _, self.sp.yaw[i] = euler_from_quaternion(self.est.q[i])
 
     def follow(self, m: RateSetpoint, armed_offboard: bool) -> None:
-        """Take a setpoint, at once where it is the one that flies."""
+        """Take a setpoint; fly it at once where the vehicle is armed in offboard."""
         self.setpoint, self.setpoint_at = m, self.now
         if armed_offboard:
             self.climb_to = math.nan
@@ -128,7 +125,7 @@ class Guidance:
         return Control.POSITION if self.position_ok else Control.LEVEL
 
     def _go(self, x: float, y: float, z: float, vz: float = 0.0) -> None:
-        """Ask for a place; z NaN with a vertical velocity."""
+        """Fly to a place; z is NaN where a vertical velocity vz is given."""
         i = self.i
         self._control(self._holding)
         self.sp.p[i] = (x, y, z)
@@ -151,7 +148,7 @@ class Guidance:
         return Mode.HOLD if self.est.p[i, 2] > self.climb_to - REACHED_HEIGHT else None
 
     def _fly_offboard(self) -> Mode | None:
-        """Follow the newest setpoint; without one hold, and after one level (ArduPilot)."""
+        """Follow the newest setpoint; hold without one, level after a lost one (ArduPilot)."""
         i = self.i
         if not math.isnan(self.climb_to):
             self._go(self.sp.p[i, 0], self.sp.p[i, 1], self.climb_to)
@@ -192,14 +189,14 @@ class Guidance:
             self._control(Control.IDLE if self.landed else self._holding)
             return Mode.HOLD if self.settings.mission_ends_in_hold else None
         item = self.mission[self.mission_seq]
-        if item.command == RETURN_HOME:
+        if item.command == MissionCommand.NAV_RETURN_TO_LAUNCH:
             return Mode.RETURN
-        if item.command == LAND_HERE:
+        if item.command == MissionCommand.NAV_LAND:
             self._mission_land(item)
-        elif item.command in (WAYPOINT, TAKEOFF):
+        elif item.command in (MissionCommand.NAV_WAYPOINT, MissionCommand.NAV_TAKEOFF):
             self._mission_go(item)
-        else:
-            if item.command == CHANGE_SPEED and item.speed > 0.0:
+        else:  # done as soon as it comes up
+            if item.command == MissionCommand.DO_CHANGE_SPEED and item.speed > 0.0:
                 self.sp.limits[self.i, 0] = item.speed
             self._next_item()
         return None
@@ -217,7 +214,7 @@ class Guidance:
 
     def _mission_go(self, item: Waypoint) -> None:
         i, p = self.i, self.est.p[self.i]
-        climbing = item.command == TAKEOFF
+        climbing = item.command == MissionCommand.NAV_TAKEOFF
         x, y = (self.sp.p[i, 0], self.sp.p[i, 1]) if climbing else item.p[:2]
         self._go(x, y, item.p[2])
         away = math.hypot(p[0] - x, p[1] - y)
@@ -236,9 +233,3 @@ class Guidance:
         self.reached.append(self.mission_seq)
         self.mission_seq += 1
         self._arrived_at = math.nan
-
-
-def heading(q: NDArray[Any]) -> float:
-    """Yaw [rad] of a quaternion (4,), counter-clockwise from +x (east)."""
-    w, x, y, z = (float(k) for k in q)
-    return math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))

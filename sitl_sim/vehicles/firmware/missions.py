@@ -16,30 +16,21 @@ from mavlink_bridge.wire.messages import (
     MissionSetCurrent,
     Source,
 )
-from sitl_sim.vehicles.firmware.guidance import (
-    CHANGE_SPEED,
-    LAND_HERE,
-    RETURN_HOME,
-    TAKEOFF,
-    WAYPOINT,
-    Guidance,
-    Waypoint,
+from sitl_sim.vehicles.firmware.guidance import Guidance, Waypoint
+from sitl_sim.vehicles.firmware.ids import (
+    AltitudeFrame,
+    MissionCommand,
+    MissionResult,
+    MissionType,
 )
 from sitl_sim.worlds.geodesy import LocalFrame
 
-FLOWN = (WAYPOINT, TAKEOFF, LAND_HERE, RETURN_HOME)
-# Gimbal and camera: accepted, and nothing happens.
-SKIPPED = (CHANGE_SPEED, 203, 205, 206, 530, 1000, 2000, 2001, 2500, 2501)
-GLOBAL_ALTITUDE_FRAMES = (0, 5)  # above sea level; all others count from home
-MISSION = 0  # MAV_MISSION_TYPE; fence and rally points are not kept
-# MAV_MISSION_RESULT
-ACCEPTED, ERROR, UNSUPPORTED, NO_SPACE, INVALID_SEQUENCE = 0, 1, 3, 4, 13
-INVALID_X, INVALID_Y, INVALID_Z = 10, 11, 12
+WITH_PLACE = (MissionCommand.NAV_WAYPOINT, MissionCommand.NAV_TAKEOFF, MissionCommand.NAV_LAND)
 SIZE_MAX = 500
 
 
 class Missions:
-    """The mission store of one vehicle; what is flown goes to its guidance."""
+    """The mission of one vehicle as uploaded; its guidance gets it as waypoints."""
 
     def __init__(self, frame: LocalFrame, guidance: Guidance, first_is_home: bool) -> None:
         self._frame, self._guidance, self._first_is_home = frame, guidance, first_is_home
@@ -48,44 +39,45 @@ class Missions:
         self._expected = 0
 
     def answer(self, source: Source, m: Message) -> list[Message]:
-        """Answer a message of the mission protocol."""
+        """Answer a message of the mission protocol; fences and rally points are not kept."""
         to = (source.system, source.component)
         if isinstance(m, MissionCount):
             return self._begin(to, m)
         if isinstance(m, MissionItem):
             return self._take(to, m)
         if isinstance(m, MissionRequestList):
-            count = len(self.items) if m.mission_type == MISSION else 0
+            count = len(self.items) if m.mission_type == MissionType.MISSION else 0
             return [MissionCount(*to, count, m.mission_type)]
         if isinstance(m, MissionRequest):
             return self._send(to, m)
         if isinstance(m, MissionClearAll):
-            if m.mission_type in (MISSION, 255):
+            if m.mission_type in (MissionType.MISSION, MissionType.ALL):
                 self._store([])
-            return [MissionAck(*to, ACCEPTED, m.mission_type)]
+            return [MissionAck(*to, MissionResult.ACCEPTED, m.mission_type)]
         if isinstance(m, MissionSetCurrent):
             return self._set_current(m)
         return []
 
     def _begin(self, to: tuple[int, int], m: MissionCount) -> list[Message]:
-        if m.mission_type != MISSION:
-            return [MissionAck(*to, ACCEPTED if m.count == 0 else UNSUPPORTED, m.mission_type)]
+        if m.mission_type != MissionType.MISSION:
+            result = MissionResult.UNSUPPORTED if m.count else MissionResult.ACCEPTED
+            return [MissionAck(*to, result, m.mission_type)]
         if m.count > SIZE_MAX:
-            return [MissionAck(*to, NO_SPACE)]
+            return [MissionAck(*to, MissionResult.NO_SPACE)]
         self._coming, self._expected = [], m.count
         if m.count == 0:
             self._store([])
-            return [MissionAck(*to, ACCEPTED)]
+            return [MissionAck(*to, MissionResult.ACCEPTED)]
         return [MissionRequest(*to, 0)]
 
     def _take(self, to: tuple[int, int], m: MissionItem) -> list[Message]:
-        if m.mission_type != MISSION or self._expected == 0:
-            return [MissionAck(*to, INVALID_SEQUENCE, m.mission_type)]
+        if m.mission_type != MissionType.MISSION or self._expected == 0:
+            return [MissionAck(*to, MissionResult.INVALID_SEQUENCE, m.mission_type)]
         if m.seq != len(self._coming):
             return [MissionRequest(*to, len(self._coming))]  # a repeated or lost item: ask again
-        if m.command not in FLOWN + SKIPPED:
+        if m.command not in list(MissionCommand):  # gimbal and camera are accepted, and ignored
             self._expected = 0
-            return [MissionAck(*to, UNSUPPORTED)]
+            return [MissionAck(*to, MissionResult.UNSUPPORTED)]
         if flaw := _flaw(m):
             self._expected = 0
             return [MissionAck(*to, flaw)]
@@ -93,11 +85,11 @@ class Missions:
         if len(self._coming) < self._expected:
             return [MissionRequest(*to, len(self._coming))]
         self._store(self._coming)
-        return [MissionAck(*to, ACCEPTED)]
+        return [MissionAck(*to, MissionResult.ACCEPTED)]
 
     def _send(self, to: tuple[int, int], m: MissionRequest) -> list[Message]:
-        if m.mission_type != MISSION or not 0 <= m.seq < len(self.items):
-            return [MissionAck(*to, INVALID_SEQUENCE, m.mission_type)]
+        if m.mission_type != MissionType.MISSION or not 0 <= m.seq < len(self.items):
+            return [MissionAck(*to, MissionResult.INVALID_SEQUENCE, m.mission_type)]
         i = self.items[m.seq]
         return [
             MissionItem(
@@ -128,7 +120,7 @@ class Missions:
     def _waypoint(self, m: MissionItem) -> Waypoint:
         _, _, home_z = self._guidance.home
         above_sea = self._frame.reference.altitude
-        z = m.z - above_sea if m.frame in GLOBAL_ALTITUDE_FRAMES else home_z + m.z
+        z = m.z - above_sea if m.frame in list(AltitudeFrame) else home_z + m.z
         somewhere = math.isfinite(m.x_deg) and math.isfinite(m.y_deg) and (m.x_deg or m.y_deg)
         if somewhere:
             x, y = self._frame.from_geo(m.x_deg, m.y_deg)
@@ -136,20 +128,26 @@ class Missions:
             x, y = self._guidance.home[:2]
         stay, radius = (p if math.isfinite(p) else 0.0 for p in m.params[:2])
         home = self._first_is_home and m.seq == 0  # ArduPilot keeps home as item 0
-        speed = radius if m.command == CHANGE_SPEED and not home else 0.0
-        command = CHANGE_SPEED if home else m.command
+        change_speed = MissionCommand.DO_CHANGE_SPEED
+        speed = radius if m.command == change_speed and not home else 0.0
+        command = change_speed if home else m.command
         return Waypoint(command, (x, y, z), max(stay, 0.0), max(radius, 0.0), speed)
 
 
 def _flaw(m: MissionItem) -> int:
-    """What is wrong with the place an item leads to; ACCEPTED where nothing is, or it has none.
+    """Return the MAV_MISSION_RESULT for an item's place; ACCEPTED where it has none.
 
     Take-off and landing may leave latitude and longitude open, as NaN: where the vehicle is.
     """
-    if m.command not in (WAYPOINT, TAKEOFF, LAND_HERE):
-        return ACCEPTED
-    for degrees, most, flaw in ((m.x_deg, 90.0, INVALID_X), (m.y_deg, 180.0, INVALID_Y)):
-        left_open = m.command != WAYPOINT and math.isnan(degrees)
-        if not left_open and not abs(degrees) <= most:  # NaN is not within anything
+    if m.command not in WITH_PLACE:
+        return MissionResult.ACCEPTED
+    for degrees, most, flaw in (
+        (m.x_deg, 90.0, MissionResult.INVALID_PARAM5_X),
+        (m.y_deg, 180.0, MissionResult.INVALID_PARAM6_Y),
+    ):
+        left_open = m.command != MissionCommand.NAV_WAYPOINT and math.isnan(degrees)
+        if not left_open and not abs(degrees) <= most:  # also where it is NaN
             return flaw
-    return ACCEPTED if math.isfinite(m.z) or m.command == LAND_HERE else INVALID_Z
+    if math.isfinite(m.z) or m.command == MissionCommand.NAV_LAND:
+        return MissionResult.ACCEPTED
+    return MissionResult.INVALID_PARAM7

@@ -7,25 +7,28 @@ import struct
 from collections.abc import Mapping
 
 from mavlink_bridge.wire.messages import ParamRequestRead, ParamSet, ParamValue
-from sitl_sim.vehicles.firmware.flavour import INT8, INT16, INT32, REAL32, Flavour, Settings
+from sitl_sim.vehicles.firmware.flavour import Flavour, Settings
+from sitl_sim.vehicles.firmware.ids import ParamType
 
-_LARGEST = (2.0 - 2.0**-23) * 2.0**127
+_LARGEST = (2.0 - 2.0**-23) * 2.0**127  # of a float32
 RANGES: dict[int, tuple[float, float]] = {
-    INT8: (-128, 127), INT16: (-32768, 32767), INT32: (-(2**31), 2**31 - 1),
-    REAL32: (-_LARGEST, _LARGEST),
-}  # fmt: skip
+    ParamType.INT8: (-128, 127),
+    ParamType.INT16: (-32768, 32767),
+    ParamType.INT32: (-(2**31), 2**31 - 1),
+    ParamType.REAL32: (-_LARGEST, _LARGEST),
+}
 
 
 def unfit(flavour: Flavour, name: str, value: float) -> str:
-    """Why a parameter cannot have this value; empty where it can."""
+    """Return why a parameter cannot have this value; empty where it can."""
     if name not in flavour.parameters:
         valid = ", ".join(sorted(flavour.parameters))
         return f"{flavour.name} has no such parameter; valid: {valid}"
     kind = flavour.parameters[name][0]
     low, high = RANGES[kind]
-    if low <= value <= high and (kind == REAL32 or value == int(value)):
+    if low <= value <= high and (kind == ParamType.REAL32 or value == int(value)):
         return ""
-    what = "number" if kind == REAL32 else "whole number"
+    what = "number" if kind == ParamType.REAL32 else "whole number"
     return f"must be a {what}, {low:.10g}…{high:.10g}, got {value:g}"
 
 
@@ -49,21 +52,21 @@ class Parameters:
         return len(self._names)
 
     def settings(self) -> Settings:
-        """What the values mean."""
+        """Return the settings that the values stand for."""
         return self._flavour.settings(self._values)
 
     def all(self) -> list[ParamValue]:
-        """Every parameter, for PARAM_REQUEST_LIST."""
+        """Return every parameter, for PARAM_REQUEST_LIST."""
         return [self._message(name) for name in self._names]
 
     def read(self, m: ParamRequestRead) -> list[ParamValue]:
-        """Answer PARAM_REQUEST_READ; nothing for a parameter that is not there."""
+        """Answer PARAM_REQUEST_READ; nothing where there is no such parameter."""
         if m.index >= 0:
             return [self._message(self._names[m.index])] if m.index < len(self._names) else []
         return [self._message(m.name)] if m.name in self._types else []
 
     def write(self, m: ParamSet) -> list[ParamValue]:
-        """Answer PARAM_SET with what holds now; a value that makes no sense changes nothing."""
+        """Answer PARAM_SET with the value that holds now; one that does not fit is refused."""
         if m.name not in self._types:
             return []
         value = self._decode(m.value, m.param_type)
@@ -72,12 +75,14 @@ class Parameters:
         return [self._message(m.name)]
 
     def _decode(self, raw: float, param_type: int) -> float:
-        if self._flavour.bytewise and param_type != REAL32:
+        if self._flavour.bytewise and param_type != ParamType.REAL32:
             return float(struct.unpack("<i", struct.pack("<f", raw))[0])
-        return raw if param_type == REAL32 or not math.isfinite(raw) else float(round(raw))
+        return (
+            raw if param_type == ParamType.REAL32 or not math.isfinite(raw) else float(round(raw))
+        )
 
     def _message(self, name: str) -> ParamValue:
         kind, value = self._types[name], self._values[name]
-        if self._flavour.bytewise and kind != REAL32:
+        if self._flavour.bytewise and kind != ParamType.REAL32:
             value = struct.unpack("<f", struct.pack("<i", int(value)))[0]
         return ParamValue(name, value, kind, len(self._names), self._names.index(name))

@@ -1,4 +1,4 @@
-"""What one vehicle answers to each message: commands, modes, parameters, missions, streams."""
+"""Answers of one vehicle to each message: commands, modes, parameters, missions, streams."""
 
 from __future__ import annotations
 
@@ -31,23 +31,33 @@ from mavlink_bridge.wire.messages import (
     TimeSync,
 )
 from sitl_sim.vehicles.firmware.flavour import Mode
+from sitl_sim.vehicles.firmware.ids import (
+    Component,
+    DataStream,
+    FtpError,
+    FtpOpcode,
+    GroundCommand,
+    MessageId,
+)
 from sitl_sim.vehicles.firmware.streams import BUILDERS
 
 if TYPE_CHECKING:
     from sitl_sim.vehicles.firmware.unit import Unit
 
-FORCE = 21196.0  # param2 of arm and disarm: whatever the checks say
-AUTOPILOT = 1  # MAV_COMP_ID
-FTP_NAK, FTP_FAIL = 129, 1
-# REQUEST_DATA_STREAM groups (MAV_DATA_STREAM) → message ids.
-GROUPS = {
-    1: (24,),
-    2: (1, 42, 245),
-    6: (32, 33),
-    10: (30, 31),
-    11: (147,),
-    12: (2, 230),
+FORCE = 21196.0  # param2 of arm and disarm: without checks
+GROUPS: dict[int, tuple[MessageId, ...]] = {
+    DataStream.RAW_SENSORS: (MessageId.GPS_RAW_INT,),
+    DataStream.EXTENDED_STATUS: (
+        MessageId.SYS_STATUS,
+        MessageId.MISSION_CURRENT,
+        MessageId.EXTENDED_SYS_STATE,
+    ),
+    DataStream.POSITION: (MessageId.LOCAL_POSITION_NED, MessageId.GLOBAL_POSITION_INT),
+    DataStream.EXTRA1: (MessageId.ATTITUDE, MessageId.ATTITUDE_QUATERNION),
+    DataStream.EXTRA2: (MessageId.BATTERY_STATUS,),
+    DataStream.EXTRA3: (MessageId.SYSTEM_TIME, MessageId.ESTIMATOR_STATUS),
 }
+"""Messages of each group of REQUEST_DATA_STREAM."""
 MISSION_MESSAGES = (
     MissionCount,
     MissionItem,
@@ -59,7 +69,7 @@ MISSION_MESSAGES = (
 
 
 def answer(u: Unit, received: Received, link: str) -> list[Message]:
-    """Let vehicle u take a message that came by `link`; the replies to the asking link."""
+    """Let vehicle u take a message that came by `link`; return the replies for that link."""
     m, source = received.message, received.source
     if u.flavour.sticks or not _is_for(u, m):
         return []
@@ -90,7 +100,7 @@ def answer(u: Unit, received: Received, link: str) -> list[Message]:
 def _is_for(u: Unit, m: Message) -> bool:
     system = getattr(m, "target_system", 0)
     component = getattr(m, "target_component", 0)
-    return system in (0, u.system) and component in (0, AUTOPILOT)
+    return system in (0, u.system) and component in (0, Component.AUTOPILOT1)
 
 
 def _command(u: Unit, source: Source, m: Command, link: str) -> list[Message]:
@@ -112,12 +122,12 @@ def _arm(u: Unit, m: Command, link: str) -> Handled:
 
 
 def _take_off(u: Unit, m: Command, link: str) -> Handled:
-    """MAV_CMD_NAV_TAKEOFF: altitude above sea level (PX4) or above home (ArduPilot)."""
+    """Answer NAV_TAKEOFF: altitude above sea level (PX4) or above home (ArduPilot)."""
     z = m.params[6]
     if not math.isfinite(z):
         return u.commander.take_off(None), []
     if u.flavour.takeoff_above_sea:
-        # PX4 takes what is too low as its smallest height.
+        # PX4 takes an altitude that is too low as its smallest height.
         z = max(z - u.frame.to_geo(u.guidance.est.p[u.i])[2], u.commander.settings.takeoff_altitude)
     return (u.commander.take_off(z) if z > 0.0 else CommandResult.DENIED), []
 
@@ -174,12 +184,12 @@ def _request_message(u: Unit, m: Command, link: str) -> Handled:
 
 
 def _get_home(u: Unit, m: Command, link: str) -> Handled:
-    message = BUILDERS[242](u)
+    message = BUILDERS[MessageId.HOME_POSITION](u)
     return CommandResult.ACCEPTED, [message] if message else []
 
 
 def _request_version(u: Unit, m: Command, link: str) -> Handled:
-    message = BUILDERS[148](u)
+    message = BUILDERS[MessageId.AUTOPILOT_VERSION](u)
     return CommandResult.ACCEPTED, [message] if message else []
 
 
@@ -188,12 +198,12 @@ COMMANDS: dict[int, Callable[[Unit, Command, str], Handled]] = {
     CommandId.NAV_LAND: _land,
     CommandId.NAV_TAKEOFF: _take_off,
     CommandId.DO_SET_MODE: _do_set_mode,
-    300: _start_mission,  # MISSION_START
+    GroundCommand.MISSION_START: _start_mission,
     CommandId.COMPONENT_ARM_DISARM: _arm,
     CommandId.SET_MESSAGE_INTERVAL: _set_message_interval,
     CommandId.REQUEST_MESSAGE: _request_message,
-    410: _get_home,  # GET_HOME_POSITION, deprecated, MAVProxy asks it
-    520: _request_version,  # REQUEST_AUTOPILOT_CAPABILITIES, deprecated, still asked
+    GroundCommand.GET_HOME_POSITION: _get_home,
+    GroundCommand.REQUEST_AUTOPILOT_CAPABILITIES: _request_version,
 }
 
 
@@ -209,17 +219,18 @@ def _parameters(u: Unit, m: ParamRequestList | ParamRequestRead | ParamSet) -> l
 
 def _data_stream(u: Unit, m: RequestDataStream, link: str) -> None:
     rate_hz = m.rate_hz if m.start else 0.0
-    groups = GROUPS.values() if m.stream == 0 else [GROUPS.get(m.stream, ())]
+    groups = GROUPS.values() if m.stream == DataStream.ALL else [GROUPS.get(m.stream, ())]
     for ids in groups:
         for message_id in ids:
             u.schedules[link].set_rate(message_id, rate_hz)
 
 
 def _refuse_file(source: Source, m: FileTransfer) -> list[Message]:
-    """NAK, so that the asking side goes on at once by other ways."""
+    """Answer NAK, so that the other side goes on at once without files."""
     if len(m.payload) < 12:
         return []
     sequence, session, opcode = struct.unpack_from("<HBB", m.payload)
-    header = struct.pack("<HBBBBBBI", (sequence + 1) & 0xFFFF, session, FTP_NAK, 1, opcode, 0, 0, 0)
-    payload = (header + bytes([FTP_FAIL])).ljust(251, b"\0")
+    following, size = (sequence + 1) & 0xFFFF, 1
+    header = struct.pack("<HBBBBBBI", following, session, FtpOpcode.NAK, size, opcode, 0, 0, 0)
+    payload = (header + bytes([FtpError.FAIL])).ljust(251, b"\0")
     return [FileTransfer(source.system, source.component, payload)]

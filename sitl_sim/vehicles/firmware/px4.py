@@ -1,14 +1,43 @@
-"""The emulated PX4: names and values as PX4 1.16 has them."""
+"""The emulated PX4: names and values as in PX4 1.16."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from enum import IntEnum
 
-from sitl_sim.vehicles.firmware.flavour import INT32, REAL32, Flavour, Loss, Mode, Settings
+from sitl_sim.vehicles.firmware.flavour import FailsafeAction, Flavour, Mode, Settings
+from sitl_sim.vehicles.firmware.ids import Autopilot, Capability, MessageId, ParamType
+
+INT32, REAL32 = ParamType.INT32, ParamType.REAL32
+
+
+class MainMode(IntEnum):
+    """PX4's main modes (px4_custom_mode.h)."""
+
+    MANUAL = 1
+    ALTCTL = 2
+    POSCTL = 3
+    AUTO = 4
+    ACRO = 5
+    OFFBOARD = 6
+    STABILIZED = 7
+
+
+class AutoMode(IntEnum):
+    """Sub-modes of MainMode.AUTO (px4_custom_mode.h)."""
+
+    READY = 1
+    TAKEOFF = 2
+    LOITER = 3
+    MISSION = 4
+    RTL = 5
+    LAND = 6
 
 
 def _px4_settings(p: Mapping[str, float]) -> Settings:
-    actions = {3: Loss.RETURN, 4: Loss.LAND, 5: Loss.HOLD}
+    land, home, hold = FailsafeAction.LAND, FailsafeAction.RETURN, FailsafeAction.HOLD
+    on_loss = {3: home, 4: land, 5: hold}
+    on_empty = {2: land, 3: home}
     return Settings(
         hover=p["MPC_THR_HOVER"],
         thrust_curve=p["THR_MDL_FAC"],
@@ -22,56 +51,86 @@ def _px4_settings(p: Mapping[str, float]) -> Settings:
         return_altitude=p["RTL_RETURN_ALT"],
         acceptance_radius=p["NAV_ACC_RAD"],
         loss_time=p["COM_OF_LOSS_T"],
-        loss_action=actions.get(int(p["COM_OBL_RC_ACT"]), Loss.HOLD),
+        loss_action=on_loss.get(int(p["COM_OBL_RC_ACT"]), hold),
         loss_action_time=p["COM_FAIL_ACT_T"],
         disarm_landed=p["COM_DISARM_LAND"],
         disarm_preflight=p["COM_DISARM_PRFLT"],
         battery_low=p["BAT_LOW_THR"],
         battery_critical=p["BAT_CRIT_THR"],
-        battery_action={2: Loss.LAND, 3: Loss.RETURN}.get(int(p["COM_LOW_BAT_ACT"]), Loss.HOLD),
+        battery_action=on_empty.get(int(p["COM_LOW_BAT_ACT"]), hold),
         battery_compensated=bool(p["MC_BAT_SCALE_EN"]),
     )
 
 
-def _px4_mode(main: int, sub: int = 0) -> int:
-    return main << 16 | sub << 24
+def _custom_mode(main: MainMode, sub: AutoMode | None = None) -> int:
+    return main << 16 | (sub or 0) << 24
 
 
-# Message id → Hz, as sent without being asked.
+def _auto(sub: AutoMode) -> int:
+    return _custom_mode(MainMode.AUTO, sub)
+
+
+# Message id → Hz, as sent without a request.
 _COMPANION_STREAMS: dict[int, float] = {
-    **{0: 1, 1: 2, 2: 1, 24: 2, 31: 50, 30: 50, 32: 50, 33: 10},
-    **{147: 1, 230: 2, 242: 0.5, 245: 5},
+    MessageId.HEARTBEAT: 1,
+    MessageId.SYS_STATUS: 2,
+    MessageId.SYSTEM_TIME: 1,
+    MessageId.GPS_RAW_INT: 2,
+    MessageId.ATTITUDE_QUATERNION: 50,
+    MessageId.ATTITUDE: 50,
+    MessageId.LOCAL_POSITION_NED: 50,
+    MessageId.GLOBAL_POSITION_INT: 10,
+    MessageId.BATTERY_STATUS: 1,
+    MessageId.ESTIMATOR_STATUS: 2,
+    MessageId.HOME_POSITION: 0.5,
+    MessageId.EXTENDED_SYS_STATE: 5,
 }
 _GCS_STREAMS: dict[int, float] = {
-    **{0: 1, 1: 2, 24: 2, 31: 10, 30: 10, 32: 10, 33: 5},
-    **{42: 1, 147: 1, 230: 1, 242: 0.5, 245: 2},
+    MessageId.HEARTBEAT: 1,
+    MessageId.SYS_STATUS: 2,
+    MessageId.GPS_RAW_INT: 2,
+    MessageId.ATTITUDE_QUATERNION: 10,
+    MessageId.ATTITUDE: 10,
+    MessageId.LOCAL_POSITION_NED: 10,
+    MessageId.GLOBAL_POSITION_INT: 5,
+    MessageId.MISSION_CURRENT: 1,
+    MessageId.BATTERY_STATUS: 1,
+    MessageId.ESTIMATOR_STATUS: 1,
+    MessageId.HOME_POSITION: 0.5,
+    MessageId.EXTENDED_SYS_STATE: 2,
 }
 
 PX4 = Flavour(
     name="px4",
-    autopilot=12,
+    autopilot=Autopilot.PX4,
     sw_version=0x011000FF,  # 1.16.0
     modes={
-        Mode.HOLD: _px4_mode(4, 3),
-        Mode.TAKEOFF: _px4_mode(4, 2),
-        Mode.OFFBOARD: _px4_mode(6),
-        Mode.LAND: _px4_mode(4, 6),
-        Mode.RETURN: _px4_mode(4, 5),
-        Mode.MISSION: _px4_mode(4, 4),
-        Mode.POSITION: _px4_mode(3),
-        Mode.ALTITUDE: _px4_mode(2),
-        Mode.STABILIZED: _px4_mode(7),
+        Mode.HOLD: _auto(AutoMode.LOITER),
+        Mode.TAKEOFF: _auto(AutoMode.TAKEOFF),
+        Mode.OFFBOARD: _custom_mode(MainMode.OFFBOARD),
+        Mode.LAND: _auto(AutoMode.LAND),
+        Mode.RETURN: _auto(AutoMode.RTL),
+        Mode.MISSION: _auto(AutoMode.MISSION),
+        Mode.POSITION: _custom_mode(MainMode.POSCTL),
+        Mode.ALTITUDE: _custom_mode(MainMode.ALTCTL),
+        Mode.STABILIZED: _custom_mode(MainMode.STABILIZED),
     },
-    also={
-        _px4_mode(1): Mode.STABILIZED,  # manual
-        _px4_mode(5): Mode.STABILIZED,  # acro: no sticks here, so it holds as well
-        _px4_mode(4, 1): Mode.HOLD,  # ready
+    mode_aliases={
+        _custom_mode(MainMode.MANUAL): Mode.STABILIZED,
+        _custom_mode(MainMode.ACRO): Mode.STABILIZED,  # there are no sticks, so it holds as well
+        _auto(AutoMode.READY): Mode.HOLD,
     },
     settings=_px4_settings,
     armable=frozenset(set(Mode) - {Mode.LAND, Mode.RETURN}),
-    # MAV_PROTOCOL_CAPABILITY: mission float and int, command int, parameters bytewise, attitude
-    # target, MAVLink 2; not files, not position targets.
-    capabilities=0x1 | 0x4 | 0x8 | 0x10 | 0x40 | 0x2000,
+    # Neither files nor position targets.
+    capabilities=int(
+        Capability.MISSION_FLOAT
+        | Capability.MISSION_INT
+        | Capability.COMMAND_INT
+        | Capability.PARAM_ENCODE_BYTEWISE
+        | Capability.SET_ATTITUDE_TARGET
+        | Capability.MAVLINK2
+    ),
     parameters={
         "BAT1_CAPACITY": (REAL32, 1500.0),
         "BAT1_N_CELLS": (INT32, 4),

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-HEARTBEAT = 0
 SLACK_US = 100  # a message is due when the clock is this close: floats are not exact
 
 
 class Schedule:
-    """When each message of one link is due, on the vehicle's own clock [µs].
+    """Due times of the messages of one link, on the vehicle's own clock [µs].
 
     A message with period T falls due at the multiples of T, so messages of one rate stay together.
     """
@@ -20,7 +19,7 @@ class Schedule:
             self.set_rate(message_id, rate_hz)
 
     def set_rate(self, message_id: int, rate_hz: float) -> None:
-        """Send at this rate from now on; 0 stops."""
+        """Send a message at this rate [Hz] from now on; 0 stops it."""
         self._period.pop(message_id, None)
         self._next.pop(message_id, None)
         if rate_hz > 0.0:
@@ -29,12 +28,12 @@ class Schedule:
         self._earliest = 0
 
     def rate(self, message_id: int) -> float:
-        """The rate [Hz]; 0 where stopped."""
+        """Return the rate of a message [Hz]; 0 where stopped."""
         period = self._period.get(message_id)
         return 1e6 / period if period else 0.0
 
     def due(self, now_us: int) -> list[int]:
-        """Message ids due now; each at most once, however late the question."""
+        """Return the message ids due now; each at most once, however late the call."""
         now_us += SLACK_US
         if now_us < self._earliest:
             return []

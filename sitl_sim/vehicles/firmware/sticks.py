@@ -21,14 +21,14 @@ HALF_STICK = 500.0
 
 
 class Sticks:
-    """What the channels of one vehicle mean."""
+    """Setpoints and arming switch from the RC channels of one vehicle."""
 
     def __init__(self, rate_max_deg: float) -> None:
         self._rate_max = math.radians(rate_max_deg)
         self._was_off = False
 
     def setpoint(self, channels: Sequence[float]) -> RateSetpoint:
-        """Body rates (FLU) and throttle of these channels."""
+        """Return the body rates (FLU) and the throttle of these channels."""
         roll, pitch, yaw = (
             min(max((channels[k] - 1500.0) / HALF_STICK, -1.0), 1.0) for k in (ROLL, PITCH, YAW)
         )
@@ -37,15 +37,15 @@ class Sticks:
         return RateSetpoint(0.0, omega, throttle)
 
     def wants_arm(self, channels: Sequence[float]) -> bool:
-        """The switch is on; it must have been off before."""
+        """Return whether the switch is on, and was off before."""
         on = ARM_RANGE[0] <= channels[ARM] <= ARM_RANGE[1]
         self._was_off |= not on
         return on and self._was_off
 
     def may_arm(self, channels: Sequence[float]) -> bool:
-        """Throttle is down."""
+        """Return whether the throttle is down."""
         return channels[THROTTLE] <= THROTTLE_LOW
 
     def failsafe(self) -> None:
-        """After a failsafe the switch must go off before it arms again."""
+        """Note a failsafe: the switch must go off before the vehicle arms again."""
         self._was_off = False

@@ -1,4 +1,4 @@
-"""Telemetry: which message when on which link, and how it is made from a vehicle's estimate."""
+"""Telemetry: how each message is made from a vehicle's estimate."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from mavlink_bridge.shared.frames import euler_from_quaternion
 from mavlink_bridge.wire.messages import (
     Attitude,
     AutopilotVersion,
@@ -26,63 +27,99 @@ from mavlink_bridge.wire.messages import (
     SystemTime,
 )
 from sitl_sim.vehicles.firmware.flavour import Mode
-from sitl_sim.vehicles.firmware.guidance import heading
-from sitl_sim.vehicles.firmware.schedule import HEARTBEAT
+from sitl_sim.vehicles.firmware.ids import (
+    EstimatorFlag,
+    GpsFix,
+    MessageId,
+    ModeFlag,
+    Sensor,
+    SystemState,
+    VehicleType,
+)
 from sitl_sim.vehicles.firmware.unit import Unit
 
-QUADROTOR = 2  # MAV_TYPE
-STANDBY, ACTIVE, CRITICAL = 3, 4, 5  # MAV_STATE
-# MAV_SYS_STATUS_SENSOR
-GYRO, ACCELEROMETER, MAGNETOMETER, BAROMETER, GPS = 0x1, 0x2, 0x4, 0x8, 0x20
-CONTROLS = 0x400 | 0x800 | 0x1000 | 0x2000 | 0x4000 | 0x8000  # rates … motor outputs
-GEOFENCE = 0x100000  # not present, but never breached either: MAVProxy would say so
-AHRS, BATTERY, ARMABLE = 0x200000, 0x2000000, 0x10000000
-SENSORS = {"gyro": GYRO, "accelerometer": ACCELEROMETER, "magnetometer": MAGNETOMETER, "gps": GPS}
-PRESENT = (
-    GYRO | ACCELEROMETER | MAGNETOMETER | BAROMETER | GPS | CONTROLS | AHRS | BATTERY | ARMABLE
+SENSORS = {
+    "gyro": int(Sensor.GYRO),
+    "accelerometer": int(Sensor.ACCEL),
+    "magnetometer": int(Sensor.MAG),
+    "gps": int(Sensor.GPS),
+}
+ARMABLE = int(Sensor.PREARM_CHECK)
+PRESENT = int(
+    Sensor.GYRO
+    | Sensor.ACCEL
+    | Sensor.MAG
+    | Sensor.ABSOLUTE_PRESSURE
+    | Sensor.GPS
+    | Sensor.ANGULAR_RATE_CONTROL
+    | Sensor.ATTITUDE_STABILIZATION
+    | Sensor.YAW_POSITION
+    | Sensor.Z_ALTITUDE_CONTROL
+    | Sensor.XY_POSITION_CONTROL
+    | Sensor.MOTOR_OUTPUTS
+    | Sensor.AHRS
+    | Sensor.BATTERY
+    | Sensor.PREARM_CHECK
 )
-# ESTIMATOR_STATUS_FLAGS: attitude, velocities, positions, no dead reckoning; without GPS less.
-ESTIMATES, ESTIMATES_WITHOUT_GPS = (
-    0x1 | 0x2 | 0x4 | 0x8 | 0x10 | 0x20 | 0x100 | 0x200,
-    0x1 | 0x4 | 0x20,
+# A geofence is not present, but never breached either: MAVProxy would report a breach.
+HEALTHY = PRESENT | int(Sensor.GEOFENCE)
+# No dead reckoning; without GPS neither horizontal velocity nor position.
+ESTIMATES = int(
+    EstimatorFlag.ATTITUDE
+    | EstimatorFlag.VELOCITY_HORIZ
+    | EstimatorFlag.VELOCITY_VERT
+    | EstimatorFlag.POS_HORIZ_REL
+    | EstimatorFlag.POS_HORIZ_ABS
+    | EstimatorFlag.POS_VERT_ABS
+    | EstimatorFlag.PRED_POS_HORIZ_REL
+    | EstimatorFlag.PRED_POS_HORIZ_ABS
 )
-CUSTOM_MODE, GUIDED, STABILIZE, MANUAL, ARMED = 1, 8 | 4, 16, 64, 128  # MAV_MODE_FLAG
+ESTIMATES_WITHOUT_GPS = int(
+    EstimatorFlag.ATTITUDE | EstimatorFlag.VELOCITY_VERT | EstimatorFlag.POS_VERT_ABS
+)
+ALWAYS = int(ModeFlag.CUSTOM_MODE_ENABLED | ModeFlag.STABILIZE_ENABLED)
+PILOTED = int(ModeFlag.MANUAL_INPUT_ENABLED)
+AUTOMATIC = int(ModeFlag.GUIDED_ENABLED | ModeFlag.AUTO_ENABLED)
+ARMED = int(ModeFlag.SAFETY_ARMED)
 UID = 0x5157_0000  # plus the system id
 
 
 def heartbeat(u: Unit) -> Message:
-    """HEARTBEAT."""
+    """Make HEARTBEAT."""
     c = u.commander
-    status = CRITICAL if c.failsafe else ACTIVE if c.armed and not c.landed else STANDBY
-    pilot = c.mode in (Mode.POSITION, Mode.ALTITUDE, Mode.STABILIZED)
-    base = CUSTOM_MODE | STABILIZE | (MANUAL if pilot else GUIDED) | (ARMED if c.armed else 0)
-    return Heartbeat(u.flavour.autopilot, QUADROTOR, c.armed, u.custom_mode, status, base)
+    flying = c.armed and not c.landed
+    if c.failsafe:
+        status = SystemState.CRITICAL
+    else:
+        status = SystemState.ACTIVE if flying else SystemState.STANDBY
+    piloted = c.mode in (Mode.POSITION, Mode.ALTITUDE, Mode.STABILIZED)
+    base = ALWAYS | (PILOTED if piloted else AUTOMATIC) | (ARMED if c.armed else 0)
+    kind = VehicleType.QUADROTOR
+    return Heartbeat(u.flavour.autopilot, kind, c.armed, u.custom_mode, status, base)
 
 
 def system_status(u: Unit) -> Message:
-    """SYS_STATUS."""
+    """Make SYS_STATUS."""
     c = u.commander
     bad = sum(SENSORS[name] for name in c.failed) | (0 if c.armable or c.armed else ARMABLE)
     voltage, current, remaining = u.battery()
-    return SystemStatus(
-        PRESENT, PRESENT, (PRESENT | GEOFENCE) & ~bad, voltage, current, remaining, 0.2
-    )
+    return SystemStatus(PRESENT, PRESENT, HEALTHY & ~bad, voltage, current, remaining, 0.2)
 
 
 def attitude(u: Unit) -> Attitude:
-    """ATTITUDE_QUATERNION."""
+    """Make ATTITUDE_QUATERNION."""
     e, i = u.guidance.est, u.i
     return Attitude(u.time_boot, u.frame.attitude(e.q[i]), e.omega[i].copy())
 
 
 def euler_attitude(u: Unit) -> EulerAttitude:
-    """ATTITUDE."""
+    """Make ATTITUDE."""
     exact = attitude(u)
     return EulerAttitude(exact.time, exact.q_wb, exact.omega)
 
 
 def local_position(u: Unit) -> Message | None:
-    """LOCAL_POSITION_NED; none without a position."""
+    """Make LOCAL_POSITION_NED; none without a position."""
     if not u.guidance.position_ok:
         return None
     e, i = u.guidance.est, u.i
@@ -90,7 +127,7 @@ def local_position(u: Unit) -> Message | None:
 
 
 def odometry(u: Unit) -> Odometry | None:
-    """ODOMETRY; none without a position."""
+    """Make ODOMETRY; none without a position."""
     if not u.guidance.position_ok:
         return None
     e, a = u.guidance.est, attitude(u)
@@ -99,12 +136,13 @@ def odometry(u: Unit) -> Odometry | None:
 
 
 def global_position(u: Unit) -> GlobalPosition | None:
-    """GLOBAL_POSITION_INT; none without a position."""
+    """Make GLOBAL_POSITION_INT; none without a position."""
     if not u.guidance.position_ok:
         return None
     e, i = u.guidance.est, u.i
     lat, lon, alt = u.frame.to_geo(e.p[i])
-    north = math.pi / 2 - (heading(e.q[i]) - u.frame.yaw)
+    _, _, yaw = euler_from_quaternion(e.q[i])
+    north = math.pi / 2 - (yaw - u.frame.yaw)
     return GlobalPosition(
         u.time_boot,
         lat,
@@ -117,66 +155,67 @@ def global_position(u: Unit) -> GlobalPosition | None:
 
 
 def gps_raw(u: Unit) -> Message:
-    """GPS_RAW_INT."""
+    """Make GPS_RAW_INT."""
     e, i = u.guidance.est, u.i
     lat, lon, alt = u.frame.to_geo(e.p[i])
     v = u.frame.vector(e.v[i])
     course = math.atan2(v[1], v[0])  # ENU yaw: the codec turns it into a compass course
-    fix, satellites = (3, 14) if u.guidance.position_ok else (0, 0)
+    ok = u.guidance.position_ok
+    fix, satellites = (GpsFix.FIX_3D, 14) if ok else (GpsFix.NO_GPS, 0)
     return GpsRaw(u.time_boot, fix, lat, lon, alt, satellites, math.hypot(v[0], v[1]), course)
 
 
 def home_position(u: Unit) -> Message:
-    """HOME_POSITION."""
+    """Make HOME_POSITION."""
     home = np.array(u.guidance.home)
     return HomePosition(*u.frame.to_geo(home), u.frame.point(home))
 
 
 def estimator_status(u: Unit) -> Message:
-    """ESTIMATOR_STATUS."""
+    """Make ESTIMATOR_STATUS."""
     flags = ESTIMATES if u.guidance.position_ok else ESTIMATES_WITHOUT_GPS
     return EstimatorStatus(u.time_boot, flags, 0.1, 0.15)
 
 
 def system_time(u: Unit) -> Message:
-    """SYSTEM_TIME."""
+    """Make SYSTEM_TIME."""
     return SystemTime(u.time_boot)
 
 
 def mission_current(u: Unit) -> Message:
-    """MISSION_CURRENT."""
+    """Make MISSION_CURRENT."""
     return MissionCurrent(u.guidance.mission_seq)
 
 
 def battery_status(u: Unit) -> Message:
-    """BATTERY_STATUS."""
+    """Make BATTERY_STATUS."""
     return BatteryStatus(*u.battery())
 
 
 def autopilot_version(u: Unit) -> Message:
-    """AUTOPILOT_VERSION."""
+    """Make AUTOPILOT_VERSION."""
     return AutopilotVersion(u.flavour.capabilities, u.flavour.sw_version, UID + u.system)
 
 
 def extended_system_state(u: Unit) -> Message:
-    """EXTENDED_SYS_STATE."""
+    """Make EXTENDED_SYS_STATE."""
     return ExtendedSystemState(int(u.commander.landed_state))
 
 
 BUILDERS: dict[int, Callable[[Unit], Message | None]] = {
-    HEARTBEAT: heartbeat,
-    1: system_status,
-    2: system_time,
-    24: gps_raw,
-    30: euler_attitude,
-    31: attitude,
-    32: local_position,
-    33: global_position,
-    42: mission_current,
-    147: battery_status,
-    148: autopilot_version,
-    230: estimator_status,
-    242: home_position,
-    245: extended_system_state,
-    331: odometry,
+    MessageId.HEARTBEAT: heartbeat,
+    MessageId.SYS_STATUS: system_status,
+    MessageId.SYSTEM_TIME: system_time,
+    MessageId.GPS_RAW_INT: gps_raw,
+    MessageId.ATTITUDE: euler_attitude,
+    MessageId.ATTITUDE_QUATERNION: attitude,
+    MessageId.LOCAL_POSITION_NED: local_position,
+    MessageId.GLOBAL_POSITION_INT: global_position,
+    MessageId.MISSION_CURRENT: mission_current,
+    MessageId.BATTERY_STATUS: battery_status,
+    MessageId.AUTOPILOT_VERSION: autopilot_version,
+    MessageId.ESTIMATOR_STATUS: estimator_status,
+    MessageId.HOME_POSITION: home_position,
+    MessageId.EXTENDED_SYS_STATE: extended_system_state,
+    MessageId.ODOMETRY: odometry,
 }

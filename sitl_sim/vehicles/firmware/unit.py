@@ -13,9 +13,10 @@ from sitl_sim.vehicles.estimator import Estimate
 from sitl_sim.vehicles.firmware.commander import Commander
 from sitl_sim.vehicles.firmware.flavour import Flavour
 from sitl_sim.vehicles.firmware.guidance import Guidance
+from sitl_sim.vehicles.firmware.ids import MessageId
 from sitl_sim.vehicles.firmware.missions import Missions
 from sitl_sim.vehicles.firmware.parameters import Parameters
-from sitl_sim.vehicles.firmware.schedule import HEARTBEAT, Schedule
+from sitl_sim.vehicles.firmware.schedule import Schedule
 from sitl_sim.vehicles.firmware.sticks import Sticks
 from sitl_sim.vehicles.outer_loops import Setpoints
 from sitl_sim.vehicles.rates import RateLoop
@@ -27,7 +28,7 @@ LINKS = ("companion", "gcs")
 
 @dataclass(frozen=True)
 class Shared:
-    """The arrays of all vehicles."""
+    """Arrays of all vehicles, a row each."""
 
     state: State
     loop: RateLoop
@@ -40,7 +41,7 @@ Builder = Callable[["Unit"], Message | None]  # makes one telemetry message
 
 
 class Unit:
-    """The autopilot of vehicle i, system id `system`; `now_us` is the world's clock."""
+    """The autopilot of vehicle i with system id `system`; now_us: the world's clock [µs]."""
 
     def __init__(
         self,
@@ -88,18 +89,18 @@ class Unit:
 
     @property
     def custom_mode(self) -> int:
-        """The mode as the HEARTBEAT tells it."""
+        """The mode as HEARTBEAT sends it."""
         mode, asked = self.commander.mode, self.asked_mode
-        # A mode that flies as another (manual as stabilized) keeps its own number.
+        # An alias (manual, which flies as stabilized) keeps its own number.
         return asked if self.flavour.mode_of(asked) is mode else self.flavour.modes[mode]
 
     def battery(self) -> tuple[float, float, float]:
-        """Voltage [V], current [A], remaining 0…1."""
+        """Return voltage [V], current [A] and remaining charge 0…1."""
         b, i = self._shared.batteries, self.i
         return float(b.voltage[i]), float(b.current[i]), float(b.remaining[i])
 
     def configure(self) -> None:
-        """Take over changed parameters."""
+        """Let changed parameters take effect."""
         settings = self.parameters.settings()
         self.commander.configure(settings)
         self._shared.setpoints.hover[self.i] = settings.hover
@@ -112,13 +113,13 @@ class Unit:
         self.commander.remaining = float(self._shared.batteries.remaining[self.i])
 
     def telemetry(self, link: str, quiet: bool = False) -> list[Message]:
-        """Messages due now on this link; quiet: no more than a sign of life."""
+        """Return the messages due now on this link; quiet: HEARTBEAT alone."""
         self._collect()
         messages: list[Message] = []
         due = self.schedules[link].due(self.boot_us)
         if quiet:
             self._outbox[link].clear()
-            due = [message_id for message_id in due if message_id == HEARTBEAT]
+            due = [message_id for message_id in due if message_id == MessageId.HEARTBEAT]
         for message_id in due:
             message = self._builders[message_id](self)
             if message is not None:
@@ -130,16 +131,16 @@ class Unit:
         return messages
 
     def _collect(self) -> None:
-        """Events of the commander go to every link once."""
+        """Queue new texts and reached mission items, once for every link."""
         c, reached = self.commander, self.guidance.reached
-        if self._texts_sent == c.said and not reached:
+        if self._texts_sent == c.texts_total and not reached:
             return
-        old = max(len(c.texts) - (c.said - self._texts_sent), 0)
+        old = max(len(c.texts) - (c.texts_total - self._texts_sent), 0)
         events: list[Message] = [*islice(c.texts, old, None)]
         if reached:
             events += [MissionItemReached(seq) for seq in reached]
             events.append(MissionCurrent(self.guidance.mission_seq))
             reached.clear()
-        self._texts_sent = c.said
+        self._texts_sent = c.texts_total
         for outbox in self._outbox.values():
             outbox.extend(events)

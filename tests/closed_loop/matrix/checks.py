@@ -1,163 +1,33 @@
-"""What must happen in each row of the fault matrix, as one function a row.
+"""Checks of the fault matrix: one function for each row.
 
-Each takes `note(what, seconds)`, which is told what was measured, and raises AssertionError where
-the row does not hold. Times are of the flight; drones fly from 5 s on, at speed from 7 s.
+Each reports its measurements by `note(what, seconds)` and raises AssertionError where the row does
+not hold. Times are of the flight; drones fly from 5 s on, at full speed from 7 s.
 """
-
-import gc
-import time
-from dataclasses import replace
 
 import numpy as np
 
 from companion.perception.camera_health import CameraFault
 from companion.supervision.guard import Ask, Reason
 from companion.types import Phase
-from mavlink_bridge.wire.messages import Command, CommandId, Heartbeat
-from tests.closed_loop.matrix.inprocess import Companion, fly
+from mavlink_bridge.wire.messages import Heartbeat
+from tests.closed_loop.matrix import link_checks
+from tests.closed_loop.matrix.inprocess import fly
+from tests.closed_loop.matrix.measures import (
+    CRUISE,
+    SHORT,
+    asked,
+    first_with,
+    flown_with,
+    mode_after,
+    nan_between,
+    seconds_until,
+    spoil_solves,
+)
 
 OFFBOARD = 0x00060000  # PX4's custom_mode
-CRUISE = 8.0  # s, in full flight
-SHORT = {"mission__time_limit": 11.0, "world": {}}  # nothing in the way
-
-
-def spoil_solves(flight, first, which, u=None, i=0):
-    """Let solves of drone i fail, those numbers of flight time `first` [s] on; u: what they give.
-
-    which: anything that knows what is `in` it; the first is number 0.
-    """
-    pipeline = flight.companions[i].pipeline
-    solve, done = pipeline._planner.solve, []
-
-    def bad(instance):
-        result = solve(instance)
-        if flight._now / 1e3 < first - 1e-6:
-            return result
-        done.append(1)
-        if len(done) - 1 not in which:
-            return result
-        shifted = np.vstack([result.u[1:], result.u[-1:]]) if u is None else u(result.u)
-        return replace(result, usable=u is not None, u=shifted)
-
-    pipeline._planner.solve = bad
-
-
-def flown_with(spoil, faults=(), **options):
-    """Fly with a flight changed before it begins."""
-    return fly(faults, at={0.0: spoil}, **options)
-
-
-def seconds_until(flight, since, holds, i=0):
-    """From flight time `since` until holds(truth row) first: (v (3,), p (3,)) → bool."""
-    truth = flight.truth.arrays()
-    for t, v, p in zip(truth["t"], truth["velocity"][:, i], truth["position"][:, i], strict=True):
-        if t >= since and holds(v, p):
-            return float(t) - since
-    raise AssertionError("never")
-
-
-def mode_after(flight, since, mode, i=0):
-    """Seconds until drone i's vehicle is in this mode, which it enters after `since`."""
-    after = [t for t, name in flight.modes[i] if t >= since and name == mode]
-    assert after, f"never in {mode}: {flight.modes[i]}"
-    return after[0] - since
-
-
-def modes_from(flight, since, i=0):
-    """Names of the modes that drone i's vehicle has been in from `since` on."""
-    before = [name for t, name in flight.modes[i] if t <= since][-1:]
-    return {*before, *(name for t, name in flight.modes[i] if t > since)}
-
-
-def asked(flight, ask, i=0):
-    """Time of the first tick whose verdict asks for it."""
-    return next((o.time for o in flight.companions[i].outs
-                 if o.verdict is not None and o.verdict.ask is ask), None)  # fmt: skip
-
-
-def first_with(companion, since, reason):
-    """Flight time of the first tick from `since` on whose command has this reason."""
-    return next(t for t, o in companion.ticks(since - 1e-6)
-                if o.verdict is not None and o.verdict.reason is reason)  # fmt: skip
-
-
-def nan_between(start, end):
-    """For `before`: detections that are no numbers among the true ones, in [start, end) s."""
-
-    def spoil(inputs):
-        if inputs.frame is None or not start <= inputs.time < end:
-            return inputs
-        bad = np.full((2, 6), np.nan)
-        bad[1] = [0, 0, 1, np.inf, 0.01, 0.1]
-        rows = np.vstack([inputs.frame.arrays.get("neighbours", np.zeros((0, 6))), bad])
-        arrays = inputs.frame.arrays | {"neighbours": rows}
-        return replace(inputs, frame=replace(inputs.frame, arrays=arrays))
-
-    return spoil
 
 
 # --- rows ----------------------------------------------------------------------------------
-
-
-def row_1(note):
-    def kill(f):
-        f.companions[0].connected = False
-
-    def restart(f):
-        f.companions.append(Companion(f.companions[0].settings, f.companions[0].endpoint))
-        f._drones[0].frames = f.companions[1]
-
-    f = fly(at={CRUISE + 0.01: kill, CRUISE + 2.01: restart}, world={},
-            drones__parameters={"COM_OF_LOSS_T": 0.5}, mission__time_limit=24.0)  # fmt: skip
-    hold = mode_after(f, CRUISE + 0.05, "HOLD")
-    assert hold <= 0.6
-    again = f.companions[1]
-    assert len(again.outs) > 50
-    asked_for = {m.command for o in again.outs for m in o.messages if isinstance(m, Command)}
-    assert asked_for <= {CommandId.SET_MESSAGE_INTERVAL}  # neither arming nor offboard
-    assert "OFFBOARD" not in modes_from(f, CRUISE + 1.0)
-    assert f.truth.arrays()["position"][-1, 0, 2] < 0.3
-    assert not f.truth.arrays()["armed"][-1, 0]
-    f.check_always()
-    note("HOLD", hold)
-
-
-def row_10(note):
-    noisy = [{"kind": "link_garbage", "amount": 1e6, "at": 6.0},
-             {"kind": "link_foreign", "amount": 200.0, "at": 6.0}]  # fmt: skip
-    costs = []
-
-    def watch(f):  # processor time: however busy the machine is
-        f.companions[0].stopwatch = time.thread_time
-        gc.collect()
-        gc.freeze()  # a daemon has no thousand other tests' objects to look through
-
-    for faults in ([], noisy):
-        f = flown_with(watch, faults, **SHORT)
-        assert f.speed(10.0) > 1.2
-        f.check_always()
-        c = f.companions[0]
-        flown = [s for s, o in zip(c.seconds, c.outs, strict=True) if o.time > 6.5]
-        costs.append(float(np.median(flown)))
-        assert np.percentile(flown, 99) < c.config.timing.period  # the next tick is never late
-    gc.unfreeze()
-    assert c.link.codec.statistics.bad_bytes > 1_000_000
-    assert c.link.codec.statistics.foreign > 100
-    note("garbage costs, s of the 0.1 (median, processor time)", costs[1] - costs[0])
-
-
-def row_25(note):
-    """The line is gone for three seconds and comes back: the vehicle holds, and goes on holding."""
-    f = fly([{"kind": "link_loss", "amount": 1.0, "at": CRUISE, "for": 3.0}],
-            **(SHORT | {"mission__time_limit": 16.0}))  # fmt: skip
-    assert "OFFBOARD" not in modes_from(f, CRUISE + 1.2)
-    c = f.companions[0]
-    assert c.outs[-1].phase is Phase.PASSIVE
-    heard = next(o.time for o in c.outs if o.time > CRUISE + 1.0 and o.phase is Phase.PASSIVE)
-    assert not [t for t, _ in c.setpoints() if t > heard]
-    f.check_always()
-    assert heard <= CRUISE + 3.0 + 2.0
-    note("passive after the line is back", heard - CRUISE - 3.0)
 
 
 def row_3(note):
@@ -183,8 +53,10 @@ def row_4(note):
 
 
 def row_5(note):
-    f = fly(at={0.0: lambda f: spoil_solves(f, CRUISE, range(999))},
-            **(SHORT | {"mission__time_limit": 15.0}))  # fmt: skip
+    f = fly(
+        at={0.0: lambda f: spoil_solves(f, CRUISE, range(999))},
+        **(SHORT | {"mission__time_limit": 15.0}),
+    )
     land = mode_after(f, CRUISE, "LAND")
     assert land <= 2.2
     assert f.companions[0].outs[-1].phase is Phase.PASSIVE
@@ -228,8 +100,10 @@ def row_7(note):
 
 def row_7_silence(note):
     """Not even a heartbeat: LAND is asked for, then the stream ends and its failsafe has it."""
-    f = fly([{"kind": "link_loss", "at": CRUISE, "amount": 1.0}],
-            **(SHORT | {"mission__time_limit": 16.0}))  # fmt: skip
+    f = fly(
+        [{"kind": "link_loss", "at": CRUISE, "amount": 1.0}],
+        **(SHORT | {"mission__time_limit": 16.0}),
+    )
     c = f.companions[0]
     land, end = asked(f, Ask.LAND) - CRUISE, c.setpoints()[-1][0] - CRUISE
     assert 1.0 <= land <= 1.15
@@ -262,38 +136,17 @@ def row_8_on_ground(note):
     note("not armed, no offboard", 0.0)
 
 
-def row_9(note):
-    for kind, amount in (("link_loss", 0.05), ("link_loss", 0.2), ("link_duplicate", 0.3),
-                         ("link_reorder", 0.3), ("link_flip", 0.2)):  # fmt: skip
-        f = fly([{"kind": kind, "amount": amount}], mission__time_limit=24.0)
-        assert f.figures()["targets_reached"]["drone1"] == "1/1", (kind, amount)
-        assert f.figures()["obstacle_collisions"] == 0
-        f.check_always()
-    f = fly([{"kind": "link_loss", "amount": 0.5, "at": CRUISE}], count=2,
-            mission__time_limit=24.0)  # fmt: skip
-    assert f.figures()["obstacle_collisions"] == f.figures()["agent_collisions"] == 0
-    f.check_always()
-    assert f.most_tilt(CRUISE) < 45.0
-    for c in f.companions:  # a plan whose commands get lost is not flown for long
-        noticed = first_with(c, CRUISE, Reason.LATE)
-        assert all(o.verdict is None or o.verdict.reason is not Reason.PLAN
-                   for _, o in c.ticks(noticed)), noticed  # fmt: skip
-        assert noticed < CRUISE + 1.5
-    note("complete to 20 %, safe at 50 %", None)
-    note("HOLD at 50 %", mode_after(f, CRUISE, "HOLD"))
-
-
 def row_13(note):
     for fault in ({"kind": "mode", "to": "position"}, {"kind": "kill"}):
         shown = []
-        f = fly([fault | {"at": CRUISE}], before=lambda i, s=shown: _first_change(i, s),
-                **SHORT)  # fmt: skip
+        f = fly([fault | {"at": CRUISE}], before=lambda i, s=shown: _first_change(i, s), **SHORT)
         c = f.companions[0]
         last = c.setpoints()[-1][0]
         assert last <= shown[0] + 1e-6, fault  # none after the tick whose heartbeat showed it
         assert c.outs[-1].phase is Phase.PASSIVE
-        assert not any(type(m).__name__ == "Command" for o in c.outs if o.time > shown[0]
-                       for m in o.messages)  # fmt: skip
+        assert not any(
+            type(m).__name__ == "Command" for o in c.outs if o.time > shown[0] for m in o.messages
+        )
         note(f"after {fault['kind']} (HEARTBEAT: 1 Hz)", last - CRUISE)
 
 
@@ -325,8 +178,13 @@ def row_15(note):
              "camera_black": CameraFault.BLACK, "camera_saturated": CameraFault.SATURATED,
              "camera_late": CameraFault.LATE}  # fmt: skip
     for kind, trouble in kinds.items():
-        f = fly([{"kind": kind, "at": CRUISE + 0.01}], pictures=True, count=2, drones__spacing=3.0,
-                **SHORT)  # fmt: skip
+        f = fly(
+            [{"kind": kind, "at": CRUISE + 0.01}],
+            pictures=True,
+            count=2,
+            drones__spacing=3.0,
+            **SHORT,
+        )
         c = f.companions[0]
         noticed = next(o.time for o in c.outs if o.time > CRUISE and o.trouble is trouble)
         assert noticed - CRUISE <= (0.2 if kind == "camera_late" else 0.1) + 1e-6, kind
@@ -344,13 +202,23 @@ def row_15(note):
 
 
 def row_16(note):
-    faults = [{"kind": "missed", "amount": 0.3}, {"kind": "ghosts", "amount": 0.05},
-              {"kind": "swaps", "amount": 0.2}, {"kind": "range_bias", "amount": 1.2}]  # fmt: skip
+    faults = [
+        {"kind": "missed", "amount": 0.3},
+        {"kind": "ghosts", "amount": 0.05},
+        {"kind": "swaps", "amount": 0.2},
+        {"kind": "range_bias", "amount": 1.2},
+    ]
     # Three that squeeze round one target land on one spot, where they touch on the ground: their
     # flight is judged in the air. With a place for each to land on it is judged to its end.
     together = fly(faults, count=3, mission__time_limit=30.0, seed=3).figures()
-    f = fly(faults, count=3, mission__time_limit=30.0, mission__spread=True,
-            mission__targets=[[10.0, 0.0, 2.0], [14.0, 0.0, 2.0]], seed=3)  # fmt: skip
+    f = fly(
+        faults,
+        count=3,
+        mission__time_limit=30.0,
+        mission__spread=True,
+        mission__targets=[[10.0, 0.0, 2.0], [14.0, 0.0, 2.0]],
+        seed=3,
+    )
     f.check_always()
     apart = f.figures()
     assert set(together["targets_reached"].values()) == {"1/1"}
@@ -362,13 +230,19 @@ def row_16(note):
 
 def row_17(note):
     for kind in ("stop", "turn_into", "kill"):
-        f = fly([{"kind": kind, "drone": "drone1", "at": CRUISE}], count=3, world={},
-                mission__time_limit=14.0)  # fmt: skip
+        f = fly(
+            [{"kind": kind, "drone": "drone1", "at": CRUISE}],
+            count=3,
+            world={},
+            mission__time_limit=14.0,
+        )
         f.check_always(healthy=(1, 2))
         truth = f.truth.arrays()
         flying = truth["t"] > 5.0
-        gaps = [np.linalg.norm(truth["position"][flying, 0] - truth["position"][flying, k], axis=1)
-                for k in (1, 2)]  # fmt: skip
+        gaps = [
+            np.linalg.norm(truth["position"][flying, 0] - truth["position"][flying, k], axis=1)
+            for k in (1, 2)
+        ]
         assert min(g.min() for g in gaps) > 0.5, (kind, [g.min() for g in gaps])
         note(f"least distance [m], {kind}", min(float(g.min()) for g in gaps))
 
@@ -386,13 +260,18 @@ def row_19(note):
     """One pause beside a trunk; then, in the open, each answer late: the next tick is missed, or
     two, and what was commanded is held that long. Late for seconds beside a trunk is too much:
     docs/faults.md."""
-    f = fly([{"kind": "pause", "amount": 0.2, "at": 7.0, "for": 0.1}], count=2,
-            mission__time_limit=26.0)  # fmt: skip
+    f = fly(
+        [{"kind": "pause", "amount": 0.2, "at": 7.0, "for": 0.1}], count=2, mission__time_limit=26.0
+    )
     assert f.figures()["targets_reached"]["drone1"] == "1/1"
     f.check_always()
     for pause in (0.12, 0.2):
-        f = fly([{"kind": "pause", "amount": pause, "at": 7.0, "for": 4.0}], count=2, world={},
-                mission__time_limit=26.0)  # fmt: skip
+        f = fly(
+            [{"kind": "pause", "amount": pause, "at": 7.0, "for": 4.0}],
+            count=2,
+            world={},
+            mission__time_limit=26.0,
+        )
         assert f.figures()["targets_reached"]["drone1"] == "1/1"
         f.check_always()
         tilt = f.most_tilt(7.0)
@@ -428,12 +307,14 @@ def row_21(note):
 
 
 def row_22(note):
-    for fault in ({"kind": "battery", "amount": 0.05, "at": 7.0},
-                  {"kind": "motor", "amount": 0.8, "at": 7.0},
-                  {"kind": "thrust_scale", "amount": 0.8, "at": 7.0},
-                  {"kind": "thrust_scale", "amount": 1.2, "at": 7.0},
-                  {"kind": "gust", "amount": 5.0, "at": 7.0, "for": 3.0},
-                  {"kind": "gyro_bias", "amount": 0.05}):  # fmt: skip
+    for fault in (
+        {"kind": "battery", "amount": 0.05, "at": 7.0},
+        {"kind": "motor", "amount": 0.8, "at": 7.0},
+        {"kind": "thrust_scale", "amount": 0.8, "at": 7.0},
+        {"kind": "thrust_scale", "amount": 1.2, "at": 7.0},
+        {"kind": "gust", "amount": 5.0, "at": 7.0, "for": 3.0},
+        {"kind": "gyro_bias", "amount": 0.05},
+    ):
         f = fly([fault], mission__time_limit=26.0)
         figures = f.figures()
         landed = f.truth.arrays()["position"][-1, 0, 2] < 0.3
@@ -443,5 +324,8 @@ def row_22(note):
     note("complete or landed", None)
 
 
-ROWS = {name.removeprefix("row_"): check for name, check in list(globals().items())
-        if name.startswith("row_")}  # fmt: skip
+ROWS = {
+    name.removeprefix("row_"): check
+    for name, check in [*vars(link_checks).items(), *globals().items()]
+    if name.startswith("row_")
+}

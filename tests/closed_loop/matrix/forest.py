@@ -1,13 +1,13 @@
-"""Rows of the matrix in the paper's forest: what strikes a drone, and what must become of it.
+"""Rows of the fault matrix in the paper's forest: the faults of a drone, and its reaction.
 
 Faults begin at `AT`, in full flight between the first trunks. One flight shows several rows, on
-different drones: each fault is known to its own drone alone, the others see at most a neighbour
-that stops, lands or falls. Where a row has several kinds, seeds take turns.
+different drones: a fault affects its own drone alone, the others see at most a neighbour that
+stops, lands or falls. Where a row has several kinds of faults, the seed selects one.
 """
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -16,27 +16,35 @@ from companion.perception.camera_health import CameraFault
 from companion.supervision.guard import Ask, Reason
 from companion.types import Phase
 from sitl_sim.scenarios import scenario as scenarios
-from tests.closed_loop.matrix.checks import (
-    OFFBOARD,
+from tests.closed_loop.matrix.checks import OFFBOARD
+from tests.closed_loop.matrix.inprocess import SET_OUT_AT_ONCE, WithPictures, run
+from tests.closed_loop.matrix.measures import (
+    completes,
     first_with,
+    hovers,
     mode_after,
     modes_from,
-    nan_between,
-    spoil_solves,
+    slow_after,
 )
-from tests.closed_loop.matrix.inprocess import SET_OUT_AT_ONCE, WithPictures, run
+from tests.closed_loop.matrix.strikes import (
+    AT,
+    bad_solves,
+    fence_moves,
+    killed,
+    not_numbers,
+    released,
+)
 
-AT = 9.0  # s
 TARGETS = [[-3.5, -10.5, 2.0], [-10.5, -3.5, 2.0], [3.5, 17.5, 2.0]]
-LATE = 0.02  # s, of telemetry: what is measured from the fault on has its raster
+LATE = 0.02  # s, period of telemetry: the resolution of measured times
 
 
 @dataclass(frozen=True)
 class Row:
-    """check(flight, i, kind, note): what must become of drone i, with the n-th of `faults`.
+    """check(flight, i, kind, note): asserts the reaction of drone i to faults[kind].
 
-    faults: alternatives, each the faults of one drone. strike(flight, i): what no scenario has.
-    lost: its drone is without companion or control, and not among the healthy any more.
+    faults: alternatives, each the faults of one drone. strike(flight, i): disturbances that no
+    scenario has. lost: the drone loses its companion or its control, so it counts as not healthy.
     parameters: of the autopilots.
     """
 
@@ -47,41 +55,14 @@ class Row:
     parameters: dict = field(default_factory=dict)
 
 
-# --- what is asked for in more than one row -----------------------------------------------
-
-
-def completes(f, i, kind, note):
-    assert f.reached(i) >= 1, f"drone{i + 1} reached no target"
-
-
 def passive(f, i, since):
-    """From `since` on its companion asks for nothing, and offboard is not entered again."""
+    """Assert that from `since` on the companion requests nothing, and offboard is not entered."""
     assert f.companions[i].outs[-1].phase is Phase.PASSIVE
     assert not f.companions[i].streamed(since)
     assert "OFFBOARD" not in modes_from(f, since, i)
 
 
-def hovers(f, i, since, limit=0.25):
-    """Over the ground: in the end it lands."""
-    truth = f.truth.arrays()
-    v = np.linalg.norm(truth["velocity"][truth["t"] >= since, i, :2], axis=1)
-    assert v.max() < limit, f"drone{i + 1} moves at {v.max():.2f} m/s"
-
-
-def slow_after(f, i, since, speed):
-    truth = f.truth.arrays()
-    v = np.linalg.norm(truth["velocity"][:, i], axis=1)
-    return float(truth["t"][(truth["t"] >= since) & (v <= speed)][0]) - since
-
-
 # --- rows ---------------------------------------------------------------------------------
-
-
-def killed(f, i):
-    def gone():
-        f.companions[i].connected = False
-
-    return {AT: gone}
 
 
 def check_1(f, i, kind, note):
@@ -170,8 +151,12 @@ def check_half(f, i, kind, note):
 
 def check_13(f, i, kind, note):
     c = f.companions[i]
-    shown = next(t for t, o in c.ticks(AT) if o.heartbeat is not None and (
-        not o.heartbeat.armed or o.heartbeat.custom_mode != OFFBOARD))  # fmt: skip
+    shown = next(
+        t
+        for t, o in c.ticks(AT)
+        if o.heartbeat is not None
+        and (not o.heartbeat.armed or o.heartbeat.custom_mode != OFFBOARD)
+    )
     assert shown - AT <= 1.2  # HEARTBEAT: 1 Hz
     passive(f, i, shown + 0.05)
 
@@ -213,21 +198,6 @@ def check_17(f, i, kind, note):
     note(f"least distance [m], {('stop', 'turn_into', 'kill')[kind]}", apart)
 
 
-def fence_moves(f, i):
-    """Drone i is outside, all of a sudden: the side that it flies towards is behind it."""
-
-    def cross():
-        pipeline, own = f.companions[i].pipeline, f.companions[i].outs[-1].own
-        axis = int(np.argmax(np.abs(own.v[:2])))
-        way = np.sign(own.v[axis])
-        f.fences[i] = (axis, way, float(own.p[axis] - 0.1 * way))
-        sides = sorted([f.fences[i][2], own.p[axis] - 20.0 * way])
-        fence = pipeline._config.fence.model_copy(update={("east", "north")[axis]: sides})
-        pipeline._config = pipeline._config.model_copy(update={"fence": fence})
-
-    return {AT: cross}
-
-
 def check_21(f, i, kind, note):
     axis, way, limit = f.fences[i]
     ticks = f.companions[i].ticks(AT)
@@ -243,15 +213,6 @@ def check_21(f, i, kind, note):
 def check_22(f, i, kind, note):
     landed = f.truth.arrays()["position"][-1, i, 2] < 0.3
     assert landed or f.reached(i) >= 1
-
-
-def released(f, i):
-    """SIGTERM: the daemon's pipeline is told to leave."""
-
-    def leave():
-        f.companions[i].before = lambda inputs: replace(inputs, leave=True)
-
-    return {AT: leave}
 
 
 def check_24(f, i, kind, note):
@@ -277,21 +238,6 @@ def unmoved(f, i, kind, note):
         assert np.array_equal(f.truth.arrays()["position"], plain(f.scenario.seed))
 
 
-def bad_solves(which):
-    def strike(f, i):
-        spoil_solves(f, AT, which, i=i)
-        return {}
-
-    return strike
-
-
-def numbers_that_are_none(f, i):
-    boot = f._drones[i].boot_ms / 1e3
-    f.companions[i].before = nan_between(AT + boot, AT + boot + 3.0)
-    spoil_solves(f, AT, range(0, 200, 20), u=lambda u: u * np.nan, i=i)
-    return {}
-
-
 def one(kind, **more):
     """Drone faults of one kind from AT on."""
     return ({"kind": kind, "at": AT, **more},)
@@ -304,7 +250,7 @@ ROWS = {
     "3": Row(check_3, strike=bad_solves(range(0, 999, 10))),
     "4": Row(check_4, strike=bad_solves(range(12))),
     "5": Row(check_5, strike=bad_solves(range(999)), lost=True),
-    "6": Row(check_6, (one("telemetry_nan", amount=0.3),), numbers_that_are_none),
+    "6": Row(check_6, (one("telemetry_nan", amount=0.3),), not_numbers),
     "7": Row(check_7, (one("telemetry_stale"),), lost=True),
     "7_silence": Row(check_silence, (one("link_loss", amount=1.0),), lost=True),
     "8": Row(check_8, (one("position_jump", amount=3.0), one("position_lost"),
@@ -391,18 +337,28 @@ def scenario(drones, seed, seconds, parameters, faults):
     """The forest of this seed; perfect detectors, which nothing here is about."""
     return scenarios.load(
         "forest",
-        [f"drones.count={drones}", f"seed={seed}", f"mission.time_limit={seconds}",
-         "sensing.neighbours=truth", "sensing.obstacles=map",
-         f"mission.targets={TARGETS}", "mission.home=false",
-         f"drones.parameters={json.dumps(parameters)}", f"faults={json.dumps(faults)}",
-         f"companion={json.dumps(SET_OUT_AT_ONCE)}"],
-    )  # fmt: skip
+        [
+            f"drones.count={drones}",
+            f"seed={seed}",
+            f"mission.time_limit={seconds}",
+            "sensing.neighbours=truth",
+            "sensing.obstacles=map",
+            f"mission.targets={TARGETS}",
+            "mission.home=false",
+            f"drones.parameters={json.dumps(parameters)}",
+            f"faults={json.dumps(faults)}",
+            f"companion={json.dumps(SET_OUT_AT_ONCE)}",
+        ],
+    )
 
 
 def forest_flight(drones, seed, seconds, strikes):
     """Fly with these strikes: [(row's name, drone, kind)]."""
-    faults = [fault | {"drone": f"drone{i + 1}"} for row, i, kind in strikes
-              for fault in ROWS[row].faults[kind]]  # fmt: skip
+    faults = [
+        fault | {"drone": f"drone{i + 1}"}
+        for row, i, kind in strikes
+        for fault in ROWS[row].faults[kind]
+    ]
     parameters = {k: v for row, _, _ in strikes for k, v in ROWS[row].parameters.items()}
     return Forest(scenario(drones, seed, seconds, parameters, faults), strikes).fly()
 
@@ -411,8 +367,11 @@ def forest_flight(drones, seed, seconds, strikes):
 def flown(drones, number, seed):
     """The flight of THREE or NINE with this number."""
     rows, seconds = (THREE[number], 30.0) if drones == 3 else (NINE[number], 40.0)
-    strikes = [(row, i, (seed + rows[:i].count(row)) % len(ROWS[row].faults))
-               for i, row in enumerate(rows) if row is not None]  # fmt: skip
+    strikes = [
+        (row, i, (seed + rows[:i].count(row)) % len(ROWS[row].faults))
+        for i, row in enumerate(rows)
+        if row is not None
+    ]
     return forest_flight(drones, seed, seconds, strikes)
 
 

@@ -1,7 +1,7 @@
-"""A swarm's flight in one process: the runner's world, each companion's pipeline behind its codec.
+"""A flight in one process: the runner's world, each companion's pipeline behind its codec.
 
-Everything but sockets and processes is the real thing: the bytes of MAVLink, the lockstep, the
-faults of the scenario. A flight of one drone and 15 s takes half a second or so.
+All but sockets and processes is real: the bytes of MAVLink, the lockstep, the faults of the
+scenario. A flight of one drone and 15 s takes about half a second.
 """
 
 import itertools
@@ -26,7 +26,7 @@ from sitl_sim.faults.camera import FaultyCamera
 from sitl_sim.faults.catalogue import PIXELS, Schedule
 from sitl_sim.figures.metrics import safety
 from sitl_sim.flight.runner import Flight
-from sitl_sim.flight.sensors import Eyes
+from sitl_sim.flight.sensors import Sensors
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.scenario import Scenario
 from sitl_sim.worlds.world import surface_distance
@@ -70,7 +70,7 @@ class Companion:
     def close(self):
         pass
 
-    # --- what a test asks ----------------------------------------------------------------
+    # --- measures ------------------------------------------------------------------------
 
     def setpoints(self):
         """(time, setpoint) of all that were sent."""
@@ -82,8 +82,9 @@ class Companion:
 
     def streamed(self, t):
         """Flight times from t on at which a setpoint was sent."""
-        return [at for at, o in self.ticks(t)
-                if any(isinstance(m, RateSetpoint) for m in o.messages)]  # fmt: skip
+        return [
+            at for at, o in self.ticks(t) if any(isinstance(m, RateSetpoint) for m in o.messages)
+        ]
 
     def at(self, t):
         """The first tick's outcome from t [s, vehicle's clock] on."""
@@ -91,12 +92,13 @@ class Companion:
 
     def reasons(self, t, until=np.inf):
         """Guard reasons of the ticks in [t, until) s of the vehicle's clock."""
-        return [o.verdict.reason for o in self.outs
-                if o.verdict is not None and t <= o.time < until]  # fmt: skip
+        return [
+            o.verdict.reason for o in self.outs if o.verdict is not None and t <= o.time < until
+        ]
 
 
 class InProcess(Flight):
-    """A flight whose companions live here; `companions` by index."""
+    """A flight with its companions in this process; `companions` by index."""
 
     def __init__(self, scenario):
         self.companions = []
@@ -112,12 +114,12 @@ class InProcess(Flight):
         return self.companions[-1], vehicle, MemoryEndpoint()
 
     def note_modes(self, t):
-        """Remember who is in another mode now."""
+        """Record changes of modes at t [s]."""
         for i, seen in enumerate(self.modes):
             if not seen or seen[-1][1] != self.mode(i):
                 seen.append((t, self.mode(i)))
 
-    # --- what a test asks ----------------------------------------------------------------
+    # --- measures ------------------------------------------------------------------------
 
     def figures(self):
         """Distances, collisions, targets, from the truth."""
@@ -138,7 +140,7 @@ class InProcess(Flight):
         return float(np.degrees(np.arccos(1 - 2 * (q[:, 1] ** 2 + q[:, 2] ** 2).max())))
 
     def check_always(self, healthy=None):
-        """What holds in every row: nothing hits anything, nothing bad is on the wire."""
+        """Assert what holds in every row: no collisions, only valid setpoints on the wire."""
         for c in self.companions:
             for _, s in c.setpoints():
                 assert np.isfinite(s.omega).all()
@@ -158,28 +160,34 @@ class InProcess(Flight):
                 assert gap > 2 * self.scenario.drones.radius, (a, b, gap)
 
     def _lowest_in_offboard(self, i):
-        """m above the ground while its companion flies drone i."""
+        """Least height [m] of drone i while its companion flies it."""
         truth, changes = self.truth.arrays(), [*self.modes[i], (np.inf, "")]
-        return min((truth["position"][(truth["t"] > start) & (truth["t"] <= end), i, 2].min()
-                    for (start, name), (end, _) in itertools.pairwise(changes)
-                    if name == "OFFBOARD"), default=np.inf)  # fmt: skip
+        return min(
+            (
+                truth["position"][(truth["t"] > start) & (truth["t"] <= end), i, 2].min()
+                for (start, name), (end, _) in itertools.pairwise(changes)
+                if name == "OFFBOARD"
+            ),
+            default=np.inf,
+        )
 
 
-# Without a look round first, so that the times of rows are of full flight.
+# Without a turn at the start, so that the times of rows are of full flight.
 SET_OUT_AT_ONCE = {"gaze": {"survey": 0.0}}
 
 
 def scenario(faults=(), count=1, seed=1, **more):
     """A short flight: fly 12 m east among a few trunks and stay there; perfect detectors."""
     data = {
-        "name": "row", "seed": seed,
+        "name": "row",
+        "seed": seed,
         "world": {"cylinders": [{"x": 7.0, "y": 0.3, "radius": 0.5}]},
         "drones": {"count": count, "heading_deg": 0.0, "frame_yaw_deg": 0.0},
         "mission": {"targets": [[14.0, 0.0, 2.0]], "home": False, "time_limit": 20.0},
         "sensing": {"neighbours": "truth", "obstacles": "map", "width": 64, "height": 64},
         "faults": list(faults),
         "companion": SET_OUT_AT_ONCE,
-    }  # fmt: skip
+    }
     for path, value in more.items():
         section, _, key = path.partition("__")
         if key:
@@ -189,14 +197,14 @@ def scenario(faults=(), count=1, seed=1, **more):
     return Scenario.model_validate(data)
 
 
-class NoisyEyes(Eyes):
-    """See a noisy picture too: nothing is detected in it, but it can be looked at."""
+class NoisySensors(Sensors):
+    """Sensors with a noisy picture, too: no drone is in it, but camera health can be checked."""
 
-    def see(self, i, stamp, p, q):
+    def frame(self, i, stamp, p, q):
         rng = np.random.default_rng(round(stamp * 1e3))
         row = rng.integers(60, 200, (1, self._sensing.width, 3), np.uint8)
         picture = np.broadcast_to(row, (self._sensing.height, self._sensing.width, 3))
-        return super().see(i, stamp, p, q) | {"image": picture}
+        return super().frame(i, stamp, p, q) | {"image": picture}
 
 
 class WithPictures(InProcess):
@@ -206,7 +214,7 @@ class WithPictures(InProcess):
         every = Schedule(scenario.faults, scenarios.drone_names(scenario), scenario.seed)
         others = [f for f in scenario.faults if f.kind not in PIXELS]
         super().__init__(scenario.model_copy(update={"faults": others}))
-        self.eyes = NoisyEyes(scenario, self.world)
+        self.sensors = NoisySensors(scenario, self.world)
         for drone in self._drones:
             drone.camera = FaultyCamera(every, drone.index)
 

@@ -1,6 +1,6 @@
-"""Every row that concerns flight, in the paper's forest: three drones for 30 s on ten seeds; nine.
+"""Every row of the fault matrix in the paper's forest: three drones for 30 s on ten seeds; nine.
 
-In every flight nobody healthy hits anything; of each drone that is struck, what its row asks for.
+In every flight no healthy drone collides, and each drone with a fault reacts as its row requires.
 Slow: twenty minutes of one core.
 """
 
@@ -13,12 +13,19 @@ SEEDS = 10
 
 def cases():
     """(drones, number of the flight, seed, row), a row once for each flight that shows it."""
-    three = [(3, n, seed, row) for seed in range(SEEDS) for n, rows in enumerate(THREE)
-             for row in dict.fromkeys(r for r in rows if r)]  # fmt: skip
+    three = [
+        (3, n, seed, row)
+        for seed in range(SEEDS)
+        for n, rows in enumerate(THREE)
+        for row in dict.fromkeys(r for r in rows if r)
+    ]
     nine = [(9, n, 0, row) for n, rows in enumerate(NINE) for row in dict.fromkeys(rows)]
-    return [pytest.param(*case, marks=pytest.mark.row(case[3]),
-                         id=f"{case[0]}-{case[1]}-seed{case[2]}-{case[3]}")
-            for case in three + nine]  # fmt: skip
+    return [
+        pytest.param(
+            *case, marks=pytest.mark.row(case[3]), id=f"{case[0]}-{case[1]}-seed{case[2]}-{case[3]}"
+        )
+        for case in three + nine
+    ]
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The fault matrix: each row as it must be, and rows that fail where their mechanism is out."""
+"""The fault matrix: each row holds, and fails without its mechanism."""
 
 from dataclasses import replace
 
@@ -64,8 +64,7 @@ def never_start_over(patch):
 
 def never_land(patch):
     without_plan = Guard._without_plan
-    patch.setattr(Guard, "_without_plan",
-                  lambda *a: replace(without_plan(*a), ask=Ask.NOTHING))  # fmt: skip
+    patch.setattr(Guard, "_without_plan", lambda *a: replace(without_plan(*a), ask=Ask.NOTHING))
 
 
 WITHOUT = {
@@ -112,7 +111,7 @@ def test_a_row_fails_without(name, monkeypatch, record_property):
 
 
 def test_the_guard_is_used(monkeypatch):
-    """The mutations above are of what flies: without any guard there is no setpoint at all."""
+    """The mutations above concern the flying code: without a guard there is no setpoint."""
     monkeypatch.setattr(Guard, "judge", lambda *a: pytest.fail("asked"))
     with pytest.raises(pytest.fail.Exception):
         inprocess.fly(mission__time_limit=6.0, world={})

@@ -1,4 +1,4 @@
-"""Campaigns: resumed, the same whoever flies, and apart from each other's ports."""
+"""Campaigns: resumed, and with the same truth on every executor."""
 
 import contextlib
 import json
@@ -13,9 +13,7 @@ from pathlib import Path
 import pytest
 
 from sitl_sim.__main__ import main
-from sitl_sim.campaigns import ports
 from sitl_sim.campaigns.campaign import Campaign, run
-from sitl_sim.campaigns.claim import claimed
 
 SCENARIO = """
 fileversion: 1
@@ -34,12 +32,13 @@ def scenario(tmp_path):
 
 
 def campaign(scenario, out, *options):
-    return main(["campaign", scenario, "--out", str(out), "--workers", "2", "--in-process",
-                 *options])  # fmt: skip
+    return main(
+        ["campaign", scenario, "--out", str(out), "--workers", "2", "--in-process", *options]
+    )
 
 
-def worker_of(folder):
-    """Processes that have a file of this folder open."""
+def open_files_in(folder):
+    """Files of this folder that a process has open."""
     found = []
     for files in Path("/proc").glob("[0-9]*/fd"):
         with contextlib.suppress(OSError):
@@ -54,7 +53,7 @@ def truths(folder):
     }
 
 
-def test_a_campaign_flies_what_is_missing_and_nothing_else(scenario, tmp_path, capsys):
+def test_a_campaign_flies_only_the_missing_runs(scenario, tmp_path, capsys):
     out = tmp_path / "out"
     assert campaign(scenario, out, "--runs", "2", "--seed", "5") == 1  # too short to arrive
     text = capsys.readouterr().out
@@ -69,8 +68,7 @@ def test_a_campaign_flies_what_is_missing_and_nothing_else(scenario, tmp_path, c
     (out / "hop-5" / "mark").touch()
     assert campaign(scenario, out, "--runs", "3", "--seed", "5", "--json") == 1
     said = capsys.readouterr()
-    assert sorted(line.split(":")[0] for line in said.err.splitlines()) == [
-        "seed 6", "seed 7"]  # fmt: skip
+    assert sorted(line.split(":")[0] for line in said.err.splitlines()) == ["seed 6", "seed 7"]
     assert (out / "hop-5" / "mark").exists()
     summary = json.loads(said.out)
     assert summary == json.loads((out / "summary.json").read_text())
@@ -80,39 +78,6 @@ def test_a_campaign_flies_what_is_missing_and_nothing_else(scenario, tmp_path, c
     campaign(scenario, out, "--runs", "1", "--seed", "6")  # of what is there, what was asked for
     assert "0 of 1: 0.0%" in capsys.readouterr().out
     assert "<b>0 of 1</b>" in (out / "campaign.html").read_text()
-
-
-def settings(scenario, *overrides):
-    return Campaign(scenario, list(overrides), 1, 0, Path("anywhere")).settings()
-
-
-def test_a_folder_of_other_flights_is_refused_and_left_as_it_is(scenario, tmp_path, capsys):
-    out = tmp_path / "out"
-    with claimed(out, settings(scenario)):
-        (out / "unfinished" / "hop-0-17").mkdir(parents=True)
-    Path(scenario).write_text(SCENARIO.replace("time_limit: 5.0", "time_limit: 6.0"))
-    assert campaign(scenario, out, "--set", "drones.count=1") == 2
-    lines = capsys.readouterr().err.strip().splitlines()
-    assert len(lines) == 1
-    assert "holds another campaign (drones.count 2, not 1, mission.time_limit 5.0, not 6.0)" in (
-        lines[0])  # fmt: skip
-    assert (out / "unfinished" / "hop-0-17").exists()
-
-
-def test_a_folder_of_another_version_is_refused_in_a_line(scenario, tmp_path, capsys):
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "campaign.json").write_text(json.dumps({"name": "hop", "overrides": []}))
-    assert campaign(scenario, out) == 2
-    assert len(capsys.readouterr().err) < 600
-
-
-def test_what_was_there_before_a_campaign_stays(scenario, tmp_path):
-    theirs = tmp_path / "out" / "unfinished" / "thesis.txt"
-    theirs.parent.mkdir(parents=True)
-    theirs.touch()
-    with claimed(tmp_path / "out", settings(scenario)):
-        assert theirs.exists()
 
 
 @pytest.mark.parametrize(
@@ -134,30 +99,14 @@ def test_runs_that_cannot_be_counted_are_named_before_more_are_flown(
     assert not (tmp_path / "out" / "hop-1").exists()
 
 
-def test_two_campaigns_do_not_fly_into_one_folder(scenario, tmp_path, capsys):
-    out = tmp_path / "out"
-    with claimed(out, settings(scenario)):
-        assert campaign(scenario, out) == 2
-    assert "another campaign is flying into it" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("content", ["", "[1]", "no json"])
-def test_a_spoilt_request_is_one_clear_line(scenario, tmp_path, capsys, content):
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "campaign.json").write_text(content)
-    assert campaign(scenario, out) == 2
-    assert "campaign.json: not what a campaign wrote" in capsys.readouterr().err
-
-
 class Fragile:
-    """A crew of two; the worker that flies seed 3 dies, and all that fly beside it."""
+    """Two workers; the worker that flies seed 3 dies, and all flights beside it with it."""
 
-    places = 2
+    slots = 2
 
     def __init__(self):
         self.pool = {}
-        self.brought = []
+        self.stored = []
         self.most = 0
 
     def submit(self, job):
@@ -171,15 +120,15 @@ class Fragile:
             future.set_result(None)
         return future
 
-    def bring(self, job, result):
-        self.brought.append(job.seed)
+    def store(self, job, result):
+        self.stored.append(job.seed)
 
-    def renew(self):
+    def restart(self):
         assert all(f.done() for f in self.pool.values())
 
 
 class Idle(Fragile):
-    """A crew whose idle worker dies: the pool takes no work until it is renewed."""
+    """An executor whose idle worker dies: it takes no work until it is restarted."""
 
     def __init__(self):
         super().__init__()
@@ -193,25 +142,25 @@ class Idle(Fragile):
         future.set_result(None)
         return future
 
-    def renew(self):
+    def restart(self):
         self.ill = False
 
 
-def test_a_worker_that_dies_between_flights_costs_none(scenario, tmp_path):
-    told, crew = {}, Idle()
-    assert run(Campaign(scenario, [], 4, 0, tmp_path), crew, told.__setitem__) == {}
-    assert sorted(crew.brought) == sorted(told) == [0, 1, 2, 3]
+def test_a_worker_that_dies_between_flights_costs_no_flight(scenario, tmp_path):
+    told, executor = {}, Idle()
+    assert run(Campaign(scenario, [], 4, 0, tmp_path), executor, told.__setitem__) == {}
+    assert sorted(executor.stored) == sorted(told) == [0, 1, 2, 3]
 
 
 def test_a_worker_that_dies_takes_no_other_flight_with_it(scenario, tmp_path):
-    told, crew = {}, Fragile()
+    told, executor = {}, Fragile()
     flights = Campaign(scenario, [], 6, 0, tmp_path)
-    broken = run(flights, crew, lambda seed, what: told.update({seed: what}))
+    broken = run(flights, executor, lambda seed, what: told.update({seed: what}))
     assert list(broken) == [3]
     assert "BrokenProcessPool" in broken[3]
-    assert sorted(crew.brought) == [0, 1, 2, 4, 5]
+    assert sorted(executor.stored) == [0, 1, 2, 4, 5]
     assert sorted(told) == list(range(6))
-    assert crew.most == 2
+    assert executor.most == 2
 
 
 @pytest.mark.parametrize(
@@ -225,51 +174,38 @@ def test_a_worker_that_dies_takes_no_other_flight_with_it(scenario, tmp_path):
         (["--set", "drones.autopilot=betaflight"], "no --in-process"),
     ],
 )
-def test_bad_input_is_exit_2(scenario, tmp_path, capsys, options, words):
+def test_bad_input_is_status_2(scenario, tmp_path, capsys, options, words):
     assert campaign(scenario, tmp_path / "out", *options) == 2
     assert words in capsys.readouterr().err
 
 
 def test_a_flight_that_cannot_be_flown_is_named_and_the_others_fly(scenario, tmp_path, capsys):
     out = tmp_path / "out"
-    wrong = ["--set", "sensing.calibration=missing.yaml"]  # nobody reads it before it flies
+    wrong = ["--set", "sensing.calibration=missing.yaml"]  # not read before the flight
     assert campaign(scenario, out, "--runs", "1", *wrong, "--json") == 1
     summary = json.loads(capsys.readouterr().out)
     assert (summary["flown"], summary["tried"], summary["success"]) == (0, 1, 0.0)
     assert "missing.yaml" in summary["not_flown"]["0"]
 
 
-def test_blocks_of_ports_are_apart_and_come_back():
-    with ports.block(3) as one, ports.block(3) as two:
-        assert abs(one - two) >= 8
-        asked = ports.overrides(one, 3)
-    assert asked == [f"wire.companion_port={one}", f"wire.frame_port={one + 3}",
-                     f"wire.gcs_port={one + 7}"]  # fmt: skip
-    with ports.block(3) as again:
-        assert again == one
-
-
-def test_files_that_another_user_has_made_are_locked_too(monkeypatch):
-    with ports.block(3) as one:
-        pass
-    opened = Path.open
-
-    def theirs(path, mode="r", *arguments, **keys):
-        if mode != "r" and path.exists():
-            raise PermissionError(13, "Permission denied")
-        return opened(path, mode, *arguments, **keys)
-
-    monkeypatch.setattr(Path, "open", theirs)
-    with ports.block(3) as mine, ports.block(3) as other:
-        assert mine == one != other
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
-def test_a_campaign_that_was_ended_goes_on_where_it_was(scenario, tmp_path, how):
+def test_an_ended_campaign_is_resumed(scenario, tmp_path, how):
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "sitl_sim", "campaign", scenario, "--out", str(out),
-               "--runs", "3", "--workers", "1", "--in-process"]  # fmt: skip
+    command = [
+        sys.executable,
+        "-m",
+        "sitl_sim",
+        "campaign",
+        scenario,
+        "--out",
+        str(out),
+        "--runs",
+        "3",
+        "--workers",
+        "1",
+        "--in-process",
+    ]
     process = subprocess.Popen(command)
     deadline = time.monotonic() + 200
     while not (out / "hop-0").exists() and time.monotonic() < deadline:
@@ -278,7 +214,7 @@ def test_a_campaign_that_was_ended_goes_on_where_it_was(scenario, tmp_path, how)
     process.wait(timeout=10.0)
     time.sleep(1.0)
     assert not list((out / "unfinished").glob("*/metrics.json"))
-    assert not worker_of(out)
+    assert not open_files_in(out)
     before = truths(out)
     assert 0 < len(before) < 3
     said = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -291,18 +227,45 @@ def test_a_campaign_that_was_ended_goes_on_where_it_was(scenario, tmp_path, how)
 @pytest.mark.slow
 def test_the_same_truth_on_a_dask_cluster_and_with_processes_side_by_side(scenario, tmp_path):
     file = tmp_path / "scheduler.json"
-    dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--scheduler-file", str(file),
-            "--port", "0", "--no-dashboard"]  # fmt: skip
-    worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(file),
-              "--nthreads", "1", "--no-dashboard", "--no-nanny"]  # fmt: skip
+    dask = [
+        sys.executable,
+        "-m",
+        "distributed.cli.dask_scheduler",
+        "--scheduler-file",
+        str(file),
+        "--port",
+        "0",
+        "--no-dashboard",
+    ]
+    worker = [
+        sys.executable,
+        "-m",
+        "distributed.cli.dask_worker",
+        "--scheduler-file",
+        str(file),
+        "--nthreads",
+        "1",
+        "--no-dashboard",
+        "--no-nanny",
+    ]
     cluster = [subprocess.Popen(dask)]
     try:
         while not file.exists():
             time.sleep(0.1)
         cluster += [subprocess.Popen(worker) for _ in range(2)]
         address = json.loads(file.read_text())["address"]
-        main(["campaign", scenario, "--out", str(tmp_path / "dask"), "--runs", "2",
-              "--scheduler", address])  # fmt: skip
+        main(
+            [
+                "campaign",
+                scenario,
+                "--out",
+                str(tmp_path / "dask"),
+                "--runs",
+                "2",
+                "--scheduler",
+                address,
+            ]
+        )
     finally:
         for process in reversed(cluster):
             process.terminate()

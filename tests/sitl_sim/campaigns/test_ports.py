@@ -14,8 +14,8 @@ from sitl_sim.scenarios.companion_config import companion_config
 QUIET = 30000, 30100  # where no flight is
 
 
-def _told(scenario):
-    """The UDP port that each companion is told to listen on."""
+def _ports_of_companions(scenario):
+    """The UDP port in each companion's configuration."""
     configs = [companion_config(scenario, i, Path(), False) for i in range(scenario.drones.count)]
     return [int(c["link"]["endpoint"].rpartition(":")[2]) for c in configs]
 
@@ -23,19 +23,19 @@ def _told(scenario):
 @pytest.mark.parametrize("drones", [9, 10, 20])
 def test_no_companion_listens_where_ground_stations_do(drones):
     s = scenarios.load("forest", [f"drones.count={drones}"])
-    assert len({*_told(s), s.wire.gcs_port}) == drones + 1
-    assert _told(s)[:9] == list(range(14541, 14550))
+    assert len({*_ports_of_companions(s), s.wire.gcs_port}) == drones + 1
+    assert _ports_of_companions(s)[:9] == list(range(14541, 14550))
 
 
-def test_vehicles_speak_to_where_their_companions_were_told_to_listen(tmp_path):
+def test_vehicles_send_to_the_ports_of_their_companions(tmp_path):
     wire = ["wire.companion_port=28540", "wire.gcs_port=28543", "wire.frame_port=28640"]
     s = scenarios.load("crossing", ["drones.count=4", "sensing.obstacles=map", *wire])
-    assert _told(s) == [28541, 28542, 28544, 28545]
+    assert _ports_of_companions(s) == [28541, 28542, 28544, 28545]
     with flight(s, tmp_path) as f:
         table = [re.findall(r"UDP (\d+)", line) for line in f.wire_table()]
         sent = [d.companion.endpoint.remote[1] for d in f._drones]
-    assert table == [[str(port), "28543"] for port in _told(s)]
-    assert sent == _told(s)
+    assert table == [[str(port), "28543"] for port in _ports_of_companions(s)]
+    assert sent == _ports_of_companions(s)
 
 
 def _block(base, drones):
@@ -45,6 +45,34 @@ def _block(base, drones):
     return {first["gcs_port"]} | {
         first[name] + k + 1 for name in ("companion_port", "frame_port") for k in range(drones)
     }
+
+
+def test_blocks_of_ports_are_apart_and_are_used_again():
+    with ports.block(3) as one, ports.block(3) as two:
+        assert abs(one - two) >= 8
+        asked = ports.overrides(one, 3)
+    assert asked == [
+        f"wire.companion_port={one}",
+        f"wire.frame_port={one + 3}",
+        f"wire.gcs_port={one + 7}",
+    ]
+    with ports.block(3) as again:
+        assert again == one
+
+
+def test_lock_files_of_another_user_are_locked_too(monkeypatch):
+    with ports.block(3) as one:
+        pass
+    opened = Path.open
+
+    def theirs(path, mode="r", *arguments, **keys):
+        if mode != "r" and path.exists():
+            raise PermissionError(13, "Permission denied")
+        return opened(path, mode, *arguments, **keys)
+
+    monkeypatch.setattr(Path, "open", theirs)
+    with ports.block(3) as mine, ports.block(3) as other:
+        assert mine == one != other
 
 
 @pytest.mark.parametrize(("one", "other"), [(3, 4), (9, 10), (10, 9), (1, 40)])
@@ -61,7 +89,7 @@ def test_a_block_that_is_given_back_is_free_for_another_size():
         assert large == small
 
 
-def test_no_room_is_said():
+def test_no_free_block_is_an_error():
     first, _ = QUIET
     with ports.block(3, first, first + 24) as base:
         assert base == first

@@ -1,3 +1,5 @@
+"""All runs of a campaign on one page."""
+
 import json
 import re
 
@@ -5,17 +7,24 @@ import pytest
 
 from sitl_sim.__main__ import main
 from sitl_sim.campaigns.run import metrics_of
-from sitl_sim.figures.metrics import wilson
 
 
 def write_runs(folder, good, bad):
     for n in range(good + bad):
         run = folder / f"forest-{n}"
         run.mkdir(parents=True)
-        metrics = {"ok": n < good, "seed": n, "scenario": "forest", "drones": 9,
-                   "agent_collisions": int(n >= good), "obstacle_collisions": 0,
-                   "min_agent_distance_m": 0.3 + 0.1 * n, "min_obstacle_distance_m": 0.5,
-                   "mean_speed_m_s": 1.4, "duration_s": 90.0 + n}  # fmt: skip
+        metrics = {
+            "ok": n < good,
+            "seed": n,
+            "scenario": "forest",
+            "drones": 9,
+            "agent_collisions": int(n >= good),
+            "obstacle_collisions": 0,
+            "min_agent_distance_m": 0.3 + 0.1 * n,
+            "min_obstacle_distance_m": 0.5,
+            "mean_speed_m_s": 1.4,
+            "duration_s": 90.0 + n,
+        }
         (run / "metrics.json").write_text(json.dumps(metrics))
         if n != 1:  # the page links to those that are there
             (run / "report.html").write_text("")
@@ -43,18 +52,10 @@ def test_an_infinite_distance_of_an_earlier_version_is_none(tmp_path):
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", "no json"])
-def test_foreign_metrics_are_one_clear_line_and_exit_2(tmp_path, capsys, content):
+def test_foreign_metrics_are_one_clear_line_and_status_2(tmp_path, capsys, content):
     write_runs(tmp_path, good=2, bad=0)
     (tmp_path / "forest-1" / "metrics.json").write_text(content)
     assert main(["report", str(tmp_path)]) == 2
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1
     assert "forest-1/metrics.json" in lines[0]
-
-
-@pytest.mark.parametrize(
-    ("good", "runs", "low", "high"),
-    [(0, 10, 0.0, 0.2775), (10, 10, 0.7225, 1.0), (50, 100, 0.4038, 0.5962), (1, 1, 0.2065, 1.0)],
-)
-def test_wilsons_interval(good, runs, low, high):
-    assert wilson(good, runs) == pytest.approx((low, high), abs=2e-4)

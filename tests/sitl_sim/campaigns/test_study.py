@@ -1,4 +1,4 @@
-"""Studies: campaigns side by side, on one page; flights that are there are not flown again."""
+"""Studies: campaigns compared on one page; flights that exist are not flown again."""
 
 import json
 
@@ -33,20 +33,34 @@ def study(tmp_path):
 
 def metrics(seed, ok):
     return {
-        "ok": ok, "seed": seed, "commit": f"c{seed // 2}",
-        "scenario": "circle", "drones": 10, "mission_complete": ok,
-        "targets_reached": {"drone1": "1/1", "drone2": f"{int(ok)}/1"}, "never_flew": [],
-        "faults_in_truth": [], "agent_collisions": int(not ok), "obstacle_collisions": 0,
-        "min_agent_distance_m": 0.7 + 0.1 * seed if ok else 0.3, "min_obstacle_distance_m": None,
-        "below_agent_safety": not ok, "below_obstacle_safety": False,
-        "longest_standstill_s": 1.0, "longest_deadlock_s": 0.5,
-        "mission_time_s": 20.0 + seed if ok else None, "duration_s": 30.0,
-        "mean_speed_m_s": 1.4, "order": 0.5, "union": 1.0, "connectivity": 0.3,
+        "ok": ok,
+        "seed": seed,
+        "commit": f"c{seed // 2}",
+        "scenario": "circle",
+        "drones": 10,
+        "mission_complete": ok,
+        "targets_reached": {"drone1": "1/1", "drone2": f"{int(ok)}/1"},
+        "never_flew": [],
+        "faults_in_truth": [],
+        "agent_collisions": int(not ok),
+        "obstacle_collisions": 0,
+        "min_agent_distance_m": 0.7 + 0.1 * seed if ok else 0.3,
+        "min_obstacle_distance_m": None,
+        "below_agent_safety": not ok,
+        "below_obstacle_safety": False,
+        "longest_standstill_s": 1.0,
+        "longest_deadlock_s": 0.5,
+        "mission_time_s": 20.0 + seed if ok else None,
+        "duration_s": 30.0,
+        "mean_speed_m_s": 1.4,
+        "order": 0.5,
+        "union": 1.0,
+        "connectivity": 0.3,
         "solve_ms": {"p50": 2.0, "p99": 4.0, "max": 5.0},
-    }  # fmt: skip
+    }
 
 
-def test_every_study_that_comes_along_names_scenarios_and_settings_that_exist(tmp_path):
+def test_every_packaged_study_names_valid_scenarios_and_settings(tmp_path):
     for name in studies.names():
         # Making the campaigns reads each scenario with each case's settings.
         cells = list(studies.cells(studies.load(name), tmp_path, 1, 0, True))
@@ -55,8 +69,18 @@ def test_every_study_that_comes_along_names_scenarios_and_settings_that_exist(tm
 
 def test_a_study_becomes_a_page_with_table_plot_and_failures(study, tmp_path, capsys):
     page = tmp_path / "page"
-    asked = ["study", str(study), "--runs", "4", "--seed", "0", "--out", str(tmp_path / "runs"),
-             "--page", str(page)]  # fmt: skip
+    asked = [
+        "study",
+        str(study),
+        "--runs",
+        "4",
+        "--seed",
+        "0",
+        "--out",
+        str(tmp_path / "runs"),
+        "--page",
+        str(page),
+    ]
     assert main(asked) == 0
     assert capsys.readouterr().out.strip() == str(page / "speeds.md")
     text = (page / "speeds.md").read_text()
@@ -81,22 +105,14 @@ def test_a_study_becomes_a_page_with_table_plot_and_failures(study, tmp_path, ca
         (["gaze", "--cases", "shut"], "no 'shut' in this study; valid: sweep off"),
     ],
 )
-def test_what_does_not_exist_is_named_with_what_does(arguments, words, capsys):
+def test_a_wrong_name_is_refused_with_the_valid_ones(arguments, words, capsys):
     assert main(["study", *arguments]) == 2
     assert words in capsys.readouterr().err
 
 
-def test_a_mistake_in_the_last_case_is_told_before_the_first_one_flies(study, tmp_path, capsys):
+def test_a_mistake_in_the_last_case_shows_before_the_first_case_flies(study, tmp_path, capsys):
     study.write_text(STUDY + "  wrong: [drones.cuont=3]\n")
     runs = tmp_path / "nothing"
     assert main(["study", str(study), "--runs", "1", "--out", str(runs)]) == 2
     assert "drones.cuont: unknown key" in capsys.readouterr().err
     assert not runs.exists()
-
-
-def test_scenarios_are_listed_and_drawn(tmp_path, capsys):
-    assert main(["scenarios", "--plans", str(tmp_path)]) == 0
-    listed = capsys.readouterr().out
-    assert "crossing" in listed
-    assert "10 drones from four sides" in listed
-    assert b"circle, seed 0" in (tmp_path / "circle.svg").read_bytes()

@@ -1,4 +1,4 @@
-"""Around a Betaflight process that is slow to start, without one: sockets play it."""
+"""A Betaflight process that is slow to start; sockets stand in for it."""
 
 import socket
 import threading
@@ -8,17 +8,17 @@ import pytest
 from mavlink_bridge.betaflight.msp import Msp, encode
 from sitl_sim.external.betaflight_sitl import BetaflightSitl, Relay
 
-READY = bytes(6 + 9) + bytes([0]) + bytes(7)  # STATUS_EX: nothing speaks against arming
+READY = bytes(6 + 9) + bytes([0]) + bytes(7)  # STATUS_EX: no reason against arming
 
 
 def answer(payload):
-    """STATUS_EX as the controller gives it."""
+    """STATUS_EX as the controller sends it."""
     query = encode(Msp.STATUS_EX, payload)
     return query[:2] + b">" + query[3:]
 
 
 def boots(serve):
-    """Whether a process that serves its line so counts as booted."""
+    """Whether a process with this behaviour counts as booted."""
     ours, theirs = socket.socketpair()
     sitl = BetaflightSitl.__new__(BetaflightSitl)
     sitl._connect = lambda: ours
@@ -37,14 +37,14 @@ def crash(line):
 
 
 def starve(line):
-    """Answers without a payload, as a task that was dropped leaves them; then a whole one."""
+    """Answer without a payload, as a dropped task does, then with a whole one."""
     for payload in (b"", b"", READY):
         line.recv(1000)
         line.sendall(answer(payload))
 
 
 @pytest.mark.parametrize(("serve", "booted"), [(crash, False), (starve, True)])
-def test_a_process_that_starts_badly_is_asked_again_or_given_up(serve, booted):
+def test_a_process_that_starts_badly_is_asked_again_or_abandoned(serve, booted):
     assert boots(serve) is booted
 
 

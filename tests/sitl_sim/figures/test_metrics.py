@@ -1,24 +1,29 @@
-"""Safety from a made-up truth of two drones whose figures are known by construction."""
+"""Figures of made-up truths that are known by construction."""
 
 import json
 
 import numpy as np
 import pytest
 
-from sitl_sim.figures.metrics import safety, timing
+from sitl_sim.figures.metrics import safety, sanity, timing, wilson
+from tests.sitl_sim import flights
 
 DT = 0.02
+
+
 TRUNK = {"x": 4.0, "y": -1.0, "radius": 0.5, "height": 8.0}
 
 
 def truth(gap, stops, others):
     """a flies 10 m at 1 m/s, standing still for `stops` [s] at 2 m, 3 m, …; b beside it."""
     t = np.arange(0.0, 10.0 + sum(stops) + sum(others) + 4.0, DT)
-    p = np.stack([way(t, stops), way(t, others) + np.array([0.0, gap, 0.0])], axis=1)
+    p = np.stack(
+        [path_with_stops(t, stops), path_with_stops(t, others) + np.array([0.0, gap, 0.0])], axis=1
+    )
     return {"t": t, "position": p, "velocity": np.gradient(p, DT, axis=0)}
 
 
-def way(t, stops):
+def path_with_stops(t, stops):
     xs, x, until = [], 0.0, 0.0
     pauses = {2.0 + k: s for k, s in enumerate(stops)}
     for now in t:
@@ -32,8 +37,13 @@ def way(t, stops):
 
 
 def figures(gap=1.0, stops=(), others=(), trunk=TRUNK, radius=0.2):
-    world = {"drone_radius": radius, "cylinders": [trunk], "boxes": [], "target_tolerance": 0.5,
-             "targets": {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, gap, 2.0]]}}  # fmt: skip
+    world = {
+        "drone_radius": radius,
+        "cylinders": [trunk],
+        "boxes": [],
+        "target_tolerance": 0.5,
+        "targets": {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, gap, 2.0]]},
+    }
     return safety(truth(gap, stops, others), world, ["a", "b"])
 
 
@@ -67,11 +77,16 @@ def test_the_longest_standstill_is_that_on_the_way():
     assert both["longest_deadlock_s"] == pytest.approx(2.0 + 0.5, abs=0.2)
 
 
-def test_who_never_sets_out_stands_nobody_up():
+def test_a_drone_that_never_sets_out_is_no_deadlock_of_the_others():
     flight = truth(1.0, (), ())
     flight["position"][:, 1, 0] = 0.0
-    world = {"drone_radius": 0.2, "cylinders": [], "boxes": [], "target_tolerance": 0.5,
-             "targets": {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, 1.0, 2.0]]}}  # fmt: skip
+    world = {
+        "drone_radius": 0.2,
+        "cylinders": [],
+        "boxes": [],
+        "target_tolerance": 0.5,
+        "targets": {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, 1.0, 2.0]]},
+    }
     assert not safety(flight, world, ["a", "b"])["mission_complete"]
     assert safety(flight, world, ["a", "b"])["longest_deadlock_s"] < 1.0
 
@@ -80,33 +95,64 @@ def test_who_never_sets_out_stands_nobody_up():
     ("low", "forward", "strikes"),
     [(0.0, 1.0, 1), (0.0, 0.4, 0), (0.5, 1.0, 0)],
 )
-def test_who_touches_the_ground_on_the_way_has_struck_it(low, forward, strikes):
+def test_a_drone_that_touches_the_ground_on_its_way_has_struck_it(low, forward, strikes):
     """A take-off at 2 m/s, a dip to `low` [m] at `forward` × 3 m/s, a landing at 1 m/s."""
     t = np.arange(0.0, 20.0, DT)
     z = np.interp(t, [0.0, 1.0, 5.0, 8.0, 9.0, 12.0, 16.0, 18.0], [0, 2, 2, low, low, 2, 2, 0])
     x = np.clip(t - 2.0, 0.0, 10.0) * 3.0 * forward
     p = np.column_stack([x, np.zeros_like(t), z])[:, None]
     v = np.gradient(p, DT, axis=0)
-    world = {"drone_radius": 0.2, "cylinders": [], "boxes": [], "target_tolerance": 0.5,
-             "targets": {"a": [[*x[-1:].tolist(), 0.0, 2.0]]}}  # fmt: skip
+    world = {
+        "drone_radius": 0.2,
+        "cylinders": [],
+        "boxes": [],
+        "target_tolerance": 0.5,
+        "targets": {"a": [[*x[-1:].tolist(), 0.0, 2.0]]},
+    }
     flown = safety({"t": t, "position": p, "velocity": v}, world, ["a"])
     assert flown["ground_strikes"] == strikes
+
+
+@pytest.mark.parametrize(("took", "counted", "misses"), [(153.0, 0, 4), (99.0, 3, 3), (99.0, 0, 0)])
+def test_a_tick_longer_than_its_period_is_a_miss_in_lockstep_too(took, counted, misses):
+    tick = {"stages_ms": {"tick": took}, "counters": {"deadline_misses": counted}}
+    figures = timing({"a": [tick] * 4, "b": []})
+    assert figures["deadline_misses"] == misses
+    assert figures["deadline_miss_rate"] == misses / 4
 
 
 def test_drones_that_never_fly_together_have_no_distance():
     flight = truth(1.0, (), ())
     flight["position"][:, 1, 2] = 0.0
-    world = {"drone_radius": 0.2, "cylinders": [], "boxes": [], "target_tolerance": 0.5,
-             "targets": {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, 1.0, 2.0]]}}  # fmt: skip
+    world = {
+        "drone_radius": 0.2,
+        "cylinders": [],
+        "boxes": [],
+        "target_tolerance": 0.5,
+        "targets": {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, 1.0, 2.0]]},
+    }
     flown = safety(flight, world, ["a", "b"])
     assert (flown["min_agent_distance_m"], flown["min_agent_distance_at"]) == (None, None)
     assert (flown["agent_collisions"], flown["below_agent_safety"]) == (0, False)
     json.dumps(flown, allow_nan=False)
 
 
-@pytest.mark.parametrize(("took", "counted", "misses"), [(153.0, 0, 4), (99.0, 3, 3), (99.0, 0, 0)])
-def test_a_tick_longer_than_its_period_is_a_miss_though_the_world_waited(took, counted, misses):
-    tick = {"stages_ms": {"tick": took}, "counters": {"deadline_misses": counted}}
-    figures = timing({"a": [tick] * 4, "b": []})
-    assert figures["deadline_misses"] == misses
-    assert figures["deadline_miss_rate"] == misses / 4
+@pytest.mark.parametrize(
+    ("good", "runs", "low", "high"),
+    [(0, 10, 0.0, 0.2775), (10, 10, 0.7225, 1.0), (50, 100, 0.4038, 0.5962), (1, 1, 0.2065, 1.0)],
+)
+def test_wilsons_interval(good, runs, low, high):
+    assert wilson(good, runs) == pytest.approx((low, high), abs=2e-4)
+
+
+def test_an_impossible_truth_is_noticed():
+    assert sanity(flights.truth()) == []
+    for spoil, words in [
+        (lambda w: w["position"].__setitem__((300, 0), [9.0, 9.0, 9.0]), "disagree"),
+        (lambda w: w["attitude"].__setitem__((5, 0), [1.0, 1.0, 0.0, 0.0]), "unit quaternion"),
+        (lambda w: w["velocity"].__setitem__((5, 0, 0), np.nan), "not finite"),
+        (lambda w: w["t"].__setitem__(5, 0.0), "time does not rise"),
+    ]:
+        world = flights.truth()
+        spoil(world)
+        assert any(words in fault for fault in sanity(world))

@@ -19,7 +19,7 @@ PICTURE = Frame(1.0, {"image": np.zeros((400, 640, 3), np.uint8)})
 
 
 def within(seconds, work, release):
-    """What `work` gave, in time; `release` lets it end where it hangs."""
+    """Result of `work` within `seconds`; `release` ends it where it hangs."""
     out = []
     thread = threading.Thread(target=lambda: out.append(work()), daemon=True)
     thread.start()
@@ -32,7 +32,7 @@ def within(seconds, work, release):
 
 
 def outcome(work):
-    """The message of the VideoError that came, or None."""
+    """Message of the VideoError that `work` raises, or None."""
     try:
         work()
     except VideoError as error:
@@ -48,7 +48,7 @@ def record(**header):
 
 @pytest.fixture
 def line():
-    """A companion's end, and the bare socket of who is to send it frames."""
+    """A companion's end of the channel, and the bare socket that sends it frames."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         client = FrameClient("127.0.0.1", listener.getsockname()[1])
         sender = listener.accept()[0]
@@ -58,7 +58,7 @@ def line():
 
 
 @pytest.mark.parametrize("size", [3, 20, 100])
-def test_half_a_frame_and_then_silence_is_a_camera_that_is_gone(line, size):
+def test_half_a_frame_and_then_silence_is_a_lost_camera(line, size):
     client, sender = line
     sender.sendall(record(time_us=1)[:size])
     said = within(SOON, lambda: outcome(client.receive), sender.close)
@@ -87,7 +87,7 @@ def test_in_lockstep_the_rest_may_take_its_time_too(line):
 
 
 @pytest.mark.parametrize("patience", ["null", "[]", "NaN", "-1", '"soon"', "Infinity"])
-def test_odd_patience_is_refused_or_bounded(line, patience):
+def test_an_invalid_patience_is_refused_or_bounded(line, patience):
     client, sender = line
     text = record(time_us=1, patience="X").replace(b'"X"', patience.encode())[8:]
     length = len(text) - 48
@@ -96,7 +96,7 @@ def test_odd_patience_is_refused_or_bounded(line, patience):
     assert said is None if patience == "Infinity" else "bad header" in said
 
 
-def test_answers_that_nobody_takes_end_too(line):
+def test_answers_that_are_not_received_end_too(line):
     client, sender = line
 
     def answer_on():
@@ -106,7 +106,7 @@ def test_answers_that_nobody_takes_end_too(line):
     assert "timed out" in within(6 * SOON, lambda: outcome(answer_on), sender.close)
 
 
-def test_a_companion_that_takes_no_frames_is_hung_up_on():
+def test_a_companion_that_takes_no_frames_is_disconnected():
     server = FrameServer("127.0.0.1", 0, timeout=0.3)
     stopped = socket.create_connection(("127.0.0.1", server.port))
 
@@ -117,19 +117,21 @@ def test_a_companion_that_takes_no_frames_is_hung_up_on():
         assert within(SOON, send_on, stopped.close) < 1000
         assert not server.connected
         with socket.create_connection(("127.0.0.1", server.port)):
-            assert server.send(Frame(1.0))  # to who comes next
+            assert server.send(Frame(1.0))  # to the next companion
 
 
 @pytest.mark.parametrize("neighbours", ["camera", "truth"])
-def test_lockstep_goes_on_without_a_companion_that_is_stopped(tmp_path, neighbours):
-    """Pictures fill its line; what a perfect detector says does not, but no answer comes."""
-    scenario = Scenario.model_validate({
-        "drones": {"count": 1, "heading_deg": 0.0},
-        "sensing": {"neighbours": neighbours, "obstacles": "map"},
-        "mission": {"time_limit": 5.0},
-        "timing": {"answer_timeout": 0.5},
-        "wire": {"companion_port": 28840, "gcs_port": 28850, "frame_port": 28860},
-    })  # fmt: skip
+def test_lockstep_goes_on_without_a_stopped_companion(tmp_path, neighbours):
+    """Pictures fill its socket; a perfect detector's reports do not, but no answer comes."""
+    scenario = Scenario.model_validate(
+        {
+            "drones": {"count": 1, "heading_deg": 0.0},
+            "sensing": {"neighbours": neighbours, "obstacles": "map"},
+            "mission": {"time_limit": 5.0},
+            "timing": {"answer_timeout": 0.5},
+            "wire": {"companion_port": 28840, "gcs_port": 28850, "frame_port": 28860},
+        }
+    )
     flight, shown = Flight(scenario, tmp_path), []
     frames = flight._drones[0].frames
     send = frames.send
@@ -137,28 +139,30 @@ def test_lockstep_goes_on_without_a_companion_that_is_stopped(tmp_path, neighbou
     stopped = socket.socket()
     stopped.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     stopped.connect(("127.0.0.1", 28861))
-    flight._autopilots.units[0].commander.arm()  # so that it is not over as soon as it is deaf
+    flight._autopilots.units[0].commander.arm()  # else the flight would end with its companion
     try:
         within(6 * SOON, flight.run, stopped.close)
     finally:
         flight.close()
     assert flight._now == 5000
-    assert flight._drones[0].deaf
+    assert flight._drones[0].companion_lost
     assert len(shown) == 1
 
 
-def test_the_time_that_painting_takes_is_not_the_companions(tmp_path):
+def test_rendering_time_does_not_count_as_the_companions(tmp_path):
     """The first picture waits for compilation, longer than a companion may."""
-    scenario = Scenario.model_validate({
-        "drones": {"count": 1, "heading_deg": 0.0},
-        "sensing": {"neighbours": "truth", "obstacles": "map"},
-        "mission": {"time_limit": 0.3},
-        "timing": {"answer_timeout": 0.5},
-        "wire": {"companion_port": 28840, "gcs_port": 28850, "frame_port": 28860},
-    })  # fmt: skip
+    scenario = Scenario.model_validate(
+        {
+            "drones": {"count": 1, "heading_deg": 0.0},
+            "sensing": {"neighbours": "truth", "obstacles": "map"},
+            "mission": {"time_limit": 0.3},
+            "timing": {"answer_timeout": 0.5},
+            "wire": {"companion_port": 28840, "gcs_port": 28850, "frame_port": 28860},
+        }
+    )
     flight = Flight(scenario, tmp_path)
-    see = flight.eyes.see
-    flight.eyes.see = lambda *what: time.sleep(0.6) or see(*what)
+    frame = flight.sensors.frame
+    flight.sensors.frame = lambda *what: time.sleep(0.6) or frame(*what)
     companion = FrameClient("127.0.0.1", 28861)
 
     def answer_late():
@@ -172,7 +176,7 @@ def test_the_time_that_painting_takes_is_not_the_companions(tmp_path):
     thread.start()
     try:
         flight.run()
-        assert not flight._drones[0].deaf
+        assert not flight._drones[0].companion_lost
     finally:
         flight.close()
         thread.join()

@@ -1,4 +1,4 @@
-"""A user's own ArduPilot or PX4 by path: against stand-ins that speak their simulator links."""
+"""A user's own ArduPilot or PX4 by path: stand-ins implement their simulator links."""
 
 import json
 import sys
@@ -79,7 +79,7 @@ def px4(folder, motors):
 
 
 @pytest.mark.parametrize("make", [ardupilot, px4])
-def test_motors_keep_their_places_and_motion_its_frames(tmp_path, make):
+def test_motors_have_their_order_and_motion_its_frames(tmp_path, make):
     sitl = make(tmp_path, [0.2, 0.3, 0.4, 0.5])
     try:
         vehicles = Vehicles(Airframe(), [[3.0, 5.0, 0.0]], np.pi / 2)  # nose north
@@ -112,12 +112,17 @@ def test_motors_keep_their_places_and_motion_its_frames(tmp_path, make):
         assert seen["system"] == "4"
 
 
-def test_a_fleet_of_own_binaries_flies_our_physics(tmp_path):
+def test_a_fleet_of_users_binaries_flies_the_physics(tmp_path):
     vehicles = Vehicles(Airframe(), [[0.0, 0.0, 0.0]], 0.0)
     fleet = RealFleet(
-        vehicles, [1], [tmp_path], [Wire("127.0.0.1", 1, 1)], origin=np.zeros((1, 3)),
-        yaw_offset=np.zeros(1), program=lambda i: ardupilot(tmp_path, [0.8] * 4),
-    )  # fmt: skip
+        vehicles,
+        [1],
+        [tmp_path],
+        [Wire("127.0.0.1", 1, 1)],
+        origin=np.zeros((1, 3)),
+        yaw_offset=np.zeros(1),
+        program=lambda i: ardupilot(tmp_path, [0.8] * 4),
+    )
     try:
         fleet.begin(time.monotonic())
         fleet.advance(0.4)
@@ -133,7 +138,7 @@ def test_a_fleet_of_own_binaries_flies_our_physics(tmp_path):
         fleet.close()
 
 
-def test_what_is_no_autopilot_is_one_clear_line(tmp_path):
+def test_a_program_that_is_no_autopilot_is_one_clear_line(tmp_path):
     script = tmp_path / "ends"
     script.write_text("#!/bin/sh\n")
     with pytest.raises(ExternalError, match="ends: cannot be run: Permission denied"):
@@ -158,7 +163,7 @@ def test_what_is_no_autopilot_is_one_clear_line(tmp_path):
         (["drones.binary=/bin/true", "drones.count=10"], "nine fly at most"),
     ],
 )
-def test_a_scenario_that_cannot_have_one(tmp_path, capsys, settings, words):
+def test_a_scenario_that_cannot_have_a_binary_is_refused(tmp_path, capsys, settings, words):
     more = [part for s in settings for part in ("--set", s)]
     run = ["run", "forest", "--set", "drones.count=1", "--out", str(tmp_path / "run"), *more]
     assert main(run) == 2

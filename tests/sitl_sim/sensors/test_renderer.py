@@ -1,3 +1,5 @@
+"""Rendered pictures and depth against geometry."""
+
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -11,7 +13,11 @@ from sitl_sim.sensors.renderer import Renderer, Sensor
 from sitl_sim.sensors.sensor import measured
 
 LEVEL = np.array([1.0, 0, 0, 0])
-NOBODY = (np.zeros((0, 3)), np.zeros((0, 4)))
+
+
+NO_DRONES = (np.zeros((0, 3)), np.zeros((0, 4)))
+
+
 WORLD = {
     "cylinders": [
         {"x": 5.0, "y": 1.0, "radius": 1.0, "height": 3.0},
@@ -65,7 +71,7 @@ def test_depth_equals_a_slow_ray_caster(renderer, seed):
     q = rng.normal(size=4) * [1, 0.15, 0.15, 1]
     q /= np.linalg.norm(q)
     w, h, f = 48, 30, 48 / np.radians(160)
-    depth = renderer.depth(p, q, *NOBODY, width=w, height=h)
+    depth = renderer.depth(p, q, *NO_DRONES, width=w, height=h)
     mx, my = np.meshgrid((np.arange(w) - (w - 1) / 2) / f, (np.arange(h) - (h - 1) / 2) / f)
     theta = np.hypot(mx, my)
     rays = np.stack([mx * np.sinc(theta / np.pi), my * np.sinc(theta / np.pi), np.cos(theta)], -1)
@@ -111,7 +117,7 @@ def magenta(image):
     return (np.minimum(b, r) - g) > 60
 
 
-def test_a_drone_shows_where_it_is_and_not_behind_a_trunk(renderer):
+def test_a_drone_is_drawn_at_its_place_and_not_behind_a_trunk(renderer):
     p = np.array([0.0, 0.0, 1.5])
     for drone, shown in (([3.0, -1.0, 1.5], True), ([7.0, 1.4, 1.5], False), ([-3, 0, 1.5], False)):
         image = renderer.render(p, LEVEL, np.array([drone]), LEVEL[None])
@@ -124,7 +130,7 @@ def test_a_drone_shows_where_it_is_and_not_behind_a_trunk(renderer):
 def test_the_camera_does_not_see_its_own_drone(renderer):
     p = np.array([0.0, 0.0, 1.5])
     own = renderer.render(p, LEVEL, p[None], LEVEL[None], 5)
-    np.testing.assert_array_equal(own, renderer.render(p, LEVEL, *NOBODY, 5))
+    np.testing.assert_array_equal(own, renderer.render(p, LEVEL, *NO_DRONES, 5))
 
 
 def test_depth_sees_drones(renderer):
@@ -135,13 +141,13 @@ def test_depth_sees_drones(renderer):
 
 def test_sky_is_above_and_ground_below():
     r = Renderer({"cylinders": [], "boxes": []}, 320, 200, sensor=Sensor(noise=0.0))
-    image = r.render(np.array([0.0, 0.0, 2.0]), LEVEL, *NOBODY).astype(float)
+    image = r.render(np.array([0.0, 0.0, 2.0]), LEVEL, *NO_DRONES).astype(float)
     top, bottom = image[10].mean(axis=0), image[190].mean(axis=0)
     assert top[0] > top[2]  # blue
     assert bottom[2] > bottom[0]  # brown
 
 
-def test_exposure_and_blur_do_what_they_say():
+def test_exposure_and_blur_have_their_effect():
     sensors = (Sensor(noise=0), Sensor(noise=0, exposure=0.4), Sensor(noise=0, blur=1.5))
     plain, dark, soft = (
         Renderer(WORLD, 320, 200, seed=3, sensor=s).render(*scene(2)).astype(float) for s in sensors
@@ -150,17 +156,7 @@ def test_exposure_and_blur_do_what_they_say():
     assert np.abs(np.diff(soft, axis=1)).mean() < 0.7 * np.abs(np.diff(plain, axis=1)).mean()
 
 
-def test_a_depth_sensor_is_noisy_and_ends_at_its_range(renderer):
-    p = np.array([0.0, 0.0, 1.5])
-    true = renderer.depth(p, LEVEL, *NOBODY)
-    got = measured(true, 8.0, 0.01, seed=5)
-    np.testing.assert_array_equal(got, measured(true, 8.0, 0.01, seed=5))
-    near = true < 7.0
-    assert np.std(got[near] / true[near] - 1) == pytest.approx(0.01, rel=0.1)
-    assert np.isinf(got[true > 9.0]).all()
-
-
-def test_a_calibrated_lens_shows_a_drone_where_the_companion_looks_for_it(tmp_path):
+def test_a_calibrated_lens_draws_a_drone_where_the_companions_camera_projects_it(tmp_path):
     lens = Camera(320, 200, 118.0, 116.0, 161.0, 97.5, np.array([-0.02, 0.004, -0.001, 0.0]))
     lens.save(tmp_path / "camera.yaml")  # each end reads the file for itself
     r = Renderer({"cylinders": [], "boxes": []}, lens=Lens.load(tmp_path / "camera.yaml"))
@@ -176,7 +172,17 @@ def test_a_calibrated_lens_shows_a_drone_where_the_companion_looks_for_it(tmp_pa
     np.testing.assert_allclose(rays, lens.directions, atol=2e-4)
 
 
-def test_a_calibration_that_cannot_be_used_is_told(tmp_path):
+def test_a_depth_sensor_is_noisy_and_ends_at_its_range(renderer):
+    p = np.array([0.0, 0.0, 1.5])
+    true = renderer.depth(p, LEVEL, *NO_DRONES)
+    got = measured(true, 8.0, 0.01, seed=5)
+    np.testing.assert_array_equal(got, measured(true, 8.0, 0.01, seed=5))
+    near = true < 7.0
+    assert np.std(got[near] / true[near] - 1) == pytest.approx(0.01, rel=0.1)
+    assert np.isinf(got[true > 9.0]).all()
+
+
+def test_an_unusable_calibration_is_an_error(tmp_path):
     with pytest.raises(SettingsError, match=r"none\.yaml"):
         lens_of(SensingConfig(calibration=str(tmp_path / "none.yaml")))
     Camera.equidistant(320, 200).save(tmp_path / "camera.yaml")

@@ -1,4 +1,4 @@
-"""The page draws what truth and logs say: by its own word, and as a browser shows it."""
+"""The page draws truth and logs: checked on its objects, and in a browser."""
 
 import os
 import shutil
@@ -42,7 +42,7 @@ def truth_at(run, t):
     return run.truth["position"][np.searchsorted(run.truth["t"], t - 1e-9)]
 
 
-def test_what_is_drawn_is_what_truth_and_logs_say(run, page):
+def test_the_scene_agrees_with_truth_and_logs(run, page):
     for t in (0.0, 3.5, 8.0, 1.2):
         page.show(t)
         p = truth_at(run, t)
@@ -67,7 +67,7 @@ def test_a_layer_switched_off_stays_off(page):
     assert page.scene.threats.visible
 
 
-def test_live_shows_the_present_and_reads_growing_logs(run, tmp_path):
+def test_a_live_page_shows_the_present_and_reads_growing_logs(run, tmp_path):
     live = Live(run.scenario, run.world, run.folder)
     page = Page(live, port=free_port())
     try:
@@ -77,21 +77,21 @@ def test_live_shows_the_present_and_reads_growing_logs(run, tmp_path):
         np.testing.assert_allclose(
             page.scene.drones.batched_positions, run.truth["position"][398], atol=1e-5
         )
-        assert live.knowledge(0, 0.0).record["phase"] == "fly"
+        assert live.belief(0, 0.0).record["phase"] == "fly"
         assert page.slider.disabled
     finally:
         page.close()
 
 
 def test_twenty_drones_five_minutes_are_drawn_in_time(run):
-    """A moment takes a small part of the processor's 50 ms that 20 Hz leave."""
+    """Drawing a moment takes a small part of the 50 ms of 20 Hz."""
     n, times = 20, np.arange(0, 300.0, 0.02)
     rng = np.random.default_rng(1)
     p = np.cumsum(rng.normal(0, 0.01, (len(times), n, 3)), axis=0).astype(np.float32)
     q = np.tile(np.float32([1, 0, 0, 0]), (len(times), n, 1))
     many, few = Replay(run), Replay(run)
     many.names = [f"drone{i + 1}" for i in range(n)]
-    many.knowledge = lambda drone, time: few.knowledge(drone % 3, time % 11.0)
+    many.belief = lambda drone, time: few.belief(drone % 3, time % 11.0)
     many._t, many._p, many._q = times, p, q
     page = Page(many, port=free_port())
     try:
@@ -106,7 +106,7 @@ def test_twenty_drones_five_minutes_are_drawn_in_time(run):
 
 
 @pytest.mark.parametrize("command", ["view", "report"])
-def test_no_flight_no_page(command, tmp_path, capsys):
+def test_a_missing_folder_is_an_error(command, tmp_path, capsys):
     assert main([command, str(tmp_path / "nowhere")]) == 2
     assert "no such run folder" in capsys.readouterr().err
 
@@ -120,9 +120,13 @@ def browser():
     with sync_playwright() as p:
         chromium = p.chromium.launch(
             executable_path=CHROMIUM,
-            args=["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-                  "--ignore-gpu-blocklist"],
-        )  # fmt: skip
+            args=[
+                "--no-sandbox",
+                "--use-angle=swiftshader",
+                "--enable-unsafe-swiftshader",
+                "--ignore-gpu-blocklist",
+            ],
+        )
         yield chromium
         chromium.close()
 
@@ -171,7 +175,7 @@ def seek(tab, t):
 
 
 def drones_in_picture(page, run, t, tab, shown=None):
-    """How many drones the browser draws in their colour where they are at t (it shows `shown`)."""
+    """Number of drones that the browser draws at their places at t; it shows the time `shown`."""
     (client,) = page.server.get_clients().values()
     p = truth_at(run, t).astype(float)
     eye = p.mean(axis=0) + np.array([0.0, -0.5, 3.0])

@@ -1,4 +1,4 @@
-"""A user's MAVSDK script: fly every vehicle behind the given URLs, and print what was measured.
+"""A user's MAVSDK script: fly every vehicle behind the given URLs, and print measurements.
 
 Usage: fly_mavsdk.py {px4|ardupilot} {all|quick} URL… One JSON object per vehicle on stdout.
 """
@@ -38,12 +38,20 @@ class Vehicle:
         self._listeners = []
 
     async def listen(self):
-        """Subscribe to what the flight looks at, at the rates it wants."""
+        """Subscribe to the telemetry that the flight uses, at its rates."""
         rates = {"position": 20, "attitude_euler": 20, "velocity_ned": 20, "health": 2, "in_air": 5}
         for name, rate in rates.items():
             await getattr(self.telemetry, f"set_rate_{name}")(float(rate))
-        for name in ("position", "attitude_euler", "velocity_ned", "armed", "in_air", "health",
-                     "flight_mode", "status_text"):  # fmt: skip
+        for name in (
+            "position",
+            "attitude_euler",
+            "velocity_ned",
+            "armed",
+            "in_air",
+            "health",
+            "flight_mode",
+            "status_text",
+        ):
             self._listeners.append(asyncio.create_task(self._keep(name)))
 
     async def _keep(self, name):
@@ -75,8 +83,14 @@ class Vehicle:
 
 
 async def health(v):
-    names = ("gyrometer_calibration", "accelerometer_calibration", "magnetometer_calibration",
-             "local_position", "global_position", "home_position")  # fmt: skip
+    names = (
+        "gyrometer_calibration",
+        "accelerometer_calibration",
+        "magnetometer_calibration",
+        "local_position",
+        "global_position",
+        "home_position",
+    )
     checks = [*(f"is_{n}_ok" for n in names), "is_armable"]
     await v.until("health", lambda t: all(getattr(t["health"], c) for c in checks))
     v.measured["health"] = len(checks)
@@ -151,10 +165,23 @@ async def fly_mission(v):
         for n, e in ((8.0, 0.0), (8.0, 8.0), (0.0, 0.0))
     ]
     items = [
-        MissionItem(k, 6, 16, int(k == 0), 1, 0.0, 1.0, 0.0, math.nan,
-                    round(lat * 1e7), round(lon * 1e7), ALTITUDE, 0)
+        MissionItem(
+            k,
+            6,
+            16,
+            int(k == 0),
+            1,
+            0.0,
+            1.0,
+            0.0,
+            math.nan,
+            round(lat * 1e7),
+            round(lon * 1e7),
+            ALTITUDE,
+            0,
+        )
         for k, (lat, lon) in enumerate(points)
-    ]  # fmt: skip
+    ]
     if v.flavour == "ardupilot":  # keeps home as item 0
         home = MissionItem(0, 0, 16, 1, 1, 0.0, 0.0, 0.0, math.nan, items[2].x, items[2].y, 0.0, 0)
         for item in items:

@@ -1,4 +1,4 @@
-"""One vehicle's end of the wire, and the companion at the other: started, waited for, ended."""
+"""The simulator's connections to one vehicle's companion and ground stations."""
 
 from __future__ import annotations
 
@@ -15,17 +15,20 @@ from numpy.typing import NDArray
 from mavlink_bridge.wire.link import Link
 from mavlink_bridge.wire.memory import MemoryEndpoint
 from mavlink_bridge.wire.video import FrameServer
-from sitl_sim.external.priority import COMPANION, hurry
+from sitl_sim.external.priority import COMPANION, raise_priority
 from sitl_sim.faults.camera import FaultyCamera
 from sitl_sim.faults.link import FaultyLine, FaultyTelemetry
 from sitl_sim.flight.in_process import LocalFrames
 
-Shot = tuple[float, dict[str, NDArray[Any]]]  # capture time [s, vehicle's clock], what it shows
+Capture = tuple[float, dict[str, NDArray[Any]]]  # capture time [s, vehicle's clock], the arrays
 
 
 @dataclass
-class Station:
-    """Everything of one vehicle that is on the wire."""
+class VehicleConnection:
+    """Links, frame channel and companion process of one vehicle.
+
+    name, index: of the drone. boot_ms: what its clock shows when the flight begins [ms].
+    """
 
     name: str
     index: int
@@ -37,63 +40,69 @@ class Station:
     telemetry: FaultyTelemetry
     camera: FaultyCamera
     process: subprocess.Popen[bytes] | None = None
-    capture: Future[Shot] | None = None  # the picture taken for the next tick
-    delivery: Future[bool] | None = None  # and on its way to the companion
-    due_ms: int | None = None  # when the answer to the frame under way takes effect
+    capture: Future[Capture] | None = None  # the frame of the next tick
+    delivery: Future[bool] | None = None  # that frame on its way to the companion
+    due_ms: int | None = None  # when the answer to the delivered frame takes effect
     landed: bool = False
-    deaf: bool = False  # its companion was there and is gone
+    companion_lost: bool = False  # the companion was connected and is gone
 
     @property
     def process_id(self) -> int | None:
-        """Of the companion's process, where there is one and it runs."""
+        """Process id of the companion while it runs, else None."""
         return self.process.pid if self.process is not None and self._runs() else None
 
     @property
     def exit_code(self) -> int | None:
-        """How the companion ended; negative: by that signal. 1: raised, in this process."""
+        """Exit code of the companion; negative: ended by that signal.
+
+        Inside this process 1 where the companion raised, else None.
+        """
         if isinstance(self.frames, LocalFrames):
             return 1 if self.frames.failed else None
         return self.process.returncode if self.process is not None else None
 
     def launch(self, folder: Path, urgent: bool) -> None:
-        """Start the companion of `folder`/config.yaml; urgent: its process is hurried."""
+        """Start the companion of `folder`/config.yaml; urgent: with real-time priority."""
         config = folder / "config.yaml"
         if isinstance(self.frames, LocalFrames):
             end = self.companion.endpoint
             assert isinstance(end, MemoryEndpoint)
-            self.frames.board(config, MemoryEndpoint(end))
+            self.frames.start_companion(config, MemoryEndpoint(end))
             return
         with (folder / "stderr.log").open("wb") as log:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "companion", "run", str(config)],
-                stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-            )  # fmt: skip
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+            )
         if urgent:
-            hurry(COMPANION, self.process.pid)
+            raise_priority(COMPANION, self.process.pid)
 
-    def wait(self, folder: Path, deadline: float) -> None:
-        """Until the companion launched is on its frame channel; deadline: CLOCK_MONOTONIC [s].
+    def ready(self, folder: Path, deadline: float) -> bool:
+        """Return whether the launched companion is connected; deadline: CLOCK_MONOTONIC [s].
 
         Raises:
-            RuntimeError: it ended, with the end of what it printed; or time ran out.
+            RuntimeError: the companion ended (with the end of its output), or time ran out.
         """
-        while self.process is not None and not self.frames.connected:
-            if not self._runs():
-                log = folder / "stderr.log"
-                tail = log.read_text(errors="replace").strip().splitlines()[-3:]
-                raise RuntimeError(f"{self.name}: companion ended: " + " | ".join(tail))
-            if time.monotonic() > deadline:
-                raise RuntimeError(f"{self.name}: companion did not connect in time")
-            time.sleep(0.01)
+        if self.process is None or self.frames.connected:
+            return True
+        if not self._runs():
+            log = folder / "stderr.log"
+            tail = log.read_text(errors="replace").strip().splitlines()[-3:]
+            raise RuntimeError(f"{self.name}: companion ended: " + " | ".join(tail))
+        if time.monotonic() > deadline:
+            raise RuntimeError(f"{self.name}: companion did not connect in time")
+        return False
 
-    def lost(self, deadline: float) -> bool:
-        """Whether there is no answer to wait for any longer; deadline as for `wait`."""
+    def silent(self, deadline: float) -> bool:
+        """Return whether no answer can be expected any longer; deadline as for `ready`."""
         gone = self.process is not None and not self._runs()
         return gone or not self.frames.connected or time.monotonic() > deadline
 
-    def lose(self) -> None:
-        """Wait no more for a companion that does not answer; it is shown nothing any longer."""
-        self.deaf = True
+    def drop_companion(self) -> None:
+        """Stop waiting for a companion that does not answer; it is sent no more frames."""
+        self.companion_lost = True
         self.frames.hang_up()
 
     def close(self) -> None:
@@ -102,8 +111,8 @@ class Station:
         self.companion.close()
         self.ground.close()
 
-    def end(self) -> None:
-        """Let the companion finish its log; make it end where it does not."""
+    def end_process(self) -> None:
+        """Let the companion finish its log; terminate it where it does not end."""
         if self.process is None:
             return
         try:

@@ -1,9 +1,11 @@
-"""The companion classes that run in the simulator's process: found by entry point."""
+"""Companion classes that run in the simulator's process, found by their entry points."""
 
 from __future__ import annotations
 
 from importlib.metadata import entry_points
 from typing import Any
+
+from mavlink_bridge.shared.settings import SettingsError
 
 GROUP = "sitl_sim.companion"
 
@@ -12,9 +14,10 @@ def companion_class(name: str) -> Any:
     """Return the class that the installed companion registers as `name` (pyproject.toml).
 
     Raises:
-        LookupError: no companion is installed.
+        SettingsError: no companion is installed.
     """
     found = entry_points(group=GROUP, name=name)
     if not found:
-        raise LookupError(f"no companion is installed: entry point {GROUP}:{name} is missing")
+        why = f"no companion is installed: entry point {GROUP}:{name} is missing"
+        raise SettingsError([why])
     return next(iter(found)).load()

@@ -1,4 +1,4 @@
-"""What the companions knew and meant to do, in the world's frame: from their logs."""
+"""What the companions believed and planned, from their logs, in the world's frame."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ _SAME = 1.0  # m: a track this near to a drone is that drone
 
 @dataclass(frozen=True)
 class Threat:
-    """A critical neighbour as a drone took it: where, how threatening, and who it really is."""
+    """A critical neighbour as a companion believed it.
+
+    position: (3,) m, world. value: of the threat. drone: index of the real drone there, or None.
+    """
 
     position: Vector
     value: float
@@ -24,8 +27,8 @@ class Threat:
 
 
 @dataclass(frozen=True)
-class Knowledge:
-    """One drone at one tick: its record, in the world's frame. plan (n,3) m, tracks (k,3) m."""
+class Belief:
+    """What one companion believed at one tick; plan (n,3) m and tracks (k,3) m in the world."""
 
     record: dict[str, Any]
     plan: Vector
@@ -33,8 +36,8 @@ class Knowledge:
     critical: list[Threat]
 
 
-class Minds:
-    """The logs of a run, by world time."""
+class Beliefs:
+    """What the companions of a run believed, by world time."""
 
     def __init__(self, run: Run) -> None:
         self._run = run
@@ -45,22 +48,25 @@ class Minds:
         ]
 
     def positions(self, time: float) -> Vector:
-        """(N,3) m: where the drones truly are."""
+        """Return the true positions (N,3) m of the drones."""
         k = int(np.searchsorted(self._run.truth["t"], time))
         p: Vector = self._run.truth["position"][min(k, len(self._run.truth["t"]) - 1)].astype(float)
         return p
 
-    def at(self, drone: int, time: float) -> Knowledge | None:
-        """What drone i knew at its last tick before `time` [s]; None before its first."""
+    def at(self, drone: int, time: float) -> Belief | None:
+        """Return the belief at the drone's last tick before `time` [s]; None before its first."""
         k = bisect.bisect_right(self._times[drone], time) - 1
         if k < 0:
             return None
         record = self._run.logs[self._run.names[drone]][k]
-        return know(record, self._frames[drone], drone, self.positions(time))
+        return belief_of(record, self._frames[drone], drone, self.positions(time))
 
 
-def know(record: dict[str, Any], frame: OwnFrame, drone: int, truth: Vector) -> Knowledge:
-    """One record of drone i in the world's frame; truth (N,3) m says who its tracks are."""
+def belief_of(record: dict[str, Any], frame: OwnFrame, drone: int, truth: Vector) -> Belief:
+    """Return a log record of a drone in the world's frame.
+
+    truth: (N,3) m, the true positions, by which critical tracks are matched with drones.
+    """
     tracks = frame.points(np.array([t["p"] for t in record["tracks"]]).reshape(-1, 3))
     place = {t["id"]: p for t, p in zip(record["tracks"], tracks, strict=True)}
     others = truth.copy()
@@ -71,4 +77,4 @@ def know(record: dict[str, Any], frame: OwnFrame, drone: int, truth: Vector) -> 
         near = int(gaps.argmin())
         critical.append(Threat(place[number], value, near if gaps[near] < _SAME else None))
     plan = frame.points(np.array(record.get("plan", [])).reshape(-1, 3))
-    return Knowledge(record, plan, tracks, critical)
+    return Belief(record, plan, tracks, critical)

@@ -1,4 +1,4 @@
-"""A companion inside the simulator that raises is lost as one whose process ends."""
+"""Companions inside the simulator's process are lost as their processes would be."""
 
 from companion.process.in_process import Resident
 from sitl_sim.flight.results import finish, table
@@ -6,15 +6,18 @@ from sitl_sim.flight.runner import flight
 from sitl_sim.scenarios.scenario import Scenario
 
 
-def test_one_that_raises_is_gone_and_the_flight_falls_short(tmp_path, monkeypatch):
+def test_a_companion_that_raises_is_lost_and_the_flight_falls_short(tmp_path, monkeypatch):
     def answer(self, frame):
         raise RuntimeError("a bug in flight")
 
     monkeypatch.setattr(Resident, "answer", answer)
-    scenario = Scenario.model_validate({
-        "drones": {"count": 1}, "sensing": {"neighbours": "truth", "obstacles": "map"},
-        "mission": {"time_limit": 2.0},
-    })  # fmt: skip
+    scenario = Scenario.model_validate(
+        {
+            "drones": {"count": 1},
+            "sensing": {"neighbours": "truth", "obstacles": "map"},
+            "mission": {"time_limit": 2.0},
+        }
+    )
     with flight(scenario, tmp_path, in_process=True) as f:
         f.write_inputs()
         f.launch()

@@ -1,42 +1,39 @@
-"""A campaign's folder: of one kind of flights only, and one campaign's at a time."""
+"""A campaign's folder: flights of equal settings only, and one campaign at a time."""
 
 from __future__ import annotations
 
-import fcntl
 import json
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 from mavlink_bridge.shared.settings import SettingsError
+from sitl_sim.recording.folder_lock import FolderInUseError, folder_lock
 
-REQUEST = "campaign.json"
-_LOCK = ".lock"
-_TOLD = 5  # differences; a folder of another version may differ in all
+SETTINGS = "campaign.json"
+_MOST_DIFFERENCES = 5  # in the message; a folder of another version may differ in all settings
 
 
 @contextmanager
-def claimed(folder: Path, settings: dict[str, Any]) -> Iterator[None]:
-    """The folder made, seen to hold flights of these very settings, and kept from others.
+def campaign_folder(folder: Path, settings: dict[str, Any]) -> Iterator[None]:
+    """Lock the folder of a campaign with these settings; create it, or resume in it.
 
     Raises:
-        SettingsError: it holds flights of others, those that differ are named; or another
-            campaign is flying into it.
+        SettingsError: the folder cannot be created, holds flights of other settings (the
+            message names them), or another campaign is flying into it.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        lock = (folder / _LOCK).open("a")
-    except OSError as error:
-        raise SettingsError([f"{folder}: no folder for a campaign: {error.strerror}"]) from error
-    with lock:
+    with ExitStack() as stack:
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
+            stack.enter_context(folder_lock(folder))
+        except FolderInUseError:
             raise SettingsError([f"{folder}: another campaign is flying into it"]) from None
+        except OSError as error:
+            why = f"no folder for a campaign: {error.strerror}"
+            raise SettingsError([f"{folder}: {why}"]) from error
         asked = dict(_flat("", settings))
-        path = folder / REQUEST
+        path = folder / SETTINGS
         if not path.exists():
             unfinished = path.with_suffix(".part")
             unfinished.write_text(json.dumps(asked, indent=1), encoding="utf-8")
@@ -44,13 +41,13 @@ def claimed(folder: Path, settings: dict[str, Any]) -> Iterator[None]:
         elif other := _differences(_read(path), asked):
             why = f"holds another campaign ({', '.join(other)}); choose another --out"
             raise SettingsError([f"{folder}: {why}"])
-        else:  # only a campaign's own folder holds what a campaign left unfinished
+        else:  # a campaign wrote this folder, so what is unfinished in it is a campaign's too
             shutil.rmtree(folder / "unfinished", ignore_errors=True)
         yield
 
 
 def _flat(path: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Every value by its dotted path."""
+    """Yield every value with its dotted path."""
     if not isinstance(value, dict) or not value:
         yield path, value
         return
@@ -66,8 +63,11 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _differences(before: dict[str, Any], asked: dict[str, Any]) -> list[str]:
-    """The settings that are not the same, in words; the first few."""
-    found = [f"{k} {before.get(k)!r}, not {asked.get(k)!r}" for k in {**before, **asked}
-             if before.get(k) != asked.get(k)]  # fmt: skip
-    more = [f"and {len(found) - _TOLD} more"] if len(found) > _TOLD else []
-    return found[:_TOLD] + more
+    """Return the first settings that differ, each as text."""
+    found = [
+        f"{k} {before.get(k)!r}, not {asked.get(k)!r}"
+        for k in {**before, **asked}
+        if before.get(k) != asked.get(k)
+    ]
+    more = len(found) - _MOST_DIFFERENCES
+    return found[:_MOST_DIFFERENCES] + ([f"and {more} more"] if more > 0 else [])

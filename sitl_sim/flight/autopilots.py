@@ -1,0 +1,54 @@
+"""The autopilots of a flight: emulated, or real ones on the simulator's physics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from mavlink_bridge.shared.arrays import Vector
+from sitl_sim.external.fleet import RealFleet, Wire
+from sitl_sim.flight.own_binary import boot_parameters, own_binary
+from sitl_sim.scenarios import scenario as scenarios
+from sitl_sim.scenarios.companion_config import companion_port
+from sitl_sim.scenarios.scenario import Scenario
+from sitl_sim.vehicles.emulated import Autopilots
+from sitl_sim.vehicles.rigid_body import Vehicles
+
+
+def switch_on(
+    scenario: Scenario, vehicles: Vehicles, folder: Path, start: Vector, boot_ms: Sequence[int]
+) -> Autopilots | RealFleet:
+    """Return the running autopilots of a scenario's vehicles; start: (n,3) m, their own origins.
+
+    Raises:
+        ExternalError, NamespaceError: a real autopilot cannot be run; the message says why.
+    """
+    names, yaws = scenarios.drone_names(scenario), scenarios.frame_yaws(scenario)
+    systems = list(range(1, len(names) + 1))
+    if scenario.drones.real:
+        wire = scenario.wire
+        folders = [folder / "drones" / name for name in names]
+        wires = [Wire(wire.host, companion_port(wire, k), wire.gcs_port) for k in systems]
+        program = own_binary(scenario.drones, folders, wires) if scenario.drones.binary else None
+        return RealFleet(
+            vehicles,
+            systems,
+            folders,
+            wires,
+            origin=start,
+            yaw_offset=yaws,
+            seed=scenario.seed,
+            program=program,
+        )
+    return Autopilots(
+        vehicles,
+        systems,
+        scenario.drones.autopilot,
+        origin=start,
+        yaw_offset=yaws,
+        boot_offset=np.array(boot_ms) / 1e3,
+        seed=scenario.seed,
+        parameters=boot_parameters(scenario.drones),
+    )

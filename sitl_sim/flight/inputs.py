@@ -1,0 +1,38 @@
+"""The inputs of a flight, written into its run folder before the flight begins."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from mavlink_bridge.shared.settings import SettingsError
+from sitl_sim.recording.run_folder import holds_flight
+from sitl_sim.scenarios.scenario import Scenario
+
+
+def write_inputs(
+    folder: Path, scenario: Scenario, world: Mapping[str, Any], companions: Mapping[str, Any]
+) -> None:
+    """Write the resolved scenario, the world, and each companion's config by drone name.
+
+    Raises:
+        SettingsError: the folder holds a flight, or cannot be created.
+    """
+    if holds_flight(folder):
+        raise SettingsError([f"{folder}: holds a flight; name another folder"])
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SettingsError([f"{folder}: no run folder: {error.strerror}"]) from error
+    text = yaml.safe_dump(scenario.model_dump(by_alias=True), sort_keys=False)
+    (folder / "scenario.yaml").write_text(text, encoding="utf-8")
+    (folder / "world.json").write_text(json.dumps(world, indent=1), encoding="utf-8")
+    for name, config in companions.items():
+        drone = folder / "drones" / name
+        drone.mkdir(parents=True, exist_ok=True)
+        text = yaml.safe_dump(config, sort_keys=False)
+        (drone / "config.yaml").write_text(text, encoding="utf-8")

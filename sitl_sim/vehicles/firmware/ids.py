@@ -1,0 +1,235 @@
+"""MAVLink numbers that the emulated autopilots use, by their names in the common dialect.
+
+Commands that companions send, and the results of commands, are in `mavlink_bridge.wire.messages`.
+Source: mavlink.io/en/messages/common.html.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum, IntFlag
+
+from mavlink_bridge.wire.messages import CommandId
+
+
+class MessageId(IntEnum):
+    """Telemetry messages."""
+
+    HEARTBEAT = 0
+    SYS_STATUS = 1
+    SYSTEM_TIME = 2
+    GPS_RAW_INT = 24
+    ATTITUDE = 30
+    ATTITUDE_QUATERNION = 31
+    LOCAL_POSITION_NED = 32
+    GLOBAL_POSITION_INT = 33
+    MISSION_CURRENT = 42
+    BATTERY_STATUS = 147
+    AUTOPILOT_VERSION = 148
+    EKF_STATUS_REPORT = 193
+    ESTIMATOR_STATUS = 230
+    HOME_POSITION = 242
+    EXTENDED_SYS_STATE = 245
+    ODOMETRY = 331
+
+
+class GroundCommand(IntEnum):
+    """MAV_CMD values that only ground stations send."""
+
+    MISSION_START = 300
+    GET_HOME_POSITION = 410  # deprecated; MAVProxy sends it
+    REQUEST_AUTOPILOT_CAPABILITIES = 520  # deprecated, still sent
+
+
+class MissionCommand(IntEnum):
+    """MAV_CMD values of mission items."""
+
+    NAV_WAYPOINT = 16
+    NAV_RETURN_TO_LAUNCH = CommandId.NAV_RETURN_TO_LAUNCH
+    NAV_LAND = CommandId.NAV_LAND
+    NAV_TAKEOFF = CommandId.NAV_TAKEOFF
+    DO_CHANGE_SPEED = 178
+    DO_DIGICAM_CONTROL = 203
+    DO_MOUNT_CONTROL = 205
+    DO_SET_CAM_TRIGG_DIST = 206
+    SET_CAMERA_MODE = 530
+    DO_GIMBAL_MANAGER_PITCHYAW = 1000
+    IMAGE_START_CAPTURE = 2000
+    IMAGE_STOP_CAPTURE = 2001
+    VIDEO_START_CAPTURE = 2500
+    VIDEO_STOP_CAPTURE = 2501
+
+
+class MissionType(IntEnum):
+    """MAV_MISSION_TYPE."""
+
+    MISSION = 0
+    ALL = 255
+
+
+class MissionResult(IntEnum):
+    """MAV_MISSION_RESULT."""
+
+    ACCEPTED = 0
+    UNSUPPORTED = 3
+    NO_SPACE = 4
+    INVALID_PARAM5_X = 10
+    INVALID_PARAM6_Y = 11
+    INVALID_PARAM7 = 12
+    INVALID_SEQUENCE = 13
+
+
+class AltitudeFrame(IntEnum):
+    """MAV_FRAME: those whose altitude counts from the sea."""
+
+    GLOBAL = 0
+    GLOBAL_INT = 5
+
+
+class DataStream(IntEnum):
+    """MAV_DATA_STREAM, the groups of REQUEST_DATA_STREAM."""
+
+    ALL = 0
+    RAW_SENSORS = 1
+    EXTENDED_STATUS = 2
+    POSITION = 6
+    EXTRA1 = 10
+    EXTRA2 = 11
+    EXTRA3 = 12
+
+
+class Component(IntEnum):
+    """MAV_COMPONENT."""
+
+    AUTOPILOT1 = 1
+    ONBOARD_COMPUTER = 191
+
+
+class Autopilot(IntEnum):
+    """MAV_AUTOPILOT."""
+
+    GENERIC = 0
+    ARDUPILOTMEGA = 3
+    PX4 = 12
+
+
+class VehicleType(IntEnum):
+    """MAV_TYPE."""
+
+    QUADROTOR = 2
+
+
+class SystemState(IntEnum):
+    """MAV_STATE."""
+
+    STANDBY = 3
+    ACTIVE = 4
+    CRITICAL = 5
+
+
+class LandedState(IntEnum):
+    """MAV_LANDED_STATE."""
+
+    ON_GROUND = 1
+    IN_AIR = 2
+    TAKEOFF = 3
+    LANDING = 4
+
+
+class Severity(IntEnum):
+    """MAV_SEVERITY of STATUSTEXT."""
+
+    EMERGENCY = 0
+    CRITICAL = 2
+    WARNING = 4
+    INFO = 6
+
+
+class ParamType(IntEnum):
+    """MAV_PARAM_TYPE."""
+
+    INT8 = 2
+    INT16 = 4
+    INT32 = 6
+    REAL32 = 9
+
+
+class GpsFix(IntEnum):
+    """GPS_FIX_TYPE."""
+
+    NO_GPS = 0
+    FIX_3D = 3
+
+
+class ModeFlag(IntFlag):
+    """MAV_MODE_FLAG, bits of HEARTBEAT.base_mode."""
+
+    CUSTOM_MODE_ENABLED = 1
+    AUTO_ENABLED = 4
+    GUIDED_ENABLED = 8
+    STABILIZE_ENABLED = 16
+    MANUAL_INPUT_ENABLED = 64
+    SAFETY_ARMED = 128
+
+
+class Sensor(IntFlag):
+    """MAV_SYS_STATUS_SENSOR."""
+
+    GYRO = 0x1
+    ACCEL = 0x2
+    MAG = 0x4
+    ABSOLUTE_PRESSURE = 0x8
+    GPS = 0x20
+    ANGULAR_RATE_CONTROL = 0x400
+    ATTITUDE_STABILIZATION = 0x800
+    YAW_POSITION = 0x1000
+    Z_ALTITUDE_CONTROL = 0x2000
+    XY_POSITION_CONTROL = 0x4000
+    MOTOR_OUTPUTS = 0x8000
+    GEOFENCE = 0x100000
+    AHRS = 0x200000
+    BATTERY = 0x2000000
+    PREARM_CHECK = 0x10000000
+
+
+class EstimatorFlag(IntFlag):
+    """ESTIMATOR_STATUS_FLAGS."""
+
+    ATTITUDE = 0x1
+    VELOCITY_HORIZ = 0x2
+    VELOCITY_VERT = 0x4
+    POS_HORIZ_REL = 0x8
+    POS_HORIZ_ABS = 0x10
+    POS_VERT_ABS = 0x20
+    PRED_POS_HORIZ_REL = 0x100
+    PRED_POS_HORIZ_ABS = 0x200
+
+
+class Capability(IntFlag):
+    """MAV_PROTOCOL_CAPABILITY."""
+
+    MISSION_FLOAT = 0x1
+    PARAM_FLOAT = 0x2
+    MISSION_INT = 0x4
+    COMMAND_INT = 0x8
+    PARAM_ENCODE_BYTEWISE = 0x10
+    SET_ATTITUDE_TARGET = 0x40
+    MAVLINK2 = 0x2000
+    PARAM_ENCODE_C_CAST = 0x20000
+
+
+class TypeMask(IntFlag):
+    """ATTITUDE_TARGET_TYPEMASK of SET_ATTITUDE_TARGET."""
+
+    ATTITUDE_IGNORE = 128
+
+
+class FtpOpcode(IntEnum):
+    """Opcodes of the file transfer protocol (mavlink.io/en/services/ftp.html)."""
+
+    NAK = 129
+
+
+class FtpError(IntEnum):
+    """Errors of the file transfer protocol."""
+
+    FAIL = 1

@@ -1,0 +1,114 @@
+"""Rows of the fault matrix about the daemon and the link, as in `checks`."""
+
+import gc
+import time
+
+import numpy as np
+
+from companion.supervision.guard import Reason
+from companion.supervision.phases import Phase
+from mavlink_bridge.wire.messages import Command, CommandId
+from tests.closed_loop.matrix.inprocess import Companion, fly
+from tests.closed_loop.matrix.measures import (
+    CRUISE,
+    SHORT,
+    first_with,
+    flown_with,
+    mode_after,
+    modes_from,
+)
+
+
+def row_1(note):
+    def kill(f):
+        f.companions[0].connected = False
+
+    def restart(f):
+        f.companions.append(Companion(f.companions[0].settings, f.companions[0].endpoint))
+        f._drones[0].frames = f.companions[1]
+
+    f = fly(
+        at={CRUISE + 0.01: kill, CRUISE + 2.01: restart},
+        world={},
+        drones__parameters={"COM_OF_LOSS_T": 0.5},
+        mission__time_limit=24.0,
+    )
+    hold = mode_after(f, CRUISE + 0.05, "HOLD")
+    assert hold <= 0.6
+    again = f.companions[1]
+    assert len(again.outs) > 50
+    asked_for = {m.command for o in again.outs for m in o.messages if isinstance(m, Command)}
+    assert asked_for <= {CommandId.SET_MESSAGE_INTERVAL}  # neither arming nor offboard
+    assert "OFFBOARD" not in modes_from(f, CRUISE + 1.0)
+    assert f.truth.arrays()["position"][-1, 0, 2] < 0.3
+    assert not f.truth.arrays()["armed"][-1, 0]
+    f.check_always()
+    note("HOLD", hold)
+
+
+def row_9(note):
+    for kind, amount in (
+        ("link_loss", 0.05),
+        ("link_loss", 0.2),
+        ("link_duplicate", 0.3),
+        ("link_reorder", 0.3),
+        ("link_flip", 0.2),
+    ):
+        f = fly([{"kind": kind, "amount": amount}], mission__time_limit=24.0)
+        assert f.figures()["targets_reached"]["drone1"] == "1/1", (kind, amount)
+        assert f.figures()["obstacle_collisions"] == 0
+        f.check_always()
+    f = fly([{"kind": "link_loss", "amount": 0.5, "at": CRUISE}], count=2, mission__time_limit=24.0)
+    assert f.figures()["obstacle_collisions"] == f.figures()["agent_collisions"] == 0
+    f.check_always()
+    assert f.most_tilt(CRUISE) < 45.0
+    for c in f.companions:  # a plan whose commands get lost is not flown for long
+        noticed = first_with(c, CRUISE, Reason.LATE)
+        assert all(
+            o.verdict is None or o.verdict.reason is not Reason.PLAN for _, o in c.ticks(noticed)
+        ), noticed
+        assert noticed < CRUISE + 1.5
+    note("complete to 20 %, safe at 50 %", None)
+    note("HOLD at 50 %", mode_after(f, CRUISE, "HOLD"))
+
+
+def row_10(note):
+    noisy = [
+        {"kind": "link_garbage", "amount": 1e6, "at": 6.0},
+        {"kind": "link_foreign", "amount": 200.0, "at": 6.0},
+    ]
+    costs = []
+
+    def watch(f):  # processor time: however busy the machine is
+        f.companions[0].stopwatch = time.thread_time
+        gc.collect()
+        gc.freeze()  # a daemon has no thousand other tests' objects to look through
+
+    for faults in ([], noisy):
+        f = flown_with(watch, faults, **SHORT)
+        assert f.speed(10.0) > 1.2
+        f.check_always()
+        c = f.companions[0]
+        flown = [s for s, o in zip(c.seconds, c.outs, strict=True) if o.time > 6.5]
+        costs.append(float(np.median(flown)))
+        assert np.percentile(flown, 99) < c.config.timing.period  # the next tick is never late
+    gc.unfreeze()
+    assert c.link.codec.statistics.bad_bytes > 1_000_000
+    assert c.link.codec.statistics.foreign > 100
+    note("garbage costs, s of the 0.1 (median, processor time)", costs[1] - costs[0])
+
+
+def row_25(note):
+    """The line is gone for three seconds and comes back: the vehicle holds, and goes on holding."""
+    f = fly(
+        [{"kind": "link_loss", "amount": 1.0, "at": CRUISE, "for": 3.0}],
+        **(SHORT | {"mission__time_limit": 16.0}),
+    )
+    assert "OFFBOARD" not in modes_from(f, CRUISE + 1.2)
+    c = f.companions[0]
+    assert c.outs[-1].phase is Phase.PASSIVE
+    heard = next(o.time for o in c.outs if o.time > CRUISE + 1.0 and o.phase is Phase.PASSIVE)
+    assert not [t for t, _ in c.setpoints() if t > heard]
+    f.check_always()
+    assert heard <= CRUISE + 3.0 + 2.0
+    note("passive after the line is back", heard - CRUISE - 3.0)

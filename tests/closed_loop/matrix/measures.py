@@ -1,0 +1,111 @@
+"""Measures of a flight for the rows of the fault matrix, and ways to disturb its companions."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from tests.closed_loop.matrix.inprocess import fly
+
+CRUISE = 8.0  # s, in full flight
+SHORT = {"mission__time_limit": 11.0, "world": {}}  # nothing in the way
+
+
+def spoil_solves(flight, first, which, u=None, i=0):
+    """Let solves of drone i fail: from flight time `first` [s] on those whose number is in `which`.
+
+    which: a container; the first solve is number 0. u: replaces their result.
+    """
+    pipeline = flight.companions[i].pipeline
+    solve, done = pipeline._planner.solve, []
+
+    def bad(instance):
+        result = solve(instance)
+        if flight._now / 1e3 < first - 1e-6:
+            return result
+        done.append(1)
+        if len(done) - 1 not in which:
+            return result
+        shifted = np.vstack([result.u[1:], result.u[-1:]]) if u is None else u(result.u)
+        return replace(result, usable=u is not None, u=shifted)
+
+    pipeline._planner.solve = bad
+
+
+def flown_with(spoil, faults=(), **options):
+    """Fly a flight that `spoil` changes before it begins."""
+    return fly(faults, at={0.0: spoil}, **options)
+
+
+def seconds_until(flight, since, holds, i=0):
+    """Seconds from flight time `since` until first holds(v (3,), p (3,)) of the truth."""
+    truth = flight.truth.arrays()
+    for t, v, p in zip(truth["t"], truth["velocity"][:, i], truth["position"][:, i], strict=True):
+        if t >= since and holds(v, p):
+            return float(t) - since
+    raise AssertionError("never")
+
+
+def mode_after(flight, since, mode, i=0):
+    """Seconds from `since` until drone i's vehicle enters this mode."""
+    after = [t for t, name in flight.modes[i] if t >= since and name == mode]
+    assert after, f"never in {mode}: {flight.modes[i]}"
+    return after[0] - since
+
+
+def modes_from(flight, since, i=0):
+    """Names of the modes of drone i's vehicle from `since` on."""
+    before = [name for t, name in flight.modes[i] if t <= since][-1:]
+    return {*before, *(name for t, name in flight.modes[i] if t > since)}
+
+
+def asked(flight, ask, i=0):
+    """Time of the first tick whose verdict has this request."""
+    return next(
+        (
+            o.time
+            for o in flight.companions[i].outs
+            if o.verdict is not None and o.verdict.ask is ask
+        ),
+        None,
+    )
+
+
+def first_with(companion, since, reason):
+    """Flight time of the first tick from `since` on whose command has this reason."""
+    return next(
+        t
+        for t, o in companion.ticks(since - 1e-6)
+        if o.verdict is not None and o.verdict.reason is reason
+    )
+
+
+def nan_between(start, end):
+    """For `before`: add detections of NaN and infinity to the true ones, in [start, end) s."""
+
+    def spoil(inputs):
+        if inputs.frame is None or not start <= inputs.time < end:
+            return inputs
+        bad = np.full((2, 6), np.nan)
+        bad[1] = [0, 0, 1, np.inf, 0.01, 0.1]
+        rows = np.vstack([inputs.frame.arrays.get("neighbours", np.zeros((0, 6))), bad])
+        arrays = inputs.frame.arrays | {"neighbours": rows}
+        return replace(inputs, frame=replace(inputs.frame, arrays=arrays))
+
+    return spoil
+
+
+def hovers(f, i, since, limit=0.25):
+    """Assert that drone i moves no faster than `limit` [m/s], measured over the ground."""
+    truth = f.truth.arrays()
+    v = np.linalg.norm(truth["velocity"][truth["t"] >= since, i, :2], axis=1)
+    assert v.max() < limit, f"drone{i + 1} moves at {v.max():.2f} m/s"
+
+
+def slow_after(f, i, since, speed):
+    truth = f.truth.arrays()
+    v = np.linalg.norm(truth["velocity"][:, i], axis=1)
+    return float(truth["t"][(truth["t"] >= since) & (v <= speed)][0]) - since
+
+
+def completes(f, i, kind, note):
+    assert f.reached(i) >= 1, f"drone{i + 1} reached no target"

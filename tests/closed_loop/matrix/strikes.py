@@ -1,0 +1,58 @@
+"""Disturbances of the forest's rows that no fault of a scenario makes.
+
+Each takes the flight and a drone, and returns {flight time [s]: call()}.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from tests.closed_loop.matrix.measures import nan_between, spoil_solves
+
+AT = 9.0  # s, when all faults begin
+
+
+def killed(f, i):
+    def gone():
+        f.companions[i].connected = False
+
+    return {AT: gone}
+
+
+def fence_moves(f, i):
+    """Move the fence so that drone i is suddenly outside the side that it flies towards."""
+
+    def cross():
+        pipeline, own = f.companions[i].pipeline, f.companions[i].outs[-1].own
+        axis = int(np.argmax(np.abs(own.v[:2])))
+        way = np.sign(own.v[axis])
+        f.fences[i] = (axis, way, float(own.p[axis] - 0.1 * way))
+        sides = sorted([f.fences[i][2], own.p[axis] - 20.0 * way])
+        fence = pipeline._config.fence.model_copy(update={("east", "north")[axis]: sides})
+        pipeline._config = pipeline._config.model_copy(update={"fence": fence})
+
+    return {AT: cross}
+
+
+def released(f, i):
+    """Let the pipeline leave, as the daemon does on SIGTERM."""
+
+    def leave():
+        f.companions[i].before = lambda inputs: replace(inputs, leave=True)
+
+    return {AT: leave}
+
+
+def bad_solves(which):
+    def strike(f, i):
+        spoil_solves(f, AT, which, i=i)
+        return {}
+
+    return strike
+
+
+def not_numbers(f, i):
+    boot = f._drones[i].boot_ms / 1e3
+    f.companions[i].before = nan_between(AT + boot, AT + boot + 3.0)
+    spoil_solves(f, AT, range(0, 200, 20), u=lambda u: u * np.nan, i=i)
+    return {}

@@ -1,0 +1,38 @@
+"""Faults of the camera and of a perfect detector's reports."""
+
+import numpy as np
+import pytest
+
+from sitl_sim.faults.camera import FaultyCamera
+
+
+def frames(schedule, kind, n=20, **more):
+    c = FaultyCamera(schedule(kind=kind, **more), 0)
+    rng = np.random.default_rng(0)
+    row = np.array([[0.0, 0.0, 1.0, 4.0, 0.005, 0.03]])
+    return [
+        c.alter(
+            0.1 * k,
+            10 + 0.1 * k,
+            {
+                "neighbours": np.vstack([row, row * 0.5]),
+                "image": rng.integers(40, 200, (8, 8, 3), np.uint8),
+            },
+        )
+        for k in range(n)
+    ]
+
+
+def test_camera_faults(schedule):
+    assert all(not arrays for _, arrays in frames(schedule, "camera_dead"))
+    frozen = [a["image"] for _, a in frames(schedule, "camera_frozen")]
+    assert all((image == frozen[0]).all() for image in frozen)
+    assert {int(a["image"].max()) for _, a in frames(schedule, "camera_black")} == {0}
+    assert {int(a["image"].min()) for _, a in frames(schedule, "camera_saturated")} == {255}
+    late = [stamp for stamp, _ in frames(schedule, "camera_late", amount=0.2)]
+    assert late[5] == pytest.approx(10.3)
+    assert all(len(a["neighbours"]) == 0 for _, a in frames(schedule, "missed", amount=1.0))
+    assert all(len(a["neighbours"]) == 3 for _, a in frames(schedule, "ghosts", amount=1.0))
+    assert frames(schedule, "range_bias", amount=1.2)[0][1]["neighbours"][0, 3] == pytest.approx(
+        4.8
+    )

@@ -1,0 +1,138 @@
+"""Telemetry: contents, rates, and requests for messages."""
+
+import math
+
+import numpy as np
+import pytest
+
+from mavlink_bridge.wire.messages import (
+    Attitude,
+    AutopilotVersion,
+    Command,
+    CommandAck,
+    ExtendedSystemState,
+    GlobalPosition,
+    Heartbeat,
+    HomePosition,
+    LocalPosition,
+    MissionItemReached,
+    Odometry,
+    RequestDataStream,
+    Source,
+    StatusText,
+    SystemStatus,
+)
+from sitl_sim.vehicles.estimator import SensorNoise
+
+NAN = math.nan
+
+
+def test_attitude_and_position_come_together_at_50_hz(make_flight):
+    f = make_flight(boot_offset=[7.1234])
+    pairs = []
+    for k in range(1, 501):
+        f.autopilots.advance(k * 0.002)
+        out = f.autopilots.telemetry(0, "companion")
+        times = [m.time for m in out if type(m) in (Attitude, LocalPosition)]
+        if times:
+            pairs.append(times)
+    assert len(pairs) in (50, 51)
+    assert all(len(t) == 2 and t[0] == t[1] for t in pairs)
+    assert pairs[-1][0] == pytest.approx(8.1234, abs=0.02)
+
+
+def test_health_is_good_from_the_start(make_flight):
+    f = make_flight()
+    f.run(1.2)
+    status = f.last(SystemStatus)
+    for bit in (0x1, 0x2, 0x4, 0x20, 0x10000000):
+        assert status.present & status.health & bit
+
+
+def test_global_position_agrees_with_local_position(make_flight):
+    f = make_flight(noise=SensorNoise.none())
+    f.in_the_air()
+    g = f.last(GlobalPosition)
+    assert g.relative_altitude == pytest.approx(2.5, abs=0.2)
+    assert g.altitude == pytest.approx(490.5, abs=0.2)
+    assert g.heading == pytest.approx(math.pi / 2, abs=0.02)  # yaw 0 looks east
+
+
+def test_texts_reach_both_links_once(make_flight):
+    f = make_flight()
+    f.command(400, 1, source=Source(1, 191))
+    f.autopilots.advance(0.01)
+    for link in ("companion", "gcs"):
+        heard = f.autopilots.telemetry(0, link) + f.autopilots.telemetry(0, link)
+        texts = [m.text for m in heard if isinstance(m, StatusText)]
+        assert texts == ["Armed by external command"]
+
+
+def test_texts_of_hours_are_sent_once_and_not_kept(make_flight):
+    f = make_flight()
+    for k in range(1, 1001):
+        f.command(176, 1, 6)  # offboard without setpoints: refused, in words
+        f.autopilots.units[0].guidance.reached.append(k)
+        heard = f.autopilots.telemetry(0, "gcs") + f.autopilots.telemetry(0, "companion")
+        told = [m for m in heard if isinstance(m, StatusText)]
+        assert len(told) == 2
+        assert heard.count(MissionItemReached(k)) == 2
+    for _ in range(1000):  # of more than is kept at once, the newest
+        f.command(176, 1, 6)
+    told = [m for m in f.autopilots.telemetry(0, "gcs") if isinstance(m, StatusText)]
+    assert told == list(f.commander.texts)
+    assert 10 < len(told) <= 100
+    assert not f.autopilots.units[0].guidance.reached
+    assert not [m for m in f.autopilots.telemetry(0, "gcs") if isinstance(m, StatusText)]
+
+
+def test_request_message(make_flight):
+    f = make_flight()
+    for number, kind in ((148, AutopilotVersion), (242, HomePosition), (245, ExtendedSystemState)):
+        ack, message = f.send(Command(512, (number, NAN, NAN, NAN, NAN, NAN, NAN), 1))
+        assert ack == CommandAck(512, 0, 255, 190)
+        assert isinstance(message, kind)
+    assert isinstance(f.send(Command(410, (0.0,) * 7, 1))[1], HomePosition)
+    assert f.command(512, 9999) == 2
+    assert f.command(512, NAN) == 2
+
+
+def test_a_message_interval_belongs_to_the_link_of_its_request(make_flight):
+    f = make_flight()
+    assert f.command(511, 31, 4000) == 0
+    assert f.command(511, 31, -1, source=Source(1, 191)) == 0
+    counts = {"gcs": 0, "companion": 0}
+    for k in range(1, 501):
+        f.autopilots.advance(k * 0.002)
+        for link in counts:
+            heard = f.autopilots.telemetry(0, link)
+            counts[link] += sum(type(m) is Attitude for m in heard)
+    assert counts["gcs"] == pytest.approx(250, abs=3)
+    assert counts["companion"] == 0
+    assert f.command(511, 31, 0, source=Source(1, 191)) == 0
+    assert f.autopilots.units[0].schedules["companion"].rate(31) == 50.0
+
+
+def test_odometry_comes_on_request_and_agrees_with_local_position(make_flight):
+    f = make_flight()
+    assert f.command(511, 331, 20000) == 0
+    assert f.command(511, 32, 20000) == 0
+    f.run(1.0)
+    odometry = {m.time: m for m in f.heard[0] if isinstance(m, Odometry)}
+    positions = {m.time: m for m in f.heard[0] if isinstance(m, LocalPosition)}
+    assert len(odometry.keys() & positions.keys()) >= 45
+    for time in odometry.keys() & positions.keys():
+        np.testing.assert_array_equal(odometry[time].p, positions[time].p)
+
+
+def test_request_data_stream(make_flight):
+    f = make_flight()
+    f.send(RequestDataStream(1, 1, 6, 25.0, True))
+    f.run(1.1)
+    positions = [m for m in f.heard[0] if isinstance(m, LocalPosition)]
+    assert len(positions) == pytest.approx(27, abs=2)
+    f.send(RequestDataStream(1, 1, 0, 1.0, False))
+    f.heard[0].clear()
+    f.run(2.0)
+    assert not [m for m in f.heard[0] if isinstance(m, LocalPosition)]
+    assert [m for m in f.heard[0] if isinstance(m, Heartbeat)]
