@@ -38,6 +38,7 @@ SCHEMA = {
         "speed_limit": {"type": "string"},
         "v_max": {"type": "number"},
         "yaw": {"type": "number"},
+        "frame": {"type": ["number", "null"]},
         "detections": {"type": "array"},
         "trunks": {"type": "array"},
         "tracks": {"type": "array"},

@@ -26,13 +26,13 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.message import Message
-from mcap.writer import CompressionType, Writer
-from mcap_protobuf.schema import register_schema
+from mcap_protobuf.schema import build_file_descriptor_set
 from orjson import dumps
 
 from companion.flightlog import foxglove as scene
 from companion.flightlog import inputs as recorded
 from companion.flightlog import record as records
+from companion.flightlog.mcap_writer import McapWriter
 from companion.flightlog.tlog import TelemetryLog
 from companion.perception.camera_health import CameraFault
 from companion.settings.config import CompanionConfig
@@ -47,8 +47,13 @@ _TICKS_A_CHUNK = 5
 _TICKS_A_SCENE = 2  # for eyes; all ticks are in /tick
 _TICKS_A_MAP = 10  # obstacles change slowly, and a viewer keeps them
 _IMAGE_PERIOD = 1.0  # s
-_PROTOBUF = {"/pose": PoseInFrame, "/tf": FrameTransform, "/scene": SceneUpdate, "/events": Log,
-             "/image": CompressedImage}  # fmt: skip
+_PROTOBUF: dict[str, type[Message]] = {
+    "/pose": PoseInFrame,
+    "/tf": FrameTransform,
+    "/scene": SceneUpdate,
+    "/events": Log,
+    "/image": CompressedImage,
+}
 
 
 class Recorder:
@@ -67,8 +72,7 @@ class Recorder:
         self._file = _create(path) if "{time}" in (config.log.path or "") else path.open("wb")
         self.path = Path(self._file.name)
         self._tlog = TelemetryLog(self.path.with_suffix(".tlog")) if config.log.tlog else None
-        self._writer = Writer(self._file, chunk_size=_CHUNK, compression=CompressionType.ZSTD)
-        self._writer.start(profile="swarm-companion", library="swarm-companion")
+        self._writer = McapWriter(self._file, self.path.parent, _CHUNK)
         self._writer.add_metadata(CONFIG, _configuration(config))
         self._channels = self._register()
         self._file.flush()
@@ -102,9 +106,10 @@ class Recorder:
         """Finish the file so that indexed readers open it."""
         try:
             if self.failed is None:
-                self._writer.finish()  # type: ignore[no-untyped-call]
+                self._writer.finish()
             if self._tlog is not None:
                 self._tlog.close()
+            self._writer.close()
             self._file.close()
         except OSError as error:
             self.failed = f"flight log ended: {error}"
@@ -117,7 +122,8 @@ class Recorder:
             "/inputs": self._writer.register_channel("/inputs", "swarm-inputs", 0, tags),
         }
         for topic, kind in _PROTOBUF.items():
-            schema = register_schema(self._writer, kind)
+            types = build_file_descriptor_set(kind).SerializeToString()
+            schema = self._writer.register_schema(kind.DESCRIPTOR.full_name, "protobuf", types)
             channels[topic] = self._writer.register_channel(topic, "protobuf", schema, tags)
         return channels
 
@@ -148,7 +154,7 @@ class Recorder:
             self._tlog.write(time, packets)
         self._count += 1
         if self._count % _TICKS_A_CHUNK == 0:
-            self._writer.flush()  # type: ignore[no-untyped-call]
+            self._writer.flush()
             if self._tlog is not None:
                 self._tlog.flush()
 
@@ -156,8 +162,7 @@ class Recorder:
         self._add(topic, time, message.SerializeToString())
 
     def _add(self, topic: str, time: float, data: bytes) -> None:
-        nanoseconds = round(time * 1e9)
-        self._writer.add_message(self._channels[topic], nanoseconds, data, nanoseconds, self._count)
+        self._writer.add_message(self._channels[topic], round(time * 1e9), data, self._count)
 
     def _write_events(self, tick: Tick) -> bool:
         """Write a line for each change of phase, guard reason or goal; return if there was any."""

@@ -135,7 +135,8 @@ class Daemon:
         self._pace.done(inputs, tick.supervised.phase is Phase.DONE)
         self._streaming = tick.supervised.verdict is not None
         self._report(inputs, tick, sent)
-        self._record(inputs, tick)
+        if problem := self._session.log(inputs, tick):
+            event("log", logging.WARNING, text=problem)
 
     def _report(self, inputs: TickInputs, tick: Tick, sent: bool) -> None:
         """Tell the supervisor and the journal what came of the tick."""
@@ -168,14 +169,6 @@ class Daemon:
             self._supervisor.stopping()
             event("stopping", streaming=self._streaming)
         return not self._streaming or now >= self._leave_until
-
-    def _record(self, inputs: TickInputs, tick: Tick) -> None:
-        """Log the tick; a log that fails is closed, and the flight goes on."""
-        recorder = self._session.recorder
-        if recorder is not None and recorder.failed is not None:
-            event("log", logging.WARNING, text=recorder.failed)
-            self._session.close_log()
-        self._session.log(inputs, tick)
 
     def _open_log(self, path: Path) -> None:
         """Begin the flight log; where that cannot be, fly without."""

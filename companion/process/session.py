@@ -46,15 +46,22 @@ class Session:
         self._tick_cost = time.perf_counter() - started
         return tick, self._link.packets_out > packets
 
-    def log(self, inputs: TickInputs, tick: Tick) -> None:
-        """Log the tick, once everything is sent; the cost of logging shows in the next record."""
+    def log(self, inputs: TickInputs, tick: Tick) -> str | None:
+        """Log the tick, once everything is sent; the cost of logging shows in the next record.
+
+        Return why the log has ended, once; None while it goes on, and without a log.
+        """
         if self.recorder is None:
-            return
+            return None
         costs = {"tick": self._tick_cost, "log": self._log_cost}
         started = time.perf_counter()
         self.recorder.write(inputs, tick, self._packets, self.counters(), costs)
         self._packets.clear()
         self._log_cost = time.perf_counter() - started
+        problem = self.recorder.failed
+        if problem is not None:
+            self.close_log()
+        return problem
 
     def counters(self) -> dict[str, int]:
         """Return the deadlines missed and what the codec counted, so far."""

@@ -16,7 +16,7 @@ import pytest
 from tests.companion.deployment import free_ports
 
 SCENARIO = """
-fileversion: 2
+fileversion: 1
 name: served
 world: {{cylinders: [{{x: 6.0, y: 2.5, radius: 0.5}}]}}
 drones: {{count: 3, heading_deg: 0.0, spacing: 6.0, autopilot: {autopilot},

@@ -11,8 +11,8 @@ import pytest
 
 from companion.__main__ import main
 from companion.flightlog.reader import read_log
-from companion.flightlog.replay import replay, rerun
-from companion.settings.config import CompanionConfig
+from companion.flightlog.replay import configured, replay, rerun
+from companion.settings.config import FILEVERSION
 from mavlink_bridge.shared.settings import SettingsError
 
 
@@ -24,8 +24,7 @@ def log(flight):
 @pytest.fixture(scope="module")
 def today(log):
     """The same flight as today's code would have recorded it."""
-    config = CompanionConfig.model_validate(log.config)
-    return dataclasses.replace(log, ticks=list(rerun(config, log.inputs)))
+    return dataclasses.replace(log, ticks=list(rerun(configured(log), log.inputs)))
 
 
 def test_todays_code_decides_as_recorded(log):
@@ -80,3 +79,10 @@ def test_a_key_that_is_gone_is_one_clear_error(log):
 
 def test_defaults_are_todays(log):
     assert "nmpc" not in log.config
+
+
+def test_a_log_in_the_keys_of_fileversion_1_is_upgraded(log):
+    old = {"fileversion": 1, "eye": {"late": 0.2}, "threat": {"d_ref": 1.5, "room": 1.3}}
+    config = configured(dataclasses.replace(log, config=log.config | old))
+    assert config.fileversion == FILEVERSION
+    assert (config.camera_health.late, config.speed_limits.clearance) == (0.2, 1.3)

@@ -6,7 +6,7 @@ from companion.__main__ import main
 from companion.commands import status as status_command
 from companion.flightlog import status as status_module
 from companion.flightlog.recorder import Recorder
-from tests.companion.ticks import config, tick
+from tests.companion.ticks import COSTS, config, tick
 
 
 @pytest.fixture
@@ -19,7 +19,7 @@ def drone(tmp_path, monkeypatch):
     log = tmp_path / "flight-20260101T000000Z.mcap"
     recorder = Recorder(config(log), log)
     for n in range(7):
-        recorder.write(*tick(n), [], {"deadline_misses": 3})
+        recorder.write(*tick(n), [], {"deadline_misses": 3}, COSTS)
     yield file
     recorder.close()
 
@@ -28,8 +28,14 @@ def test_a_running_daemon_in_the_terminal(drone, capsys):
     assert main(["status", str(drone)]) == 0
     text = capsys.readouterr().out
     assert text.startswith("running, tick at 0.4 s")  # the last whole chunk
-    for words in ("fly, target 1", "guard    plan", "see 4.0, plan 10.0 ms", "6, 3 critical",
-                  "4 drones, 5 trunks", "deadline_misses 3"):  # fmt: skip
+    for words in (
+        "fly, target 1",
+        "guard    plan",
+        "see 4.0, plan 10.0, tick 20.0, log 1.0 ms",
+        "6, 3 critical",
+        "4 drones, 5 trunks",
+        "deadline_misses 3",
+    ):
         assert words in text
 
 

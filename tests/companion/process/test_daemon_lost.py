@@ -19,17 +19,17 @@ UNIT = Path(__file__).parents[3] / "systemd" / "companion@.service"
 # A tick that calls into C and does not come back; the call keeps the interpreter's lock.
 HANGS = """
 import ctypes, signal, sys, time
-from companion import pipeline
 from companion.__main__ import main
+from companion.control.planning import Planning
 asked = []
 signal.signal(signal.SIGUSR1, lambda *_: asked.append(1))
-plan = pipeline.Pipeline._plan
-def stuck(self, out):
+plan = Planning.plan
+def stuck(self, *arguments):
     if asked:
         print(f"hangs {time.monotonic():.6f}", file=sys.stderr, flush=True)
         ctypes.PyDLL(None).sleep(10)
-    plan(self, out)
-pipeline.Pipeline._plan = stuck
+    return plan(self, *arguments)
+Planning.plan = stuck
 sys.exit(main())
 """
 

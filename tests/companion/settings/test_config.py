@@ -90,7 +90,7 @@ WRONG = [
     ("guard: {c_min: 15.0}\n", "3:9", "guard.c_min: must be ≥ 0, < 9.81, got 15"),
     ("guard: {stale_stop: 5.0}\n", "3:9", "guard.stale_stop: stale_land, 1, must be above"),
     ("guard: {stale_land: 0.3}\n", "3:9", "guard.stale_land: stale_land, 0.3, must be above"),
-    ("gaze: {seen_none: 0.7}\n", "3:8", "gaze.seen_none: seen_none, 0.7, must be above seen_full"),
+    ("speed_limits: {no_view: 0.7}\n", "3:16", "no_view, 0.7, must be above full_view"),
     ("nmpc:\n  N: 4\n", "4:3", "nmpc.N: M must be at most N"),
     ("nmpc:\n  M: 30\n", "4:3", "nmpc.M: M must be at most N"),
     ("nmpc:\n  penalty: -1\n", "4:3", "nmpc.penalty: must be > 0, got -1"),
@@ -99,7 +99,7 @@ WRONG = [
     (
         "camera: {latency: 0.3}\n",
         "3:10",
-        "camera.latency: every frame is late: camera.latency, 0.3, must be below eye.late, 0.18",
+        "every frame is late: camera.latency, 0.3, must be below camera_health.late, 0.18",
     ),
     (
         "sensing: {trunks_every: 8}\n",
