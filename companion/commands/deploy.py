@@ -129,8 +129,12 @@ def _deploy(
             arguments = ["--root", str(options.remote_root), *flags]
             return install_over_ssh(bundle, arguments, host, options.rsh)
 
-        with ThreadPoolExecutor(max_workers=16) as pool:
-            return dict(zip(boards, pool.map(one, boards), strict=True))
+        try:
+            with ThreadPoolExecutor(max_workers=16) as pool:
+                return dict(zip(boards, pool.map(one, boards), strict=True))
+        except KeyboardInterrupt:
+            text = "a board that was being installed may go on; deploy again"
+            raise KeyboardInterrupt(text) from None
 
 
 def _print(rows: list[tuple[str, str, Outcome]], steps: bool) -> None:

@@ -44,22 +44,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do it with all at once; 1 where any did not."""
+    from companion.ground.fleet import act
     from mavlink_bridge.shared.settings import SettingsError
     from mavlink_bridge.wire.link import EndpointError
 
     try:
         drones = _drones(options.drones, None if options.all else options.only)
-        from companion.ground.fleet import act
-
         rows = asyncio.run(act(options.action, drones, options.url, options.patience))
     except SettingsError as error:
         print(error, file=sys.stderr)
         return EXIT_BAD_INPUT
     except EndpointError as error:
         print(f"--url {error}", file=sys.stderr)
-        return EXIT_BAD_INPUT
-    except ModuleNotFoundError:
-        print("MAVSDK is not installed: pip install 'swarm-companion[fleet]'", file=sys.stderr)
         return EXIT_BAD_INPUT
     if options.json:
         print(json.dumps([asdict(row) for row in rows], indent=1))

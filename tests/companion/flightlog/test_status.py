@@ -74,9 +74,9 @@ def test_watching_goes_on_with_the_next_log_when_one_is_gone(
         step()
 
     monkeypatch.setattr(status_command.time, "sleep", sleep)
-    assert main(["status", "--watch", *options, str(drone)]) == 0
+    assert main(["status", "--watch", *options, str(drone)]) == 130
     said = capsys.readouterr()
-    assert said.err.splitlines() == [f"{drone}: the log is gone, waiting"]
+    assert said.err.splitlines() == [f"{drone}: the log is gone, waiting", "interrupted"]
     assert said.out.count("4 drones, 5 trunks" if not options else '"phase"') == 2
 
 
