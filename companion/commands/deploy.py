@@ -69,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps([{"drone": d, "board": b, **o} for d, b, o in rows], indent=1))
     else:
-        _print(rows, steps=options.dry_run)
+        _print(rows, options.dry_run)
     return 0 if all(o["ok"] for o in outcomes.values()) else EXIT_FAILED
 
 
@@ -137,16 +137,17 @@ def _deploy(
             raise KeyboardInterrupt(text) from None
 
 
-def _print(rows: list[tuple[str, str, Outcome]], steps: bool) -> None:
-    """The table; notes and errors below it."""
+def _print(rows: list[tuple[str, str, Outcome]], dry_run: bool) -> None:
+    """Print the table; notes and errors below it, and of a dry run every step."""
+    changed = "would change" if dry_run else "done"
     width = max(len(name) for name, _, _ in rows)
     places = max(len(board) for _, board, _ in rows)
     for name, board, outcome in rows:
-        result = "failed" if not outcome["ok"] else "done" if outcome["changed"] else "unchanged"
-        print(f"{name:<{width}}  {board:<{places}}  {result:<9}  {outcome['seconds']:6.1f} s")
+        result = "failed" if not outcome["ok"] else changed if outcome["changed"] else "unchanged"
+        print(f"{name:<{width}}  {board:<{places}}  {result:<12}  {outcome['seconds']:6.1f} s")
     for board, outcome in {board: outcome for _, board, outcome in rows}.items():
         for step in outcome["steps"]:
-            if steps or step["result"] == "note":
+            if dry_run or step["result"] == "note":
                 print(f"{board}: {step['step']}: {step['result']}: {step['detail']}")
         if not outcome["ok"]:
             print(f"{board}: {outcome['error']}; nothing was changed", file=sys.stderr)
