@@ -18,6 +18,7 @@ def contradictions(config: CompanionSections) -> Iterator[Contradiction]:
     yield from _goals(config)
     yield from _distances(config)
     yield from _ticks(config)
+    yield from _input_bounds(config)
 
 
 def _sources(config: CompanionSections) -> Iterator[Contradiction]:
@@ -150,3 +151,24 @@ def _ticks(config: CompanionSections) -> Iterator[Contradiction]:
             f"guard.late, {config.guard.late:g}, must be above timing.period, {period:g}, or "
             "every command is late",
         )
+
+
+def _input_bounds(config: CompanionSections) -> Iterator[Contradiction]:
+    """Bounds of the guard within which every plan lies.
+
+    The guard may be wider: its bounds hold for braking, too. Tighter, it would clip plans that keep
+    their own bounds, and the drone would not fly what was planned.
+    """
+    nmpc, guard = config.nmpc, config.guard
+    for key, fits, relation in (
+        ("c_min", guard.c_min <= nmpc.c_min, "at most"),
+        ("c_max", guard.c_max >= nmpc.c_max, "at least"),
+        ("omega_max", guard.omega_max >= nmpc.omega_max, "at least"),
+    ):
+        if not fits:
+            ours, theirs = getattr(guard, key), getattr(nmpc, key)
+            yield Contradiction(
+                (f"guard.{key}", f"nmpc.{key}"),
+                f"guard.{key}, {ours:g}, must be {relation} nmpc.{key}, {theirs:g}, or the guard "
+                "clips plans",
+            )

@@ -88,6 +88,21 @@ WRONG = [
         "timing.period: guard.late, 0.15, must be above timing.period, 0.2",
     ),
     ("guard: {c_min: 15.0}\n", "3:9", "guard.c_min: must be ≥ 0, < 9.81, got 15"),
+    (
+        "guard: {c_min: 3.0}\n",
+        "3:9",
+        "guard.c_min: guard.c_min, 3, must be at most nmpc.c_min, 2, or the guard clips plans",
+    ),
+    (
+        "nmpc: {c_max: 25.0}\n",
+        "3:8",
+        "nmpc.c_max: guard.c_max, 20, must be at least nmpc.c_max, 25",
+    ),
+    (
+        "nmpc: {omega_max: 4.0}\nguard: {omega_max: 3.5}\n",
+        "4:9",
+        "guard.omega_max: guard.omega_max, 3.5, must be at least nmpc.omega_max, 4",
+    ),
     ("guard: {stale_stop: 5.0}\n", "3:9", "guard.stale_stop: stale_land, 1, must be above"),
     ("guard: {stale_land: 0.3}\n", "3:9", "guard.stale_land: stale_land, 0.3, must be above"),
     ("speed_limits: {no_view: 0.7}\n", "3:16", "no_view, 0.7, must be above full_view"),
@@ -215,6 +230,12 @@ def test_all_mistakes_of_all_layers_come_at_once(folder):
         "default.yaml:1:1", "default.yaml:1:11", "default.yaml:2:9",
         "one.yaml:3:1", "one.yaml:3:8", "one.yaml:4:1",
     ]  # fmt: skip
+
+
+def test_the_guard_may_be_wider_than_the_plan(folder):
+    file = folder / "one.yaml"
+    file.write_text(HEAD + "guard: {c_min: 1.0, c_max: 25.0, omega_max: 4.0}\n")
+    assert load_config(file).guard.omega_max == 4.0
 
 
 def test_layers_lie_over_each_other(folder):
