@@ -28,17 +28,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path, nargs="+", help="drones; default.yaml is passed over")
     parser.add_argument("--root", type=Path, metavar="DIR", help="install below DIR: an image")
     parser.add_argument("--host", metavar="USER@HOST", help="default: board.host of each drone")
-    parser.add_argument("--remote-root", type=Path, default=Path("/"), metavar="DIR",
-                        help="install below DIR of the hosts: an image there")  # fmt: skip
+    parser.add_argument(
+        "--remote-root",
+        type=Path,
+        default=Path("/"),
+        metavar="DIR",
+        help="install below DIR of the hosts: an image there",
+    )
     parser.add_argument("--dry-run", action="store_true", help="tell, and change nothing")
     parser.add_argument("--rollback", action="store_true", help="back to the release before")
     parser.add_argument("--wheel", type=Path, help="default: built from this checkout")
-    parser.add_argument("--wheelhouse", type=Path, metavar="DIR",
-                        help="wheels of all dependencies, for boards without internet")  # fmt: skip
-    parser.add_argument("--rsh", type=_command, default=SSH, metavar="COMMAND",
-                        help=f"default: {SSH}")  # fmt: skip
-    parser.add_argument("--allow-auto", action="store_true",
-                        help="also drones that arm and take off by themselves")  # fmt: skip
+    parser.add_argument(
+        "--wheelhouse",
+        type=Path,
+        metavar="DIR",
+        help="wheels of all dependencies, for boards without internet",
+    )
+    parser.add_argument(
+        "--rsh", type=_command, default=SSH, metavar="COMMAND", help=f"default: {SSH}"
+    )
+    parser.add_argument(
+        "--allow-auto", action="store_true", help="also drones that arm and take off by themselves"
+    )
     parser.add_argument("--json", action="store_true", help="for machines")
 
 
@@ -64,8 +75,11 @@ def run(options: argparse.Namespace) -> int:
     except (SettingsError, BundleError, OSError) as error:
         print(error, file=sys.stderr)
         return EXIT_BAD_INPUT
-    rows = [(c.name, host or str(options.root), outcomes[host]) for host, drones in boards.items()
-            for _, c in drones]  # fmt: skip
+    rows = [
+        (c.name, host or str(options.root), outcomes[host])
+        for host, drones in boards.items()
+        for _, c in drones
+    ]
     if options.json:
         print(json.dumps([{"drone": d, "board": b, **o} for d, b, o in rows], indent=1))
     else:
@@ -99,14 +113,19 @@ def _unfit(drone: Drone, options: argparse.Namespace) -> list[str]:
     """What is fine to fly in a simulation and not fit for a board."""
     problems = []
     if drone.config.name in RESERVED:
-        problems.append(f"{drone.place('name')}: name: {drone.config.name!r} is the name of a file "
-                        "or folder beside the drone's own")  # fmt: skip
+        problems.append(
+            f"{drone.place('name')}: name: {drone.config.name!r} is the name of a file "
+            "or folder beside the drone's own"
+        )
     if drone.config.mission.auto and not options.allow_auto:
-        problems.append(f"{drone.place('mission.auto')}: mission.auto: it would arm and take off "
-                        "whenever the board starts; false, or --allow-auto")  # fmt: skip
+        problems.append(
+            f"{drone.place('mission.auto')}: mission.auto: it would arm and take off "
+            "whenever the board starts; false, or --allow-auto"
+        )
     if not (options.root or options.host or drone.config.board.host):
-        problems.append(f"{drone.place('board.host')}: board.host: is missing; or give --host "
-                        "or --root")  # fmt: skip
+        problems.append(
+            f"{drone.place('board.host')}: board.host: is missing; or give --host or --root"
+        )
     return problems
 
 

@@ -35,10 +35,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     who.add_argument("--all", action="store_true", help="every drone of the folder")
     who.add_argument("--only", nargs="+", metavar="NAME", help="these drones")
     parser.add_argument("--drones", type=Path, default=Path("configs/drones"), metavar="DIR")
-    parser.add_argument("--url", default="udpin://0.0.0.0:14550",
-                        help="where the vehicles speak to ground stations")  # fmt: skip
-    parser.add_argument("--patience", type=float, default=5.0, metavar="S",
-                        help="for vehicles to appear")  # fmt: skip
+    parser.add_argument(
+        "--url", default="udpin://0.0.0.0:14550", help="where the vehicles speak to ground stations"
+    )
+    parser.add_argument(
+        "--patience", type=float, default=5.0, metavar="S", help="for vehicles to appear"
+    )
     parser.add_argument("--json", action="store_true", help="for machines")
 
 
@@ -92,5 +94,7 @@ def _print(rows: list[Row]) -> None:
         armed = {True: "yes", False: "no", None: "-"}[row.armed]
         height = "-" if row.height is None else f"{row.height:.1f} m"
         battery = "-" if row.battery_percent is None else f"{row.battery_percent:.0f} %"
-        print(f"{row.drone:<{width}}  {row.system:>6}  {armed:<5}  {row.mode or '-':<10}  "
-              f"{height:>6}  {battery:>7}  {row.result}")  # fmt: skip
+        print(
+            f"{row.drone:<{width}}  {row.system:>6}  {armed:<5}  {row.mode or '-':<10}  "
+            f"{height:>6}  {battery:>7}  {row.result}"
+        )

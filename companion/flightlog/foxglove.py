@@ -49,9 +49,12 @@ def transform(own: VehicleState, name: str) -> FrameTransform:
     """The body frame, under the drone's name, in the own world frame."""
     p = _pose(own.p, own.q_wb)
     return FrameTransform(
-        timestamp=stamp(own.time), parent_frame_id="world", child_frame_id=name,
-        translation=p.position, rotation=p.orientation,
-    )  # fmt: skip
+        timestamp=stamp(own.time),
+        parent_frame_id="world",
+        child_frame_id=name,
+        translation=p.position,
+        rotation=p.orientation,
+    )
 
 
 def event(time: float, name: str, text: str) -> Log:
@@ -117,8 +120,9 @@ def _critical(own: VehicleState, critical: list[tuple[Track, float]]) -> SceneEn
     edges = entity.lines.add(type=_LIST, thickness=0.03, color=_RED)
     edges.points.extend(_points([end for t, _ in critical for end in (own.p, t.p)]))
     for (track, threat), there in zip(critical, edges.points[1::2], strict=True):
-        label = entity.texts.add(text=f"{track.id}: {threat:.2f}", font_size=0.2, color=_RED,
-                                 billboard=True)  # fmt: skip
+        label = entity.texts.add(
+            text=f"{track.id}: {threat:.2f}", font_size=0.2, color=_RED, billboard=True
+        )
         position = label.pose.position
         position.x, position.y, position.z = there.x, there.y, there.z + 0.3
     return entity

@@ -87,12 +87,19 @@ class _Copy:
             self._schemas[record.id] = w.register_schema(record.name, record.encoding, record.data)
         elif isinstance(record, Channel) and record.id not in self._channels:
             self._channels[record.id] = w.register_channel(
-                record.topic, record.message_encoding, self._schemas.get(record.schema_id, 0),
+                record.topic,
+                record.message_encoding,
+                self._schemas.get(record.schema_id, 0),
                 record.metadata,
-            )  # fmt: skip
+            )
         elif isinstance(record, Metadata):
             w.add_metadata(record.name, record.metadata)
         elif isinstance(record, Message) and record.channel_id in self._channels:
-            w.add_message(self._channels[record.channel_id], record.log_time, record.data,
-                          record.publish_time, record.sequence)  # fmt: skip
+            w.add_message(
+                self._channels[record.channel_id],
+                record.log_time,
+                record.data,
+                record.publish_time,
+                record.sequence,
+            )
             self.count += 1

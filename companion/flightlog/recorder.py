@@ -190,8 +190,9 @@ class Recorder:
         image: Image | None = frame.arrays.get("image")
         if image is not None:
             data = cv2.imencode(".jpg", image)[1].tobytes()
-            message = CompressedImage(timestamp=scene.stamp(frame.time), frame_id=self._name,
-                                      data=data, format="jpeg")  # fmt: skip
+            message = CompressedImage(
+                timestamp=scene.stamp(frame.time), frame_id=self._name, data=data, format="jpeg"
+            )
             self._put("/image", frame.time, message)
 
 

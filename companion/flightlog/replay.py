@@ -117,9 +117,12 @@ def differences(
     for name in ("omega", "c"):
         if _gap(recorded, today, name) > COMMAND_TOLERANCE:
             yield Difference(
-                number, recorded["time"], f"command.{name}",
-                recorded["command"][name], today["command"][name],
-            )  # fmt: skip
+                number,
+                recorded["time"],
+                f"command.{name}",
+                recorded["command"][name],
+                today["command"][name],
+            )
 
 
 def rerun(config: CompanionConfig, recorded: Iterable[RecordedInputs]) -> Iterator[dict[str, Any]]:
@@ -152,8 +155,10 @@ def _frame(inputs: RecordedInputs) -> Frame | None:
         return Frame(inputs.frame_time)
     drones = [[*d.direction, d.range, d.sigma_bearing, d.sigma_range] for d in inputs.drones]
     trunks = [[*t.direction, t.distance, t.radius, t.sigma, t.assumed] for t in inputs.trunks]
-    arrays = {"neighbours": np.array(drones).reshape(-1, 6),
-              "trunks": np.array(trunks).reshape(-1, 7)}  # fmt: skip
+    arrays = {
+        "neighbours": np.array(drones).reshape(-1, 6),
+        "trunks": np.array(trunks).reshape(-1, 7),
+    }
     if inputs.ranges is not None:
         arrays["ranges"] = inputs.ranges
     return Frame(inputs.frame_time, arrays)

@@ -87,9 +87,14 @@ class Daemon:
         self._state = StateFile(os.environ)
         self._liveness = Liveness(config.timing.period)
         self._events = Events()
-        event("start", drone=config.name, system=config.link.system_id,
-              endpoint=config.link.endpoint, camera=config.camera.source,
-              log=self._session.recorder and self._session.recorder.path)  # fmt: skip
+        event(
+            "start",
+            drone=config.name,
+            system=config.link.system_id,
+            endpoint=config.link.endpoint,
+            camera=config.camera.source,
+            log=self._session.recorder and self._session.recorder.path,
+        )
 
     def run(self) -> bool:
         """Tick until told to stop or until there is nobody left to fly for.

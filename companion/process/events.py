@@ -38,8 +38,13 @@ class Events:
         refused = counts.foreign + counts.unsigned
         if refused > self._refused and now - self._refused_at >= 1.0:
             new = refused - self._refused
-            event("refused", logging.WARNING, frames=new, foreign=counts.foreign,
-                  unsigned=counts.unsigned)  # fmt: skip
+            event(
+                "refused",
+                logging.WARNING,
+                frames=new,
+                foreign=counts.foreign,
+                unsigned=counts.unsigned,
+            )
             self._refused, self._refused_at = refused, now
 
     def tick(self, inputs: TickInputs, tick: Tick) -> None:

@@ -136,7 +136,11 @@ def _open(kind: str, address: str, size: tuple[int, int]) -> cv2.VideoCapture:
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         return capture
     if kind == "rtsp":
-        limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _OPEN_TIMEOUT,
-                  cv2.CAP_PROP_READ_TIMEOUT_MSEC, _READ_TIMEOUT]  # fmt: skip
+        limits = [
+            cv2.CAP_PROP_OPEN_TIMEOUT_MSEC,
+            _OPEN_TIMEOUT,
+            cv2.CAP_PROP_READ_TIMEOUT_MSEC,
+            _READ_TIMEOUT,
+        ]
         return cv2.VideoCapture(f"rtsp:{address}", cv2.CAP_FFMPEG, limits)
     return cv2.VideoCapture(address, cv2.CAP_GSTREAMER if kind == "gst" else cv2.CAP_ANY)

@@ -58,8 +58,10 @@ def bridge_problems(drone: Drone) -> list[str]:
     link = drone.config.link
     problems = []
     if link.autopilot == "betaflight" and link.signing is not None:
-        problems.append(f"{drone.place('link.signing')}: link.signing: mavlink-bridge does not "
-                        "sign, so a Betaflight would not be heard")  # fmt: skip
+        problems.append(
+            f"{drone.place('link.signing')}: link.signing: mavlink-bridge does not "
+            "sign, so a Betaflight would not be heard"
+        )
     path = bridge_of(drone.path)
     if not path.exists():
         return problems
@@ -71,13 +73,16 @@ def bridge_problems(drone: Drone) -> list[str]:
     kind, _, port = parse_endpoint(bridge.link.endpoint)
     if bridge.link.system_id != link.system_id:
         place = document.places.get(("link", "system_id"), path)
-        problems.append(f"{place}: link.system_id: is {bridge.link.system_id}, "
-                        f"that of {drone.config.name} {link.system_id}")  # fmt: skip
+        problems.append(
+            f"{place}: link.system_id: is {bridge.link.system_id}, "
+            f"that of {drone.config.name} {link.system_id}"
+        )
     mine, _, there = parse_endpoint(link.endpoint)
     if (kind, mine) == ("udpout", "udpin") and port != there:
         place = document.places.get(("link", "endpoint"), path)
-        problems.append(f"{place}: link.endpoint: port {port}, {drone.config.name} "
-                        f"listens on {there}")  # fmt: skip
+        problems.append(
+            f"{place}: link.endpoint: port {port}, {drone.config.name} listens on {there}"
+        )
     airframe, throttle = drone.config.airframe, bridge.throttle
     for key, is_, name, wanted in (
         ("hover", throttle.hover, "hover_thrust", airframe.hover_thrust),
@@ -85,8 +90,10 @@ def bridge_problems(drone: Drone) -> list[str]:
     ):
         if is_ != wanted:  # the bridge passes thrust on as throttle
             place = document.places.get(("throttle", key), path)
-            problems.append(f"{place}: throttle.{key}: is {is_}, airframe.{name} of "
-                            f"{drone.config.name} {wanted}")  # fmt: skip
+            problems.append(
+                f"{place}: throttle.{key}: is {is_}, airframe.{name} of "
+                f"{drone.config.name} {wanted}"
+            )
     return problems
 
 

@@ -49,9 +49,14 @@ class World:
         """A drone's file for vehicle i."""
         file = self.folder / f"drone{i}.yaml"
         file.write_text(
-            DRONE.format(i=i, port=self.companion_port + i, frames=self.frame_port + i,
-                         auto=str(auto).lower()) + more
-        )  # fmt: skip
+            DRONE.format(
+                i=i,
+                port=self.companion_port + i,
+                frames=self.frame_port + i,
+                auto=str(auto).lower(),
+            )
+            + more
+        )
         return file
 
 
@@ -67,14 +72,23 @@ def world(tmp_path_factory, request):
     scenario = tmp_path / "served.yaml"
     parameters = json.dumps(getattr(request.module, "PARAMETERS", {}))
     autopilot = getattr(request.module, "AUTOPILOT", "px4")
-    scenario.write_text(SCENARIO.format(p=base, f=base + 4, g=base + 9, parameters=parameters,
-                                        autopilot=autopilot))  # fmt: skip
+    scenario.write_text(
+        SCENARIO.format(p=base, f=base + 4, g=base + 9, parameters=parameters, autopilot=autopilot)
+    )
     with (tmp_path / "serve.log").open("wb") as log:
         process = subprocess.Popen(
-            [sys.executable, "-m", "sitl_sim", "serve", str(scenario), "--out",
-             str(tmp_path / "run")],
-            stdout=log, stderr=log,
-        )  # fmt: skip
+            [
+                sys.executable,
+                "-m",
+                "sitl_sim",
+                "serve",
+                str(scenario),
+                "--out",
+                str(tmp_path / "run"),
+            ],
+            stdout=log,
+            stderr=log,
+        )
     try:
         _until_listening(world.frame_port + 1, process)
         yield world
@@ -155,8 +169,11 @@ def supervise(tmp_path):
         with (folder / "stderr.log").open("wb") as log:
             process = subprocess.Popen(
                 [*map(str, command), "run", str(config)],
-                env=environment, stdout=log, stderr=log, cwd=cwd,
-            )  # fmt: skip
+                env=environment,
+                stdout=log,
+                stderr=log,
+                cwd=cwd,
+            )
         running.append(Supervised(process, listener, folder, time.monotonic()))
         return running[-1]
 

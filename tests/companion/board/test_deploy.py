@@ -105,15 +105,22 @@ def test_units_are_clean_and_hardened(board):
     instances = [u.replace("@", "@alpha") for u in units]
     verified = subprocess.run(
         ["systemd-analyze", "verify", f"--root={root}", *instances, "swarm.target"],
-        capture_output=True, text=True,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+    )
     assert (verified.returncode, verified.stderr) == (0, "")
     for unit in units:
         rated = subprocess.run(
-            ["systemd-analyze", "security", "--offline=true", "--threshold=20",
-             root / "etc/systemd/system" / unit],
-            capture_output=True, text=True,
-        )  # fmt: skip
+            [
+                "systemd-analyze",
+                "security",
+                "--offline=true",
+                "--threshold=20",
+                root / "etc/systemd/system" / unit,
+            ],
+            capture_output=True,
+            text=True,
+        )
         assert rated.returncode == 0, rated.stdout[-200:]
 
 

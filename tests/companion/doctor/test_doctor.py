@@ -66,9 +66,12 @@ def test_a_vehicle_that_a_daemon_flies_is_left_alone():
 
 @pytest.mark.parametrize(
     ("key", "level", "text"),
-    [("none/key", Level.RED, "No such file"), ("swarm.key", Level.AMBER, "a credential"),
-     ("{folder}/key", Level.GREEN, "key")],
-)  # fmt: skip
+    [
+        ("none/key", Level.RED, "No such file"),
+        ("swarm.key", Level.AMBER, "a credential"),
+        ("{folder}/key", Level.GREEN, "key"),
+    ],
+)
 def test_the_signing_key(tmp_path, key, level, text):
     (tmp_path / "key").write_bytes(bytes(range(32)))
     (tmp_path / "key").chmod(0o600)

@@ -24,8 +24,20 @@ def fleet(world, tmp_path, capfd):
     url = f"udpin://127.0.0.1:{world.ground_port}"
 
     def command(action, *who):
-        status = main(["fleet", action, *(who or ("--all",)), "--drones", str(drones),
-                       "--url", url, "--json", "--patience", "10"])  # fmt: skip
+        status = main(
+            [
+                "fleet",
+                action,
+                *(who or ("--all",)),
+                "--drones",
+                str(drones),
+                "--url",
+                url,
+                "--json",
+                "--patience",
+                "10",
+            ]
+        )
         told = capfd.readouterr()
         return status, json.loads(told.out) if told.out else told.err
 
@@ -80,9 +92,16 @@ def test_a_drone_that_is_not_there_has_a_row(fleet):
     (fleet.drones / "ghost.yaml").write_text(other)
     status, rows = fleet("status", "--only", "ghost", "--patience", "0.5")
     assert status == 1
-    assert rows[0] == {"drone": "ghost", "system": 77, "result": "not found", "ok": False,
-                       "armed": None, "mode": "", "height": None,
-                       "battery_percent": None}  # fmt: skip
+    assert rows[0] == {
+        "drone": "ghost",
+        "system": 77,
+        "result": "not found",
+        "ok": False,
+        "armed": None,
+        "mode": "",
+        "height": None,
+        "battery_percent": None,
+    }
 
 
 def test_no_drone_waits_for_one_that_is_not_there(monkeypatch):

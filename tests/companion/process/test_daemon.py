@@ -84,8 +84,9 @@ def test_without_an_autopilot_it_waits_and_says_so(world, supervise):
     config.write_text(text.replace(f":{world.companion_port + 9}", ":0"))
     daemon = supervise(config)
     assert daemon.listen(10.0, until="EXTEND_TIMEOUT_USEC="), daemon.log()
-    assert ("STATUS=waiting for heartbeat and telemetry of the autopilot, camera frame, "
-            "solved plan") in [line for _, line in daemon.heard]  # fmt: skip
+    assert (
+        "STATUS=waiting for heartbeat and telemetry of the autopilot, camera frame, solved plan"
+    ) in [line for _, line in daemon.heard]
     assert not daemon.listen(1.0, until="READY=1")
     daemon.process.send_signal(signal.SIGTERM)
     assert daemon.process.wait(2.0) == 0

@@ -106,8 +106,10 @@ def test_a_hung_tick_is_silent_and_ended(flown, note, how):
 
 def end_as_the_unit_says(daemon):
     """What systemd does: WatchdogSec after the last feed SIGABRT, TimeoutAbortSec later SIGKILL."""
-    patience, abort = (float(re.search(rf"^{key}=([0-9.]+)", UNIT.read_text(), re.M).group(1))
-                       for key in ("WatchdogSec", "TimeoutAbortSec"))  # fmt: skip
+    patience, abort = (
+        float(re.search(rf"^{key}=([0-9.]+)", UNIT.read_text(), re.M).group(1))
+        for key in ("WatchdogSec", "TimeoutAbortSec")
+    )
     while True:
         fed = daemon.started + max(t for t, line in daemon.heard if line.startswith("WATCHDOG"))
         left = fed + patience - time.monotonic()

@@ -38,8 +38,7 @@ class Vehicle:
         self.companion = Companion(CompanionConfig.model_validate(config), lambda: 0.0)
         self.time = 10.0
 
-    def tick(self, mode="hold", *, armed=True, height=2.0, telemetry=True, frame=-0.03,
-             seen=SEEN):  # fmt: skip
+    def tick(self, mode="hold", *, armed=True, height=2.0, telemetry=True, frame=-0.03, seen=SEEN):
         """The next tick; mode None: no heartbeat.
 
         frame: how much later than the tick its stamp is, None: no frame.
@@ -48,8 +47,10 @@ class Vehicle:
         received = [Heartbeat(12, 2, armed, MODES[mode], 4)] if telemetry and mode else []
         for age in (0.06, 0.04, 0.02) if telemetry else ():
             p = np.array([0.0, 0.0, height])
-            received += [Attitude(self.time - age, np.array([1.0, 0, 0, 0]), np.zeros(3)),
-                         LocalPosition(self.time - age, p, np.zeros(3))]  # fmt: skip
+            received += [
+                Attitude(self.time - age, np.array([1.0, 0, 0, 0]), np.zeros(3)),
+                LocalPosition(self.time - age, p, np.zeros(3)),
+            ]
         picture = None if frame is None else Frame(self.time + frame, seen)
         heard = [Received(Source(1, 1), m) for m in received]
         return self.companion.tick(TickInputs(self.time, heard, picture))

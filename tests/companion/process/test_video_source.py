@@ -32,9 +32,15 @@ def film(tmp_path):
 
 @pytest.mark.parametrize(
     "source",
-    ["sim:127.0.0.1:15541", "device:0", "device:/dev/video2", "rtsp://10.0.0.2/main",
-     "gst:v4l2src ! appsink", "file:/tmp/film.avi"],
-)  # fmt: skip
+    [
+        "sim:127.0.0.1:15541",
+        "device:0",
+        "device:/dev/video2",
+        "rtsp://10.0.0.2/main",
+        "gst:v4l2src ! appsink",
+        "file:/tmp/film.avi",
+    ],
+)
 def test_valid_forms(source):
     assert check_source(source) == source
 

@@ -227,9 +227,13 @@ def test_all_mistakes_of_all_layers_come_at_once(folder):
         load_config(file)
     places = [p.split(": ")[0].removeprefix(f"{folder}/") for p in caught.value.problems]
     assert sorted(places) == [
-        "default.yaml:1:1", "default.yaml:1:11", "default.yaml:2:9",
-        "one.yaml:3:1", "one.yaml:3:8", "one.yaml:4:1",
-    ]  # fmt: skip
+        "default.yaml:1:1",
+        "default.yaml:1:11",
+        "default.yaml:2:9",
+        "one.yaml:3:1",
+        "one.yaml:3:8",
+        "one.yaml:4:1",
+    ]
 
 
 def test_the_guard_may_be_wider_than_the_plan(folder):
@@ -329,9 +333,13 @@ def test_check_for_machines(folder, capsys):
     report = json.loads(capsys.readouterr().out)
     assert report["ok"] is False
     assert report["files"][0]["problems"] == [
-        {"file": str(folder / "one.yaml"), "line": 3, "column": 8,
-         "text": "link.system_id: must be ≥ 1, ≤ 255, got 0"}
-    ]  # fmt: skip
+        {
+            "file": str(folder / "one.yaml"),
+            "line": 3,
+            "column": 8,
+            "text": "link.system_id: must be ≥ 1, ≤ 255, got 0",
+        }
+    ]
 
 
 def test_the_examples_are_fine_together(capsys):
