@@ -1,4 +1,4 @@
-"""One companion on one link with its flight log: what the daemon and in-process flights share."""
+"""One companion on one link with its flight log, as the daemon and in-process flights share it."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from mavlink_bridge.wire.link import Link
 
 
 class Session:
-    """Lets the companion tick, sends what follows, and logs it."""
+    """Ticks the companion, sends its messages, and logs the tick."""
 
     def __init__(self, companion: Companion, link: Link, misses: Callable[[], int]) -> None:
-        """misses: returns the deadlines missed so far."""
+        """Start without a log; misses: returns the deadlines missed so far."""
         self.recorder: Recorder | None = None
         self._companion = companion
         self._link = link
@@ -30,7 +30,7 @@ class Session:
         self._link.tap = lambda sent, data: self._packets.append((sent, data))
 
     def close_log(self) -> None:
-        """End the log; the flight goes on without it."""
+        """End the log; the flight goes on without one."""
         self._link.tap = None
         self._packets.clear()
         if self.recorder is not None:
@@ -38,7 +38,7 @@ class Session:
             self.recorder = None
 
     def tick(self, inputs: TickInputs) -> tuple[Tick, bool]:
-        """Tick and send; return the tick, and whether anything left the process."""
+        """Tick and send; return the tick, and whether a packet left the process."""
         started, packets = time.perf_counter(), self._link.packets_out
         tick = self._companion.tick(inputs)
         for packet in tick.packets:

@@ -1,4 +1,4 @@
-"""A world in real time beside the test, and a supervisor that listens to a daemon."""
+"""A world in real time beside the test, and a service manager that listens to a daemon."""
 
 import json
 import os
@@ -38,7 +38,7 @@ log: {{path: 'flight-{{time}}.mcap'}}
 
 @dataclass
 class World:
-    """`sitl-sim serve` and where its vehicles are."""
+    """`sitl-sim serve` and the ports of its vehicles."""
 
     folder: Path
     companion_port: int
@@ -46,7 +46,7 @@ class World:
     ground_port: int
 
     def config(self, i, auto=False, more=""):
-        """A drone's file for vehicle i."""
+        """Write a drone's file for vehicle i and return its path."""
         file = self.folder / f"drone{i}.yaml"
         file.write_text(
             DRONE.format(
@@ -62,9 +62,9 @@ class World:
 
 @pytest.fixture(scope="module")
 def world(tmp_path_factory, request):
-    """Three vehicles in real time for the tests of a file, who share them out.
+    """Three vehicles in real time, which the tests of a file share.
 
-    The file may say which AUTOPILOT they have, and its PARAMETERS.
+    The file may set the vehicles' AUTOPILOT and its PARAMETERS.
     """
     tmp_path = tmp_path_factory.mktemp("world")
     base = free_ports(12)
@@ -108,8 +108,8 @@ def _until_listening(port, process):
 
 
 @dataclass
-class Supervised:
-    """A daemon whose notifications are caught as a service manager would."""
+class RunningDaemon:
+    """A daemon, and the notices that it sends to its service manager."""
 
     process: subprocess.Popen
     socket: socket.socket
@@ -118,7 +118,7 @@ class Supervised:
     heard: list = field(default_factory=list)  # (seconds since start, line)
 
     def listen(self, seconds, until=None):
-        """Gather notifications for so long, or until a line starts with `until`; was it heard?"""
+        """Gather notices for `seconds`; return whether a line that starts with `until` came."""
         deadline = time.monotonic() + seconds
         while (left := deadline - time.monotonic()) > 0:
             if not select.select([self.socket], [], [], min(left, 0.05))[0]:
@@ -136,7 +136,7 @@ class Supervised:
         return sum(line.startswith(word) for _, line in self.heard)
 
     def state(self):
-        """What the daemon says of itself in its run directory."""
+        """Return the daemon's state file."""
         file = self.folder / "state.json"
         return json.loads(file.read_text()) if file.exists() else {}
 
@@ -151,8 +151,8 @@ class Supervised:
 
 
 @pytest.fixture
-def supervise(tmp_path):
-    """Start `companion run` under a fake service manager."""
+def start_daemon(tmp_path):
+    """Start `companion run` under a stand-in for the service manager."""
     running = []
 
     def start(config, command=(sys.executable, "-m", "companion"), cwd=None):
@@ -174,7 +174,7 @@ def supervise(tmp_path):
                 stderr=log,
                 cwd=cwd,
             )
-        running.append(Supervised(process, listener, folder, time.monotonic()))
+        running.append(RunningDaemon(process, listener, folder, time.monotonic()))
         return running[-1]
 
     yield start

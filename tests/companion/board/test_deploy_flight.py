@@ -58,7 +58,7 @@ def upgraded(root):
 
 
 @pytest.mark.timeout(600)
-def test_deployed_flown_upgraded_rolled_back(wheel, world, supervise, tmp_path, capsys):
+def test_deployed_flown_upgraded_rolled_back(wheel, world, start_daemon, tmp_path, capsys):
     root = tmp_path / "root"
     root.mkdir()
     files = [world.config(i, auto=True) for i in (1, 2)]
@@ -79,7 +79,7 @@ def test_deployed_flown_upgraded_rolled_back(wheel, world, supervise, tmp_path, 
 
     # Both drones fly from there, each under its supervisor.
     daemons = [
-        supervise(
+        start_daemon(
             root / f"etc/swarm-companion/drone{i}/drone{i}.yaml",
             command=[root / DEPLOYED / "companion"],
             cwd=tmp_path,

@@ -45,8 +45,8 @@ def fleet(world, tmp_path, capfd):
     return command
 
 
-def test_arm_take_off_start_hold_land(fleet, supervise):
-    companion = supervise(fleet.drones / "drone1.yaml")
+def test_arm_take_off_start_hold_land(fleet, start_daemon):
+    companion = start_daemon(fleet.drones / "drone1.yaml")
     assert companion.listen(20.0, until="READY=1"), companion.log()
     companion.until_phase("wait", 2.0)  # told a moment after READY
 

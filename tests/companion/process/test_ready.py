@@ -39,9 +39,9 @@ class Vehicle:
         self.time = 10.0
 
     def tick(self, mode="hold", *, armed=True, height=2.0, telemetry=True, frame=-0.03, seen=SEEN):
-        """The next tick; mode None: no heartbeat.
+        """Fly the next tick; mode None: no heartbeat.
 
-        frame: how much later than the tick its stamp is, None: no frame.
+        frame: s from the tick to the stamp of its frame; None: no frame.
         """
         self.time = round(self.time + 0.1, 3)
         received = [Heartbeat(12, 2, armed, MODES[mode], 4)] if telemetry and mode else []
@@ -75,7 +75,7 @@ def arming(ticks):
 
 
 @pytest.mark.row("7")
-def test_telemetry_that_ended_is_not_flown_on():
+def test_without_telemetry_the_drone_does_not_arm():
     vehicle = Vehicle(auto=True)
     for _ in range(15):
         assert phase(vehicle.tick(armed=False, height=0.0, frame=None)) is Phase.WAIT
@@ -88,7 +88,7 @@ def test_telemetry_that_ended_is_not_flown_on():
 
 
 @pytest.mark.row("7")
-def test_after_a_silence_nothing_is_asked_of_it_before_a_heartbeat_says_whose_it_is():
+def test_after_a_silence_nothing_is_requested_before_a_heartbeat_tells_the_mode():
     vehicle = Vehicle()
     for mode in ["hold"] * 10 + ["offboard"] * 20:
         assert phase(vehicle.tick(mode)) is not Phase.PASSIVE
@@ -111,7 +111,7 @@ def test_a_camera_that_dies_after_the_first_request_ends_the_arming():
 
 
 @pytest.mark.row("15")
-def test_one_stamp_in_the_future_blinds_for_one_tick():
+def test_one_stamp_in_the_future_blinds_the_drone_for_one_tick():
     vehicle = Vehicle()
     for mode in ["hold"] * 10 + ["offboard"] * 20:
         vehicle.tick(mode)
@@ -124,7 +124,7 @@ def test_one_stamp_in_the_future_blinds_for_one_tick():
 
 
 @pytest.mark.row("15")
-def test_pictures_of_another_size_in_flight_are_no_sight():
+def test_pictures_of_another_size_are_not_searched():
     picture = np.random.default_rng(0).integers(50, 200, (40, 64, 64, 3), np.uint8)
     vehicle = Vehicle("camera")
     for mode, image in zip(["hold"] * 10 + ["offboard"] * 20, picture, strict=False):
@@ -139,7 +139,7 @@ def test_pictures_of_another_size_in_flight_are_no_sight():
 
 
 def depth_of_a_trunk(camera, unknown=0.0):
-    """A depth image of a trunk of 0.3 m, 3 m ahead; unknown: of its width [rad], from ahead."""
+    """Return a depth image of a trunk of radius 0.3 m, 3 m ahead; NaN within `unknown` rad."""
     x, _, z = np.moveaxis(camera.scaled(160, 160).directions.astype(float), -1, 0)
     across, level = np.hypot(x, z), np.arctan2(np.abs(x), z)
     root = np.maximum(0.3**2 - (3.0 * np.sin(level)) ** 2, 0.0)
@@ -148,8 +148,8 @@ def depth_of_a_trunk(camera, unknown=0.0):
 
 
 @pytest.mark.parametrize("unknown", [0.2, 3.2])
-def test_a_depth_image_that_knows_nothing_is_no_free_view(unknown):
-    """Of the trunk's direction, or of any: what was seen there before is remembered."""
+def test_an_unknown_depth_is_no_free_view(unknown):
+    """Where the depth is unknown, ahead or everywhere, the trunk seen before is remembered."""
     vehicle = Vehicle(obstacles="depth")
     camera = Camera.equidistant(64, 64, 160.0)
     drones = {"neighbours": SEEN["neighbours"][:0]}

@@ -1,10 +1,10 @@
-"""What the service manager is told."""
+"""Notices to the service manager."""
 
 import socket
 
 import pytest
 
-from companion.process.supervisor import Supervisor
+from companion.process.service_manager import ServiceManager
 
 
 @pytest.mark.parametrize("abstract", [False, True])
@@ -12,17 +12,17 @@ def test_notifications_are_datagrams(tmp_path, abstract):
     address = f"@companion-test-{tmp_path.name}" if abstract else str(tmp_path / "notify")
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
         listener.bind("\0" + address[1:] if abstract else address)
-        supervisor = Supervisor({"NOTIFY_SOCKET": address})
-        supervisor.ready("fly")
-        supervisor.alive()
+        service_manager = ServiceManager({"NOTIFY_SOCKET": address})
+        service_manager.ready("fly")
+        service_manager.alive()
         assert listener.recv(4096) == b"READY=1\nSTATUS=fly\nWATCHDOG=1"
         assert listener.recv(4096) == b"WATCHDOG=1"
-        supervisor.close()
+        service_manager.close()
 
 
 @pytest.mark.parametrize("environment", [{}, {"NOTIFY_SOCKET": "/nowhere/at/all"}])
-def test_nobody_listens_and_nothing_happens(environment):
-    supervisor = Supervisor(environment)
-    supervisor.alive()
-    supervisor.close()
-    supervisor.alive()
+def test_without_a_listener_nothing_happens(environment):
+    service_manager = ServiceManager(environment)
+    service_manager.alive()
+    service_manager.close()
+    service_manager.alive()
