@@ -1,4 +1,4 @@
-"""What no single configuration can know: two drones that want the same thing."""
+"""Conflicts between configurations: two drones that claim the same name, id or port."""
 
 from __future__ import annotations
 
@@ -14,19 +14,22 @@ from mavlink_bridge.wire.link import parse_endpoint
 
 @dataclass(frozen=True)
 class Drone:
-    """A drone's file, its resolved document and what it says."""
+    """A drone's file, its resolved document and its configuration."""
 
     path: Path
     document: Document
     config: CompanionConfig
 
     def place(self, key: str) -> str:
-        """Where it says `key`; its file where that is the built-in default."""
+        """Return the place of `key`; the file where the value is the built-in default."""
         return self.document.places.get(tuple(key.split(".")), str(self.path))
 
 
 def read_drones(paths: Iterable[Path]) -> tuple[list[Drone], list[str]]:
-    """Every drone among the files (layers are passed over), and what is wrong with the rest."""
+    """Return the valid drones among the files, and the problems of the others.
+
+    Layers and bridges are passed over.
+    """
     drones: list[Drone] = []
     problems: list[str] = []
     for path in dict.fromkeys(p for p in paths if not (is_layer(p) or is_bridge(p))):
@@ -39,7 +42,7 @@ def read_drones(paths: Iterable[Path]) -> tuple[list[Drone], list[str]]:
 
 
 def conflicts(drones: Iterable[Drone]) -> list[str]:
-    """A problem for each thing that a drone shares with one before it, at its place."""
+    """Return a problem, with its place, for each claim that an earlier drone has made already."""
     taken: dict[tuple[str, ...], tuple[Drone, str]] = {}
     problems = []
     for drone in drones:
@@ -54,7 +57,7 @@ def conflicts(drones: Iterable[Drone]) -> list[str]:
 
 
 def bridge_problems(drone: Drone) -> list[str]:
-    """Where a drone and its bridge do not fit together; the bridge's file need not be there."""
+    """Return where a drone and its bridge do not fit together; a drone may have no bridge."""
     link = drone.config.link
     problems = []
     if link.autopilot == "betaflight" and link.signing is not None:
@@ -98,9 +101,9 @@ def bridge_problems(drone: Drone) -> list[str]:
 
 
 def _claims(config: CompanionConfig) -> Mapping[str, tuple[tuple[str, ...], str]]:
-    """By key: what a drone claims for itself, and how to say it.
+    """Return what a drone claims for itself, by key, and its name in messages.
 
-    System ids and names are the swarm's, ports and devices those of one board.
+    Names and system ids are unique in the swarm, ports and devices on one board.
     """
     board = config.board.host or ""
     return {
@@ -121,7 +124,7 @@ def _claims(config: CompanionConfig) -> Mapping[str, tuple[tuple[str, ...], str]
 
 
 def _port(endpoint: str) -> tuple[str, str]:
-    """What an endpoint occupies: a UDP or TCP port whatever the address, else a device."""
+    """Return what an endpoint occupies: a port, whatever its address, or a device."""
     kind, _, address = endpoint.partition(":")
     _, _, port = address.rpartition(":")
     if kind.startswith(("udp", "tcp", "sim")) and port.isdigit():
