@@ -23,7 +23,9 @@ def examine(config: CompanionConfig) -> Iterator[Finding]:
     try:
         source = open_source(config.camera)
     except VideoError as error:
-        yield Finding("camera", Level.RED, str(error), "is it plugged in, and free of other programs?")
+        yield Finding(
+            "camera", Level.RED, str(error), "is it plugged in, and free of other programs?"
+        )
         return
     try:
         frames = _watch(source)

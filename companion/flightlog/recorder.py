@@ -2,13 +2,13 @@
 
 | topic | message |
 |---|---|
-| `/tick` | JSON: everything the tick knew and decided (`records.py`) |
-| `/inputs` | what the tick went by, exactly (`inputs.py`); a replay begins here |
-| `/pose` `/tf` `/scene` `/events` `/image` | Foxglove's own types, for any viewer (`scene.py`) |
+| `/tick` | JSON: the results of all stages of the tick (`record.py`) |
+| `/inputs` | the exact inputs of the tick, from which a replay starts (`inputs.py`) |
+| `/pose` `/tf` `/scene` `/events` `/image` | Foxglove's types, for any viewer (`foxglove.py`) |
 
-Chunks end every half second, so that a kill at any instant loses less than one. Recording
-happens after the tick's messages went out. A name with `{time}` never takes the place of an older
-log: boards without a clock of their own start at the same second every day.
+Chunks end every half second, so that a kill at any instant loses less than that. A tick is recorded
+after its messages were sent. A log with `{time}` in its name never replaces an older one: boards
+without a battery-backed clock start at the same second every day.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ from companion.types import Image
 from mavlink_bridge.wire.video import Frame
 
 Packets = Sequence[tuple[bool, bytes]]  # (sent by us, datagram)
-CONFIG = "config"  # name of the metadata record that holds the drone's configuration
+CONFIG = "config"  # name of the metadata record of the drone's configuration
 _CHUNK = 256 * 1000  # bytes, most that one chunk holds
 _TICKS_A_CHUNK = 5
-_TICKS_A_SCENE = 2  # for eyes; all ticks are in /tick
-_TICKS_A_MAP = 10  # obstacles change slowly, and a viewer keeps them
+_TICKS_A_SCENE = 2  # for viewers; /tick has all ticks
+_TICKS_A_MAP = 10  # obstacles change slowly, and viewers keep them
 _IMAGE_PERIOD = 1.0  # s
 _PROTOBUF: dict[str, type[Message]] = {
     "/pose": PoseInFrame,
@@ -57,9 +57,9 @@ _PROTOBUF: dict[str, type[Message]] = {
 
 
 class Recorder:
-    """Writes the log of one drone; a disk that fails ends the log, never the flight.
+    """Writes the log of one drone; a disk error ends the log, never the flight.
 
-    path: the file that it became.
+    path: the log's file. failed: why the log ended early; None: it goes on.
 
     Raises:
         OSError: the file cannot be made.
@@ -90,8 +90,8 @@ class Recorder:
     ) -> None:
         """Append a tick.
 
-        packets: since the tick before, in order. counters: so far. costs: s, of what is not a
-        stage of the tick.
+        packets: since the tick before, in order. counters: of link and deadlines, so far. costs: s,
+        of work that is no stage of the tick.
         """
         if self.failed is not None:
             return
@@ -103,7 +103,7 @@ class Recorder:
             self.failed = f"flight log ended: {error}"
 
     def close(self) -> None:
-        """Finish the file so that indexed readers open it."""
+        """Write the index, without which readers refuse the file, and close it."""
         try:
             if self.failed is None:
                 self._writer.finish()
@@ -165,7 +165,7 @@ class Recorder:
         self._writer.add_message(self._channels[topic], round(time * 1e9), data, self._count)
 
     def _write_events(self, tick: Tick) -> bool:
-        """Write a line for each change of phase, guard reason or goal; return if there was any."""
+        """Log each change of phase, guard reason or goal; return whether there was any."""
         state = {"phase": tick.supervised.phase.value}
         if tick.supervised.verdict is not None:
             state["guard"] = tick.supervised.verdict.reason.value
@@ -197,7 +197,7 @@ class Recorder:
 
 
 def _create(path: Path) -> IO[bytes]:
-    """A new file of this name, or of the first of NAME-2, NAME-3 … that is free."""
+    """Open a new file of this name, or of the first of NAME-2, NAME-3 … that is free."""
     names = (path.with_stem(f"{path.stem}-{n}") for n in itertools.count(2))
     for name in itertools.chain([path], names):
         try:
@@ -208,7 +208,7 @@ def _create(path: Path) -> IO[bytes]:
 
 
 def _configuration(config: CompanionConfig) -> dict[str, str]:
-    """What was set, for a replay with today's defaults, and all that held, for people."""
+    """Return the keys that were set, for replays with other defaults, and all keys, for people."""
     return {
         "name": config.name,
         "set": config.model_dump_json(exclude_unset=True),

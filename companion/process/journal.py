@@ -16,14 +16,12 @@ _BURST, _SPAN = 5, 10.0  # lines of one event in so many seconds
 log = logging.getLogger("companion")
 
 
-def set_up(stream_is_journal: bool | None = None) -> None:
+def set_up() -> None:
     """Send `log` to stderr; once in a process."""
     if log.handlers:
         return
-    if stream_is_journal is None:
-        stream_is_journal = _stderr_is_journal()
     handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(Fields(prefix=stream_is_journal))
+    handler.setFormatter(Fields(prefix=_stderr_is_journal()))
     handler.addFilter(RateLimit(time.monotonic))
     log.addHandler(handler)
     log.setLevel(logging.INFO)

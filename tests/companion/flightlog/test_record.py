@@ -1,4 +1,4 @@
-"""One tick as the log's plain data: what the drone knew, what it decided and why."""
+"""One tick as the log's plain data: state, detections, decisions and their reasons."""
 
 import dataclasses
 
@@ -14,7 +14,7 @@ from companion.types import Phase
 from tests.companion.ticks import COSTS, tick
 
 
-def test_what_guidance_decided_and_why():
+def test_the_reference_and_its_reasons():
     r = record(tick(3)[1])
     assert r["goal"]["index"] == 0
     assert r["goal"]["p"].tolist() == [1.0, 2.0, 3.0]
@@ -26,7 +26,7 @@ def test_what_guidance_decided_and_why():
     assert r["critical"] == [[0, 0.5], [1, 0.5], [2, 0.5]]
 
 
-def test_why_the_drone_does_not_fly():
+def test_the_reason_for_which_a_drone_does_not_fly():
     _, made = tick(3)
     blind = dataclasses.replace(
         made,
@@ -39,7 +39,7 @@ def test_why_the_drone_does_not_fly():
     assert "command" not in r
 
 
-def test_the_first_tick_knows_next_to_nothing():
+def test_the_first_tick_has_no_state_and_no_plan():
     r = orjson.loads(encode(Tick(0.0), {}, {}))
     assert (r["phase"], r["camera"], r["inhibit"]) == ("wait", "none", "")
     assert r["critical"] == r["tracks"] == r["detections"] == r["cylinders"] == []
@@ -47,7 +47,7 @@ def test_the_first_tick_knows_next_to_nothing():
     assert r["frame"] is None
 
 
-def test_what_the_tick_cost():
+def test_the_costs_of_a_tick():
     r = orjson.loads(encode(tick(3)[1], {"deadline_misses": 1}, COSTS))
     assert r["stages_ms"] == {"see": 4.0, "plan": 10.0, "tick": 20.0, "log": 1.0}
     assert r["counters"] == {"deadline_misses": 1}

@@ -41,7 +41,7 @@ def messages(path, topic):
         return [m for *_, m in reader.iter_decoded_messages(topics=[topic])]
 
 
-def test_what_is_read_is_what_was_written(whole):
+def test_a_log_reads_back_as_it_was_written(whole):
     log = read_log(whole)
     assert log.config == {"name": "tester", "log": {"path": str(whole)}}  # what was set
     assert len(log.ticks) == len(log.inputs) == 40
@@ -58,7 +58,7 @@ def test_what_is_read_is_what_was_written(whole):
     np.testing.assert_allclose(log.ticks[7]["own"]["p"], made.vehicle.state.p, atol=1e-4)
 
 
-def test_any_viewer_finds_foxgloves_types(whole):
+def test_viewers_find_foxgloves_types(whole):
     pose, transform = messages(whole, "/pose")[3].pose, messages(whole, "/tf")[3]
     p = tick(3)[1].vehicle.state.p
     assert (pose.position.x, pose.position.y, pose.position.z) == tuple(p)
@@ -116,7 +116,7 @@ def test_the_memory_of_a_log_does_not_grow(tmp_path):
     assert len(messages(tmp_path / "flight.mcap", "/pose")) == 1200
 
 
-def test_a_log_with_a_time_in_its_name_takes_the_place_of_none(tmp_path):
+def test_a_log_with_a_time_in_its_name_replaces_no_older_log(tmp_path):
     path = tmp_path / "flight-20260101T000000Z.mcap"
     pattern = config(tmp_path / "flight-{time}.mcap")
     for n in range(1, 4):
@@ -219,7 +219,7 @@ def test_recover_from_the_command_line(whole, tmp_path, capsys):
 
 
 def test_a_log_is_not_recovered_into_itself(whole, tmp_path, monkeypatch, capsys):
-    """A daemon that still writes it would go on in a file without a name."""
+    """A daemon that still writes the log would go on in a file without a name."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "flight.mcap").write_bytes(whole.read_bytes()[:-3000])
     (tmp_path / "link.mcap").symlink_to("flight.mcap")

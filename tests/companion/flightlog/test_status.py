@@ -11,7 +11,7 @@ from tests.companion.ticks import COSTS, config, tick
 
 @pytest.fixture
 def drone(tmp_path, monkeypatch):
-    """A drone's config file, with a daemon that has logged seven ticks and is not done."""
+    """A drone's file, and a daemon that has logged seven ticks and goes on."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(status_module, "_SERVICE_LOGS", tmp_path / "service")
     file = tmp_path / "tester.yaml"
@@ -53,7 +53,7 @@ def test_from_the_log_itself_and_from_the_services_directory(drone, tmp_path, ca
     assert capsys.readouterr().out.count("phase    fly") == 2
 
 
-def test_a_daemon_that_stopped_is_told_from_one_that_runs(drone, tmp_path, capsys, monkeypatch):
+def test_a_daemon_that_stopped_is_not_shown_as_running(drone, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(status_module, "_STALE", -1.0)
     main(["status", str(drone)])
     assert capsys.readouterr().out.startswith("not running, last tick at 0.4 s")

@@ -1,4 +1,4 @@
-"""What ground stations open: pymavlink's own reader, as MAVProxy uses it, reads the .tlog."""
+"""The .tlog as ground stations open it: by pymavlink's reader, which MAVProxy uses."""
 
 import numpy as np
 import pytest
