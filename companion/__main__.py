@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
+import signal
 import sys
 from importlib.metadata import version
 
@@ -26,10 +27,34 @@ COMMANDS = (
     "log",
     "status",
 )
+EXIT_NO_EXTRA = 2
+EXIT_INTERRUPTED = 128 + signal.SIGINT  # the shell's convention
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Entry point of `companion`."""
+    """Run one subcommand of `companion` and return its exit status."""
+    try:
+        return _run(arguments)
+    except KeyboardInterrupt as interrupt:
+        print(": ".join(["interrupted", *map(str, interrupt.args)]), file=sys.stderr)
+        return EXIT_INTERRUPTED
+
+
+def _run(arguments: list[str] | None) -> int:
+    from companion.commands.extras import missing_extra
+
+    options = _parser().parse_args(arguments)
+    try:
+        return int(options.run(options))
+    except ModuleNotFoundError as error:
+        line = missing_extra(error)
+        if line is None:
+            raise
+        print(line, file=sys.stderr)
+        return EXIT_NO_EXTRA
+
+
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="companion", description="Per-drone flight application.")
     parser.add_argument("--version", action="version", version=version("swarm-companion"))
     commands = parser.add_subparsers(dest="command", required=True)
@@ -38,8 +63,7 @@ def main(arguments: list[str] | None = None) -> int:
         sub = commands.add_parser(name, help=module.HELP, description=module.HELP)
         module.add_arguments(sub)
         sub.set_defaults(run=module.run)
-    options = parser.parse_args(arguments)
-    return int(options.run(options))
+    return parser
 
 
 if __name__ == "__main__":

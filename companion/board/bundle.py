@@ -40,8 +40,17 @@ def build_wheel(folder: Path) -> Path:
     checkout = Path(companion.__file__).parents[1]
     if not (checkout / "pyproject.toml").exists():
         raise BundleError("not run from a checkout: name the wheel to install with --wheel")
-    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir",
-               str(folder), str(checkout)]  # fmt: skip
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "wheel",
+        "--quiet",
+        "--no-deps",
+        "--wheel-dir",
+        str(folder),
+        str(checkout),
+    ]
     built = subprocess.run(command, capture_output=True, text=True)
     if built.returncode:
         raise BundleError(f"the wheel does not build: {built.stderr.strip()[-500:]}")
@@ -56,8 +65,9 @@ def release_name(wheel: Path) -> str:
     """
     parts = wheel.name.split("-")
     if wheel.suffix != ".whl" or len(parts) < _WHEEL_PARTS:
-        raise BundleError(f"--wheel {wheel}: must be named as a wheel, "
-                          "NAME-VERSION-PYTHON-ABI-PLATFORM.whl")  # fmt: skip
+        raise BundleError(
+            f"--wheel {wheel}: must be named as a wheel, NAME-VERSION-PYTHON-ABI-PLATFORM.whl"
+        )
     try:
         content = wheel.read_bytes()
     except OSError as error:

@@ -187,8 +187,10 @@ class Board:
             known[str(relative)] = sha256(data)
             return
         beside = path.with_name(path.name + ".new")
-        self.report.note("config", f"/{CONFIG}/{relative} was edited here and is kept; "
-                                   f"the new one is {beside.name}")  # fmt: skip
+        self.report.note(
+            "config",
+            f"/{CONFIG}/{relative} was edited here and is kept; the new one is {beside.name}",
+        )
         if not self.report.dry_run:
             self._changes.write(beside, data)
 
@@ -347,8 +349,10 @@ def _up(state: dict[str, str]) -> bool:
 
 def _how_to_remove(folder: Path) -> str:
     name = folder.name
-    return (f"if {name} is no drone of this board any more: `sudo systemctl disable --now "
-            f"companion@{name} mavlink-bridge@{name}; sudo rm -r {folder}`")  # fmt: skip
+    return (
+        f"if {name} is no drone of this board any more: `sudo systemctl disable --now "
+        f"companion@{name} mavlink-bridge@{name}; sudo rm -r {folder}`"
+    )
 
 
 def _pip(bundle: Path) -> list[str]:
@@ -356,8 +360,16 @@ def _pip(bundle: Path) -> list[str]:
     wheels = [str(p) for p in sorted((bundle / "wheel").glob("*.whl"))]
     house = bundle / "wheelhouse"
     source = ["--no-index", "--find-links", str(house)] if house.exists() else []
-    return ["-m", "pip", "install", "--quiet", "--disable-pip-version-check",
-            "--no-input", *source, *wheels]  # fmt: skip
+    return [
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--disable-pip-version-check",
+        "--no-input",
+        *source,
+        *wheels,
+    ]
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -380,10 +392,17 @@ def main(arguments: list[str] | None = None) -> int:
         (board.rollback if options.rollback else board.install)(options.bundle)
     except (InstallError, OSError, ValueError) as problem:
         error = str(problem)
-    print(json.dumps({
-        "ok": error is None, "error": error, "changed": report.changed and error is None,
-        "seconds": round(time.monotonic() - started, 1), "steps": report.steps,
-    }))  # fmt: skip
+    print(
+        json.dumps(
+            {
+                "ok": error is None,
+                "error": error,
+                "changed": report.changed and error is None,
+                "seconds": round(time.monotonic() - started, 1),
+                "steps": report.steps,
+            }
+        )
+    )
     return 0 if error is None else 1
 
 

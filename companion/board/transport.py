@@ -43,8 +43,10 @@ def install_over_ssh(
     try:
         process = subprocess.Popen(
             [*shell, host, "sh", "-c", shlex.quote(script)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        )  # fmt: skip
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
     except OSError as error:
         return _outcome("", f"{shell[0]}: {error.strerror}")
     assert process.stdin is not None

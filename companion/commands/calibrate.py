@@ -16,10 +16,16 @@ _REACH = 0.7  # of the half diagonal; beyond the corners found, the lens is gues
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Its command line."""
     parser.add_argument("pictures", type=Path, nargs="+", metavar="PICTURE")
-    parser.add_argument("--board", type=_board, default=(9, 6), metavar="COLUMNSxROWS",
-                        help="inner corners of the board (9x6)")  # fmt: skip
-    parser.add_argument("--square", type=float, default=0.025, metavar="METRES",
-                        help="side of a square (0.025)")  # fmt: skip
+    parser.add_argument(
+        "--board",
+        type=_board,
+        default=(9, 6),
+        metavar="COLUMNSxROWS",
+        help="inner corners of the board (9x6)",
+    )
+    parser.add_argument(
+        "--square", type=float, default=0.025, metavar="METRES", help="side of a square (0.025)"
+    )
     parser.add_argument("--out", type=Path, default=Path("camera.yaml"), metavar="FILE")
     parser.add_argument("--json", action="store_true", help="for machines")
 
@@ -37,17 +43,31 @@ def run(options: argparse.Namespace) -> int:
         return EXIT_BAD_INPUT
     camera = made.camera
     if options.json:
-        print(json.dumps({"file": str(options.out), "rms_px": made.rms, "errors_px": made.errors,
-                          "unused": made.unused, "reach": made.reach}, indent=1))  # fmt: skip
+        print(
+            json.dumps(
+                {
+                    "file": str(options.out),
+                    "rms_px": made.rms,
+                    "errors_px": made.errors,
+                    "unused": made.unused,
+                    "reach": made.reach,
+                },
+                indent=1,
+            )
+        )
         return 0
     for name, why in made.unused.items():
         print(f"{name}: left out: {why}")
-    print(f"{options.out}: {camera.width}×{camera.height}, f {camera.fx:.2f} {camera.fy:.2f} px, "
-          f"centre {camera.cx:.2f} {camera.cy:.2f}, k {camera.k.round(5).tolist()}")  # fmt: skip
+    print(
+        f"{options.out}: {camera.width}×{camera.height}, f {camera.fx:.2f} {camera.fy:.2f} px, "
+        f"centre {camera.cx:.2f} {camera.cy:.2f}, k {camera.k.round(5).tolist()}"
+    )
     print(f"RMS error {made.rms:.3f} px over {len(made.errors)} pictures")
     if made.reach < _REACH:
-        print(f"corners reach {100 * made.reach:.0f} % of the way to the picture's corners: "
-              "add pictures with the board near the edges")  # fmt: skip
+        print(
+            f"corners reach {100 * made.reach:.0f} % of the way to the picture's corners: "
+            "add pictures with the board near the edges"
+        )
     return 0
 
 

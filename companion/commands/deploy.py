@@ -28,17 +28,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path, nargs="+", help="drones; default.yaml is passed over")
     parser.add_argument("--root", type=Path, metavar="DIR", help="install below DIR: an image")
     parser.add_argument("--host", metavar="USER@HOST", help="default: board.host of each drone")
-    parser.add_argument("--remote-root", type=Path, default=Path("/"), metavar="DIR",
-                        help="install below DIR of the hosts: an image there")  # fmt: skip
+    parser.add_argument(
+        "--remote-root",
+        type=Path,
+        default=Path("/"),
+        metavar="DIR",
+        help="install below DIR of the hosts: an image there",
+    )
     parser.add_argument("--dry-run", action="store_true", help="tell, and change nothing")
     parser.add_argument("--rollback", action="store_true", help="back to the release before")
     parser.add_argument("--wheel", type=Path, help="default: built from this checkout")
-    parser.add_argument("--wheelhouse", type=Path, metavar="DIR",
-                        help="wheels of all dependencies, for boards without internet")  # fmt: skip
-    parser.add_argument("--rsh", type=_command, default=SSH, metavar="COMMAND",
-                        help=f"default: {SSH}")  # fmt: skip
-    parser.add_argument("--allow-auto", action="store_true",
-                        help="also drones that arm and take off by themselves")  # fmt: skip
+    parser.add_argument(
+        "--wheelhouse",
+        type=Path,
+        metavar="DIR",
+        help="wheels of all dependencies, for boards without internet",
+    )
+    parser.add_argument(
+        "--rsh", type=_command, default=SSH, metavar="COMMAND", help=f"default: {SSH}"
+    )
+    parser.add_argument(
+        "--allow-auto", action="store_true", help="also drones that arm and take off by themselves"
+    )
     parser.add_argument("--json", action="store_true", help="for machines")
 
 
@@ -64,12 +75,15 @@ def run(options: argparse.Namespace) -> int:
     except (SettingsError, BundleError, OSError) as error:
         print(error, file=sys.stderr)
         return EXIT_BAD_INPUT
-    rows = [(c.name, host or str(options.root), outcomes[host]) for host, drones in boards.items()
-            for _, c in drones]  # fmt: skip
+    rows = [
+        (c.name, host or str(options.root), outcomes[host])
+        for host, drones in boards.items()
+        for _, c in drones
+    ]
     if options.json:
         print(json.dumps([{"drone": d, "board": b, **o} for d, b, o in rows], indent=1))
     else:
-        _print(rows, steps=options.dry_run)
+        _print(rows, options.dry_run)
     return 0 if all(o["ok"] for o in outcomes.values()) else EXIT_FAILED
 
 
@@ -99,14 +113,19 @@ def _unfit(drone: Drone, options: argparse.Namespace) -> list[str]:
     """What is fine to fly in a simulation and not fit for a board."""
     problems = []
     if drone.config.name in RESERVED:
-        problems.append(f"{drone.place('name')}: name: {drone.config.name!r} is the name of a file "
-                        "or folder beside the drone's own")  # fmt: skip
+        problems.append(
+            f"{drone.place('name')}: name: {drone.config.name!r} is the name of a file "
+            "or folder beside the drone's own"
+        )
     if drone.config.mission.auto and not options.allow_auto:
-        problems.append(f"{drone.place('mission.auto')}: mission.auto: it would arm and take off "
-                        "whenever the board starts; false, or --allow-auto")  # fmt: skip
+        problems.append(
+            f"{drone.place('mission.auto')}: mission.auto: it would arm and take off "
+            "whenever the board starts; false, or --allow-auto"
+        )
     if not (options.root or options.host or drone.config.board.host):
-        problems.append(f"{drone.place('board.host')}: board.host: is missing; or give --host "
-                        "or --root")  # fmt: skip
+        problems.append(
+            f"{drone.place('board.host')}: board.host: is missing; or give --host or --root"
+        )
     return problems
 
 
@@ -129,20 +148,25 @@ def _deploy(
             arguments = ["--root", str(options.remote_root), *flags]
             return install_over_ssh(bundle, arguments, host, options.rsh)
 
-        with ThreadPoolExecutor(max_workers=16) as pool:
-            return dict(zip(boards, pool.map(one, boards), strict=True))
+        try:
+            with ThreadPoolExecutor(max_workers=16) as pool:
+                return dict(zip(boards, pool.map(one, boards), strict=True))
+        except KeyboardInterrupt:
+            text = "a board that was being installed may go on; deploy again"
+            raise KeyboardInterrupt(text) from None
 
 
-def _print(rows: list[tuple[str, str, Outcome]], steps: bool) -> None:
-    """The table; notes and errors below it."""
+def _print(rows: list[tuple[str, str, Outcome]], dry_run: bool) -> None:
+    """Print the table; notes and errors below it, and of a dry run every step."""
+    changed = "would change" if dry_run else "done"
     width = max(len(name) for name, _, _ in rows)
     places = max(len(board) for _, board, _ in rows)
     for name, board, outcome in rows:
-        result = "failed" if not outcome["ok"] else "done" if outcome["changed"] else "unchanged"
-        print(f"{name:<{width}}  {board:<{places}}  {result:<9}  {outcome['seconds']:6.1f} s")
+        result = "failed" if not outcome["ok"] else changed if outcome["changed"] else "unchanged"
+        print(f"{name:<{width}}  {board:<{places}}  {result:<12}  {outcome['seconds']:6.1f} s")
     for board, outcome in {board: outcome for _, board, outcome in rows}.items():
         for step in outcome["steps"]:
-            if steps or step["result"] == "note":
+            if dry_run or step["result"] == "note":
                 print(f"{board}: {step['step']}: {step['result']}: {step['detail']}")
         if not outcome["ok"]:
             print(f"{board}: {outcome['error']}; nothing was changed", file=sys.stderr)

@@ -40,8 +40,9 @@ def run(options: argparse.Namespace) -> int:
         return EXIT_BAD_INPUT
     worst = [level for level in reversed(Level) if any(f.level is level for f in found)]
     if options.json:
-        rows = [{"name": f.name, "level": f.level.value, "text": f.text, "todo": f.todo}
-                for f in found]  # fmt: skip
+        rows = [
+            {"name": f.name, "level": f.level.value, "text": f.text, "todo": f.todo} for f in found
+        ]
         print(json.dumps({"level": worst[0].value, "findings": rows}, indent=1))
     return EXIT_RED if worst[0] is Level.RED else 0
 
@@ -63,8 +64,13 @@ def examine(path: Path, overrides: list[str]) -> Iterator[Finding]:
     cv2.setNumThreads(1)
     document = resolve(path, overrides)
     config = validate(CompanionConfig, document, str(path))
-    yield either("config", not config.mission.auto, str(path), "mission.auto is true: it arms and "
-                 "takes off by itself once all is ready", Level.AMBER)  # fmt: skip
+    yield either(
+        "config",
+        not config.mission.auto,
+        str(path),
+        "mission.auto is true: it arms and takes off by itself once all is ready",
+        Level.AMBER,
+    )
     yield from machine.examine(config)
     yield from eye.examine(config)
     yield from vehicle.examine(config, ("airframe", "hover_thrust") in document.places)

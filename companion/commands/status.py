@@ -47,8 +47,6 @@ def run(options: argparse.Namespace) -> int:
     except (SettingsError, LogError, NoStatus, FileNotFoundError) as error:
         print(error, file=sys.stderr)
         return EXIT_BAD_INPUT
-    except KeyboardInterrupt:
-        return 0
 
 
 def _look(status: Status, as_json: bool) -> str:

@@ -23,7 +23,9 @@ def examine(config: CompanionConfig) -> Iterator[Finding]:
     try:
         source = open_source(config.camera)
     except VideoError as error:
-        yield Finding("camera", Level.RED, str(error), "is it plugged in, and used by nobody else?")
+        yield Finding(
+            "camera", Level.RED, str(error), "is it plugged in, and free of other programs?"
+        )
         return
     try:
         frames = _watch(source)
@@ -87,5 +89,10 @@ def _frames(config: CompanionConfig, frames: list[Frame]) -> Iterator[Finding]:
         todo = f"set camera.width: {width} and camera.height: {height}"
         yield either("frame size", fits, f"{width}×{height}", todo)
         frozen = len(images) > 1 and bool((images[0] == images[-1]).all())
-        yield either("picture", not frozen, "the same picture again and again" if frozen
-                     else "moves", "look at the camera; restart it", Level.RED)  # fmt: skip
+        yield either(
+            "picture",
+            not frozen,
+            "the same picture again and again" if frozen else "moves",
+            "look at the camera; restart it",
+            Level.RED,
+        )

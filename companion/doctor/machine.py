@@ -73,8 +73,9 @@ def _look(config: CompanionConfig) -> float:
     frontend = PerceptionFrontend(view, config.sensing, config.camera_health)
     shape = (config.camera.height, config.camera.width, 3)
     image = np.random.default_rng(0).integers(0, 255, shape, dtype=np.uint8)
-    own = VehicleState(0.0, np.array([0, 0, 2.0]), np.zeros(3), np.array([1.0, 0, 0, 0]),
-                       np.zeros(3))  # fmt: skip
+    own = VehicleState(
+        0.0, np.array([0, 0, 2.0]), np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3)
+    )
     taken = []
     for n in range(_LOOKS):
         started = time.perf_counter()

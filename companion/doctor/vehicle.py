@@ -101,13 +101,21 @@ def _on_the_line(config: CompanionConfig, hover_known: bool) -> Iterator[Finding
 def _listen(link: Link, config: CompanionConfig) -> Heard:
     """Say hello, ask for all that is looked at, and gather what comes."""
     system, heard = config.link.system_id, Heard()
-    asked = [p for p in (_HOVER.get(config.link.autopilot),
-                         _TIMEOUTS.get(config.link.autopilot, ("", 0.0))[0]) if p]  # fmt: skip
+    asked = [
+        p
+        for p in (
+            _HOVER.get(config.link.autopilot),
+            _TIMEOUTS.get(config.link.autopilot, ("", 0.0))[0],
+        )
+        if p
+    ]
     version = Command(CommandId.REQUEST_MESSAGE, (_VERSION, 0, 0, 0, 0, 0, 0), system)
     requests: list[Message] = [
-        _COMPANION, *adapter(config.link.autopilot, system).request_streams(), version,
+        _COMPANION,
+        *adapter(config.link.autopilot, system).request_streams(),
+        version,
         *(ParamRequestRead(system, 1, name, -1) for name in asked),
-    ]  # fmt: skip
+    ]
     deadline, ask = time.monotonic() + _LISTEN, 0.0
     while (now := time.monotonic()) < deadline:
         if now >= ask:
@@ -142,9 +150,14 @@ def _telemetry(heard: Heard, since: float) -> Iterator[Finding]:
         )
         text = f"{rate:.0f} Hz, {_STREAM_MIN:.0f} wanted"
         yield rated(f"{name} rate", -rate, (-_STREAM_MIN, -10.0), text, todo)
-    delays = np.array([at - m.time for kind in (Attitude, Odometry)
-                       for at, m in heard.of(kind, since)
-                       if isinstance(m, Attitude | Odometry)])  # fmt: skip
+    delays = np.array(
+        [
+            at - m.time
+            for kind in (Attitude, Odometry)
+            for at, m in heard.of(kind, since)
+            if isinstance(m, Attitude | Odometry)
+        ]
+    )
     if len(delays) > 1:
         jitter = float(np.percentile(delays, 95) - delays.min())
         text = f"{delays.min():.3f} s behind this board's, within {jitter * 1e3:.0f} ms (95 %)"

@@ -1,8 +1,8 @@
-"""What a tick knows as Foxglove messages, for any viewer of MCAP: pose, plan, tracks, threats.
+"""A tick as Foxglove messages, for any viewer of MCAP: pose, plan, tracks, threats, obstacles.
 
-One scene entity each for the plan (line), the tracks (spheres with velocity), the critical
-set (lines to them with their threat values) and the obstacles (cylinders); a new entity
-replaces the one of the same id.
+The scene has one entity each for the plan (line), the tracks (spheres with velocity), the critical
+neighbours (lines to them, with their threat) and the obstacles (cylinders). A new entity replaces
+the one of the same id.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.wire.messages import VehicleState
 
 _DRONE_SIZE = 0.4  # m
-_HEIGHT = 5.0  # m drawn of an obstacle
+_HEIGHT = 5.0  # m, as an obstacle is drawn
 _BLUE, _RED, _GREY, _BROWN = (
     Color(r=0.1, g=0.4, b=1.0, a=1.0),
     Color(r=0.9, g=0.1, b=0.1, a=1.0),
@@ -36,31 +36,34 @@ _STRIP, _LIST = 0, 2  # LinePrimitive.Type LINE_STRIP, LINE_LIST
 
 
 def stamp(time: float) -> Timestamp:
-    """Vehicle's clock [s] as Foxglove's time."""
+    """Return a time [s, vehicle's clock] as Foxglove's."""
     return Timestamp(seconds=int(time), nanos=round(time % 1.0 * 1e9))
 
 
 def pose(own: VehicleState) -> PoseInFrame:
-    """Own pose in the own world frame."""
+    """Return the own pose in the drone's ENU frame."""
     return PoseInFrame(timestamp=stamp(own.time), frame_id="world", pose=_pose(own.p, own.q_wb))
 
 
 def transform(own: VehicleState, name: str) -> FrameTransform:
-    """The body frame, under the drone's name, in the own world frame."""
+    """Return the body frame, under the drone's name, in the drone's ENU frame."""
     p = _pose(own.p, own.q_wb)
     return FrameTransform(
-        timestamp=stamp(own.time), parent_frame_id="world", child_frame_id=name,
-        translation=p.position, rotation=p.orientation,
-    )  # fmt: skip
+        timestamp=stamp(own.time),
+        parent_frame_id="world",
+        child_frame_id=name,
+        translation=p.position,
+        rotation=p.orientation,
+    )
 
 
 def event(time: float, name: str, text: str) -> Log:
-    """Something that happened once."""
+    """Return a log message."""
     return Log(timestamp=stamp(time), level=Log.INFO, name=name, message=text)
 
 
 def scene(tick: Tick, obstacles: bool) -> SceneUpdate:
-    """Return plan, tracks and critical set of a tick, and its obstacles where they are wanted."""
+    """Return plan, tracks and critical neighbours of a tick; obstacles: whether those, too."""
     entities = [_tracks(tick.tracks)]
     if tick.vehicle.state is not None and tick.reference is not None:
         entities.append(_critical(tick.vehicle.state, tick.reference.critical))
@@ -84,7 +87,7 @@ def _pose(p: Vector, q: Vector) -> Pose:
 
 
 def _points(rows: ArrayLike) -> list[Point3]:
-    """Rows (n,3) as points; in single precision, as that packs to half the size."""
+    """Return rows (n,3) as points, in single precision: half the size."""
     single = np.asarray(rows, dtype=np.float32)
     return [Point3(x=x, y=y, z=z) for x, y, z in single.tolist()]
 
@@ -117,8 +120,9 @@ def _critical(own: VehicleState, critical: list[tuple[Track, float]]) -> SceneEn
     edges = entity.lines.add(type=_LIST, thickness=0.03, color=_RED)
     edges.points.extend(_points([end for t, _ in critical for end in (own.p, t.p)]))
     for (track, threat), there in zip(critical, edges.points[1::2], strict=True):
-        label = entity.texts.add(text=f"{track.id}: {threat:.2f}", font_size=0.2, color=_RED,
-                                 billboard=True)  # fmt: skip
+        label = entity.texts.add(
+            text=f"{track.id}: {threat:.2f}", font_size=0.2, color=_RED, billboard=True
+        )
         position = label.pose.position
         position.x, position.y, position.z = there.x, there.y, there.z + 0.3
     return entity

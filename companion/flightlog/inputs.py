@@ -1,9 +1,9 @@
-"""A tick's inputs as bytes, exactly: what a replay puts through the pipeline again.
+"""The exact inputs of a tick as bytes, from which a replay starts.
 
-Layout: a JSON line with the tick's time, the frame's time, the length of each MAVLink
-datagram, and the columns of the sighting's tables; behind it the datagrams and the tables
-(float64, little-endian), then the ranges of a depth image (float16) where there is one. Pixels
-are not kept: a replay begins at what they showed.
+Layout: a JSON line with the tick's time, the frame's time, the length of each MAVLink datagram and
+the columns of the tables of detections; then the datagrams and the tables (float64, little-endian);
+then the ranges of a depth image (float16), where there is one. Pixels are not kept: a replay starts
+from the detections.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from companion.types import Detection, Ranges, Trunk
 
 @dataclass(frozen=True)
 class RecordedInputs:
-    """What one tick went by.
+    """The inputs of one tick.
 
-    time [s] of the tick; datagrams since the tick before; time of the newest frame [s], and
-    what that frame showed where it was new; whether control was to be given back; whether the
-    camera showed anything at all.
+    time: s, of the tick. datagrams: since the tick before. frame_time: s, of the newest frame;
+    drones, trunks, ranges: its detections, where it was new. leave: whether control was to be given
+    back. shown: whether the camera showed anything.
     """
 
     time: float
@@ -40,11 +40,11 @@ class RecordedInputs:
 
 
 class InputsError(ValueError):
-    """Not a record of inputs; says why."""
+    """Bytes that are no inputs of a tick; the message says why."""
 
 
 class _Table:
-    """Flat dataclasses with one direction (3,) and else numbers ↔ rows of float64."""
+    """Converts dataclasses of one direction (3,) and numbers to rows of float64, and back."""
 
     def __init__(self, kind: type) -> None:
         self.kind = kind
@@ -71,33 +71,33 @@ def encode(
     time: float,
     datagrams: Sequence[bytes],
     frame_time: float | None,
-    sighting: Detections,
+    seen: Detections,
     leave: bool = False,
     shown: bool = True,
 ) -> bytes:
-    """One tick's inputs; `sighting` as the tick had it (empty where the frame was not new)."""
-    ranges = sighting.ranges
+    """Return one tick's inputs as bytes; seen: empty where the frame was not new."""
+    ranges = seen.ranges
     header = {
         "time": time,
         "frame": frame_time,
         "datagrams": [len(d) for d in datagrams],
-        "rows": {name: len(getattr(sighting, name)) for name in _TABLES},
+        "rows": {name: len(getattr(seen, name)) for name in _TABLES},
         "columns": _COLUMNS,
         "leave": leave,
         "ranges": None if ranges is None else ranges.shape,
         "shown": shown,
     }
-    tables = [table.encode(getattr(sighting, name)) for name, table in _TABLES.items()]
+    tables = [table.encode(getattr(seen, name)) for name, table in _TABLES.items()]
     if ranges is not None:
         tables.append(ranges.astype("<f2").tobytes())
     return b"".join([orjson.dumps(header), b"\n", *datagrams, *tables])
 
 
 def decode(data: bytes) -> RecordedInputs:
-    """The inputs of one tick.
+    """Return the inputs of one tick.
 
     Raises:
-        InputsError: not such a record.
+        InputsError: the bytes are no such record.
     """
     line, _, rest = data.partition(b"\n")
     try:

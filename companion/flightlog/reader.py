@@ -1,4 +1,4 @@
-"""Flight logs read back: whole ones, and what a cut-off one still holds."""
+"""Reading flight logs: whole ones, and the whole part of one that was cut off."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from mavlink_bridge.shared.mcap_file import (
 
 @dataclass(frozen=True)
 class FlightLog:
-    """One drone's flight: what its configuration set, and each tick's inputs and record."""
+    """One drone's flight: the keys that its file set, and the inputs and record of each tick."""
 
     config: dict[str, Any]
     inputs: list[RecordedInputs]
@@ -31,10 +31,10 @@ class FlightLog:
 
 
 def read_log(path: Path) -> FlightLog:
-    """Everything that a replay needs.
+    """Return what a replay needs of a log.
 
     Raises:
-        LogError: not there, empty, foreign, or cut off.
+        LogError: the log is missing, empty, foreign or cut off.
     """
     messages = read_messages(path, ["/inputs", "/tick"])
     try:
@@ -49,10 +49,10 @@ def read_log(path: Path) -> FlightLog:
 
 
 def recover(path: Path, to: Path) -> int:
-    """Write what `path` still holds as a whole log to `to`; gives the number of messages.
+    """Write the messages that `path` still holds to `to`, as a whole log; return their number.
 
     Raises:
-        LogError: `path` is no MCAP file, or holds nothing.
+        LogError: `path` is no MCAP file, or holds no whole chunk.
     """
     check_begins(path)
     part = to.with_name(f"{to.name}.part")
@@ -69,7 +69,7 @@ def recover(path: Path, to: Path) -> int:
 
 
 class _Copy:
-    """Puts records into a new file, with the numbers that they have there."""
+    """Copies records into a new file, and numbers schemas and channels anew."""
 
     def __init__(self, writer: Writer) -> None:
         self.writer, self.count = writer, 0
@@ -78,21 +78,28 @@ class _Copy:
         writer.start(profile="swarm-companion", library="swarm-companion")
 
     def add(self, record: McapRecord) -> None:
-        """Copy one record; those of the old file's index are not for the new one.
+        """Copy one record, unless it belongs to the old file's index.
 
-        A message whose channel is lost has no topic, and is lost with it.
+        A message whose channel is lost has no topic, and is lost, too.
         """
         w = self.writer
         if isinstance(record, Schema) and record.id not in self._schemas:
             self._schemas[record.id] = w.register_schema(record.name, record.encoding, record.data)
         elif isinstance(record, Channel) and record.id not in self._channels:
             self._channels[record.id] = w.register_channel(
-                record.topic, record.message_encoding, self._schemas.get(record.schema_id, 0),
+                record.topic,
+                record.message_encoding,
+                self._schemas.get(record.schema_id, 0),
                 record.metadata,
-            )  # fmt: skip
+            )
         elif isinstance(record, Metadata):
             w.add_metadata(record.name, record.metadata)
         elif isinstance(record, Message) and record.channel_id in self._channels:
-            w.add_message(self._channels[record.channel_id], record.log_time, record.data,
-                          record.publish_time, record.sequence)  # fmt: skip
+            w.add_message(
+                self._channels[record.channel_id],
+                record.log_time,
+                record.data,
+                record.publish_time,
+                record.sequence,
+            )
             self.count += 1

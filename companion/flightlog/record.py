@@ -1,4 +1,4 @@
-"""A tick as plain data for the log's `/tick` topic: what reports, viewers and studies read.
+"""A tick as plain data for the log's `/tick` topic, which reports, viewers and studies read.
 
 Own ENU frame, SI, radians; times in the vehicle's clock [s]; `*_ms` in milliseconds.
 """
@@ -18,7 +18,7 @@ from companion.types import Plan, Track
 from mavlink_bridge.shared.arrays import Vector
 
 _DIGITS = 4  # 0.1 mm, 0.006°
-_OBSTACLES = 12  # nearest ones written
+_OBSTACLES = 12  # nearest cylinders written
 _OPTIONS = orjson.OPT_SERIALIZE_NUMPY
 
 SCHEMA = {
@@ -38,6 +38,7 @@ SCHEMA = {
         "speed_limit": {"type": "string"},
         "v_max": {"type": "number"},
         "yaw": {"type": "number"},
+        "frame": {"type": ["number", "null"]},
         "detections": {"type": "array"},
         "trunks": {"type": "array"},
         "tracks": {"type": "array"},
@@ -54,7 +55,10 @@ SCHEMA = {
 
 
 def encode(tick: Tick, counters: dict[str, Any], costs: dict[str, float]) -> bytes:
-    """Return the tick as JSON; counters: of link and deadlines so far; costs: s, beside stages."""
+    """Return the tick as JSON.
+
+    counters: of link and deadlines, so far. costs: s, of work that is no stage of the tick.
+    """
     return orjson.dumps(record(tick, costs) | {"counters": counters}, option=_OPTIONS)
 
 
@@ -81,7 +85,7 @@ def record(tick: Tick, costs: dict[str, float] | None = None) -> dict[str, Any]:
 
 
 def _seen(seen: Detections) -> dict[str, Any]:
-    """Return detections and trunks of a new frame, camera frame."""
+    """Return the detections and trunks of a new frame, in the camera frame."""
     drones = [[*d.direction.tolist(), d.range, d.score] for d in seen.drones]
     trunks = [[*t.direction.tolist(), t.distance, t.radius] for t in seen.trunks]
     return {
@@ -103,7 +107,7 @@ def _tracks(tracks: list[Track]) -> list[dict[str, Any]]:
 
 
 def _guided(reference: Reference | None) -> dict[str, Any]:
-    """Return where the drone is to fly, and why; the goal as the solver gets it is `target`."""
+    """Return the reference and its reasons; `target` is the goal that the solver gets."""
     if reference is None:
         return {"critical": [], "yaw": 0.0, "speed": 0.0}
     return {

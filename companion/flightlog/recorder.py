@@ -2,13 +2,13 @@
 
 | topic | message |
 |---|---|
-| `/tick` | JSON: everything the tick knew and decided (`records.py`) |
-| `/inputs` | what the tick went by, exactly (`inputs.py`); a replay begins here |
-| `/pose` `/tf` `/scene` `/events` `/image` | Foxglove's own types, for any viewer (`scene.py`) |
+| `/tick` | JSON: the results of all stages of the tick (`record.py`) |
+| `/inputs` | the exact inputs of the tick, from which a replay starts (`inputs.py`) |
+| `/pose` `/tf` `/scene` `/events` `/image` | Foxglove's types, for any viewer (`foxglove.py`) |
 
-Chunks end every half second, so that a kill at any instant loses less than one. Recording
-happens after the tick's messages went out. A name with `{time}` never takes the place of an older
-log: boards without a clock of their own start at the same second every day.
+Chunks end every half second, so that a kill at any instant loses less than that. A tick is recorded
+after its messages were sent. A log with `{time}` in its name never replaces an older one: boards
+without a battery-backed clock start at the same second every day.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.message import Message
-from mcap.writer import CompressionType, Writer
-from mcap_protobuf.schema import register_schema
+from mcap_protobuf.schema import build_file_descriptor_set
 from orjson import dumps
 
 from companion.flightlog import foxglove as scene
 from companion.flightlog import inputs as recorded
 from companion.flightlog import record as records
+from companion.flightlog.mcap_writer import McapWriter
 from companion.flightlog.tlog import TelemetryLog
 from companion.perception.camera_health import CameraFault
 from companion.settings.config import CompanionConfig
@@ -41,20 +41,25 @@ from companion.types import Image
 from mavlink_bridge.wire.video import Frame
 
 Packets = Sequence[tuple[bool, bytes]]  # (sent by us, datagram)
-CONFIG = "config"  # name of the metadata record that holds the drone's configuration
+CONFIG = "config"  # name of the metadata record of the drone's configuration
 _CHUNK = 256 * 1000  # bytes, most that one chunk holds
 _TICKS_A_CHUNK = 5
-_TICKS_A_SCENE = 2  # for eyes; all ticks are in /tick
-_TICKS_A_MAP = 10  # obstacles change slowly, and a viewer keeps them
+_TICKS_A_SCENE = 2  # for viewers; /tick has all ticks
+_TICKS_A_MAP = 10  # obstacles change slowly, and viewers keep them
 _IMAGE_PERIOD = 1.0  # s
-_PROTOBUF = {"/pose": PoseInFrame, "/tf": FrameTransform, "/scene": SceneUpdate, "/events": Log,
-             "/image": CompressedImage}  # fmt: skip
+_PROTOBUF: dict[str, type[Message]] = {
+    "/pose": PoseInFrame,
+    "/tf": FrameTransform,
+    "/scene": SceneUpdate,
+    "/events": Log,
+    "/image": CompressedImage,
+}
 
 
 class Recorder:
-    """Writes the log of one drone; a disk that fails ends the log, never the flight.
+    """Writes the log of one drone; a disk error ends the log, never the flight.
 
-    path: the file that it became.
+    path: the log's file. failed: why the log ended early; None: it goes on.
 
     Raises:
         OSError: the file cannot be made.
@@ -67,8 +72,7 @@ class Recorder:
         self._file = _create(path) if "{time}" in (config.log.path or "") else path.open("wb")
         self.path = Path(self._file.name)
         self._tlog = TelemetryLog(self.path.with_suffix(".tlog")) if config.log.tlog else None
-        self._writer = Writer(self._file, chunk_size=_CHUNK, compression=CompressionType.ZSTD)
-        self._writer.start(profile="swarm-companion", library="swarm-companion")
+        self._writer = McapWriter(self._file, self.path.parent, _CHUNK)
         self._writer.add_metadata(CONFIG, _configuration(config))
         self._channels = self._register()
         self._file.flush()
@@ -86,8 +90,8 @@ class Recorder:
     ) -> None:
         """Append a tick.
 
-        packets: since the tick before, in order. counters: so far. costs: s, of what is not a
-        stage of the tick.
+        packets: since the tick before, in order. counters: of link and deadlines, so far. costs: s,
+        of work that is no stage of the tick.
         """
         if self.failed is not None:
             return
@@ -99,12 +103,13 @@ class Recorder:
             self.failed = f"flight log ended: {error}"
 
     def close(self) -> None:
-        """Finish the file so that indexed readers open it."""
+        """Write the index, without which readers refuse the file, and close it."""
         try:
             if self.failed is None:
-                self._writer.finish()  # type: ignore[no-untyped-call]
+                self._writer.finish()
             if self._tlog is not None:
                 self._tlog.close()
+            self._writer.close()
             self._file.close()
         except OSError as error:
             self.failed = f"flight log ended: {error}"
@@ -117,7 +122,8 @@ class Recorder:
             "/inputs": self._writer.register_channel("/inputs", "swarm-inputs", 0, tags),
         }
         for topic, kind in _PROTOBUF.items():
-            schema = register_schema(self._writer, kind)
+            types = build_file_descriptor_set(kind).SerializeToString()
+            schema = self._writer.register_schema(kind.DESCRIPTOR.full_name, "protobuf", types)
             channels[topic] = self._writer.register_channel(topic, "protobuf", schema, tags)
         return channels
 
@@ -148,7 +154,7 @@ class Recorder:
             self._tlog.write(time, packets)
         self._count += 1
         if self._count % _TICKS_A_CHUNK == 0:
-            self._writer.flush()  # type: ignore[no-untyped-call]
+            self._writer.flush()
             if self._tlog is not None:
                 self._tlog.flush()
 
@@ -156,11 +162,10 @@ class Recorder:
         self._add(topic, time, message.SerializeToString())
 
     def _add(self, topic: str, time: float, data: bytes) -> None:
-        nanoseconds = round(time * 1e9)
-        self._writer.add_message(self._channels[topic], nanoseconds, data, nanoseconds, self._count)
+        self._writer.add_message(self._channels[topic], round(time * 1e9), data, self._count)
 
     def _write_events(self, tick: Tick) -> bool:
-        """Write a line for each change of phase, guard reason or goal; return if there was any."""
+        """Log each change of phase, guard reason or goal; return whether there was any."""
         state = {"phase": tick.supervised.phase.value}
         if tick.supervised.verdict is not None:
             state["guard"] = tick.supervised.verdict.reason.value
@@ -185,13 +190,14 @@ class Recorder:
         image: Image | None = frame.arrays.get("image")
         if image is not None:
             data = cv2.imencode(".jpg", image)[1].tobytes()
-            message = CompressedImage(timestamp=scene.stamp(frame.time), frame_id=self._name,
-                                      data=data, format="jpeg")  # fmt: skip
+            message = CompressedImage(
+                timestamp=scene.stamp(frame.time), frame_id=self._name, data=data, format="jpeg"
+            )
             self._put("/image", frame.time, message)
 
 
 def _create(path: Path) -> IO[bytes]:
-    """A new file of this name, or of the first of NAME-2, NAME-3 … that is free."""
+    """Open a new file of this name, or of the first of NAME-2, NAME-3 … that is free."""
     names = (path.with_stem(f"{path.stem}-{n}") for n in itertools.count(2))
     for name in itertools.chain([path], names):
         try:
@@ -202,7 +208,7 @@ def _create(path: Path) -> IO[bytes]:
 
 
 def _configuration(config: CompanionConfig) -> dict[str, str]:
-    """What was set, for a replay with today's defaults, and all that held, for people."""
+    """Return the keys that were set, for replays with other defaults, and all keys, for people."""
     return {
         "name": config.name,
         "set": config.model_dump_json(exclude_unset=True),

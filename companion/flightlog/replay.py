@@ -1,8 +1,8 @@
-"""A recorded flight through today's code: are its decisions and commands still the same?
+"""Replay: a recorded flight through the present code, compared with its log.
 
-The pipeline gets each tick's recorded telemetry bytes and what its frame showed, and is
-compared with what the log says: decisions exactly, numbers within a tolerance. The vehicle
-is not simulated: each tick's inputs are the recorded ones, whatever today's code commands.
+The companion gets the recorded telemetry bytes and detections of each tick. Its decisions are
+compared exactly, numbers within a tolerance. The vehicle is not simulated: the inputs of each tick
+are the recorded ones, whatever the present code commands.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _DECISIONS = ("phase", "goal.index", "command.reason", "solver.usable", "solver.
 
 @dataclass(frozen=True)
 class Difference:
-    """Where today's code and the log part: tick number, its time [s], the value's name."""
+    """A difference between log and present code: tick number, time [s], name of the value."""
 
     tick: int
     time: float
@@ -45,10 +45,10 @@ class Difference:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a replay found.
+    """The result of a replay.
 
-    ticks compared, and how many differ; the first difference; the largest difference of a
-    command over all ticks: body rates [rad/s], collective acceleration [m/s²].
+    ticks: how many were compared. differing: how many differ. first: the first difference. omega
+    [rad/s], c [m/s²]: the largest difference of body rates and collective acceleration.
     """
 
     ticks: int
@@ -58,7 +58,7 @@ class Outcome:
     c: float
 
     def text(self) -> str:
-        """For a person."""
+        """Return the result as a text."""
         if self.first is None:
             return (
                 f"{self.ticks} ticks: decisions the same, commands within {COMMAND_TOLERANCE} "
@@ -73,12 +73,12 @@ class Outcome:
 
 
 def replay(log: FlightLog, overrides: list[str] | None = None) -> Outcome:
-    """Fly the log again, with what its configuration set and today's defaults.
+    """Replay a log with the keys that its configuration set and the present defaults.
 
-    overrides change the configuration (path.to.key=value).
+    overrides: path.to.key=value, on top of the recorded configuration.
 
     Raises:
-        SettingsError: today's code does not accept the recorded configuration.
+        SettingsError: the recorded configuration is not valid any more.
     """
     config = configured(log, overrides)
     differing, first, omega, c = 0, None, 0.0, 0.0
@@ -94,10 +94,10 @@ def replay(log: FlightLog, overrides: list[str] | None = None) -> Outcome:
 
 
 def configured(log: FlightLog, overrides: list[str] | None = None) -> CompanionConfig:
-    """What the log's configuration set, with today's defaults.
+    """Return the log's configuration with the present defaults and keys.
 
     Raises:
-        SettingsError: today's code does not accept it.
+        SettingsError: the recorded configuration is not valid any more.
     """
     recorded = json.dumps(upgraded(log.config, FILEVERSION))
     document = merge([parse_yaml(recorded, _NAME), assignments(overrides or [])])
@@ -107,7 +107,7 @@ def configured(log: FlightLog, overrides: list[str] | None = None) -> CompanionC
 def differences(
     number: int, recorded: dict[str, Any], today: dict[str, Any]
 ) -> Iterator[Difference]:
-    """Where two records of the same tick part, decisions first."""
+    """Return the differences between two records of the same tick, decisions first."""
     pairs = [(name, _at(recorded, name), _at(today, name)) for name in _DECISIONS]
     ids = [[i for i, _ in r["critical"]] for r in (recorded, today)]
     pairs.append(("critical", ids[0], ids[1]))
@@ -117,21 +117,24 @@ def differences(
     for name in ("omega", "c"):
         if _gap(recorded, today, name) > COMMAND_TOLERANCE:
             yield Difference(
-                number, recorded["time"], f"command.{name}",
-                recorded["command"][name], today["command"][name],
-            )  # fmt: skip
+                number,
+                recorded["time"],
+                f"command.{name}",
+                recorded["command"][name],
+                today["command"][name],
+            )
 
 
 def rerun(config: CompanionConfig, recorded: Iterable[RecordedInputs]) -> Iterator[dict[str, Any]]:
-    """Today's record of each tick."""
+    """Return the present code's record of each tick."""
     return (orjson.loads(records.encode(tick, {}, {})) for tick in flown(config, recorded))
 
 
 def flown(config: CompanionConfig, recorded: Iterable[RecordedInputs]) -> Iterator[Tick]:
-    """Today's outputs of each tick."""
+    """Return the present code's results of each tick."""
     companion = Companion(_without_pixels(config), time.perf_counter)
     codec = Codec(config.link.system_id, config.link.component_id, config.link.heard())
-    whole = config.link.endpoint.startswith("udp")  # as opposed to a stream, cut anywhere
+    whole = config.link.endpoint.startswith("udp")  # a stream may be cut anywhere
     take = codec.decode_datagram if whole else codec.decode
     for inputs in recorded:
         received = [r for d in inputs.datagrams for r in take(d)]
@@ -139,28 +142,30 @@ def flown(config: CompanionConfig, recorded: Iterable[RecordedInputs]) -> Iterat
 
 
 def _without_pixels(config: CompanionConfig) -> CompanionConfig:
-    """The same, but told by each frame what is in it: as the log keeps no pixels."""
-    told = config.sensing.model_copy(update={"neighbours": "truth", "obstacles": "map"})
-    return config.model_copy(update={"sensing": told})
+    """Return the configuration with detections from the frames: the log keeps no pixels."""
+    given = config.sensing.model_copy(update={"neighbours": "truth", "obstacles": "map"})
+    return config.model_copy(update={"sensing": given})
 
 
 def _frame(inputs: RecordedInputs) -> Frame | None:
-    """The newest frame with what it showed, in the layout of the frame channel."""
+    """Return the newest frame with its detections, in the layout of the frame channel."""
     if inputs.frame_time is None:
         return None
     if not inputs.shown:
         return Frame(inputs.frame_time)
     drones = [[*d.direction, d.range, d.sigma_bearing, d.sigma_range] for d in inputs.drones]
     trunks = [[*t.direction, t.distance, t.radius, t.sigma, t.assumed] for t in inputs.trunks]
-    arrays = {"neighbours": np.array(drones).reshape(-1, 6),
-              "trunks": np.array(trunks).reshape(-1, 7)}  # fmt: skip
+    arrays = {
+        "neighbours": np.array(drones).reshape(-1, 6),
+        "trunks": np.array(trunks).reshape(-1, 7),
+    }
     if inputs.ranges is not None:
         arrays["ranges"] = inputs.ranges
     return Frame(inputs.frame_time, arrays)
 
 
 def _gap(recorded: dict[str, Any], today: dict[str, Any], name: str) -> float:
-    """Largest difference of the commands' values of this name; 0 where one has no command."""
+    """Return the largest difference of a value of the commands; 0 where one has no command."""
     if "command" not in recorded or "command" not in today:
         return 0.0
     before, now = recorded["command"][name], today["command"][name]

@@ -1,4 +1,4 @@
-"""The present state of a daemon, as its flight log tells it."""
+"""The present state of a daemon, from the end of its flight log."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from companion.settings.config import load_config
 from mavlink_bridge.shared.mcap_file import Follower, check_begins
 
 _SERVICE_LOGS = Path("/var/log/swarm-companion")  # LogsDirectory of the systemd unit
-_STALE = 2.0  # s without a new record: the daemon does not run
+_STALE = 2.0  # s without a new record after which the daemon does not run
 
 
 class NoStatus(ValueError):
-    """Nothing is known of this daemon; says why."""
+    """The state of a daemon is not known; the message says why."""
 
 
 class Status:
-    """Follows one flight log.
+    """Follows the flight log of a drone's file, or the flight log given.
 
     Raises:
-        SettingsError, LogError, NoStatus: no such config or log, or it names none.
+        SettingsError, LogError, NoStatus: no such file or log, or a file that sets no log.
     """
 
     def __init__(self, path: Path) -> None:
@@ -33,10 +33,10 @@ class Status:
         self._path, self._follower = log, Follower(log, "/tick")
 
     def update(self) -> None:
-        """Take the newest tick.
+        """Read the newest tick.
 
         Raises:
-            NoStatus: there has been none so far.
+            NoStatus: the log has no tick so far.
         """
         messages = self._follower.new()
         if messages:
@@ -45,7 +45,7 @@ class Status:
             raise NoStatus(f"{self._path}: no tick so far")
 
     def text(self) -> str:
-        """For a person."""
+        """Return the state as a text."""
         r = self.record
         age = time.time() - self._path.stat().st_mtime  # noqa: TID251  (file times are wall time)
         stages = ", ".join(f"{k} {v:.1f}" for k, v in r["stages_ms"].items())
@@ -66,7 +66,7 @@ class Status:
 
 
 def _log_of(config: Path) -> Path:
-    """The newest log that this configuration makes, here or where the service writes it."""
+    """Return the newest log of a drone's file, here or where the service writes it."""
     settings = load_config(config)
     if settings.log.path is None:
         raise NoStatus(f"{config}: log.path: not set, and the status comes from the flight log")

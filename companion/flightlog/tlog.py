@@ -1,7 +1,7 @@
 """MAVLink traffic as a .tlog, the telemetry log that ground stations open.
 
-Each frame stands behind eight bytes: microseconds, big-endian. The time is the vehicle's
-clock, so that the log lies beside the flight log.
+Before each frame stand eight bytes: microseconds, big-endian. The time is the vehicle's clock, as
+in the flight log.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ _STAMP = struct.Struct(">Q")
 
 
 class TelemetryLog:
-    """Appends frames to a file; `flush` hands what waits to the system."""
+    """Appends MAVLink frames to a file."""
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("wb")
         self._rest = {False: b"", True: b""}
 
     def write(self, time: float, packets: Iterable[tuple[bool, bytes]]) -> None:
-        """Frames of packets (sent by us, bytes), all stamped `time` [s]; any chunking."""
+        """Append the frames of packets (sent by us, bytes), cut anywhere; time: s, of all."""
         stamp = _STAMP.pack(max(round(time * 1e6), 0))
         out = []
         for sent, data in packets:
@@ -31,16 +31,16 @@ class TelemetryLog:
         self._file.write(b"".join(out))
 
     def flush(self) -> None:
-        """Nothing written so far is lost when the process is killed."""
+        """Hand everything to the system, so that a kill of the process loses nothing."""
         self._file.flush()
 
     def close(self) -> None:
-        """End the file."""
+        """Close the file."""
         self._file.close()
 
 
 def frames(data: bytes) -> tuple[list[bytes], bytes]:
-    """Whole MAVLink frames by their length alone, and the beginning of one that is not whole."""
+    """Return the whole MAVLink frames, by their length alone, and the rest of the data."""
     found: list[bytes] = []
     at = 0
     while at < len(data):
@@ -56,7 +56,10 @@ def frames(data: bytes) -> tuple[list[bytes], bytes]:
 
 
 def _end(data: bytes, at: int) -> int | None:
-    """Where the frame that begins here ends, past the data where that is not all; None: none."""
+    """Return the end of the frame that begins at `at`, past the data where it is cut off.
+
+    None: no frame begins there.
+    """
     if data[at] not in (_V1, _V2):
         return None
     if at + 3 > len(data):

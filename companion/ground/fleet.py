@@ -10,7 +10,7 @@ import asyncio
 import contextlib
 import json
 import time
-from collections.abc import AsyncIterator, Awaitable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -22,16 +22,18 @@ from mavsdk.asyncio.plugins.mavlink_direct import MavlinkDirectAsync
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 from mavsdk.exceptions import MavsdkError
 from mavsdk.logging import log_subscribe
+from mavsdk.plugins.action import ActionError
 from mavsdk.plugins.mavlink_direct import MavlinkMessage
 
+from companion.ground.vehicle_monitor import VehicleMonitor
 from companion.settings.config import CompanionConfig
-from mavlink_bridge.autopilots.registry import adapter
+from mavlink_bridge.autopilots.registry import Autopilot, adapter
 from mavlink_bridge.wire.link import EndpointError
-from mavlink_bridge.wire.messages import Command
+from mavlink_bridge.wire.messages import Command, CommandResult, Message
 
-_TELL = 2.0  # s for the first word of each telemetry stream
+_FIRST = 2.0  # s for the first message of each telemetry stream
 _RATE = 2.0  # Hz
-_ACCEPTED = 0
+_WORDS = 1.0  # s that the STATUSTEXT of a refusal may come after its acknowledgement
 _URLS = (
     "valid: udpin://HOST:PORT, udpout://HOST:PORT, tcpin://HOST:PORT, tcpout://HOST:PORT, "
     "serial://DEVICE:BAUD; no other program may hold it"
@@ -39,9 +41,40 @@ _URLS = (
 _Value = TypeVar("_Value")
 
 
+class Refused(Exception):
+    """A vehicle that refuses a command; the text is the MAV_RESULT."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """How a vehicle shows that it does an action: `what` holds, as `by` tells, in `within` s."""
+
+    what: str
+    by: Callable[[VehicleMonitor], bool]
+    within: float
+
+
+# An acknowledgement says that a command was understood: PX4 acknowledges modes that it then does
+# not enter.
+SHOWN = {
+    "arm": Shown("armed", lambda v: v.armed is True, 5.0),
+    "takeoff": Shown("off the ground", lambda v: v.armed is True and v.in_air, 10.0),
+    "start": Shown(
+        "in offboard (is its companion running, and streaming?)",
+        lambda v: v.mode == "offboard",
+        5.0,
+    ),
+    "hold": Shown("holding", lambda v: v.mode == "hold", 5.0),
+    "land": Shown("landing", lambda v: v.mode == "land" or v.armed is False, 5.0),
+}
+
+
 @dataclass
 class Row:
-    """What came of it for one vehicle, and its state after."""
+    """The result of an action for one vehicle, and the vehicle's state after it.
+
+    height: m above the place of take-off. None and empty: the vehicle did not tell.
+    """
 
     drone: str
     system: int
@@ -56,17 +89,17 @@ class Row:
 async def act(
     action: str, drones: Sequence[CompanionConfig], url: str, patience: float
 ) -> list[Row]:
-    """Do `action` with every drone as soon as it is heard; a row each.
+    """Do `action` with every drone as soon as it is heard; return a row for each.
 
-    None waits for another: who is to hold or to land may be about to collide.
+    No drone waits for another: one that is to hold or to land may be about to collide.
 
-    url: where the vehicles speak to ground stations, as MAVSDK writes it. patience [s]: for
-    vehicles to appear.
+    url: where the vehicles speak to ground stations, as MAVSDK writes it. patience: s, for vehicles
+    to appear.
 
     Raises:
-        EndpointError: nobody can be heard there; names the URL.
+        EndpointError: the URL cannot be opened; the message names it.
     """
-    log_subscribe(lambda *line: True)  # handled: MAVSDK would print each vehicle it meets
+    log_subscribe(lambda *line: True)  # handled here: MAVSDK would print each vehicle it finds
     configuration = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
     async with Mavsdk(configuration) as mavsdk:
         try:
@@ -79,7 +112,7 @@ async def act(
 
 
 async def _find(mavsdk: Mavsdk, wanted: int, deadline: float) -> System | None:
-    """The vehicle of this system id; None where it does not appear in time."""
+    """Return the vehicle of this system id; None where it does not appear in time."""
     while True:
         for system in await mavsdk.get_systems():
             if await system.get_system_id() == wanted and await system.has_autopilot():
@@ -95,51 +128,82 @@ async def _one(action: str, drone: CompanionConfig, heard: Awaitable[System | No
     if system is None:
         return row
     try:
-        await _do(action, drone, system)
-        row.ok, row.result = True, "done"
-    except (MavsdkError, RuntimeError) as error:
-        row.result = str(error)
+        async with VehicleMonitor(system, _autopilot(drone)) as monitor:
+            problem = await _try(action, drone, system, monitor)
+    except RuntimeError as error:  # a plugin of MAVSDK that cannot be made
+        problem = str(error)
+    row.ok, row.result = not problem, problem or "done"
     await _state(row, system)
     return row
 
 
+async def _try(action: str, drone: CompanionConfig, system: System, monitor: VehicleMonitor) -> str:
+    """Do the action and wait until the vehicle shows it; return why not, empty where it does."""
+    try:
+        await _do(action, drone, system)
+    except (MavsdkError, Refused) as error:
+        await asyncio.sleep(_WORDS)
+        reason = error.result.name if isinstance(error, ActionError) else error
+        return f"refused ({reason}): {monitor.state()}"
+    if action not in SHOWN:
+        return ""
+    shown = SHOWN[action]
+    if await monitor.shows(shown.by, shown.within):
+        return ""
+    return f"accepted, but not {shown.what} within {shown.within:g} s: {monitor.state()}"
+
+
+def _autopilot(drone: CompanionConfig) -> Autopilot:
+    return adapter(drone.link.autopilot, drone.link.system_id)
+
+
 async def _do(action: str, drone: CompanionConfig, system: System) -> None:
-    """One action with one vehicle; raises where the vehicle refuses."""
-    actions = ActionAsync(system)
-    if action == "arm":
-        await actions.arm()
+    """Ask one vehicle for one action.
+
+    Raises:
+        MavsdkError, Refused: the vehicle refuses, or does not answer.
+    """
+    autopilot = _autopilot(drone)
+    modes = {"start": autopilot.offboard, "hold": autopilot.hold, "land": autopilot.land}
+    if action in modes:  # for `start` the mode alone: the setpoints are the companion's own
+        await _send(modes[action](), system)
+    elif action == "arm":
+        await ActionAsync(system).arm()
     elif action == "takeoff":
-        if adapter(drone.link.autopilot, drone.link.system_id).mode_after_takeoff == "offboard":
-            await _set_offboard(drone, system)  # ArduPilot takes off in guided mode alone
+        if autopilot.mode_after_takeoff == "offboard":
+            await _send(autopilot.offboard(), system)  # ArduPilot takes off in guided mode alone
+        actions = ActionAsync(system)
         await actions.set_takeoff_altitude(drone.mission.takeoff_altitude)
         await actions.takeoff()
-    elif action == "start":
-        await _set_offboard(drone, system)
-    elif action == "hold":
-        await actions.hold()
-    elif action == "land":
-        await actions.land()
 
 
-async def _set_offboard(drone: CompanionConfig, system: System) -> None:
-    """Let the companion fly: the mode alone; the setpoints are its own and already there."""
+async def _send(requests: Iterable[Message], system: System) -> None:
+    """Send the commands among the requests, each as soon as the one before is accepted.
+
+    Raises:
+        MavsdkError, Refused: the vehicle does not answer, or refuses.
+    """
     direct = MavlinkDirectAsync(system)
-    for request in adapter(drone.link.autopilot, drone.link.system_id).offboard():
+    for request in requests:
         if not isinstance(request, Command):
             continue
         fields: dict[str, Any] = {f"param{n}": p for n, p in enumerate(request.params, start=1)}
-        fields |= {"target_system": request.target_system, "command": request.command,
-                   "target_component": request.target_component, "confirmation": 0}  # fmt: skip
-        message = MavlinkMessage("COMMAND_LONG", 255, 190, request.target_system, 1,
-                                 json.dumps(fields))  # fmt: skip
+        fields |= {
+            "target_system": request.target_system,
+            "target_component": request.target_component,
+            "command": request.command,
+            "confirmation": 0,
+        }
+        message = MavlinkMessage(
+            "COMMAND_LONG", 255, 190, request.target_system, 1, json.dumps(fields)
+        )
         ack = json.loads((await direct.send_command(message)).fields_json)
-        if ack["result"] != _ACCEPTED:
-            raise RuntimeError(f"offboard refused (MAV_RESULT {ack['result']}): is its companion "
-                               "running, and streaming?")  # fmt: skip
+        if ack["result"] != CommandResult.ACCEPTED:
+            raise Refused(CommandResult(ack["result"]).name)
 
 
 async def _state(row: Row, system: System) -> None:
-    """What the vehicle says of itself now."""
+    """Fill in the vehicle's state as it tells it now."""
     telemetry = TelemetryAsync(system)
     for ask in (telemetry.set_rate_position, telemetry.set_rate_battery):
         with contextlib.suppress(MavsdkError):  # ArduPilot sends them only when asked
@@ -157,8 +221,8 @@ async def _state(row: Row, system: System) -> None:
 
 
 async def _first(stream: AsyncIterator[_Value]) -> _Value | None:
-    """The first value of a stream; None where it stays silent."""
+    """Return the first value of a stream; None where the stream stays silent."""
     try:
-        return await asyncio.wait_for(anext(stream), _TELL)
+        return await asyncio.wait_for(anext(stream), _FIRST)
     except (TimeoutError, StopAsyncIteration):
         return None

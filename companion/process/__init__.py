@@ -1,1 +1,1 @@
-"""The daemon around the pipeline: sockets, frames, clock, supervisor, journal."""
+"""The daemon around the pipeline: sockets, frames, clock, service manager, journal."""

@@ -1,4 +1,4 @@
-"""Where a daemon may write: the directories that systemd made for it, or here."""
+"""Places where a daemon may write: the directories that systemd made for it, or here."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from pathlib import Path
 
 
 def log_path(pattern: str, environment: Mapping[str, str], now: datetime | None = None) -> Path:
-    """The flight log's file: `{time}` filled in (UTC), relative paths in the log directory."""
+    """Return the flight log's file: `{time}` in UTC, relative paths in the log directory."""
     stamp = (now or datetime.now(UTC)).strftime("%Y%m%dT%H%M%SZ")
     folder = environment.get("LOGS_DIRECTORY", "").split(":")[0]
     return Path(folder) / pattern.replace("{time}", stamp)
 
 
 class StateFile:
-    """What this daemon is doing, for whoever asks before touching it (deploy, doctor).
+    """The daemon's present state in a file, for the installer, which leaves armed drones alone.
 
-    A file in the run directory, written only when something changes; none without systemd.
+    The file lies in the run directory and is written when something changes; without systemd there
+    is none.
     """
 
     def __init__(self, environment: Mapping[str, str]) -> None:
@@ -28,7 +29,7 @@ class StateFile:
         self._last: dict[str, object] = {}
 
     def write(self, **state: object) -> bool:
-        """Tell the present state; True where it is a new one. Never fails a flight."""
+        """Write the present state; return whether it is new. An error never ends the flight."""
         if state == self._last:
             return False
         self._last = dict(state)

@@ -1,4 +1,4 @@
-"""What is worth a line in the journal: changes from tick to tick, and the vehicle's own words."""
+"""Lines of the journal: changes from tick to tick, and the vehicle's own words."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from companion.types import Phase
 from mavlink_bridge.wire.codec import CodecStatistics
 from mavlink_bridge.wire.messages import StatusText
 
-_WARNING = 4  # MAV_SEVERITY up to this is worth a warning
+_WARNING = 4  # MAV_SEVERITY up to this is a warning
 
 
 class Events:
-    """Follows the ticks of one daemon."""
+    """Follows the ticks of one daemon and logs what changes."""
 
     def __init__(self) -> None:
         self._phase: Phase | None = None
@@ -28,22 +28,27 @@ class Events:
         self._refused, self._refused_at = 0, -1e9
 
     def link(self, problem: str) -> None:
-        """Log why the line to the vehicle is down, and that it is back."""
+        """Log why the link to the vehicle is down, and that it is back."""
         if problem != self._problem:
             event("link", logging.WARNING, text=problem or "back")
         self._problem = problem
 
     def refused(self, counts: CodecStatistics, now: float) -> None:
-        """Log that somebody is there who is not heard: a line a second, however many they are."""
+        """Log that foreign or unsigned messages were refused: at most one line a second."""
         refused = counts.foreign + counts.unsigned
         if refused > self._refused and now - self._refused_at >= 1.0:
             new = refused - self._refused
-            event("refused", logging.WARNING, frames=new, foreign=counts.foreign,
-                  unsigned=counts.unsigned)  # fmt: skip
+            event(
+                "refused",
+                logging.WARNING,
+                frames=new,
+                foreign=counts.foreign,
+                unsigned=counts.unsigned,
+            )
             self._refused, self._refused_at = refused, now
 
     def tick(self, inputs: TickInputs, tick: Tick) -> None:
-        """Log what changed."""
+        """Log what changed since the tick before."""
         supervised, fault = tick.supervised, tick.seen.fault
         for received in inputs.received:
             if isinstance(received.message, StatusText):

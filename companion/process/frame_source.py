@@ -1,6 +1,6 @@
-"""Where camera frames come from: `KIND:ADDRESS`, the simulator or anything OpenCV opens.
+"""Sources of camera frames by `KIND:ADDRESS`: the simulator, or anything that OpenCV opens.
 
-A source is a file descriptor for select() that gives frames with the time they were taken at.
+A source has a file descriptor for select(), and gives frames with the time of their capture.
 """
 
 from __future__ import annotations
@@ -12,26 +12,26 @@ from mavlink_bridge.wire.video import Answer, Frame, FrameClient
 
 
 class FrameSource(Protocol):
-    """One camera; every method but `close` raises VideoError once it is gone."""
+    """One camera; every method but `close` raises VideoError once the camera is gone."""
 
     def fileno(self) -> int:
-        """For select(): readable when a frame waits."""
+        """Return the file descriptor for select(); readable when a frame waits."""
         ...
 
     def waits(self, timeout: float = 0.0) -> bool:
-        """True where a frame waits within `timeout` [s]."""
+        """Return whether a frame waits within `timeout` [s]."""
         ...
 
     def receive(self) -> Frame:
-        """The next frame; blocks."""
+        """Return the next frame; blocks."""
         ...
 
     def answer(self, answer: Answer) -> None:
-        """The tick of a frame is done; only a simulator listens."""
+        """Tell that the tick of a frame is done; only a simulator listens."""
         ...
 
     def close(self) -> None:
-        """Let go of the camera."""
+        """Release the camera."""
         ...
 
 
@@ -39,7 +39,7 @@ def open_source(camera: CameraConfig) -> FrameSource:
     """Open the source of a camera.
 
     Raises:
-        VideoError: it cannot be reached.
+        VideoError: the camera cannot be reached.
     """
     kind, _, address = camera.source.partition(":")
     if kind == "sim":

@@ -1,6 +1,6 @@
-"""A companion inside the process that shows it frames: for studies of many flights.
+"""A companion inside the process that sends it frames: for studies of many flights.
 
-The daemon's tick without its process, sockets and supervision: the same companion reads the same
+It is the daemon's tick without its process, sockets and watchdog: the same companion reads the same
 MAVLink bytes from an endpoint that is handed in, and logs the same. Never for a real drone.
 """
 
@@ -21,13 +21,13 @@ from mavlink_bridge.wire.video import Answer, Frame
 
 
 class InProcessCompanion:
-    """One drone's companion; each frame is one tick, answered at once."""
+    """One drone's companion; each frame is one tick and is answered at once."""
 
     def __init__(self, config_file: Path, endpoint: Endpoint) -> None:
-        """config_file: the drone's; its link and camera source are not opened.
+        """Build the companion of a drone's file, whose link and camera source are not opened.
 
         Raises:
-            SettingsError: the configuration, with every mistake.
+            SettingsError: every mistake of the configuration.
             OSError: the log cannot be made.
         """
         config = load_config(config_file)
@@ -38,7 +38,7 @@ class InProcessCompanion:
             self._session.open_log(Recorder(config, Path(config.log.path)))
 
     def answer(self, frame: Frame) -> Answer:
-        """Tick on a frame and on all messages that came before it."""
+        """Tick on a frame and all messages before it; return the answer to the frame's sender."""
         now = frame.time if frame.due is None else frame.due
         inputs = TickInputs(now, self._link.receive(), frame)
         tick, _ = self._session.tick(inputs)

@@ -1,4 +1,4 @@
-"""Log lines for the journal: `<priority>event key=value …`, never more than it can take.
+"""Log lines for the journal: `<priority>event key=value …`, at a bounded rate.
 
 systemd reads the priority from the prefix of each line; on a terminal it is left out.
 """
@@ -16,14 +16,12 @@ _BURST, _SPAN = 5, 10.0  # lines of one event in so many seconds
 log = logging.getLogger("companion")
 
 
-def set_up(stream_is_journal: bool | None = None) -> None:
-    """Send `log` to stderr, once a process."""
+def set_up() -> None:
+    """Send `log` to stderr; once in a process."""
     if log.handlers:
         return
-    if stream_is_journal is None:
-        stream_is_journal = _stderr_is_journal()
     handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(Fields(prefix=stream_is_journal))
+    handler.setFormatter(Fields(prefix=_stderr_is_journal()))
     handler.addFilter(RateLimit(time.monotonic))
     log.addHandler(handler)
     log.setLevel(logging.INFO)
@@ -31,26 +29,26 @@ def set_up(stream_is_journal: bool | None = None) -> None:
 
 
 def event(name: str, /, level: int = logging.INFO, **fields: object) -> None:
-    """Log that something happened; `name` is what the rate limit counts by."""
+    """Log an event; the rate limit counts by `name`."""
     log.log(level, name, extra={"fields": fields})
 
 
 class Fields(logging.Formatter):
-    """`event key=value …`; values with spaces are quoted, line breaks never get through."""
+    """Formats `event key=value …`; values with spaces are quoted, line breaks escaped."""
 
     def __init__(self, prefix: bool) -> None:
         super().__init__()
         self._prefix = prefix
 
     def format(self, record: logging.LogRecord) -> str:
-        """The record as one line."""
+        """Return the record as one line."""
         fields = getattr(record, "fields", {})
         text = " ".join([record.getMessage(), *(f"{k}={_quoted(v)}" for k, v in fields.items())])
         return f"<{_PRIORITY.get(record.levelno, 6)}>{text}" if self._prefix else text
 
 
 class RateLimit(logging.Filter):
-    """Lets a few lines of each event through and counts the rest into the next that passes."""
+    """Passes a few lines of each event, and counts the others into the next that passes."""
 
     def __init__(self, clock: Callable[[], float]) -> None:
         super().__init__()
@@ -59,7 +57,7 @@ class RateLimit(logging.Filter):
         self._dropped: dict[str, int] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """False where this event has had its share of the last seconds."""
+        """Return whether this event has not yet had its share of the last seconds."""
         now, key = self._clock(), record.msg
         recent = [t for t in self._passed.get(key, []) if now - t < _SPAN]
         self._passed[key] = recent
@@ -80,6 +78,9 @@ def _quoted(value: object) -> str:
 
 
 def _stderr_is_journal() -> bool:
-    """JOURNAL_STREAM names device and inode of the journal's stream, systemd.exec(5)."""
+    """Return whether stderr is the stream whose device and inode JOURNAL_STREAM names.
+
+    Source: systemd.exec(5).
+    """
     status = os.fstat(sys.stderr.fileno())
     return os.environ.get("JOURNAL_STREAM") == f"{status.st_dev}:{status.st_ino}"

@@ -1,9 +1,8 @@
-"""Whether a tick did its work: the condition on READY and on every WATCHDOG.
+"""Liveness: whether a tick did its work, the condition on READY and on every WATCHDOG.
 
-The watchdog is not fed by time that passes but by ticks that came to their end. While
-setpoints stream that is a solved plan that was sent; the guard's fallbacks count too, but only
-for as long as they are meant to last. Without a stream it is a tick that read its inputs and
-made up its mind: a companion that waits for a pilot is watched as well.
+Ticks that end feed the watchdog, not time that passes. While setpoints stream, such a tick has sent
+a solved plan; the guard's fallbacks count too, but only as long as they are meant to last. Without
+a stream, every tick that ends counts: a companion that waits for a pilot is watched as well.
 """
 
 from __future__ import annotations
@@ -13,14 +12,14 @@ from companion.tick import Tick
 
 
 class Liveness:
-    """Follows the ticks of one daemon."""
+    """Follows the ticks of one daemon; period: s, of the ticks."""
 
     def __init__(self, period: float) -> None:
         self._fallback_ticks = round(FALLBACK_MAX / period)
         self._heard = self._seen = self._solved = False
 
     def judge(self, tick: Tick, sent: bool) -> bool:
-        """Return whether this tick did its work; sent: its messages left the process."""
+        """Return whether this tick did its work; sent: whether its messages left the process."""
         plan, verdict = tick.planned.plan, tick.supervised.verdict
         self._heard |= tick.vehicle.heartbeat is not None
         self._seen |= tick.seen.own is not None
@@ -31,12 +30,12 @@ class Liveness:
 
     @property
     def ready(self) -> bool:
-        """Once a heartbeat, a frame and a solved plan have been there."""
+        """Whether a heartbeat, a frame and a solved plan have been there."""
         return self._heard and self._seen and self._solved
 
     @property
     def missing(self) -> str:
-        """What start-up waits for, in words."""
+        """The inputs that start-up still waits for, in words."""
         steps = (
             ("heartbeat and telemetry of the autopilot", self._heard),
             ("camera frame", self._seen),

@@ -1,8 +1,8 @@
-"""When a tick falls due, and what has come in by then.
+"""The pace of ticks: when a tick falls due, and its inputs.
 
-`ClockPace`: every period of the vehicle's clock, free-running; CLOCK_MONOTONIC bridges the
-gaps between telemetry. `FramePace`: when a frame comes, for senders that wait for the answer.
-Both give the pipeline the same inputs; it cannot tell which it is.
+`ClockPace`: every period of the vehicle's clock, free-running; CLOCK_MONOTONIC bridges the gaps
+between telemetry. `FramePace`: when a frame comes, for senders that wait for the answer. Both give
+the pipeline the same kind of inputs, so that it cannot tell them apart.
 """
 
 from __future__ import annotations
@@ -29,27 +29,27 @@ from mavlink_bridge.wire.messages import (
 from mavlink_bridge.wire.video import Answer, Frame, VideoError
 
 _PATIENCE = 1.0  # s that a frame waits for telemetry announced but not arrived
-_CLOCK_BACK = (1.0, 3)  # s that the vehicle's clock has to go back, in so many messages on end
-_POLL = 0.2  # s between looks at the stop flag
+_CLOCK_BACK = (1.0, 3)  # s that the vehicle's clock has to go back, messages in a row
+_POLL = 0.2  # s between two looks at the stop flag
 _GREET = 1.0  # s between greetings
 
 
 class Pace(Protocol):
-    """Where ticks come from."""
+    """Says when the next tick is due; misses: deadlines missed so far."""
 
     misses: int
 
     def next(self, stopped: Callable[[], bool]) -> TickInputs | None:
-        """Block until a tick is due; None when there will be no more."""
+        """Block until a tick is due; return its inputs, None when there will be no more."""
         ...
 
     def done(self, inputs: TickInputs, landed: bool) -> None:
-        """The tick's messages are sent."""
+        """Answer the frame of a tick whose messages are sent."""
         ...
 
 
 class FramePace:
-    """A tick per frame, with exactly the telemetry that was sent before it."""
+    """One tick for each frame, with exactly the telemetry that was sent before the frame."""
 
     def __init__(self, link: Link, frames: FrameSource) -> None:
         self.misses = 0
@@ -57,7 +57,7 @@ class FramePace:
         self._frames = frames
 
     def next(self, stopped: Callable[[], bool]) -> TickInputs | None:
-        """The next frame and all telemetry before it; None when the sender hung up."""
+        """Return the next frame and all telemetry before it; None when the sender hung up."""
         try:
             while not self._frames.waits(_POLL):
                 if stopped():
@@ -72,7 +72,7 @@ class FramePace:
             received += self._link.receive()
         if self._link.packets_in < frame.packets:
             self.misses += 1
-            self._link.packets_in = frame.packets  # lost for good: do not wait for it again
+            self._link.packets_in = frame.packets  # lost for good: do not wait again
         return TickInputs(frame.time if frame.due is None else frame.due, received, frame)
 
     def done(self, inputs: TickInputs, landed: bool) -> None:
@@ -80,14 +80,14 @@ class FramePace:
         try:
             self._frames.answer(Answer(inputs.time, self._link.packets_out, landed))
         except VideoError:
-            return  # the next receive ends the daemon in order
+            return  # the next receive ends the daemon in an orderly way
 
 
 class ClockPace:
-    """A tick every `period` [s] of the vehicle's clock; a late tick is counted, not repeated.
+    """One tick every `period` [s] of the vehicle's clock; a late tick is counted, not repeated.
 
-    vehicle: whose clock it is. greeting: sent each second until that clock is known, to vehicles
-    that tell nothing but HEARTBEAT before they are asked.
+    vehicle: the source of the clock. greeting: sent each second until that clock is known, for
+    vehicles that send nothing but HEARTBEAT before they are asked.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class ClockPace:
         self._frame: Frame | None = None
 
     def next(self, stopped: Callable[[], bool]) -> TickInputs | None:
-        """Sleep to the next due time, taking in what arrives; None when told to stop."""
+        """Sleep until the next tick is due, and read what arrives; None when told to stop."""
         received: list[Received] = []
         while not stopped():
             now = time.monotonic() + self._offset
@@ -132,7 +132,7 @@ class ClockPace:
             self._link.send(self._greeting)
 
     def done(self, inputs: TickInputs, landed: bool) -> None:
-        """Answer the frame too: its sender may count."""
+        """Answer the frame, whose sender may count the answers."""
         if self._frames is not None and inputs.frame is not None:
             try:
                 self._frames.answer(Answer(inputs.frame.time, self._link.packets_out, landed))
@@ -148,7 +148,7 @@ class ClockPace:
         return TickInputs(round(due, 6), received + self._take_in(0.0), self._frame)
 
     def _take_in(self, timeout: float) -> list[Received]:
-        """Wait for telemetry or a frame; keep only the newest frame."""
+        """Wait up to `timeout` [s] for telemetry or a frame; keep only the newest frame."""
         sources: list[Link | FrameSource] = [self._link]
         if self._frames is not None:
             sources.append(self._frames)
@@ -166,7 +166,7 @@ class ClockPace:
         return received
 
     def _dated(self, frame: Frame) -> Frame | None:
-        """The frame in the vehicle's clock; none before that is known."""
+        """Return the frame in the vehicle's clock; None before that clock is known."""
         if not frame.local:
             return frame
         if not math.isfinite(self._offset):
@@ -174,7 +174,7 @@ class ClockPace:
         return replace(frame, time=frame.time + self._offset, local=False)
 
     def _hear_clock(self, received: list[Received]) -> None:
-        """Vehicle's clock against ours: the least delayed message of the recent past counts."""
+        """Estimate the offset of the vehicle's clock from its least delayed recent message."""
         now = time.monotonic()
         for r in received:
             if r.source != self._vehicle:

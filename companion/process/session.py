@@ -1,4 +1,4 @@
-"""One companion on one link with its flight log: what the daemon and in-process flights share."""
+"""One companion on one link with its flight log, as the daemon and in-process flights share it."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from mavlink_bridge.wire.link import Link
 
 
 class Session:
-    """Lets the companion tick, sends what follows, and logs it."""
+    """Ticks the companion, sends its messages, and logs the tick."""
 
     def __init__(self, companion: Companion, link: Link, misses: Callable[[], int]) -> None:
-        """misses: returns the deadlines missed so far."""
+        """Start without a log; misses: returns the deadlines missed so far."""
         self.recorder: Recorder | None = None
         self._companion = companion
         self._link = link
@@ -30,7 +30,7 @@ class Session:
         self._link.tap = lambda sent, data: self._packets.append((sent, data))
 
     def close_log(self) -> None:
-        """End the log; the flight goes on without it."""
+        """End the log; the flight goes on without one."""
         self._link.tap = None
         self._packets.clear()
         if self.recorder is not None:
@@ -38,7 +38,7 @@ class Session:
             self.recorder = None
 
     def tick(self, inputs: TickInputs) -> tuple[Tick, bool]:
-        """Tick and send; return the tick, and whether anything left the process."""
+        """Tick and send; return the tick, and whether a packet left the process."""
         started, packets = time.perf_counter(), self._link.packets_out
         tick = self._companion.tick(inputs)
         for packet in tick.packets:
@@ -46,15 +46,22 @@ class Session:
         self._tick_cost = time.perf_counter() - started
         return tick, self._link.packets_out > packets
 
-    def log(self, inputs: TickInputs, tick: Tick) -> None:
-        """Log the tick, once everything is sent; the cost of logging shows in the next record."""
+    def log(self, inputs: TickInputs, tick: Tick) -> str | None:
+        """Log the tick, once everything is sent; the cost of logging shows in the next record.
+
+        Return why the log has ended, once; None while it goes on, and without a log.
+        """
         if self.recorder is None:
-            return
+            return None
         costs = {"tick": self._tick_cost, "log": self._log_cost}
         started = time.perf_counter()
         self.recorder.write(inputs, tick, self._packets, self.counters(), costs)
         self._packets.clear()
         self._log_cost = time.perf_counter() - started
+        problem = self.recorder.failed
+        if problem is not None:
+            self.close_log()
+        return problem
 
     def counters(self) -> dict[str, int]:
         """Return the deadlines missed and what the codec counted, so far."""

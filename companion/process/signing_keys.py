@@ -1,7 +1,7 @@
 """The signing key's file, and the timestamps that must outlive a restart.
 
-The key: 32 bytes, or 64 hexadecimal digits. Without the timestamps a stream that somebody
-recorded before the restart could be played again.
+A key is 32 bytes, or 64 hexadecimal digits. Without the timestamps, a stream that was recorded
+before the restart could be played again.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from pathlib import Path
 
 from mavlink_bridge.wire.signing import KEY_BYTES, LAST, TICKS, Signing, timestamp_at
 
-_SAVE_EVERY = 1.0  # s; what was heard since the last save could be played again after a crash
+_SAVE_EVERY = 1.0  # s; messages since the last save could be played again after a crash
 _FOR_OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
 
 class SigningKeyError(OSError):
-    """A key that cannot be used; names the file and what helps."""
+    """A key that cannot be used; the message names the file and what to do."""
 
 
 def find_key(name: str, environment: Mapping[str, str]) -> Path:
-    """A path, or the name of a systemd credential (LoadCredential=)."""
+    """Return the file of a key given by its path, or by the name of a systemd credential."""
     folder = environment.get("CREDENTIALS_DIRECTORY", "")
     credential = Path(folder) / name
     return credential if folder and credential.exists() else Path(name)
 
 
 def read_key(path: Path, others: int = _FOR_OTHERS) -> bytes:
-    """The 32 bytes of the key; others: permission bits that must not be set.
+    """Return the 32 bytes of the key; others: permission bits that must not be set.
 
     Raises:
-        SigningKeyError: it cannot be read, others can read it too, or it is no key.
+        SigningKeyError: the file cannot be read, others can read it too, or it holds no key.
     """
     try:
         mode = path.stat().st_mode
@@ -59,10 +59,10 @@ def read_key(path: Path, others: int = _FOR_OTHERS) -> bytes:
 
 
 class Timestamps:
-    """Keeps a signing's timestamps in a file; a disk that fails ends that, never the flight."""
+    """Keeps the timestamps of signing in a file; a disk error ends that, never the flight."""
 
     def __init__(self, key: bytes, link_id: int, path: Path | None) -> None:
-        """path: where they are kept; None: nowhere, and after a restart only the clock counts."""
+        """Load the timestamps of `path`; None: they are not kept, a restart trusts the clock."""
         self._path = path
         self._saved = -1e9
         self.signing = Signing(key, timestamp_at(_now()), link_id)
@@ -70,14 +70,14 @@ class Timestamps:
             self._load(path)
 
     def tick(self, monotonic: float) -> None:
-        """Let the time go on; save where that is due. monotonic: s, CLOCK_MONOTONIC."""
+        """Advance the time, and save where that is due; monotonic: s, CLOCK_MONOTONIC."""
         self.signing.advance(_now())
         if monotonic - self._saved >= _SAVE_EVERY:
             self._saved = monotonic
             self.save()
 
     def save(self) -> None:
-        """Write them down."""
+        """Write the timestamps to the file."""
         if self._path is None:
             return
         state = {
@@ -92,7 +92,7 @@ class Timestamps:
             self._path = None
 
     def _load(self, path: Path) -> None:
-        """What was there before, and never less than it; a damaged file is as good as none."""
+        """Take the saved timestamps, and never less than them; a damaged file counts as none."""
         try:
             state = json.loads(path.read_text())
             before = int(state["timestamp"])
@@ -107,7 +107,7 @@ class Timestamps:
 
 
 def timestamps_path(name: str, environment: Mapping[str, str]) -> Path | None:
-    """In the state directory that systemd made; none without it."""
+    """Return the file in the state directory that systemd made; None without systemd."""
     folder = environment.get("STATE_DIRECTORY", "").split(":")[0]
     return Path(folder) / f"signing-{name}.json" if folder else None
 
@@ -117,13 +117,13 @@ def _now() -> float:
 
 
 def open_signing(name: str, key: str, link_id: int) -> Timestamps:
-    """Everything that a daemon needs to sign and to check.
+    """Return the key and the timestamps with which a daemon signs and checks.
 
     Raises:
         SigningKeyError: the key cannot be used.
     """
     path = find_key(key, os.environ)
-    # systemd lets a service's user in by an ACL, whose mask shows as the group's bits.
+    # systemd gives the service's user access by an ACL, whose mask shows as the group's bits.
     credential = str(path.parent) == os.environ.get("CREDENTIALS_DIRECTORY")
     read = read_key(path, stat.S_IRWXO if credential else _FOR_OTHERS)
     return Timestamps(read, link_id, timestamps_path(name, os.environ))

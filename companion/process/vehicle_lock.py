@@ -1,4 +1,4 @@
-"""One daemon a vehicle: an abstract socket that dies with its holder, whoever runs it.
+"""One daemon for each vehicle: an abstract socket that dies with the process that holds it.
 
 A lock file would outlive a crash, and needs a folder that every user may write to.
 """
@@ -12,20 +12,20 @@ import struct
 
 
 class VehicleTaken(OSError):
-    """Another process holds the vehicle; the text says which."""
+    """Another process holds the vehicle; the message says which."""
 
 
 class VehicleLock:
-    """Held from construction to `close`, or to the end of the process.
+    """A lock held from construction to `close`, or to the end of the process.
 
-    vehicle: what two daemons must not share, the endpoint and the system id.
+    vehicle: the endpoint and the system id, which two daemons must not share.
 
     Raises:
-        VehicleTaken: it is held already. OSError: it cannot be asked for.
+        VehicleTaken: another process holds the lock. OSError: the kernel refuses the socket.
     """
 
     def __init__(self, vehicle: str) -> None:
-        # A hash, for an address has at most 108 bytes, and a device by its id may have more.
+        # A hash: an address has at most 108 bytes, and a device by its id may have more.
         address = f"\0swarm-companion/{hashlib.sha256(vehicle.encode()).hexdigest()}"
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_CLOEXEC)
         try:
@@ -40,12 +40,12 @@ class VehicleLock:
         self._socket.listen(1)
 
     def close(self) -> None:
-        """Let the vehicle go."""
+        """Release the vehicle."""
         self._socket.close()
 
 
 def _holder(address: str) -> str:
-    """`, process 123`, as the kernel knows it; nothing where it has just ended."""
+    """Return `, process 123`, the holder as the kernel knows it; empty where it just ended."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         try:
             probe.connect(address)

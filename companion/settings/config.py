@@ -23,25 +23,25 @@ from mavlink_bridge.shared.settings import (
 )
 
 FILEVERSION = 2
-_NEIGHBOURS = 12  # flocking rules sum over all that are seen, not over the most critical
+_NEIGHBOURS = 12  # flocking rules sum over all neighbours in view, not the most critical
 DEFAULT, AIRFRAMES, BRIDGES = "default.yaml", "airframes", "bridges"
 
 
 class CompanionConfig(CompanionSections):
-    """Everything that one daemon needs to know."""
+    """The whole configuration of one drone."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        for wrong in contradictions(self):
-            raise wrong
+        for contradiction in contradictions(self):
+            raise contradiction
         return self
 
     def for_controller(self) -> CompanionConfig:
         """Return the configuration as its `controller` needs it.
 
-        single-horizon: cohesion and distances over all of N, the conventional NMPC. Rules for the
-        velocity know every neighbour in view, as it flies, and the goal as it is: they make way in
-        their own manner.
+        single-horizon: cohesion and distances over all of N, the conventional NMPC. The velocity
+        rules get every neighbour in view and the goal as it is, without right of way and without
+        reciprocity: they have their own.
         """
         if self.controller == "nmpc":
             return self
@@ -59,7 +59,7 @@ class CompanionConfig(CompanionSections):
         )
 
     def guidance(self) -> GuidanceSettings:
-        """Return what guidance needs of all sections."""
+        """Return the settings of guidance, which come from several sections."""
         return GuidanceSettings(
             mission=self.mission,
             gaze=self.gaze,
@@ -78,19 +78,21 @@ class CompanionConfig(CompanionSections):
 
 
 def load_config(path: Path, overrides: list[str] | None = None) -> CompanionConfig:
-    """Read a drone's file with its layers; `overrides` are path.to.key=value.
+    """Return the configuration of a drone's file and its layers.
+
+    overrides: path.to.key=value, on top of the file.
 
     Raises:
-        SettingsError: with every mistake, as file:line:column: key: what.
+        SettingsError: every mistake, as `file:line:column: key: what`.
     """
     return validate(CompanionConfig, resolve(path, overrides), str(path))
 
 
 def resolve(path: Path, overrides: list[str] | None = None) -> Document:
-    """The layers of a drone's file as one document, with the place of each value.
+    """Return the layers of a drone's file as one document, with the place of each value.
 
     Raises:
-        SettingsError: a file that cannot be read at all; lesser mistakes wait in the document.
+        SettingsError: a file that cannot be read at all; other mistakes wait in the document.
     """
     drone = _layer(path)
     layers = [] if is_layer(path) else [*_default(path), *_airframe(path, drone)]
@@ -98,36 +100,36 @@ def resolve(path: Path, overrides: list[str] | None = None) -> Document:
 
 
 def is_layer(path: Path) -> bool:
-    """Whether a file is no drone but what lies below drones: default.yaml, airframes/*.yaml."""
+    """Return whether a file is a layer below drones: default.yaml, airframes/*.yaml."""
     return path.name == DEFAULT or path.parent.name == AIRFRAMES
 
 
 def is_bridge(path: Path) -> bool:
-    """Whether a file configures a drone's `mavlink-bridge`: bridges/ beside the drones."""
+    """Return whether a file configures a `mavlink-bridge`: it lies in bridges/."""
     return path.parent.name == BRIDGES
 
 
 def bridge_of(path: Path) -> Path:
-    """Where the bridge of a drone's file is configured, if it has one: under the same name."""
+    """Return the file of a drone's bridge: bridges/, under the drone file's name."""
     return path.parent / BRIDGES / path.name
 
 
 def layers_of(path: Path) -> list[Path]:
-    """The files that a drone's file builds on, lowest first; as far as they exist."""
+    """Return the existing files that lie below a drone's file, lowest first."""
     name = _airframe_name(load_yaml(path))
     files = [path.parent / DEFAULT, path.parent / AIRFRAMES / f"{name}.yaml"]
     return [] if is_layer(path) else [f for f in files if f.exists()]
 
 
 def _layer(path: Path) -> Document:
-    """One file, which must say for which version of this format it was written."""
+    """Return one file, which must name the version of this format."""
     document = load_yaml(path)
     if "fileversion" not in document.data:
         document.problems.append(f"{path}:1:1: fileversion: is missing; valid: {FILEVERSION}")
     elif (found := document.data["fileversion"]) != FILEVERSION:
         place = document.places[("fileversion",)]
         document.problems.append(f"{place}: fileversion: must be {FILEVERSION}, got {found!r}")
-        document.data["fileversion"] = FILEVERSION  # said once
+        document.data["fileversion"] = FILEVERSION  # one message is enough
     airframe = document.data.get("airframe")
     if isinstance(airframe, str):  # `airframe: quad5` is short for `airframe: {name: quad5}`
         document.data["airframe"] = {"name": airframe}
@@ -145,7 +147,7 @@ def _default(path: Path) -> list[Document]:
 
 
 def _airframe(path: Path, drone: Document) -> list[Document]:
-    """The layer of the airframe that the drone names."""
+    """Return the layer of the airframe that the drone names, if any."""
     name = _airframe_name(drone)
     if name is None:
         return []

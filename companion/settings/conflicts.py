@@ -1,4 +1,4 @@
-"""What no single configuration can know: two drones that want the same thing."""
+"""Conflicts between configurations: two drones that claim the same name, id or port."""
 
 from __future__ import annotations
 
@@ -14,19 +14,22 @@ from mavlink_bridge.wire.link import parse_endpoint
 
 @dataclass(frozen=True)
 class Drone:
-    """A drone's file, its resolved document and what it says."""
+    """A drone's file, its resolved document and its configuration."""
 
     path: Path
     document: Document
     config: CompanionConfig
 
     def place(self, key: str) -> str:
-        """Where it says `key`; its file where that is the built-in default."""
+        """Return the place of `key`; the file where the value is the built-in default."""
         return self.document.places.get(tuple(key.split(".")), str(self.path))
 
 
 def read_drones(paths: Iterable[Path]) -> tuple[list[Drone], list[str]]:
-    """Every drone among the files (layers are passed over), and what is wrong with the rest."""
+    """Return the valid drones among the files, and the problems of the others.
+
+    Layers and bridges are passed over.
+    """
     drones: list[Drone] = []
     problems: list[str] = []
     for path in dict.fromkeys(p for p in paths if not (is_layer(p) or is_bridge(p))):
@@ -39,7 +42,7 @@ def read_drones(paths: Iterable[Path]) -> tuple[list[Drone], list[str]]:
 
 
 def conflicts(drones: Iterable[Drone]) -> list[str]:
-    """A problem for each thing that a drone shares with one before it, at its place."""
+    """Return a problem, with its place, for each claim that an earlier drone has made already."""
     taken: dict[tuple[str, ...], tuple[Drone, str]] = {}
     problems = []
     for drone in drones:
@@ -54,12 +57,14 @@ def conflicts(drones: Iterable[Drone]) -> list[str]:
 
 
 def bridge_problems(drone: Drone) -> list[str]:
-    """Where a drone and its bridge do not fit together; the bridge's file need not be there."""
+    """Return where a drone and its bridge do not fit together; a drone may have no bridge."""
     link = drone.config.link
     problems = []
     if link.autopilot == "betaflight" and link.signing is not None:
-        problems.append(f"{drone.place('link.signing')}: link.signing: mavlink-bridge does not "
-                        "sign, so a Betaflight would not be heard")  # fmt: skip
+        problems.append(
+            f"{drone.place('link.signing')}: link.signing: mavlink-bridge does not "
+            "sign, so a Betaflight would not be heard"
+        )
     path = bridge_of(drone.path)
     if not path.exists():
         return problems
@@ -71,13 +76,16 @@ def bridge_problems(drone: Drone) -> list[str]:
     kind, _, port = parse_endpoint(bridge.link.endpoint)
     if bridge.link.system_id != link.system_id:
         place = document.places.get(("link", "system_id"), path)
-        problems.append(f"{place}: link.system_id: is {bridge.link.system_id}, "
-                        f"that of {drone.config.name} {link.system_id}")  # fmt: skip
+        problems.append(
+            f"{place}: link.system_id: is {bridge.link.system_id}, "
+            f"that of {drone.config.name} {link.system_id}"
+        )
     mine, _, there = parse_endpoint(link.endpoint)
     if (kind, mine) == ("udpout", "udpin") and port != there:
         place = document.places.get(("link", "endpoint"), path)
-        problems.append(f"{place}: link.endpoint: port {port}, {drone.config.name} "
-                        f"listens on {there}")  # fmt: skip
+        problems.append(
+            f"{place}: link.endpoint: port {port}, {drone.config.name} listens on {there}"
+        )
     airframe, throttle = drone.config.airframe, bridge.throttle
     for key, is_, name, wanted in (
         ("hover", throttle.hover, "hover_thrust", airframe.hover_thrust),
@@ -85,15 +93,17 @@ def bridge_problems(drone: Drone) -> list[str]:
     ):
         if is_ != wanted:  # the bridge passes thrust on as throttle
             place = document.places.get(("throttle", key), path)
-            problems.append(f"{place}: throttle.{key}: is {is_}, airframe.{name} of "
-                            f"{drone.config.name} {wanted}")  # fmt: skip
+            problems.append(
+                f"{place}: throttle.{key}: is {is_}, airframe.{name} of "
+                f"{drone.config.name} {wanted}"
+            )
     return problems
 
 
 def _claims(config: CompanionConfig) -> Mapping[str, tuple[tuple[str, ...], str]]:
-    """By key: what a drone claims for itself, and how to say it.
+    """Return what a drone claims for itself, by key, and its name in messages.
 
-    System ids and names are the swarm's, ports and devices those of one board.
+    Names and system ids are unique in the swarm, ports and devices on one board.
     """
     board = config.board.host or ""
     return {
@@ -114,7 +124,7 @@ def _claims(config: CompanionConfig) -> Mapping[str, tuple[tuple[str, ...], str]
 
 
 def _port(endpoint: str) -> tuple[str, str]:
-    """What an endpoint occupies: a UDP or TCP port whatever the address, else a device."""
+    """Return what an endpoint occupies: a port, whatever its address, or a device."""
     kind, _, address = endpoint.partition(":")
     _, _, port = address.rpartition(":")
     if kind.startswith(("udp", "tcp", "sim")) and port.isdigit():

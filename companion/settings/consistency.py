@@ -1,4 +1,4 @@
-"""Settings that are fine each and together never move, see nothing, or touch what they fly past."""
+"""Contradictions between sections: values that are valid alone, and not together."""
 
 from __future__ import annotations
 
@@ -8,20 +8,21 @@ from companion.settings.sections import CompanionSections
 from mavlink_bridge.shared.settings import Contradiction
 
 _SIM_ONLY = {"neighbours": ("truth",), "obstacles": ("map", "depth")}
-_NEAR = 0.5  # of a goal's tolerance, which the fence may take
+_REACHED = 0.5  # share of a goal's tolerance that the distance to the fence may take
 
 
 def contradictions(config: CompanionSections) -> Iterator[Contradiction]:
-    """Everything wrong between the sections of a drone's config."""
+    """Return every contradiction between the sections of a drone's configuration."""
     yield from _sources(config)
     yield from _fence(config)
     yield from _goals(config)
     yield from _distances(config)
     yield from _ticks(config)
+    yield from _input_bounds(config)
 
 
 def _sources(config: CompanionSections) -> Iterator[Contradiction]:
-    """What a source of frames does not give."""
+    """Check what the source of frames can give."""
     simulated = config.camera.source.startswith("sim:")
     if config.timing.pace == "frames" and not simulated:
         yield Contradiction(
@@ -38,11 +39,11 @@ def _sources(config: CompanionSections) -> Iterator[Contradiction]:
             f"every frame is late: camera.latency, {config.camera.latency:g}, must be below "
             f"camera_health.late, {config.camera_health.late:g}",
         )
-    looks, life = 2 * config.sensing.trunks_every, config.obstacles.doubtful_unseen
-    if looks * config.timing.period >= life:
+    between, life = 2 * config.sensing.trunks_every, config.obstacles.doubtful_unseen
+    if between * config.timing.period >= life:
         yield Contradiction(
             ("sensing.trunks_every", "obstacles.doubtful_unseen"),
-            f"trunks would be forgotten between two looks: sensing.trunks_every, "
+            f"trunks would be forgotten between two searches: sensing.trunks_every, "
             f"{config.sensing.trunks_every}, is too many frames for obstacles.doubtful_unseen, "
             f"{life:g}",
         )
@@ -54,7 +55,7 @@ def _sources(config: CompanionSections) -> Iterator[Contradiction]:
 
 
 def _fence(config: CompanionSections) -> Iterator[Contradiction]:
-    """Room between planes, each of which is kept away from."""
+    """Check that the fence leaves room between its planes, each kept at a distance."""
     fence, apart = config.fence, config.nmpc.d_obstacle_safety
     needed = f"twice nmpc.d_obstacle_safety, {apart:g}"
     low, high = "fence.altitude_min", "fence.altitude_max"
@@ -73,7 +74,7 @@ def _fence(config: CompanionSections) -> Iterator[Contradiction]:
         yield Contradiction(
             ("fence.altitude_band", "nmpc.d_obstacle_safety"),
             f"altitude_band, {fence.altitude_band:g}, must be at least nmpc.d_obstacle_safety, "
-            f"{apart:g}, which is kept to its top and bottom, too",
+            f"{apart:g}, which is kept to its top and bottom as well",
         )
     for key, limits in (("fence.east", fence.east), ("fence.north", fence.north)):
         if limits is not None and limits[1] - limits[0] < 2.0 * apart:
@@ -83,7 +84,7 @@ def _fence(config: CompanionSections) -> Iterator[Contradiction]:
 
 
 def _goals(config: CompanionSections) -> Iterator[Contradiction]:
-    """Goals that the fence, and the distance kept to it, leave within reach."""
+    """Check that each goal is within reach, given the fence and the distance kept to it."""
     fence, mission, apart = config.fence, config.mission, config.nmpc.d_obstacle_safety
     low, high = "fence.altitude_min", "fence.altitude_max"
     for n, goal in enumerate(mission.goals):
@@ -99,7 +100,7 @@ def _goals(config: CompanionSections) -> Iterator[Contradiction]:
                 )
         last = n == len(mission.goals) - 1
         tolerance = mission.final_tolerance if last else mission.tolerance
-        inside = apart - _NEAR * tolerance
+        inside = apart - _REACHED * tolerance
         sides = {
             "fence.east": (goal[0], fence.east),
             "fence.north": (goal[1], fence.north),
@@ -114,12 +115,12 @@ def _goals(config: CompanionSections) -> Iterator[Contradiction]:
                 yield Contradiction(
                     (key, side, "nmpc.d_obstacle_safety"),
                     f"must lie {inside:g} m inside the fence, {limits}, or it is never reached: "
-                    f"nmpc.d_obstacle_safety, {apart:g}, is kept to it, too; got {goal}",
+                    f"nmpc.d_obstacle_safety, {apart:g}, is kept to the fence; got {goal}",
                 )
 
 
 def _distances(config: CompanionSections) -> Iterator[Contradiction]:
-    """Distances from the centre that leave the drone's body untouched."""
+    """Check that the distances, which count from the centre, exceed the drone's body."""
     radius, nmpc = config.airframe.radius, config.nmpc
     if not nmpc.d_obstacle_safety > radius:
         yield Contradiction(
@@ -136,7 +137,7 @@ def _distances(config: CompanionSections) -> Iterator[Contradiction]:
 
 
 def _ticks(config: CompanionSections) -> Iterator[Contradiction]:
-    """Steps of the plan and limits on lateness that fit the tick."""
+    """Check that the plan's step and the guard's lateness fit the tick."""
     period = config.timing.period
     if config.nmpc.dt != period:
         yield Contradiction(
@@ -150,3 +151,24 @@ def _ticks(config: CompanionSections) -> Iterator[Contradiction]:
             f"guard.late, {config.guard.late:g}, must be above timing.period, {period:g}, or "
             "every command is late",
         )
+
+
+def _input_bounds(config: CompanionSections) -> Iterator[Contradiction]:
+    """Check that every plan lies within the bounds of the guard.
+
+    A guard with tighter bounds would clip plans that keep their own, and the drone would not fly
+    what was planned. Wider bounds are fine: they hold for braking, too.
+    """
+    nmpc, guard = config.nmpc, config.guard
+    for key, fits, relation in (
+        ("c_min", guard.c_min <= nmpc.c_min, "at most"),
+        ("c_max", guard.c_max >= nmpc.c_max, "at least"),
+        ("omega_max", guard.omega_max >= nmpc.omega_max, "at least"),
+    ):
+        if not fits:
+            ours, theirs = getattr(guard, key), getattr(nmpc, key)
+            yield Contradiction(
+                (f"guard.{key}", f"nmpc.{key}"),
+                f"guard.{key}, {ours:g}, must be {relation} nmpc.{key}, {theirs:g}, or the guard "
+                "clips plans",
+            )

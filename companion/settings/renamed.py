@@ -1,4 +1,4 @@
-"""Keys of a drone's file that were renamed, and old configurations in the new words."""
+"""Renamed keys of a drone's file, and the upgrade of old configurations."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ RENAMED = {
     "gaze.seen_none": "speed_limits.no_view",
     "gaze.creep": "speed_limits.no_view_share",
 }
-_MERGED = {"threat.d_ref"}  # its value was one more of the same symbol, and is dropped
+_DROPPED = {"threat.d_ref"}  # the solver's d_ref is the one that holds
 
 
 def upgraded(config: dict[str, Any], fileversion: int) -> dict[str, Any]:
-    """Return the configuration of an old log with today's keys; fileversion: today's."""
+    """Return a copy of an old configuration with the present keys and `fileversion`."""
     new = copy.deepcopy(config)
-    for old, name in RENAMED.items():
-        found, value = _take(new, old.split("."))
-        if found and old not in _MERGED:
-            _put(new, name.split("."), value)
+    for before, after in RENAMED.items():
+        found, value = _take(new, before.split("."))
+        if found and before not in _DROPPED:
+            _put(new, after.split("."), value)
     new["fileversion"] = fileversion
     return new
 

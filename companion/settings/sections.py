@@ -34,20 +34,26 @@ from mavlink_bridge.wire.messages import Source
 
 
 class AirframeConfig(StrictModel):
-    """What differs from one kind of drone to another."""
+    """The body and the thrust of one kind of drone."""
 
-    name: str = "quad5"
+    name: str = Field("quad5", description="Name of a file in airframes/.")
     radius: float = Field(
         0.2,
         gt=0,
-        description="Of the sphere around the drone [m]; the distances that nmpc keeps are from "
-        "its centre and must be larger.",
+        description="Radius of the sphere around the drone [m]; nmpc's distances count from its "
+        "centre and must be larger.",
     )
     hover_thrust: float = Field(
-        0.33, ge=HOVER_MIN, le=HOVER_MAX, description="Normalised thrust that holds it."
+        0.33,
+        ge=HOVER_MIN,
+        le=HOVER_MAX,
+        description="Normalised thrust 0…1 that holds the drone in hover.",
     )
     thrust_exponent: float = Field(
-        1.0, ge=0.5, le=3, description="force ∝ thrust^exponent, as the autopilot is set up."
+        1.0,
+        ge=0.5,
+        le=3,
+        description="Exponent of force ∝ thrust^exponent, as set in the autopilot.",
     )
 
 
@@ -57,13 +63,13 @@ def _well_formed(endpoint: str) -> str:
 
 
 class SigningConfig(StrictModel):
-    """MAVLink 2 signing: what is not signed with the key is not heard."""
+    """MAVLink 2 signing: messages that are not signed with the key are refused."""
 
     key: str = Field(
-        description="File of 32 bytes or 64 hexadecimal digits that only the service can read; or "
-        "the name of a systemd credential."
+        description="Key file that only the service can read (32 bytes or 64 hexadecimal digits), "
+        "or the name of a systemd credential."
     )
-    link_id: int = Field(0, ge=0, le=255, description="Of what the companion sends.")
+    link_id: int = Field(0, ge=0, le=255, description="Link id of the companion's messages.")
 
 
 class LinkConfig(StrictModel):
@@ -72,17 +78,17 @@ class LinkConfig(StrictModel):
     endpoint: Annotated[str, AfterValidator(_well_formed)] = Field(
         "udpin:127.0.0.1:14541", description=ENDPOINT_FORMS
     )
-    system_id: int = Field(1, ge=1, le=255, description="Of the vehicle.")
+    system_id: int = Field(1, ge=1, le=255, description="System id of the vehicle.")
     component_id: int = Field(
-        191, ge=2, le=255, description="Of the companion; 1 is the autopilot's."
+        191, ge=2, le=255, description="Component id of the companion; 1 is the autopilot."
     )
-    autopilot: AutopilotName = "px4"
+    autopilot: AutopilotName = Field("px4", description="Firmware of the vehicle.")
     allow: list[list[int]] = Field(
         [],
-        description="[system, component] whose messages are heard, component 0: any; besides the "
-        "vehicle's autopilot and another companion of it, who are always.",
+        description="Further [system, component] whose messages are read, component 0: any. Those "
+        "of the vehicle's autopilot and of another companion always are.",
     )
-    signing: SigningConfig | None = Field(None, description="MAVLink 2 signing; none: unsigned.")
+    signing: SigningConfig | None = Field(None, description="MAVLink 2 signing; null: unsigned.")
 
     @model_validator(mode="after")
     def _pairs(self) -> Self:
@@ -92,22 +98,25 @@ class LinkConfig(StrictModel):
         return self
 
     def heard(self) -> list[Source]:
-        """Everybody who is listened to."""
+        """Return the sources whose messages are read."""
         mine = [Source(self.system_id, 1), Source(self.system_id, self.component_id)]
         return mine + [Source(*pair) for pair in self.allow]
 
 
 class TimingConfig(StrictModel):
-    """When a tick falls due, and the delay that is made up for."""
+    """When a tick falls due, and the delay that the prediction covers."""
 
     pace: Literal["clock", "frames"] = Field(
         "clock",
-        description="clock: every period of the vehicle's clock; frames: when a frame comes "
+        description="clock: a tick every period of the vehicle's clock; frames: a tick per frame "
         "(lockstep: the sender waits for the answer).",
     )
-    period: float = Field(0.1, ge=0.02, le=0.2, description="s.")
+    period: float = Field(0.1, ge=0.02, le=0.2, description="Time between ticks [s].")
     delay: float = Field(
-        0.06, ge=0, le=0.5, description="From tick to effect [s]: compute, transport, rate loop."
+        0.06,
+        ge=0,
+        le=0.5,
+        description="Delay from tick to effect [s]: compute, transport, rate loop.",
     )
 
 
@@ -117,20 +126,24 @@ class BoardConfig(StrictModel):
     host: str | None = Field(
         None,
         pattern=r"^([a-z_][a-z0-9_-]*@)?[A-Za-z0-9][A-Za-z0-9.-]*$",
-        description="USER@HOST where `companion deploy` finds it; drones without share one board.",
+        description="USER@HOST for `companion deploy`; drones without a host share one board.",
     )
     cpus: str | None = Field(
-        None, pattern=r"^[0-9]+([-, ][0-9]+)*$", description="CPUs of the daemon, as `2-3`."
+        None,
+        pattern=r"^[0-9]+([-, ][0-9]+)*$",
+        description="CPUs that the daemon is pinned to, as `2-3`.",
     )
 
 
 class LogConfig(StrictModel):
     """The flight log."""
 
-    path: str | None = Field(None, description="MCAP file; none where not given.")
-    tlog: bool = Field(True, description="MAVLink traffic beside it, same name, as .tlog.")
+    path: str | None = Field(None, description="MCAP file; null: no log.")
+    tlog: bool = Field(
+        True, description="Whether to write the MAVLink traffic beside it, as .tlog."
+    )
     images: Literal["none", "periodic", "event"] = Field(
-        "none", description="Camera pictures: one a second, or when phase, guard or goal changes."
+        "none", description="Camera pictures: one per second, or when phase, guard or goal changes."
     )
 
 
@@ -140,7 +153,11 @@ class CompanionSections(StrictModel):
     RENAMED: ClassVar[Mapping[str, str]] = RENAMED
 
     fileversion: Literal[2] = 2
-    name: str = Field("drone1", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,62}$")
+    name: str = Field(
+        "drone1",
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,62}$",
+        description="Name of the drone, unique in the swarm.",
+    )
     airframe: AirframeConfig = AirframeConfig()
     link: LinkConfig = LinkConfig()
     camera: CameraConfig = CameraConfig()
@@ -157,7 +174,7 @@ class CompanionSections(StrictModel):
     gaze: GazeConfig = GazeConfig()
     mission: MissionConfig = MissionConfig()
     controller: Controller = Field(
-        "nmpc", description="What plans: the NMPC, or a rule to compare it with; studies only."
+        "nmpc", description="The planner: the NMPC, or for studies a rule to compare it with."
     )
     nmpc: NmpcConfig = NmpcConfig()
     baselines: BaselinesConfig = BaselinesConfig()

@@ -1,4 +1,4 @@
-"""A world in real time beside the test, and a supervisor that listens to a daemon."""
+"""A world in real time beside the test, and a service manager that listens to a daemon."""
 
 import json
 import os
@@ -16,7 +16,7 @@ import pytest
 from tests.companion.deployment import free_ports
 
 SCENARIO = """
-fileversion: 2
+fileversion: 1
 name: served
 world: {{cylinders: [{{x: 6.0, y: 2.5, radius: 0.5}}]}}
 drones: {{count: 3, heading_deg: 0.0, spacing: 6.0, autopilot: {autopilot},
@@ -38,7 +38,7 @@ log: {{path: 'flight-{{time}}.mcap'}}
 
 @dataclass
 class World:
-    """`sitl-sim serve` and where its vehicles are."""
+    """`sitl-sim serve` and the ports of its vehicles."""
 
     folder: Path
     companion_port: int
@@ -46,20 +46,25 @@ class World:
     ground_port: int
 
     def config(self, i, auto=False, more=""):
-        """A drone's file for vehicle i."""
+        """Write a drone's file for vehicle i and return its path."""
         file = self.folder / f"drone{i}.yaml"
         file.write_text(
-            DRONE.format(i=i, port=self.companion_port + i, frames=self.frame_port + i,
-                         auto=str(auto).lower()) + more
-        )  # fmt: skip
+            DRONE.format(
+                i=i,
+                port=self.companion_port + i,
+                frames=self.frame_port + i,
+                auto=str(auto).lower(),
+            )
+            + more
+        )
         return file
 
 
 @pytest.fixture(scope="module")
 def world(tmp_path_factory, request):
-    """Three vehicles in real time for the tests of a file, who share them out.
+    """Three vehicles in real time, which the tests of a file share.
 
-    The file may say which AUTOPILOT they have, and its PARAMETERS.
+    The file may set the vehicles' AUTOPILOT and its PARAMETERS.
     """
     tmp_path = tmp_path_factory.mktemp("world")
     base = free_ports(12)
@@ -67,14 +72,23 @@ def world(tmp_path_factory, request):
     scenario = tmp_path / "served.yaml"
     parameters = json.dumps(getattr(request.module, "PARAMETERS", {}))
     autopilot = getattr(request.module, "AUTOPILOT", "px4")
-    scenario.write_text(SCENARIO.format(p=base, f=base + 4, g=base + 9, parameters=parameters,
-                                        autopilot=autopilot))  # fmt: skip
+    scenario.write_text(
+        SCENARIO.format(p=base, f=base + 4, g=base + 9, parameters=parameters, autopilot=autopilot)
+    )
     with (tmp_path / "serve.log").open("wb") as log:
         process = subprocess.Popen(
-            [sys.executable, "-m", "sitl_sim", "serve", str(scenario), "--out",
-             str(tmp_path / "run")],
-            stdout=log, stderr=log,
-        )  # fmt: skip
+            [
+                sys.executable,
+                "-m",
+                "sitl_sim",
+                "serve",
+                str(scenario),
+                "--out",
+                str(tmp_path / "run"),
+            ],
+            stdout=log,
+            stderr=log,
+        )
     try:
         _until_listening(world.frame_port + 1, process)
         yield world
@@ -94,8 +108,8 @@ def _until_listening(port, process):
 
 
 @dataclass
-class Supervised:
-    """A daemon whose notifications are caught as a service manager would."""
+class RunningDaemon:
+    """A daemon, and the notices that it sends to its service manager."""
 
     process: subprocess.Popen
     socket: socket.socket
@@ -104,7 +118,7 @@ class Supervised:
     heard: list = field(default_factory=list)  # (seconds since start, line)
 
     def listen(self, seconds, until=None):
-        """Gather notifications for so long, or until a line starts with `until`; was it heard?"""
+        """Gather notices for `seconds`; return whether a line that starts with `until` came."""
         deadline = time.monotonic() + seconds
         while (left := deadline - time.monotonic()) > 0:
             if not select.select([self.socket], [], [], min(left, 0.05))[0]:
@@ -122,7 +136,7 @@ class Supervised:
         return sum(line.startswith(word) for _, line in self.heard)
 
     def state(self):
-        """What the daemon says of itself in its run directory."""
+        """Return the daemon's state file."""
         file = self.folder / "state.json"
         return json.loads(file.read_text()) if file.exists() else {}
 
@@ -137,8 +151,8 @@ class Supervised:
 
 
 @pytest.fixture
-def supervise(tmp_path):
-    """Start `companion run` under a fake service manager."""
+def start_daemon(tmp_path):
+    """Start `companion run` under a stand-in for the service manager."""
     running = []
 
     def start(config, command=(sys.executable, "-m", "companion"), cwd=None):
@@ -155,9 +169,12 @@ def supervise(tmp_path):
         with (folder / "stderr.log").open("wb") as log:
             process = subprocess.Popen(
                 [*map(str, command), "run", str(config)],
-                env=environment, stdout=log, stderr=log, cwd=cwd,
-            )  # fmt: skip
-        running.append(Supervised(process, listener, folder, time.monotonic()))
+                env=environment,
+                stdout=log,
+                stderr=log,
+                cwd=cwd,
+            )
+        running.append(RunningDaemon(process, listener, folder, time.monotonic()))
         return running[-1]
 
     yield start

@@ -43,8 +43,13 @@ def fake_systemctl(folder, state, states=None, starts=True, writes=None):
     """
     script = folder / "systemctl.py"
     script.write_text(SYSTEMCTL)
-    given = {"log": str(folder / "asked"), "state": state, "states": states or {},
-             "starts": starts, "writes": writes and [str(w) for w in writes]}  # fmt: skip
+    given = {
+        "log": str(folder / "asked"),
+        "state": state,
+        "states": states or {},
+        "starts": starts,
+        "writes": writes and [str(w) for w in writes],
+    }
     return [sys.executable, str(script), json.dumps(given)]
 
 
@@ -102,11 +107,14 @@ def launched(root):
 def contents(root):
     """Every file below root but the environments, with its bytes, mode and time."""
     return {
-        str(p.relative_to(root)): (p.lstat().st_mtime_ns, p.lstat().st_mode,
-                                   p.readlink() if p.is_symlink() else p.read_bytes())
+        str(p.relative_to(root)): (
+            p.lstat().st_mtime_ns,
+            p.lstat().st_mode,
+            p.readlink() if p.is_symlink() else p.read_bytes(),
+        )
         for p in root.rglob("*")
         if (p.is_symlink() or p.is_file()) and "releases/" not in str(p) and p.name != ".lock"
-    }  # fmt: skip
+    }
 
 
 class SshServer:
@@ -115,8 +123,9 @@ class SshServer:
     def __init__(self, folder, port):
         self.folder = folder
         for key in ("host", "user"):
-            subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", folder / key],
-                           check=True)  # fmt: skip
+            subprocess.run(
+                ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", folder / key], check=True
+            )
         (folder / "authorized").write_bytes((folder / "user.pub").read_bytes())
         (folder / "sshd_config").write_text(
             f"ListenAddress 127.0.0.1\nPort {port}\nHostKey {folder}/host\nPidFile none\n"

@@ -17,9 +17,10 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from companion.flightlog.reader import read_log, recover
 from companion.flightlog.replay import replay
-from companion.pipeline import Pipeline, TickInputs
+from companion.pipeline import Companion
 from companion.process.signing_keys import Timestamps
 from companion.settings.config import CompanionConfig, load_config
+from companion.tick import TickInputs
 from companion.types import Phase
 from mavlink_bridge.betaflight import msp
 from mavlink_bridge.betaflight.bridge import BetaflightBridge
@@ -198,28 +199,28 @@ def video(data):
 
 
 @lru_cache(1)
-def _pipeline():
-    """Return a pipeline; it is made once, because its solver is compiled."""
+def _companion():
+    """Return a companion; it is made once, because its solver is compiled."""
     fields = {"sensing": {"neighbours": "truth", "obstacles": "map"}}
-    return Pipeline(CompanionConfig.model_validate(fields), lambda: 0.0)
+    return Companion(CompanionConfig.model_validate(fields), lambda: 0.0)
 
 
 def _fly_on(received, frame):
     """Run the next tick in flight; check that its setpoint is finite and within limits."""
-    p = _pipeline()
-    p._phases.phase = Phase.FLY
-    p._phases._releasing = False
-    time = (p._time if np.isfinite(p._time) else 0.0) + 0.1
+    c = _companion()
+    c._supervision._phases.phase = Phase.FLY
+    c._supervision._phases._releasing = False
+    last = c._vehicle._time
+    time = (last if np.isfinite(last) else 0.0) + 0.1
     if frame is not None:
         frame = replace(frame, time=time)  # a frame of another time is ignored
     with np.errstate(all="ignore"):
-        out = p.tick(TickInputs(time, received, frame))
-    Codec(1, 191).encode(out.messages)
-    for m in out.messages:
-        if isinstance(m, RateSetpoint):
-            assert np.isfinite(m.omega).all()
-            assert np.abs(m.omega).max() <= 3.0
-            assert 0.0 <= m.thrust <= 1.0
+        made = c.tick(TickInputs(time, received, frame))
+    Codec(1, 191).encode(made.packets[0])
+    if made.setpoint is not None:
+        assert np.isfinite(made.setpoint.omega).all()
+        assert np.abs(made.setpoint.omega).max() <= 3.0
+        assert 0.0 <= made.setpoint.thrust <= 1.0
 
 
 def tick(data):

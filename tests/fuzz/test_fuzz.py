@@ -5,8 +5,8 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from companion.supervision.guard import Guard, GuardConfig, Situation
-from companion.types import Result, Status
+from companion.supervision.guard import Guard, GuardConfig, GuardInputs
+from companion.types import Plan, PlanStatus
 from mavlink_bridge.wire.messages import VehicleState
 from tests.fuzz import mutate, targets
 
@@ -47,17 +47,17 @@ vectors = st.lists(floats, min_size=4, max_size=4).map(np.array)
 @given(*[vectors] * 5, *[floats] * 4, st.booleans(), st.booleans())
 @example(*[np.full(4, 1e308)] * 5, 0.0, 0.0, 1e308, 1e308, True, False)
 def test_the_guard_gives_a_finite_command_for_any_numbers(
-    p, v, q, omega, u, time, age, outside, blind, usable, believable
+    p, v, q, omega, u, time, age, outside, blind, usable, plausible
 ):
-    plan = np.tile(u, (20, 1))
+    inputs = np.tile(u, (20, 1))
     states = np.zeros((21, 10))
-    result = Result(states, plan, Status.SOLVED, usable, 1, *[0.0] * 5, (), 0.0)
+    plan = Plan(states, inputs, PlanStatus.SOLVED, usable, 1, *[0.0] * 5, (), 0.0)
     own = VehicleState(time, p[:3], v[:3], q, omega[:3])
     guard = Guard(GuardConfig())
     with np.errstate(all="ignore"):
-        for r, o in ((result, own), (None, own), (result, None), (None, None)):
+        for r, o in ((plan, own), (None, own), (plan, None), (None, None)):
             verdict = guard.judge(
-                Situation(time, r, o, age, believable, outside, v[0], blind, held=abs(age))
+                GuardInputs(time, r, o, age, plausible, outside, v[0], blind, tick_gap=abs(age))
             )
             assert np.isfinite(verdict.command.omega).all()
             assert np.abs(verdict.command.omega).max() <= 3.0

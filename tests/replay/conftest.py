@@ -1,4 +1,4 @@
-"""The recorded flight, flown anew where `--renew-flight` says so."""
+"""The recorded flight; `--renew-flight` records it anew."""
 
 from pathlib import Path
 
@@ -32,7 +32,7 @@ def flight(request, tmp_path_factory):
 
 
 def keep(log, to):
-    """Copy what a replay needs of a log, in one chunk: a tenth of it."""
+    """Copy the part of a log that a replay needs, in one chunk: a tenth of it."""
     with log.open("rb") as source, to.open("wb") as file:
         reader, writer = make_reader(source), Writer(file, chunk_size=1 << 26)
         writer.start(profile="swarm-companion", library="swarm-companion")

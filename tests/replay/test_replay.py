@@ -1,6 +1,6 @@
-"""A recorded flight through today's code.
+"""A recorded flight through the present code.
 
-The first test differs where behaviour was changed. Where the change is wanted, fly it anew
+The first test fails where behaviour changed. If the change is wanted, record the flight anew
 (`make renew-flight`, half a minute) and commit `flight.mcap`.
 """
 
@@ -11,8 +11,8 @@ import pytest
 
 from companion.__main__ import main
 from companion.flightlog.reader import read_log
-from companion.flightlog.replay import replay, rerun
-from companion.settings.config import CompanionConfig
+from companion.flightlog.replay import configured, replay, rerun
+from companion.settings.config import FILEVERSION
 from mavlink_bridge.shared.settings import SettingsError
 
 
@@ -23,12 +23,11 @@ def log(flight):
 
 @pytest.fixture(scope="module")
 def today(log):
-    """The same flight as today's code would have recorded it."""
-    config = CompanionConfig.model_validate(log.config)
-    return dataclasses.replace(log, ticks=list(rerun(config, log.inputs)))
+    """The same flight as the present code would have recorded it."""
+    return dataclasses.replace(log, ticks=list(rerun(configured(log), log.inputs)))
 
 
-def test_todays_code_decides_as_recorded(log):
+def test_the_present_code_decides_as_recorded(log):
     outcome = replay(log)
     assert outcome.first is None, f"{outcome.text()}\nIf wanted: make renew-flight"
     assert outcome.ticks > 100
@@ -60,7 +59,7 @@ def test_from_the_command_line(flight, capsys):
     assert json.loads(capsys.readouterr().out)["first"]["time"] > 0.0
 
 
-def test_a_config_of_another_time_is_one_clear_error(flight, capsys):
+def test_an_unknown_key_is_one_clear_error(flight, capsys):
     assert main(["replay", str(flight), "--set", "nmpc.no_such=1"]) == 2
     assert "nmpc.no_such: unknown key" in capsys.readouterr().err
 
@@ -70,7 +69,7 @@ def test_a_calibration_that_is_not_here_is_one_clear_error(flight, capsys):
     assert "none.yaml: cannot read calibration" in capsys.readouterr().err
 
 
-def test_a_key_that_is_gone_is_one_clear_error(log):
+def test_a_recorded_key_that_is_gone_is_one_clear_error(log):
     config = log.config | {"tracker": {"gone": 1.0}}
     with pytest.raises(
         SettingsError, match=r"the log's configuration:1:\d+: tracker.gone: unknown"
@@ -78,5 +77,12 @@ def test_a_key_that_is_gone_is_one_clear_error(log):
         replay(dataclasses.replace(log, config=config))
 
 
-def test_defaults_are_todays(log):
+def test_the_log_holds_no_defaults(log):
     assert "nmpc" not in log.config
+
+
+def test_a_log_in_the_keys_of_fileversion_1_is_upgraded(log):
+    old = {"fileversion": 1, "eye": {"late": 0.2}, "threat": {"d_ref": 1.5, "room": 1.3}}
+    config = configured(dataclasses.replace(log, config=log.config | old))
+    assert config.fileversion == FILEVERSION
+    assert (config.camera_health.late, config.speed_limits.clearance) == (0.2, 1.3)

@@ -7,7 +7,7 @@ not hold. Times are of the flight; drones fly from 5 s on, at full speed from 7 
 import numpy as np
 
 from companion.perception.camera_health import CameraFault
-from companion.supervision.guard import Ask, Reason
+from companion.supervision.guard import AutopilotRequest, Reason
 from companion.types import Phase
 from mavlink_bridge.wire.messages import Heartbeat
 from tests.closed_loop.matrix import link_checks
@@ -73,8 +73,8 @@ def row_6(note):
     f = fly(faults, at={0.0: spoil}, before=nan_between(7.0, 9.0), count=2, **SHORT)
     c = f.companions[0]
     assert c.at(CRUISE).verdict.reason is Reason.BRAKE  # a plan of NaN is no plan, shifted or not
-    assert {o.verdict.ask for o in c.outs if o.verdict} == {Ask.NOTHING}
-    assert c.pipeline._own.counters.not_finite > 50
+    assert {o.verdict.request for o in c.outs if o.verdict} == {AutopilotRequest.NONE}
+    assert c.companion._vehicle._own.counters.not_finite > 50
     assert all(np.isfinite(t.P).all() and np.isfinite(t.p).all() for o in c.outs for t in o.tracks)
     assert f.speed(CRUISE + 1.5) > 1.0  # the rest of telemetry flies it
     f.check_always()
@@ -84,7 +84,7 @@ def row_6(note):
 def row_7(note):
     f = fly([{"kind": "telemetry_stale", "at": CRUISE}], **SHORT)
     c = f.companions[0]
-    last = c.pipeline._own._positions[-1].time
+    last = c.companion._vehicle._own._positions[-1].time
     assert c.at(last + 0.2).verdict.reason is Reason.PLAN  # by the model, as if nothing were
     true = f.truth.arrays()
     k = int(np.searchsorted(true["t"], CRUISE + 0.2))
@@ -105,7 +105,7 @@ def row_7_silence(note):
         **(SHORT | {"mission__time_limit": 16.0}),
     )
     c = f.companions[0]
-    land, end = asked(f, Ask.LAND) - CRUISE, c.setpoints()[-1][0] - CRUISE
+    land, end = asked(f, AutopilotRequest.LAND) - CRUISE, c.setpoints()[-1][0] - CRUISE
     assert 1.0 <= land <= 1.15
     assert 1.9 <= end <= 2.1
     assert f.mode() in ("HOLD", "LAND")  # PX4 by itself
@@ -163,7 +163,7 @@ def _first_change(inputs, shown):
 def row_14(note):
     f = fly([{"kind": "reboot", "at": CRUISE}], **(SHORT | {"mission__time_limit": 13.0}))
     c = f.companions[0]
-    assert c.pipeline._own.counters.reboots == 1
+    assert c.companion._vehicle._own.counters.reboots == 1
     assert c.outs[-1].phase is Phase.PASSIVE
     assert c.outs[-1].own is not None  # of the new life
     assert abs(c.outs[-1].own.time - (13.0 - CRUISE)) < 0.3
@@ -186,7 +186,7 @@ def row_15(note):
             **SHORT,
         )
         c = f.companions[0]
-        noticed = next(o.time for o in c.outs if o.time > CRUISE and o.trouble is trouble)
+        noticed = next(o.time for o in c.outs if o.time > CRUISE and o.fault is trouble)
         assert noticed - CRUISE <= (0.2 if kind == "camera_late" else 0.1) + 1e-6, kind
         slow = seconds_until(f, CRUISE + 0.01, lambda v, p: np.linalg.norm(v) <= 0.5)
         assert slow <= (0.6 if kind == "camera_late" else 0.5), (kind, slow)
@@ -282,9 +282,9 @@ def row_19(note):
 def row_21(note):
     def fenced(most):  # short of the goal, which a config must not be
         def move(f):
-            pipeline = f.companions[0].pipeline
-            fence = pipeline._config.fence.model_copy(update={"east": [-5.0, most]})
-            pipeline._config = pipeline._config.model_copy(update={"fence": fence})
+            companion = f.companions[0].companion
+            fence = companion._supervision._fence.model_copy(update={"east": [-5.0, most]})
+            companion._supervision._fence = companion._planning._formulation._fence = fence
 
         return move
 

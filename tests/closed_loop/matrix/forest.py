@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from companion.perception.camera_health import CameraFault
-from companion.supervision.guard import Ask, Reason
+from companion.supervision.guard import AutopilotRequest, Reason
 from companion.types import Phase
 from sitl_sim.scenarios import scenario as scenarios
 from tests.closed_loop.matrix.checks import OFFBOARD
@@ -108,8 +108,8 @@ def check_5(f, i, kind, note):
 
 def check_6(f, i, kind, note):
     c = f.companions[i]
-    assert {o.verdict.ask for o in c.outs if o.verdict} == {Ask.NOTHING}
-    assert c.pipeline._own.counters.not_finite > 50
+    assert {o.verdict.request for o in c.outs if o.verdict} == {AutopilotRequest.NONE}
+    assert c.companion._vehicle._own.counters.not_finite > 50
     assert all(np.isfinite(t.P).all() and np.isfinite(t.p).all() for o in c.outs for t in o.tracks)
     completes(f, i, kind, note)
 
@@ -124,7 +124,10 @@ def check_7(f, i, kind, note):
 
 def check_silence(f, i, kind, note):
     c = f.companions[i]
-    land = next(t for t, o in c.ticks(AT) if o.verdict and o.verdict.ask is Ask.LAND) - AT
+    land = (
+        next(t for t, o in c.ticks(AT) if o.verdict and o.verdict.request is AutopilotRequest.LAND)
+        - AT
+    )
     end = c.streamed(AT)[-1] - AT
     assert 0.95 <= land <= 1.1 + LATE
     assert 1.85 <= end <= 2.1
@@ -165,7 +168,7 @@ def check_14(f, i, kind, note):
     c = f.companions[i]
     last = max(c.streamed(AT), default=AT) - AT
     assert last <= 0.2
-    assert c.pipeline._own.counters.reboots == 1
+    assert c.companion._vehicle._own.counters.reboots == 1
     assert c.outs[-1].phase is Phase.PASSIVE
     assert c.outs[-1].own is not None
     note("no setpoint after", last)
@@ -180,7 +183,7 @@ def check_15(f, i, kind, note):
     """Blind for 2.5 s: noticed, slow, hover; then it sees again and goes on."""
     name, trouble = TROUBLES[kind]
     late = 0.1 * (name == "camera_late")
-    noticed = next(t for t, o in f.companions[i].ticks(AT) if o.trouble is trouble) - AT
+    noticed = next(t for t, o in f.companions[i].ticks(AT) if o.fault is trouble) - AT
     assert noticed <= 0.1 + late + LATE, name
     slow = slow_after(f, i, AT, 0.5)
     assert slow <= 0.5 + late + 0.1, (name, slow)  # up to a tick before it can be noticed

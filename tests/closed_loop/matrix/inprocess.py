@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.pipeline import Pipeline, TickInputs
+from companion.pipeline import Companion as OneCompanion
 from companion.settings.config import CompanionConfig
+from companion.tick import TickInputs
 from companion.types import Phase
 from mavlink_bridge.shared.settings import overlay
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.link import Link
 from mavlink_bridge.wire.memory import MemoryEndpoint
-from mavlink_bridge.wire.messages import RateSetpoint
 from mavlink_bridge.wire.video import Answer
 from sitl_sim.faults.camera import FaultyCamera
 from sitl_sim.faults.catalogue import PIXELS, Schedule
@@ -34,6 +34,17 @@ from sitl_sim.worlds.world import surface_distance
 OVERRIDES = {}  # of every companion's config: a test that takes a mechanism out
 
 
+class Outcome:
+    """What the rows of the matrix ask of a tick."""
+
+    def __init__(self, tick):
+        self.time, self.tracks, self.setpoint = tick.time, tick.tracks, tick.setpoint
+        self.verdict, self.phase = tick.supervised.verdict, tick.supervised.phase
+        self.own, self.heartbeat = tick.vehicle.state, tick.vehicle.heartbeat
+        self.fault = tick.seen.fault
+        self.messages = tick.packets[0]
+
+
 class Companion:
     """A pipeline in the place of a companion process: a tick for each frame, answered at once."""
 
@@ -42,7 +53,7 @@ class Companion:
     def __init__(self, config, endpoint):
         self.settings, self.endpoint = config, endpoint
         self.config = CompanionConfig.model_validate(config)
-        self.pipeline = Pipeline(self.config, time.perf_counter)
+        self.companion = OneCompanion(self.config, time.perf_counter)
         link = self.config.link
         self.link = Link(endpoint, Codec(link.system_id, link.component_id, link.heard()))
         self.outs, self.seconds, self.times = [], [], []
@@ -55,13 +66,13 @@ class Companion:
         started = self.stopwatch()
         due = frame.time if frame.due is None else frame.due
         inputs = self.before(TickInputs(due, self.link.receive(), frame))
-        out = self.pipeline.tick(inputs)
+        out = self.companion.tick(inputs)
         for packet in out.packets:
             self.link.send(packet)
         self.seconds.append(self.stopwatch() - started)
-        self.outs.append(out)
+        self.outs.append(Outcome(out))
         self.times.append(self.clock())
-        self._answers.append(Answer(due, self.link.packets_out, out.phase is Phase.DONE))
+        self._answers.append(Answer(due, self.link.packets_out, out.supervised.phase is Phase.DONE))
         return True
 
     def answer(self, timeout):
@@ -74,7 +85,7 @@ class Companion:
 
     def setpoints(self):
         """(time, setpoint) of all that were sent."""
-        return [(o.time, m) for o in self.outs for m in o.messages if isinstance(m, RateSetpoint)]
+        return [(o.time, o.setpoint) for o in self.outs if o.setpoint is not None]
 
     def ticks(self, t, until=np.inf):
         """(flight time [s], outcome) of the ticks in [t, until)."""
@@ -82,9 +93,7 @@ class Companion:
 
     def streamed(self, t):
         """Flight times from t on at which a setpoint was sent."""
-        return [
-            at for at, o in self.ticks(t) if any(isinstance(m, RateSetpoint) for m in o.messages)
-        ]
+        return [at for at, o in self.ticks(t) if o.setpoint is not None]
 
     def at(self, t):
         """The first tick's outcome from t [s, vehicle's clock] on."""

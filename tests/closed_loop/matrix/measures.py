@@ -15,8 +15,8 @@ def spoil_solves(flight, first, which, u=None, i=0):
 
     which: a container; the first solve is number 0. u: replaces their result.
     """
-    pipeline = flight.companions[i].pipeline
-    solve, done = pipeline._planner.solve, []
+    planner = flight.companions[i].companion._planning._planner
+    solve, done = planner.solve, []
 
     def bad(instance):
         result = solve(instance)
@@ -28,7 +28,7 @@ def spoil_solves(flight, first, which, u=None, i=0):
         shifted = np.vstack([result.u[1:], result.u[-1:]]) if u is None else u(result.u)
         return replace(result, usable=u is not None, u=shifted)
 
-    pipeline._planner.solve = bad
+    planner.solve = bad
 
 
 def flown_with(spoil, faults=(), **options):
@@ -64,7 +64,7 @@ def asked(flight, ask, i=0):
         (
             o.time
             for o in flight.companions[i].outs
-            if o.verdict is not None and o.verdict.ask is ask
+            if o.verdict is not None and o.verdict.request is ask
         ),
         None,
     )

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from companion import pipeline
-from companion.estimation import own_state as ownstate
+from companion.estimation import own_state, vehicle
 from companion.estimation.own_state import OwnState
 from companion.estimation.tracker import Tracker
-from companion.perception.camera_health import Eye
+from companion.perception.camera_health import CameraHealth
 from companion.process import pace
-from companion.supervision.guard import Ask, Guard
+from companion.supervision.guard import AutopilotRequest, Guard
 from companion.supervision.phases import PhaseMachine
 from companion.types import Phase
 from mavlink_bridge.shared.settings import SettingsError
@@ -33,10 +32,10 @@ def test_a_skewed_clock_is_followed(skew, monkeypatch, note):
     follower, worst = pace.ClockPace(None, None, 0.1, Source(1, 1)), 0.0
     for k in range(50 * 600):
         now = 0.02 * k
-        vehicle = 5.0 + now * (1.0 + skew)
-        attitude = Attitude(vehicle, np.array([1.0, 0, 0, 0]), np.zeros(3))
+        stamp = 5.0 + now * (1.0 + skew)
+        attitude = Attitude(stamp, np.array([1.0, 0, 0, 0]), np.zeros(3))
         follower._hear_clock([Received(Source(1, 1), attitude)])
-        worst = max(worst, abs(now + follower._offset - vehicle))
+        worst = max(worst, abs(now + follower._offset - stamp))
     assert worst < 0.001
     note("s off at 200 ppm, in 10 minutes", worst)
 
@@ -58,13 +57,15 @@ def ignore_the_pilot(patch):
 
 
 def never_start_over(patch):
-    patch.setattr(ownstate, "_REBOOTED", (1e9, 3))
-    patch.setattr(pipeline, "_CLOCK_BACK", 1e9)
+    patch.setattr(own_state, "_REBOOTED", (1e9, 3))
+    patch.setattr(vehicle, "_CLOCK_BACK", 1e9)
 
 
 def never_land(patch):
     without_plan = Guard._without_plan
-    patch.setattr(Guard, "_without_plan", lambda *a: replace(without_plan(*a), ask=Ask.NOTHING))
+    patch.setattr(
+        Guard, "_without_plan", lambda *a: replace(without_plan(*a), request=AutopilotRequest.NONE)
+    )
 
 
 WITHOUT = {
@@ -76,14 +77,14 @@ WITHOUT = {
         guard={"stale_stop": 1e9, "stale_land": 2e9, "stale_silent": 3e9}
     ),
     "7_silence: the end of the stream": overridden(guard={"stale_silent": 1e9}),
-    "8: disbelief": lambda p: p.setattr(OwnState, "believable", lambda *a: True),
+    "8: disbelief": lambda p: p.setattr(OwnState, "plausible", lambda *a: True),
     "8_on_ground: the check of the quaternion": lambda p: p.setattr(
         np.linalg, "norm", _length_one(np.linalg.norm)
     ),
     "9: the watch over the link": overridden(guard={"lost": 1.0}),
     "13: the pilot's last word": ignore_the_pilot,
     "14: noticing a reboot": never_start_over,
-    "15: the eye": lambda p: p.setattr(Eye, "blind", lambda *a: 0.0),
+    "15: camera health": lambda p: p.setattr(CameraHealth, "blind", lambda *a: 0.0),
     "17: neighbours": lambda p: p.setattr(Tracker, "tracks", lambda *a: []),
     "19: the law for late ticks": overridden(guard={"late": 1e9}),
     "21: the fence": overridden(fence={"altitude_max": 5.0}, guard={"fence_drift": 1e9}),

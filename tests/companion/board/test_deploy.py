@@ -86,13 +86,13 @@ def test_what_is_put_back_is_as_it_was(tmp_path):
 def test_a_bridge_comes_with_its_drone(first, tmp_path):
     root = tmp_path / "root"
     shutil.copytree(first / "root", root, symlinks=True)
-    example = data_folder("configs/drones") / "betaflight.yaml"
+    example = data_folder("configs/drones") / "drone3.yaml"
     assert deploy([example], next((first / "1").iterdir()), root) == 0
     there = contents(root)
-    assert "etc/swarm-companion/betaflight/bridge.yaml" in there
-    link = there["etc/systemd/system/swarm.target.wants/mavlink-bridge@betaflight.service"][2]
+    assert "etc/swarm-companion/drone3/bridge.yaml" in there
+    link = there["etc/systemd/system/swarm.target.wants/mavlink-bridge@drone3.service"][2]
     assert str(link) == "../mavlink-bridge@.service"
-    drop_in = there["etc/systemd/system/companion@betaflight.service.d/board.conf"][2]
+    drop_in = there["etc/systemd/system/companion@drone3.service.d/board.conf"][2]
     assert b"CPUAffinity=2-3\n" in drop_in
 
 
@@ -105,15 +105,22 @@ def test_units_are_clean_and_hardened(board):
     instances = [u.replace("@", "@alpha") for u in units]
     verified = subprocess.run(
         ["systemd-analyze", "verify", f"--root={root}", *instances, "swarm.target"],
-        capture_output=True, text=True,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+    )
     assert (verified.returncode, verified.stderr) == (0, "")
     for unit in units:
         rated = subprocess.run(
-            ["systemd-analyze", "security", "--offline=true", "--threshold=20",
-             root / "etc/systemd/system" / unit],
-            capture_output=True, text=True,
-        )  # fmt: skip
+            [
+                "systemd-analyze",
+                "security",
+                "--offline=true",
+                "--threshold=20",
+                root / "etc/systemd/system" / unit,
+            ],
+            capture_output=True,
+            text=True,
+        )
         assert rated.returncode == 0, rated.stdout[-200:]
 
 

@@ -41,15 +41,24 @@ def changed(wheel, folder):
 
 
 def upgraded(root):
-    return subprocess.run(
-        [root / DEPLOYED / "current/bin/python", "-I", "-c",
-         "import companion; print(hasattr(companion, 'UPGRADED'))"],
-        capture_output=True, text=True, check=True,
-    ).stdout.strip() == "True"  # fmt: skip
+    return (
+        subprocess.run(
+            [
+                root / DEPLOYED / "current/bin/python",
+                "-I",
+                "-c",
+                "import companion; print(hasattr(companion, 'UPGRADED'))",
+            ],
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout.strip()
+        == "True"
+    )
 
 
 @pytest.mark.timeout(600)
-def test_deployed_flown_upgraded_rolled_back(wheel, world, supervise, tmp_path, capsys):
+def test_deployed_flown_upgraded_rolled_back(wheel, world, start_daemon, tmp_path, capsys):
     root = tmp_path / "root"
     root.mkdir()
     files = [world.config(i, auto=True) for i in (1, 2)]
@@ -70,10 +79,13 @@ def test_deployed_flown_upgraded_rolled_back(wheel, world, supervise, tmp_path, 
 
     # Both drones fly from there, each under its supervisor.
     daemons = [
-        supervise(root / f"etc/swarm-companion/drone{i}/drone{i}.yaml",
-                  command=[root / DEPLOYED / "companion"], cwd=tmp_path)
+        start_daemon(
+            root / f"etc/swarm-companion/drone{i}/drone{i}.yaml",
+            command=[root / DEPLOYED / "companion"],
+            cwd=tmp_path,
+        )
         for i in (1, 2)
-    ]  # fmt: skip
+    ]
     for daemon in daemons:
         assert daemon.listen(30.0, until="READY=1"), daemon.log()
     for daemon in daemons:

@@ -50,8 +50,9 @@ def test_the_lens_is_found_again(folder, capsys):
     assert (found.width, found.height) == (640, 400)
     angle = np.radians(np.arange(0, 65, 5))
     for turn in (0.0, 1.5, 3.0, 4.5):
-        rays = np.stack([np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn),
-                         np.cos(angle)], axis=1)  # fmt: skip
+        rays = np.stack(
+            [np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), np.cos(angle)], axis=1
+        )
         miss = np.linalg.norm(found.project(rays) - TRUE.project(rays), axis=1)
         assert np.nanmax(miss) < 1.0
 

@@ -46,9 +46,9 @@ def test_a_vehicle_that_is_not_there(world):
     assert "no heartbeat of system 1" in finding.text
 
 
-def test_a_port_that_a_daemon_holds(world, supervise):
+def test_a_port_that_a_daemon_holds(world, start_daemon):
     file = world.config(2)
-    daemon = supervise(file)
+    daemon = start_daemon(file)
     assert daemon.listen(20.0, until="READY=1"), daemon.log()
     (finding,) = vehicle.examine(load_config(file), hover_known=True)
     assert finding.level is Level.RED
@@ -66,9 +66,12 @@ def test_a_vehicle_that_a_daemon_flies_is_left_alone():
 
 @pytest.mark.parametrize(
     ("key", "level", "text"),
-    [("none/key", Level.RED, "No such file"), ("swarm.key", Level.AMBER, "a credential"),
-     ("{folder}/key", Level.GREEN, "key")],
-)  # fmt: skip
+    [
+        ("none/key", Level.RED, "No such file"),
+        ("swarm.key", Level.AMBER, "a credential"),
+        ("{folder}/key", Level.GREEN, "key"),
+    ],
+)
 def test_the_signing_key(tmp_path, key, level, text):
     (tmp_path / "key").write_bytes(bytes(range(32)))
     (tmp_path / "key").chmod(0o600)

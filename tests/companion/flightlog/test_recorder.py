@@ -16,15 +16,15 @@ from companion.flightlog.reader import read_log, recover
 from companion.flightlog.recorder import Recorder
 from companion.types import Phase
 from mavlink_bridge.shared.mcap_file import Follower, LogError
-from tests.companion.ticks import config, tick
+from tests.companion.ticks import COSTS, config, tick
 
 PACKETS = [(False, bytes.fromhex("fd0900000101010000000000000002035104032a2b")), (True, b"abc")]
 
 
 def write(path, ticks, **log):
     recorder = Recorder(config(path, **log), path)
-    for inputs, out in ticks:
-        recorder.write(inputs, out, PACKETS, {"deadline_misses": 0})
+    for inputs, made in ticks:
+        recorder.write(inputs, made, PACKETS, {"deadline_misses": 0}, COSTS)
     return recorder
 
 
@@ -41,26 +41,26 @@ def messages(path, topic):
         return [m for *_, m in reader.iter_decoded_messages(topics=[topic])]
 
 
-def test_what_is_read_is_what_was_written(whole):
+def test_a_log_reads_back_as_it_was_written(whole):
     log = read_log(whole)
     assert log.config == {"name": "tester", "log": {"path": str(whole)}}  # what was set
     assert len(log.ticks) == len(log.inputs) == 40
-    inputs, out = tick(7)
+    inputs, made = tick(7)
     read = log.inputs[7]
     assert read.time == inputs.time
     assert read.frame_time == inputs.frame.time
     assert read.datagrams == [PACKETS[0][1]]
-    for before, now in zip(out.sighting.drones, read.drones, strict=True):
+    for before, now in zip(made.seen.drones, read.drones, strict=True):
         assert (before.direction == now.direction).all()
         assert (before.range, before.score) == (now.range, now.score)
-    assert [t.distance for t in out.sighting.trunks] == [t.distance for t in read.trunks]
+    assert [t.distance for t in made.seen.trunks] == [t.distance for t in read.trunks]
     assert log.ticks[7]["command"]["c"] == 9.8
-    np.testing.assert_allclose(log.ticks[7]["own"]["p"], out.own.p, atol=1e-4)
+    np.testing.assert_allclose(log.ticks[7]["own"]["p"], made.vehicle.state.p, atol=1e-4)
 
 
-def test_any_viewer_finds_foxgloves_types(whole):
+def test_viewers_find_foxgloves_types(whole):
     pose, transform = messages(whole, "/pose")[3].pose, messages(whole, "/tf")[3]
-    p = tick(3)[1].own.p
+    p = tick(3)[1].vehicle.state.p
     assert (pose.position.x, pose.position.y, pose.position.z) == tuple(p)
     assert (transform.parent_frame_id, transform.child_frame_id) == ("world", "tester")
     entities = {e.id: e for e in messages(whole, "/scene")[5].entities}
@@ -95,9 +95,9 @@ def test_pictures_by_config(tmp_path, images, count):
 def test_a_full_disk_ends_the_log_and_not_the_flight(tmp_path):
     recorder = write(tmp_path / "flight.mcap", [])
     recorder._file.close()
-    recorder._file = recorder._writer._Writer__stream = open("/dev/full", "wb", 0)  # noqa: SIM115, PTH123
+    recorder._file = recorder._writer._file = open("/dev/full", "wb", 0)  # noqa: SIM115, PTH123
     for n in range(20):
-        recorder.write(*tick(n), PACKETS, {})
+        recorder.write(*tick(n), PACKETS, {}, COSTS)
     assert "No space left" in recorder.failed
     recorder.close()
 
@@ -107,7 +107,7 @@ def test_the_memory_of_a_log_does_not_grow(tmp_path):
     recorder = write(tmp_path / "flight.mcap", [pair] * 200)
     tracemalloc.start()
     for _ in range(1000):
-        recorder.write(*pair, PACKETS, {})
+        recorder.write(*pair, PACKETS, {}, COSTS)
     grown, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     recorder.close()
@@ -116,12 +116,12 @@ def test_the_memory_of_a_log_does_not_grow(tmp_path):
     assert len(messages(tmp_path / "flight.mcap", "/pose")) == 1200
 
 
-def test_a_log_with_a_time_in_its_name_takes_the_place_of_none(tmp_path):
+def test_a_log_with_a_time_in_its_name_replaces_no_older_log(tmp_path):
     path = tmp_path / "flight-20260101T000000Z.mcap"
     pattern = config(tmp_path / "flight-{time}.mcap")
     for n in range(1, 4):
         recorder = Recorder(pattern, path)
-        recorder.write(*tick(n), PACKETS, {})
+        recorder.write(*tick(n), PACKETS, {}, COSTS)
         recorder.close()
     names = [path, *(path.with_stem(f"{path.stem}-{n}") for n in (2, 3))]
     assert sorted(tmp_path.glob("*.mcap")) == sorted(names)
@@ -133,7 +133,7 @@ def test_a_log_with_a_time_in_its_name_takes_the_place_of_none(tmp_path):
 def _fly_for_ever(path, latest):
     recorder = Recorder(config(path), path)
     for n in range(100_000):
-        recorder.write(*tick(n), PACKETS, {})
+        recorder.write(*tick(n), PACKETS, {}, COSTS)
         latest.value = 0.1 * n
         time.sleep(0.002)
 
@@ -196,7 +196,7 @@ def test_a_growing_log_is_followed_tick_by_tick(tmp_path):
     assert follower.new() == []
     recorder, seen = write(path, []), []
     for n in range(23):
-        recorder.write(*tick(n), PACKETS, {})
+        recorder.write(*tick(n), PACKETS, {}, COSTS)
         seen += [json.loads(m.data)["time"] for m in follower.new()]
         assert len(seen) >= n - 4
     recorder.close()
@@ -219,7 +219,7 @@ def test_recover_from_the_command_line(whole, tmp_path, capsys):
 
 
 def test_a_log_is_not_recovered_into_itself(whole, tmp_path, monkeypatch, capsys):
-    """A daemon that still writes it would go on in a file without a name."""
+    """A daemon that still writes the log would go on in a file without a name."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "flight.mcap").write_bytes(whole.read_bytes()[:-3000])
     (tmp_path / "link.mcap").symlink_to("flight.mcap")
@@ -234,9 +234,9 @@ def test_recording_costs_less_than_2_percent_of_a_tick(tmp_path):
     ticks = [tick(n) for n in range(100)]
     recorder = write(tmp_path / "flight.mcap", ticks[:10])
     taken = []
-    for inputs, out in ticks[10:]:
+    for inputs, made in ticks[10:]:
         started = time.perf_counter()
-        recorder.write(inputs, out, PACKETS, {})
+        recorder.write(inputs, made, PACKETS, {}, COSTS)
         taken.append(time.perf_counter() - started)
     recorder.close()
     assert np.median(taken) < 0.02 * config().timing.period
@@ -246,4 +246,4 @@ def test_the_schema_names_what_a_tick_holds(whole):
     with whole.open("rb") as file:
         schemas = {c.topic: s for s, c, _ in make_reader(file).iter_messages()}
     named = set(json.loads(schemas["/tick"].data)["properties"])
-    assert named <= {*read_log(whole).ticks[0]} <= named | {"yaw", "speed", "hover_thrust", "frame"}
+    assert named == {*read_log(whole).ticks[0]}

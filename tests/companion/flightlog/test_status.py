@@ -6,12 +6,12 @@ from companion.__main__ import main
 from companion.commands import status as status_command
 from companion.flightlog import status as status_module
 from companion.flightlog.recorder import Recorder
-from tests.companion.ticks import config, tick
+from tests.companion.ticks import COSTS, config, tick
 
 
 @pytest.fixture
 def drone(tmp_path, monkeypatch):
-    """A drone's config file, with a daemon that has logged seven ticks and is not done."""
+    """A drone's file, and a daemon that has logged seven ticks and goes on."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(status_module, "_SERVICE_LOGS", tmp_path / "service")
     file = tmp_path / "tester.yaml"
@@ -19,7 +19,7 @@ def drone(tmp_path, monkeypatch):
     log = tmp_path / "flight-20260101T000000Z.mcap"
     recorder = Recorder(config(log), log)
     for n in range(7):
-        recorder.write(*tick(n), [], {"deadline_misses": 3})
+        recorder.write(*tick(n), [], {"deadline_misses": 3}, COSTS)
     yield file
     recorder.close()
 
@@ -28,8 +28,14 @@ def test_a_running_daemon_in_the_terminal(drone, capsys):
     assert main(["status", str(drone)]) == 0
     text = capsys.readouterr().out
     assert text.startswith("running, tick at 0.4 s")  # the last whole chunk
-    for words in ("fly, target 1", "guard    plan", "see 4.0, plan 10.0 ms", "6, 3 critical",
-                  "4 drones, 5 trunks", "deadline_misses 3"):  # fmt: skip
+    for words in (
+        "fly, target 1",
+        "guard    plan",
+        "see 4.0, plan 10.0, tick 20.0, log 1.0 ms",
+        "6, 3 critical",
+        "4 drones, 5 trunks",
+        "deadline_misses 3",
+    ):
         assert words in text
 
 
@@ -47,7 +53,7 @@ def test_from_the_log_itself_and_from_the_services_directory(drone, tmp_path, ca
     assert capsys.readouterr().out.count("phase    fly") == 2
 
 
-def test_a_daemon_that_stopped_is_told_from_one_that_runs(drone, tmp_path, capsys, monkeypatch):
+def test_a_daemon_that_stopped_is_not_shown_as_running(drone, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(status_module, "_STALE", -1.0)
     main(["status", str(drone)])
     assert capsys.readouterr().out.startswith("not running, last tick at 0.4 s")
@@ -68,9 +74,9 @@ def test_watching_goes_on_with_the_next_log_when_one_is_gone(
         step()
 
     monkeypatch.setattr(status_command.time, "sleep", sleep)
-    assert main(["status", "--watch", *options, str(drone)]) == 0
+    assert main(["status", "--watch", *options, str(drone)]) == 130
     said = capsys.readouterr()
-    assert said.err.splitlines() == [f"{drone}: the log is gone, waiting"]
+    assert said.err.splitlines() == [f"{drone}: the log is gone, waiting", "interrupted"]
     assert said.out.count("4 drones, 5 trunks" if not options else '"phase"') == 2
 
 

@@ -1,4 +1,4 @@
-"""What ground stations open: pymavlink's own reader, as MAVProxy uses it, reads the .tlog."""
+"""The .tlog as ground stations open it: by pymavlink's reader, which MAVProxy uses."""
 
 import numpy as np
 import pytest
@@ -13,8 +13,11 @@ BEAT = Heartbeat(12, 2, True, 0, 4)
 
 def datagram(n):
     t = n / 50
-    messages = [Attitude(t, np.array([1.0, 0, 0, 0]), np.zeros(3)),
-                LocalPosition(t, np.array([1.0, 2.0, n]), np.zeros(3)), BEAT]  # fmt: skip
+    messages = [
+        Attitude(t, np.array([1.0, 0, 0, 0]), np.zeros(3)),
+        LocalPosition(t, np.array([1.0, 2.0, n]), np.zeros(3)),
+        BEAT,
+    ]
     return Codec(7, 1).encode(messages)
 
 

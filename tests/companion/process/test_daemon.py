@@ -1,4 +1,4 @@
-"""The daemon as a service manager sees it: real processes, a real vehicle on the wire."""
+"""The daemon as a service manager sees it: real processes, an emulated vehicle on the link."""
 
 import os
 import resource
@@ -23,9 +23,9 @@ WATCHDOG = 1.0  # s, as in the unit
 
 
 @pytest.mark.row("24")
-def test_ready_watchdog_and_an_orderly_end_in_flight(world, supervise):
+def test_ready_watchdog_and_an_orderly_end_in_flight(world, start_daemon):
     ground = UdpEndpoint(local=("127.0.0.1", world.ground_port))
-    daemon = supervise(world.config(1, auto=True))
+    daemon = start_daemon(world.config(1, auto=True))
     assert daemon.listen(20.0, until="READY=1"), daemon.log()
     before_ready = [line for _, line in daemon.heard if line.startswith("WATCHDOG")]
     assert not before_ready[1:], "the watchdog is not fed before READY"
@@ -47,7 +47,7 @@ def test_ready_watchdog_and_an_orderly_end_in_flight(world, supervise):
 
 
 def vehicle_mode(ground, system):
-    """(armed, mode) of the latest heartbeat that a ground station hears."""
+    """Return (armed, mode) of the latest heartbeat that a ground station hears."""
     list(ground.receive())  # what waited since the start
     codec, deadline = Codec(255, 190), time.monotonic() + 3.0
     while time.monotonic() < deadline:
@@ -60,8 +60,8 @@ def vehicle_mode(ground, system):
 
 
 @pytest.mark.row("2")
-def test_a_hung_tick_is_silent_within_one_period(world, supervise):
-    daemon = supervise(world.config(2))
+def test_a_hung_tick_is_silent_within_one_period(world, start_daemon):
+    daemon = start_daemon(world.config(2))
     assert daemon.listen(20.0, until="READY=1"), daemon.log()
     daemon.listen(1.0)
     assert daemon.state()["phase"] == "wait"  # no pilot yet: watched all the same
@@ -77,15 +77,16 @@ def test_a_hung_tick_is_silent_within_one_period(world, supervise):
     assert daemon.process.wait(2.0) == 0
 
 
-def test_without_an_autopilot_it_waits_and_says_so(world, supervise):
+def test_without_an_autopilot_the_daemon_waits_and_says_so(world, start_daemon):
     frames = FrameServer("127.0.0.1", 0)
     config = world.config(9, more="board: {}\n")
     text = config.read_text().replace(str(world.frame_port + 9), str(frames.port))
     config.write_text(text.replace(f":{world.companion_port + 9}", ":0"))
-    daemon = supervise(config)
+    daemon = start_daemon(config)
     assert daemon.listen(10.0, until="EXTEND_TIMEOUT_USEC="), daemon.log()
-    assert ("STATUS=waiting for heartbeat and telemetry of the autopilot, camera frame, "
-            "solved plan") in [line for _, line in daemon.heard]  # fmt: skip
+    assert (
+        "STATUS=waiting for heartbeat and telemetry of the autopilot, camera frame, solved plan"
+    ) in [line for _, line in daemon.heard]
     assert not daemon.listen(1.0, until="READY=1")
     daemon.process.send_signal(signal.SIGTERM)
     assert daemon.process.wait(2.0) == 0
@@ -93,28 +94,28 @@ def test_without_an_autopilot_it_waits_and_says_so(world, supervise):
 
 
 @pytest.mark.row("12")
-def test_a_second_daemon_for_one_vehicle_is_refused(world, supervise):
-    first = supervise(world.config(3))
+def test_a_second_daemon_for_one_vehicle_is_refused(world, start_daemon):
+    first = start_daemon(world.config(3))
     assert first.listen(20.0, until="READY=1"), first.log()
-    second = supervise(world.config(3))
+    second = start_daemon(world.config(3))
     assert second.process.wait(5.0) == 69
     assert f"flown by another daemon already, process {first.process.pid}" in second.log()
     assert first.process.poll() is None
 
 
 @pytest.mark.row("12")
-def test_another_companion_on_the_wire_ends_it(world, supervise):
-    daemon = supervise(world.config(3))
+def test_another_companion_on_the_link_ends_the_daemon(world, start_daemon):
+    daemon = start_daemon(world.config(3))
     assert daemon.listen(20.0, until="READY=1"), daemon.log()
-    twin, codec = UdpEndpoint(remote=("127.0.0.1", world.companion_port + 3)), Codec(3, 191)
-    twin.send(codec.encode([Heartbeat(8, 18, False, 0, 4)]))
+    other, codec = UdpEndpoint(remote=("127.0.0.1", world.companion_port + 3)), Codec(3, 191)
+    other.send(codec.encode([Heartbeat(8, 18, False, 0, 4)]))
     assert daemon.process.wait(3.0) == 69
     assert "another companion system=3 component=191" in daemon.log()
-    twin.close()
+    other.close()
 
 
-def test_what_a_waiting_daemon_costs(world, supervise):
-    daemon = supervise(world.config(2))
+def test_the_cost_of_a_waiting_daemon(world, start_daemon):
+    daemon = start_daemon(world.config(2))
     assert daemon.listen(20.0, until="READY=1"), daemon.log()
     assert cpu_seconds(daemon.process.pid) <= 3.0  # of a core, so however loaded the machine
     windows = [cpu_share(daemon, 2.0) for _ in range(4)]
@@ -124,19 +125,19 @@ def test_what_a_waiting_daemon_costs(world, supervise):
     assert daemon.process.wait(2.0) == 0
     stages = [t["stages_ms"] for t in read_log(next(daemon.folder.glob("*.mcap"))).ticks]
     in_ticks = [s["tick"] + s["log"] for s in stages[-80:]]
-    # Neighbours on the same core make everything dearer for a while: the least window counts.
+    # Other processes on the same core cost time: the least window counts.
     assert min(windows) - statistics.median(in_ticks) * 10 / 1e3 <= 0.03
 
 
 def cpu_share(daemon, seconds):
-    """Of one core, over so long."""
+    """Return the share of one core that the daemon takes over `seconds`."""
     started, before = time.monotonic(), cpu_seconds(daemon.process.pid)
     daemon.listen(seconds)
     return (cpu_seconds(daemon.process.pid) - before) / (time.monotonic() - started)
 
 
 def cpu_seconds(pid):
-    """User and system time of a process so far."""
+    """Return user and system time [s] of a process so far."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
@@ -153,10 +154,10 @@ def test_a_bad_config_ends_with_78_and_its_place(tmp_path):
 
 
 @pytest.mark.row("20")
-def test_a_read_only_log_folder_stops_nobody(world, supervise, note):
+def test_a_read_only_log_folder_does_not_stop_the_daemon(world, start_daemon, note):
     config = world.config(1)
     config.write_text(config.read_text().replace("flight-{time}.mcap", "/proc/nowhere/a.mcap"))
-    daemon = supervise(config)
+    daemon = start_daemon(config)
     assert daemon.listen(20.0, until="READY=1"), daemon.log()
     assert "no flight log: " in daemon.log()
     daemon.process.send_signal(signal.SIGTERM)
@@ -165,8 +166,8 @@ def test_a_read_only_log_folder_stops_nobody(world, supervise, note):
 
 
 @pytest.mark.row("20")
-def test_a_disk_that_fills_ends_the_log_and_nothing_else(world, supervise, note):
-    daemon = supervise(world.config(2))
+def test_a_disk_that_fills_ends_the_log_and_nothing_else(world, start_daemon, note):
+    daemon = start_daemon(world.config(2))
     assert daemon.listen(20.0, until="READY=1"), daemon.log()
     daemon.listen(1.5)
     log = next(daemon.folder.glob("flight-*.mcap"))

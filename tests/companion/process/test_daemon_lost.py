@@ -1,4 +1,4 @@
-"""A daemon that dies or hangs in flight, as the vehicle sees it on the wire."""
+"""A daemon that dies or hangs in flight, as the vehicle sees it on the link."""
 
 import os
 import re
@@ -14,29 +14,29 @@ from mavlink_bridge.wire.messages import Command, CommandId, Heartbeat, StatusTe
 from tests.companion.deployment import free_ports
 from tests.companion.relay import Relay
 
-PARAMETERS = {"COM_OF_LOSS_T": 0.5}  # of the served vehicles
+PARAMETERS = {"COM_OF_LOSS_T": 0.5}  # of the emulated vehicles
 UNIT = Path(__file__).parents[3] / "systemd" / "companion@.service"
 # A tick that calls into C and does not come back; the call keeps the interpreter's lock.
 HANGS = """
 import ctypes, signal, sys, time
-from companion import pipeline
 from companion.__main__ import main
+from companion.control.planning import Planning
 asked = []
 signal.signal(signal.SIGUSR1, lambda *_: asked.append(1))
-plan = pipeline.Pipeline._plan
-def stuck(self, out):
+plan = Planning.plan
+def stuck(self, *arguments):
     if asked:
         print(f"hangs {time.monotonic():.6f}", file=sys.stderr, flush=True)
         ctypes.PyDLL(None).sleep(10)
-    plan(self, out)
-pipeline.Pipeline._plan = stuck
+    return plan(self, *arguments)
+Planning.plan = stuck
 sys.exit(main())
 """
 
 
 @pytest.fixture
-def flown(world, supervise):
-    """Start a daemon for vehicle i behind a relay and wait until it flies: (daemon, relay)."""
+def flown(world, start_daemon):
+    """Start a daemon for vehicle i behind a relay, and wait until it flies."""
     relays = []
 
     def start(i, command=(sys.executable, "-m", "companion")):
@@ -44,7 +44,7 @@ def flown(world, supervise):
         relays.append(Relay(world.companion_port + i, port))
         config = world.config(i, auto=True)
         config.write_text(config.read_text().replace(f":{world.companion_port + i}", f":{port}"))
-        daemon = supervise(config, command=command)
+        daemon = start_daemon(config, command=command)
         assert daemon.listen(30.0, until="READY=1"), daemon.log()
         daemon.until_phase("fly", 40.0)
         daemon.listen(1.0)
@@ -56,14 +56,14 @@ def flown(world, supervise):
 
 
 @pytest.mark.row("1")
-def test_a_killed_daemon_is_missed_and_a_new_one_is_passive(flown, supervise, note):
+def test_the_vehicle_misses_a_killed_daemon_and_a_new_one_is_passive(flown, start_daemon, note):
     daemon, relay, config = flown(1)
     killed = time.monotonic()
     os.kill(daemon.process.pid, signal.SIGKILL)
     lost = "no offboard setpoints, holding"
     holding = relay.until(lambda m: isinstance(m, StatusText) and lost in m.text, killed, 5.0)
     assert holding - killed <= 0.6
-    again = supervise(config)
+    again = start_daemon(config)
     assert relay.setpoints(killed + 0.1) == []
     assert again.listen(30.0, until="READY=1"), again.log()
     ready = time.monotonic() - again.started
@@ -74,14 +74,14 @@ def test_a_killed_daemon_is_missed_and_a_new_one_is_passive(flown, supervise, no
     asked = {m.command for t, m in relay.sent if t > killed + 0.1 and isinstance(m, Command)}
     assert asked <= {CommandId.SET_MESSAGE_INTERVAL}  # neither arming nor a mode
     after = {mode(m) for t, m in relay.told if t >= holding + 1.0} - {None}
-    assert after <= {"hold", "land"}  # whatever it streams for a pilot who may take it up
+    assert after <= {"hold", "land"}  # whatever the daemon streams
     note("real process: HOLD", holding - killed)
     note("real process: ready again", ready)
     note("real process: LAND", landing - killed)
 
 
 def mode(message):
-    """Of a heartbeat; none of what else is told."""
+    """Return the mode in a heartbeat; None for other messages."""
     return Px4(1).mode(message) if isinstance(message, Heartbeat) else None
 
 
@@ -105,9 +105,11 @@ def test_a_hung_tick_is_silent_and_ended(flown, note, how):
 
 
 def end_as_the_unit_says(daemon):
-    """What systemd does: WatchdogSec after the last feed SIGABRT, TimeoutAbortSec later SIGKILL."""
-    patience, abort = (float(re.search(rf"^{key}=([0-9.]+)", UNIT.read_text(), re.M).group(1))
-                       for key in ("WatchdogSec", "TimeoutAbortSec"))  # fmt: skip
+    """Send SIGABRT WatchdogSec after the last feed, and SIGKILL TimeoutAbortSec later."""
+    patience, abort = (
+        float(re.search(rf"^{key}=([0-9.]+)", UNIT.read_text(), re.M).group(1))
+        for key in ("WatchdogSec", "TimeoutAbortSec")
+    )
     while True:
         fed = daemon.started + max(t for t, line in daemon.heard if line.startswith("WATCHDOG"))
         left = fed + patience - time.monotonic()

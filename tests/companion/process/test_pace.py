@@ -1,4 +1,4 @@
-"""When ticks come: what sets their clock, and what is asked of a vehicle that says too little."""
+"""The pace of ticks: their clock, and the greeting to a vehicle that sends only HEARTBEAT."""
 
 import os
 import time
@@ -11,12 +11,12 @@ from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.link import Link, UdpEndpoint
 from mavlink_bridge.wire.messages import Attitude, Command, Heartbeat, Received, Source, SystemTime
 
-AUTOPILOT = "ardupilot"  # of the served vehicles
+AUTOPILOT = "ardupilot"  # of the emulated vehicles
 LEVEL = np.array([1.0, 0, 0, 0])
 
 
 class NoFrames:
-    """A camera that never has a picture."""
+    """A camera that never has a frame."""
 
     def __init__(self):
         self._end, self._other = os.pipe()
@@ -28,7 +28,7 @@ class NoFrames:
         return False
 
 
-def test_a_vehicle_that_tells_nothing_unasked_is_asked():
+def test_a_vehicle_that_sends_only_heartbeats_is_asked_for_streams():
     link = Link(UdpEndpoint(local=("127.0.0.1", 0)), Codec(1, 191, [Source(1, 1)]))
     vehicle = UdpEndpoint(remote=("127.0.0.1", link.endpoint.port))
     wire, streams, said = Codec(1, 1), ArduPilot(1).request_streams(), []
@@ -53,16 +53,16 @@ def test_a_vehicle_that_tells_nothing_unasked_is_asked():
     vehicle.close()
 
 
-def test_an_emulated_ardupilot_starts_on_the_clock(world, supervise):
+def test_an_emulated_ardupilot_starts_on_the_clock(world, start_daemon):
     config = world.config(1)
     config.write_text(
         config.read_text().replace("system_id: 1", f"system_id: 1, autopilot: {AUTOPILOT}")
     )
-    daemon = supervise(config)
+    daemon = start_daemon(config)
     assert daemon.listen(20.0, until="READY=1"), daemon.log()
 
 
-def test_nobody_but_the_vehicle_sets_the_clock():
+def test_only_the_vehicle_sets_the_clock():
     pace = ClockPace(None, None, 0.1, Source(1, 1))
     vehicle = Attitude(time.monotonic() - 1000.0, LEVEL, np.zeros(3))
     pace._hear_clock([Received(Source(1, 1), vehicle)])

@@ -1,3 +1,5 @@
+"""Cameras as frame sources: forms of address, rates, a camera that breaks off, clocks."""
+
 import time
 
 import cv2
@@ -5,7 +7,7 @@ import numpy as np
 import pytest
 
 from companion.perception.config import check_source
-from companion.process import video_source as videosource
+from companion.process import video_source
 from companion.process.frame_source import open_source
 from companion.process.pace import ClockPace
 from companion.settings.config import CompanionConfig
@@ -32,9 +34,15 @@ def film(tmp_path):
 
 @pytest.mark.parametrize(
     "source",
-    ["sim:127.0.0.1:15541", "device:0", "device:/dev/video2", "rtsp://10.0.0.2/main",
-     "gst:v4l2src ! appsink", "file:/tmp/film.avi"],
-)  # fmt: skip
+    [
+        "sim:127.0.0.1:15541",
+        "device:0",
+        "device:/dev/video2",
+        "rtsp://10.0.0.2/main",
+        "gst:v4l2src ! appsink",
+        "file:/tmp/film.avi",
+    ],
+)
 def test_valid_forms(source):
     assert check_source(source) == source
 
@@ -47,7 +55,7 @@ def test_other_forms_are_refused_with_the_valid_ones(source):
         check_source(source)
 
 
-def test_a_file_is_shown_at_its_rate_and_then_ends(film):
+def test_a_file_plays_at_its_rate_and_then_ends(film):
     source = open_source(camera(f"file:{film}"))
     begun = time.monotonic()
     seen, stamps = [], []
@@ -68,9 +76,8 @@ def test_a_file_is_shown_at_its_rate_and_then_ends(film):
     source.close()
 
 
-class Loose:
-    """A camera whose cable works loose after each third picture; opened again it is found twice
-    in vain."""
+class LooseCamera:
+    """A camera whose cable works loose after each third picture."""
 
     def __init__(self, found):
         self.found, self.left, self.released = found, 3, False
@@ -93,10 +100,10 @@ class Loose:
 
 
 def test_a_camera_that_breaks_off_is_opened_again(monkeypatch):
-    made = [Loose(True), Loose(False), Loose(False), Loose(True)]
+    made = [LooseCamera(True), LooseCamera(False), LooseCamera(False), LooseCamera(True)]
     coming = iter(made)
-    monkeypatch.setattr(videosource, "_open", lambda *a: next(coming, made[1]))
-    monkeypatch.setattr(videosource, "_AGAIN", 0.02)
+    monkeypatch.setattr(video_source, "_open", lambda *a: next(coming, made[1]))
+    monkeypatch.setattr(video_source, "_REOPEN_PERIOD", 0.02)
     source = open_source(camera("device:0"))
     until = time.monotonic() + 5.0
     while made[-1].left > 0 and time.monotonic() < until:
@@ -110,13 +117,13 @@ def test_a_camera_that_breaks_off_is_opened_again(monkeypatch):
 @pytest.mark.parametrize(
     ("source", "hint"), [("file:/none/such.avi", "is it there"), ("device:/dev/none", "plugged in")]
 )
-def test_what_cannot_be_opened_says_so(source, hint):
+def test_a_camera_that_cannot_be_opened_is_named_with_a_hint(source, hint):
     with pytest.raises(VideoError, match=hint):
         open_source(camera(source))
 
 
-class Teller(Link):
-    """A link that says what it is told to, once."""
+class ScriptedLink(Link):
+    """A link that returns its messages once."""
 
     def __init__(self, messages):
         super().__init__(UdpEndpoint(remote=("127.0.0.1", 9)), Codec(1, 191))
@@ -131,7 +138,7 @@ def test_frames_come_in_the_vehicles_clock(film):
     source = open_source(camera(f"file:{film}"))
     ahead = 1000.0  # s that the vehicle's clock is ahead of ours
     heard = Attitude(time.monotonic() + ahead, np.array([1.0, 0, 0, 0]), np.zeros(3))
-    link = Teller([Received(Source(1, 1), heard)])
+    link = ScriptedLink([Received(Source(1, 1), heard)])
     pace = ClockPace(link, source, 0.1, Source(1, 1))
     pace.next(lambda: False)
     inputs = pace.next(lambda: False)

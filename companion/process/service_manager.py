@@ -1,7 +1,7 @@
-"""What systemd is told: ready, alive, stopping; sd_notify(3) without a library.
+"""Notices to systemd: ready, alive, stopping; sd_notify(3) without a library.
 
-Every message is one datagram to the socket named in NOTIFY_SOCKET. Without one, and when the
-listener is gone, nothing happens: who watches never disturbs the flight.
+Every notice is one datagram to the socket named in NOTIFY_SOCKET. Without such a socket, and when
+the listener is gone, nothing happens: being watched never disturbs the flight.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from collections.abc import Mapping
 _START_EXTENSION = 15_000_000
 
 
-class Supervisor:
-    """The process manager behind NOTIFY_SOCKET of `environment`, or nobody."""
+class ServiceManager:
+    """The service manager behind NOTIFY_SOCKET of `environment`, if there is one."""
 
     def __init__(self, environment: Mapping[str, str]) -> None:
         self._socket: socket.socket | None = None
@@ -26,11 +26,11 @@ class Supervisor:
             self._address = "\0" + address[1:] if address.startswith("@") else address
 
     def starting(self, status: str) -> None:
-        """Not ready yet for a reason outside, and not stuck."""
+        """Tell that the daemon waits for something outside, and is not stuck."""
         self._notify(f"STATUS={status}", f"EXTEND_TIMEOUT_USEC={_START_EXTENSION}")
 
     def ready(self, status: str) -> None:
-        """Start-up is over; from now on the watchdog counts."""
+        """Tell that start-up is over; from now on the watchdog counts."""
         self._notify("READY=1", f"STATUS={status}", "WATCHDOG=1")
 
     def alive(self) -> None:
@@ -38,15 +38,15 @@ class Supervisor:
         self._notify("WATCHDOG=1")
 
     def status(self, text: str) -> None:
-        """One line for `systemctl status`."""
+        """Set the line that `systemctl status` shows."""
         self._notify(f"STATUS={text}")
 
     def stopping(self) -> None:
-        """An orderly end has begun."""
+        """Tell that an orderly end has begun."""
         self._notify("STOPPING=1", "STATUS=stopping")
 
     def close(self) -> None:
-        """Say no more."""
+        """Send no more notices."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None

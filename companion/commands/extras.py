@@ -1,0 +1,13 @@
+"""Optional dependencies: which extra of the distribution installs a module."""
+
+from __future__ import annotations
+
+EXTRAS = {"mavsdk": "fleet", "pyrvo": "studies"}
+"""Module → the extra that installs it (pyproject.toml)."""
+
+
+def missing_extra(error: ModuleNotFoundError) -> str | None:
+    """Return the line to print for a failed import; None where no extra installs the module."""
+    module = (error.name or "").partition(".")[0]
+    extra = EXTRAS.get(module)
+    return f"not installed: {module}; pip install 'swarm-companion[{extra}]'" if extra else None
