@@ -177,7 +177,7 @@ def _due(record: dict[str, Any]) -> float | None:
     A tick without a frame while the camera is healthy lies between two frames.
     """
     taken: float | None = record.get("frame")
-    blind = record.get("eye", _WELL) != _WELL
+    blind = record.get("camera", record.get("eye", _WELL)) != _WELL  # "eye": logs of 0.1
     return float(record["time"]) if taken is None and blind else taken
 
 

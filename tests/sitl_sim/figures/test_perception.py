@@ -31,13 +31,13 @@ def test_misses_and_ghosts(miss, ghost):
     assert (f["precision"] < 0.97) == (ghost > 0)
 
 
-@pytest.mark.parametrize(("eye", "recall"), [("dead", 0.5), ("none", 1.0)])
-def test_frames_that_did_not_come_are_missed_where_the_camera_is_faulty(eye, recall):
+@pytest.mark.parametrize(("camera", "recall"), [("dead", 0.5), ("none", 1.0)])
+def test_frames_that_did_not_come_are_missed_where_the_camera_is_faulty(camera, recall):
     """A tick without a frame from a healthy camera lies between two frames."""
     truth = flights.truth()
     logs = {n: flights.log(i, truth) for i, n in enumerate(flights.NAMES)}
     for tick in logs["drone1"][1::2]:
-        tick.update(frame=None, detections=[], eye=eye)
+        tick.update(frame=None, detections=[], camera=camera)
     f = perception(score_frames(flights.scenario(), flights.WORLD, truth, logs))
     assert f["recall"] == pytest.approx(recall, abs=0.02)
     assert f["track_recall"] == 1.0
