@@ -1,1 +1,1 @@
-"""Bringing drones onto boards: what is shipped, how it gets there, what is done there."""
+"""Deployment to boards: the bundle, its transport, and the installer that runs on the board."""

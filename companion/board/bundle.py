@@ -1,4 +1,4 @@
-"""What is shipped to one board: a wheel, units, and the files of its drones."""
+"""The bundle for one board: a wheel, units, and the files of its drones."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ from companion.settings.packaged import data_folder
 UNITS = "etc/systemd/system"
 RULES = "etc/udev/rules.d"
 _WHEEL_PARTS = 5  # at least; a build number is one more
-# `python3 BUNDLE` is the installer, on whatever board the folder lies.
+_INSTALLER = ("__init__.py", "changes.py", "installer.py", "release.py", "services.py")
+# `python3 BUNDLE` is the installer.
 _MAIN = "import sys\n\nfrom board.installer import main\n\nsys.exit(main())\n"
-# By its real path: a daemon that runs must not see an upgrade.
+# By its real path: a running daemon must not see an upgrade.
 _LAUNCHER = """#!/bin/sh
 home=$(dirname "$(readlink -f "$0")")
 exec "$(readlink -f "$home/current")/bin/python" -I -m {module} "$@"
@@ -28,29 +29,20 @@ exec "$(readlink -f "$home/current")/bin/python" -I -m {module} "$@"
 
 
 class BundleError(ValueError):
-    """What cannot be shipped, and why."""
+    """A file that cannot be shipped; the message says why."""
 
 
 def build_wheel(folder: Path) -> Path:
-    """The wheel of the checkout that this runs from.
+    """Return the wheel of the checkout that this code runs from.
 
     Raises:
-        BundleError: there is no checkout, or it does not build.
+        BundleError: there is no checkout, or its wheel does not build.
     """
     checkout = Path(companion.__file__).parents[1]
     if not (checkout / "pyproject.toml").exists():
         raise BundleError("not run from a checkout: name the wheel to install with --wheel")
-    command = [
-        sys.executable,
-        "-m",
-        "pip",
-        "wheel",
-        "--quiet",
-        "--no-deps",
-        "--wheel-dir",
-        str(folder),
-        str(checkout),
-    ]
+    options = ["--quiet", "--no-deps", "--wheel-dir", str(folder)]
+    command = [sys.executable, "-m", "pip", "wheel", *options, str(checkout)]
     built = subprocess.run(command, capture_output=True, text=True)
     if built.returncode:
         raise BundleError(f"the wheel does not build: {built.stderr.strip()[-500:]}")
@@ -58,10 +50,10 @@ def build_wheel(folder: Path) -> Path:
 
 
 def release_name(wheel: Path) -> str:
-    """Version and content: the same wheel is the same release.
+    """Return version and hash of a wheel: the same wheel is the same release.
 
     Raises:
-        BundleError: there is no such file, or its name is no wheel's.
+        BundleError: there is no such file, or its name is not that of a wheel.
     """
     parts = wheel.name.split("-")
     if wheel.suffix != ".whl" or len(parts) < _WHEEL_PARTS:
@@ -81,16 +73,16 @@ def make_bundle(
     wheel: Path,
     wheelhouse: Path | None = None,
 ) -> Path:
-    """Lay everything out in `folder` as `installer.py` wants it.
+    """Fill `folder` as `installer.py` expects it, and return it.
 
-    drones: each drone's file and what it says. wheelhouse: wheels of all dependencies, for a
-    board without internet.
+    drones: each drone's file and configuration. wheelhouse: wheels of all dependencies, for a board
+    without internet.
 
     Raises:
-        BundleError: no such wheel, or a calibration or model that lies elsewhere.
+        BundleError: no such wheel, or a calibration or model outside the drone's folder.
     """
     release = release_name(wheel)
-    for name in ("__init__.py", "changes.py", "installer.py"):
+    for name in _INSTALLER:
         _copy(Path(installer.__file__).with_name(name), folder / "board" / name)
     (folder / "__main__.py").write_text(_MAIN)
     _copy(wheel, folder / "wheel" / wheel.name)
@@ -108,7 +100,7 @@ def make_bundle(
 
 
 def _units_of(path: Path) -> list[str]:
-    """The bridge first: the companion listens to it."""
+    """Return the units of a drone, the bridge first: the companion listens to it."""
     bridge = ["mavlink-bridge@.service"] if bridge_of(path).exists() else []
     return [*bridge, "companion@.service"]
 
@@ -125,7 +117,7 @@ def _put_units(owned: Path) -> None:
 
 
 def _put_drone(folder: Path, path: Path, config: CompanionConfig) -> None:
-    """A folder of its own in /etc for each drone: its file, layers below, calibration, model."""
+    """Put a drone's file, layers, calibration and model into a folder for /etc."""
     home = folder / "config" / config.name
     _copy(path, home / f"{config.name}.yaml")
     if bridge_of(path).exists():

@@ -1,4 +1,4 @@
-"""What an installation changes, how it is told, and how it is put back.
+"""The changes of an installation: made, reported, and undone.
 
 Like `installer.py` it runs on the board, and needs only Python itself.
 """
@@ -12,11 +12,11 @@ from pathlib import Path
 
 
 class InstallError(Exception):
-    """Why nothing was changed, or everything put back."""
+    """The reason for which nothing was changed, or everything was put back."""
 
 
 class Report:
-    """What was done (or would be), step by step."""
+    """The steps that were done, or would be done in a dry run."""
 
     def __init__(self, dry_run: bool) -> None:
         self.dry_run = dry_run
@@ -24,19 +24,19 @@ class Report:
         self.changed = False
 
     def add(self, step: str, what: str, changed: bool = True) -> bool:
-        """Note a step; True where it is really to be done now."""
+        """Note a step; return whether it is to be done now."""
         word = "unchanged" if not changed else "would change" if self.dry_run else "changed"
         self.steps.append({"step": step, "result": word, "detail": what})
         self.changed |= changed
         return changed and not self.dry_run
 
     def note(self, step: str, what: str) -> None:
-        """Something to know that changes nothing."""
+        """Note something that changes nothing."""
         self.steps.append({"step": step, "result": "note", "detail": what})
 
 
 class Changes:
-    """Files and links changed, so that all of them can be put back."""
+    """Changes files and links, and can undo all of it."""
 
     def __init__(self) -> None:
         self._before: list[tuple[Path, bytes | None, int, str | None]] = []
@@ -78,10 +78,10 @@ class Changes:
 
 
 def run(command: list[str]) -> str:
-    """Standard output of a command.
+    """Return the standard output of a command.
 
     Raises:
-        InstallError: it failed; with the end of what it said.
+        InstallError: the command failed; with the end of its output.
     """
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
     done = subprocess.run(
@@ -94,7 +94,7 @@ def run(command: list[str]) -> str:
 
 
 def link_target(link: Path, whole: bool = False) -> str | None:
-    """Where a link points (its last part); None where there is no link."""
+    """Return the target of a link, its last part or `whole`; None where there is no link."""
     if not link.is_symlink():
         return None
     target = str(link.readlink())
@@ -102,10 +102,10 @@ def link_target(link: Path, whole: bool = False) -> str | None:
 
 
 def existing(path: Path) -> Path:
-    """The nearest folder above that exists."""
+    """Return the path, or the nearest folder above it that exists."""
     return path if path.exists() else existing(path.parent)
 
 
 def sha256(data: bytes) -> str:
-    """The hash of a file's content."""
+    """Return the hash of a file's content."""
     return hashlib.sha256(data).hexdigest()

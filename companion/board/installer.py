@@ -2,9 +2,9 @@
 
     python3 BUNDLE BUNDLE --root / [--dry-run] [--rollback]
 
-Releases lie side by side, `current` is a link: an upgrade that fails changes nothing, the old
-release goes on running, and the one before stays for `--rollback`. Configuration that was
-edited on the board is kept. The last line printed is the report, as JSON.
+Releases lie side by side, and `current` is a link: an upgrade that fails changes nothing, the old
+release goes on running, and the one before stays for `--rollback`. Configuration that was edited on
+the board is kept. The last line printed is the report, as JSON.
 """
 
 from __future__ import annotations
@@ -19,138 +19,94 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
-from .changes import Changes, InstallError, Report, existing, link_target, run, sha256
+from .changes import Changes, InstallError, Report, link_target, sha256
+from .release import check_configurations, make_release
+from .services import Services
 
 HOME = "opt/swarm-companion"
 CONFIG = "etc/swarm-companion"
-RUN = "run/swarm-companion"
 WANTS = "etc/systemd/system/swarm.target.wants"
-SPACE = 1_000_000_000  # bytes that a release and its download need
-START_WITHIN = 20.0  # s to see whether a restarted daemon stays up
+Plan = dict[str, Any]  # plan.json of a bundle
 
 
 class Board:
-    """A board's file system below `root`, and its service manager where it runs.
-
-    systemctl: the command, or None where no systemd runs there (images, tests).
-    """
+    """A board's file system below `root`, and its services."""
 
     def __init__(self, root: Path, report: Report, systemctl: list[str] | None) -> None:
+        """systemctl: the command, or None where no systemd runs there (images, tests)."""
         self.root = root
         self.home = root / HOME
         self.report = report
-        self._systemctl = systemctl
+        self._services = Services(root, report, systemctl)
         self._changes = Changes()
-        self._restarted: list[str] = []
         self._switched = False
 
-    # --- the whole -----------------------------------------------------------------------
-
     def install(self, bundle: Path) -> None:
-        """Bring the bundle in; all or nothing.
+        """Install the bundle, all or nothing.
 
         Raises:
-            InstallError: and the board is as it was.
+            InstallError: the board is as it was.
         """
-        plan = json.loads((bundle / "plan.json").read_text())
-        self.refuse_while_armed()
+        plan = _plan(bundle)
+        self._services.refuse_while_armed()
         with self._locked():
             self._make_release(bundle, plan)
-            self.refuse_while_armed()  # that took a minute
-            try:
+            self._services.refuse_while_armed()  # that took a minute
+            with self._all_or_nothing():
                 self._put_files(bundle)
                 self._enable(plan["drones"])
                 self._switch(plan["release"])
                 self._restart(plan["drones"])
-            except BaseException:
-                self._undo()
-                raise
             self._prune()
 
     def rollback(self, bundle: Path) -> None:
         """Go back to the release before; the configuration stays.
 
         Raises:
-            InstallError: there is none, or it does not start.
+            InstallError: there is none, or it does not start; the board is as it was.
         """
-        plan = json.loads((bundle / "plan.json").read_text())
-        self.refuse_while_armed()
+        plan = _plan(bundle)
+        self._services.refuse_while_armed()
         previous = link_target(self.home / "previous")
         if previous is None:
             raise InstallError("there is no release before this one")
-        with self._locked():
-            try:
-                self._switch(previous)
-                self._restart(plan["drones"])
-            except BaseException:
-                self._undo()
-                raise
+        with self._locked(), self._all_or_nothing():
+            self._switch(previous)
+            self._restart(plan["drones"])
 
-    def refuse_while_armed(self) -> None:
-        """Never touch a board that flies.
-
-        Raises:
-            InstallError: a daemon there says that its vehicle is armed.
-        """
-        for name, phase in self._armed().items():
-            raise InstallError(f"{name} is armed ({phase})")
-
-    # --- its parts, in order -------------------------------------------------------------
-
-    def _make_release(self, bundle: Path, plan: dict[str, str]) -> None:
-        """A virtual environment of its own at its final path, tried before it is used."""
+    def _make_release(self, bundle: Path, plan: Plan) -> None:
+        """Make a virtual environment at its final path, and let it check all configurations."""
         release = self.home / "releases" / plan["release"]
         complete = release / ".complete"
         if self.report.add("release", plan["release"], not complete.exists()):
             shutil.rmtree(release, ignore_errors=True)
             try:
-                self._make_environment(release)
-                python = str(release / "bin/python")
-                run([python, *_pip(bundle), "--force-reinstall", "--no-deps"])
-                run([python, *_pip(bundle)])  # what it depends on and is not there yet
-                self._try_bundle(release, bundle)
+                make_release(release, bundle, self.home / "current")
+                self._check_bundle(release, bundle)
             except BaseException:
                 shutil.rmtree(release, ignore_errors=True)
                 raise
             complete.touch()
         elif complete.exists():
-            self._try_bundle(release, bundle)
+            self._check_bundle(release, bundle)
 
-    def _make_environment(self, release: Path) -> None:
-        """Empty, or with what the release in use has: linked, it costs neither time nor space.
-
-        Nothing is ever written into a linked file: pip unlinks before it writes.
-        """
-        before = list((self.home / "current").glob("lib/python3*/site-packages"))
-        version = f"python{sys.version_info.major}.{sys.version_info.minor}"
-        if len(before) == 1 and before[0].parent.name == version:
-            run([sys.executable, "-m", "venv", "--without-pip", str(release)])
-            packages = release / "lib" / version / "site-packages"
-            with contextlib.suppress(OSError):  # a file system without links: made anew
-                shutil.copytree(before[0], packages, copy_function=os.link, dirs_exist_ok=True)
-                return
-            shutil.rmtree(release)
-        free = shutil.disk_usage(existing(self.home)).free
-        if free < SPACE:
-            raise InstallError(f"{free / 1e6:.0f} MB free, {SPACE / 1e6:.0f} MB needed")
-        run([sys.executable, "-m", "venv", str(release)])
-
-    def _try_bundle(self, release: Path, bundle: Path) -> None:
-        """What comes, and the drones that are there already: they share release and board."""
+    def _check_bundle(self, release: Path, bundle: Path) -> None:
+        """Check the drones that come, and those installed already: they share the release."""
         folders = sorted((bundle / "config").iterdir())
         coming = {f.name for f in folders}
-        self._try(release, [*folders, *(f for f in self._installed() if f.name not in coming)])
+        others = [f for f in self._installed() if f.name not in coming]
+        self._check(release, [*folders, *others])
 
-    def _try(self, release: Path, folders: list[Path]) -> None:
-        """A release must understand the configurations that it is going to run.
+    def _check(self, release: Path, folders: list[Path]) -> None:
+        """Let a release check the configurations that it is to run.
 
         Raises:
-            InstallError: it does not, or two drones want the same thing.
+            InstallError: it refuses one, or two drones claim the same thing.
         """
-        configs = [str(folder / f"{folder.name}.yaml") for folder in folders]
         try:
-            run([str(release / "bin/python"), "-I", "-m", "companion", "check", *configs])
+            check_configurations(release, [f / f"{f.name}.yaml" for f in folders])
         except InstallError as error:
             for folder in self._installed():
                 if str(folder) in str(error):
@@ -158,12 +114,12 @@ class Board:
             raise
 
     def _installed(self) -> list[Path]:
-        """The folder of each drone on the board."""
+        """Return the folder of each drone on the board."""
         folders = sorted((self.root / CONFIG).glob("*"))
         return [f for f in folders if (f / f"{f.name}.yaml").exists()]
 
     def _put_files(self, bundle: Path) -> None:
-        """Units, rule and launchers are ours; configuration belongs to whoever edits it."""
+        """Write units, rule and launchers, which are ours, and configuration, unless edited."""
         for source in sorted(p for p in (bundle / "owned").rglob("*") if p.is_file()):
             relative = source.relative_to(bundle / "owned")
             path, data = self.root / relative, source.read_bytes()
@@ -177,7 +133,7 @@ class Board:
             self._changes.write(self.home / "config.json", json.dumps(known, indent=1).encode())
 
     def _put_config(self, source: Path, relative: Path, known: dict[str, str]) -> None:
-        """Replace what was deployed before; lay the new beside what was edited since."""
+        """Replace a file as it was deployed; lay the new one beside a file that was edited."""
         path, data = self.root / CONFIG / relative, source.read_bytes()
         there = path.read_bytes() if path.exists() else None
         edited = there is not None and known.get(str(relative)) != sha256(there)
@@ -194,86 +150,48 @@ class Board:
         if not self.report.dry_run:
             self._changes.write(beside, data)
 
-    def _enable(self, drones: list[dict[str, str]]) -> None:
-        """Start with the board: swarm.target, and each drone in it."""
+    def _enable(self, drones: list[dict[str, Any]]) -> None:
+        """Let swarm.target start with the board, and each drone with the target."""
         links = {"etc/systemd/system/multi-user.target.wants/swarm.target": "../swarm.target"}
         for drone in drones:
             for template in drone["units"]:
-                unit = template.replace("@", f"@{drone['name']}")
-                links[f"{WANTS}/{unit}"] = f"../{template}"
+                links[f"{WANTS}/{_unit(template, drone['name'])}"] = f"../{template}"
         for name, target in links.items():
             path = self.root / name
             if self.report.add("enable", path.name, link_target(path, whole=True) != target):
                 self._changes.link(path, target)
 
     def _switch(self, release: str) -> None:
-        """From here on a start uses the new release, of whichever drone of the board."""
+        """Make the release the one that every drone of the board starts with."""
         before = link_target(self.home / "current")
         self._switched = self.report.add("current", release, before != release)
-        if self.report.changed and not self.report.dry_run:  # with what was edited here
-            self._try(self.home / "releases" / release, self._installed())
+        if self.report.changed and not self.report.dry_run:  # with the files edited here
+            self._check(self.home / "releases" / release, self._installed())
         if self._switched:
             if before is not None:
                 self._changes.link(self.home / "previous", f"releases/{before}")
             self._changes.link(self.home / "current", f"releases/{release}")
 
-    def _restart(self, drones: list[dict[str, str]]) -> None:
-        """Daemons that run take the new release; one that does not stay up undoes it all.
+    def _restart(self, drones: list[dict[str, Any]]) -> None:
+        """Restart the daemons with the new release; one that does not stay up undoes it all.
 
         Raises:
             InstallError: a daemon failed.
         """
-        if self._systemctl is None:
+        if not self._services.present:
             self.report.note("start", "no systemd runs there: starts with the board")
             return
         if not self.report.changed or self.report.dry_run:
             return
-        self._ask("daemon-reload")
-        self._reload_rules()
+        self._services.reload()
         for drone in drones:
             for template in drone["units"]:
-                self._restart_unit(template.replace("@", f"@{drone['name']}"))
+                self._services.restart(_unit(template, drone["name"]))
         if self._switched:
-            for unit in self._others({d["name"] for d in drones}):
-                self._restart_unit(unit)
-
-    def _others(self, deployed: set[str]) -> list[str]:
-        """Units that run for the board's other drones; who is not up takes what is there then."""
-        names = [f.name for f in self._installed() if f.name not in deployed]
-        units = [f"{kind}@{n}.service" for n in names for kind in ("mavlink-bridge", "companion")]
-        return [unit for unit in units if _runs(self._show(unit))]
-
-    def _restart_unit(self, unit: str) -> None:
-        self.refuse_while_armed()  # the restart before this one took its time
-        before = self._show(unit).get("InvocationID", "")
-        self._restarted.append(unit)
-        self._ask("restart", "--no-block", unit)
-        self._stays_up(unit, before)
-        self.report.add("restart", unit)
-
-    def _reload_rules(self) -> None:
-        """The udev rule holds for what is plugged in already, too."""
-        udevadm = shutil.which("udevadm")
-        if udevadm is not None and self.root == Path("/"):
-            run([udevadm, "control", "--reload"])
-            run([udevadm, "trigger", "--subsystem-match=tty"])
-
-    def _stays_up(self, unit: str, before: str) -> None:
-        """Judge only what was started since; the invocation `before` still says what it said.
-
-        Raises:
-            InstallError: it failed, or did not come as far as waiting for its vehicle.
-        """
-        deadline = time.monotonic() + START_WITHIN
-        while time.monotonic() < deadline:
-            state = self._show(unit)
-            if state.get("InvocationID", "") != before:
-                if _failed(state):
-                    raise InstallError(f"{unit} does not start: see `journalctl -u {unit}`")
-                if _up(state):
-                    return
-            time.sleep(0.2)
-        raise InstallError(f"{unit} did not start within {START_WITHIN:.0f} s")
+            deployed = {d["name"] for d in drones}
+            others = [f.name for f in self._installed() if f.name not in deployed]
+            for unit in self._services.running(others):
+                self._services.restart(unit)
 
     def _prune(self) -> None:
         """Keep the release in use and the one before."""
@@ -282,45 +200,24 @@ class Board:
             if release.name not in keep and self.report.add("remove", release.name):
                 shutil.rmtree(release, ignore_errors=True)
 
-    # --- helpers -------------------------------------------------------------------------
-
-    def _undo(self) -> None:
-        self._changes.undo()
-        if self._restarted:
-            self._ask("daemon-reload")
-        for unit in self._restarted:
-            if unit.partition("@")[2].removesuffix(".service") in self._armed():
-                self.report.note("restart", f"{unit} is armed by now and runs on as it is")
-            else:
-                self._ask("restart", "--no-block", unit)
-
-    def _armed(self) -> dict[str, str]:
-        """The phase of each drone whose daemon says that its vehicle is armed."""
-        armed = {}
-        for file in sorted((self.root / RUN).glob("*/state.json")):
-            with contextlib.suppress(OSError, ValueError):
-                state = json.loads(file.read_text())
-                if state.get("armed") and Path(f"/proc/{state.get('pid')}").exists():
-                    armed[file.parent.name] = str(state.get("phase"))
-        return armed
-
-    def _show(self, unit: str) -> dict[str, str]:
-        """What the service manager says of a unit."""
-        shown = self._ask("show", "-p", "ActiveState,SubState,StatusText,InvocationID", unit)
-        return dict(line.split("=", 1) for line in shown.splitlines() if "=" in line)
-
-    def _ask(self, *arguments: str) -> str:
-        assert self._systemctl is not None
-        return run([*self._systemctl, *arguments])
-
     def _known(self) -> dict[str, str]:
-        """Hash of every configuration file as it was deployed."""
+        """Return the hash of every configuration file as it was deployed."""
         file = self.home / "config.json"
         return dict(json.loads(file.read_text())) if file.exists() else {}
 
     @contextlib.contextmanager
+    def _all_or_nothing(self) -> Iterator[None]:
+        """Put everything back where an error ends what is done meanwhile."""
+        try:
+            yield
+        except BaseException:
+            self._changes.undo()
+            self._services.restart_anew()
+            raise
+
+    @contextlib.contextmanager
     def _locked(self) -> Iterator[None]:
-        """One installation at a time."""
+        """Let one installation run at a time."""
         if self.report.dry_run:
             yield
             return
@@ -333,18 +230,13 @@ class Board:
             yield
 
 
-def _failed(state: dict[str, str]) -> bool:
-    return state.get("ActiveState") == "failed" or state.get("SubState") == "auto-restart"
+def _plan(bundle: Path) -> Plan:
+    plan: Plan = json.loads((bundle / "plan.json").read_text())
+    return plan
 
 
-def _runs(state: dict[str, str]) -> bool:
-    return state.get("ActiveState") in ("active", "activating") and not _failed(state)
-
-
-def _up(state: dict[str, str]) -> bool:
-    """Ready, or started as far as can be without its autopilot or camera."""
-    active, text = state.get("ActiveState"), state.get("StatusText", "")
-    return active == "active" or (active == "activating" and "waiting for" in text)
+def _unit(template: str, drone: str) -> str:
+    return template.replace("@", f"@{drone}")
 
 
 def _how_to_remove(folder: Path) -> str:
@@ -355,25 +247,8 @@ def _how_to_remove(folder: Path) -> str:
     )
 
 
-def _pip(bundle: Path) -> list[str]:
-    """Arguments that install the wheel, from the bundle's own wheels where it brings them."""
-    wheels = [str(p) for p in sorted((bundle / "wheel").glob("*.whl"))]
-    house = bundle / "wheelhouse"
-    source = ["--no-index", "--find-links", str(house)] if house.exists() else []
-    return [
-        "-m",
-        "pip",
-        "install",
-        "--quiet",
-        "--disable-pip-version-check",
-        "--no-input",
-        *source,
-        *wheels,
-    ]
-
-
 def main(arguments: list[str] | None = None) -> int:
-    """Do it; 0 done, 1 failed or refused and nothing changed."""
+    """Install or roll back, and print the report; 1 where nothing was changed by an error."""
     parser = argparse.ArgumentParser(description="Installs a bundle of swarm-companion.")
     parser.add_argument("bundle", type=Path)
     parser.add_argument("--root", type=Path, default=Path("/"))
@@ -387,7 +262,7 @@ def main(arguments: list[str] | None = None) -> int:
     board = Board(options.root, report, ["systemctl"] if live else None)
     error = None
     try:
-        if sys.version_info < (3, 11):  # noqa: UP036  (the board's Python, not ours)
+        if sys.version_info < (3, 11):  # noqa: UP036  (the board's Python, not this one)
             raise InstallError(f"python3 is {sys.version.split()[0]}, 3.11 is needed")
         (board.rollback if options.rollback else board.install)(options.bundle)
     except (InstallError, OSError, ValueError) as problem:

@@ -1,7 +1,7 @@
 """Runs the installer of a bundle: here below a root, or on a board over ssh.
 
-Over ssh it is one connection: the bundle as a tar stream in, the report out. The board needs
-sshd, tar and python3; whoever is not root there needs sudo without a password.
+One ssh connection carries the bundle in, as a tar stream, and the report out. The board needs sshd,
+tar and python3; a user other than root needs sudo without a password.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import IO, Any
 
 Outcome = dict[str, Any]
-# Unpacks what comes in, installs it, cleans up, and answers with the installer's exit status.
+# Unpacks the bundle, installs it, cleans up, and ends with the installer's exit status.
 _REMOTE = """
 set -e
 d=$(mktemp -d)
@@ -56,12 +56,12 @@ def install_over_ssh(
     out, err = process.communicate()
     feeder.join()
     stdin.close()
-    # A board may speak Latin-1; its line must not cost those of the others.
+    # A board may answer in Latin-1; that must not lose the rows of the other boards.
     return _outcome(out.decode(errors="replace"), err.decode(errors="replace"))
 
 
 def _feed(bundle: Path, stream: IO[bytes]) -> None:
-    """The bundle as a tar stream; who hangs up early says why on stderr."""
+    """Write the bundle as a tar stream; a board that hangs up early says why on stderr."""
     try:
         with tarfile.open(fileobj=stream, mode="w|") as archive:
             archive.add(bundle, arcname=".")
@@ -71,7 +71,7 @@ def _feed(bundle: Path, stream: IO[bytes]) -> None:
 
 
 def _outcome(out: str, err: str) -> Outcome:
-    """The installer's report; what went wrong before it could report."""
+    """Return the installer's report, or the error that kept it from reporting."""
     lines = out.strip().splitlines()
     try:
         report: Outcome = json.loads(lines[-1])

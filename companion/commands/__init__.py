@@ -1,5 +1,5 @@
-"""The subcommands of `companion`, one module each.
+"""The subcommands of `companion`, one module each; `extras` serves them all.
 
-A module has `HELP`, `add_arguments(parser)` and `run(options) -> exit status`. It imports what
-it needs inside `run`, so that `companion --help` answers at once.
+A subcommand has `HELP`, `add_arguments(parser)` and `run(options) -> exit status`. It imports
+what it needs inside `run`, so that `companion --help` answers at once.
 """

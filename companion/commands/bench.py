@@ -1,4 +1,4 @@
-"""`companion bench`: how fast and how good the solver and perception are on this machine."""
+"""`companion bench`: speed and quality of the solver and of perception on this machine."""
 
 from __future__ import annotations
 
@@ -22,16 +22,22 @@ _SOLVERS = ("rti", "rti-vm", "ipopt-sx", "ipopt-mx")  # as bench.SOLVERS, which 
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Its command line."""
+    """Add the arguments of this command."""
     what = parser.add_subparsers(dest="what", required=True)
     nmpc = what.add_parser("nmpc", help="real-time solver and IPOPT on the same instances")
-    nmpc.add_argument("--instances", type=Path, help="another set than the stored one (npz)")
-    nmpc.add_argument("--solver", action="append", choices=_SOLVERS, help="only this; repeatable")
+    nmpc.add_argument(
+        "--instances", type=Path, help="set of instances (npz; default: the stored one)"
+    )
+    nmpc.add_argument(
+        "--solver", action="append", choices=_SOLVERS, help="only this solver; repeatable"
+    )
     nmpc.add_argument("--every", type=count, default=1, metavar="K", help="only each K-th sequence")
-    nmpc.add_argument("--ticks", type=natural, default=10_000, help="of the longest run (10000)")
+    nmpc.add_argument(
+        "--ticks", type=natural, default=10_000, help="length of the longest run (10000)"
+    )
     nmpc.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides")
     nmpc.add_argument(
-        "--cpu-time", action="store_true", help="of the thread, where others share the machine"
+        "--cpu-time", action="store_true", help="CPU time of the thread, for busy machines"
     )
     nmpc.add_argument("--json", action="store_true", help="for machines")
     perception = what.add_parser(
@@ -42,11 +48,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     record.add_argument("file", type=Path, help="npz to write")
     record.add_argument("log", nargs="+", metavar="FLIGHT=LOG", help="name and flight log (MCAP)")
     record.add_argument("--each", type=count, default=6, help="windows of each flight and kind (6)")
-    record.add_argument("--seed", type=natural, default=0, help="of the draw")
+    record.add_argument("--seed", type=natural, default=0, help="of the random draw")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Measure or record."""
+    """Measure or record; return the exit status."""
     if options.what == "perception":
         return perception_table.run(options)
     from companion.control.nmpc.instance_file import InstancesError
@@ -83,7 +89,7 @@ def _nmpc(options: argparse.Namespace) -> int:
 
 
 def _progress(total: int) -> Callable[[str, int], None]:
-    """A line that counts, where a person watches."""
+    """Return a function that shows the progress, where stderr is a terminal."""
     if not sys.stderr.isatty():
         return lambda solver, done: None
 
@@ -98,7 +104,7 @@ def _record(options: argparse.Namespace) -> int:
     from companion.bench.situations import drawn
     from companion.control.nmpc.instance_file import InstancesError, save
 
-    if not options.file.parent.is_dir():  # now, not after minutes
+    if not options.file.parent.is_dir():  # checked now, not after minutes
         raise InstancesError(f"{options.file}: cannot be written: no folder {options.file.parent}")
     runs = drawn(_windows(options.log), options.each, options.seed)
     save(options.file, runs)

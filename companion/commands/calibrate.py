@@ -10,11 +10,11 @@ from pathlib import Path
 
 HELP = "calibrate a fisheye from pictures of a chessboard"
 EXIT_BAD_INPUT = 2
-_REACH = 0.7  # of the half diagonal; beyond the corners found, the lens is guessed
+_REACH = 0.7  # of the half diagonal; beyond the corners found, the lens is extrapolated
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Its command line."""
+    """Add the arguments of this command."""
     parser.add_argument("pictures", type=Path, nargs="+", metavar="PICTURE")
     parser.add_argument(
         "--board",
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Calibrate, write, tell how well it fits."""
+    """Calibrate, write the file, and print how well it fits."""
     from companion.perception.camera import CalibrationError
     from companion.perception.chessboard import calibrate
 

@@ -1,4 +1,4 @@
-"""`companion check`: validate configurations, each and together."""
+"""`companion check`: validate configurations, each alone and all together."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ if TYPE_CHECKING:
     from companion.settings.config import CompanionConfig
     from companion.settings.conflicts import Drone
 
-HELP = "validate configurations, each and together"
+HELP = "validate configurations, each alone and all together"
 EXIT_BAD_INPUT = 2
 _PROBLEM = re.compile(r"(?:(?P<file>.*?):(?P<line>\d+):(?P<column>\d+): )?(?P<text>.*)", re.DOTALL)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Its command line."""
+    """Add the arguments of this command."""
     parser.add_argument("config", type=Path, nargs="+")
     parser.add_argument("--json", action="store_true", help="for machines")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Tell every mistake; 0 only where there is none."""
+    """Print every mistake; return 0 where there is none."""
     from companion.settings.config import is_bridge
     from companion.settings.conflicts import bridge_problems, conflicts
 
@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _check(path: Path, drones: list[Drone]) -> list[str]:
-    """Problems of one file; a drone's file that is fine joins `drones`."""
+    """Return the problems of one file; a valid drone is appended to `drones`."""
     from companion.settings.config import CompanionConfig, is_layer, resolve
     from companion.settings.conflicts import Drone
     from mavlink_bridge.shared.settings import SettingsError, validate
@@ -63,7 +63,7 @@ def _check(path: Path, drones: list[Drone]) -> list[str]:
 
 
 def _unfit_files(config: CompanionConfig) -> list[str]:
-    """What is wrong with the calibration and the model that a drone names."""
+    """Return the problems of the calibration and the model that a drone names."""
     from companion.perception.camera import CalibrationError
     from companion.perception.detectors import ModelError, make_detector
     from companion.perception.view import load_camera
@@ -76,7 +76,7 @@ def _unfit_files(config: CompanionConfig) -> list[str]:
 
 
 def _report(problems: dict[Path, list[str]], together: list[str]) -> dict[str, Any]:
-    """The same for machines; line and column count from 1."""
+    """Return the problems for machines; line and column count from 1."""
     files = [
         {"file": str(path), "ok": not found, "problems": [_split(p) for p in found]}
         for path, found in problems.items()

@@ -1,4 +1,4 @@
-"""`companion config`: show what a drone's files come to, and the examples that are packaged."""
+"""`companion config`: show a drone's resolved configuration; list or copy the examples."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ Row = tuple[tuple[str, ...], Any, str]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Its command line."""
+    """Add the arguments of this command."""
     actions = parser.add_subparsers(dest="action", required=True)
-    show = actions.add_parser("show", help="the resolved whole, and where each value came from")
+    show = actions.add_parser("show", help="every value, and where it came from")
     show.add_argument("config", type=Path)
     show.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides")
     show.add_argument("--json", action="store_true", help="for machines")
-    examples = actions.add_parser("examples", help="example drones that come with the package")
+    examples = actions.add_parser("examples", help="example drones of the package")
     examples.add_argument("--copy", type=Path, metavar="DIR", help="copy them to a new folder")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Show, list or copy."""
+    """Show, list or copy; return the exit status."""
     return _show(options) if options.action == "show" else _examples(options)
 
 
@@ -63,7 +63,7 @@ def _leaves(data: dict[str, Any], path: tuple[str, ...]) -> Iterator[tuple[tuple
 
 
 def _lines(rows: list[Row]) -> list[str]:
-    """YAML that can be read back, each value with its place as a comment."""
+    """Return YAML that can be read back, each value with its place as a comment."""
     lines: list[tuple[str, str]] = []
     above: tuple[str, ...] = ()
     for path, value, place in rows:

@@ -1,4 +1,4 @@
-"""`companion deploy`: drones onto their boards, or into a root directory."""
+"""`companion deploy`: install drones on their boards, or into a root directory."""
 
 from __future__ import annotations
 
@@ -18,14 +18,16 @@ if TYPE_CHECKING:
 
 HELP = "install or upgrade drones on their boards"
 EXIT_FAILED, EXIT_BAD_INPUT = 1, 2
-RESERVED = ("airframes", "bridge", "bridges", "default")  # what lies in each drone's folder
+RESERVED = ("airframes", "bridge", "bridges", "default")  # files in each drone's folder
 SSH = "ssh -o BatchMode=yes -o ConnectTimeout=10"
 Drones = list[tuple[Path, "CompanionConfig"]]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Its command line."""
-    parser.add_argument("config", type=Path, nargs="+", help="drones; default.yaml is passed over")
+    """Add the arguments of this command."""
+    parser.add_argument(
+        "config", type=Path, nargs="+", help="files of drones; default.yaml is passed over"
+    )
     parser.add_argument("--root", type=Path, metavar="DIR", help="install below DIR: an image")
     parser.add_argument("--host", metavar="USER@HOST", help="default: board.host of each drone")
     parser.add_argument(
@@ -35,7 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="install below DIR of the hosts: an image there",
     )
-    parser.add_argument("--dry-run", action="store_true", help="tell, and change nothing")
+    parser.add_argument(
+        "--dry-run", action="store_true", help="print the steps, and change nothing"
+    )
     parser.add_argument("--rollback", action="store_true", help="back to the release before")
     parser.add_argument("--wheel", type=Path, help="default: built from this checkout")
     parser.add_argument(
@@ -54,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _command(text: str) -> list[str]:
-    """A command and its options, quoted as for a shell."""
+    """Return the words of a command and its options, quoted as for a shell."""
     try:
         words = shlex.split(text)
     except ValueError:
@@ -65,7 +69,7 @@ def _command(text: str) -> list[str]:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Every board at once, and a table of what came of it."""
+    """Install on every board at once, and print a table of the results."""
     from companion.board.bundle import BundleError
     from mavlink_bridge.shared.settings import SettingsError
 
@@ -88,10 +92,10 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _boards(options: argparse.Namespace) -> dict[str | None, Drones]:
-    """The drones by host (None: this machine, below --root).
+    """Return the drones by host; None: this machine, below --root.
 
     Raises:
-        SettingsError: whatever must not be deployed.
+        SettingsError: a drone that must not be deployed.
     """
     from companion.settings.conflicts import bridge_problems, conflicts, read_drones
     from mavlink_bridge.shared.settings import SettingsError
@@ -110,7 +114,7 @@ def _boards(options: argparse.Namespace) -> dict[str | None, Drones]:
 
 
 def _unfit(drone: Drone, options: argparse.Namespace) -> list[str]:
-    """What is fine to fly in a simulation and not fit for a board."""
+    """Return why a drone is fit for a simulation and not for a board."""
     problems = []
     if drone.config.name in RESERVED:
         problems.append(
@@ -119,8 +123,8 @@ def _unfit(drone: Drone, options: argparse.Namespace) -> list[str]:
         )
     if drone.config.mission.auto and not options.allow_auto:
         problems.append(
-            f"{drone.place('mission.auto')}: mission.auto: it would arm and take off "
-            "whenever the board starts; false, or --allow-auto"
+            f"{drone.place('mission.auto')}: mission.auto: the drone would arm and take "
+            "off whenever its board starts; set false, or give --allow-auto"
         )
     if not (options.root or options.host or drone.config.board.host):
         problems.append(

@@ -1,4 +1,4 @@
-"""`companion doctor`: preflight of a board, green, amber or red, and what to do."""
+"""`companion doctor`: preflight check of a board: green, amber or red, and what to do."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from companion.doctor import Finding
 
-HELP = "look a board over before flight"
+HELP = "check a board before flight"
 EXIT_RED, EXIT_BAD_INPUT = 1, 2
 _COLOUR = {"green": "\033[32m", "amber": "\033[33m", "red": "\033[31m"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Its command line."""
+    """Add the arguments of this command."""
     parser.add_argument("config", type=Path, help="the drone's YAML file")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides")
     parser.add_argument("--json", action="store_true", help="for machines")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Tell as it goes; 1 where anything is red."""
+    """Print the findings as they are made; 1 where one is red."""
     from companion.doctor import Level
     from mavlink_bridge.shared.settings import SettingsError
 
@@ -48,15 +48,14 @@ def run(options: argparse.Namespace) -> int:
 
 
 def examine(path: Path, overrides: list[str]) -> Iterator[Finding]:
-    """Every finding, in the order in which they are made.
+    """Return every finding, as it is made.
 
     Raises:
-        SettingsError: the configuration is wrong; nothing else is looked at.
+        SettingsError: the configuration is wrong; nothing else is examined.
     """
     import cv2
 
-    from companion.doctor import Level, machine, vehicle
-    from companion.doctor import camera as eye
+    from companion.doctor import Level, camera, machine, vehicle
     from companion.doctor.finding import either
     from companion.settings.config import CompanionConfig, resolve
     from mavlink_bridge.shared.settings import validate
@@ -68,11 +67,11 @@ def examine(path: Path, overrides: list[str]) -> Iterator[Finding]:
         "config",
         not config.mission.auto,
         str(path),
-        "mission.auto is true: it arms and takes off by itself once all is ready",
+        "mission.auto is true: the drone arms and takes off by itself",
         Level.AMBER,
     )
     yield from machine.examine(config)
-    yield from eye.examine(config)
+    yield from camera.examine(config)
     yield from vehicle.examine(config, ("airframe", "hover_thrust") in document.places)
 
 

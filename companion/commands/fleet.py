@@ -14,38 +14,40 @@ if TYPE_CHECKING:
     from companion.ground.fleet import Row
     from companion.settings.config import CompanionConfig
 
-HELP = "arm, take off, start, hold, land: many vehicles at once"
+HELP = "arm, take off, start, hold or land many vehicles at once"
 EXIT_FAILED, EXIT_BAD_INPUT = 1, 2
 ACTIONS = {
     "arm": "arm",
     "takeoff": "climb to mission.takeoff_altitude and hold there",
     "start": "hand over to the companions (offboard); they must be running",
-    "hold": "stop and stay; takes control from the companions",
+    "hold": "stop and stay; the companions give control up",
     "land": "land where they are",
-    "status": "only look",
+    "status": "show their state",
 }
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Its command line."""
+    """Add the arguments of this command."""
     parser.add_argument(
         "action", choices=ACTIONS, help="; ".join(f"{a}: {h}" for a, h in ACTIONS.items())
     )
-    who = parser.add_mutually_exclusive_group(required=True)
-    who.add_argument("--all", action="store_true", help="every drone of the folder")
-    who.add_argument("--only", nargs="+", metavar="NAME", help="these drones")
+    which = parser.add_mutually_exclusive_group(required=True)
+    which.add_argument("--all", action="store_true", help="every drone of the folder")
+    which.add_argument("--only", nargs="+", metavar="NAME", help="these drones")
     parser.add_argument("--drones", type=Path, default=Path("configs/drones"), metavar="DIR")
     parser.add_argument(
-        "--url", default="udpin://0.0.0.0:14550", help="where the vehicles speak to ground stations"
+        "--url",
+        default="udpin://0.0.0.0:14550",
+        help="endpoint at which ground stations hear the vehicles",
     )
     parser.add_argument(
-        "--patience", type=float, default=5.0, metavar="S", help="for vehicles to appear"
+        "--patience", type=float, default=5.0, metavar="S", help="time for the vehicles to appear"
     )
     parser.add_argument("--json", action="store_true", help="for machines")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Do it with all at once; 1 where any did not."""
+    """Act on all vehicles at once, and print a table; 1 where one did not do it."""
     from companion.ground.fleet import act
     from mavlink_bridge.shared.settings import SettingsError
     from mavlink_bridge.wire.link import EndpointError
@@ -67,10 +69,10 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _drones(folder: Path, names: list[str] | None) -> list[CompanionConfig]:
-    """The drones of a folder, all or those named.
+    """Return the drones of a folder, all or those named.
 
     Raises:
-        SettingsError: a bad file, a name that is not there, two with one system id.
+        SettingsError: a bad file, an unknown name, or two drones with one system id.
     """
     from companion.settings.conflicts import conflicts, read_drones
     from mavlink_bridge.shared.settings import SettingsError
@@ -87,7 +89,7 @@ def _drones(folder: Path, names: list[str] | None) -> list[CompanionConfig]:
 
 
 def _print(rows: list[Row]) -> None:
-    """The table of states."""
+    """Print the table of states."""
     width = max(5, *(len(row.drone) for row in rows))
     print(f"{'drone':<{width}}  system  armed  {'mode':<10}  height  battery  result")
     for row in rows:

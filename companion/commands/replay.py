@@ -1,4 +1,4 @@
-"""`companion replay`: a flight log through today's code."""
+"""`companion replay`: a flight log through the present code."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-HELP = "recorded inputs through today's code; exit 1 where a decision or a command differs"
+HELP = "run recorded inputs through the present code; exit 1 where decisions or commands differ"
 EXIT_DIFFERS, EXIT_BAD_INPUT = 1, 2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Its command line."""
+    """Add the arguments of this command."""
     parser.add_argument("log", type=Path, help="a flight log (MCAP)")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides")
     parser.add_argument("--json", action="store_true")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Compare, and say where the first difference is."""
+    """Compare, and print where the first difference is; 1 where there is one."""
     from companion.flightlog.reader import read_log
     from companion.flightlog.replay import replay
     from companion.perception.camera import CalibrationError

@@ -1,4 +1,4 @@
-"""`companion run`: the daemon."""
+"""`companion run`: the daemon of one drone."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ import logging
 from pathlib import Path
 
 HELP = "fly one drone"
-EXIT_UNAVAILABLE = 69  # EX_UNAVAILABLE: no such port or camera now; worth another try
-EXIT_BAD_CONFIG = 78  # EX_CONFIG: trying again cannot help
+EXIT_UNAVAILABLE = 69  # EX_UNAVAILABLE: no port or camera now; another try may succeed
+EXIT_BAD_CONFIG = 78  # EX_CONFIG: another try cannot succeed
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Its command line."""
+    """Add the arguments of this command."""
     parser.add_argument("config", type=Path, help="the drone's YAML file")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Start, tick, stop."""
+    """Start the daemon, and return its exit status when it ends."""
     import faulthandler
 
     import cv2
@@ -33,7 +33,7 @@ def run(options: argparse.Namespace) -> int:
     from mavlink_bridge.wire.video import VideoError
 
     journal.set_up()
-    faulthandler.enable()  # a hung tick ends by the watchdog's SIGABRT and shows where it hung
+    faulthandler.enable()  # the watchdog's SIGABRT shows where a tick hung
     cv2.setNumThreads(1)
     try:
         config = load_config(options.config, options.overrides)

@@ -10,17 +10,17 @@ HELP = "print the JSON Schema of a drone's file"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """It takes none."""
+    """Add nothing: the command takes no arguments."""
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print it."""
+    """Print the schema."""
     print(json.dumps(schema(), indent=1))
     return 0
 
 
 def schema() -> dict[str, Any]:
-    """The schema; every key has its description, only `fileversion` must stand in each file."""
+    """Return the schema; only `fileversion` is required in each file."""
     from companion.settings.config import CompanionConfig
 
     made = CompanionConfig.model_json_schema()

@@ -1,4 +1,4 @@
-"""`companion status`: what a running daemon is doing, from the end of its flight log."""
+"""`companion status`: the state of a running daemon, from the end of its flight log."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from companion.flightlog.status import Status
 
-HELP = "show a running daemon: state, stage times, tracks, guard reason"
+HELP = "show the state of a running daemon: phase, stage times, tracks, guard reason"
 EXIT_BAD_INPUT = 2
-_PERIOD = 0.5  # s between looks: as often as the log grows
+_PERIOD = 0.5  # s between updates: as often as the log grows
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Its command line."""
+    """Add the arguments of this command."""
     parser.add_argument("config", type=Path, help="the drone's YAML file, or its flight log")
-    parser.add_argument("--json", action="store_true", help="the last tick's whole record")
-    parser.add_argument("--watch", action="store_true", help="again and again, until Ctrl-C")
+    parser.add_argument("--json", action="store_true", help="the whole record of the last tick")
+    parser.add_argument("--watch", action="store_true", help="update until Ctrl-C")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Follow the log; show its last tick."""
+    """Print the last tick of the log, once or again and again."""
     from companion.flightlog.status import NoStatus, Status
     from mavlink_bridge.shared.mcap_file import LogError
     from mavlink_bridge.shared.settings import SettingsError
@@ -34,12 +34,12 @@ def run(options: argparse.Namespace) -> int:
         status = Status(options.config)
         while True:
             try:
-                print(_look(status, options.json), flush=True)
+                print(_newest(status, options.json), flush=True)
             except FileNotFoundError:
                 if not options.watch:
                     raise
                 print(f"{options.config}: the log is gone, waiting", file=sys.stderr, flush=True)
-                status = _another(options.config)
+                status = _wait_for_log(options.config)
                 continue
             if not options.watch:
                 return 0
@@ -49,20 +49,20 @@ def run(options: argparse.Namespace) -> int:
         return EXIT_BAD_INPUT
 
 
-def _look(status: Status, as_json: bool) -> str:
-    """The last tick.
+def _newest(status: Status, as_json: bool) -> str:
+    """Return the last tick.
 
     Raises:
-        NoStatus: there has been none so far.
-        FileNotFoundError: the log is no longer there.
+        NoStatus: the log has no tick so far.
+        FileNotFoundError: the log is gone.
     """
     status.update()
     text = status.text()
     return json.dumps(status.record) if as_json else text
 
 
-def _another(config: Path) -> Status:
-    """Wait for a log with a tick in it: the one followed was moved or deleted."""
+def _wait_for_log(config: Path) -> Status:
+    """Wait for another log with a tick: the one before was moved or deleted."""
     from companion.flightlog.status import NoStatus, Status
     from mavlink_bridge.shared.mcap_file import LogError
 

@@ -1,4 +1,4 @@
-"""Preflight of a board: what was looked at, how it is, and what to do about it."""
+"""Preflight check of a board: findings, each with a level and what to do about it."""
 
 from companion.doctor.finding import Finding, Level
 

@@ -1,4 +1,4 @@
-"""The camera: calibration, frames, their rate and size."""
+"""The camera: calibration, detector, frames, their rate and size."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from companion.process.frame_source import FrameSource, open_source
 from companion.settings.config import CompanionConfig
 from mavlink_bridge.wire.video import Answer, Frame, VideoError
 
-_LOOK = 2.0  # s of frames
+_WATCHED = 2.0  # s of frames
 
 
 def examine(config: CompanionConfig) -> Iterator[Finding]:
-    """All findings about the camera."""
+    """Return all findings about the camera."""
     yield _calibration(config)
     yield _detector(config)
     try:
@@ -38,7 +38,7 @@ def examine(config: CompanionConfig) -> Iterator[Finding]:
 
 
 def _calibration(config: CompanionConfig) -> Finding:
-    """Intrinsics must be those of this lens at this size."""
+    """Examine whether the intrinsics are of this lens at this size."""
     c = config.camera
     if c.calibration is None:
         text = f"none: an ideal {c.fov_deg:g}° fisheye is assumed"
@@ -46,14 +46,16 @@ def _calibration(config: CompanionConfig) -> Finding:
     try:
         camera = Camera.load(c.calibration)
     except (CalibrationError, OSError) as error:
-        return Finding("calibration", Level.RED, str(error), "calibrate anew")
+        return Finding("calibration", Level.RED, str(error), "calibrate again")
     text = f"{c.calibration}: {camera.width}×{camera.height}"
     fits = (camera.width, camera.height) == (c.width, c.height)
-    return either("calibration", fits, text, f"frames are {c.width}×{c.height}: calibrate at that")
+    return either(
+        "calibration", fits, text, f"frames are {c.width}×{c.height}: calibrate at that size"
+    )
 
 
 def _detector(config: CompanionConfig) -> Finding:
-    """The network's file must be there and of the right kind."""
+    """Examine whether the detector can be made; a network's file must be there."""
     try:
         make_detector(load_camera(config.camera), config.sensing)
     except CalibrationError:
@@ -62,13 +64,13 @@ def _detector(config: CompanionConfig) -> Finding:
         return Finding("detector", Level.RED, str(error), "put the file there; sensing.model")
     if config.sensing.detector == "color":
         todo = "mount the balls, or set sensing.detector: cnn"
-        return Finding("detector", Level.AMBER, "color: sees drones with a ball, no others", todo)
+        return Finding("detector", Level.AMBER, "color: detects only drones with a ball", todo)
     return Finding("detector", Level.GREEN, config.sensing.detector)
 
 
 def _watch(source: FrameSource) -> list[Frame]:
     frames: list[Frame] = []
-    deadline = time.monotonic() + _LOOK
+    deadline = time.monotonic() + _WATCHED
     while (left := deadline - time.monotonic()) > 0:
         if source.waits(left):
             frames.append(source.receive())
@@ -78,7 +80,7 @@ def _watch(source: FrameSource) -> list[Frame]:
 
 def _frames(config: CompanionConfig, frames: list[Frame]) -> Iterator[Finding]:
     wanted = 1.0 / config.timing.period
-    rate = len(frames) / _LOOK
+    rate = len(frames) / _WATCHED
     text = f"{rate:.1f} frames a second, {wanted:.0f} wanted"
     todo = "lower the exposure time, use a faster format or bus"
     yield rated("frame rate", -rate, (-0.9 * wanted, -0.5 * wanted), text, todo)

@@ -1,4 +1,4 @@
-"""One line of a doctor's report."""
+"""A finding of the doctor, and how it is rated."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import Enum
 
 
 class Level(Enum):
-    """green: fine. amber: flies, look at it. red: does not fly like this."""
+    """green: good. amber: can fly, needs a look. red: cannot fly like this."""
 
     GREEN = "green"
     AMBER = "amber"
@@ -16,7 +16,7 @@ class Level(Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """What was looked at, how it is, and what to do where it is not green."""
+    """What was examined, its level, the result, and what to do where it is not green."""
 
     name: str
     level: Level
@@ -25,12 +25,12 @@ class Finding:
 
 
 def rated(name: str, value: float, limits: tuple[float, float], text: str, todo: str) -> Finding:
-    """Green up to the first limit, amber up to the second, red above."""
+    """Return a finding: green up to the first limit, amber up to the second, red above."""
     green, amber = limits
     level = Level.GREEN if value <= green else Level.AMBER if value <= amber else Level.RED
     return Finding(name, level, text, "" if level is Level.GREEN else todo)
 
 
 def either(name: str, fine: bool, text: str, todo: str, worst: Level = Level.RED) -> Finding:
-    """Green where fine, else `worst`."""
+    """Return a finding: green where `fine`, else `worst`."""
     return Finding(name, Level.GREEN if fine else worst, text, "" if fine else todo)

@@ -26,13 +26,13 @@ from mavlink_bridge.wire.messages import VehicleState
 from mavlink_bridge.wire.video import Frame
 
 LIBRARIES = ("numpy", "casadi", "opencv-python-headless", "pymavlink", "scipy")
-_SOLVES, _LOOKS = 100, 10
+_SOLVES, _FRAMES = 100, 10
 _LOG_PER_HOUR = 200e6  # bytes, flight log and .tlog
 _GOVERNOR = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
 
 
 def examine(config: CompanionConfig) -> Iterator[Finding]:
-    """All findings about this machine."""
+    """Return all findings about this machine."""
     yield _software()
     yield from _speed(config)
     yield from _governor()
@@ -47,27 +47,30 @@ def _software() -> Finding:
 
 
 def _speed(config: CompanionConfig) -> Iterator[Finding]:
-    """A short bench: recorded instances through the solver, noise through the detectors."""
+    """Measure a tick: recorded instances through the solver, noise through the detectors."""
     nmpc = Nmpc(config.nmpc, time.perf_counter)
     todo = "install gcc: the first start compiles the solver's kernel, once"
     yield either("solver", nmpc.backend == "compiled", nmpc.backend, todo, Level.AMBER)
     instances = [i for run in load(stored(), config.nmpc) for i in run.instances][:_SOLVES]
     solve = float(np.percentile([nmpc.solve(i).solve_time for i in instances], 99))
     try:
-        tick = solve + _look(config)
+        tick = solve + _perception_time(config)
     except (CalibrationError, ModelError) as error:
-        yield Finding("speed", Level.AMBER, f"not tried: {error}", "put that right first")
+        yield Finding("speed", Level.AMBER, f"not measured: {error}", "correct that first")
         return
-    text = f"{tick * 1e3:.0f} ms a tick (solver p99 {solve * 1e3:.1f} ms) of {config.timing.period * 1e3:.0f} ms"  # noqa: E501
+    text = (
+        f"{tick * 1e3:.0f} ms a tick (solver p99 {solve * 1e3:.1f} ms) "
+        f"of {config.timing.period * 1e3:.0f} ms"
+    )
     limits = (0.5 * config.timing.period, 0.8 * config.timing.period)
     yield rated("speed", tick, limits, text, "faster board, smaller camera frames, fewer processes")
 
 
-def _look(config: CompanionConfig) -> float:
-    """Seconds that the detectors take on a frame of coloured noise, which is a hard one.
+def _perception_time(config: CompanionConfig) -> float:
+    """Return the time [s] that perception takes for a frame of coloured noise, a hard one.
 
     Raises:
-        CalibrationError, ModelError: a file that they need cannot be used.
+        CalibrationError, ModelError: a file that perception needs cannot be used.
     """
     view = make_view(config.camera, config.sensing)
     frontend = PerceptionFrontend(view, config.sensing, config.camera_health)
@@ -77,9 +80,9 @@ def _look(config: CompanionConfig) -> float:
         0.0, np.array([0, 0, 2.0]), np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3)
     )
     taken = []
-    for n in range(_LOOKS):
+    for n in range(_FRAMES):
         started = time.perf_counter()
-        frame = Frame(float(n), {"image": np.roll(image, n, axis=1)})  # the same twice: frozen
+        frame = Frame(float(n), {"image": np.roll(image, n, axis=1)})  # equal ones are a fault
         frontend.see(float(n), frame, own)
         taken.append(time.perf_counter() - started)
     return float(np.median(taken))
@@ -88,7 +91,7 @@ def _look(config: CompanionConfig) -> float:
 def _governor() -> Iterator[Finding]:
     if _GOVERNOR.exists():
         governor = _GOVERNOR.read_text().strip()
-        todo = "echo performance into scaling_governor of every CPU: clocks that follow load lag"
+        todo = "echo performance into scaling_governor of every CPU: other governors react late"
         yield either("cpu governor", governor == "performance", governor, todo, Level.AMBER)
 
 
@@ -97,7 +100,9 @@ def _logs(config: CompanionConfig) -> Finding:
         return Finding("log", Level.AMBER, "no flight log", "give log.path")
     folder = log_path(config.log.path, os.environ).resolve().parent
     if not folder.is_dir() or not os.access(folder, os.W_OK):
-        return Finding("log", Level.RED, f"{folder} cannot be written to", "make it, or chown it")
+        return Finding(
+            "log", Level.RED, f"{folder} cannot be written to", "create it, or change its owner"
+        )
     hours = shutil.disk_usage(folder).free / _LOG_PER_HOUR
     text = f"{folder}: room for {hours:.0f} h of flight"
     return rated("log", -hours, (-4.0, -1.0), text, "remove old flight logs")
@@ -109,7 +114,7 @@ def _serial_port(config: CompanionConfig) -> Iterator[Finding]:
         return
     path = Path(device)
     if not path.exists():
-        todo = "plug the autopilot in; `ls /dev/serial/by-id` shows what is there"
+        todo = "plug the autopilot in; `ls /dev/serial/by-id` lists the ports"
         yield Finding("serial port", Level.RED, f"{device} is not there", todo)
     else:
         todo = f"sudo usermod -a -G {path.group()} {os.environ.get('USER', 'USER')}; log in again"
@@ -118,17 +123,17 @@ def _serial_port(config: CompanionConfig) -> Iterator[Finding]:
 
 
 def _signing_key(config: CompanionConfig) -> Iterator[Finding]:
-    """Whether the service will be able to sign."""
+    """Examine whether the service can sign."""
     if config.link.signing is None:
         return
     key = config.link.signing.key
     if "/" not in key and not Path(key).exists():
-        text = f"{key}: a credential of the service, which nobody else can look at"
+        text = f"{key}: a credential of the service, which only the service can read"
         yield Finding("signing key", Level.AMBER, text, "LoadCredential= must name it")
         return
     try:
         read_key(Path(key))
     except SigningKeyError as error:
-        yield Finding("signing key", Level.RED, str(error), "the daemon does not start without")
+        yield Finding("signing key", Level.RED, str(error), "the daemon does not start without it")
     else:
         yield Finding("signing key", Level.GREEN, key)

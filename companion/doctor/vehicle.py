@@ -1,4 +1,4 @@
-"""The vehicle on the line: who it is, what it sends, its clock, the parameters that matter."""
+"""The vehicle on the link: its identity, streams and clock, and the parameters that matter."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from mavlink_bridge.wire.messages import (
     ParamValue,
 )
 
-_LISTEN, _SETTLE = 4.0, 1.5  # s on the line; of them until asked-for streams run
+_LISTEN, _SETTLE = 4.0, 1.5  # s on the link; of them until requested streams run
 _STREAM_MIN = 20.0  # Hz of attitude and of position
 _JITTER = (0.02, 0.06)  # s, spread of the delay of telemetry: green, amber
 _VERSION, _INT32 = 148.0, 6
 _COMPANION = Heartbeat(autopilot=8, vehicle_type=18, armed=False, custom_mode=0, system_status=3)
 _HOVER = {"px4": "MPC_THR_HOVER", "ardupilot": "MOT_THST_HOVER"}
-# Parameter: the most it may be [s], and what it does.
+# Parameter of the time [s] that a vehicle flies on without setpoints, and its upper limit.
 _TIMEOUTS = {
     "px4": ("COM_OF_LOSS_T", 1.0),
     "ardupilot": ("GUID_TIMEOUT", 3.0),
@@ -43,16 +43,16 @@ _TIMEOUTS = {
 
 @dataclass
 class Heard:
-    """Everything that the vehicle said, and when (CLOCK_MONOTONIC)."""
+    """All messages of the vehicle, with their arrival (CLOCK_MONOTONIC)."""
 
     messages: list[tuple[float, Message]] = field(default_factory=list)
 
     def of(self, kind: type, since: float = 0.0) -> list[tuple[float, Message]]:
-        """Messages of one kind from `since` on."""
+        """Return the messages of one kind from `since` on."""
         return [(at, m) for at, m in self.messages if isinstance(m, kind) and at >= since]
 
     def parameter(self, name: str) -> float | None:
-        """A parameter's value; PX4 sends whole numbers bytewise inside the float."""
+        """Return a parameter's value; PX4 sends integers as the bytes of the float."""
         for _, m in self.messages:
             if isinstance(m, ParamValue) and m.name == name:
                 bytewise = m.param_type == _INT32 and abs(m.value) < 1e-30
@@ -62,17 +62,17 @@ class Heard:
 
 
 def examine(config: CompanionConfig, hover_known: bool) -> Iterator[Finding]:
-    """All findings about the vehicle; hover_known: a file says its hover thrust."""
-    try:  # on a serial line each byte has one reader: not to be shared with who flies
+    """Return all findings about the vehicle; hover_known: whether a file sets its hover thrust."""
+    try:  # on a serial line each byte has one reader: a daemon that flies needs them all
         lock = VehicleLock(f"{config.link.endpoint}#{config.link.system_id}")
     except VehicleTaken as error:
         yield Finding("link", Level.RED, str(error), f"systemctl stop companion@{config.name}")
         return
     with closing(lock):
-        yield from _on_the_line(config, hover_known)
+        yield from _on_the_link(config, hover_known)
 
 
-def _on_the_line(config: CompanionConfig, hover_known: bool) -> Iterator[Finding]:
+def _on_the_link(config: CompanionConfig, hover_known: bool) -> Iterator[Finding]:
     try:
         link = Link(
             open_endpoint(config.link.endpoint),
@@ -99,22 +99,15 @@ def _on_the_line(config: CompanionConfig, hover_known: bool) -> Iterator[Finding
 
 
 def _listen(link: Link, config: CompanionConfig) -> Heard:
-    """Say hello, ask for all that is looked at, and gather what comes."""
-    system, heard = config.link.system_id, Heard()
-    asked = [
-        p
-        for p in (
-            _HOVER.get(config.link.autopilot),
-            _TIMEOUTS.get(config.link.autopilot, ("", 0.0))[0],
-        )
-        if p
-    ]
+    """Request everything that is examined, and gather the vehicle's messages."""
+    system, kind, heard = config.link.system_id, config.link.autopilot, Heard()
+    names = [_HOVER[kind], _TIMEOUTS[kind][0]] if kind in _HOVER else []
     version = Command(CommandId.REQUEST_MESSAGE, (_VERSION, 0, 0, 0, 0, 0, 0), system)
     requests: list[Message] = [
         _COMPANION,
-        *adapter(config.link.autopilot, system).request_streams(),
+        *adapter(kind, system).request_streams(),
         version,
-        *(ParamRequestRead(system, 1, name, -1) for name in asked),
+        *(ParamRequestRead(system, 1, name, -1) for name in names),
     ]
     deadline, ask = time.monotonic() + _LISTEN, 0.0
     while (now := time.monotonic()) < deadline:
@@ -131,19 +124,19 @@ def _listen(link: Link, config: CompanionConfig) -> Heard:
 
 
 def _identity(config: CompanionConfig, heard: Heard) -> Finding:
-    """The one that the config expects, set up so that it can be flown?"""
+    """Examine whether the vehicle is the one of the configuration, and fit to fly."""
     identity = Identity(config.link.autopilot, config.link.system_id)
     identity.hear(m for _, m in heard.messages)
     wrong = identity.inhibit_reason()
-    told = f"{config.link.autopilot} {identity.version or '(no version told)'}"
-    return either("vehicle", not wrong, wrong or told, "set link.autopilot, or the vehicle, right")
+    told = f"{config.link.autopilot} {identity.version or '(no version)'}"
+    return either("vehicle", not wrong, wrong or told, "correct link.autopilot, or the vehicle")
 
 
 def _telemetry(heard: Heard, since: float) -> Iterator[Finding]:
-    """Rates, and how evenly the vehicle's clock arrives here."""
+    """Examine the rates of the streams, and the jitter of the vehicle's clock."""
     span = _LISTEN - _SETTLE
     for kind, name in ((Attitude, "attitude"), (LocalPosition, "position")):
-        # Of what a vehicle does not send by itself, its odometry takes the place.
+        # Odometry takes the place of a stream that a vehicle does not send.
         rate = max(len(heard.of(k, since)) for k in (kind, Odometry)) / span
         todo = (
             "no estimate yet: wait for GPS or flow" if not rate else "a faster link, fewer streams"
@@ -165,31 +158,29 @@ def _telemetry(heard: Heard, since: float) -> Iterator[Finding]:
 
 
 def _parameters(config: CompanionConfig, heard: Heard) -> Iterator[Finding]:
-    """What the vehicle does when the companion falls silent."""
+    """Examine how long the vehicle flies on when the companion falls silent."""
     if config.link.autopilot not in _TIMEOUTS:
-        text = (
-            "a controller's failsafe and override are told by `mavlink-bridge betaflight --check`"
-        )
+        text = "`mavlink-bridge betaflight --check` shows failsafe and override of a controller"
         yield Finding("silence", Level.AMBER, text, "run it")
         return
     name, most = _TIMEOUTS[config.link.autopilot]
     value = heard.parameter(name)
     if value is None:
         yield Finding(
-            "silence", Level.AMBER, f"{name} was not told", f"check that {name} ≤ {most:g}"
+            "silence", Level.AMBER, f"{name} was not sent", f"check that {name} ≤ {most:g}"
         )
         return
-    todo = f"set {name} to {most:g} or less: a vehicle whose companion died flies on that long"
+    todo = f"set {name} to {most:g} or less: a vehicle whose companion died flies on for that long"
     yield rated("silence", value, (most, 2 * most), f"{name} is {value:g} s", todo)
 
 
 def _hover(config: CompanionConfig, heard: Heard, known: bool) -> Finding:
-    """Thrust that holds the vehicle: from a file, and not far from the autopilot's own."""
+    """Examine the hover thrust: set in a file, and near the autopilot's own value."""
     mine = config.airframe.hover_thrust
     theirs = heard.parameter(_HOVER.get(config.link.autopilot, ""))
     todo = "hover in altitude hold, read the thrust off, write it to airframe.hover_thrust"
     if not known:
-        return Finding("hover thrust", Level.AMBER, f"{mine:g} is the built-in guess", todo)
+        return Finding("hover thrust", Level.AMBER, f"{mine:g} is the built-in default", todo)
     if theirs is None:
         return Finding("hover thrust", Level.GREEN, f"{mine:g}")
     text = f"{mine:g}; the autopilot says {theirs:g}"

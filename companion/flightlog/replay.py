@@ -2,7 +2,7 @@
 
 The companion gets the recorded telemetry bytes and detections of each tick. Its decisions are
 compared exactly, numbers within a tolerance. The vehicle is not simulated: the inputs of each tick
-are the recorded ones, whatever the present code commands.
+are the recorded ones, even where the present code commands something else.
 """
 
 from __future__ import annotations

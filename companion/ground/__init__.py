@@ -1,1 +1,1 @@
-"""Actions on vehicles from a ground station."""
+"""Actions on many vehicles from a ground station."""

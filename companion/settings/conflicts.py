@@ -124,7 +124,7 @@ def _claims(config: CompanionConfig) -> Mapping[str, tuple[tuple[str, ...], str]
 
 
 def _port(endpoint: str) -> tuple[str, str]:
-    """Return what an endpoint occupies: a port, whatever its address, or a device."""
+    """Return the port, at any address, or the device that an endpoint occupies."""
     kind, _, address = endpoint.partition(":")
     _, _, port = address.rpartition(":")
     if kind.startswith(("udp", "tcp", "sim")) and port.isdigit():

@@ -1,4 +1,4 @@
-"""What the tests of deployment share: small wheels, drones' files, an ssh server."""
+"""Helpers for tests of deployment: small wheels, drones' files, an ssh server."""
 
 import json
 import os
@@ -9,6 +9,8 @@ import sys
 import time
 import zipfile
 from pathlib import Path
+
+from companion.__main__ import main
 
 DRONE = """fileversion: 2
 name: {name}
@@ -36,10 +38,10 @@ if sys.argv[2] == "restart" and given["writes"]:
 
 
 def fake_systemctl(folder, state, states=None, starts=True, writes=None):
-    """A service manager that notes what it is told and answers `show` with `state`.
+    """Return a stand-in for systemctl that logs its calls and answers `show` with `state`.
 
-    states: by unit, where one's is another. starts: whether a restart makes a new invocation.
-    writes: a file and its text that a restart leaves.
+    states: by unit, where they differ. starts: whether a restart makes a new invocation. writes: a
+    file and its text that a restart writes.
     """
     script = folder / "systemctl.py"
     script.write_text(SYSTEMCTL)
@@ -54,7 +56,7 @@ def fake_systemctl(folder, state, states=None, starts=True, writes=None):
 
 
 def free_ports(count):
-    """A base so that base … base+count are free for TCP and UDP just now."""
+    """Return a base so that base … base+count are free for TCP and UDP just now."""
     for base in range(20000 + os.getpid() % 9000, 60000, count + 1):
         try:
             for port in range(base, base + count + 1):
@@ -68,7 +70,7 @@ def free_ports(count):
 
 
 def write_drones(folder, names, more=""):
-    """Drones that differ in all that they must, and a default.yaml below them."""
+    """Write drones without conflicts, and a default.yaml below them; return their files."""
     folder.mkdir(exist_ok=True)
     (folder / "default.yaml").write_text("fileversion: 2\nmission: {tolerance: 2.0}\n")
     files = []
@@ -80,7 +82,7 @@ def write_drones(folder, names, more=""):
 
 
 def small_wheel(folder, version, check=0):
-    """A wheel with the product's name whose `companion` prints its version; exits with `check`."""
+    """Make a wheel whose `companion` prints its version and exits with `check`."""
     folder.mkdir(exist_ok=True)
     path = folder / f"swarm_companion-{version}-py3-none-any.whl"
     info = f"swarm_companion-{version}.dist-info"
@@ -98,14 +100,24 @@ def small_wheel(folder, version, check=0):
     return path
 
 
+def deploy(files, wheel, root, *more):
+    """Run `companion deploy` into a root directory; return its exit status."""
+    return main(["deploy", *map(str, files), "--wheel", str(wheel), "--root", str(root), *more])
+
+
+def files_of(folder):
+    """Return the files of the drones alpha and beta."""
+    return [folder / "drones" / f"{n}.yaml" for n in ("alpha", "beta")]
+
+
 def launched(root):
-    """What the installed launcher of `root` says."""
+    """Return the output of the installed launcher of `root`."""
     launcher = root / "opt/swarm-companion/companion"
     return subprocess.run([launcher, "run"], capture_output=True, text=True).stdout.strip()
 
 
 def contents(root):
-    """Every file below root but the environments, with its bytes, mode and time."""
+    """Return every file below root but the environments, with time, mode and bytes."""
     return {
         str(p.relative_to(root)): (
             p.lstat().st_mtime_ns,
@@ -153,5 +165,5 @@ class SshServer:
 
 
 def sshd_path():
-    """sshd must be called by its full path; None where it is not installed."""
+    """Return the full path of sshd, which it must be called by; None: not installed."""
     return shutil.which("sshd", path="/usr/sbin:/usr/local/sbin:/sbin:/usr/bin")

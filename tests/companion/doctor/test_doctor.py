@@ -1,4 +1,4 @@
-"""The doctor: all green before a good vehicle, and each fault by its name with what to do."""
+"""The doctor: green for a good vehicle; each fault with its name and what to do."""
 
 import json
 from contextlib import closing
@@ -6,8 +6,7 @@ from contextlib import closing
 import pytest
 
 from companion.__main__ import main
-from companion.doctor import Level, machine, vehicle
-from companion.doctor import camera as eye
+from companion.doctor import Level, camera, machine, vehicle
 from companion.doctor.finding import rated
 from companion.process.vehicle_lock import VehicleLock
 from companion.settings.config import CompanionConfig, load_config
@@ -29,14 +28,14 @@ def test_a_good_board(world, capsys):
     assert all(f["todo"] for f in report["findings"] if f["level"] != "green")
 
 
-def test_red_is_an_exit_status_and_says_what_to_do(world, capsys):
+def test_a_red_finding_sets_the_exit_status_and_says_what_to_do(world, capsys):
     config = world.config(1)
     arguments = ["doctor", str(config), "--set", "link.autopilot=ardupilot"]
     assert main([*arguments, "--set", f"log.path={world.folder}/a.mcap"]) == 1
     told = capsys.readouterr().out
     assert "red    vehicle" in told
     assert "vehicle 1 is px4" in told
-    assert "→ set link.autopilot, or the vehicle, right" in told
+    assert "→ correct link.autopilot, or the vehicle" in told
 
 
 def test_a_vehicle_that_is_not_there(world):
@@ -55,7 +54,7 @@ def test_a_port_that_a_daemon_holds(world, start_daemon):
     assert "systemctl stop companion@drone2" in finding.todo
 
 
-def test_a_vehicle_that_a_daemon_flies_is_left_alone():
+def test_the_link_of_a_daemon_is_left_alone():
     """On a serial line each byte has one reader."""
     config = CompanionConfig()
     with closing(VehicleLock(f"{config.link.endpoint}#{config.link.system_id}")):
@@ -83,7 +82,7 @@ def test_the_signing_key(tmp_path, key, level, text):
 
 def test_a_camera_that_is_not_there(world):
     config = load_config(world.config(1), ["camera.source=sim:127.0.0.1:1"])
-    found = by_name(eye.examine(config))
+    found = by_name(camera.examine(config))
     assert found["camera"].level is Level.RED
     assert "no frame source at 127.0.0.1:1" in found["camera"].text
 
@@ -99,7 +98,7 @@ def test_a_camera_that_is_not_there(world):
 def test_calibration_must_fit(world, calibration, level, text):
     (world.folder / "lens.yaml").write_text(calibration)
     config = load_config(world.config(3), [f"camera.calibration={world.folder}/lens.yaml"])
-    finding = by_name(eye.examine(config))["calibration"]
+    finding = by_name(camera.examine(config))["calibration"]
     assert finding.level is level
     assert text in finding.text
 
@@ -123,7 +122,7 @@ def test_the_machine(tmp_path):
         (["sensing.detector=cnn", "sensing.model=none.onnx"], "none.onnx"),
     ],
 )
-def test_what_cannot_be_read_is_not_tried(tmp_path, wrong, named):
+def test_the_speed_is_not_measured_without_the_files_it_needs(tmp_path, wrong, named):
     file = tmp_path / "one.yaml"
     file.write_text("fileversion: 2\n")
     speed = by_name(machine.examine(load_config(file, wrong)))["speed"]

@@ -1,6 +1,6 @@
 """Companions inside the simulator's process are lost as their processes would be."""
 
-from companion.process.in_process import Resident
+from companion.process.in_process import InProcessCompanion
 from sitl_sim.flight.results import finish, table
 from sitl_sim.flight.runner import flight
 from sitl_sim.scenarios.scenario import Scenario
@@ -10,7 +10,7 @@ def test_a_companion_that_raises_is_lost_and_the_flight_falls_short(tmp_path, mo
     def answer(self, frame):
         raise RuntimeError("a bug in flight")
 
-    monkeypatch.setattr(Resident, "answer", answer)
+    monkeypatch.setattr(InProcessCompanion, "answer", answer)
     scenario = Scenario.model_validate(
         {
             "drones": {"count": 1},
