@@ -17,8 +17,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.constants import GRAVITY
 
-GRAVITY = 9.81
 NX = 10
 NU = 4
 HOVER = np.array([GRAVITY, 0.0, 0.0, 0.0])

@@ -13,7 +13,7 @@ from companion.estimation.prediction import Prediction, state_vector
 from companion.guidance.guidance import Reference
 from companion.model import yaw_of
 from companion.types import Plan
-from mavlink_bridge.shared.thrust import G
+from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.wire.messages import VehicleState
 
 
@@ -62,7 +62,7 @@ class Planning:
         instance = make_instance(
             self._nmpc,
             x0=state_vector(own),
-            u_last=np.array([G, 0.0, 0.0, 0.0]),
+            u_last=np.array([GRAVITY, 0.0, 0.0, 0.0]),
             goal=own.p,
             yaw=yaw_of(own.q_wb),
         )

@@ -9,8 +9,9 @@ import numpy as np
 
 from companion.estimation.input_history import InputHistory
 from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.frames import rotation_matrix
-from mavlink_bridge.shared.thrust import G, HoverThrustEstimator, ThrustMap
+from mavlink_bridge.shared.thrust import HoverThrustEstimator, ThrustMap
 from mavlink_bridge.wire.messages import VehicleState
 
 _LONGEST_GAP = 0.25  # s between two observations that still belong together
@@ -42,7 +43,7 @@ class HoverThrust:
         thrust = self._in_effect(before.time, own.time)
         if thrust is not None:
             dt = own.time - before.time
-            force: Vector = (own.v - before.v) / dt + G * _UP
+            force: Vector = (own.v - before.v) / dt + GRAVITY * _UP
             axis = rotation_matrix(before.q_wb)[:, 2] + rotation_matrix(own.q_wb)[:, 2]
             c = float(force @ axis / np.linalg.norm(axis))
             self._estimator = self._estimator.update(thrust, c, dt)

@@ -28,9 +28,9 @@ from pydantic import Field, model_validator
 
 from companion.types import Plan
 from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.frames import integrate, rotation_matrix
 from mavlink_bridge.shared.settings import Contradiction, StrictModel
-from mavlink_bridge.shared.thrust import G
 from mavlink_bridge.wire.messages import RateCommand, VehicleState
 
 # s that shifted plans and braking may last before the watchdog takes the companion for dead
@@ -68,8 +68,8 @@ class GuardConfig(StrictModel):
     """Bounds and thresholds."""
 
     omega_max: float = Field(3.0, ge=0.5, description="Highest body rate [rad/s], each axis.")
-    c_min: float = Field(2.0, ge=0, lt=9.81, description="Least collective acceleration [m/s²].")
-    c_max: float = Field(20.0, gt=9.81, description="Most collective acceleration [m/s²].")
+    c_min: float = Field(2.0, ge=0, lt=GRAVITY, description="Least collective acceleration [m/s²].")
+    c_max: float = Field(20.0, gt=GRAVITY, description="Most collective acceleration [m/s²].")
     shifted_max: int = Field(
         2, ge=0, description="Ticks that a shifted plan may fly: the third bad solve brakes."
     )
@@ -249,7 +249,7 @@ class Guard:
         request = AutopilotRequest.LAND if s.age > c.stale_land else AutopilotRequest.HOLD
         if not s.age <= c.stale_silent:
             request = AutopilotRequest.SILENCE
-        return self._verdict(RateCommand(np.zeros(3), G), Reason.NO_STATE, request)
+        return self._verdict(RateCommand(np.zeros(3), GRAVITY), Reason.NO_STATE, request)
 
     def _implausible(self, own: VehicleState) -> Verdict:
         """Rule 2: level the frame."""
@@ -346,12 +346,12 @@ def _against(v: Vector, horizontal: float, vertical: float, config: GuardConfig)
     if size > config.brake_max:
         sideways = sideways * (config.brake_max / size)
     up = float(np.clip(-vertical * v[2], -3.0, 3.0))
-    return np.array([sideways[0], sideways[1], G + up])
+    return np.array([sideways[0], sideways[1], GRAVITY + up])
 
 
 def level(own: VehicleState, config: GuardConfig) -> RateCommand:
     """Return the command that levels the frame and carries the weight; only q_wb is used."""
-    return _towards(np.array([0.0, 0.0, G]), own, config)
+    return _towards(np.array([0.0, 0.0, GRAVITY]), own, config)
 
 
 def _towards(force: Vector, own: VehicleState, config: GuardConfig) -> RateCommand:
@@ -368,7 +368,7 @@ def _towards(force: Vector, own: VehicleState, config: GuardConfig) -> RateComma
     omega = np.clip(config.attitude_gain * error, -config.omega_max, config.omega_max)
     c = float(np.clip(force @ r[:, 2], config.c_min, config.c_max))
     if not (_finite(omega) and np.isfinite(c)):  # numbers too large to be squared
-        return RateCommand(np.zeros(3), G)
+        return RateCommand(np.zeros(3), GRAVITY)
     return RateCommand(omega, c)
 
 

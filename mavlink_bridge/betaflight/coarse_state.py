@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.frames import (
     conjugate,
     multiply,
@@ -23,7 +24,6 @@ from mavlink_bridge.shared.frames import (
     rotation_matrix,
     rotation_vector,
 )
-from mavlink_bridge.shared.thrust import G
 from mavlink_bridge.wire.messages import VehicleState
 
 _EARTH = 6371008.8  # m, mean radius: a flat map around the start is enough
@@ -134,14 +134,14 @@ class CoarseState:
         """Take a specific force (3,) FLU in any unit; its scale is learnt at rest."""
         size = float(np.linalg.norm(force))
         if resting and size > 0.0:
-            scale = G / size
+            scale = GRAVITY / size
             old = self._force_scale or scale
             self._force_scale = old + _SCALE_GAIN * (scale - old)
         if resting or not self._force_scale or self._q is None:
             self._acceleration = np.zeros(3)
             return
         world = rotation_matrix(self._q) @ (force * self._force_scale)
-        self._acceleration = world - np.array([0.0, 0.0, G])
+        self._acceleration = world - np.array([0.0, 0.0, GRAVITY])
 
     def gps(
         self,

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.frames import euler_from_quaternion
-from mavlink_bridge.shared.thrust import G, ThrustMap
+from mavlink_bridge.shared.thrust import ThrustMap
 from mavlink_bridge.wire.messages import VehicleState
 
 _POSITION_GAIN, _VELOCITY_GAIN = 0.7, 1.6  # 1/s
@@ -21,7 +22,8 @@ _SPEED_MAX, _TILT_MAX = 1.5, math.radians(15.0)
 _CLIMB_GAIN, _HEIGHT_GAIN, _INTEGRAL_GAIN = 3.0, 1.0, 1.2  # 1/s, 1/s, 1/s²
 _INTEGRAL_MAX = 4.0  # m/s²
 _CLIMB_MAX, _SINK_MAX = 1.0, 0.7  # m/s
-_C_MIN, _C_MAX = 0.5 * G, 1.5 * G  # enough to stay upright by, however late the telemetry
+# enough to stay upright by, however late the telemetry
+_C_MIN, _C_MAX = 0.5 * GRAVITY, 1.5 * GRAVITY
 _LANDED_AFTER = 1.2  # s of a commanded descent without descending
 _SLOW_BELOW, _SINK_SLOW = 1.0, 0.35  # m, m/s
 _HEIGHT_TOLERANCE = 0.2  # m
@@ -83,7 +85,7 @@ class PositionHold:
             self._place = state.p.copy()
         wanted = _POSITION_GAIN * (self._place[:2] - state.p[:2])
         wanted *= min(1.0, _SPEED_MAX / max(float(np.linalg.norm(wanted)), 1e-6))
-        east, north = _VELOCITY_GAIN * (wanted - state.v[:2]) / G
+        east, north = _VELOCITY_GAIN * (wanted - state.v[:2]) / GRAVITY
         _, _, yaw = euler_from_quaternion(state.q_wb)
         forward = math.cos(yaw) * east + math.sin(yaw) * north
         left = math.cos(yaw) * north - math.sin(yaw) * east
@@ -104,7 +106,7 @@ class PositionHold:
         self._not_descending = self._not_descending + dt if stuck else 0.0
         self._integral += _INTEGRAL_GAIN * error * dt
         self._integral = min(max(self._integral, -_INTEGRAL_MAX), _INTEGRAL_MAX)
-        c = G + _CLIMB_GAIN * error + self._integral
+        c = GRAVITY + _CLIMB_GAIN * error + self._integral
         return self._thrust.to_thrust(min(max(c, _C_MIN), _C_MAX))
 
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-G = 9.80665
+from mavlink_bridge.shared.constants import GRAVITY
+
 HOVER_MIN, HOVER_MAX = 0.05, 0.8  # normalised thrust of any drone that can fly
 
 
@@ -31,7 +32,7 @@ class ThrustMap:
 
     def to_thrust(self, c: float) -> float:
         """Return the normalised thrust in [0, 1] for a collective acceleration c [m/s²]."""
-        relative = max(c, 0.0) / G
+        relative = max(c, 0.0) / GRAVITY
         return float(min(self.hover_thrust * relative ** (1.0 / self.exponent), 1.0))
 
 
@@ -53,13 +54,15 @@ class HoverThrustEstimator:
         """Return the estimate after `dt` [s] of `thrust` with c_measured [m/s²] along +z_B."""
         h = self.map.hover_thrust
         variance = self.variance + self.process * dt
-        if thrust < 0.05 or c_measured < 0.2 * G:
+        if thrust < 0.05 or c_measured < 0.2 * GRAVITY:
             return HoverThrustEstimator(self.map, variance, self.process, self.noise, self.bounds)
         # measured c/g = (thrust/h)^e, linearised around the last h
         predicted = (thrust / h) ** self.map.exponent
         slope = -self.map.exponent * predicted / h
         gain = variance * slope / (slope * slope * variance + self.noise)
-        h_new = min(max(h + gain * (c_measured / G - predicted), self.bounds[0]), self.bounds[1])
+        h_new = min(
+            max(h + gain * (c_measured / GRAVITY - predicted), self.bounds[0]), self.bounds[1]
+        )
         return HoverThrustEstimator(
             ThrustMap(h_new, self.map.exponent),
             (1.0 - gain * slope) * variance,

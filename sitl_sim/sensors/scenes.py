@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.frames import quaternion_from_euler
-from mavlink_bridge.shared.thrust import G
 from sitl_sim.sensors.fisheye import R_BC, Lens, rotation
 from sitl_sim.sensors.perfect_detector import camera_rays, seen
 from sitl_sim.worlds.world import Occluders
@@ -273,7 +273,7 @@ class _Path:
         a = np.gradient(v, dt, axis=0)
         forward = a[:, 0] * np.cos(yaw) + a[:, 1] * np.sin(yaw)
         left = a[:, 1] * np.cos(yaw) - a[:, 0] * np.sin(yaw)
-        tilt = zip(yaw, np.arctan(forward / G), -np.arctan(left / G), strict=True)
+        tilt = zip(yaw, np.arctan(forward / GRAVITY), -np.arctan(left / GRAVITY), strict=True)
         return _Path(p, v, np.array([_attitude(*angles) for angles in tilt]))
 
 

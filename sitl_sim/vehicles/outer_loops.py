@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mavlink_bridge.shared.thrust import G
+from mavlink_bridge.shared.constants import GRAVITY
 
 Floats = NDArray[np.float64]
 
@@ -118,8 +118,8 @@ def outer_loop(i: int, sp: Setpoints, p: Floats, v: Floats, q: Floats, dt: float
     q0, q1, q2, q3 = q[i]
     upright = 1.0 - 2.0 * (q1 * q1 + q2 * q2)
     if control == RATES_AND_CLIMB:
-        force = (G + az) / max(upright, 0.5)
-        sp.thrust[i] = min(max(sp.hover[i] * force / G, 0.0), 1.0)
+        force = (GRAVITY + az) / max(upright, 0.5)
+        sp.thrust[i] = min(max(sp.hover[i] * force / GRAVITY, 0.0), 1.0)
         return
     ax = ay = 0.0
     if control == POSITION:
@@ -133,13 +133,13 @@ def outer_loop(i: int, sp: Setpoints, p: Floats, v: Floats, q: Floats, dt: float
         ay = k_v * ey + sp.integral[i, 1]
 
     # Acceleration → thrust direction within the tilt limit, and thrust along the present one.
-    fz = G + az
+    fz = GRAVITY + az
     size, limit = math.sqrt(ax * ax + ay * ay), fz * math.tan(tilt_max)
     if size > limit:
         ax, ay = ax * limit / size, ay * limit / size
     bx, by = 2.0 * (q1 * q3 + q0 * q2), 2.0 * (q2 * q3 - q0 * q1)
     force = ax * bx + ay * by + fz * max(upright, 0.5)
-    sp.thrust[i] = min(max(sp.hover[i] * force / G, 0.0), 1.0)
+    sp.thrust[i] = min(max(sp.hover[i] * force / GRAVITY, 0.0), 1.0)
 
     # Attitude → rates: turn the body's z axis to the wanted one by the shortest way …
     size = math.sqrt(ax * ax + ay * ay + fz * fz)

@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from mavlink_bridge.shared.thrust import G
+from mavlink_bridge.shared.constants import GRAVITY
 
 Floats = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ class Airframe:
     @property
     def hover_thrust(self) -> float:
         """Share of the full collective thrust that carries the weight."""
-        return G / self.c_max
+        return GRAVITY / self.c_max
 
 
 class State(NamedTuple):
@@ -132,7 +132,7 @@ class Vehicles:
             q=q0,
             omega=np.zeros((n, 3)),
             motor=np.zeros((n, 4)),
-            specific_force=np.tile([0.0, 0.0, G], (n, 1)),
+            specific_force=np.tile([0.0, 0.0, GRAVITY], (n, 1)),
             contact=p0[:, 2] <= 0.0,
         )
         self.body = Body(
@@ -250,7 +250,7 @@ def step_one(i: int, state: State, body: Body, command: Floats, wind: Floats, dt
     # Eq. (2) and (1); the trapezoid is exact under constant acceleration.
     ax = (xx * fx + xy * fy + xz * fz) / mass
     ay = (yx * fx + yy * fy + yz * fz) / mass
-    az = (zx * fx + zy * fy + zz * fz) / mass - G
+    az = (zx * fx + zy * fy + zz * fz) / mass - GRAVITY
     vx, vy, vz = v[0] + ax * dt, v[1] + ay * dt, v[2] + az * dt
     height = p[2] + half * (v[2] + vz)
 
@@ -267,7 +267,7 @@ def step_one(i: int, state: State, body: Body, command: Floats, wind: Floats, dt
         level = dt / GROUND_LEVELLING_TIME
         q0, q1, q2, q3 = rotate_by(q0, q1, q2, q3, -zy * level, zx * level, 0.0)
 
-    sx, sy, sz = (vx - v[0]) / dt, (vy - v[1]) / dt, (vz - v[2]) / dt + G
+    sx, sy, sz = (vx - v[0]) / dt, (vy - v[1]) / dt, (vz - v[2]) / dt + GRAVITY
     state.specific_force[i, 0] = xx * sx + yx * sy + zx * sz
     state.specific_force[i, 1] = xy * sx + yy * sy + zy * sz
     state.specific_force[i, 2] = xz * sx + yz * sy + zz * sz

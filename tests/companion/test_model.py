@@ -7,16 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.control.nmpc.casadi_model import casadi_f, casadi_step
-from companion.model import (
-    GRAVITY,
-    HOVER,
-    f,
-    normalise,
-    observed_disturbance,
-    predict,
-    step,
-    yaw_of,
-)
+from companion.model import HOVER, f, normalise, observed_disturbance, predict, step, yaw_of
+from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.frames import multiply, quaternion_from_euler, rotation_matrix
 
 

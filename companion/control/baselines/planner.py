@@ -14,8 +14,8 @@ from companion.control.nmpc import Instance, NmpcConfig
 from companion.model import HOVER, yaw_of
 from companion.types import Plan, PlanStatus
 from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.frames import rotation_matrix
-from mavlink_bridge.shared.thrust import G
 
 
 class VelocityPlanner:
@@ -103,7 +103,7 @@ def tracking_command(v: Vector, instance: Instance, config: TrackingConfig) -> V
     x = instance.x0
     horizontal = bounded(config.velocity_gain * (v[:2] - x[3:5]), config.acceleration_max)
     vertical = config.velocity_gain * float(v[2] - x[5])
-    force = np.array([horizontal[0], horizontal[1], G + vertical]) - instance.disturbance
+    force = np.array([horizontal[0], horizontal[1], GRAVITY + vertical]) - instance.disturbance
     r = rotation_matrix(x[6:10])
     wanted = r.T @ (force / max(float(np.linalg.norm(force)), 1e-6))
     tilt = math.atan2(math.hypot(wanted[0], wanted[1]), wanted[2])

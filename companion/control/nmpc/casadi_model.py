@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from companion.model import GRAVITY
+from mavlink_bridge.shared.constants import GRAVITY
 
 
 def casadi_f(x: ca.SX, u: ca.SX, disturbance: ca.SX) -> ca.SX:

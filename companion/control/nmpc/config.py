@@ -11,7 +11,7 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from companion.model import GRAVITY
+from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.settings import Contradiction, StrictModel
 
 

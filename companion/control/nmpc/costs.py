@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 
 from companion.control.nmpc.parameters import Scene, Weights
-from companion.model import GRAVITY
+from mavlink_bridge.shared.constants import GRAVITY
 
 
 @dataclass(frozen=True)

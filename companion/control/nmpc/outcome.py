@@ -9,9 +9,10 @@ import numpy as np
 
 from companion.control.nmpc.config import NmpcConfig
 from companion.control.nmpc.instance import Instance
-from companion.model import GRAVITY, HOVER, NU, yaw_of
+from companion.model import HOVER, NU, yaw_of
 from companion.types import Plan, PlanStatus
 from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.frames import quaternion_from_euler
 
 Trajectory = tuple[Vector, Vector]

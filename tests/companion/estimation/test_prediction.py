@@ -5,7 +5,8 @@ import pytest
 
 from companion.estimation.input_history import InputHistory, SentInput
 from companion.estimation.prediction import StatePredictor
-from companion.model import GRAVITY, HOVER, predict
+from companion.model import HOVER, predict
+from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.wire.messages import VehicleState
 
 DELAY = 0.06

@@ -41,7 +41,7 @@ WRONG = [
     ("mission:\n  goals: [[1, 2, 3], [1, 2]]\n", "4:22", "mission.goals.1: "),
     ("mission:\n  goals:\n    - [1, 2, 3]\n    - [1, x, 3]\n", "6:11", "mission.goals.1.1: "),
     ("mission:\n  goals: 3\n", "4:3", "mission.goals: must be a list, got 3"),
-    ("guard: {c_min: 15.0}\n", "3:9", "guard.c_min: must be ≥ 0, < 9.81, got 15"),
+    ("guard: {c_min: 15.0}\n", "3:9", "guard.c_min: must be ≥ 0, < 9.80665, got 15"),
     ("guard: {stale_stop: 5.0}\n", "3:9", "guard.stale_stop: stale_land, 1, must be above"),
     ("guard: {stale_land: 0.3}\n", "3:9", "guard.stale_land: stale_land, 0.3, must be above"),
     ("speed_limits: {no_view: 0.7}\n", "3:16", "no_view, 0.7, must be above full_view"),

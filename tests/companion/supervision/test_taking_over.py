@@ -11,7 +11,7 @@ from companion.settings.config import CompanionConfig
 from companion.tick import TickInputs
 from companion.types import Phase
 from mavlink_bridge.autopilots.px4 import MODES
-from mavlink_bridge.shared.thrust import G
+from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.wire.messages import (
     Attitude,
     Heartbeat,
@@ -63,7 +63,7 @@ def fly(lag, goals, aside=0.0, seconds=4.0):
             else:
                 while queue and queue[0][0] <= t:
                     u = queue.pop(0)[1]
-                x = predict(x, np.array([G * u[1] / HOVER, *u[0]]), 0.02)
+                x = predict(x, np.array([GRAVITY * u[1] / HOVER, *u[0]]), 0.02)
             rates = np.zeros(3) if t < TAKEN else np.array(u[0])
             state = LocalPosition(t + 10, x[:3].copy(), x[3:6].copy())
             attitude = Attitude(t + 10, x[6:10].copy(), rates)

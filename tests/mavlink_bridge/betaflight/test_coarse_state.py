@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mavlink_bridge.betaflight.coarse_state import CoarseState
+from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.frames import euler_from_quaternion
-from mavlink_bridge.shared.thrust import G
 
 RATE = 60.0
 EARTH = 6371008.8
@@ -43,10 +43,10 @@ def errors(gyro, seed=1):
             state.gyro(np.array([rate, 0.0, 0.0]))
         dt = 0.0 if gyro else 1 / RATE
         state.angles(step(roll, math.radians(0.1)), 0.0, step(0.003, math.radians(1)), dt)
-        world = a + np.array([0.0, 0.0, G])
+        world = a + np.array([0.0, 0.0, GRAVITY])
         c, s = math.cos(roll), math.sin(roll)
         body = np.array([world[0], c * world[1] + s * world[2], c * world[2] - s * world[1]])
-        state.force(256.0 / G * body, resting=False)
+        state.force(256.0 / GRAVITY * body, resting=False)
         state.height(100.0 + step(motion(t - 0.12)[0][2], 0.01), resting=False)
         if k % 6 == 0:
             q, w = motion(t - 0.06)[:2]

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mavlink_bridge.shared.thrust import G, HoverThrustEstimator, ThrustMap
+from mavlink_bridge.shared.constants import GRAVITY
+from mavlink_bridge.shared.thrust import HoverThrustEstimator, ThrustMap
 
 
 @given(st.floats(0.5, 15), st.floats(0.2, 0.6), st.floats(1, 2))
@@ -14,8 +15,8 @@ def test_the_thrust_gives_the_acceleration(c, hover, exponent):
     thrust = thrust_map.to_thrust(c)
     assert 0 <= thrust <= 1
     if thrust < 1:
-        assert G * (thrust / hover) ** exponent == pytest.approx(c)
-    assert thrust_map.to_thrust(G) == pytest.approx(hover)
+        assert GRAVITY * (thrust / hover) ** exponent == pytest.approx(c)
+    assert thrust_map.to_thrust(GRAVITY) == pytest.approx(hover)
 
 
 @pytest.mark.parametrize("hover", [0.0, 1.0, -0.2, float("nan")])
@@ -29,6 +30,6 @@ def test_hover_thrust_is_estimated_in_flight():
     hover, estimator = 0.31, HoverThrustEstimator(ThrustMap(0.5))
     for _ in range(300):
         thrust = hover + 0.05 * rng.standard_normal()
-        measured = G * thrust / hover + 0.3 * rng.standard_normal()
+        measured = GRAVITY * thrust / hover + 0.3 * rng.standard_normal()
         estimator = estimator.update(thrust, measured, 0.1)
     assert estimator.map.hover_thrust == pytest.approx(hover, abs=0.01)

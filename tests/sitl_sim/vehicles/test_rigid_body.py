@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mavlink_bridge.shared.thrust import G
+from mavlink_bridge.shared.constants import GRAVITY
 from sitl_sim.vehicles.rigid_body import SUBSTEP, Airframe, Vehicles
 
 BARE = Airframe(drag_linear=(0.0, 0.0, 0.0), drag_quadratic=0.0)
@@ -28,13 +28,13 @@ def test_hover_stays_where_it_is():
     v.motor[:] = math.sqrt(airframe.hover_thrust)
     run(v, 2.0, math.sqrt(airframe.hover_thrust))
     np.testing.assert_allclose(v.p[0], [0.0, 0.0, 100.0], atol=1e-9)
-    np.testing.assert_allclose(v.specific_force[0], [0.0, 0.0, G], atol=1e-9)
+    np.testing.assert_allclose(v.specific_force[0], [0.0, 0.0, GRAVITY], atol=1e-9)
 
 
 def test_free_fall_is_exact_and_feels_nothing():
     v = one()
     run(v, 2.0)
-    assert v.p[0, 2] == pytest.approx(100.0 - 0.5 * G * 4.0, abs=1e-9)
+    assert v.p[0, 2] == pytest.approx(100.0 - 0.5 * GRAVITY * 4.0, abs=1e-9)
     np.testing.assert_allclose(v.specific_force[0], 0.0, atol=1e-9)
 
 
@@ -45,7 +45,7 @@ def test_energy_is_kept_without_thrust_and_drag():
 
     def energy():
         spin = 0.5 * float((inertia * v.omega[0] ** 2).sum())
-        return 0.5 * BARE.mass * float(v.v[0] @ v.v[0]) + BARE.mass * G * v.p[0, 2] + spin
+        return 0.5 * BARE.mass * float(v.v[0] @ v.v[0]) + BARE.mass * GRAVITY * v.p[0, 2] + spin
 
     before = energy()
     run(v, 3.0)
@@ -127,7 +127,7 @@ def test_falling_ends_at_terminal_velocity_and_wind_carries():
     run(v, 20.0)
     speed = -v.v[0, 2]
     drag = airframe.drag_linear[2] * speed + airframe.drag_quadratic * speed**2
-    assert drag == pytest.approx(airframe.mass * G, rel=1e-3)
+    assert drag == pytest.approx(airframe.mass * GRAVITY, rel=1e-3)
     w = one(airframe, z=1000.0)
     run(w, 5.0, 0.0, [4.0, 0.0, 0.0])
     assert 0.5 < w.v[0, 0] < 4.0
@@ -137,7 +137,7 @@ def test_rests_on_the_ground_without_sinking_and_feels_gravity():
     v = one(Airframe(), z=0.0)
     run(v, 1.0, 0.3)
     np.testing.assert_array_equal(v.p[0], 0.0)
-    np.testing.assert_allclose(v.specific_force[0], [0.0, 0.0, G], atol=1e-9)
+    np.testing.assert_allclose(v.specific_force[0], [0.0, 0.0, GRAVITY], atol=1e-9)
 
 
 def test_lands_without_bouncing_and_takes_off_again():
