@@ -68,7 +68,7 @@ class _OutlierRun:
     def __init__(self) -> None:
         self._count, self._since = 0, 0.0
 
-    def persists(self, time: float) -> bool:
+    def count(self, time: float) -> bool:
         """Count an outlier at `time` [s]; return whether the run is long enough for a fault."""
         self._since = time if self._count == 0 else self._since
         self._count += 1
@@ -199,7 +199,7 @@ class OwnState:
         if not (_finite(a.q_wb) and _finite(a.omega)):
             self.counters.not_finite += 1
         elif self._impossible(a):
-            if self._bad_attitudes.persists(a.time):
+            if self._bad_attitudes.count(a.time):
                 self._implausible_at = max(self._implausible_at, a.time)
         else:
             if not isinstance(a, EulerAttitude):  # angles are always those of some rotation
@@ -227,7 +227,7 @@ class OwnState:
             self._jumped.end()
             return True
         self.counters.jumps += 1
-        if not self._jumped.persists(lp.time):
+        if not self._jumped.count(lp.time):
             return False
         self._implausible_at = max(self._implausible_at, lp.time)
         self._jumped.end()
