@@ -29,6 +29,9 @@ from mavlink_bridge.shared.arrays import Vector
 
 INFINITY = float("inf")
 
+# CasADi takes Ctrl-C for itself and ends the solve by one of these: it is no failed solve.
+_INTERRUPTED = ("User_Requested_Stop", "NonIpopt_Exception_Thrown")
+
 
 class IpoptNmpc:
     """Multiple shooting on the stage functions of `problem.py`, solved to convergence.
@@ -154,6 +157,8 @@ class IpoptNmpc:
             x0=start, p=parameters, lbx=self._least, ubx=self._most, lbg=self._low, ubg=self._high
         )
         statistics = self._solver.stats()
+        if statistics["return_status"] in _INTERRUPTED:
+            raise KeyboardInterrupt
         iterations = int(statistics["iter_count"])
         solution = answer["x"].full().ravel()
         if not (statistics["success"] and np.isfinite(solution).all()):

@@ -1,6 +1,9 @@
 """The real-time solver: optimum, constraints, symmetry, fixed points, failures."""
 
 import dataclasses
+import os
+import signal
+import threading
 from unittest import mock
 
 import numpy as np
@@ -8,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from companion.control.nmpc import Neighbour, Nmpc, NmpcConfig, make_instance
+from companion.control.nmpc import IpoptNmpc, Neighbour, Nmpc, NmpcConfig, make_instance
 from companion.control.nmpc.instance_file import load, stored
 from companion.model import HOVER, yaw_of
 from companion.types import PlanStatus
@@ -369,3 +372,14 @@ def test_landing_through_the_floor_takes_no_second_start():
         result = nmpc.solve(instance)
         assert result.slack_plane > CONFIG.rescue_slack
         assert len(starts) == most
+
+
+def test_ctrl_c_in_the_reference_solver_is_no_failed_solve():
+    """CasADi catches the signal in its native loop and would report an infeasible problem."""
+    solver, instance = IpoptNmpc(CONFIG), scene()
+    timer = threading.Timer(0.3, os.kill, [os.getpid(), signal.SIGINT])
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        for _ in range(1000):
+            solver.reset()
+            solver.solve(instance)
