@@ -377,9 +377,12 @@ def test_landing_through_the_floor_takes_no_second_start():
 def test_ctrl_c_in_the_reference_solver_is_no_failed_solve():
     """CasADi catches the signal in its native loop and would report an infeasible problem."""
     solver, instance = IpoptNmpc(CONFIG), scene()
-    timer = threading.Timer(0.3, os.kill, [os.getpid(), signal.SIGINT])
-    timer.start()
-    with pytest.raises(KeyboardInterrupt):
+
+    def solve_again_and_again():
         for _ in range(1000):
             solver.reset()
             solver.solve(instance)
+
+    threading.Timer(0.3, os.kill, [os.getpid(), signal.SIGINT]).start()
+    with pytest.raises(KeyboardInterrupt):
+        solve_again_and_again()
