@@ -5,7 +5,7 @@ Source: https://mavlink.io/en/messages/common.html. A test compares every member
 
 from __future__ import annotations
 
-from enum import IntEnum
+from enum import IntEnum, IntFlag
 
 
 class MessageId(IntEnum):
@@ -22,9 +22,11 @@ class MessageId(IntEnum):
     MISSION_CURRENT = 42
     BATTERY_STATUS = 147
     AUTOPILOT_VERSION = 148
+    EKF_STATUS_REPORT = 193  # ArduPilot's own
     ESTIMATOR_STATUS = 230
     HOME_POSITION = 242
     EXTENDED_SYS_STATE = 245
+    ODOMETRY = 331
 
 
 class CommandId(IntEnum):
@@ -81,7 +83,7 @@ class SystemState(IntEnum):
     CRITICAL = 5
 
 
-class ModeFlag(IntEnum):
+class ModeFlag(IntFlag):
     """MAV_MODE_FLAG: bits of the base_mode of a HEARTBEAT."""
 
     CUSTOM_MODE_ENABLED = 1
@@ -118,14 +120,20 @@ class GpsFix(IntEnum):
     FIX_3D = 3
 
 
-class AttitudeTargetMask(IntEnum):
+class AttitudeTargetMask(IntFlag):
     """ATTITUDE_TARGET_TYPEMASK: fields of SET_ATTITUDE_TARGET that the autopilot ignores."""
 
     ATTITUDE_IGNORE = 128
 
 
-class Capability(IntEnum):
+class Capability(IntFlag):
     """MAV_PROTOCOL_CAPABILITY: bits of AUTOPILOT_VERSION."""
 
+    MISSION_FLOAT = 0x1
+    PARAM_FLOAT = 0x2
+    MISSION_INT = 0x4
+    COMMAND_INT = 0x8
+    PARAM_ENCODE_BYTEWISE = 0x10
     SET_ATTITUDE_TARGET = 0x40
     MAVLINK2 = 0x2000
+    PARAM_ENCODE_C_CAST = 0x20000

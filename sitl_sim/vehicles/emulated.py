@@ -11,13 +11,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mavlink_bridge.wire.ids import ComponentId
 from mavlink_bridge.wire.messages import Message, Received
 from sitl_sim.vehicles.battery import Batteries
 from sitl_sim.vehicles.estimator import BLOCK_SUBSTEPS, TICK_SUBSTEPS, Estimator, SensorNoise
 from sitl_sim.vehicles.firmware.betaflight_quirks import QUIRKS
 from sitl_sim.vehicles.firmware.flavour import Mode
 from sitl_sim.vehicles.firmware.flavours import flavour_of
-from sitl_sim.vehicles.firmware.ids import Component
 from sitl_sim.vehicles.firmware.protocol import answer
 from sitl_sim.vehicles.firmware.streams import BUILDERS, SENSORS
 from sitl_sim.vehicles.firmware.unit import Shared, Unit
@@ -167,7 +167,7 @@ class Autopilots:
         self._set_clock(unit)
         if link is None:
             own = (
-                received.source.component == Component.ONBOARD_COMPUTER
+                received.source.component == ComponentId.ONBOARD_COMPUTER
                 or received.source.system == unit.system
             )
             link = "companion" if own else "gcs"

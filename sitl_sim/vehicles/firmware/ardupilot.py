@@ -10,11 +10,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import IntEnum
 
+from mavlink_bridge.wire.ids import AutopilotId, Capability, MessageId, ParameterType
 from mavlink_bridge.wire.messages import CommandResult
 from sitl_sim.vehicles.firmware.flavour import FailsafeAction, Flavour, Mode, Settings
-from sitl_sim.vehicles.firmware.ids import Autopilot, Capability, MessageId, ParamType
 
-INT8, INT16, INT32, REAL32 = ParamType.INT8, ParamType.INT16, ParamType.INT32, ParamType.REAL32
+INT8, INT16, INT32, REAL32 = (
+    ParameterType.INT8,
+    ParameterType.INT16,
+    ParameterType.INT32,
+    ParameterType.REAL32,
+)
 
 THRUST_AS_THRUST = 8  # bit 3 of GUID_OPTIONS
 CENTI = 0.01  # its lengths and speeds are in cm
@@ -70,7 +75,7 @@ def _settings(p: Mapping[str, float]) -> Settings:
 
 ARDUPILOT = Flavour(
     name="ardupilot",
-    autopilot=Autopilot.ARDUPILOTMEGA,
+    autopilot=AutopilotId.ARDUPILOTMEGA,
     sw_version=0x04070000,
     modes={
         Mode.STABILIZED: CopterMode.STABILIZE,

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from mavlink_bridge.wire.ids import AutopilotId, MessageId, ParameterType
 from sitl_sim.vehicles.firmware.flavour import FailsafeAction, Flavour, Mode, Settings
-from sitl_sim.vehicles.firmware.ids import Autopilot, MessageId, ParamType
 
-REAL32 = ParamType.REAL32
+REAL32 = ParameterType.REAL32
 _ACRO = 1  # the custom_mode that it sends in every mode
 
 
@@ -42,7 +42,7 @@ def _settings(p: Mapping[str, float]) -> Settings:
 
 BETAFLIGHT = Flavour(
     name="betaflight",
-    autopilot=Autopilot.GENERIC,
+    autopilot=AutopilotId.GENERIC,
     sw_version=0,
     modes=dict.fromkeys(Mode, _ACRO),
     parameters={  # never on the wire: for scenarios alone

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from mavlink_bridge.shared.frames import euler_from_quaternion, quaternion_from_euler
+from mavlink_bridge.wire.ids import MessageId
 from mavlink_bridge.wire.messages import EulerAttitude, GlobalPosition, Message
-from sitl_sim.vehicles.firmware.ids import MessageId
 from sitl_sim.vehicles.firmware.streams import attitude, global_position
 from sitl_sim.vehicles.firmware.unit import Unit
 

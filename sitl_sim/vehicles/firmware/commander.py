@@ -12,10 +12,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mavlink_bridge.wire.ids import AttitudeTargetMask, Severity
 from mavlink_bridge.wire.messages import CommandResult, RateSetpoint, StatusText
 from sitl_sim.vehicles.firmware.flavour import FailsafeAction, Flavour, Mode, Settings
 from sitl_sim.vehicles.firmware.guidance import Guidance
-from sitl_sim.vehicles.firmware.ids import LandedState, Severity, TypeMask
+from sitl_sim.vehicles.firmware.ids import LandedState
 from sitl_sim.vehicles.firmware.sticks import STICKS, Sticks
 from sitl_sim.vehicles.rigid_body import State
 
@@ -162,7 +163,7 @@ class Commander:
 
     def follow(self, m: RateSetpoint) -> None:
         """Take a setpoint of body rates with thrust; others, and those not finite, are ignored."""
-        if m.type_mask != TypeMask.ATTITUDE_IGNORE:
+        if m.type_mask != AttitudeTargetMask.ATTITUDE_IGNORE:
             if self.flavour.bad_setpoint_stops and self.mode is Mode.OFFBOARD:
                 self.guidance.stop_following()
             return

@@ -1,6 +1,6 @@
 """MAVLink numbers that the emulated autopilots use, by their names in the common dialect.
 
-Commands that companions send, and the results of commands, are in `mavlink_bridge.wire.messages`.
+Numbers that both ends of the wire use are in `mavlink_bridge.wire.ids`.
 Source: mavlink.io/en/messages/common.html.
 """
 
@@ -8,28 +8,7 @@ from __future__ import annotations
 
 from enum import IntEnum, IntFlag
 
-from mavlink_bridge.wire.messages import CommandId
-
-
-class MessageId(IntEnum):
-    """Telemetry messages."""
-
-    HEARTBEAT = 0
-    SYS_STATUS = 1
-    SYSTEM_TIME = 2
-    GPS_RAW_INT = 24
-    ATTITUDE = 30
-    ATTITUDE_QUATERNION = 31
-    LOCAL_POSITION_NED = 32
-    GLOBAL_POSITION_INT = 33
-    MISSION_CURRENT = 42
-    BATTERY_STATUS = 147
-    AUTOPILOT_VERSION = 148
-    EKF_STATUS_REPORT = 193
-    ESTIMATOR_STATUS = 230
-    HOME_POSITION = 242
-    EXTENDED_SYS_STATE = 245
-    ODOMETRY = 331
+from mavlink_bridge.wire.ids import CommandId
 
 
 class GroundCommand(IntEnum):
@@ -97,35 +76,6 @@ class DataStream(IntEnum):
     EXTRA3 = 12
 
 
-class Component(IntEnum):
-    """MAV_COMPONENT."""
-
-    AUTOPILOT1 = 1
-    ONBOARD_COMPUTER = 191
-
-
-class Autopilot(IntEnum):
-    """MAV_AUTOPILOT."""
-
-    GENERIC = 0
-    ARDUPILOTMEGA = 3
-    PX4 = 12
-
-
-class VehicleType(IntEnum):
-    """MAV_TYPE."""
-
-    QUADROTOR = 2
-
-
-class SystemState(IntEnum):
-    """MAV_STATE."""
-
-    STANDBY = 3
-    ACTIVE = 4
-    CRITICAL = 5
-
-
 class LandedState(IntEnum):
     """MAV_LANDED_STATE."""
 
@@ -133,42 +83,6 @@ class LandedState(IntEnum):
     IN_AIR = 2
     TAKEOFF = 3
     LANDING = 4
-
-
-class Severity(IntEnum):
-    """MAV_SEVERITY of STATUSTEXT."""
-
-    EMERGENCY = 0
-    CRITICAL = 2
-    WARNING = 4
-    INFO = 6
-
-
-class ParamType(IntEnum):
-    """MAV_PARAM_TYPE."""
-
-    INT8 = 2
-    INT16 = 4
-    INT32 = 6
-    REAL32 = 9
-
-
-class GpsFix(IntEnum):
-    """GPS_FIX_TYPE."""
-
-    NO_GPS = 0
-    FIX_3D = 3
-
-
-class ModeFlag(IntFlag):
-    """MAV_MODE_FLAG, bits of HEARTBEAT.base_mode."""
-
-    CUSTOM_MODE_ENABLED = 1
-    AUTO_ENABLED = 4
-    GUIDED_ENABLED = 8
-    STABILIZE_ENABLED = 16
-    MANUAL_INPUT_ENABLED = 64
-    SAFETY_ARMED = 128
 
 
 class Sensor(IntFlag):
@@ -202,25 +116,6 @@ class EstimatorFlag(IntFlag):
     POS_VERT_ABS = 0x20
     PRED_POS_HORIZ_REL = 0x100
     PRED_POS_HORIZ_ABS = 0x200
-
-
-class Capability(IntFlag):
-    """MAV_PROTOCOL_CAPABILITY."""
-
-    MISSION_FLOAT = 0x1
-    PARAM_FLOAT = 0x2
-    MISSION_INT = 0x4
-    COMMAND_INT = 0x8
-    PARAM_ENCODE_BYTEWISE = 0x10
-    SET_ATTITUDE_TARGET = 0x40
-    MAVLINK2 = 0x2000
-    PARAM_ENCODE_C_CAST = 0x20000
-
-
-class TypeMask(IntFlag):
-    """ATTITUDE_TARGET_TYPEMASK of SET_ATTITUDE_TARGET."""
-
-    ATTITUDE_IGNORE = 128
 
 
 class FtpOpcode(IntEnum):

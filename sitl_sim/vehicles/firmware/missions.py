@@ -17,12 +17,7 @@ from mavlink_bridge.wire.messages import (
     Source,
 )
 from sitl_sim.vehicles.firmware.guidance import Guidance, Waypoint
-from sitl_sim.vehicles.firmware.ids import (
-    AltitudeFrame,
-    MissionCommand,
-    MissionResult,
-    MissionType,
-)
+from sitl_sim.vehicles.firmware.ids import AltitudeFrame, MissionCommand, MissionResult, MissionType
 from sitl_sim.worlds.geodesy import LocalFrame
 
 WITH_PLACE = (MissionCommand.NAV_WAYPOINT, MissionCommand.NAV_TAKEOFF, MissionCommand.NAV_LAND)

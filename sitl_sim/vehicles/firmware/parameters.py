@@ -6,16 +6,16 @@ import math
 import struct
 from collections.abc import Mapping
 
+from mavlink_bridge.wire.ids import ParameterType
 from mavlink_bridge.wire.messages import ParamRequestRead, ParamSet, ParamValue
 from sitl_sim.vehicles.firmware.flavour import Flavour, Settings
-from sitl_sim.vehicles.firmware.ids import ParamType
 
 _LARGEST = (2.0 - 2.0**-23) * 2.0**127  # of a float32
 RANGES: dict[int, tuple[float, float]] = {
-    ParamType.INT8: (-128, 127),
-    ParamType.INT16: (-32768, 32767),
-    ParamType.INT32: (-(2**31), 2**31 - 1),
-    ParamType.REAL32: (-_LARGEST, _LARGEST),
+    ParameterType.INT8: (-128, 127),
+    ParameterType.INT16: (-32768, 32767),
+    ParameterType.INT32: (-(2**31), 2**31 - 1),
+    ParameterType.REAL32: (-_LARGEST, _LARGEST),
 }
 
 
@@ -26,9 +26,9 @@ def unfit(flavour: Flavour, name: str, value: float) -> str:
         return f"{flavour.name} has no such parameter; valid: {valid}"
     kind = flavour.parameters[name][0]
     low, high = RANGES[kind]
-    if low <= value <= high and (kind == ParamType.REAL32 or value == int(value)):
+    if low <= value <= high and (kind == ParameterType.REAL32 or value == int(value)):
         return ""
-    what = "number" if kind == ParamType.REAL32 else "whole number"
+    what = "number" if kind == ParameterType.REAL32 else "whole number"
     return f"must be a {what}, {low:.10g}…{high:.10g}, got {value:g}"
 
 
@@ -75,14 +75,16 @@ class Parameters:
         return [self._message(m.name)]
 
     def _decode(self, raw: float, param_type: int) -> float:
-        if self._flavour.bytewise and param_type != ParamType.REAL32:
+        if self._flavour.bytewise and param_type != ParameterType.REAL32:
             return float(struct.unpack("<i", struct.pack("<f", raw))[0])
         return (
-            raw if param_type == ParamType.REAL32 or not math.isfinite(raw) else float(round(raw))
+            raw
+            if param_type == ParameterType.REAL32 or not math.isfinite(raw)
+            else float(round(raw))
         )
 
     def _message(self, name: str) -> ParamValue:
         kind, value = self._types[name], self._values[name]
-        if self._flavour.bytewise and kind != ParamType.REAL32:
+        if self._flavour.bytewise and kind != ParameterType.REAL32:
             value = struct.unpack("<f", struct.pack("<i", int(value)))[0]
         return ParamValue(name, value, kind, len(self._names), self._names.index(name))

@@ -7,6 +7,7 @@ import struct
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from mavlink_bridge.wire.ids import ComponentId, MessageId
 from mavlink_bridge.wire.messages import (
     Command,
     CommandAck,
@@ -31,14 +32,7 @@ from mavlink_bridge.wire.messages import (
     TimeSync,
 )
 from sitl_sim.vehicles.firmware.flavour import Mode
-from sitl_sim.vehicles.firmware.ids import (
-    Component,
-    DataStream,
-    FtpError,
-    FtpOpcode,
-    GroundCommand,
-    MessageId,
-)
+from sitl_sim.vehicles.firmware.ids import DataStream, FtpError, FtpOpcode, GroundCommand
 from sitl_sim.vehicles.firmware.streams import BUILDERS
 
 if TYPE_CHECKING:
@@ -100,7 +94,7 @@ def answer(u: Unit, received: Received, link: str) -> list[Message]:
 def _is_for(u: Unit, m: Message) -> bool:
     system = getattr(m, "target_system", 0)
     component = getattr(m, "target_component", 0)
-    return system in (0, u.system) and component in (0, Component.AUTOPILOT1)
+    return system in (0, u.system) and component in (0, ComponentId.AUTOPILOT1)
 
 
 def _command(u: Unit, source: Source, m: Command, link: str) -> list[Message]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import IntEnum
 
+from mavlink_bridge.wire.ids import AutopilotId, Capability, MessageId, ParameterType
 from sitl_sim.vehicles.firmware.flavour import FailsafeAction, Flavour, Mode, Settings
-from sitl_sim.vehicles.firmware.ids import Autopilot, Capability, MessageId, ParamType
 
-INT32, REAL32 = ParamType.INT32, ParamType.REAL32
+INT32, REAL32 = ParameterType.INT32, ParameterType.REAL32
 
 
 class MainMode(IntEnum):
@@ -102,7 +102,7 @@ _GCS_STREAMS: dict[int, float] = {
 
 PX4 = Flavour(
     name="px4",
-    autopilot=Autopilot.PX4,
+    autopilot=AutopilotId.PX4,
     sw_version=0x011000FF,  # 1.16.0
     modes={
         Mode.HOLD: _auto(AutoMode.LOITER),

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from mavlink_bridge.shared.frames import euler_from_quaternion
+from mavlink_bridge.wire.ids import GpsFix, MessageId, ModeFlag, SystemState, VehicleType
 from mavlink_bridge.wire.messages import (
     Attitude,
     AutopilotVersion,
@@ -27,15 +28,7 @@ from mavlink_bridge.wire.messages import (
     SystemTime,
 )
 from sitl_sim.vehicles.firmware.flavour import Mode
-from sitl_sim.vehicles.firmware.ids import (
-    EstimatorFlag,
-    GpsFix,
-    MessageId,
-    ModeFlag,
-    Sensor,
-    SystemState,
-    VehicleType,
-)
+from sitl_sim.vehicles.firmware.ids import EstimatorFlag, Sensor
 from sitl_sim.vehicles.firmware.unit import Unit
 
 SENSORS = {

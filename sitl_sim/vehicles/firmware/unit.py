@@ -7,13 +7,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import islice
 
+from mavlink_bridge.wire.ids import MessageId
 from mavlink_bridge.wire.messages import Message, MissionCurrent, MissionItemReached
 from sitl_sim.vehicles.battery import Batteries
 from sitl_sim.vehicles.estimator import Estimate
 from sitl_sim.vehicles.firmware.commander import Commander
 from sitl_sim.vehicles.firmware.flavour import Flavour
 from sitl_sim.vehicles.firmware.guidance import Guidance
-from sitl_sim.vehicles.firmware.ids import MessageId
 from sitl_sim.vehicles.firmware.missions import Missions
 from sitl_sim.vehicles.firmware.parameters import Parameters
 from sitl_sim.vehicles.firmware.schedule import Schedule

@@ -1,7 +1,7 @@
 """Numbers of MAVLink against the published dialect."""
 
 import pytest
-from pymavlink.dialects.v20 import common as mavlink
+from pymavlink.dialects.v20 import ardupilotmega as mavlink  # holds the common dialect
 
 from mavlink_bridge.wire import ids
 

@@ -6,32 +6,20 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from sitl_sim.vehicles.firmware import ids
 
 PREFIXES = {
-    ids.MessageId: "MAVLINK_MSG_ID_",
     ids.GroundCommand: "MAV_CMD_",
     ids.MissionCommand: "MAV_CMD_",
     ids.MissionType: "MAV_MISSION_TYPE_",
     ids.MissionResult: "MAV_MISSION_",
     ids.AltitudeFrame: "MAV_FRAME_",
     ids.DataStream: "MAV_DATA_STREAM_",
-    ids.Component: "MAV_COMP_ID_",
-    ids.Autopilot: "MAV_AUTOPILOT_",
-    ids.VehicleType: "MAV_TYPE_",
-    ids.SystemState: "MAV_STATE_",
     ids.LandedState: "MAV_LANDED_STATE_",
-    ids.Severity: "MAV_SEVERITY_",
-    ids.ParamType: "MAV_PARAM_TYPE_",
-    ids.GpsFix: "GPS_FIX_TYPE_",
-    ids.ModeFlag: "MAV_MODE_FLAG_",
     ids.Sensor: "MAV_SYS_STATUS_",
     ids.EstimatorFlag: "ESTIMATOR_",
-    ids.Capability: "MAV_PROTOCOL_CAPABILITY_",
-    ids.TypeMask: "ATTITUDE_TARGET_TYPEMASK_",
 }
 OTHER_NAMES = {  # those that the dialect begins with a digit, or spells in another place
     "GYRO": "SENSOR_3D_GYRO",
     "ACCEL": "SENSOR_3D_ACCEL",
     "MAG": "SENSOR_3D_MAG",
-    "FIX_3D": "3D_FIX",
 }
 
 
