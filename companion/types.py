@@ -80,11 +80,6 @@ class Obstacles:
     planes: Vector
     points: Vector
 
-    @staticmethod
-    def none() -> Obstacles:
-        """Return a record without any obstacle."""
-        return Obstacles(np.zeros((0, 3)), np.zeros((0, 4)), np.zeros((0, 3)))
-
 
 class PlanStatus(Enum):
     """How a solve ended."""

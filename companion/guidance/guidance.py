@@ -57,8 +57,9 @@ class GuidanceSettings:
 class Reference:
     """What guidance decided at one tick; places (3,) m in the drone's own ENU frame.
 
-    progress: the mission's goal. target: where the solver is to fly. route: the names of the rules
-    that moved the target off the goal, in order. yaw: line of sight [rad]. speed: cruise speed
+    progress: the mission's goal. aim: where to fly to get round obstacles. target: the aim, turned
+    to pass a neighbour on the right: what the solver gets. route: the names of the rules that moved
+    the target off the goal, in order. yaw: line of sight [rad]. speed: cruise speed
     [m/s]; speed_limit: the name of the limit that it obeys. v_max: bound of (32) [m/s]. near: the
     neighbours in range with their threat, worst first; critical: the first few of them. cohesive:
     ids of the critical ones that fly the same way. obstacles: what stands around. land: whether the

@@ -1,4 +1,4 @@
-"""Renamed keys of a drone's file, and the upgrade of old configurations."""
+"""Renamed and removed keys of a drone's file, and the upgrade of old configurations."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any
 # From fileversion 1 to 2.
 RENAMED = {
     "eye": "camera_health",
-    "threat.d_ref": "nmpc.d_ref",
     "threat.headway": "speed_limits.headway",
     "threat.room": "speed_limits.clearance",
     "threat.creep": "speed_limits.headway_least",
@@ -20,7 +19,8 @@ RENAMED = {
     "gaze.seen_none": "speed_limits.no_view",
     "gaze.creep": "speed_limits.no_view_share",
 }
-_DROPPED = {"threat.d_ref"}  # the solver's d_ref is the one that holds
+# Its value scaled every threat alike and changed no flight; moved to nmpc.d_ref it would.
+REMOVED = {"threat.d_ref": "nmpc.d_ref serves both; leave this key out"}
 
 
 def upgraded(config: dict[str, Any], fileversion: int) -> dict[str, Any]:
@@ -28,8 +28,10 @@ def upgraded(config: dict[str, Any], fileversion: int) -> dict[str, Any]:
     new = copy.deepcopy(config)
     for before, after in RENAMED.items():
         found, value = _take(new, before.split("."))
-        if found and before not in _DROPPED:
+        if found:
             _put(new, after.split("."), value)
+    for before in REMOVED:
+        _take(new, before.split("."))
     new["fileversion"] = fileversion
     return new
 

@@ -21,7 +21,7 @@ from companion.guidance.speed_limits import SpeedLimitConfig
 from companion.guidance.threat import ThreatConfig
 from companion.perception.camera_health import CameraHealthConfig
 from companion.perception.config import CameraConfig, SensingConfig
-from companion.settings.renamed import RENAMED
+from companion.settings.renamed import REMOVED, RENAMED
 from companion.supervision.guard import GuardConfig
 from mavlink_bridge.autopilots.registry import AutopilotName
 from mavlink_bridge.shared.settings import (
@@ -151,6 +151,7 @@ class CompanionSections(StrictModel):
     """The sections of a drone's file, each valid by itself."""
 
     RENAMED: ClassVar[Mapping[str, str]] = RENAMED
+    REMOVED: ClassVar[Mapping[str, str]] = REMOVED
 
     fileversion: Literal[2] = 2
     name: str = Field(

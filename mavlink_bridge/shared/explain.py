@@ -83,6 +83,9 @@ def _text(model: type[BaseModel], location: Key, error: dict[str, Any]) -> str:
         renamed: Mapping[str, str] = getattr(model, "RENAMED", {})
         if dotted(location) in renamed:
             return f"was renamed to {renamed[dotted(location)]}"
+        removed: Mapping[str, str] = getattr(model, "REMOVED", {})
+        if dotted(location) in removed:
+            return f"was removed: {removed[dotted(location)]}"
         valid = _fields_at(model, location[:-1])
         close = difflib.get_close_matches(str(location[-1]), valid, 1)
         hint = f"did you mean {close[0]!r}? " if close else ""

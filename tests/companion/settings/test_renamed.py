@@ -58,6 +58,16 @@ def test_a_file_of_version_1_is_told_its_version_and_the_new_keys(tmp_path):
     ]
 
 
+def test_a_removed_key_is_not_to_be_moved(tmp_path):
+    """Moved to nmpc.d_ref, the old value would change the flight."""
+    file = tmp_path / "old.yaml"
+    file.write_text("fileversion: 2\nthreat: {d_ref: 1.5}\n")
+    with pytest.raises(SettingsError) as caught:
+        load_config(file)
+    (problem,) = caught.value.problems
+    assert problem.startswith(f"{file}:2:10: threat.d_ref: was removed: nmpc.d_ref serves both")
+
+
 def test_a_log_of_version_1_is_read_in_the_new_keys():
     before = copy.deepcopy(OLD)
     config = CompanionConfig.model_validate(upgraded(OLD, FILEVERSION))
