@@ -109,7 +109,6 @@ def interrupted(arguments, seconds, folder):
             3.0,
             ": a board that was being installed may go on; deploy again",
         ),
-        (["bench", "nmpc", "--solver", "rti"], 0.5, ""),  # while it starts
     ],
 )
 def test_ctrl_c_is_one_line_and_status_130(tmp_path, arguments, seconds, more):
