@@ -44,7 +44,7 @@ class Companion:
         c = config.for_controller()
         link, hover = c.link, ThrustMap(c.airframe.hover_thrust, c.airframe.thrust_exponent)
         planner = make_planner(c.controller, c.nmpc, c.baselines, c.right_of_way.level, stopwatch)
-        formulation = Formulation(c.nmpc, c.fence, c.reciprocity, c.timing.delay)
+        formulation = Formulation(c.nmpc, c.fence, c.reciprocity)
         view = make_view(c.camera, c.sensing)
         self._stopwatch = stopwatch
         self._vehicle = VehicleEstimator(
@@ -83,7 +83,7 @@ class Companion:
         seen = run("see", self._perception.see, time, frame, vehicle.at_capture)
         obstacles = run("map", self._obstacles.update, seen, own)
         tracks = run("track", self._neighbours.update, time, seen, obstacles)
-        motion = run("motion", self._motion.update, own, phase)
+        motion = run("motion", self._motion.update, own, vehicle.attitudes, phase)
         reference = run("guide", self._guidance.decide, own, tracks, obstacles, seen.fault, phase)
         planned = run("plan", self._planning.plan, own, reference, motion.prediction)
         supervised = run(

@@ -24,13 +24,10 @@ class Formulation:
         nmpc: NmpcConfig,
         fence: FenceConfig,
         reciprocity: ReciprocityConfig,
-        delay: float,
     ) -> None:
-        """delay: s, from a tick to its effect."""
         self._nmpc = nmpc
         self._fence = fence
         self._reciprocity = reciprocity
-        self._delay = delay
 
     def instance(self, own: VehicleState, reference: Reference, prediction: Prediction) -> Instance:
         """Return the problem of this tick.
@@ -53,21 +50,24 @@ class Formulation:
             speed=reference.speed,
             v_max=reference.v_max,
             neighbours=[
-                self._neighbour(own, t, t.id in reference.cohesive) for t, _ in reference.near
+                self._neighbour(own, t, t.id in reference.cohesive, prediction.delay)
+                for t, _ in reference.near
             ],
             cylinders=reference.obstacles.cylinders,
             planes=np.vstack(planes),
             disturbance=prediction.disturbance,
         )
 
-    def _neighbour(self, own: VehicleState, track: Track, cohesive: bool) -> Neighbour:
+    def _neighbour(
+        self, own: VehicleState, track: Track, cohesive: bool, delay: float
+    ) -> Neighbour:
         """Return a track as the NMPC wants it, carried over the delay, giving way; eq. (13)."""
         nmpc = self._nmpc
         scale = nmpc.agent_vertical_scale
         over = (track.p[2] - own.p[2]) / scale
         apart = math.sqrt(max(nmpc.d_agent_safety**2 - over**2, 0.0))
         v = track.v + give_way_velocity(own, track, apart, self._reciprocity)
-        ahead = track.p + track.v * self._delay
+        ahead = track.p + track.v * delay
         sigmas = position_velocity_sigma(own, track, nmpc.d_agent_safety, scale)
         return Neighbour(ahead, v, sigmas, float(cohesive))
 

@@ -2,49 +2,65 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
+from companion.estimation.delay import Delay, DelayEstimator
 from companion.estimation.hover_thrust import HoverThrust
 from companion.estimation.input_history import InputHistory, SentInput
 from companion.estimation.prediction import Prediction, StatePredictor
 from companion.types import Phase
 from mavlink_bridge.shared.thrust import ThrustMap
-from mavlink_bridge.wire.messages import VehicleState
+from mavlink_bridge.wire.messages import Attitude, VehicleState
 
 
 @dataclass(frozen=True)
 class MotionEstimate:
-    """What follows from the inputs sent; prediction: None where the companion does not fly."""
+    """What follows from the inputs sent.
+
+    prediction: None where the companion does not fly. delay: from a tick to its effect.
+    """
 
     prediction: Prediction | None
     thrust_map: ThrustMap
+    delay: Delay
 
 
 class MotionEstimator:
     """Learns from the inputs sent and the motion that they caused."""
 
     def __init__(self, prior: ThrustMap, delay: float) -> None:
-        """prior: thrust map as configured. delay: s, from a tick to its effect."""
+        """prior: thrust map as configured. delay: s, from a tick to its effect, as configured."""
         self._history = InputHistory(delay)
+        self._delay = DelayEstimator(delay)
         self._hover_thrust = HoverThrust(prior, self._history)
         self.reset()
 
     def reset(self) -> None:
-        """Forget what is tied to the vehicle's clock; the hover thrust is kept."""
-        self._history.clear()
+        """Forget what is tied to the vehicle's clock; hover thrust and delay are kept."""
+        self.clear()
         self.predictor = StatePredictor(self._history)
 
-    def update(self, own: VehicleState | None, phase: Phase) -> MotionEstimate:
-        """Return the estimate at one tick; learn from the motion while our inputs fly."""
+    def update(
+        self, own: VehicleState | None, attitudes: Iterable[Attitude], phase: Phase
+    ) -> MotionEstimate:
+        """Return the estimate at one tick; learn from the motion while our inputs fly.
+
+        attitudes: those that telemetry brought since the last tick, in order of time.
+        """
         if own is None or not phase.flying:
-            return MotionEstimate(None, self._hover_thrust.map)
+            return MotionEstimate(None, self._hover_thrust.map, self._delay.estimate)
+        delay = self._delay.measured(own.time, attitudes)
+        self._history.delay = delay.value
         prediction = self.predictor.update(own)
-        return MotionEstimate(prediction, self._hover_thrust.update(own))
+        return MotionEstimate(prediction, self._hover_thrust.update(own), delay)
 
     def sent(self, sent: SentInput) -> None:
         """Remember an input that was sent."""
         self._history.add(sent)
+        self._delay.sent(sent)
 
     def clear(self) -> None:
         """Forget the inputs sent: from here on the autopilot flies by itself."""
         self._history.clear()
+        self._delay.reset()

@@ -89,6 +89,7 @@ class OwnState:
 
     def __init__(self) -> None:
         self.counters = OwnStateCounters()
+        self.new_attitudes: list[Attitude] = []  # of the last call of `add`
         # Until the vehicle shows that it sends LOCAL_POSITION_NED or ATTITUDE_QUATERNION.
         self._coarse: CoarseTelemetry | None = CoarseTelemetry()
         self._attitudes: deque[Attitude] = deque(maxlen=_HISTORY)
@@ -108,10 +109,12 @@ class OwnState:
 
     def add(self, messages: Iterable[Message]) -> None:
         """Take in the messages that tell of the own state; ignore the others."""
+        self.new_attitudes = []
         for message in self._refined(messages):
             if isinstance(message, Attitude):
                 if not self._repeats(message) and self._sane_attitude(message):
                     self._attitudes.append(message)
+                    self.new_attitudes.append(message)
             elif isinstance(message, LocalPosition) and self._sane_position(message):
                 self._positions.append(message)
 

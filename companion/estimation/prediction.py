@@ -25,12 +25,14 @@ class Prediction:
     """What the controller plans from.
 
     x0: (10,) p, v, q at which this tick's input takes effect. u_last: (4,) the last input sent.
-    disturbance: (3,) m/s², world ENU, which the model knows nothing of.
+    disturbance: (3,) m/s², world ENU, which the model knows nothing of. delay: s from the tick to
+    x0.
     """
 
     x0: Vector
     u_last: Vector
     disturbance: Vector
+    delay: float
 
 
 class StatePredictor:
@@ -47,7 +49,8 @@ class StatePredictor:
         Return the prediction for this tick's input.
         """
         self.observe(own)
-        return Prediction(self.ahead(own), self._history.u_last, self.disturbance)
+        delay = self._history.delay
+        return Prediction(self.ahead(own), self._history.u_last, self.disturbance, delay)
 
     def observe(self, own: VehicleState) -> None:
         """Correct the disturbance by the error of the last tick's prediction."""

@@ -12,7 +12,7 @@ from companion.estimation.own_state import OwnState
 from companion.estimation.prediction import StatePredictor
 from companion.types import Phase
 from mavlink_bridge.autopilots.registry import Identity
-from mavlink_bridge.wire.messages import Heartbeat, Received, Source, VehicleState
+from mavlink_bridge.wire.messages import Attitude, Heartbeat, Received, Source, VehicleState
 from mavlink_bridge.wire.video import Frame
 
 _CLOCK_BACK = 1.0  # s; a vehicle whose clock goes back by more has started anew
@@ -28,6 +28,7 @@ class VehicleEstimate:
     second. tick_gap: s since the tick before; 0: this is the first. heartbeat: the last one.
     mode_known: whether a heartbeat came since the last silence. rebooted: the vehicle has started
     anew since the tick before. inhibit_reason: why this vehicle is not to be flown; empty: it is.
+    attitudes: those that came since the tick before, in order of time.
     """
 
     state: VehicleState | None = None
@@ -40,6 +41,7 @@ class VehicleEstimate:
     mode_known: bool = False
     rebooted: bool = False
     inhibit_reason: str = ""
+    attitudes: tuple[Attitude, ...] = ()
 
 
 class VehicleEstimator:
@@ -91,6 +93,7 @@ class VehicleEstimator:
             mode_known=self._link.knows_mode,
             rebooted=rebooted,
             inhibit_reason=self._identity.inhibit_reason(),
+            attitudes=tuple(self._own.new_attitudes),
         )
 
     def _notice_reboot(self, time: float) -> bool:

@@ -116,7 +116,8 @@ class TimingConfig(StrictModel):
         0.06,
         ge=0,
         le=0.5,
-        description="Delay from tick to effect [s]: compute, transport, rate loop.",
+        description="Delay from tick to effect [s] (compute, transport, rate loop, telemetry), from "
+        "which the measurement in flight starts.",
     )
 
 

@@ -1,0 +1,163 @@
+"""Delay from a command to the gyro, measured in flight.
+
+The body rates that telemetry reports follow the commanded ones, later by all that lies between:
+compute, transport, rate loop, and the lag of the telemetry itself. Only this sum matters to a
+prediction from telemetry. It is the shift at which both signals agree best.
+
+Both signals pass the same band-pass first. It leaves the frequencies at which a rate loop is a
+delay, and takes out the gyro's bias. The squared difference is kept for each delay of a grid, and
+forgotten exponentially; its curvature at the minimum gives the doubt.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.estimation.input_history import SentInput
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.wire.messages import Attitude
+
+_STEP = 0.01  # s, of the grid of delays and of the commands' memory
+_LONGEST = 0.4  # s; sum of the longest delay and the longest telemetry lag, and some room
+_STEPS = np.arange(round(_LONGEST / _STEP) + 1)
+_DELAYS = _STEPS * _STEP
+_AXES = np.array([1.0, 1.0, 0.2])  # weights; yaw has less authority and follows less well
+_KEPT = 256  # steps of commands: 2.5 s, more than the oldest sample in use
+_LOW, _HIGH = 0.08, 1.0  # s, time constants of the band-pass
+_MEMORY = 8.0  # s; a delay that changes is followed within it
+_CORRELATED = 2.0 * _LOW  # s for which errors after the band-pass are alike
+_SIGMA_RATE = 0.03  # rad/s, least error of filtered rates: rate loop, gyro, vibration
+_SIGMA_MIN = 0.003  # s: the delay of a real chain jitters
+_SETTLED = 3.0 * _LOW  # s until the filters have forgotten their start
+_LONGEST_GAP = 0.15  # s without telemetry, over which the rates are not known
+
+
+@dataclass(frozen=True)
+class Delay:
+    """A delay [s] from a tick to its effect in telemetry, with its standard deviation [s]."""
+
+    value: float
+    sigma: float
+
+
+class _BandPass:
+    """Passes rates (3,) between two time constants, on samples joined by straight lines."""
+
+    def __init__(self) -> None:
+        self._low: Vector = np.zeros(3)
+        self._slow: Vector = np.zeros(3)
+        self._last: Vector = np.zeros(3)
+
+    def step(self, value: Vector, dt: float) -> Vector:
+        """Return the filtered rates `dt` [s] after the last sample, where they are `value`."""
+        before = self._low
+        self._low = _low_pass(self._low, self._last, value, dt, _LOW)
+        self._slow = _low_pass(self._slow, before, self._low, dt, _HIGH)
+        self._last = value
+        return self._low - self._slow
+
+    def hold(self, value: Vector, dt: float) -> Vector:
+        """Return the filtered rates after `dt` [s] at which they were `value`."""
+        self._last = value
+        return self.step(value, dt)
+
+
+def _low_pass(state: Vector, start: Vector, end: Vector, dt: float, tau: float) -> Vector:
+    """Return a first-order lag's output after an input that goes straight from start to end."""
+    keep = math.exp(-dt / tau)
+    slope = (end - start) * (tau / dt)
+    return end - slope + keep * (state - start + slope)
+
+
+class DelayEstimator:
+    """Estimates the delay from the inputs sent and the body rates that telemetry reports."""
+
+    def __init__(self, prior: float, sigma: float = 0.04) -> None:
+        """prior: s, as configured. sigma: s, how far it may be wrong."""
+        self._prior = Delay(prior, sigma)
+        self.estimate = self._prior
+        self._cost = np.zeros(len(_DELAYS))  # (rad/s)² s, of each delay
+        self._weight = 0.0  # s of signal in the cost
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the signals, which are tied to the vehicle's clock; keep what was learnt."""
+        self._commands, self._rates = _BandPass(), _BandPass()
+        self._filtered = np.zeros((_KEPT, 3))  # commands, by number of the step
+        self._first = self._next = 0  # numbers of the steps that are known: first…next-1
+        self._held: tuple[Vector, SentInput] | None = None  # rates before an input, and the input
+        self._gyro: Attitude | None = None
+        self._since = math.inf  # s, when the filter of the rates began
+
+    def sent(self, sent: SentInput) -> None:
+        """Take in an input; it is held until the next."""
+        if self._held is None:
+            self._first = self._next = math.ceil(sent.time / _STEP)
+            self._commands = _BandPass()
+        before = np.zeros(3) if self._held is None else self._held[1].u[1:4]
+        self._held = before, sent
+
+    def measured(self, time: float, attitudes: Iterable[Attitude]) -> Delay:
+        """Compare the rates of new attitudes, in order of time, with the commands until `time` [s].
+
+        Return the new estimate.
+        """
+        self._extend(time)
+        for a in attitudes:
+            before, self._gyro = self._gyro, a
+            if before is None or not 0.0 < a.time - before.time < _LONGEST_GAP:
+                self._rates, self._since = _BandPass(), a.time
+                continue
+            dt = a.time - before.time
+            rates = self._rates.step(a.omega, dt)
+            if self._comparable(a.time):
+                keep = math.exp(-dt / _MEMORY)
+                self._weight = keep * self._weight + dt
+                self._cost = keep * self._cost + dt * self._errors(rates, a.time)
+        if self._weight > 0.0:
+            self.estimate = self._best()
+        return self.estimate
+
+    def _extend(self, until: float) -> None:
+        """Filter the commands held until `until` [s], step by step."""
+        if self._held is None:
+            return
+        before, sent = self._held
+        for n in range(self._next, math.floor(until / _STEP) + 1):
+            earlier = min(max(sent.time / _STEP - (n - 1), 0.0), 1.0)
+            omega = earlier * before + (1.0 - earlier) * sent.u[1:4]
+            self._filtered[n % _KEPT] = self._commands.hold(omega, _STEP)
+            self._next = n + 1
+        self._first = max(self._first, self._next - _KEPT)
+
+    def _comparable(self, time: float) -> bool:
+        """Return whether all commands that rates of `time` [s] may follow are known."""
+        oldest = time - _LONGEST - _SETTLED
+        settled = self._first * _STEP <= oldest and time - self._since > _SETTLED
+        return settled and time < (self._next - 1) * _STEP
+
+    def _errors(self, rates: Vector, time: float) -> Vector:
+        """Return the squared error (n,) [(rad/s)²] of rates (3,) at `time` [s] by each delay."""
+        lower = math.floor(time / _STEP)
+        part = time / _STEP - lower
+        n = lower - _STEPS
+        y = (1.0 - part) * self._filtered[n % _KEPT] + part * self._filtered[(n + 1) % _KEPT]
+        off = rates - y
+        errors: Vector = (off * off) @ _AXES
+        return errors
+
+    def _best(self) -> Delay:
+        """Return the delay of least cost, the prior included, and its doubt."""
+        noise = max(float(self._cost.min()) / self._weight, _SIGMA_RATE**2)
+        alike = _CORRELATED * noise
+        total = self._cost / alike + ((_DELAYS - self._prior.value) / self._prior.sigma) ** 2
+        n = min(max(int(total.argmin()), 1), len(total) - 2)
+        left, mid, right = (float(t) for t in total[n - 1 : n + 2])
+        bend = max(left - 2.0 * mid + right, 1e-9)  # second difference: 2 step² / σ²
+        off = min(max(0.5 * (left - right) / bend, -1.0), 1.0)
+        sigma = math.hypot(_STEP * math.sqrt(2.0 / bend), _SIGMA_MIN)
+        return Delay(float(_DELAYS[n] + off * _STEP), min(sigma, self._prior.sigma))

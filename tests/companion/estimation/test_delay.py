@@ -1,0 +1,75 @@
+"""Delay from command to gyro, measured on made-up flights of known delay."""
+
+import numpy as np
+import pytest
+
+from companion.estimation.delay import DelayEstimator
+from companion.estimation.input_history import SentInput
+from companion.model import HOVER
+from mavlink_bridge.wire.messages import Attitude
+
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+PHASE = 0.037  # s: ticks fall on no step of the estimator's grid
+
+
+class Flight:
+    """A rate loop of first order behind a pure delay, read through lagging telemetry."""
+
+    def __init__(self, estimator, seed, transport, lag, moves=1.0):
+        self.estimator, self.transport, self.lag, self.moves = estimator, transport, lag, moves
+        self.rng = np.random.default_rng(seed)
+        self.tick, self.sent = 0, [(-9.0, np.zeros(3))]
+        self.omega, self.samples = np.zeros(3), []
+
+    def fly(self, seconds):
+        """Fly on and return the estimate; the gyro has noise and a bias."""
+        for _ in range(round(seconds / 0.1)):
+            now = PHASE + 0.1 * self.tick
+            self._follow(now)
+            attitudes = [Attitude(t, LEVEL, w) for t, w in self.samples]
+            self.samples = []
+            estimate = self.estimator.measured(now, attitudes)
+            u = 0.6 * self.sent[-1][1] + self.moves * self.rng.normal(0.0, 0.3, 3)
+            self.sent.append((now, u))
+            self.estimator.sent(SentInput(now, np.array([HOVER[0], *u]), 0.3))
+            self.tick += 1
+        return estimate
+
+    def _follow(self, until):
+        """Integrate the rate loop by milliseconds up to `until` [s], sampled at 50 Hz."""
+        for k in range(round((until - 0.1) * 1000), round(until * 1000)):
+            t = k / 1000
+            wanted = next(u for sent, u in reversed(self.sent) if sent + self.transport <= t + 1e-9)
+            self.omega = self.omega + (wanted - self.omega) * (0.001 / self.lag)
+            if k % 20 == 0:
+                self.samples.append((t, self.omega + self.rng.normal(0.005, 0.02, 3)))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_delay_that_nobody_told_is_known_within_10_ms_after_five_seconds(seed):
+    rng = np.random.default_rng([7, seed])
+    transport, lag = rng.uniform(0.01, 0.28), rng.uniform(0.015, 0.04)
+    estimate = Flight(DelayEstimator(0.06), seed, transport, lag).fly(5.0)
+    assert estimate.value == pytest.approx(transport + lag, abs=0.01)
+    assert estimate.sigma < 0.01
+
+
+def test_without_motion_the_prior_and_its_doubt_stay():
+    estimate = Flight(DelayEstimator(0.06, sigma=0.04), 1, 0.2, 0.03, moves=0.0).fly(5.0)
+    assert estimate.value == pytest.approx(0.06, abs=0.01)
+    assert estimate.sigma > 0.03
+
+
+def test_a_delay_that_changes_is_followed():
+    flight = Flight(DelayEstimator(0.06), 3, 0.03, 0.02)
+    assert flight.fly(10.0).value == pytest.approx(0.05, abs=0.01)
+    flight.transport = 0.13
+    assert flight.fly(20.0).value == pytest.approx(0.15, abs=0.015)
+
+
+def test_signals_of_before_a_reset_are_not_compared_with_those_after_it():
+    flight = Flight(DelayEstimator(0.06), 4, 0.1, 0.02)
+    before = flight.fly(6.0)
+    flight.estimator.reset()  # as after each tick at which the autopilot flew by itself
+    assert flight.fly(0.1) == before
+    assert flight.fly(5.0).value == pytest.approx(0.12, abs=0.01)
