@@ -67,7 +67,7 @@ def victim():
 def test_overlapping_faults_end_each_in_its_time(victim, kind, state, once, both, first):
     vehicles = Vehicles(Airframe(), np.zeros((1, 3)), 0.0)
     a = Autopilots(vehicles, [1])
-    a.truly, a.offset, a.pid = a.gyro_bias(0), a._shared.estimate.offset, victim
+    a.truly, a.offset, a.pid = a.gyro_bias(0), a.errors.offset, victim
     times = [{"at": 1.0, "for": first}, {"at": 2.0, "for": 2.0}]
     faults = [FaultConfig.model_validate({"kind": kind} | t) for t in times]
     world = FaultyWorld(Schedule(faults, ["drone1"], 1), vehicles, a, lambda i: victim)
