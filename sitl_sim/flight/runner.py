@@ -283,8 +283,9 @@ class Flight:
 
     def _estimate(self) -> Vector | None:
         """Return where the autopilots believe to be (n,3) m, where their state drifts."""
-        drifts = self._drifts and not isinstance(self._autopilots, RealFleet)
-        return self._autopilots.estimate if drifts else None
+        if not self._drifts or isinstance(self._autopilots, RealFleet):
+            return None
+        return self._autopilots.estimate
 
     def _next_event(self) -> int:
         """Return the next millisecond at which anything happens."""
