@@ -44,8 +44,10 @@ def safety(
         pairs.append((float(apart[k]), float(t[k]), names[i], names[j]))
     pairs = [pair for pair in pairs if np.isfinite(pair[0])]  # the others never flew together
     tolerance = world["target_tolerance"]
+    believed = world.get("targets_by") == "estimate"  # a drone cannot know better
+    path = truth["estimate"].astype(float) if believed else p
     instants = {
-        name: reached_in_order(p[:, i], world["targets"][name], tolerance)
+        name: reached_in_order(path[:, i], world["targets"][name], tolerance)
         for i, name in enumerate(names)
     }
     reached = {name: len(at) for name, at in instants.items()}
@@ -60,6 +62,7 @@ def safety(
         "mission_complete": complete,
         "mission_time_s": float(t[max(at[-1] for at in instants.values())]) if complete else None,
         "targets_reached": {n: f"{reached[n]}/{wanted[n]}" for n in names},
+        "largest_estimate_error_m": _largest_error(truth) if believed else None,
         "agent_collisions": sum(d < 2 * radius for d, *_ in pairs),
         "obstacle_collisions": int((surface.min(axis=0) < radius).sum()),
         "ground_strikes": int(ground_strikes(p, v).sum()),
@@ -83,6 +86,11 @@ def safety(
         "never_flew": [n for i, n in enumerate(names) if not flying[:, i].any()],
         **flocking(p, v, flying, moving),
     }
+
+
+def _largest_error(truth: dict[str, NDArray[Any]]) -> float:
+    """Return the largest distance [m] between where a drone was and where it believed to be."""
+    return float(np.linalg.norm(truth["estimate"] - truth["position"], axis=-1).max())
 
 
 def ground_strikes(p: Vector, v: Vector) -> NDArray[np.bool_]:

@@ -14,11 +14,19 @@ from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import companion_port
 from sitl_sim.scenarios.scenario import Scenario
 from sitl_sim.vehicles.emulated import Autopilots
+from sitl_sim.vehicles.firmware.late_samples import TelemetryLag
+from sitl_sim.vehicles.grades import GRADES
 from sitl_sim.vehicles.rigid_body import Vehicles
+from sitl_sim.worlds.ground import Ground
 
 
 def switch_on(
-    scenario: Scenario, vehicles: Vehicles, folder: Path, start: Vector, boot_ms: Sequence[int]
+    scenario: Scenario,
+    vehicles: Vehicles,
+    folder: Path,
+    start: Vector,
+    boot_ms: Sequence[int],
+    ground: Ground,
 ) -> Autopilots | RealFleet:
     """Return the running autopilots of a scenario's vehicles; start: (n,3) m, their own origins.
 
@@ -51,4 +59,15 @@ def switch_on(
         boot_offset=np.array(boot_ms) / 1e3,
         seed=scenario.seed,
         parameters=boot_parameters(scenario.drones),
+        grade=GRADES[scenario.drones.state],
+        telemetry_lag=_telemetry_lag(scenario),
+        rangefinder=scenario.drones.ranges,
+        ground=ground,
     )
+
+
+def _telemetry_lag(scenario: Scenario) -> TelemetryLag | None:
+    timing, lags = scenario.timing, scenarios.telemetry_lags(scenario)
+    if not lags.any() and not timing.telemetry_jitter:
+        return None
+    return TelemetryLag(lags.tolist(), timing.telemetry_jitter, timing.telemetry_stamp)

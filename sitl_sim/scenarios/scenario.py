@@ -22,11 +22,20 @@ from mavlink_bridge.shared.settings import (
 )
 from sitl_sim.faults import catalogue as fault
 from sitl_sim.sensors.fisheye import Lens
+from sitl_sim.vehicles.grades import StateGrade
 from sitl_sim.worlds.mission_file import read_mission
 from sitl_sim.worlds.world import Point2, Point3, WorldConfig
 
 QUANTUM_MS = 2  # smallest step of the simulated time
 TICK_MS = 100  # between frames of a camera
+
+
+Delay = float | Annotated[list[float], Field(min_length=2, max_length=2)]
+
+
+def _span(delay: float | list[float]) -> tuple[float, float]:
+    """Return the least and the largest value of a delay."""
+    return (delay[0], delay[1]) if isinstance(delay, list) else (delay, delay)
 
 
 class DronesConfig(StrictModel):
@@ -51,6 +60,13 @@ class DronesConfig(StrictModel):
     binary: str = Field(
         "", description="px4, ardupilot: your own SITL binary instead of the emulated vehicle."
     )
+    state: StateGrade = Field(
+        "mocap",
+        description="What the state estimates come from, and so how wrong they are.",
+    )
+    rangefinder: bool | None = Field(
+        None, description="A rangefinder that looks down; null: unless state is mocap."
+    )
     frame_yaw_deg: float | Literal["random"] = Field(
         0.0, description="Yaw of each vehicle's own frame in the world: no frame is shared."
     )
@@ -69,6 +85,19 @@ class DronesConfig(StrictModel):
             if why := unfit(FLAVOURS[self.autopilot], name, value):
                 raise Contradiction((f"parameters.{name}",), why)
         return self
+
+    @model_validator(mode="after")
+    def _real_ones_estimate_themselves(self) -> Self:
+        if self.real and self.state != "mocap":
+            raise Contradiction(
+                ("state",), f"{self.state} needs an emulated autopilot: a real one estimates itself"
+            )
+        return self
+
+    @property
+    def ranges(self) -> bool:
+        """Whether the drones have rangefinders."""
+        return self.state != "mocap" if self.rangefinder is None else self.rangefinder
 
     @property
     def real(self) -> bool:
@@ -142,10 +171,38 @@ class SensingConfig(StrictModel):
 class TimingConfig(StrictModel):
     """Timing of the lockstep."""
 
-    compute_delay: float = Field(0.02, ge=0.002, le=0.08, description="Tick to effect [s].")
+    compute_delay: Delay = Field(
+        0.02,
+        description="Tick to effect [s], 0.002 to 0.2; [least, most]: each drone draws its own. "
+        "No companion is told.",
+    )
+    compute_jitter: float = Field(
+        0.0, ge=0, le=0.1, description="compute_delay varies by up to ± this at each tick [s]."
+    )
+    telemetry_lag: Delay = Field(
+        0.0,
+        description="Age of what telemetry tells [s], 0 to 0.2; [least, most]: each drone draws "
+        "its own. No companion is told.",
+    )
+    telemetry_jitter: float = Field(
+        0.0, ge=0, le=0.05, description="telemetry_lag varies by up to ± this [s]."
+    )
+    telemetry_stamp: Literal["sent", "measured"] = Field(
+        "sent",
+        description="Of late telemetry: the time at which it is sent, as autopilots do, or at "
+        "which it was measured.",
+    )
     answer_timeout: float = Field(
         30.0, gt=0, description="Wall seconds after which a silent companion counts as dead."
     )
+
+    @model_validator(mode="after")
+    def _within_reach(self) -> Self:
+        for key, least, most in (("compute_delay", 0.002, 0.2), ("telemetry_lag", 0.0, 0.2)):
+            low, high = _span(getattr(self, key))
+            if not least <= low <= high <= most:
+                raise Contradiction((key,), f"takes {least:g}…{most:g} s, or [least, most] in it")
+        return self
 
 
 class WireConfig(StrictModel):
@@ -351,6 +408,21 @@ def boot_ms(scenario: Scenario) -> list[int]:
     """Return each vehicle's clock [ms] when the flight begins; companions tick out of phase."""
     n = scenario.drones.count
     return [round(i * TICK_MS / n / QUANTUM_MS) * QUANTUM_MS for i in range(n)]
+
+
+def compute_delays(scenario: Scenario) -> Vector:
+    """Return the time (n,) s from each drone's tick to its effect."""
+    return _drawn(scenario, scenario.timing.compute_delay, 5)
+
+
+def telemetry_lags(scenario: Scenario) -> Vector:
+    """Return the age (n,) s of what each drone's telemetry tells."""
+    return _drawn(scenario, scenario.timing.telemetry_lag, 6)
+
+
+def _drawn(scenario: Scenario, delay: float | list[float], purpose: int) -> Vector:
+    low, high = _span(delay)
+    return np.random.default_rng([scenario.seed, purpose]).uniform(low, high, scenario.drones.count)
 
 
 def levels(scenario: Scenario) -> Vector:

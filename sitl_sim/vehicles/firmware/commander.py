@@ -101,7 +101,7 @@ class Commander:
         return CommandResult.ACCEPTED
 
     def _set_home(self) -> None:
-        x, y, z = self._state.p[self._i]
+        x, y, z = self.guidance.est.p[self._i]
         self.guidance.home = (float(x), float(y), float(z))
 
     def _why_not_armable(self) -> str:
