@@ -116,8 +116,8 @@ class TimingConfig(StrictModel):
         0.06,
         ge=0,
         le=0.5,
-        description="Delay [s] from a tick to its effect in telemetry: compute, transport, rate loop. "
-        "It is measured in flight; the measurement starts from here.",
+        description="Delay [s] from a tick to its effect in telemetry: compute, transport, rate "
+        "loop. It is measured in flight; the measurement starts from here.",
     )
 
 
