@@ -76,12 +76,13 @@ class Companion:
             frame,
             self._motion.predictor,
             self._supervision.phase,
+            self._obstacles.lag.value,
         )
         if vehicle.rebooted:
             self._start_over()
         own, phase = vehicle.state, self._supervision.phase
         seen = run("see", self._perception.see, time, frame, vehicle.at_capture)
-        obstacles = run("map", self._obstacles.update, seen, own)
+        obstacles = run("map", self._obstacles.update, seen, own, vehicle.doubt)
         tracks = run("track", self._neighbours.update, time, seen, obstacles)
         motion = run("motion", self._motion.update, own, vehicle.attitudes, phase)
         reference = run("guide", self._guidance.decide, own, tracks, obstacles, seen.fault, phase)

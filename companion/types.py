@@ -72,13 +72,15 @@ class Track:
 class Obstacles:
     """What the NMPC must avoid, in the drone's own world frame (ENU), nearest first.
 
-    cylinders: (K,3) x, y, radius [m], vertical. planes: (H,4) n_x, n_y, n_z, b with |n| = 1:
-    free where n·p <= b. points: (P,3) m, surface points of other shapes.
+    cylinders: (K,3) x, y, radius [m], vertical; sigmas: (K,) m, 1 σ of their places. planes: (H,4)
+    n_x, n_y, n_z, b with |n| = 1: free where n·p <= b. points: (P,3) m, surface points of other
+    shapes.
     """
 
     cylinders: Vector
     planes: Vector
     points: Vector
+    sigmas: Vector
 
 
 class PlanStatus(Enum):

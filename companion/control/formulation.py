@@ -11,7 +11,8 @@ from companion.estimation.prediction import Prediction
 from companion.guidance.fence import FenceConfig
 from companion.guidance.guidance import Reference
 from companion.guidance.reciprocity import ReciprocityConfig, give_way_velocity
-from companion.types import Track
+from companion.types import Obstacles, Track
+from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.distance import between
 from mavlink_bridge.wire.messages import VehicleState
 
@@ -53,7 +54,9 @@ class Formulation:
                 self._neighbour(own, t, t.id in reference.cohesive, prediction.delay)
                 for t, _ in reference.near
             ],
-            cylinders=reference.obstacles.cylinders,
+            cylinders=widened(
+                reference.obstacles, own.p, self._nmpc.kappa, self._nmpc.d_obstacle_safety
+            ),
             planes=np.vstack(planes),
             disturbance=prediction.disturbance,
         )
@@ -88,3 +91,31 @@ def position_velocity_sigma(
         return place, speed
     room = max(float(between(track.p, own.p, vertical_scale)) - distance, 0.0)
     return min(place, room), min(speed, room)
+
+
+_COVERED = 0.12  # m of a trunk's doubt that the margin in d_obstacle_safety is for
+_WIDENING_MAX = 0.35  # m
+_ROOM_KEPT = 0.3  # m that stays free between two widened trunks, beside their safety distances
+
+
+def widened(obstacles: Obstacles, p: Vector, kappa: float, safety: float) -> Vector:
+    """Return the cylinders (K,3) with radii [m] that their uncertainty widens in (38).
+
+    p: (3,) m, the drone. kappa: standard deviations added. safety: m, of (38). No widening takes
+    room that the drone is in, or closes the way between two trunks that (38) leaves open.
+    """
+    cylinders = obstacles.cylinders
+    k = len(cylinders)
+    if not k:
+        return cylinders
+    more = np.clip(kappa * obstacles.sigmas - _COVERED, 0.0, _WIDENING_MAX)
+    if not more.any():
+        return cylinders
+    radii = cylinders[:, 2]
+    room = np.hypot(*(cylinders[:, :2] - p[:2]).T) - radii - safety
+    gaps = np.linalg.norm(cylinders[:, None, :2] - cylinders[None, :, :2], axis=-1)
+    gaps = gaps - radii[:, None] - radii[None, :] - 2.0 * safety - _ROOM_KEPT
+    gaps[gaps < -_ROOM_KEPT] = np.inf  # closed anyway
+    np.fill_diagonal(gaps, np.inf)
+    bound = np.maximum(np.minimum(room, 0.5 * gaps.min(axis=1)), 0.0)
+    return np.column_stack([cylinders[:, :2], radii + np.minimum(more, bound)])

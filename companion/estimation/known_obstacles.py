@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from companion.estimation.delay import Delay
 from companion.estimation.obstacle_map import ObstacleConfig, ObstacleMap
+from companion.estimation.own_doubt import OwnDoubt
 from companion.estimation.surface_map import SurfaceConfig, SurfaceMap
 from companion.perception.frontend import Detections
 from companion.perception.view import View
@@ -14,18 +16,23 @@ from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.distance import to_ways
 from mavlink_bridge.wire.messages import VehicleState
 
+_NO_LAG = Delay(0.0, 0.0)
+
 
 @dataclass(frozen=True)
 class KnownObstacles:
     """What stands in the drone's own ENU frame.
 
-    cylinders: (K,3) x, y, radius [m] of confirmed trunks, nearest first. points: (P,3) m, surface
-    points of other shapes. occluders: (J,3) x, y, radius [m] of all trunks, unconfirmed ones too.
+    cylinders: (K,3) x, y, radius [m] of confirmed trunks, nearest first; sigmas: (K,) m, 1 σ of
+    their places. points: (P,3) m, surface points of other shapes. occluders: (J,3) x, y, radius [m]
+    of all trunks, unconfirmed ones too. lag: by how much the own state is older than the pictures.
     """
 
     cylinders: Vector = field(default_factory=lambda: np.zeros((0, 3)))
     points: Vector = field(default_factory=lambda: np.zeros((0, 3)))
     occluders: Vector = field(default_factory=lambda: np.zeros((0, 3)))
+    sigmas: Vector = field(default_factory=lambda: np.zeros(0))
+    lag: Delay = _NO_LAG
 
     def hidden(self, viewpoint: Vector, places: Vector) -> list[bool]:
         """Return whether a trunk stands between viewpoint (3,) and each place (n,3) m; eq. (6)."""
@@ -47,24 +54,38 @@ class ObstacleEstimator:
         """Forget all obstacles: the vehicle's frame has begun anew."""
         trunks, surfaces = self._configs
         self._map = ObstacleMap(trunks)
+        self._looked: float | None = None
         self._surfaces = SurfaceMap(self._view.camera, surfaces)
 
-    def update(self, seen: Detections, own: VehicleState | None) -> KnownObstacles:
-        """Take in one frame's detections; return what is known around the own state now."""
+    @property
+    def lag(self) -> Delay:
+        """By how much the own state is older than the pictures."""
+        return Delay(*self._map.lag)
+
+    def update(self, seen: Detections, own: VehicleState | None, doubt: OwnDoubt) -> KnownObstacles:
+        """Take in one frame's detections; return what is known around the own state now.
+
+        doubt: of the own state.
+        """
         if seen.own is not None:
             if seen.searched:
                 at_capture, ranges = seen.own, seen.ranges
+                since = 0.0 if self._looked is None else seen.time - self._looked
+                self._looked = seen.time
                 self._map.update(
                     seen.trunks,
                     at_capture,
                     self._view.mount,
                     self._view.half_view,
                     visibility=lambda places: self._view.visibility(at_capture, places, ranges),
+                    drift=doubt.drift(since),
                 )
             if seen.ranges is not None:
                 self._surfaces.update(seen.ranges, seen.own)
         occluders = self._map.occluders()
         if own is None:
-            return KnownObstacles(occluders=occluders)
-        cylinders = self._map.cylinders(own.p)
-        return KnownObstacles(cylinders, self._surfaces.points(cylinders), occluders)
+            return KnownObstacles(occluders=occluders, lag=self.lag)
+        known = self._map.doubted_cylinders(own.p)
+        cylinders = known[:, :3]
+        points = self._surfaces.points(cylinders)
+        return KnownObstacles(cylinders, points, occluders, known[:, 3], self.lag)

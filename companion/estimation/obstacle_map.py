@@ -1,6 +1,7 @@
 """Obstacle map: trunks seen and remembered, for a 160° camera does not show what is beside it.
 
-Trunks do not move: each look refines a small map in the drone's own frame. A trunk that should be
+Trunks do not move: each look refines a small map in the drone's own frame. The drone's own drift
+moves all of them alike, and makes them uncertain: see `landmark_places.py`. A trunk that should be
 in plain view and is missed in several looks is forgotten. A trunk behind the drone is kept until it
 is far away.
 """
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field
 
+from companion.estimation.landmark_places import Drift, LandmarkPlaces
 from companion.types import Trunk
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.frames import rotation_matrix
@@ -55,6 +57,7 @@ class ObstacleConfig(StrictModel):
 
 
 _Place = tuple[float, float]
+_TIMING = 0.01  # s, 1 σ: when a picture was taken; turns a look by as much as the drone turns
 _MATCH, _MATCH_SIGMAS = 0.3, 4.0  # m, and standard deviations: how far looks at a trunk differ
 # A trunk of which only the width shows is another one where it shows this much wider than the known
 # trunk. A thin trunk is a few columns wide; a look may miss two of them at either edge, or add two.
@@ -77,12 +80,21 @@ class _Landmark:
     misses: float = 0.0
 
 
+_STILL = Drift()
+
+
 class ObstacleMap:
     """Remembers trunks in the drone's own ENU frame."""
 
     def __init__(self, config: ObstacleConfig) -> None:
         self._config = config
         self._landmarks: list[_Landmark] = []
+        self._places = LandmarkPlaces()
+
+    @property
+    def lag(self) -> tuple[float, float]:
+        """By how much the own state is older than the pictures, and the doubt of it [s]."""
+        return self._places.lag
 
     def update(
         self,
@@ -91,17 +103,20 @@ class ObstacleMap:
         q_bc: Vector,
         half_view: float,
         visibility: Callable[[Vector], Vector] = lambda places: np.ones(len(places)),
+        drift: Drift = _STILL,
     ) -> None:
         """Take in the trunks of one frame, seen in state `own`.
 
         q_bc: (4,) camera → body. half_view: half the field of view [rad]. visibility: returns how
         far the frame shows each of places (n,3), as (n,) 0…1. A trunk counts as missed only as far
-        as the frame shows its place.
+        as the frame shows its place. drift: of the own pose since the last frame.
 
         A near thin trunk looks like a thick one far off where its foot is out of the picture, or
         where the picture's edge cuts it: a landmark in that direction stays where it is.
         """
         r_wc = rotation_matrix(own.q_wb) @ rotation_matrix(q_bc)
+        self._places.drift(own.time, (float(own.p[0]), float(own.p[1])), drift)
+        self._refresh()
         seen: set[int] = set()
         for trunk in trunks:
             ray = r_wc @ trunk.direction
@@ -113,7 +128,7 @@ class ObstacleMap:
                 continue
             scale = trunk.distance / max(math.hypot(*along), 1e-6)
             axis = (float(own.p[0]) + along[0] * scale, float(own.p[1]) + along[1] * scale)
-            seen.add(self._fuse(axis, trunk, own.time, seen))
+            seen.add(self._fuse(axis, trunk, own, seen))
         seen = self._merge_duplicates(seen)
         forward = (float(r_wc[0, 2]), float(r_wc[1, 2]))
         missed = list(self._missed(seen, own, forward, half_view))
@@ -125,10 +140,15 @@ class ObstacleMap:
 
     def cylinders(self, p: Vector) -> Vector:
         """Return confirmed trunks (K,3) x, y, radius [m], nearest surface to p (3,) m first."""
+        return self.doubted_cylinders(p)[:, :3]
+
+    def doubted_cylinders(self, p: Vector) -> Vector:
+        """Return confirmed trunks (K,4) as `cylinders`, with the 1 σ of the place [m]."""
         confirmed = [k for k in self._landmarks if k.hits >= self._config.hits_to_confirm]
         here = (float(p[0]), float(p[1]))
         confirmed.sort(key=lambda k: math.dist(k.axis, here) - k.radius)
-        return np.array([[*k.axis, k.radius] for k in confirmed]).reshape(-1, 3)
+        rows = [[*k.axis, k.radius, math.sqrt(k.variance)] for k in confirmed]
+        return np.array(rows).reshape(-1, 4)
 
     def occluders(self) -> Vector:
         """Return all trunks (J,3) x, y, radius [m], unconfirmed ones too."""
@@ -153,21 +173,36 @@ class ObstacleMap:
                 best, nearest = n, distance
         return best
 
-    def _fuse(self, axis: _Place, trunk: Trunk, time: float, seen: set[int]) -> int:
+    def _fuse(self, axis: _Place, trunk: Trunk, own: VehicleState, seen: set[int]) -> int:
         """Refine the landmark that the trunk is, or add a new one; return its index."""
-        variance = trunk.sigma**2
+        arm = axis[0] - float(own.p[0]), axis[1] - float(own.p[1])
+        turn = float(rotation_matrix(own.q_wb)[2] @ own.omega)
+        variance = trunk.sigma**2 + (_TIMING * turn * math.hypot(*arm)) ** 2
         n = self._match(axis, trunk.radius, variance, seen)
         if n is None:
-            self._landmarks.append(_Landmark(axis, trunk.radius, variance, time))
+            self._landmarks.append(_Landmark(axis, trunk.radius, variance, own.time))
+            self._places.add(axis, variance)
             return len(self._landmarks) - 1
         k = self._landmarks[n]
-        gain = k.variance / (k.variance + variance)
-        (x, y), (to_x, to_y) = k.axis, axis
-        k.axis = (x + gain * (to_x - x), y + gain * (to_y - y))
-        k.radius += gain * (trunk.radius - k.radius)
-        k.variance = max((1 - gain) * k.variance, self._config.sigma_floor**2)
-        self._mark_seen(n, time)
+        k.radius += k.variance / (k.variance + variance) * (trunk.radius - k.radius)
+        motion = (float(own.v[0]) - turn * arm[1], float(own.v[1]) + turn * arm[0])
+        still = (0.0, 0.0)
+        floor = self._config.sigma_floor**2
+        self._places.correct(n, axis, variance, floor, still if trunk.assumed else motion)
+        self._refresh()
+        self._mark_seen(n, own.time)
         return n
+
+    def _refresh(self) -> None:
+        """Give the landmarks their present places and variances."""
+        for n, k in enumerate(self._landmarks):
+            k.axis, k.variance = self._places.place(n), self._places.variance(n)
+
+    def _keep(self, left: list[int]) -> None:
+        """Drop all landmarks but those of these indices."""
+        if len(left) < len(self._landmarks):
+            self._landmarks = [self._landmarks[n] for n in left]
+            self._places.keep(left)
 
     def _mark_seen(self, n: int, time: float) -> None:
         """Count a look at `time` [s] that saw landmark n."""
@@ -216,7 +251,7 @@ class ObstacleMap:
             seen = seen | {stays}
             gone.add(goes)
         left = [n for n in range(len(self._landmarks)) if n not in gone]
-        self._landmarks = [self._landmarks[n] for n in left]
+        self._keep(left)
         return {new for new, old in enumerate(left) if old in seen}
 
     def _missed(
@@ -234,13 +269,15 @@ class ObstacleMap:
     def _forget(self, own: VehicleState) -> None:
         """Drop landmarks that were missed too often, are far away, or are ghosts."""
         c, p = self._config, (float(own.p[0]), float(own.p[1]))
-        self._landmarks = [
-            k
-            for k in self._landmarks
-            if k.misses < c.misses_to_forget
-            and math.dist(k.axis, p) < c.keep_range
-            and (k.hits >= c.hits_to_keep or own.time - k.seen <= c.doubtful_unseen)
-        ]
+        self._keep(
+            [
+                n
+                for n, k in enumerate(self._landmarks)
+                if k.misses < c.misses_to_forget
+                and math.dist(k.axis, p) < c.keep_range
+                and (k.hits >= c.hits_to_keep or own.time - k.seen <= c.doubtful_unseen)
+            ]
+        )
 
     def _occluded(self, n: int, p: _Place) -> bool:
         """Return whether a nearer trunk covers part of landmark n as seen from p."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from companion.estimation.link_quality import LinkQuality
+from companion.estimation.own_doubt import OwnDoubt, OwnDoubtEstimator
 from companion.estimation.own_state import OwnState
 from companion.estimation.prediction import StatePredictor
 from companion.types import Phase
@@ -15,6 +16,7 @@ from mavlink_bridge.autopilots.registry import Identity
 from mavlink_bridge.wire.messages import Attitude, Heartbeat, Received, Source, VehicleState
 from mavlink_bridge.wire.video import Frame
 
+_UNREPORTED = OwnDoubt()
 _CLOCK_BACK = 1.0  # s; a vehicle whose clock goes back by more has started anew
 
 
@@ -28,7 +30,7 @@ class VehicleEstimate:
     second. tick_gap: s since the tick before; 0: this is the first. heartbeat: the last one.
     mode_known: whether a heartbeat came since the last silence. rebooted: the vehicle has started
     anew since the tick before. inhibit_reason: why this vehicle is not to be flown; empty: it is.
-    attitudes: those that came since the tick before, in order of time.
+    attitudes: those that came since the tick before, in order of time. doubt: of the state.
     """
 
     state: VehicleState | None = None
@@ -42,6 +44,7 @@ class VehicleEstimate:
     rebooted: bool = False
     inhibit_reason: str = ""
     attitudes: tuple[Attitude, ...] = ()
+    doubt: OwnDoubt = _UNREPORTED
 
 
 class VehicleEstimator:
@@ -56,6 +59,7 @@ class VehicleEstimator:
         self._silence = silence
         self._predict_after = predict_after
         self._own = OwnState()
+        self._doubt = OwnDoubtEstimator()
         self._link = LinkQuality(silence)
         self._time = -np.inf
         self._reboots = 0
@@ -67,11 +71,13 @@ class VehicleEstimator:
         frame: Frame | None,
         predictor: StatePredictor,
         phase: Phase,
+        lag: float = 0.0,
     ) -> VehicleEstimate:
         """Return the estimate at the tick of `time` [s], from the messages since the last one.
 
         frame: the newest one. predictor: carries a late state to now while the companion flies
-        the vehicle, as the phase of the tick before tells.
+        the vehicle, as the phase of the tick before tells. lag: s by which telemetry's states are
+        older than pictures of the same time.
         """
         heard = [r for r in received if r.source == self._autopilot]
         messages = [r.message for r in heard]
@@ -82,9 +88,11 @@ class VehicleEstimator:
         rebooted = self._notice_reboot(time)
         gap = time - self._time if np.isfinite(self._time) else 0.0
         self._time = time
+        flown_by = predictor if phase.flying and not rebooted else None
+        doubt = self._doubt.hear(messages)
         return VehicleEstimate(
-            state=self._state(time, predictor if phase.flying and not rebooted else None),
-            at_capture=None if frame is None else self._own.at(frame.time),
+            state=self._state(time, flown_by),
+            at_capture=None if frame is None else self._at_capture(frame.time, lag, flown_by),
             age=self._own.age(time),
             plausible=self._own.plausible(time),
             packet_loss=loss,
@@ -92,8 +100,9 @@ class VehicleEstimator:
             heartbeat=self._identity.heartbeat,
             mode_known=self._link.knows_mode,
             rebooted=rebooted,
-            inhibit_reason=self._identity.inhibit_reason(),
+            inhibit_reason=self._identity.inhibit_reason() or doubt.inhibit_reason,
             attitudes=tuple(self._own.new_attitudes),
+            doubt=doubt,
         )
 
     def _notice_reboot(self, time: float) -> bool:
@@ -105,6 +114,25 @@ class VehicleEstimator:
             self._time = -np.inf
             self._link = LinkQuality(self._silence)
         return rebooted
+
+    def _at_capture(
+        self, time: float, lag: float, predictor: StatePredictor | None
+    ) -> VehicleState | None:
+        """Return the state in which the picture of `time` [s] was taken, stamped with that time.
+
+        It is the one that telemetry calls later by its lag; by the model where it has not come yet.
+        """
+        newest = time + lag - self._own.age(time + lag)
+        if not np.isfinite(newest):
+            return self._own.at(time)
+        known = self._own.at(min(time + lag, newest))
+        if known is None:
+            return None
+        if time + lag > newest and predictor is not None:
+            known = predictor.carried(known, time + lag)
+        elif time + lag > newest:
+            known = self._own.at(time + lag) or known
+        return replace(known, time=time)
 
     def _state(self, time: float, predictor: StatePredictor | None) -> VehicleState | None:
         """Return the state now; by the model where telemetry is late and the inputs were ours."""

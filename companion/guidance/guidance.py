@@ -143,7 +143,7 @@ class Guidance:
             cohesive=frozenset(
                 t.id for t, _ in critical if not blocks_way(own, t, aim, s.right_of_way)
             ),
-            obstacles=Obstacles(known.cylinders, planes, known.points),
+            obstacles=Obstacles(known.cylinders, planes, known.points, known.sigmas),
             land=self._land(own, tracks, progress.complete and phase.flying),
         )
 

@@ -72,7 +72,7 @@ def reference(tracks):
         near=[(t, 0.5) for t in tracks],
         critical=[(t, 0.5) for t in tracks[:3]],
         cohesive=frozenset({0, 1}),
-        obstacles=Obstacles(np.zeros((0, 3)), np.zeros((0, 4)), np.zeros((0, 3))),
+        obstacles=Obstacles(np.zeros((0, 3)), np.zeros((0, 4)), np.zeros((0, 3)), np.zeros(0)),
         land=False,
     )
 
