@@ -85,7 +85,16 @@ class Companion:
         obstacles = run("map", self._obstacles.update, seen, own, vehicle.doubt)
         tracks = run("track", self._neighbours.update, time, seen, obstacles)
         motion = run("motion", self._motion.update, own, vehicle.attitudes, phase)
-        reference = run("guide", self._guidance.decide, own, tracks, obstacles, seen.fault, phase)
+        reference = run(
+            "guide",
+            self._guidance.decide,
+            own,
+            tracks,
+            obstacles,
+            seen.fault,
+            phase,
+            vehicle.map_offset,
+        )
         planned = run("plan", self._planning.plan, own, reference, motion.prediction)
         supervised = run(
             "supervise",

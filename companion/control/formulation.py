@@ -37,10 +37,11 @@ class Formulation:
         them flies into the next. The first few planes are kept: walls before the fence, which the
         guard minds, too.
         """
+        offset = reference.map_offset
         planes = [
-            self._fence.altitude_planes(reference.aim[2]),
+            _off_map(self._fence.altitude_planes(reference.aim[2] + offset[2]), offset),
             reference.obstacles.planes,
-            self._fence.near(own.p, self._nmpc.d_obstacle_safety),
+            _off_map(self._fence.near(own.p + offset, self._nmpc.d_obstacle_safety), offset),
         ]
         return make_instance(
             self._nmpc,
@@ -73,6 +74,13 @@ class Formulation:
         ahead = track.p + track.v * delay
         sigmas = position_velocity_sigma(own, track, nmpc.d_agent_safety, scale)
         return Neighbour(ahead, v, sigmas, float(cohesive))
+
+
+def _off_map(planes: Vector, offset: Vector) -> Vector:
+    """Return half-spaces (H,4) of the map in the frame that is `offset` (3,) m less."""
+    moved = planes.copy()
+    moved[:, 3] -= planes[:, :3] @ offset
+    return moved
 
 
 def position_velocity_sigma(

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from companion.estimation.link_quality import LinkQuality
+from companion.estimation.odometry_frame import OdometryFrame
 from companion.estimation.own_doubt import OwnDoubt, OwnDoubtEstimator
 from companion.estimation.own_state import OwnState
 from companion.estimation.prediction import StatePredictor
 from companion.types import Phase
 from mavlink_bridge.autopilots.registry import Identity
+from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.wire.messages import Attitude, Heartbeat, Received, Source, VehicleState
 from mavlink_bridge.wire.video import Frame
 
@@ -31,6 +33,7 @@ class VehicleEstimate:
     mode_known: whether a heartbeat came since the last silence. rebooted: the vehicle has started
     anew since the tick before. inhibit_reason: why this vehicle is not to be flown; empty: it is.
     attitudes: those that came since the tick before, in order of time. doubt: of the state.
+    map_offset: (3,) m, position on the map less that of the state, see `odometry_frame.py`.
     """
 
     state: VehicleState | None = None
@@ -45,6 +48,7 @@ class VehicleEstimate:
     inhibit_reason: str = ""
     attitudes: tuple[Attitude, ...] = ()
     doubt: OwnDoubt = _UNREPORTED
+    map_offset: Vector = field(default_factory=lambda: np.zeros(3))
 
 
 class VehicleEstimator:
@@ -60,6 +64,7 @@ class VehicleEstimator:
         self._predict_after = predict_after
         self._own = OwnState()
         self._doubt = OwnDoubtEstimator()
+        self._frame = OdometryFrame()
         self._link = LinkQuality(silence)
         self._time = -np.inf
         self._reboots = 0
@@ -83,13 +88,13 @@ class VehicleEstimator:
         messages = [r.message for r in heard]
         self._link.hear(time, heard)
         loss = self._link.lost
-        self._own.add(messages)
+        doubt = self._doubt.hear(messages)
+        self._own.add(self._frame.localised(messages, doubt.velocity))
         self._identity.hear(messages)
         rebooted = self._notice_reboot(time)
         gap = time - self._time if np.isfinite(self._time) else 0.0
         self._time = time
         flown_by = predictor if phase.flying and not rebooted else None
-        doubt = self._doubt.hear(messages)
         return VehicleEstimate(
             state=self._state(time, flown_by),
             at_capture=None if frame is None else self._at_capture(frame.time, lag, flown_by),
@@ -103,6 +108,7 @@ class VehicleEstimator:
             inhibit_reason=self._identity.inhibit_reason() or doubt.inhibit_reason,
             attitudes=tuple(self._own.new_attitudes),
             doubt=doubt,
+            map_offset=self._frame.offset,
         )
 
     def _notice_reboot(self, time: float) -> bool:
@@ -113,6 +119,7 @@ class VehicleEstimator:
         if rebooted:
             self._time = -np.inf
             self._link = LinkQuality(self._silence)
+            self._frame = OdometryFrame()
         return rebooted
 
     def _at_capture(

@@ -1,6 +1,7 @@
 """A tick as plain data for the log's `/tick` topic, which reports, viewers and studies read.
 
-Own ENU frame, SI, radians; times in the vehicle's clock [s]; `*_ms` in milliseconds.
+Own ENU frame on the map, SI, radians; times in the vehicle's clock [s]; `*_ms` in milliseconds.
+`map_offset` is already in all places.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from mavlink_bridge.shared.arrays import Vector
 
 _DIGITS = 4  # 0.1 mm, 0.006°
 _OBSTACLES = 12  # nearest cylinders written
+_LEVEL = np.array([1.0, 1.0, 0.0])
 _OPTIONS = orjson.OPT_SERIALIZE_NUMPY
 
 SCHEMA = {
@@ -50,6 +52,7 @@ SCHEMA = {
         "hover_thrust": {"type": "number"},
         "delay": {"type": "array"},
         "lag": {"type": "array"},
+        "map_offset": {"type": "array"},
         "stages_ms": {"type": "object"},
         "counters": {"type": "object"},
     },
@@ -66,7 +69,7 @@ def encode(tick: Tick, counters: dict[str, Any], costs: dict[str, float]) -> byt
 
 def record(tick: Tick, costs: dict[str, float] | None = None) -> dict[str, Any]:
     """Return the tick as a dictionary of numbers, strings and arrays."""
-    stages = tick.stages | (costs or {})
+    stages, offset = tick.stages | (costs or {}), tick.vehicle.map_offset
     r: dict[str, Any] = {
         "time": tick.time,
         "phase": tick.supervised.phase.value,
@@ -77,15 +80,16 @@ def record(tick: Tick, costs: dict[str, float] | None = None) -> dict[str, Any]:
         "stages_ms": {k: round(v * 1e3, 3) for k, v in stages.items()},
         "lag": _rounded([tick.obstacles.lag.value, tick.obstacles.lag.sigma]),
         **_seen(tick.seen),
-        "tracks": _tracks(tick.tracks),
-        "cylinders": _rounded(tick.obstacles.cylinders[:_OBSTACLES]),
-        **_guided(tick.reference),
+        "map_offset": _rounded(offset),
+        "tracks": _tracks(tick.tracks, offset),
+        "cylinders": _rounded(tick.obstacles.cylinders[:_OBSTACLES] + offset * _LEVEL),
+        **_guided(tick.reference, offset),
     }
     state = tick.vehicle.state
     if state is not None:
-        own = _rounded(np.concatenate([state.p, state.v, state.q_wb, state.omega]))
+        own = _rounded(np.concatenate([state.p + offset, state.v, state.q_wb, state.omega]))
         r["own"] = {"p": own[:3], "v": own[3:6], "q": own[6:10], "omega": own[10:]}
-    return r | _planned(tick.planned.plan) | _commanded(tick)
+    return r | _planned(tick.planned.plan, offset) | _commanded(tick)
 
 
 def _seen(seen: Detections) -> dict[str, Any]:
@@ -99,10 +103,11 @@ def _seen(seen: Detections) -> dict[str, Any]:
     }
 
 
-def _tracks(tracks: list[Track]) -> list[dict[str, Any]]:
+def _tracks(tracks: list[Track], offset: Vector) -> list[dict[str, Any]]:
+    places = [(t.p + offset).tolist() for t in tracks]
     state = [
-        [*t.p.tolist(), *t.v.tolist(), t.unseen, (np.einsum("ii", t.P[:3, :3]) / 3) ** 0.5]
-        for t in tracks
+        [*p, *t.v.tolist(), t.unseen, (np.einsum("ii", t.P[:3, :3]) / 3) ** 0.5]
+        for p, t in zip(places, tracks, strict=True)
     ]
     return [
         {"id": t.id, "p": row[:3], "v": row[3:6], "unseen": row[6], "sigma": row[7]}
@@ -110,14 +115,17 @@ def _tracks(tracks: list[Track]) -> list[dict[str, Any]]:
     ]
 
 
-def _guided(reference: Reference | None) -> dict[str, Any]:
+def _guided(reference: Reference | None, offset: Vector) -> dict[str, Any]:
     """Return the reference and its reasons; `target` is the goal that the solver gets."""
     if reference is None:
         return {"critical": [], "yaw": 0.0, "speed": 0.0}
     return {
-        "goal": {"p": _rounded(reference.progress.goal), "index": reference.progress.index},
-        "aim": _rounded(reference.aim),
-        "target": _rounded(reference.target),
+        "goal": {
+            "p": _rounded(reference.progress.goal + offset),
+            "index": reference.progress.index,
+        },
+        "aim": _rounded(reference.aim + offset),
+        "target": _rounded(reference.target + offset),
         "route": reference.route,
         "speed": _number(reference.speed),
         "speed_limit": reference.speed_limit,
@@ -127,7 +135,7 @@ def _guided(reference: Reference | None) -> dict[str, Any]:
     }
 
 
-def _planned(plan: Plan | None) -> dict[str, Any]:
+def _planned(plan: Plan | None, offset: Vector) -> dict[str, Any]:
     if plan is None:
         return {}
     solver = {
@@ -144,7 +152,7 @@ def _planned(plan: Plan | None) -> dict[str, Any]:
         "active": list(plan.active),
         "cost": _number(plan.cost),
     }
-    return {"solver": solver, "plan": _rounded(plan.x[:, :3])}
+    return {"solver": solver, "plan": _rounded(plan.x[:, :3] + offset)}
 
 
 def _commanded(tick: Tick) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,6 +28,8 @@ from companion.perception.camera_health import CameraFault
 from companion.types import Obstacles, Phase, Track
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.wire.messages import VehicleState
+
+_NO_OFFSET = np.zeros(3)
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,8 @@ class Reference:
     [m/s]; speed_limit: the name of the limit that it obeys. v_max: bound of (32) [m/s]. near: the
     neighbours in range with their threat, worst first; critical: the first few of them. cohesive:
     ids of the critical ones that fly the same way. obstacles: what stands around. land: whether the
-    mission is complete and the drone may come down.
+    mission is complete and the drone may come down. map_offset: (3,) m, place on the map, where
+    goals and fence are, less that of the own state.
     """
 
     progress: MissionProgress
@@ -79,6 +82,7 @@ class Reference:
     cohesive: frozenset[int]
     obstacles: Obstacles
     land: bool
+    map_offset: Vector = field(default_factory=lambda: _NO_OFFSET)
 
 
 class Guidance:
@@ -103,20 +107,18 @@ class Guidance:
         known: KnownObstacles,
         fault: CameraFault,
         phase: Phase,
+        map_offset: Vector = _NO_OFFSET,
     ) -> Reference | None:
         """Return the reference for the own state now; None where that is not known.
 
         phase: of the tick before. Without control of the vehicle the reference is to stay.
+        map_offset: (3,) m, place on the map, where the goals are, less that of the own state.
         """
         if own is None:
             return None
         s = self._settings
         mine = phase.on_mission
-        progress = (
-            self._mission.update(own, self._gaze.surveyed)
-            if mine
-            else MissionProgress(own.p, 0, False)
-        )
+        progress = self._progress(own, map_offset) if mine else MissionProgress(own.p, 0, False)
         aim, route = self._route(own, progress.goal, known)
         to_aim = aim - own.p
         near = rated_neighbours(own, tracks, s.d_ref, s.threat)
@@ -143,9 +145,16 @@ class Guidance:
             cohesive=frozenset(
                 t.id for t, _ in critical if not blocks_way(own, t, aim, s.right_of_way)
             ),
+            map_offset=map_offset,
             obstacles=Obstacles(known.cylinders, planes, known.points, known.sigmas),
             land=self._land(own, tracks, progress.complete and phase.flying),
         )
+
+    def _progress(self, own: VehicleState, map_offset: Vector) -> MissionProgress:
+        """Return the mission's progress; its goals are on the map, the one returned is not."""
+        on_map = replace(own, p=own.p + map_offset)
+        progress = self._mission.update(on_map, self._gaze.surveyed)
+        return replace(progress, goal=progress.goal - map_offset)
 
     def _route(
         self, own: VehicleState, goal: Vector, known: KnownObstacles

@@ -130,7 +130,9 @@ class Supervision:
         self, time: float, vehicle: VehicleEstimate, seen: Detections, plan: Plan | None
     ) -> Verdict:
         own = vehicle.state
-        outside, outward = (-np.inf, 0.0) if own is None else self._fence.across(own.p, own.v)
+        outside, outward = -np.inf, 0.0
+        if own is not None:
+            outside, outward = self._fence.across(own.p + vehicle.map_offset, own.v)
         return self._guard.judge(
             GuardInputs(
                 time,

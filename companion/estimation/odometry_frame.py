@@ -1,0 +1,82 @@
+"""Two frames (REP 105): goals and fence in the map, all that is seen in a frame that never jumps.
+
+The autopilot's position is a place on the map. It steps when its estimator is reset, when a GPS
+signal takes another path, or when an RTK solution floats. Trunks and neighbours do not step. So
+what the reported velocity does not explain is taken out of the position and becomes the offset of
+the map: the goals move, and nothing that was seen does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.wire.messages import LocalPosition, Message, Odometry
+
+_WINDOW = 0.5  # s over which position and velocity are compared
+_GATE = 0.08  # m; positions and velocities that differ by less within the window are noise
+_GATE_TIME = 1.0  # s; the gate grows with the velocity's doubt by this
+_SLIDES = 1.5  # s after a step for which the velocity alone counts: filters follow slowly
+_LONGEST_GAP = 0.25  # s without a position, over which the velocity says too little
+_UNEXPLAINED = 1.0  # m; a larger step that no reset explains is a fault and stays one
+_ANNOUNCED = 0.3  # s for which a reset explains a step
+_SILENT = 0.5  # s without LOCAL_POSITION_NED, after which ODOMETRY gives the position
+
+
+class OdometryFrame:
+    """Takes steps out of positions; offset: (3,) m, position on the map less that in odometry."""
+
+    def __init__(self) -> None:
+        self.offset: Vector = np.zeros(3)
+        self.steps = 0
+        self._before: LocalPosition | None = None  # in odometry
+        self._excess: Vector = np.zeros(3)  # m of motion within the window that no velocity shows
+        self._resets: int | None = None
+        self._reset_at = self._local_at = self._slides_until = -math.inf
+
+    def localised(self, messages: Iterable[Message], velocity_sigma: float) -> Iterator[Message]:
+        """Yield the messages, with positions in odometry; velocity_sigma: m/s, 1 σ."""
+        for m in messages:
+            if isinstance(m, LocalPosition):
+                self._local_at = m.time
+                yield self._step_free(m, velocity_sigma)
+            elif isinstance(m, Odometry):
+                if self._resets is not None and m.resets != self._resets:
+                    self._reset_at = m.time
+                self._resets = m.resets
+                if m.time - self._local_at > _SILENT:
+                    self._step_free(LocalPosition(m.time, m.p, m.v), velocity_sigma)
+                yield replace(m, p=m.p - self.offset)
+            else:
+                yield m
+
+    def _step_free(self, m: LocalPosition, velocity_sigma: float) -> LocalPosition:
+        """Return a position in odometry; what the velocity does not explain moves the offset."""
+        here = replace(m, p=m.p - self.offset)
+        before = self._before
+        dt = math.inf if before is None else m.time - before.time
+        if not (np.isfinite(m.p).all() and np.isfinite(m.v).all()) or dt <= 0.0:
+            return here
+        if before is None or dt > _LONGEST_GAP:
+            self._before, self._excess = here, np.zeros(3)
+            return here
+        step = here.p - before.p - 0.5 * dt * (before.v + m.v)
+        announced = 0.0 <= m.time - self._reset_at < _ANNOUNCED
+        if float(np.linalg.norm(step)) > _UNEXPLAINED and not announced:
+            return here  # the own state refuses it; where it lasts, that is a fault
+        self._excess = math.exp(-dt / _WINDOW) * self._excess + step
+        slides = m.time < self._slides_until
+        if slides:
+            self.offset = self.offset + step
+        if float(np.linalg.norm(self._excess)) > _GATE + _GATE_TIME * velocity_sigma:
+            self._slides_until = m.time + _SLIDES
+            if not slides:
+                self.offset = self.offset + self._excess
+                self.steps += 1
+                self._excess = np.zeros(3)
+        self._before = here = replace(m, p=m.p - self.offset)
+        return here
