@@ -1,8 +1,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from companion.control.formulation import position_velocity_sigma
+from companion.control.formulation import position_velocity_sigma, widened
+from companion.types import Obstacles
 from tests.companion.tracks import OWN, track
 
 
@@ -13,3 +15,23 @@ def test_the_doubt_of_a_neighbour_out_of_sight_claims_free_room_only():
     assert position_velocity_sigma(OWN, replace(seen, unseen=0.6), 1.1, 4.0) == (0.0, 0.0)
     below = replace(track(1, [0.3, 0, -1.0]), unseen=0.6)  # (37) sees it 0.5 m away
     assert np.allclose(position_velocity_sigma(OWN, below, 0.4, 2.5), 0.1)
+
+
+def obstacles(cylinders, sigmas):
+    return Obstacles(np.array(cylinders), np.zeros((0, 4)), np.zeros((0, 3)), np.array(sigmas))
+
+
+def test_doubt_of_a_trunk_widens_it_and_never_takes_room_that_is_in_use():
+    far, sure = [5.0, 0.0, 1.0], [-5.0, 0.0, 1.0]
+    wide = widened(obstacles([far, sure], [0.4, 0.05]), OWN.p, 1.0, 0.6)
+    assert wide[:, 2] == pytest.approx([1.28, 1.0])
+    at_it = widened(obstacles([[1.7, 0.0, 1.0]], [0.4]), OWN.p, 1.0, 0.6)  # 0.1 m beyond (38)
+    assert at_it[0, 2] == pytest.approx(1.1)
+    hopeless = widened(obstacles([far], [50.0]), OWN.p, 1.0, 0.6)
+    assert hopeless[0, 2] < 1.5
+
+
+def test_doubt_does_not_close_the_way_between_two_trunks():
+    pair = obstacles([[6.0, 1.2, 0.3], [6.0, -1.2, 0.3]], [0.6, 0.6])  # 1.8 m apart, 1.2 m kept
+    wide = widened(pair, OWN.p, 1.0, 0.6)
+    assert 2.4 - wide[:, 2].sum() >= 1.2 + 0.29
