@@ -81,7 +81,8 @@ class Companion:
         if vehicle.rebooted:
             self._start_over()
         own, phase = vehicle.state, self._supervision.phase
-        seen = run("see", self._perception.see, time, frame, vehicle.at_capture)
+        ground = 0.0 if vehicle.height is None else vehicle.height.ground
+        seen = run("see", self._perception.see, time, frame, vehicle.at_capture, ground)
         obstacles = run("map", self._obstacles.update, seen, own, vehicle.doubt)
         tracks = run("track", self._neighbours.update, time, seen, obstacles)
         motion = run("motion", self._motion.update, own, vehicle.attitudes, phase)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from companion.estimation.height import Height, HeightEstimator
 from companion.estimation.link_quality import LinkQuality
 from companion.estimation.odometry_frame import OdometryFrame
 from companion.estimation.own_doubt import OwnDoubt, OwnDoubtEstimator
@@ -15,7 +16,14 @@ from companion.estimation.prediction import StatePredictor
 from companion.types import Phase
 from mavlink_bridge.autopilots.registry import Identity
 from mavlink_bridge.shared.arrays import Vector
-from mavlink_bridge.wire.messages import Attitude, Heartbeat, Received, Source, VehicleState
+from mavlink_bridge.wire.messages import (
+    Attitude,
+    DistanceSensor,
+    Heartbeat,
+    Received,
+    Source,
+    VehicleState,
+)
 from mavlink_bridge.wire.video import Frame
 
 _UNREPORTED = OwnDoubt()
@@ -34,6 +42,7 @@ class VehicleEstimate:
     anew since the tick before. inhibit_reason: why this vehicle is not to be flown; empty: it is.
     attitudes: those that came since the tick before, in order of time. doubt: of the state.
     map_offset: (3,) m, position on the map less that of the state, see `odometry_frame.py`.
+    height: over ground; None before the own state is known.
     """
 
     state: VehicleState | None = None
@@ -48,6 +57,7 @@ class VehicleEstimate:
     inhibit_reason: str = ""
     attitudes: tuple[Attitude, ...] = ()
     doubt: OwnDoubt = _UNREPORTED
+    height: Height | None = None
     map_offset: Vector = field(default_factory=lambda: np.zeros(3))
 
 
@@ -64,6 +74,7 @@ class VehicleEstimator:
         self._predict_after = predict_after
         self._own = OwnState()
         self._doubt = OwnDoubtEstimator()
+        self._height = HeightEstimator()
         self._frame = OdometryFrame()
         self._link = LinkQuality(silence)
         self._time = -np.inf
@@ -95,8 +106,11 @@ class VehicleEstimator:
         gap = time - self._time if np.isfinite(self._time) else 0.0
         self._time = time
         flown_by = predictor if phase.flying and not rebooted else None
+        state = self._state(time, flown_by)
+        looks = [m for m in messages if isinstance(m, DistanceSensor)]
         return VehicleEstimate(
-            state=self._state(time, flown_by),
+            state=state,
+            height=None if state is None else self._height.update(state, looks),
             at_capture=None if frame is None else self._at_capture(frame.time, lag, flown_by),
             age=self._own.age(time),
             plausible=self._own.plausible(time),
@@ -120,6 +134,7 @@ class VehicleEstimator:
             self._time = -np.inf
             self._link = LinkQuality(self._silence)
             self._frame = OdometryFrame()
+            self._height.reset()
         return rebooted
 
     def _at_capture(

@@ -53,6 +53,7 @@ SCHEMA = {
         "delay": {"type": "array"},
         "lag": {"type": "array"},
         "map_offset": {"type": "array"},
+        "height": {"type": "array"},
         "stages_ms": {"type": "object"},
         "counters": {"type": "object"},
     },
@@ -70,6 +71,7 @@ def encode(tick: Tick, counters: dict[str, Any], costs: dict[str, float]) -> byt
 def record(tick: Tick, costs: dict[str, float] | None = None) -> dict[str, Any]:
     """Return the tick as a dictionary of numbers, strings and arrays."""
     stages, offset = tick.stages | (costs or {}), tick.vehicle.map_offset
+    height = tick.vehicle.height
     r: dict[str, Any] = {
         "time": tick.time,
         "phase": tick.supervised.phase.value,
@@ -81,6 +83,7 @@ def record(tick: Tick, costs: dict[str, float] | None = None) -> dict[str, Any]:
         "lag": _rounded([tick.obstacles.lag.value, tick.obstacles.lag.sigma]),
         **_seen(tick.seen),
         "map_offset": _rounded(offset),
+        "height": [] if height is None else _rounded([height.value, height.sigma]),
         "tracks": _tracks(tick.tracks, offset),
         "cylinders": _rounded(tick.obstacles.cylinders[:_OBSTACLES] + offset * _LEVEL),
         **_guided(tick.reference, offset),

@@ -59,6 +59,7 @@ class Status:
             f"stages   {stages} ms",
             f"tracks   {len(r['tracks'])}, {len(r['critical'])} critical, nearest "
             + ("-" if nearest is None else f"{nearest:.1f} m"),
+            f"motion   {_motion(r)}",
             f"seen     {len(r['detections'])} drones, {len(r['trunks'])} trunks",
             "counts   " + ", ".join(f"{k} {v}" for k, v in r["counters"].items()),
         ]
@@ -92,3 +93,16 @@ def _solver(solver: dict[str, Any] | None) -> str:
     if solver is None:
         return "-"
     return f"{solver['status']}, {solver['solve_ms']:.1f} ms, {solver['iterations']} iterations"
+
+
+def _motion(record: dict[str, Any]) -> str:
+    """Return what is measured in flight, with its doubt; a log of before has none of it."""
+    text = f"hover thrust {record['hover_thrust']:.2f}" if "hover_thrust" in record else "-"
+    for name in ("delay", "lag"):
+        if name in record:
+            value, sigma = record[name]
+            text += f", {name} {value * 1e3:.0f} ± {sigma * 1e3:.0f} ms"
+    if record.get("height"):
+        value, sigma = record["height"]
+        text += f", over ground {value:.1f} ± {sigma:.1f} m"
+    return text

@@ -76,10 +76,17 @@ class PerceptionFrontend:
         self._health = CameraHealth(self._health_config, self._arrays)
         self._newest = -np.inf
 
-    def see(self, time: float, frame: Frame | None, at_capture: VehicleState | None) -> Detections:
+    def see(
+        self,
+        time: float,
+        frame: Frame | None,
+        at_capture: VehicleState | None,
+        ground: float = 0.0,
+    ) -> Detections:
         """Return the detections of the newest frame at the tick of `time` [s]; each frame once.
 
-        at_capture: the vehicle's state when the frame was taken, where it is known.
+        at_capture: the vehicle's state when the frame was taken, where it is known. ground: m, the
+        ground's level in the own frame.
         """
         misfit = self._misfit(frame)
         fault = self._health.check(time, frame, fits=not misfit)
@@ -87,7 +94,7 @@ class PerceptionFrontend:
         found = Detections()
         if new and frame is not None and at_capture is not None:
             self._newest = frame.time
-            found = self._detect(frame, at_capture, fits=not misfit)
+            found = self._detect(frame, at_capture, ground, fits=not misfit)
         return Detections(
             found.time,
             found.own,
@@ -101,7 +108,7 @@ class PerceptionFrontend:
             misfit,
         )
 
-    def _detect(self, frame: Frame, own: VehicleState, fits: bool) -> Detections:
+    def _detect(self, frame: Frame, own: VehicleState, ground: float, *, fits: bool) -> Detections:
         """Return the detections in `frame`, taken in state `own`; a misfit image shows nothing."""
         image = frame.arrays.get("image") if fits else None
         drones: list[Detection] = []
@@ -124,17 +131,19 @@ class PerceptionFrontend:
         elif self._sensing.obstacles == "depth":
             depth: NDArray[np.float32] = frame.arrays["depth"]
             trunks, ranges = self._depth.read(
-                depth, self._view.rotation(own), float(own.p[2]), drones
+                depth, self._view.rotation(own), float(own.p[2]) - ground, drones
             )
         else:
-            trunks = self._find_trunks(frame, image, own)
+            trunks = self._find_trunks(frame, image, own, ground)
         drones = [
             d for d in drones if _possible(d.direction, d.range, d.sigma_bearing, d.sigma_range)
         ]
         trunks = [t for t in trunks if _possible(t.direction, t.distance, t.radius, t.sigma)]
         return Detections(frame.time, own, drones, trunks, searched, ranges)
 
-    def _find_trunks(self, frame: Frame, image: Image | None, own: VehicleState) -> list[Trunk]:
+    def _find_trunks(
+        self, frame: Frame, image: Image | None, own: VehicleState, ground: float
+    ) -> list[Trunk]:
         if self._sensing.obstacles == "map":
             rows = frame.arrays.get("trunks", np.zeros((0, 6)))
             return [  # a replay gives a seventh column
@@ -142,7 +151,7 @@ class PerceptionFrontend:
             ]
         assert image is not None  # or nothing is searched for
         down = self._view.to_camera(own, np.array([[0.0, 0.0, -1.0]]))[0]
-        return self._trunks.detect(image, down, float(own.p[2]))
+        return self._trunks.detect(image, down, float(own.p[2]) - ground)
 
     def _misfit(self, frame: Frame | None) -> str:
         """Return why the picture, if there is one, is not one that the calibration is for."""
