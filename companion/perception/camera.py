@@ -111,7 +111,7 @@ class Camera:
         wide = math.degrees(self.width / self.fx)
         if not FOV_DEG[0] <= wide <= FOV_DEG[1] or not 0.5 < self.fx / self.fy < 2.0:
             return (
-                f"fx {self.fx:g} and fy {self.fy:g} px/rad image {wide:.0f}° across {self.width} px: "
+                f"fx {self.fx:g}, fy {self.fy:g} px/rad image {wide:.0f}° across {self.width} px: "
                 f"{FOV_DEG[0]:g} to {FOV_DEG[1]:g}° are possible, and fx near fy"
             )
         across = [(-0.5 - self.cx) / self.fx, (self.width - 0.5 - self.cx) / self.fx]
