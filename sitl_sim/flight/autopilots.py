@@ -12,12 +12,16 @@ from sitl_sim.external.fleet import RealFleet, Wire
 from sitl_sim.flight.own_binary import boot_parameters, own_binary
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import companion_port
+from sitl_sim.scenarios.conditions import drawn
 from sitl_sim.scenarios.scenario import Scenario
+from sitl_sim.vehicles.air import AirModel
 from sitl_sim.vehicles.emulated import Autopilots
 from sitl_sim.vehicles.firmware.late_samples import TelemetryLag
 from sitl_sim.vehicles.grades import GRADES
 from sitl_sim.vehicles.rigid_body import Vehicles
 from sitl_sim.worlds.ground import Ground
+
+_LAG_DRAW = 6  # of `conditions.drawn`
 
 
 def switch_on(
@@ -63,11 +67,13 @@ def switch_on(
         telemetry_lag=_telemetry_lag(scenario),
         rangefinder=scenario.drones.ranges,
         ground=ground,
+        air=AirModel(scenario.wind.turbulence, scenario.air.downwash, scenario.air.ground_effect),
     )
 
 
 def _telemetry_lag(scenario: Scenario) -> TelemetryLag | None:
-    timing, lags = scenario.timing, scenarios.telemetry_lags(scenario)
+    timing = scenario.timing
+    lags = drawn(timing.telemetry_lag, scenario.drones.count, scenario.seed, _LAG_DRAW)
     if not lags.any() and not timing.telemetry_jitter:
         return None
     return TelemetryLag(lags.tolist(), timing.telemetry_jitter, timing.telemetry_stamp)

@@ -34,6 +34,7 @@ from sitl_sim.flight.vehicle_connection import Capture, VehicleConnection
 from sitl_sim.recording.truth import Truth
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import check_companions, companion_config, companion_port
+from sitl_sim.scenarios.conditions import drawn
 from sitl_sim.scenarios.scenario import QUANTUM_MS, TICK_MS, Scenario
 from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
 from sitl_sim.worlds.generators import build
@@ -41,6 +42,7 @@ from sitl_sim.worlds.ground import Ground
 
 _TELEMETRY_MS = 20
 _CONNECT_TIMEOUT = 60.0  # s
+_COMPUTE_DRAW = 5  # of `conditions.drawn`
 _LONGEST_TICK = 80  # ms that a companion computes; a longer delay is the way to the vehicle
 
 
@@ -66,7 +68,7 @@ class Flight:
         faults.check(scenario.faults, processes=not in_process)
         check_companions(scenario, in_process)
         start = scenarios.starts(scenario)
-        self.world = {
+        self.world: dict[str, Any] = {
             "drone_radius": scenario.drones.radius,
             **build(scenario.world, scenario.seed),
             "targets": scenarios.targets(scenario, start),
@@ -101,7 +103,9 @@ class Flight:
         self._latency_ms = round(scenario.sensing.latency * 1e3 / QUANTUM_MS) * QUANTUM_MS
         self.truth = Truth(self.names)
         self._drifts = drifts
-        self._delays = scenarios.compute_delays(scenario)
+        self._delays = drawn(
+            scenario.timing.compute_delay, len(self.names), scenario.seed, _COMPUTE_DRAW
+        )
         self._jitters = [
             np.random.default_rng([scenario.seed, 7, i]) for i in range(len(self.names))
         ]
@@ -233,7 +237,7 @@ class Flight:
             # lives a second at once, every companion is silent for a second.
             earliest = time.monotonic() + (following - self._now) / 2e3
             self._faults.update(self._now / 1e3)
-            wind = self._faults.wind(self._now / 1e3, np.array(self.scenario.wind))
+            wind = self._faults.wind(self._now / 1e3, np.array(self.scenario.wind.mean))
             self._autopilots.advance(following / 1e3, wind)
             self._now = following
             progress(self._now / 1e3)

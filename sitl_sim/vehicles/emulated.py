@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mavlink_bridge.wire.ids import ComponentId
 from mavlink_bridge.wire.messages import Message, Received
+from sitl_sim.vehicles.air import AirModel, Surroundings, set_planes
 from sitl_sim.vehicles.battery import Batteries
 from sitl_sim.vehicles.estimator import BLOCK_SUBSTEPS, TICK_SUBSTEPS, Estimator
 from sitl_sim.vehicles.firmware.betaflight_quirks import QUIRKS
@@ -36,6 +37,7 @@ from sitl_sim.worlds.ground import Ground
 Floats = NDArray[np.float64]
 
 BATTERY_TICKS = 10
+FEET = 1e-6  # m: a vehicle whose feet are this close to the ground stands on it
 
 
 class Autopilots:
@@ -61,6 +63,7 @@ class Autopilots:
         telemetry_lag: TelemetryLag | None = None,
         rangefinder: bool = False,
         ground: Ground | None = None,
+        air: AirModel | None = None,
     ) -> None:
         """Switch the autopilots on.
 
@@ -68,7 +71,8 @@ class Autopilots:
         frame (default: where it stands). yaw_offset: (n,) rad, world, direction of its own east.
         boot_offset: (n,) s, time_boot = t + boot_offset. reference: where the world lies on the
         Earth. parameters: overrides by name; in a mixed fleet for those flavours that have them.
-        grade: of the state estimates; noise: instead of the grade's. ground: flat where not given.
+        grade: of the state estimates; noise: instead of the grade's. ground: flat by default. air:
+        calm by default.
         """
         n = len(vehicles)
         names = [flavour] * n if isinstance(flavour, str) else list(flavour)
@@ -77,6 +81,11 @@ class Autopilots:
         if len(set(system_ids)) != n:
             raise ValueError(f"two vehicles with one system id in {list(system_ids)}")
         self.vehicles = vehicles
+        ground = ground or Ground({})
+        self._surroundings = Surroundings(vehicles, system_ids, air or AirModel(), ground, seed)
+        set_planes(vehicles.body.ground, ground, vehicles.p)
+        feet = vehicles.p[:, 2] - ground.height(vehicles.p[:, 0], vehicles.p[:, 1])
+        vehicles.state.contact[:] = feet <= FEET
         self._estimator = Estimator(list(system_ids), [noise or grade.noise] * n, seed)
         self._errors = StateErrors(system_ids, [grade] * n, seed)
         self._late = LateSamples(
@@ -84,13 +93,14 @@ class Autopilots:
         )
         self._shared = Shared(
             state=vehicles.state,
+            body=vehicles.body,
             loop=make_rate_loop([rate_gains or RateGains()] * n, vehicles.airframes),
             setpoints=make_setpoints(np.zeros(n), outer_gains or OuterGains()),
             estimate=self._estimator.estimate,
             batteries=Batteries(n, battery_ah),
             errors=self._errors,
             late=self._late,
-            rangefinder=Rangefinder(system_ids, [rangefinder] * n, ground or Ground({}), seed),
+            rangefinder=Rangefinder(system_ids, [rangefinder] * n, ground, seed),
         )
         self._doubtful = grade is not GRADES["mocap"]
         origins = np.broadcast_to(vehicles.p if origin is None else np.asarray(origin), (n, 3))
@@ -150,14 +160,17 @@ class Autopilots:
 
     def advance(self, t_end: float, wind: ArrayLike = 0.0) -> None:
         """Simulate up to t_end [s], a multiple of 1 ms; wind: (3,) or (n,3) m/s, world."""
-        air = np.ascontiguousarray(
+        mean = np.ascontiguousarray(
             np.broadcast_to(np.asarray(wind, dtype=np.float64), self.vehicles.p.shape)
         )
         end = round(t_end / SUBSTEP)
         while self._substeps < end:
             place = self._substeps % BLOCK_SUBSTEPS
             if place % TICK_SUBSTEPS == 0:
+                self._surroundings.step(TICK_SUBSTEPS * SUBSTEP, mean)
                 self._tick(place)
+            gusts = self._surroundings.gusts
+            air = mean if gusts is None else mean + gusts
             count = min(TICK_SUBSTEPS - place % TICK_SUBSTEPS, end - self._substeps)
             self._fly(air, place, count)
             self._substeps += count

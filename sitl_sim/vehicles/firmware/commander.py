@@ -212,7 +212,7 @@ class Commander:
     def _detect_landing(self) -> None:
         if not self._state.contact[self._i]:
             self._touched_at = self.now
-            if self.landed and self._state.p[self._i, 2] > LIFTED_HEIGHT:
+            if self.landed and self.guidance.feet() > LIFTED_HEIGHT:
                 self.guidance.landed = False
         elif not self.landed and self.now - self._touched_at > LANDED_AFTER:
             self.guidance.landed = True

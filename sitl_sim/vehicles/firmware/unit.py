@@ -22,7 +22,7 @@ from sitl_sim.vehicles.firmware.sticks import Sticks
 from sitl_sim.vehicles.outer_loops import Setpoints
 from sitl_sim.vehicles.rangefinder import Rangefinder
 from sitl_sim.vehicles.rates import RateLoop
-from sitl_sim.vehicles.rigid_body import State
+from sitl_sim.vehicles.rigid_body import Body, State
 from sitl_sim.vehicles.state_errors import StateErrors
 from sitl_sim.worlds.geodesy import LocalFrame
 
@@ -34,6 +34,7 @@ class Shared:
     """Arrays of all vehicles, a row each."""
 
     state: State
+    body: Body
     loop: RateLoop
     setpoints: Setpoints
     estimate: Estimate
@@ -41,6 +42,12 @@ class Shared:
     errors: StateErrors
     late: LateSamples
     rangefinder: Rangefinder
+
+    def feet(self, i: int) -> float:
+        """Return the true height [m] of vehicle i's feet over the ground."""
+        x, y, z = (float(k) for k in self.state.p[i])
+        base, east, north = (float(k) for k in self.body.ground[i])
+        return z - (base + east * x + north * y)
 
 
 Builder = Callable[["Unit"], Message | None]  # makes one telemetry message
@@ -64,7 +71,15 @@ class Unit:
         self.i, self.system, self.flavour, self.frame = i, system, flavour, frame
         self.parameters = Parameters(flavour, overrides)
         settings = self.parameters.settings()
-        self.guidance = Guidance(i, settings, shared.setpoints, shared.estimate)
+        self.guidance = Guidance(
+            i,
+            settings,
+            shared.setpoints,
+            shared.estimate,
+            feet=lambda: shared.feet(i),
+            ranges=shared.rangefinder.fitted[i],
+            origin_z=float(frame.origin[2]),
+        )
         self.commander = Commander(flavour, settings, self.guidance, shared.state)
         if flavour.sticks:
             self.commander.sticks = Sticks(self.parameters["rate_max"])
