@@ -26,7 +26,7 @@ from sitl_sim.faults import catalogue as faults
 from sitl_sim.faults.camera import FaultyCamera
 from sitl_sim.faults.link import FaultyLine, FaultyLink, FaultyTelemetry
 from sitl_sim.faults.world import FaultyWorld
-from sitl_sim.flight.autopilots import switch_on
+from sitl_sim.flight.autopilots import switch_on, true_airframes
 from sitl_sim.flight.in_process import LocalFrames, SerialExecutor
 from sitl_sim.flight.inputs import write_inputs
 from sitl_sim.flight.sensors import Sensors
@@ -36,7 +36,7 @@ from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import check_companions, companion_config, companion_port
 from sitl_sim.scenarios.conditions import drawn
 from sitl_sim.scenarios.scenario import QUANTUM_MS, TICK_MS, Scenario
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.rigid_body import Vehicles
 from sitl_sim.worlds.generators import build
 from sitl_sim.worlds.ground import Ground
 
@@ -78,7 +78,13 @@ class Flight:
         if drifts:
             self.world["targets_by"] = "estimate"
         self._ground = Ground(self.world)
-        self.vehicles = Vehicles(Airframe(), start, scenarios.headings(scenario, start))
+        radii = {n: scenario.drones.airframe(i).radius for i, n in enumerate(self.names)}
+        self.world["drone_radius"] = max(radii.values())
+        if len(set(radii.values())) > 1:
+            self.world["drone_radii"] = radii
+        self.vehicles = Vehicles(
+            true_airframes(scenario), start, scenarios.headings(scenario, start)
+        )
         boot_ms = scenarios.boot_ms(scenario)
         self.sensors = Sensors(scenario, self.world)
         self._real_time = real_time or scenario.drones.real

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
@@ -22,9 +23,11 @@ from mavlink_bridge.shared.settings import (
     validate,
 )
 from sitl_sim.faults import catalogue as fault
+from sitl_sim.scenarios.airframes import ActualConfig, AirframeConfig, AirframeName
 from sitl_sim.scenarios.conditions import AirConfig, TimingConfig, WindConfig
 from sitl_sim.sensors.fisheye import Lens
 from sitl_sim.vehicles.grades import StateGrade
+from sitl_sim.vehicles.rigid_body import Airframe
 from sitl_sim.worlds.generators import build
 from sitl_sim.worlds.ground import Ground
 from sitl_sim.worlds.mission_file import read_mission
@@ -48,7 +51,18 @@ class DronesConfig(StrictModel):
     starts: list[Point2] = Field([], description="[x, y] each, instead of a formation.")
     jitter: float = Field(0.1, ge=0, description="Each start is moved up to this [m].")
     shift: float = Field(0.0, ge=0, description="All starts together, across their heading [m].")
-    radius: float = Field(0.2, gt=0, description="Of the sphere around a drone [m].")
+    radius: float = Field(
+        0.2, gt=0, description="Of the sphere around a drone [m], where airframes says no other."
+    )
+    airframes: list[AirframeConfig | AirframeName] = Field(
+        [],
+        description="Airframes of the drones in turn; none: quad5. Autopilots and companions "
+        "know them.",
+    )
+    actual: ActualConfig = Field(
+        ActualConfig(),
+        description="Factors by which the vehicles differ from what they are taken for.",
+    )
     autopilot: Literal["px4", "ardupilot", "betaflight"] = Field(
         "px4",
         description="px4, ardupilot: emulated; betaflight: the real SITL, in real time.",
@@ -81,6 +95,13 @@ class DronesConfig(StrictModel):
             if why := unfit(FLAVOURS[self.autopilot], name, value):
                 raise Contradiction((f"parameters.{name}",), why)
         return self
+
+    def airframe(self, i: int) -> Airframe:
+        """Return the airframe that drone i is taken for."""
+        if not self.airframes:
+            return replace(Airframe(), radius=self.radius)
+        chosen = self.airframes[i % len(self.airframes)]
+        return (AirframeConfig(name=chosen) if isinstance(chosen, str) else chosen).airframe()
 
     @property
     def ranges(self) -> bool:
@@ -187,6 +208,8 @@ class Scenario(StrictModel):
     def _needs_emulated_autopilots(self) -> Self:
         asked = {
             "drones.state": self.drones.state != "mocap",
+            "drones.airframes": bool(self.drones.airframes),
+            "drones.actual": self.drones.actual != ActualConfig(),
             "wind.turbulence": self.wind.turbulence != "none",
             "air.downwash": self.air.downwash,
             "air.ground_effect": self.air.ground_effect,

@@ -28,7 +28,7 @@ from sitl_sim.vehicles.kernel import fly, observe, steer
 from sitl_sim.vehicles.outer_loops import Control, OuterGains, make_setpoints
 from sitl_sim.vehicles.rangefinder import Rangefinder
 from sitl_sim.vehicles.rates import RateGains, make_rate_loop
-from sitl_sim.vehicles.rigid_body import SUBSTEP, Vehicles
+from sitl_sim.vehicles.rigid_body import SUBSTEP, Airframe, Vehicles
 from sitl_sim.vehicles.sensor_noise import SensorNoise
 from sitl_sim.vehicles.state_errors import StateErrors
 from sitl_sim.worlds.geodesy import GeoReference, LocalFrame
@@ -56,9 +56,9 @@ class Autopilots:
         reference: GeoReference | None = None,
         noise: SensorNoise | None = None,
         parameters: Mapping[str, float] | None = None,
-        rate_gains: RateGains | None = None,
+        rate_gains: RateGains | Sequence[RateGains] | None = None,
+        assumed: Sequence[Airframe] | None = None,
         outer_gains: OuterGains | None = None,
-        battery_ah: float = 1.5,
         grade: Grade = GRADES["mocap"],
         telemetry_lag: TelemetryLag | None = None,
         rangefinder: bool = False,
@@ -70,7 +70,8 @@ class Autopilots:
         flavour: one for all or one each. origin: (n,3) m, world, origin of each vehicle's own
         frame (default: where it stands). yaw_offset: (n,) rad, world, direction of its own east.
         boot_offset: (n,) s, time_boot = t + boot_offset. reference: where the world lies on the
-        Earth. parameters: overrides by name; in a mixed fleet for those flavours that have them.
+        Earth. assumed: airframes that mixers and hover thrust are set for (default: the true ones).
+        parameters: overrides by name; in a mixed fleet for those flavours that have them.
         grade: of the state estimates; noise: instead of the grade's. ground: flat by default. air:
         calm by default.
         """
@@ -91,13 +92,18 @@ class Autopilots:
         self._late = LateSamples(
             system_ids, telemetry_lag, vehicles.state, self._estimator.estimate, seed
         )
+        if rate_gains is None or isinstance(rate_gains, RateGains):
+            gains = [rate_gains or RateGains()] * n
+        else:
+            gains = list(rate_gains)
+        frames = list(assumed or vehicles.airframes)
         self._shared = Shared(
             state=vehicles.state,
             body=vehicles.body,
-            loop=make_rate_loop([rate_gains or RateGains()] * n, vehicles.airframes),
+            loop=make_rate_loop(gains, frames),
             setpoints=make_setpoints(np.zeros(n), outer_gains or OuterGains()),
             estimate=self._estimator.estimate,
-            batteries=Batteries(n, battery_ah),
+            batteries=Batteries(vehicles.airframes),
             errors=self._errors,
             late=self._late,
             rangefinder=Rangefinder(system_ids, [rangefinder] * n, ground, seed),
@@ -112,7 +118,7 @@ class Autopilots:
         self._frames = [LocalFrame(origins[i].copy(), float(yaws[i]), place) for i in range(n)]
         known = {name for f in self._flavours for name in f.parameters}
         self._overrides = [
-            f.defaults_for(vehicles.airframes[i], system_ids[i])
+            f.defaults_for(frames[i], system_ids[i])
             | {k: v for k, v in wanted.items() if k in f.parameters or k not in known}
             for i, f in enumerate(self._flavours)
         ]

@@ -45,6 +45,7 @@ class Airframe:
     rotor_torque: N m per 1/s of change of normalised motor speed (rotor inertia times full
     speed). drag_linear: (3,) N/(m/s), body axes. drag_quadratic: N/(m/s)². idle: normalised
     motor command while armed. radius: m. rotor_radius: m, of one propeller.
+    battery_ah: A h. battery_resistance: ohm. current_full: A per motor at full speed.
     """
 
     mass: float = 0.7
@@ -59,6 +60,9 @@ class Airframe:
     idle: float = 0.055
     radius: float = 0.2
     rotor_radius: float = 0.0635
+    battery_ah: float = 1.5
+    battery_resistance: float = 0.02
+    current_full: float = 22.0
 
     @property
     def c_max(self) -> float:
