@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl_sim.vehicles.downwash import downwash, ground_gain
+from sitl_sim.vehicles.downwash import THRUST_LOSS, downwash, ground_gain
 from sitl_sim.vehicles.rigid_body import MOTOR_X, MOTOR_Y, Vehicles
 from sitl_sim.vehicles.turbulence import Strength, Turbulence
 from sitl_sim.worlds.ground import Ground
@@ -47,6 +47,7 @@ class Surroundings:
         arms = np.array([a.arm * math.sqrt(0.5) for a in frames])
         rotors = np.column_stack([MOTOR_X, MOTOR_Y, np.zeros(4)])
         self._rotors = arms[:, None, None] * rotors  # (n,4,3) m, body
+        self._lost = np.zeros(len(frames))  # share of thrust
         self.gusts: Floats | None = None
 
     def step(self, dt: float, wind: Floats) -> None:
@@ -65,21 +66,25 @@ class Surroundings:
         if model.downwash and len(p) > 1:
             wash = self._wash()
             air = wash if air is None else air + wash
+            if not model.ground_effect:
+                body.lift[:] = 1.0
+            body.lift[:] *= 1.0 - self._lost
         self.gusts = air
 
     def _wash(self) -> Floats:
-        """Return the downwash (n,3) m/s at each vehicle and set the torques that it makes."""
+        """Return the downwash (n,3) m/s at each vehicle; set its torques and losses of thrust."""
         vehicles = self._vehicles
         body, turn = vehicles.body, _rotations(vehicles.q)
-        thrust = (body.thrust_max * vehicles.motor**2).sum(axis=1) * body.lift
+        thrust = (body.thrust_max * vehicles.motor**2).sum(axis=1)
         places = vehicles.p[:, None] + np.einsum("nij,nkj->nki", turn, self._rotors)
         air = downwash(vehicles.p, turn[:, :, 2], thrust, self._width, places)
         mean: Floats = air.mean(axis=1)
-        # A quarter of the vertical drag acts at each rotor.
         along = np.einsum("nkj,nj->nk", air, turn[:, :, 2])
+        self._lost = np.minimum(-THRUST_LOSS * along.mean(axis=1), 1.0)
+        # A quarter of the vertical drag and of the thrust acts at each rotor.
         size = np.linalg.norm(mean, axis=1)
-        drag = (body.drag_linear[:, 2] + body.drag_quadratic * size)[:, None] / 4.0
-        force = drag * (along - along.mean(axis=1, keepdims=True))
+        drag = body.drag_linear[:, 2] + body.drag_quadratic * size + THRUST_LOSS * thrust
+        force = drag[:, None] / 4.0 * (along - along.mean(axis=1, keepdims=True))
         body.torque[:, 0] = (self._rotors[:, :, 1] * force).sum(axis=1)
         body.torque[:, 1] = -(self._rotors[:, :, 0] * force).sum(axis=1)
         return mean

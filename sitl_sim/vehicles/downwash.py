@@ -5,10 +5,10 @@ Downwash: the wakes of the four rotors merge into one round turbulent jet (Bauer
 "Turbulent Flows", 5.1: the speed on the axis is 6.0 times the exit speed times the nozzle's
 diameter over the distance, the half width is 0.094 of the distance, the profile is Gaussian. The
 momentum of the jet is the thrust of the drone above. A drone in the jet feels it as wind, by its
-own drag, and as torque where its rotors are in different air.
+own drag, as a loss of thrust, and as torque where its rotors are in different air.
 
-That gives a quarter of the weight for a 5-inch drone 0.7 m, two of its widths, below another. Two
-Crazyflies 0.3 m apart, also two widths, lose 9 g of 34 g (Shi et al., "Neural-Swarm", ICRA 2020).
+The loss of thrust is such that a drone two widths below its like is pushed down as Crazyflies are:
+0.3 m apart, the lower one of 34 g loses 9 g (Shi et al., "Neural-Swarm", ICRA 2020).
 
 Ground effect: Cheeseman and Bennett, "The effect of the ground on a helicopter rotor in forward
 flight", ARC R&M 3021, 1955.
@@ -27,6 +27,7 @@ AIR_DENSITY = 1.225  # kg/m³
 DECAY = 6.0 * math.sqrt(4.0 / math.pi)  # speed on the axis · distance / √(thrust / density)
 SPREAD = 0.094 / math.sqrt(2.0 * math.log(2.0))  # standard deviation across · 1 / distance
 ORIGIN = 3.5  # widths of the drone that the jet's virtual origin lies above the drone
+THRUST_LOSS = 0.016  # share of thrust for each m/s of air from above
 LEGS = 0.05  # m, from the feet to the rotors
 LARGEST_GAIN = 1.5  # of thrust: the formula ends where a rotor touches the ground
 
