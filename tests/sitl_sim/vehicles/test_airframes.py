@@ -20,6 +20,21 @@ def test_a_deviation_of_one_changes_nothing():
     assert Deviation().gains(RateGains()) == RateGains()
 
 
+def test_a_deviation_is_a_factor_on_what_it_names():
+    known = Airframe()
+    true = Deviation(1.2, 1.1, 0.75, 2.0, 1.5, 0.5, 3.0).airframe(known)
+    assert true.mass == pytest.approx(1.2 * known.mass)
+    assert true.inertia == pytest.approx(1.1 * np.array(known.inertia))
+    assert true.thrust_max == pytest.approx(0.75 * known.thrust_max)
+    assert true.drag_linear == pytest.approx(2.0 * np.array(known.drag_linear))
+    assert true.drag_quadratic == pytest.approx(2.0 * known.drag_quadratic)
+    assert true.motor_time == pytest.approx(1.5 * known.motor_time)
+    assert true.battery_resistance == pytest.approx(3.0 * known.battery_resistance)
+    gains = Deviation(rate_gains=0.5).gains(RateGains())
+    assert (gains.p[0], gains.i[1], gains.d[0]) == (50.0, 60.0, 0.9)
+    assert gains.feed_forward == RateGains().feed_forward
+
+
 def test_a_mixed_fleet_takes_off_and_hovers_also_heavier_and_weaker_than_assumed(make_flight):
     assumed = list(AIRFRAMES.values())
     off = Deviation(mass=1.2, thrust=0.75, rate_gains=0.5)
