@@ -76,11 +76,12 @@ class Companion:
             frame,
             self._motion.predictor,
             self._supervision.phase,
+            inputs.horizon,
         )
         if vehicle.rebooted:
             self._start_over()
         own, phase = vehicle.state, self._supervision.phase
-        seen = run("see", self._perception.see, time, frame, vehicle.at_capture)
+        seen = run("see", self._perception.see, time, frame, vehicle.at_capture, inputs.horizon)
         obstacles = run("map", self._obstacles.update, seen, own)
         tracks = run("track", self._neighbours.update, time, seen, obstacles)
         motion = run("motion", self._motion.update, own, phase)

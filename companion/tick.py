@@ -8,6 +8,7 @@ from companion.control.planning import Planned
 from companion.estimation.known_obstacles import KnownObstacles
 from companion.estimation.motion import MotionEstimate
 from companion.estimation.vehicle import VehicleEstimate
+from companion.estimation.vehicle_clock import ClockEstimate
 from companion.guidance.guidance import Reference
 from companion.perception.frontend import Detections
 from companion.supervision.supervision import Supervised
@@ -22,13 +23,22 @@ class TickInputs:
     """All that a tick depends on, besides what earlier ticks left.
 
     time: s, vehicle's clock. received: messages since the last tick. frame: the newest one. leave:
-    control is to be given back to the autopilot.
+    control is to be given back to the autopilot. latest: s, the latest that the vehicle's clock can
+    show while the inputs are read; None: the time of the tick. clock: where it is estimated, for
+    log and journal.
     """
 
     time: float
     received: list[Received]
     frame: Frame | None
     leave: bool = False
+    latest: float | None = None
+    clock: ClockEstimate | None = None
+
+    @property
+    def horizon(self) -> float:
+        """The latest time [s, vehicle's clock] that a stamp can truly have."""
+        return self.time if self.latest is None else self.latest
 
 
 @dataclass(frozen=True)

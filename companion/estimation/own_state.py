@@ -15,6 +15,7 @@ from typing import TypeVar
 import numpy as np
 
 from companion.estimation.coarse_telemetry import CoarseTelemetry
+from companion.types import STAMP_AHEAD
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.frames import integrate
 from mavlink_bridge.wire.messages import (
@@ -58,6 +59,7 @@ class OwnStateCounters:
     not_unit: int = 0
     too_fast: int = 0
     out_of_order: int = 0
+    ahead: int = 0  # stamped in the future
     jumps: int = 0
     reboots: int = 0
 
@@ -94,6 +96,7 @@ class OwnState:
         self._attitudes: deque[Attitude] = deque(maxlen=_HISTORY)
         self._positions: deque[LocalPosition] = deque(maxlen=_HISTORY)
         self._implausible_at = self._corrupt_at = -np.inf
+        self._horizon = np.inf
         self._clock_back_count = 0
         self._bad_attitudes, self._jumped = _OutlierRun(), _OutlierRun()
 
@@ -106,14 +109,27 @@ class OwnState:
         self._clock_back_count = 0
         self.counters.reboots += 1
 
-    def add(self, messages: Iterable[Message]) -> None:
-        """Take in the messages that tell of the own state; ignore the others."""
-        for message in self._refined(messages):
+    def add(self, messages: Iterable[Message], horizon: float = math.inf) -> None:
+        """Take in the messages that tell of the own state; ignore the others.
+
+        horizon: s, the latest that the vehicle's clock can show now. A sample with a later stamp
+        is refused: it would be carried back in time, and would never grow old.
+        """
+        self._horizon = horizon + STAMP_AHEAD
+        for message in self._refined(m for m in messages if not self._is_ahead(m)):
             if isinstance(message, Attitude):
                 if not self._repeats(message) and self._sane_attitude(message):
                     self._attitudes.append(message)
             elif isinstance(message, LocalPosition) and self._sane_position(message):
                 self._positions.append(message)
+
+    def _is_ahead(self, message: Message) -> bool:
+        """Return whether a sample is stamped in the future; count it."""
+        sample = isinstance(message, Attitude | LocalPosition | Odometry)
+        if not sample or message.time <= self._horizon:
+            return False
+        self.counters.ahead += 1
+        return True
 
     def _refined(self, messages: Iterable[Message]) -> Iterable[Message]:
         """Yield the messages; where the vehicle sends only coarse ones, their fine equivalents."""
@@ -146,12 +162,15 @@ class OwnState:
     def age(self, time: float) -> float:
         """Return the age [s] of the older of the two streams; infinite before both have come.
 
-        While the position is lost, return the age of the attitude.
+        While the position is lost, return the age of the attitude. Where samples are newer than
+        `time`, but not newer than can be, the age is 0; negative where the clock has gone back.
         """
         if not self._attitudes or not self._positions:
             return float("inf")
         attitude, position = self._attitudes[-1].time, self._positions[-1].time
-        return time - (attitude if self._position_lost else min(attitude, position))
+        age = time - (attitude if self._position_lost else min(attitude, position))
+        ahead = max(attitude, position) - self._horizon
+        return -ahead if ahead > 0.0 else max(age, 0.0)
 
     def plausible(self, time: float) -> bool:
         """Return whether recent attitudes and positions can be those of a flying drone."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -23,16 +24,19 @@ class VehicleEstimate:
     """What is known of the own vehicle at one tick.
 
     state: now, by the model where telemetry is late; None before telemetry came. at_capture: the
-    state when the newest frame was taken. age: s, of the telemetry. plausible: whether attitude and
-    position can be those of a flying drone. packet_loss: share 0…1 of the telemetry of the last
-    second. tick_gap: s since the tick before; 0: this is the first. heartbeat: the last one.
-    mode_known: whether a heartbeat came since the last silence. rebooted: the vehicle has started
-    anew since the tick before. inhibit_reason: why this vehicle is not to be flown; empty: it is.
+    state when the newest frame was taken. age: s, of the telemetry; below 0 it is of the future.
+    ahead: samples refused since start, as their stamps are of the future. plausible: whether
+    attitude and position can be those of a flying drone. packet_loss: share 0…1 of the telemetry
+    of the last second. tick_gap: s since the tick before; 0: this is the first. heartbeat: the
+    last one. mode_known: whether a heartbeat came since the last silence. rebooted: the vehicle has
+    started anew since the tick before. inhibit_reason: why this vehicle is not to be flown; empty:
+    it is.
     """
 
     state: VehicleState | None = None
     at_capture: VehicleState | None = None
     age: float = float("inf")
+    ahead: int = 0
     plausible: bool = True
     packet_loss: float = 0.0
     tick_gap: float = 0.0
@@ -65,17 +69,19 @@ class VehicleEstimator:
         frame: Frame | None,
         predictor: StatePredictor,
         phase: Phase,
+        horizon: float = math.inf,
     ) -> VehicleEstimate:
         """Return the estimate at the tick of `time` [s], from the messages since the last one.
 
         frame: the newest one. predictor: carries a late state to now while the companion flies
-        the vehicle, as the phase of the tick before tells.
+        the vehicle, as the phase of the tick before tells. horizon: s, the latest that the
+        vehicle's clock can show.
         """
         heard = [r for r in received if r.source == self._autopilot]
         messages = [r.message for r in heard]
         self._link.hear(time, heard)
         loss = self._link.lost
-        self._own.add(messages)
+        self._own.add(messages, horizon)
         self._identity.hear(messages)
         rebooted = self._notice_reboot(time)
         gap = time - self._time if np.isfinite(self._time) else 0.0
@@ -84,6 +90,7 @@ class VehicleEstimator:
             state=self._state(time, predictor if phase.flying and not rebooted else None),
             at_capture=None if frame is None else self._own.at(frame.time),
             age=self._own.age(time),
+            ahead=self._own.counters.ahead,
             plausible=self._own.plausible(time),
             packet_loss=loss,
             tick_gap=gap,

@@ -26,7 +26,8 @@ class RecordedInputs:
 
     time: s, of the tick. datagrams: since the tick before. frame_time: s, of the newest frame;
     drones, trunks, ranges: its detections, where it was new. leave: whether control was to be given
-    back. shown: whether the camera showed anything.
+    back. shown: whether the camera showed anything. latest: s, the latest that the vehicle's clock
+    could show, where that was not `time`.
     """
 
     time: float
@@ -37,6 +38,7 @@ class RecordedInputs:
     ranges: Ranges | None = None
     leave: bool = False
     shown: bool = True
+    latest: float | None = None
 
 
 class InputsError(ValueError):
@@ -74,6 +76,7 @@ def encode(
     seen: Detections,
     leave: bool = False,
     shown: bool = True,
+    latest: float | None = None,
 ) -> bytes:
     """Return one tick's inputs as bytes; seen: empty where the frame was not new."""
     ranges = seen.ranges
@@ -86,6 +89,7 @@ def encode(
         "leave": leave,
         "ranges": None if ranges is None else ranges.shape,
         "shown": shown,
+        "latest": latest,
     }
     tables = [table.encode(getattr(seen, name)) for name, table in _TABLES.items()]
     if ranges is not None:
@@ -128,6 +132,7 @@ def decode(data: bytes) -> RecordedInputs:
             ranges=ranges,
             leave=leave,
             shown=shown,
+            latest=header.get("latest"),
         )
     except (ValueError, TypeError, KeyError) as error:
         raise InputsError(f"not a tick's inputs: {error}") from error

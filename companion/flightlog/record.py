@@ -11,6 +11,7 @@ import numpy as np
 import orjson
 from numpy.typing import ArrayLike
 
+from companion.estimation.vehicle_clock import ClockEstimate
 from companion.guidance.guidance import Reference
 from companion.perception.frontend import Detections
 from companion.tick import Tick
@@ -50,16 +51,34 @@ SCHEMA = {
         "hover_thrust": {"type": "number"},
         "stages_ms": {"type": "object"},
         "counters": {"type": "object"},
+        "clock": {"type": ["object", "null"]},
     },
 }
 
 
-def encode(tick: Tick, counters: dict[str, Any], costs: dict[str, float]) -> bytes:
+def encode(
+    tick: Tick,
+    counters: dict[str, Any],
+    costs: dict[str, float],
+    clock: ClockEstimate | None = None,
+) -> bytes:
     """Return the tick as JSON.
 
-    counters: of link and deadlines, so far. costs: s, of work that is no stage of the tick.
+    counters: of link and deadlines, so far. costs: s, of work that is no stage of the tick. clock:
+    of the vehicle, where it is estimated.
     """
-    return orjson.dumps(record(tick, costs) | {"counters": counters}, option=_OPTIONS)
+    r = record(tick, costs) | {"counters": counters | {"stamps_ahead": tick.vehicle.ahead}}
+    return orjson.dumps(r | {"clock": _clock(clock)}, option=_OPTIONS)
+
+
+def _clock(clock: ClockEstimate | None) -> dict[str, Any] | None:
+    """Return the rate of the vehicle's clock and its doubts; JSON has no infinity."""
+    if clock is None:
+        return None
+    rate_doubt = round(clock.rate_doubt, 6) if clock.measured else None
+    known = {"rate": round(clock.rate, 6), "rate_doubt": rate_doubt}
+    more = {"doubt_ms": round(clock.doubt * 1e3, 2), "bounded": clock.bounded}
+    return known | more | {"jumps": clock.jumps}
 
 
 def record(tick: Tick, costs: dict[str, float] | None = None) -> dict[str, Any]:

@@ -138,7 +138,9 @@ def flown(config: CompanionConfig, recorded: Iterable[RecordedInputs]) -> Iterat
     take = codec.decode_datagram if whole else codec.decode
     for inputs in recorded:
         received = [r for d in inputs.datagrams for r in take(d)]
-        yield companion.tick(TickInputs(inputs.time, received, _frame(inputs), inputs.leave))
+        yield companion.tick(
+            TickInputs(inputs.time, received, _frame(inputs), inputs.leave, inputs.latest)
+        )
 
 
 def _without_pixels(config: CompanionConfig) -> CompanionConfig:

@@ -76,13 +76,20 @@ class PerceptionFrontend:
         self._health = CameraHealth(self._health_config, self._arrays)
         self._newest = -np.inf
 
-    def see(self, time: float, frame: Frame | None, at_capture: VehicleState | None) -> Detections:
+    def see(
+        self,
+        time: float,
+        frame: Frame | None,
+        at_capture: VehicleState | None,
+        horizon: float | None = None,
+    ) -> Detections:
         """Return the detections of the newest frame at the tick of `time` [s]; each frame once.
 
-        at_capture: the vehicle's state when the frame was taken, where it is known.
+        at_capture: the vehicle's state when the frame was taken, where it is known. horizon: s,
+        the latest that the vehicle's clock can show; None: `time`.
         """
         misfit = self._misfit(frame)
-        fault = self._health.check(time, frame, fits=not misfit)
+        fault = self._health.check(time, frame, fits=not misfit, horizon=horizon)
         new = frame is not None and frame.time > self._newest and self._health.usable
         found = Detections()
         if new and frame is not None and at_capture is not None:

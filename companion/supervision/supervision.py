@@ -122,7 +122,7 @@ class Supervision:
         return (
             seen.started
             and seen.fault is CameraFault.NONE
-            and vehicle.age <= self._config.stale_stop
+            and 0.0 <= vehicle.age <= self._config.stale_stop
             and vehicle.plausible
         )
 
