@@ -19,7 +19,7 @@ from mavlink_bridge.shared.settings import Contradiction, SettingsError, StrictM
 Kind = Literal[
     "link_loss", "link_duplicate", "link_reorder", "link_flip", "link_garbage", "link_foreign",
     "telemetry_nan", "telemetry_stale", "telemetry_late", "quaternion", "position_lost",
-    "position_jump", "clock_jump", "timesync_jump",
+    "position_jump", "stamps", "clock_jump", "timesync_jump",
     "camera_dead", "camera_frozen", "camera_black", "camera_saturated", "camera_late",
     "missed", "ghosts", "swaps", "range_bias",
     "stop", "turn_into", "kill", "disarm", "mode", "reboot",
@@ -53,6 +53,7 @@ KINDS: dict[str, Meaning] = {
     "quaternion": Meaning("factor on the length of the attitude quaternion", 0.5, 0.0, 10.0),
     "position_lost": Meaning("no position: GPS fails, LOCAL_POSITION_NED stops"),
     "position_jump": Meaning("m that the position estimate jumps, east", 3.0, -1e3, 1e3),
+    "stamps": Meaning("s that stamps of attitude and position are ahead", 0.12, -1e6, 1e6),
     "clock_jump": Meaning("s that the wall clock told by SYSTEM_TIME jumps", 3600, -1e6, 1e6),
     "timesync_jump": Meaning("s that TIMESYNC jumps", 0.5, -1e6, 1e6),
     "camera_dead": Meaning("no pictures"),

@@ -140,7 +140,15 @@ class SensingConfig(StrictModel):
 
 
 class TimingConfig(StrictModel):
-    """Timing of the lockstep."""
+    """Timing of the lockstep, and of real time."""
+
+    speed: float = Field(
+        1.0,
+        ge=0.25,
+        le=4,
+        description="Simulated seconds in a second of --real-time: how fast the vehicles' clocks "
+        "run against the companions'.",
+    )
 
     compute_delay: float = Field(0.02, ge=0.002, le=0.08, description="Tick to effect [s].")
     answer_timeout: float = Field(

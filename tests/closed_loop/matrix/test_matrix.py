@@ -1,5 +1,6 @@
 """The fault matrix: each row holds, and fails without its mechanism."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -87,6 +88,9 @@ WITHOUT = {
     "15: camera health": lambda p: p.setattr(CameraHealth, "blind", lambda *a: 0.0),
     "17: neighbours": lambda p: p.setattr(Tracker, "tracks", lambda *a: []),
     "19: the law for late ticks": overridden(guard={"late": 1e9}),
+    "31: the refusal of stamps of the future": lambda p: p.setattr(
+        own_state, "STAMP_AHEAD", math.inf
+    ),
     "21: the fence": overridden(fence={"altitude_max": 5.0}, guard={"fence_drift": 1e9}),
 }
 
