@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from companion.control.planning import Planned
+from companion.estimation.hover_thrust import HoverEstimate
 from companion.estimation.known_obstacles import KnownObstacles
 from companion.estimation.motion import MotionEstimate
 from companion.estimation.vehicle import VehicleEstimate
@@ -53,7 +54,9 @@ class Tick:
     seen: Detections = field(default_factory=Detections)
     obstacles: KnownObstacles = field(default_factory=KnownObstacles)
     tracks: list[Track] = field(default_factory=list)
-    motion: MotionEstimate = field(default_factory=lambda: MotionEstimate(None, ThrustMap()))
+    motion: MotionEstimate = field(
+        default_factory=lambda: MotionEstimate(None, HoverEstimate(ThrustMap(), 1.0))
+    )
     reference: Reference | None = None
     planned: Planned = field(default_factory=Planned)
     supervised: Supervised = field(default_factory=Supervised)

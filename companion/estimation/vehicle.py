@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from companion.estimation.autopilot_thrust import AutopilotThrust, AutopilotThrustReader
 from companion.estimation.link_quality import LinkQuality
 from companion.estimation.own_state import OwnState
 from companion.estimation.prediction import StatePredictor
@@ -30,7 +31,7 @@ class VehicleEstimate:
     of the last second. tick_gap: s since the tick before; 0: this is the first. heartbeat: the
     last one. mode_known: whether a heartbeat came since the last silence. rebooted: the vehicle has
     started anew since the tick before. inhibit_reason: why this vehicle is not to be flown; empty:
-    it is.
+    it is. thrust: what it tells of its thrust.
     """
 
     state: VehicleState | None = None
@@ -44,6 +45,7 @@ class VehicleEstimate:
     mode_known: bool = False
     rebooted: bool = False
     inhibit_reason: str = ""
+    thrust: AutopilotThrust = field(default_factory=AutopilotThrust)
 
 
 class VehicleEstimator:
@@ -58,6 +60,7 @@ class VehicleEstimator:
         self._silence = silence
         self._predict_after = predict_after
         self._own = OwnState()
+        self._thrust = AutopilotThrustReader(identity)
         self._link = LinkQuality(silence)
         self._time = -np.inf
         self._reboots = 0
@@ -86,8 +89,9 @@ class VehicleEstimator:
         rebooted = self._notice_reboot(time)
         gap = time - self._time if np.isfinite(self._time) else 0.0
         self._time = time
+        state = self._state(time, predictor if phase.flying and not rebooted else None)
         return VehicleEstimate(
-            state=self._state(time, predictor if phase.flying and not rebooted else None),
+            state=state,
             at_capture=None if frame is None else self._own.at(frame.time),
             age=self._own.age(time),
             ahead=self._own.counters.ahead,
@@ -98,6 +102,7 @@ class VehicleEstimator:
             mode_known=self._link.knows_mode,
             rebooted=rebooted,
             inhibit_reason=self._identity.inhibit_reason(),
+            thrust=self._thrust.read(messages, state),
         )
 
     def _notice_reboot(self, time: float) -> bool:
@@ -108,6 +113,7 @@ class VehicleEstimator:
         if rebooted:
             self._time = -np.inf
             self._link = LinkQuality(self._silence)
+            self._thrust.reset()
         return rebooted
 
     def _state(self, time: float, predictor: StatePredictor | None) -> VehicleState | None:

@@ -11,6 +11,7 @@ import numpy as np
 import orjson
 from numpy.typing import ArrayLike
 
+from companion.estimation.hover_thrust import HoverEstimate
 from companion.estimation.vehicle_clock import ClockEstimate
 from companion.guidance.guidance import Reference
 from companion.perception.frontend import Detections
@@ -49,6 +50,7 @@ SCHEMA = {
         "solver": {"type": "object"},
         "command": {"type": "object"},
         "hover_thrust": {"type": "number"},
+        "hover": {"type": "object"},
         "stages_ms": {"type": "object"},
         "counters": {"type": "object"},
         "clock": {"type": ["object", "null"]},
@@ -71,6 +73,18 @@ def encode(
     return orjson.dumps(r | {"clock": _clock(clock)}, option=_OPTIONS)
 
 
+def _hover(hover: HoverEstimate) -> dict[str, Any]:
+    """Return the doubt of the hover thrust and where it is known from."""
+    doubt, mismatch = _number(hover.doubt), _number(hover.mismatch)
+    exponent = _number(hover.map.exponent)
+    return {
+        "doubt": doubt,
+        "source": hover.source,
+        "mismatch": mismatch,
+        "exponent": exponent,
+    }
+
+
 def _clock(clock: ClockEstimate | None) -> dict[str, Any] | None:
     """Return the rate of the vehicle's clock and its doubts; JSON has no infinity."""
     if clock is None:
@@ -90,6 +104,7 @@ def record(tick: Tick, costs: dict[str, float] | None = None) -> dict[str, Any]:
         "inhibit": tick.supervised.inhibit_reason,
         "camera": tick.seen.fault.value,
         "hover_thrust": _number(tick.motion.thrust_map.hover_thrust),
+        "hover": _hover(tick.motion.hover),
         "stages_ms": {k: round(v * 1e3, 3) for k, v in stages.items()},
         **_seen(tick.seen),
         "tracks": _tracks(tick.tracks),

@@ -14,6 +14,7 @@ from mavlink_bridge.wire.codec import CodecStatistics
 from mavlink_bridge.wire.messages import StatusText
 
 _RATE_OFF = 0.005  # by which a vehicle's clock may run faster or slower without a word
+_MISMATCH = 0.1  # of the acceleration expected, as a share, that is worth a line
 _WARNING = 4  # MAV_SEVERITY up to this is a warning
 
 
@@ -29,6 +30,7 @@ class Events:
         self._problem = ""
         self._refused, self._refused_at = 0, -1e9
         self._ahead, self._ahead_at = 0, -1e9
+        self._weak = False  # the thrust gives another acceleration than expected
         self._clock: tuple[int, bool] = (0, False)  # jumps, whether the rate is off
 
     def link(self, problem: str) -> None:
@@ -56,6 +58,7 @@ class Events:
         supervised, fault = tick.supervised, tick.seen.fault
         self._watch_clock(inputs.clock, tick.time)
         self._watch_stamps(tick)
+        self._watch_thrust(tick)
         for received in inputs.received:
             if isinstance(received.message, StatusText):
                 text = received.message
@@ -93,6 +96,14 @@ class Events:
             rate, doubt = round(clock.rate, 4), round(clock.rate_doubt, 4)
             event("vehicle clock rate", logging.WARNING, rate=rate, doubt=doubt, time=time)
         self._clock = clock.jumps, off
+
+    def _watch_thrust(self, tick: Tick) -> None:
+        """Log that thrust gives another acceleration than commanded, until it is learnt."""
+        by = tick.motion.hover.mismatch
+        weak = abs(by) > (_MISMATCH / 2 if self._weak else _MISMATCH)
+        if weak and not self._weak:
+            event("thrust", logging.WARNING, acceleration=f"{by:+.0%}", time=tick.time)
+        self._weak = weak
 
     def _watch_stamps(self, tick: Tick) -> None:
         """Log that telemetry was stamped in the future and refused: at most one line a second."""

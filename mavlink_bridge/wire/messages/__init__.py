@@ -40,6 +40,7 @@ from mavlink_bridge.wire.messages.setpoints import (
 )
 from mavlink_bridge.wire.messages.state import (
     Attitude,
+    AttitudeTarget,
     EstimatorStatus,
     EulerAttitude,
     GlobalPosition,
@@ -61,6 +62,7 @@ from mavlink_bridge.wire.messages.status import (
 
 __all__ = [
     "Attitude",
+    "AttitudeTarget",
     "AutopilotVersion",
     "BatteryStatus",
     "Command",

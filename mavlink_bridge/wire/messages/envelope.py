@@ -36,6 +36,7 @@ from mavlink_bridge.wire.messages.setpoints import (
 )
 from mavlink_bridge.wire.messages.state import (
     Attitude,
+    AttitudeTarget,
     EstimatorStatus,
     EulerAttitude,
     GlobalPosition,
@@ -68,6 +69,7 @@ Message = (
     | Heartbeat
     | Attitude
     | EulerAttitude
+    | AttitudeTarget
     | LocalPosition
     | Odometry
     | GlobalPosition

@@ -11,6 +11,7 @@ from mavlink_bridge.shared.frames import euler_from_quaternion
 from mavlink_bridge.wire.ids import GpsFix, MessageId, ModeFlag, SystemState, VehicleType
 from mavlink_bridge.wire.messages import (
     Attitude,
+    AttitudeTarget,
     AutopilotVersion,
     BatteryStatus,
     EstimatorStatus,
@@ -111,6 +112,13 @@ def euler_attitude(u: Unit) -> EulerAttitude:
     return EulerAttitude(exact.time, exact.q_wb, exact.omega)
 
 
+def attitude_target(u: Unit) -> AttitudeTarget:
+    """Make ATTITUDE_TARGET: rates and thrust that the inner loop follows; attitude as it is."""
+    sp, now = u.guidance.sp, attitude(u)
+    thrust = float(sp.thrust[u.i]) if u.commander.armed else 0.0
+    return AttitudeTarget(u.time_boot, now.q_wb, sp.omega[u.i].copy(), thrust)
+
+
 def local_position(u: Unit) -> Message | None:
     """Make LOCAL_POSITION_NED; none without a position."""
     if not u.guidance.position_ok:
@@ -202,6 +210,7 @@ BUILDERS: dict[int, Callable[[Unit], Message | None]] = {
     MessageId.GPS_RAW_INT: gps_raw,
     MessageId.ATTITUDE: euler_attitude,
     MessageId.ATTITUDE_QUATERNION: attitude,
+    MessageId.ATTITUDE_TARGET: attitude_target,
     MessageId.LOCAL_POSITION_NED: local_position,
     MessageId.GLOBAL_POSITION_INT: global_position,
     MessageId.MISSION_CURRENT: mission_current,
