@@ -28,7 +28,8 @@ _DRIFT = 0.01  # a second: battery, temperature
 _NOISE, _FIRST_NOISE = 0.05, 0.15  # of an observation, as a share: least, and before any is known
 _NOISE_TIME, _MEAN_TIME = 2.0, 0.4  # s over which noise and mean of the errors are taken
 _LAG = 0.5  # share of a change of thrust that the motors may not yet have followed
-_SURPRISE = 3.0  # sigmas of the mean error that mean another hover thrust, not noise
+_SURPRISE = 2.0  # sigmas of an error that surprise
+_PERSISTS = 4  # surprises on end, one way, that mean another hover thrust and not a knock
 _LONGEST_GAP = 0.25  # s between two observations that still belong together
 _TARGET_DELAY = 0.03  # s from an autopilot's target to its effect
 _TARGETS_KEPT = 64
@@ -87,6 +88,7 @@ class HoverThrust:
         self._targets: deque[tuple[float, float]] = deque(maxlen=_TARGETS_KEPT)
         self._thrust_before: float | None = None
         self._noise, self._observed = _FIRST_NOISE**2, 0
+        self._surprises = 0  # on end; its sign is theirs
         self._mean = self._error = 0.0  # of the observations over what is expected
 
     @property
@@ -146,10 +148,19 @@ class HoverThrust:
             weight = max(dt / _NOISE_TIME, 1.0 / (self._observed + 1))
             self._noise += weight * (0.5 * change**2 - self._noise)
         noise = max(self._noise, _NOISE**2)
-        if self._mean**2 > _SURPRISE**2 * noise * dt / _MEAN_TIME:
-            self._variance = max(self._variance, (self._mean / self._exponent) ** 2)
         noise += (_LAG * self._exponent * math.log(thrust / last)) ** 2
-        self._correct(error, noise, -self._exponent)
+        self._correct(self._believed(error, noise), noise, -self._exponent)
+
+    def _believed(self, error: float, noise: float) -> float:
+        """Return an error, bounded where it surprises; four alike mean another hover thrust."""
+        most = _SURPRISE * math.sqrt(self._exponent**2 * self._variance + noise)
+        surprises = abs(error) > most
+        alike = surprises and error * self._surprises >= 0.0
+        self._surprises = (self._surprises if alike else 0) + int(math.copysign(surprises, error))
+        if abs(self._surprises) >= _PERSISTS:
+            self._variance = max(self._variance, (error / self._exponent) ** 2)
+            return error
+        return min(max(error, -most), most)
 
     def _correct(self, error: float, noise: float, slope: float) -> None:
         """Correct the logarithm x by an error of variance `noise`; slope: observed over x."""

@@ -8,6 +8,7 @@ import pytest
 from pydantic import ValidationError
 
 from companion.estimation import own_state, vehicle
+from companion.estimation.hover_thrust import HoverEstimate, HoverThrust
 from companion.estimation.own_state import OwnState
 from companion.estimation.tracker import Tracker
 from companion.perception.camera_health import CameraHealth
@@ -17,7 +18,7 @@ from companion.supervision.phases import PhaseMachine
 from companion.types import Phase
 from mavlink_bridge.shared.settings import SettingsError
 from mavlink_bridge.wire.messages import Attitude, Received, Source
-from tests.closed_loop.matrix import checks, inprocess
+from tests.closed_loop.matrix import checks, inprocess, thrust_checks
 
 
 @pytest.mark.parametrize("row", [pytest.param(r, marks=pytest.mark.row(r)) for r in checks.ROWS])
@@ -69,6 +70,12 @@ def never_land(patch):
     )
 
 
+def never_learn(patch):
+    patch.setattr(HoverThrust, "_observe", lambda *a: None)
+    patch.setattr(HoverEstimate, "known", True)
+    patch.setattr(thrust_checks, "abs", lambda x: 0.0, raising=False)  # of what is learnt
+
+
 WITHOUT = {
     "3: the shifted plan": overridden(guard={"shifted_max": 0}),
     "4: the brake": overridden(guard={"shifted_max": 10**6}),
@@ -91,6 +98,7 @@ WITHOUT = {
     "31: the refusal of stamps of the future": lambda p: p.setattr(
         own_state, "STAMP_AHEAD", math.inf
     ),
+    "36: learning the hover thrust": never_learn,
     "21: the fence": overridden(fence={"altitude_max": 5.0}, guard={"fence_drift": 1e9}),
 }
 
