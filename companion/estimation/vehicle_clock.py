@@ -79,15 +79,25 @@ class ClockEstimate:
 
 
 class VehicleClock:
-    """Follows the clock of one vehicle; `estimate` is None before its first stamp."""
+    """Follows the clock of one vehicle."""
 
     def __init__(self) -> None:
-        self.estimate: ClockEstimate | None = None
+        self._known: ClockEstimate | None = None
         self._floors: deque[Point] = deque()  # (arrival, stamp): the clock shows no less
         self._ceilings: deque[Point] = deque()  # (sent, stamp of the answer): it shows no more
         self._odd = 0
         self._odd_since = 0.0
         self._rate_known = False
+        self._fitted_at, self._changed = -math.inf, False
+
+    @property
+    def estimate(self) -> ClockEstimate | None:
+        """The present estimate; None before the first stamp."""
+        if self._known is not None and self._floors:
+            waited = self._floors[-1][0] - self._fitted_at
+            if self._changed and (waited >= _BUCKET or not self._known.measured):
+                self._fit()
+        return self._known
 
     def hear(self, arrival: float, stamp: float) -> bool:
         """Take in a stamp [s, vehicle's clock] that arrived at a local time [s].
@@ -96,14 +106,13 @@ class VehicleClock:
         """
         if not (math.isfinite(arrival) and math.isfinite(stamp)):
             return False
-        if self.estimate is None:
+        if self._known is None:
             self._restart(arrival, stamp, ClockEstimate(0.0))
             return False
         if self._is_odd(arrival, stamp):
             return self._count_odd(arrival, stamp)
         self._odd = 0
-        if self._keep_floor(arrival, stamp):
-            self._fit()
+        self._keep_floor(arrival, stamp)
         return False
 
     def hear_answer(self, sent: float, stamp: float, arrival: float) -> bool:
@@ -112,10 +121,10 @@ class VehicleClock:
         Return as `hear`.
         """
         jumped = self.hear(arrival, stamp)
-        if self.estimate is None or not sent <= arrival or self._is_odd(arrival, stamp):
+        if self._known is None or not sent <= arrival or self._is_odd(arrival, stamp):
             return jumped
-        if self.estimate.measured and self.estimate.vehicle(sent) - stamp > _BEHIND:
-            self._restart(arrival, stamp, self.estimate)
+        if self._known.measured and self._known.vehicle(sent) - stamp > _BEHIND:
+            self._restart(arrival, stamp, self._known)
             return True
         if self._rate_known:
             for floor in [f for f in self._floors if self._refutes((sent, stamp), f)]:
@@ -126,66 +135,67 @@ class VehicleClock:
 
     def _refutes(self, ceiling: Point, floor: Point) -> bool:
         """Return whether an answer proves that a stamp was ahead of the clock."""
-        assert self.estimate is not None
+        assert self._known is not None
         away = floor[0] - ceiling[0]
-        most = ceiling[1] + self.estimate.rate * away + _RATE_CHANGE * abs(away)
+        most = ceiling[1] + self._known.rate * away + _RATE_CHANGE * abs(away)
         return abs(away) < _REFUTES and floor[1] > most + STAMP_AHEAD
 
     def _is_odd(self, arrival: float, stamp: float) -> bool:
         """Return whether neither latency nor a slowly changing rate explains a stamp."""
-        assert self.estimate is not None
+        assert self._known is not None
         if not self._floors:
             return False
         known = self._rate_known and bool(self._ceilings)
         if known and self._refutes(self._ceilings[-1], (arrival, stamp)):
             return True
-        if self.estimate.measured:
-            allowed = STAMP_AHEAD + self.estimate.doubt
+        if self._known.measured:
+            allowed = STAMP_AHEAD + self._known.doubt
         else:
             elapsed = arrival - self._floors[0][0]
             allowed = _FIRST_AHEAD[0] + _FIRST_AHEAD[1] * elapsed if elapsed > 0.0 else math.inf
-        ahead = stamp - self.estimate.vehicle(arrival)
+        ahead = stamp - self._known.vehicle(arrival)
         return ahead > allowed or stamp < self._floors[-1][1] - _BACK
 
     def _count_odd(self, arrival: float, stamp: float) -> bool:
         """Count odd stamps on end; start anew, and return True, where they persist."""
-        assert self.estimate is not None
+        assert self._known is not None
         self._odd_since = arrival if self._odd == 0 else self._odd_since
         self._odd += 1
         count, lasting = _PERSISTS
         if self._odd < count or arrival - self._odd_since < lasting:
             return False
-        self._restart(arrival, stamp, self.estimate)
+        self._restart(arrival, stamp, self._known)
         return True
 
     def _restart(self, arrival: float, stamp: float, before: ClockEstimate) -> None:
         """Begin with one stamp; a clock that jumped is taken to keep its rate."""
-        jumps = before.jumps + (self.estimate is not None)
+        jumps = before.jumps + (self._known is not None)
         self._odd = 0
         self._ceilings.clear()
         self._floors.clear()
         self._floors.append((arrival, stamp))
-        self.estimate = ClockEstimate(stamp - before.rate * arrival, before.rate, jumps=jumps)
+        self._known = ClockEstimate(stamp - before.rate * arrival, before.rate, jumps=jumps)
 
-    def _keep_floor(self, arrival: float, stamp: float) -> bool:
-        """Keep the least delayed stamp of each bucket; return whether this one is kept."""
-        assert self.estimate is not None
-        rate, last = self.estimate.rate, self._floors[-1] if self._floors else None
+    def _keep_floor(self, arrival: float, stamp: float) -> None:
+        """Keep the least delayed stamp of each bucket; forget old bounds."""
+        assert self._known is not None
+        rate, last = self._known.rate, self._floors[-1] if self._floors else None
         if last is not None and last[0] // _BUCKET == arrival // _BUCKET:
             if stamp - rate * arrival <= last[1] - rate * last[0]:
-                return False
+                return
             self._floors.pop()
         self._floors.append((arrival, stamp))
         for bounds in (self._floors, self._ceilings):
             while bounds and arrival - bounds[0][0] > _WINDOWS[0]:
                 bounds.popleft()
-        return True
+        self._changed = True
 
     def _fit(self) -> None:
         """Estimate from the longest window in which one rate explains all stamps."""
-        if not self._floors or self.estimate is None:
+        if not self._floors or self._known is None:
             return
-        now = self._floors[-1][0]
+        now = self._fitted_at = self._floors[-1][0]
+        self._changed = False
         for window in _WINDOWS:
             floors = _since(self._floors, now - window)
             ceilings = _since(self._ceilings, now - window)
@@ -196,12 +206,12 @@ class VehicleClock:
                 break
         self._rate_known |= line is not None
         if line is None:
-            offset = max(s - self.estimate.rate * a for a, s in floors)
-            self.estimate = replace(self.estimate, offset=offset, rate_doubt=math.inf)
+            offset = max(s - self._known.rate * a for a, s in floors)
+            self._known = replace(self._known, offset=offset, rate_doubt=math.inf)
         else:
             offset = line.at_newest - line.rate * now
-            jumps = self.estimate.jumps
-            self.estimate = ClockEstimate(
+            jumps = self._known.jumps
+            self._known = ClockEstimate(
                 offset, line.rate, line.doubt, line.rate_doubt, bounded, jumps
             )
 
