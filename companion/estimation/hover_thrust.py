@@ -1,9 +1,9 @@
 """Hover thrust: the normalised thrust that carries the drone, with its doubt.
 
-A Kalman filter of its logarithm. Before the takeover it learns from the thrust that the autopilot
-itself flies with (ATTITUDE_TARGET), afterwards from ours: the thrust in effect is compared with the
-acceleration that it really gave along the body's z axis. The prior is the configuration, joined
-with the autopilot's own parameter.
+A Kalman filter of its logarithm, and of the exponent of force over thrust near it. Before the
+takeover it learns from the thrust that the autopilot itself flies with (ATTITUDE_TARGET),
+afterwards from ours: the thrust in effect is compared with the acceleration that it really gave
+along the body's z axis. The prior is the configuration, joined with the autopilot's own parameters.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ from mavlink_bridge.wire.messages import VehicleState
 
 KNOWN = 0.05  # share of the hover thrust, one sigma, from which on it is good enough to take over
 _PARAMETER = 0.2  # one sigma of the autopilot's parameter, as a share: nobody keeps it up to date
-_DRIFT = 0.01  # a second: battery, temperature
+_CURVE_CONFIGURED, _CURVE_TOLD, _CURVE_ASSUMED = 0.1, 0.4, 0.3  # one sigma of the exponent
+_DRIFT = (0.01, 0.005)  # a root second, of both: battery, temperature
+_LIMITS = ((math.log(HOVER_MIN), 0.7), (math.log(HOVER_MAX), 2.3))
 _NOISE, _FIRST_NOISE = 0.05, 0.15  # of an observation, as a share: least, and before any is known
 _NOISE_TIME, _MEAN_TIME = 2.0, 0.4  # s over which noise and mean of the errors are taken
 _LAG = 0.5  # share of a change of thrust that the motors may not yet have followed
@@ -79,9 +81,10 @@ class HoverThrust:
         curve_known: whether the exponent is configured; else the autopilot's parameter gives it.
         """
         self._history = history
-        self._exponent = prior.exponent
         self._curve_known = curve_known
-        self._log, self._variance = math.log(prior.hover_thrust), doubt * doubt
+        curve = _CURVE_CONFIGURED if curve_known else _CURVE_ASSUMED
+        self._x: Vector = np.array([math.log(prior.hover_thrust), prior.exponent])
+        self._P: Vector = np.diag([doubt, curve]) ** 2
         self._source = "configured"
         self._parameter: float | None = None
         self._before: VehicleState | None = None
@@ -94,10 +97,9 @@ class HoverThrust:
     @property
     def estimate(self) -> HoverEstimate:
         """The present estimate."""
-        hover = min(max(math.exp(self._log), HOVER_MIN), HOVER_MAX)
-        thrust_map = ThrustMap(hover, self._exponent)
-        mismatch = math.expm1(self._mean)
-        return HoverEstimate(thrust_map, math.sqrt(self._variance), self._source, mismatch)
+        hover = min(max(math.exp(self._x[0]), HOVER_MIN), HOVER_MAX)
+        thrust_map, doubt = ThrustMap(hover, float(self._x[1])), math.sqrt(self._P[0, 0])
+        return HoverEstimate(thrust_map, doubt, self._source, math.expm1(self._mean))
 
     def reset(self) -> None:
         """Forget what is tied to the vehicle's clock; what was learnt stays."""
@@ -113,7 +115,7 @@ class HoverThrust:
             self._thrust_before = None
             return self.estimate
         dt = own.time - before.time
-        self._variance += _DRIFT**2 * dt
+        self._P = self._P + np.diag(_DRIFT) ** 2 * dt
         start, end = before.time, own.time
         thrust = self._of_ours(start, end) if ours else self._of_autopilot(start, end)
         last, self._thrust_before = self._thrust_before, thrust
@@ -127,20 +129,23 @@ class HoverThrust:
     def _read_parameters(self, told: AutopilotThrust) -> None:
         """Join the prior with the autopilot's own hover thrust, once; take its thrust curve."""
         if told.curve is not None and not self._curve_known and 0.0 <= told.curve <= 1.0:
-            self._exponent = exponent_of_curve(told.curve, math.exp(self._log))
+            self._curve_known = True
+            self._x[1] = exponent_of_curve(told.curve, math.exp(self._x[0]))
+            self._P[1, 1] = _CURVE_TOLD**2
         hover = told.hover
         if hover is None or self._parameter is not None or not HOVER_MIN <= hover <= HOVER_MAX:
             return
         self._parameter = hover
         if self._source == "configured":
-            self._correct(math.log(hover) - self._log, _PARAMETER**2, 1.0)
+            self._correct(math.log(hover) - self._x[0], _PARAMETER**2, np.array([1.0, 0.0]))
             self._source = "parameter"
 
     def _observe(self, thrust: float, last: float, share: float, dt: float) -> None:
         """Correct by one observation; share: acceleration over g that `thrust` gave."""
         if not _SHARES[0] < share < _SHARES[1]:
             return
-        error = math.log(share) - self._exponent * (math.log(thrust) - self._log)
+        more, exponent = math.log(thrust) - self._x[0], self._x[1]
+        error, slope = math.log(share) - exponent * more, np.array([-exponent, more])
         self._mean += dt / _MEAN_TIME * (error - self._mean)
         change, self._error = error - self._error, error  # a wrong hover thrust is no noise
         self._observed += 1
@@ -148,26 +153,26 @@ class HoverThrust:
             weight = max(dt / _NOISE_TIME, 1.0 / (self._observed + 1))
             self._noise += weight * (0.5 * change**2 - self._noise)
         noise = max(self._noise, _NOISE**2)
-        noise += (_LAG * self._exponent * math.log(thrust / last)) ** 2
-        self._correct(self._believed(error, noise), noise, -self._exponent)
+        noise += (_LAG * exponent * math.log(thrust / last)) ** 2
+        self._correct(self._believed(error, noise, slope), noise, slope)
 
-    def _believed(self, error: float, noise: float) -> float:
+    def _believed(self, error: float, noise: float, slope: Vector) -> float:
         """Return an error, bounded where it surprises; four alike mean another hover thrust."""
-        most = _SURPRISE * math.sqrt(self._exponent**2 * self._variance + noise)
+        most = _SURPRISE * math.sqrt(slope @ self._P @ slope + noise)
         surprises = abs(error) > most
         alike = surprises and error * self._surprises >= 0.0
         self._surprises = (self._surprises if alike else 0) + int(math.copysign(surprises, error))
         if abs(self._surprises) >= _PERSISTS:
-            self._variance = max(self._variance, (error / self._exponent) ** 2)
+            self._P[0, 0] = max(self._P[0, 0], (error / self._x[1]) ** 2)
             return error
         return min(max(error, -most), most)
 
-    def _correct(self, error: float, noise: float, slope: float) -> None:
-        """Correct the logarithm x by an error of variance `noise`; slope: observed over x."""
-        gain = self._variance * slope / (slope * slope * self._variance + noise)
-        low, high = math.log(HOVER_MIN), math.log(HOVER_MAX)
-        self._log = min(max(self._log + gain * error, low), high)
-        self._variance *= 1.0 - gain * slope
+    def _correct(self, error: float, noise: float, slope: Vector) -> None:
+        """Correct by an error of variance `noise`; slope (2,): of what is observed over x."""
+        gain = self._P @ slope / (slope @ self._P @ slope + noise)
+        self._x = np.clip(self._x + gain * error, *_LIMITS)
+        P = self._P - np.outer(gain, slope @ self._P)
+        self._P = (P + P.T) / 2.0
 
     def _of_autopilot(self, start: float, end: float) -> float | None:
         """Return the mean thrust of the autopilot from `start` to `end` [s]; None: not told."""

@@ -50,7 +50,8 @@ class MotionEstimator:
 
         told: what the vehicle tells of its thrust, which counts until our inputs fly.
         """
-        hover = self._hover_thrust.update(own, told, ours=phase.on_mission)
+        # In LAND the autopilot may fly already: HEARTBEAT tells it up to a second later.
+        hover = self._hover_thrust.update(own, told, ours=phase is Phase.FLY)
         if own is None or not phase.flying:
             return MotionEstimate(None, hover)
         return MotionEstimate(self.predictor.update(own), hover)

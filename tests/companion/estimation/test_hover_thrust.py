@@ -25,9 +25,12 @@ TILTED = np.array([np.cos(0.2), np.sin(0.2), 0.0, 0.0])  # by 0.4 rad
 class Drone:
     """A drone of a true hover thrust that flies up and down; its estimate, tick by tick."""
 
-    def __init__(self, true, configured=0.33, doubt=0.3, exponent=1.0, noise=0.0, q=LEVEL):
+    def __init__(
+        self, true, configured=0.33, doubt=0.3, exponent=1.0, noise=0.0, q=LEVEL, assumed=None
+    ):
         self.history = InputHistory(0.06)
-        self.hover = HoverThrust(ThrustMap(configured, exponent), doubt, self.history, True)
+        told = exponent if assumed is None else assumed
+        self.hover = HoverThrust(ThrustMap(configured, told), doubt, self.history, assumed is None)
         self.true, self.exponent, self.q = true, exponent, q
         self.time, self.v = 5.0, np.zeros(3)
         self.rng, self.noise = np.random.default_rng(1), noise
@@ -79,6 +82,17 @@ def test_a_noisy_velocity_leaves_more_doubt_and_takes_longer():
 def test_a_tilted_drone_that_climbs_and_sinks_tells_the_same():
     seen = Drone(0.5, q=TILTED, exponent=2.0).fly(40, ours=False, wave=0.2)
     assert seen[-1].map.hover_thrust == pytest.approx(0.5, rel=0.03)
+
+
+@pytest.mark.parametrize(("exponent", "assumed"), [(1.0, 2.0), (2.0, 1.0)])
+def test_a_thrust_curve_other_than_the_assumed_one_is_learnt_too(exponent, assumed):
+    """PX4 tells curve 0 of motors that its simulator lets pull in proportion."""
+    drone = Drone(0.5, exponent=exponent, assumed=assumed, noise=0.02)
+    drone.fly(20, ours=False)
+    seen = drone.fly(60, ours=True, wave=0.25)
+    assert seen[-1].map.hover_thrust == pytest.approx(0.5, rel=0.04)
+    assert all(e.map.hover_thrust == pytest.approx(0.5, rel=0.15) for e in seen)
+    assert abs(seen[-1].map.exponent - exponent) < 0.25
 
 
 def test_on_the_ground_nothing_is_learnt():
