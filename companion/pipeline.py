@@ -78,7 +78,6 @@ class Companion:
             self._vehicle.update,
             time,
             inputs.received,
-            frame,
             self._motion.predictor,
             self._supervision.phase,
             inputs.horizon,
@@ -86,7 +85,7 @@ class Companion:
         if vehicle.rebooted:
             self._start_over()
         own, phase = vehicle.state, self._supervision.phase
-        seen = run("see", self._perception.see, time, frame, vehicle.at_capture, inputs.horizon)
+        seen = run("see", self._perception.see, time, frame, self._vehicle.at, inputs.horizon)
         obstacles = run("map", self._obstacles.update, seen, own)
         tracks = run("track", self._neighbours.update, time, seen, obstacles)
         motion = run("motion", self._motion.update, own, vehicle.thrust, phase)

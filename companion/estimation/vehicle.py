@@ -15,7 +15,6 @@ from companion.estimation.prediction import StatePredictor
 from companion.types import Phase
 from mavlink_bridge.autopilots.registry import Identity
 from mavlink_bridge.wire.messages import Heartbeat, Received, Source, VehicleState
-from mavlink_bridge.wire.video import Frame
 
 _CLOCK_BACK = 1.0  # s; a vehicle whose clock goes back by more has started anew
 
@@ -24,18 +23,16 @@ _CLOCK_BACK = 1.0  # s; a vehicle whose clock goes back by more has started anew
 class VehicleEstimate:
     """What is known of the own vehicle at one tick.
 
-    state: now, by the model where telemetry is late; None before telemetry came. at_capture: the
-    state when the newest frame was taken. age: s, of the telemetry; below 0 it is of the future.
-    ahead: samples refused since start, as their stamps are of the future. plausible: whether
-    attitude and position can be those of a flying drone. packet_loss: share 0…1 of the telemetry
-    of the last second. tick_gap: s since the tick before; 0: this is the first. heartbeat: the
-    last one. mode_known: whether a heartbeat came since the last silence. rebooted: the vehicle has
-    started anew since the tick before. inhibit_reason: why this vehicle is not to be flown; empty:
-    it is. thrust: what it tells of its thrust.
+    state: now, by the model where telemetry is late; None before telemetry came. age: s, of the
+    telemetry; below 0 it is of the future. ahead: samples refused since start, as their stamps are
+    of the future. plausible: whether attitude and position can be those of a flying drone.
+    packet_loss: share 0…1 of the telemetry of the last second. tick_gap: s since the tick before;
+    0: this is the first. heartbeat: the last one. mode_known: whether a heartbeat came since the
+    last silence. rebooted: the vehicle has started anew since the tick before. inhibit_reason: why
+    this vehicle is not to be flown; empty: it is. thrust: what it tells of its thrust.
     """
 
     state: VehicleState | None = None
-    at_capture: VehicleState | None = None
     age: float = float("inf")
     ahead: int = 0
     plausible: bool = True
@@ -69,16 +66,14 @@ class VehicleEstimator:
         self,
         time: float,
         received: Sequence[Received],
-        frame: Frame | None,
         predictor: StatePredictor,
         phase: Phase,
         horizon: float = math.inf,
     ) -> VehicleEstimate:
         """Return the estimate at the tick of `time` [s], from the messages since the last one.
 
-        frame: the newest one. predictor: carries a late state to now while the companion flies
-        the vehicle, as the phase of the tick before tells. horizon: s, the latest that the
-        vehicle's clock can show.
+        predictor: carries a late state to now while the companion flies the vehicle, as the phase
+        of the tick before tells. horizon: s, the latest that the vehicle's clock can show.
         """
         heard = [r for r in received if r.source == self._autopilot]
         messages = [r.message for r in heard]
@@ -92,7 +87,6 @@ class VehicleEstimator:
         state = self._state(time, predictor if phase.flying and not rebooted else None)
         return VehicleEstimate(
             state=state,
-            at_capture=None if frame is None else self._own.at(frame.time),
             age=self._own.age(time),
             ahead=self._own.counters.ahead,
             plausible=self._own.plausible(time),
@@ -104,6 +98,10 @@ class VehicleEstimator:
             inhibit_reason=self._identity.inhibit_reason(),
             thrust=self._thrust.read(messages, state),
         )
+
+    def at(self, time: float) -> VehicleState | None:
+        """Return the state at a `time` [s] of the last second; None before telemetry came."""
+        return self._own.at(time)
 
     def _notice_reboot(self, time: float) -> bool:
         """Return whether the vehicle has started anew; what is tied to its clock is forgotten."""
