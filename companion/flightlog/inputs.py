@@ -28,7 +28,8 @@ class RecordedInputs:
 
     time: s, of the tick. datagrams: since the tick before. frame_time: s, of the newest frame;
     drones, trunks, ranges, fixed: its detections, where it was new. leave: whether control was to
-    be given back. shown: whether the camera showed anything.
+    be given back. shown: whether the camera showed anything. latest: s, the latest that the
+    vehicle's clock could show, where that was not `time`.
     """
 
     time: float
@@ -40,6 +41,7 @@ class RecordedInputs:
     fixed: Vector = field(default_factory=lambda: np.zeros((0, 5)))
     leave: bool = False
     shown: bool = True
+    latest: float | None = None
 
 
 class InputsError(ValueError):
@@ -77,6 +79,7 @@ def encode(
     seen: Detections,
     leave: bool = False,
     shown: bool = True,
+    latest: float | None = None,
 ) -> bytes:
     """Return one tick's inputs as bytes; seen: empty where the frame was not new."""
     ranges = seen.ranges
@@ -90,6 +93,7 @@ def encode(
         "ranges": None if ranges is None else ranges.shape,
         "fixed": len(seen.fixed.names),
         "shown": shown,
+        "latest": latest,
     }
     tables = [table.encode(getattr(seen, name)) for name, table in _TABLES.items()]
     if ranges is not None:
@@ -137,6 +141,7 @@ def decode(data: bytes) -> RecordedInputs:
             fixed=fixed,
             leave=leave,
             shown=shown,
+            latest=header.get("latest"),
         )
     except (ValueError, TypeError, KeyError) as error:
         raise InputsError(f"not a tick's inputs: {error}") from error

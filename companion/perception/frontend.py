@@ -85,10 +85,13 @@ class PerceptionFrontend:
         self._parallax = Parallax(self._view)
         self._newest = -np.inf
 
-    def see(self, time: float, frame: Frame | None, at: StateAt) -> Detections:
+    def see(
+        self, time: float, frame: Frame | None, at: StateAt, horizon: float | None = None
+    ) -> Detections:
         """Return the detections of the newest frame at the tick of `time` [s]; each frame once.
 
         at: returns the vehicle's state at a time [s] of the last second, where it is known.
+        horizon: s, the latest that the vehicle's clock can show; None: `time`.
         """
         misfit = self._misfit(frame)
         alignment = self._alignment.estimate
@@ -96,7 +99,7 @@ class PerceptionFrontend:
         stamped = frame
         if frame is not None and alignment.lag:
             frame = replace(frame, time=frame.time - alignment.lag)
-        fault = self._health.check(time, frame, fits=not misfit, aligned=not wrong)
+        fault = self._health.check(time, frame, not misfit, not wrong, horizon)
         if stamped is not None and "image" in stamped.arrays and fault in _COMPARED:
             self._alignment.update(time, stamped.time, stamped.arrays["image"], at)
         new = frame is not None and frame.time > self._newest and self._health.usable

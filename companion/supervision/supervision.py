@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from companion.estimation.hover_thrust import HoverEstimate
 from companion.estimation.vehicle import VehicleEstimate
 from companion.guidance.fence import FenceConfig
 from companion.guidance.guidance import Reference
@@ -83,12 +84,14 @@ class Supervision:
         seen: Detections,
         reference: Reference | None,
         plan: Plan | None,
+        hover: HoverEstimate,
         *,
         self_tested: bool,
         leave: bool,
     ) -> Supervised:
         """Return the verdict and the phase at the tick of `time` [s]; one call a tick.
 
+        hover: the hover thrust, without which the companion does not take over.
         self_tested: the solver works. leave: control is to be given back to the autopilot.
         """
         inhibit_reason = vehicle.inhibit_reason or seen.inhibit_reason
@@ -105,7 +108,10 @@ class Supervision:
             vehicle.state,
             ready=self_tested and not inhibit_reason and self._fit_to_fly(vehicle, seen),
             complete=reference is not None and reference.land,
+            known=hover.known,
         )
+        if self._phases.waits_for_thrust and not inhibit_reason:
+            inhibit_reason = hover.unknown_reason
         requests = list(decision.requests)
         if time - self._heartbeat_sent >= _HEARTBEAT_PERIOD:
             self._heartbeat_sent = time
@@ -122,7 +128,7 @@ class Supervision:
         return (
             seen.started
             and seen.fault is CameraFault.NONE
-            and vehicle.age <= self._config.stale_stop
+            and 0.0 <= vehicle.age <= self._config.stale_stop
             and vehicle.plausible
         )
 

@@ -31,6 +31,7 @@ MODES = {
 _STREAMS: dict[int, float | None] = {
     MessageId.ATTITUDE_QUATERNION: 50.0,
     MessageId.LOCAL_POSITION_NED: 50.0,
+    MessageId.ATTITUDE_TARGET: 20.0,
     MessageId.ATTITUDE: None,  # would repeat ATTITUDE_QUATERNION
 }
 
@@ -43,6 +44,8 @@ class Px4(Autopilot):
     mode_after_takeoff = "hold"
     modes = MODES
     streams = _STREAMS
+    hover_parameter = "MPC_THR_HOVER"
+    curve_parameter = "THR_MDL_FAC"
 
     def takeoff(self, altitude: float) -> list[Message]:
         """Climb to `altitude` [m] above the take-off point and hold; the height is a parameter."""

@@ -226,7 +226,7 @@ class Flight:
         """
         self._raise_if_stopped()
         limit = round(self.scenario.mission.time_limit * 1e3)
-        started = time.monotonic()
+        started, speed = time.monotonic(), self.scenario.timing.speed
         if isinstance(self._autopilots, RealFleet):
             self._autopilots.begin(started)
             for drone in self._drones:  # their clock is CLOCK_MONOTONIC
@@ -236,12 +236,12 @@ class Flight:
             if self.stopped_by is not None:
                 break
             if self._real_time:
-                self._idle_until(max(started + self._now / 1e3, earliest))
+                self._idle_until(max(started + self._now / 1e3 / speed, earliest))
             self._instant()
             following = self._next_event()
             # A world that was held up catches up at twice its pace, no faster: to a vehicle that
             # lives a second at once, every companion is silent for a second.
-            earliest = time.monotonic() + (following - self._now) / 2e3
+            earliest = time.monotonic() + (following - self._now) / 2e3 / speed
             self._faults.update(self._now / 1e3)
             wind = self._faults.wind(self._now / 1e3, np.array(self.scenario.wind.mean))
             self._autopilots.advance(following / 1e3, wind)

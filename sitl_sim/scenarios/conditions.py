@@ -26,8 +26,15 @@ def drawn(delay: float | list[float], count: int, seed: int, purpose: int) -> Ve
 
 
 class TimingConfig(StrictModel):
-    """Timing of the lockstep."""
+    """Timing of the lockstep, and of real time."""
 
+    speed: float = Field(
+        1.0,
+        ge=0.25,
+        le=4,
+        description="Simulated seconds in a second of --real-time: how fast the vehicles' clocks "
+        "run against the companions'.",
+    )
     compute_delay: Delay = Field(
         0.02,
         description="Tick to effect [s], 0.002 to 0.2; [least, most]: each drone draws its own. "

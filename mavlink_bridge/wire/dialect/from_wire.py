@@ -76,6 +76,12 @@ def _euler_attitude(w: Any) -> m.EulerAttitude:
     return m.EulerAttitude(w.time_boot_ms / 1e3, q, _body_rates(w))
 
 
+def _attitude_target(w: Any) -> m.AttitudeTarget:
+    q = np.array(quaternion_enu_ned(w.q))
+    omega = _array(*flu_frd(w.body_roll_rate, w.body_pitch_rate, w.body_yaw_rate))
+    return m.AttitudeTarget(w.time_boot_ms / 1e3, q, omega, w.thrust, w.type_mask)
+
+
 def _local_position(w: Any) -> m.LocalPosition:
     p, v = enu_ned(w.x, w.y, w.z), enu_ned(w.vx, w.vy, w.vz)
     return m.LocalPosition(w.time_boot_ms / 1e3, _array(*p), _array(*v))
@@ -301,6 +307,7 @@ FROM_WIRE: dict[int, Callable[[Any], m.Message]] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: _attitude,
     mavlink.MAVLINK_MSG_ID_ATTITUDE: _euler_attitude,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: _attitude_target,
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _local_position,
     mavlink.MAVLINK_MSG_ID_ODOMETRY: _odometry,
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _global_position,

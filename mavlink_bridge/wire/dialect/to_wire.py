@@ -85,6 +85,19 @@ def _euler_attitude(a: m.EulerAttitude) -> Any:
     return mavlink.MAVLink_attitude_message(milliseconds(a.time), *angles, *_frd(a.omega))
 
 
+def _attitude_target(a: m.AttitudeTarget) -> Any:
+    roll_rate, pitch_rate, yaw_rate = _frd(a.omega)
+    return mavlink.MAVLink_attitude_target_message(
+        time_boot_ms=milliseconds(a.time),
+        type_mask=a.type_mask,
+        q=quaternion_enu_ned(a.q_wb),
+        body_roll_rate=roll_rate,
+        body_pitch_rate=pitch_rate,
+        body_yaw_rate=yaw_rate,
+        thrust=a.thrust,
+    )
+
+
 def _local_position(lp: m.LocalPosition) -> Any:
     return mavlink.MAVLink_local_position_ned_message(
         milliseconds(lp.time), *_ned(lp.p), *_ned(lp.v)
@@ -351,6 +364,7 @@ TO_WIRE: dict[type, Callable[[Any], Any]] = {
     m.Heartbeat: _heartbeat,
     m.Attitude: _attitude,
     m.EulerAttitude: _euler_attitude,
+    m.AttitudeTarget: _attitude_target,
     m.LocalPosition: _local_position,
     m.Odometry: _odometry,
     m.GlobalPosition: _global_position,

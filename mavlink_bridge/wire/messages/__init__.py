@@ -41,6 +41,7 @@ from mavlink_bridge.wire.messages.setpoints import (
 )
 from mavlink_bridge.wire.messages.state import (
     Attitude,
+    AttitudeTarget,
     EstimatorStatus,
     EulerAttitude,
     GlobalPosition,
@@ -62,6 +63,7 @@ from mavlink_bridge.wire.messages.status import (
 
 __all__ = [
     "Attitude",
+    "AttitudeTarget",
     "AutopilotVersion",
     "BatteryStatus",
     "Command",

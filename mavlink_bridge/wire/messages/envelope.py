@@ -37,6 +37,7 @@ from mavlink_bridge.wire.messages.setpoints import (
 )
 from mavlink_bridge.wire.messages.state import (
     Attitude,
+    AttitudeTarget,
     EstimatorStatus,
     EulerAttitude,
     GlobalPosition,
@@ -69,6 +70,7 @@ Message = (
     | Heartbeat
     | Attitude
     | EulerAttitude
+    | AttitudeTarget
     | LocalPosition
     | Odometry
     | GlobalPosition

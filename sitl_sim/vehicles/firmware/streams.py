@@ -20,6 +20,7 @@ from mavlink_bridge.wire.ids import (
 )
 from mavlink_bridge.wire.messages import (
     Attitude,
+    AttitudeTarget,
     AutopilotVersion,
     BatteryStatus,
     DistanceSensor,
@@ -122,6 +123,13 @@ def euler_attitude(u: Unit) -> EulerAttitude:
     """Make ATTITUDE."""
     exact = attitude(u)
     return EulerAttitude(exact.time, exact.q_wb, exact.omega)
+
+
+def attitude_target(u: Unit) -> AttitudeTarget:
+    """Make ATTITUDE_TARGET: rates and thrust that the inner loop follows; attitude as it is."""
+    sp, now = u.guidance.sp, attitude(u)
+    thrust = float(sp.thrust[u.i]) if u.commander.armed else 0.0
+    return AttitudeTarget(u.time_boot, now.q_wb, sp.omega[u.i].copy(), thrust)
 
 
 def local_position(u: Unit) -> Message | None:
@@ -270,6 +278,7 @@ BUILDERS: dict[int, Callable[[Unit], Message | None]] = {
     MessageId.GPS_RAW_INT: gps_raw,
     MessageId.ATTITUDE: euler_attitude,
     MessageId.ATTITUDE_QUATERNION: attitude,
+    MessageId.ATTITUDE_TARGET: attitude_target,
     MessageId.LOCAL_POSITION_NED: local_position,
     MessageId.GLOBAL_POSITION_INT: global_position,
     MessageId.MISSION_CURRENT: mission_current,

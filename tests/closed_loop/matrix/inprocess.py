@@ -137,6 +137,10 @@ class InProcess(Flight):
     def mode(self, i=0):
         return self._autopilots.mode[i].name
 
+    def drone_time(self, t, i=0):
+        """Time of drone i's clock at flight time t [s]."""
+        return t + self._drones[i].boot_ms / 1e3
+
     def speed(self, t, i=0):
         """m/s, true, at flight time t [s]."""
         truth = self.truth.arrays()
