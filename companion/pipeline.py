@@ -97,6 +97,7 @@ class Companion:
             self_tested=planned.self_tested,
             leave=inputs.leave,
         )
+        self._vehicle.ask(supervised.requests)
         setpoint = run(
             "command",
             self._actuation.setpoint,

@@ -11,8 +11,9 @@ from companion.estimation.link_quality import LinkQuality
 from companion.estimation.own_state import OwnState
 from companion.estimation.prediction import StatePredictor
 from companion.types import Phase
+from mavlink_bridge.autopilots.answers import Answers
 from mavlink_bridge.autopilots.registry import Identity
-from mavlink_bridge.wire.messages import Heartbeat, Received, Source, VehicleState
+from mavlink_bridge.wire.messages import Heartbeat, Message, Received, Source, VehicleState
 from mavlink_bridge.wire.video import Frame
 
 _CLOCK_BACK = 1.0  # s; a vehicle whose clock goes back by more has started anew
@@ -27,7 +28,8 @@ class VehicleEstimate:
     position can be those of a flying drone. packet_loss: share 0…1 of the telemetry of the last
     second. tick_gap: s since the tick before; 0: this is the first. heartbeat: the last one.
     mode_known: whether a heartbeat came since the last silence. rebooted: the vehicle has started
-    anew since the tick before. inhibit_reason: why this vehicle is not to be flown; empty: it is.
+    anew since the tick before. refusals: what the autopilot refused since then, in words.
+    inhibit_reason: why this vehicle is not to be flown; empty: it is.
     """
 
     state: VehicleState | None = None
@@ -40,6 +42,7 @@ class VehicleEstimate:
     mode_known: bool = False
     rebooted: bool = False
     inhibit_reason: str = ""
+    refusals: tuple[str, ...] = ()
 
 
 class VehicleEstimator:
@@ -53,6 +56,7 @@ class VehicleEstimator:
         self._autopilot = Source(system_id, 1)
         self._silence = silence
         self._predict_after = predict_after
+        self._answers = Answers(identity.adapter)
         self._own = OwnState()
         self._link = LinkQuality(silence)
         self._time = -np.inf
@@ -91,7 +95,12 @@ class VehicleEstimator:
             mode_known=self._link.knows_mode,
             rebooted=rebooted,
             inhibit_reason=self._identity.inhibit_reason(),
+            refusals=tuple(self._answers.refusals(messages)),
         )
+
+    def ask(self, requests: Sequence[Message]) -> None:
+        """Note what this tick asks of the autopilot, for the words of a refusal."""
+        self._answers.ask(requests)
 
     def _notice_reboot(self, time: float) -> bool:
         """Return whether the vehicle has started anew; what is tied to its clock is forgotten."""

@@ -24,6 +24,7 @@ COMPANION_HEARTBEAT = Heartbeat(
 _REPEAT = 1.0  # s between repeated requests
 _REPEAT_RELEASE = 0.3  # s; the same while control is given back, as only two seconds are left
 _ARM_ANSWER = 2.0  # s after the request to arm in which an armed vehicle is the answer to it
+_STREAM_FIRST = 0.25  # s of setpoints before offboard is asked for: PX4 refuses it without any
 _NEVER = -1e9  # s, before any time
 
 
@@ -43,7 +44,7 @@ class PhaseMachine:
         self.phase = Phase.WAIT
         self._config = config
         self._autopilot = autopilot
-        self._requested_at = self._arm_requested_at = _NEVER
+        self._requested_at = self._arm_requested_at = self._engaged_at = _NEVER
         self._ground = 0.0
         self._releasing = False
         self._landing = self._land_requested = False
@@ -85,8 +86,11 @@ class PhaseMachine:
             waits = self.phase is Phase.WAIT
             return Decision(self.phase, self._due_requests(time, mode) if waits else [])
         if self._releasing:
-            return self._release(time, mode)
+            return self._release(time, mode, heartbeat.armed)
+        before = self.phase
         self._advance(mode, heartbeat.armed, own, ready, complete)
+        if self.phase is Phase.ENGAGE is not before:
+            self._engaged_at = time
         self._mode = mode
         requests = self._due_requests(time, mode)
         if new and self.phase is not Phase.WAIT:  # in which the streams are requested anyway
@@ -112,6 +116,8 @@ class PhaseMachine:
     def _due_requests(self, time: float, mode: str) -> list[Message]:
         """Return the requests of the phase where they are due, each second again."""
         if time - self._requested_at < _REPEAT or self.phase in (Phase.DONE, Phase.PASSIVE):
+            return []
+        if self.phase is Phase.ENGAGE and time - self._engaged_at < _STREAM_FIRST:
             return []
         requests = self._requests(mode)
         if requests:
@@ -184,10 +190,10 @@ class PhaseMachine:
             return self._is_up(mode, own)
         return mode in ("hold", "offboard")
 
-    def _release(self, time: float, mode: str) -> Decision:
+    def _release(self, time: float, mode: str, armed: bool) -> Decision:
         """Return the decision while control is given back: request it, stream until it is shown."""
         ours = self.phase in (Phase.ENGAGE, Phase.FLY, Phase.LAND)
-        if mode != "offboard" or not ours:
+        if mode != "offboard" or not ours or not armed:
             self.phase = Phase.PASSIVE
             return Decision(self.phase)
         requests: list[Message] = []

@@ -72,6 +72,13 @@ class Autopilot:
                 return name
         return "other"
 
+    def asked_mode(self, request: Command) -> str:
+        """Return the name of the mode that a DO_SET_MODE asks for; its number where it has none."""
+        for name in self.modes:
+            if self._set_mode(name).params == request.params:
+                return name
+        return f"{request.params[1]:.0f}"
+
     def _set_mode(self, name: str) -> Command:
         return self._command(
             CommandId.DO_SET_MODE, ModeFlag.CUSTOM_MODE_ENABLED, *self._mode_parameters(name)

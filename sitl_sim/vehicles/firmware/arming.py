@@ -80,13 +80,17 @@ class Reporter:
 
     def __init__(self) -> None:
         self._sequence = 0
-        self._told: tuple[Failure, ...] = ()
+        self._told: tuple[Failure, ...] | None = ()
 
     def event(self, time: float, name: str, severity: int, arguments: bytes = b"") -> Event:
         """Return the event of this name at `time` [s] since boot."""
         self._sequence = (self._sequence + 1) & 0xFFFF
         number = event_number(name)
         return Event(time, number, self._sequence, severity, arguments.ljust(40, b"\0"))
+
+    def forget(self) -> None:
+        """Report the checks once more, changed or not."""
+        self._told = None
 
     def checks(self, time: float, found: list[Failure], barred: bool) -> list[Event]:
         """Return a summary and all failed checks where they changed; barred: no mode to arm in."""

@@ -139,6 +139,13 @@ class Commander:
         stream_ok = self.stream_ok or not self.flavour.stream_first
         return failures(self.failed, empty, stream_ok, bool(self.guidance.mission))
 
+    def run_checks(self) -> int:
+        """Report all failed checks once more, on request."""
+        self._checked = ()
+        self._reporter.forget()
+        self._report_checks()
+        return CommandResult.ACCEPTED
+
     def _report_checks(self) -> None:
         """Report the failed checks where they changed."""
         empty = self.remaining < self.settings.battery_critical

@@ -129,6 +129,10 @@ def _arm(u: Unit, m: Command, link: str) -> Handled:
     return (u.commander.arm(force) if wanted else u.commander.disarm(force)), []
 
 
+def _run_checks(u: Unit, m: Command, link: str) -> Handled:
+    return u.commander.run_checks(), []
+
+
 def _take_off(u: Unit, m: Command, link: str) -> Handled:
     """Answer NAV_TAKEOFF: altitude above sea level (PX4) or above home (ArduPilot)."""
     z = m.params[6]
@@ -210,6 +214,7 @@ COMMANDS: dict[int, Callable[[Unit, Command, str], Handled]] = {
     CommandId.DO_SET_MODE: _do_set_mode,
     GroundCommand.MISSION_START: _start_mission,
     CommandId.COMPONENT_ARM_DISARM: _arm,
+    CommandId.RUN_PREARM_CHECKS: _run_checks,
     CommandId.SET_MESSAGE_INTERVAL: _set_message_interval,
     CommandId.REQUEST_MESSAGE: _request_message,
     GroundCommand.GET_HOME_POSITION: _get_home,
