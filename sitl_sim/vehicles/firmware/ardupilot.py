@@ -102,6 +102,8 @@ ARDUPILOT = Flavour(
         "DISARM_DELAY": (INT8, 10),
         "FRAME_CLASS": (INT8, 1),
         "FRAME_TYPE": (INT8, 1),
+        "FS_GCS_ENABLE": (INT8, 0),
+        "FS_OPTIONS": (INT32, 16),
         "GUID_OPTIONS": (INT32, 0),
         "GUID_TIMEOUT": (REAL32, 3.0),
         "LAND_SPEED": (INT16, 50),
