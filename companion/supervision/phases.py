@@ -7,6 +7,7 @@ arm until the landing, a mode that was not asked for makes the companion passive
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import IntEnum
 
 from companion.guidance.mission import MissionConfig
 from companion.types import Phase
@@ -28,6 +29,14 @@ _STREAM_FIRST = 0.25  # s of setpoints before offboard is asked for: PX4 refuses
 _NEVER = -1e9  # s, before any time
 
 
+class GiveBack(IntEnum):
+    """What the vehicle is to do when control is given back; a later one wins."""
+
+    HOLD = 0
+    RETURN = 1
+    LAND = 2
+
+
 @dataclass(frozen=True)
 class Decision:
     """What follows for this tick: requests to send, and whether setpoints go out."""
@@ -47,17 +56,17 @@ class PhaseMachine:
         self._requested_at = self._arm_requested_at = self._engaged_at = _NEVER
         self._ground = 0.0
         self._releasing = False
-        self._landing = self._land_requested = False
+        self._giving = self._given = GiveBack.HOLD  # how control is given back, asked for last
         self._heard = False  # a heartbeat has come
         self._found_in_offboard = False  # armed and in offboard since the first heartbeat
         self._armed_by_pilot = False  # armed without a request: only a pilot's wishes count
         self._mode = ""  # of the last tick
         self._takeoff_seen = False  # the vehicle was in the mode of the take-off requested
 
-    def release(self, land: bool = False) -> None:
-        """Give control back: the vehicle is to hold (or to land), then the stream ends."""
+    def release(self, how: GiveBack = GiveBack.HOLD) -> None:
+        """Give control back, then end the stream; of several ways the last in `GiveBack` wins."""
         self._releasing = True
-        self._landing |= land
+        self._giving = max(self._giving, how)
 
     def rebooted(self) -> None:
         """Give up control of an autopilot that started anew; forget what was requested of it."""
@@ -198,11 +207,16 @@ class PhaseMachine:
             return Decision(self.phase)
         requests: list[Message] = []
         due = time - self._requested_at >= _REPEAT_RELEASE
-        if due or self._landing is not self._land_requested:
-            self._requested_at, self._land_requested = time, self._landing
-            landing = self._landing or self.phase is Phase.LAND
-            requests = self._autopilot.land() if landing else self._autopilot.hold()
+        if due or self._giving is not self._given:
+            self._requested_at, self._given = time, self._giving
+            how = GiveBack.LAND if self.phase is Phase.LAND else self._giving
+            requests = self._way(how)
         return Decision(self.phase, requests, stream=True)
+
+    def _way(self, how: GiveBack) -> list[Message]:
+        a = self._autopilot
+        ways = {GiveBack.HOLD: a.hold, GiveBack.RETURN: a.rtl, GiveBack.LAND: a.land}
+        return ways[how]()
 
     def _is_up(self, mode: str, own: VehicleState) -> bool:
         """Return whether the take-off is over."""

@@ -65,6 +65,10 @@ class Autopilot:
         """Land at the present position and disarm."""
         return [self._set_mode("land")]
 
+    def rtl(self) -> list[Message]:
+        """Return to where it took off; nothing where the autopilot has no such mode."""
+        return [self._set_mode("rtl")] if "rtl" in self.modes else []
+
     def mode(self, heartbeat: Heartbeat) -> str:
         """Return hold, takeoff, rtl, land or offboard; 'other' for a pilot's mode."""
         for name, number in self.modes.items():

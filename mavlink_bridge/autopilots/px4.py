@@ -34,7 +34,6 @@ _STREAMS: dict[int, float | None] = {
     MessageId.LOCAL_POSITION_NED: 50.0,
     # PX4 slows all streams where the line is too slow for their sum (115200 baud are).
     MessageId.ATTITUDE: None,  # would repeat ATTITUDE_QUATERNION
-    MessageId.ODOMETRY: None,  # would repeat both
     MessageId.HIGHRES_IMU: None,
     MessageId.GLOBAL_POSITION_INT: 5.0,
 }

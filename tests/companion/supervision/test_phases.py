@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from companion.guidance.mission import MissionConfig
-from companion.supervision.phases import PhaseMachine
+from companion.supervision.phases import GiveBack, PhaseMachine
 from companion.types import Phase
 from mavlink_bridge.autopilots.ardupilot import MODES as ARDUPILOT
 from mavlink_bridge.autopilots.ardupilot import ArduPilot
@@ -189,7 +189,7 @@ def test_a_vehicle_that_stands_in_a_pilots_mode_takes_off_all_the_same(adapter, 
 def test_a_landing_for_safety_is_requested_again_while_in_offboard(adapter, modes):
     flown = Flown(adapter, modes, auto=True)
     flown.until(Phase.FLY)
-    flown.phases.release(land=True)
+    flown.phases.release(GiveBack.LAND)
     decisions = [flown.tick("offboard", height=2.0) for _ in range(12)]
     assert all(d.stream for d in decisions)
     assert [d.requests for d in decisions if d.requests] == [adapter.land()] * 4
