@@ -16,6 +16,7 @@ from mavlink_bridge.autopilots.betaflight import MODES, PILOT
 from mavlink_bridge.betaflight import msp
 from mavlink_bridge.betaflight.coarse_state import CoarseState
 from mavlink_bridge.betaflight.controller import Controller
+from mavlink_bridge.betaflight.fix_source import INPUT, FixSource
 from mavlink_bridge.betaflight.msp import Reply
 from mavlink_bridge.betaflight.polling import Answer, read_answer
 from mavlink_bridge.betaflight.position_hold import PositionHold
@@ -107,7 +108,7 @@ class BetaflightBridge:
         self._heartbeat_at = -math.inf
         self._announced = ("", False)
         self._last_fix: tuple[float, ...] = ()
-        self._fix_source, self._fix_at = "", -math.inf
+        self._fixes = FixSource(self._times.fix)
         self._battery = (0.0, 0.0)
         self._outbox: list[Message] = []
 
@@ -138,9 +139,7 @@ class BetaflightBridge:
         s.force(imu.force, resting)
         s.height(answer.height, resting)
         gps = answer.gps
-        # Betaflight without a receiver may report a fix at 0, 0.
-        somewhere = gps is not None and bool(gps.latitude_deg or gps.longitude_deg)
-        if gps is None or not (gps.fix and somewhere and self._is_fix_from(time, "board")):
+        if gps is None or not self._fixes.uses_board(time, gps):
             return
         fix = (gps.latitude_deg, gps.longitude_deg, *gps.v)
         if fix != self._last_fix:
@@ -148,18 +147,6 @@ class BetaflightBridge:
             s.gps(gps.latitude_deg, gps.longitude_deg, gps.v)
         else:
             s.confirm_fix()
-
-    def _is_fix_from(self, time: float, source: str) -> bool:
-        """Return whether fixes of this source are used; those of another are while it is silent.
-
-        Two receivers disagree by metres: a vehicle that took both would jump between them.
-        """
-        if source != self._fix_source and time - self._fix_at <= self._times.fix:
-            return False
-        if source != self._fix_source and self._fix_source:
-            self._send_text(Severity.WARNING, f"GPS: {source} instead of {self._fix_source}")
-        self._fix_source, self._fix_at = source, time
-        return True
 
     def _read_status(self, time: float, answer: Answer, by_pilot: bool) -> None:
         """Follow arming and the hand-over switch; by_pilot: the pilot moved arming and throttle."""
@@ -227,9 +214,8 @@ class BetaflightBridge:
             source = received.source
             self._outbox.append(CommandAck(m.command, result, source.system, source.component))
         elif isinstance(m, GpsInput) and m.fix_type >= GpsFix.FIX_3D and _credible(m.v):
-            if not self._is_fix_from(time, "GPS_INPUT"):
-                return
-            self._state.gps(m.latitude_deg, m.longitude_deg, m.v, age=0.0)
+            if self._fixes.uses(time, INPUT):
+                self._state.gps(m.latitude_deg, m.longitude_deg, m.v, age=0.0)
         elif isinstance(m, TimeSync) and m.tc1 == 0:
             self._outbox.append(TimeSync(round(time * 1e9), m.ts1))
 
