@@ -191,10 +191,11 @@ class Commander:
         self._enter(mode)
         return CommandResult.ACCEPTED
 
-    def refuse_mode(self) -> int:
+    def refuse_mode(self, number: int) -> int:
         """Refuse a mode that this autopilot does not have."""
         if not self.flavour.reports_events:
-            return CommandResult.DENIED
+            self.say(Severity.WARNING, f"No such mode {number}")
+            return CommandResult.FAILED
         self.say(Severity.CRITICAL, "Unsupported main mode")
         self.report("commander_unsupported_main_mode", Severity.ERROR)
         return CommandResult.TEMPORARILY_REJECTED

@@ -25,6 +25,7 @@ WITH_PLACE = (MissionCommand.NAV_WAYPOINT, MissionCommand.NAV_TAKEOFF, MissionCo
 KEPT = (MissionType.MISSION, MissionType.FENCE, MissionType.RALLY)
 SIZE_MAX = 500
 RETRY_US, TIMEOUT_US = 250_000, 5_000_000  # PX4's mavlink_mission.h
+SLOW_RETRY_US, LONG_TIMEOUT_US = 1_000_000, 8_000_000  # ArduCopter's
 
 
 @dataclass
@@ -36,21 +37,22 @@ class _Upload:
     count: int
     link: str
     heard_us: int
+    floating: bool = False
     asked_us: int = 0
     items: list[MissionItem] = field(default_factory=list)
 
     def request(self, now_us: int) -> MissionRequest:
         """Ask for the next item."""
         self.asked_us = now_us
-        return MissionRequest(*self.to, len(self.items), self.kind)
+        return MissionRequest(*self.to, len(self.items), self.kind, self.floating)
 
 
 class Missions:
     """The plans of one vehicle as uploaded; its guidance gets the mission as waypoints.
 
     Fence and rally points are kept, and change no flight.
-    A vehicle that waits for an item asks again every RETRY_US, for TIMEOUT_US. strict_places: what
-    ArduCopter does: a place off the Earth is refused, and fences are not kept.
+    A vehicle that waits for an item asks again for some seconds. strict_places: as ArduCopter,
+    which refuses a place off the Earth and asks by the old MISSION_REQUEST; here it keeps no fence.
     """
 
     def __init__(
@@ -91,10 +93,13 @@ class Missions:
         u = self._upload
         if u is None or u.link != link:
             return []
-        if now_us - u.heard_us > TIMEOUT_US:
+        retry, timeout = RETRY_US, TIMEOUT_US
+        if self._strict:
+            retry, timeout = SLOW_RETRY_US, LONG_TIMEOUT_US
+        if now_us - u.heard_us > timeout:
             self._upload = None
             return []
-        if now_us - u.asked_us <= RETRY_US:
+        if now_us - u.asked_us <= retry:
             return []
         return [u.request(now_us)]
 
@@ -107,7 +112,7 @@ class Missions:
         if m.count == 0:
             self._store(m.mission_type, [])
             return [MissionAck(*to, MissionResult.ACCEPTED, m.mission_type)]
-        self._upload = _Upload(to, m.mission_type, m.count, link, now_us)
+        self._upload = _Upload(to, m.mission_type, m.count, link, now_us, floating=self._strict)
         return [self._upload.request(now_us)]
 
     def _take(self, to: tuple[int, int], m: MissionItem, now_us: int) -> list[Message]:

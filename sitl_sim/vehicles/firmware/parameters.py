@@ -94,6 +94,8 @@ class Parameters:
         if strict and m.param_type != kind:
             return self._refused(to, m.name, -1, ParameterError.TYPE_MISMATCH)
         value = self._decode(m.value, m.param_type)
+        if not strict and not math.isfinite(m.value):
+            return []  # ArduCopter neither takes nor answers it
         any_float = strict and kind == ParameterType.REAL32
         if any_float or not unfit(self._flavour, m.name, value):
             self._values[m.name] = value

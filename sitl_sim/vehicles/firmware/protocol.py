@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from mavlink_bridge.wire.ids import ComponentId, MessageId
+from mavlink_bridge.wire.ids import ComponentId, MessageId, Severity
 from mavlink_bridge.wire.messages import (
     Command,
     CommandAck,
@@ -166,7 +166,7 @@ def _do_set_mode(u: Unit, m: Command, link: str) -> Handled:
 def _set_mode(u: Unit, custom_mode: int) -> int:
     mode = u.flavour.mode_of(custom_mode)
     if mode is None:
-        return u.commander.refuse_mode()
+        return u.commander.refuse_mode(custom_mode)
     u.asked_mode = custom_mode
     return u.commander.set_mode(mode)
 
@@ -178,7 +178,10 @@ def _set_message_interval(u: Unit, m: Command, link: str) -> Handled:
     if message_id in u.flavour.unsent:
         return CommandResult.ACCEPTED, []
     if message_id not in BUILDERS:
-        return CommandResult.FAILED, []
+        if u.flavour.reports_events:
+            return CommandResult.FAILED, []
+        u.commander.say(Severity.INFO, f"No ap_message for mavlink id ({message_id})")
+        return CommandResult.DENIED, []
     if interval_us == 0.0:  # back to the default
         rate_hz = u.flavour.streams[link].get(message_id, 0.0)
     else:
@@ -193,7 +196,7 @@ def _request_message(u: Unit, m: Command, link: str) -> Handled:
         return CommandResult.DENIED, []  # the stream sends it soon enough
     message = builder(u) if builder else None
     if message is None:
-        return CommandResult.DENIED, []
+        return CommandResult.DENIED if u.flavour.reports_events else CommandResult.FAILED, []
     return CommandResult.ACCEPTED, [message]
 
 

@@ -211,3 +211,14 @@ def test_an_old_request_is_answered_with_an_old_item(make_flight):
     (old,) = f.send(MissionRequest(1, 1, 0, 0, floating=True))
     assert old.floating
     assert old.x_deg == 47.0
+
+
+def test_ardupilot_asks_by_the_old_request_each_second(make_flight):
+    """Recorded from ArduCopter 4.7-dev."""
+    f = make_flight(flavour="ardupilot")
+    (first,) = f.send(MissionCount(1, 1, 2))
+    assert first.floating
+    f.run(3.5)
+    asked = [m for m in f.heard[0] if isinstance(m, MissionRequest)]
+    assert len(asked) == 3
+    assert all(m.floating and m.seq == 0 for m in asked)

@@ -83,5 +83,5 @@ def test_px4_stores_nan_and_ardupilot_does_not(make_flight):
     f.in_the_air()
     assert f.vehicles.p[0, 2] == pytest.approx(2.5, abs=0.3)  # flies by the default
     g = make_flight(flavour="ardupilot")
-    (echo,) = g.send(ParamSet(1, 1, "PILOT_TKOFF_ALT", NAN, REAL32))
-    assert echo.value == 250.0
+    assert g.send(ParamSet(1, 1, "PILOT_TKOFF_ALT", NAN, REAL32)) == []
+    assert g.autopilots.units[0].parameters["PILOT_TKOFF_ALT"] == 250.0
