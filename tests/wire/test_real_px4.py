@@ -38,6 +38,9 @@ class Emulated:
         self.system = 1
         self._pilots = Autopilots(Vehicles(Airframe(), [[0, 0, 0]], 0.0), [1], "px4")
 
+    def close(self):
+        """Nothing is open."""
+
     def ask(self, message, seconds):
         heard = self._pilots.receive(0, Received(Source(1, 191), message), "companion")
         for _ in range(round(seconds / 0.02)):
@@ -56,16 +59,21 @@ class Real:
         while not found and time.monotonic() < deadline:
             self._link.wait(0.2)
             found = [r for r in self._link.receive() if isinstance(r.message, Heartbeat)]
-        assert found, f"no vehicle at {url}"
+        if not found:
+            self.close()
+            pytest.fail(f"no vehicle at {url}")
         self.system = found[0].source.system
         self._link.close()
         self._link = Link(open_endpoint(url), Codec(self.system, 191))
 
+    def close(self):
+        self._link.close()
+
     def ask(self, message, seconds):
-        deadline, heard = time.monotonic() + seconds, []
+        heard = []
         self._link.wait(1.0)
-        heard += self._link.receive()
-        heard.clear()
+        self._link.receive()  # what came before the question
+        deadline = time.monotonic() + seconds
         self._link.send([message])
         while time.monotonic() < deadline:
             self._link.wait(0.05)
@@ -83,6 +91,7 @@ def px4(request):
     yield vehicle
     vehicle.ask(command(vehicle, 400, 0.0), 1.5)
     vehicle.ask(command(vehicle, 176, *HOLD), 1.5)
+    vehicle.close()
 
 
 def command(px4, number, *params):
