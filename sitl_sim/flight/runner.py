@@ -22,6 +22,7 @@ from mavlink_bridge.wire.link import Endpoint, Link, UdpEndpoint
 from mavlink_bridge.wire.memory import MemoryEndpoint
 from mavlink_bridge.wire.video import Frame, FrameServer
 from sitl_sim.external.fleet import RealFleet
+from sitl_sim.external.lockstep_fleet import LockstepFleet
 from sitl_sim.faults import catalogue as faults
 from sitl_sim.faults.camera import FaultyCamera
 from sitl_sim.faults.link import FaultyLine, FaultyLink, FaultyTelemetry
@@ -35,6 +36,7 @@ from sitl_sim.recording.truth import Truth
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import check_companions, companion_config, companion_port
 from sitl_sim.scenarios.scenario import QUANTUM_MS, TICK_MS, Scenario
+from sitl_sim.vehicles.emulated import Autopilots
 from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
 from sitl_sim.worlds.generators import build
 
@@ -73,7 +75,7 @@ class Flight:
         self.vehicles = Vehicles(Airframe(), start, scenarios.headings(scenario, start))
         boot_ms = scenarios.boot_ms(scenario)
         self.sensors = Sensors(scenario, self.world)
-        self._real_time = real_time or scenario.drones.real
+        self._real_time = real_time or scenario.drones.own_time
         self._drones: list[VehicleConnection] = []
         for i, name in enumerate(self.names):
             self._drones.append(self._connect(i, name, boot_ms[i]))
@@ -82,10 +84,13 @@ class Flight:
         except BaseException:
             self.close()
             raise
+        if isinstance(self._autopilots, LockstepFleet):
+            for drone, clock_ms in zip(self._drones, self._autopilots.clock_ms, strict=True):
+                drone.boot_ms = clock_ms
         self._faults = FaultyWorld(
             self._schedule,
             self.vehicles,
-            None if isinstance(self._autopilots, RealFleet) else self._autopilots,
+            self._autopilots if isinstance(self._autopilots, Autopilots) else None,
             lambda i: self._drones[i].process_id,
             self._restart_clock,
         )
@@ -283,6 +288,9 @@ class Flight:
 
     def _send_telemetry(self, drone: VehicleConnection) -> None:
         """Send the telemetry that is due on both links."""
+        if isinstance(self._autopilots, LockstepFleet):
+            drone.relay_telemetry(self._autopilots)
+            return
         messages = self._autopilots.telemetry(drone.index, "companion")
         drone.companion.send(drone.telemetry.alter(self._now / 1e3, messages))
         unheard = not drone.ground.packets_in
@@ -291,6 +299,10 @@ class Flight:
     def _deliver(self, drone: VehicleConnection, link: Link) -> None:
         """Give the vehicle the messages that wait on a link; send its replies at once."""
         name = "companion" if link is drone.companion else "gcs"
+        if isinstance(self._autopilots, LockstepFleet):
+            for packet in link.receive_packets():
+                self._autopilots.pass_on(drone.index, name, packet)
+            return
         for received in link.receive():
             link.send(self._autopilots.receive(drone.index, received, name))
 
@@ -369,7 +381,7 @@ class Flight:
     def close(self) -> None:
         """End the companions and release the ports."""
         fleet = getattr(self, "_autopilots", None)
-        if isinstance(fleet, RealFleet):
+        if isinstance(fleet, RealFleet | LockstepFleet):
             fleet.close()
         for drone in getattr(self, "_drones", []):
             drone.close()
