@@ -32,7 +32,7 @@ _LOW, _RANGE = 1000, 1000  # µs
 class ArdupilotSitl(ExternalSitl):
     """ArduCopter, system id `system`; parameters: set at boot; it takes the first free instance."""
 
-    period = 0.002
+    period = 0.001  # with gyro samples at less than 720 Hz it refuses to be armed
 
     def __init__(
         self,

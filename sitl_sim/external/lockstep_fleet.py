@@ -18,7 +18,8 @@ from sitl_sim.external.external_sitl import ExternalError, ExternalSitl
 from sitl_sim.external.readiness import Readiness
 from sitl_sim.vehicles.rigid_body import Vehicles
 
-_SUBSTEP, _CHUNK = 0.001, 2  # s; substeps after which anything may happen in a flight
+_SUBSTEP = 0.001  # s
+_LONGEST_STEP = 2  # substeps; at any such step something may happen in a flight
 _STARTS = 60.0  # s (wall) for a process to connect and to answer its first step
 _BOOT_ANSWER = 0.02  # s (wall); PX4 does not answer its first steps
 _ANSWER = 20.0  # s (wall) after which a silent autopilot counts as dead
@@ -87,14 +88,14 @@ class LockstepFleet:
         Their start scripts take the machine's time, not the simulated one.
         """
         self._substeps, self._said = (
-            2 * _CHUNK,
+            4,
             [Readiness(i + 1) for i in range(len(self.vehicles))],
         )
         for i in range(len(self.vehicles)):  # one by one: `close` ends those that run
             self._sitls.append(self._program(i))
         end = time.monotonic() + _STARTS
         while not all(s.links["gcs"].heard for s in self._sitls):
-            following = time.monotonic() + _CHUNK * _SUBSTEP
+            following = time.monotonic() + _LONGEST_STEP * _SUBSTEP
             for i, sitl in enumerate(self._sitls):
                 if not sitl.alive:
                     raise ExternalError(self._lacks(i, "ended"))
@@ -160,17 +161,20 @@ class LockstepFleet:
         self.vehicles.t = self.t
 
     def _step(self, wind: NDArray[np.float64], patience: float) -> list[int]:
-        """Advance 2 ms; return the vehicles whose autopilots did not answer in `patience` [s]."""
+        """Advance 1 or 2 ms; return the vehicles whose autopilot did not answer in `patience` [s].
+
+        An autopilot's motor commands hold until its next step.
+        """
         now, state = self._substeps * _SUBSTEP, self.vehicles.state
-        due = [
-            i for i, s in enumerate(self._sitls) if self._substeps % round(s.period / _SUBSTEP) == 0
-        ]
+        periods = [round(s.period / _SUBSTEP) for s in self._sitls]
+        due = [i for i, period in enumerate(periods) if self._substeps % period == 0]
         for i in due:
             self._sitls[i].send(now, i, state)
         late = [i for i in due if not self._sitls[i].receive(patience)]
         commands = np.array([s.command for s in self._sitls])
-        self.vehicles.step(_CHUNK * _SUBSTEP, commands, wind, _CHUNK)
-        self._substeps += _CHUNK
+        steps = min(*periods, _LONGEST_STEP)
+        self.vehicles.step(steps * _SUBSTEP, commands, wind, steps)
+        self._substeps += steps
         return late
 
     def packets(self, i: int, link: str) -> list[bytes]:
