@@ -38,13 +38,15 @@ def px4_parameters(airframe: Airframe) -> dict[str, float]:
     return out
 
 
-_IDLE_TO_FULL = (0.055, 1.0)  # MOT_SPIN_MIN and _MAX: motor commands of zero and full thrust
+# Of the air at the geodetic reference, 488 m, to that at sea level: ArduCopter gives more thrust in
+# thinner air, and the physics has one air.
+_DENSITY = 0.954
 
 
 def ardupilot_parameters(airframe: Airframe) -> dict[str, float]:
     """Return ArduCopter's parameters for the airframe."""
-    low, high = airframe.idle, _IDLE_TO_FULL[1]
-    hover = ((math.sqrt(airframe.hover_thrust) - low) / (high - low)) ** 2
+    low = airframe.idle
+    hover = _DENSITY * ((math.sqrt(airframe.hover_thrust) - low) / (1.0 - low)) ** 2
     return {
         "FRAME_CLASS": 1.0,  # quadrotor
         "FRAME_TYPE": 1.0,  # X
@@ -54,14 +56,27 @@ def ardupilot_parameters(airframe: Airframe) -> dict[str, float]:
         "MOT_THST_HOVER": round(hover, 4),
         "MOT_SPIN_ARM": low,
         "MOT_SPIN_MIN": low,
-        "MOT_SPIN_MAX": high,
-        "INS_GYRO_FILTER": 60.0,  # Hz; 20 are for large propellers
-        "ATC_RAT_RLL_P": 0.06,
-        "ATC_RAT_RLL_I": 0.06,
-        "ATC_RAT_RLL_D": 0.0012,
-        "ATC_RAT_PIT_P": 0.065,
-        "ATC_RAT_PIT_I": 0.065,
-        "ATC_RAT_PIT_D": 0.0013,
-        "ATC_RAT_YAW_P": 0.3,
-        "ATC_RAT_YAW_I": 0.03,
+        "MOT_SPIN_MAX": 1.0,
+        "ATC_ANGLE_BOOST": 0.0,  # thrust is the body's own: no more of it where the drone leans
+        # What ArduPilot's initial parameters are for propellers of 5 inches: Hz, 0.01 °/s².
+        "INS_GYRO_FILTER": 75.0,
+        "ATC_RAT_RLL_FLTT": 37.0,
+        "ATC_RAT_RLL_FLTD": 37.0,
+        "ATC_RAT_PIT_FLTT": 37.0,
+        "ATC_RAT_PIT_FLTD": 37.0,
+        "ATC_ACCEL_R_MAX": 168600.0,
+        "ATC_ACCEL_P_MAX": 168600.0,
+        # Yaw as fast as the airframe turns: the default takes half a second to 2 rad/s.
+        "ATC_ACCEL_Y_MAX": 72000.0,
+        "ATC_RAT_YAW_FLTT": 37.0,
+        "ATC_RAT_YAW_FLTE": 10.0,
+        "ATC_RAT_YAW_P": 0.5,
+        "ATC_RAT_YAW_I": 0.05,
+        # Rate loops of 32 rad/s in roll and pitch; D makes up for the motors' lag.
+        "ATC_RAT_RLL_P": 0.1,
+        "ATC_RAT_RLL_I": 0.1,
+        "ATC_RAT_RLL_D": 0.003,
+        "ATC_RAT_PIT_P": 0.108,
+        "ATC_RAT_PIT_I": 0.108,
+        "ATC_RAT_PIT_D": 0.0032,
     }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import select
+
 from mavlink_bridge.wire.link import Address, UdpEndpoint
 
 
@@ -35,9 +37,9 @@ class AutopilotLink:
         """Pass a packet to the autopilot."""
         self._endpoint.send(data)
 
-    def fileno(self) -> int:
-        """Return the descriptor for select()."""
-        return self._endpoint.fileno()
+    def wait(self, timeout: float) -> None:
+        """Block until a packet arrives or `timeout` [s] has passed."""
+        select.select([self._endpoint.fileno()], [], [], timeout)
 
     def close(self) -> None:
         """Close the port."""

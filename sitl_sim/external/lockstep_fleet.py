@@ -24,6 +24,8 @@ _STARTS = 60.0  # s (wall) for a process to connect and to answer its first step
 _BOOT_ANSWER = 0.02  # s (wall); PX4 does not answer its first steps
 _ANSWER = 20.0  # s (wall) after which a silent autopilot counts as dead
 _LOCATED, _ARMABLE = 60.0, 90.0  # s (simulated) until it knows its place, and can be armed
+_STREAM = 0.03  # s; an attitude that comes at least so often is a stream
+_LATE = 0.1  # s (wall) that its next one is waited for
 _ATTEMPTS = 3
 _WHOLE = 100  # substeps: a flight begins at a multiple of a camera's period
 
@@ -178,12 +180,27 @@ class LockstepFleet:
         return late
 
     def packets(self, i: int, link: str) -> list[bytes]:
-        """Return what the autopilot of vehicle i sent on `link`, companion or gcs, since last."""
-        packets = self._sitls[i].links[link].receive()
-        if link == "companion":
-            for packet in packets:
-                self._said[i].hear(packet)
-        return packets
+        """Return what the autopilot of vehicle i sent on `link`, companion or gcs, since last.
+
+        A thread of PX4's own sends it, behind the motor commands: where its attitude is streamed,
+        the newest one is waited for, so that telemetry is not late on a busy machine.
+        """
+        source, said = self._sitls[i].links[link], self._said[i]
+        packets = source.receive()
+        if link == "gcs":
+            return packets
+        now = self._clock[i] + self._substeps * _SUBSTEP
+        end = time.monotonic() + _LATE * (said.gap < _STREAM)
+        heard = 0
+        while True:
+            for packet in packets[heard:]:
+                said.hear(packet)
+            heard = len(packets)
+            left = end - time.monotonic()
+            if left <= 0.0 or said.stamp > now - _STREAM:
+                return packets
+            source.wait(left)
+            packets += source.receive()
 
     def pass_on(self, i: int, link: str, packet: bytes) -> None:
         """Give the autopilot of vehicle i a packet that came on `link`."""

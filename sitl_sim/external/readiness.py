@@ -7,6 +7,7 @@ import numpy as np
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.ids import CommandId, MessageId
 from mavlink_bridge.wire.messages import (
+    Attitude,
     Command,
     Heartbeat,
     LocalPosition,
@@ -27,7 +28,9 @@ class Readiness:
 
     def __init__(self, system: int) -> None:
         self.armed = self.armable = self.located = False
-        self.words: list[str] = []  # its last warnings, newest last
+        self.words: list[str] = []  # the last ones, newest last
+        self.stamp = 0.0  # s, its clock, of its newest attitude
+        self.gap = 1.0  # s between its last two attitudes
         self._system = system
         self._codec = Codec(255, 190)
         self._decoder = Codec(255, 190)
@@ -56,6 +59,9 @@ class Readiness:
             message = received.message
             if isinstance(message, Heartbeat) and received.source.component == 1:
                 self.armed = message.armed
+            elif isinstance(message, Attitude):
+                if message.time > self.stamp:
+                    self.gap, self.stamp = message.time - self.stamp, message.time
             elif isinstance(message, SystemStatus):
                 self.armable = bool(message.health & _ARMABLE)
             elif isinstance(message, LocalPosition):
