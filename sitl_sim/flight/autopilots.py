@@ -10,7 +10,7 @@ import numpy as np
 from mavlink_bridge.shared.arrays import Vector
 from sitl_sim.external.fleet import RealFleet, Wire
 from sitl_sim.external.lockstep_fleet import LockstepFleet
-from sitl_sim.flight.own_binary import boot_parameters, own_binary
+from sitl_sim.flight.own_binary import boot_parameters, own_binary, own_path
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import companion_port
 from sitl_sim.scenarios.scenario import Scenario
@@ -42,6 +42,7 @@ def switch_on(
             origin=start,
             yaw_offset=yaws,
             seed=scenario.seed,
+            binary=own_path(scenario.drones) if scenario.drones.binary else None,
         )
     if scenario.drones.real:
         frames = [

@@ -10,7 +10,7 @@ from sitl_sim.external.ardupilot_json import ArdupilotSitl
 from sitl_sim.external.external_sitl import ExternalError, ExternalSitl
 from sitl_sim.external.hil_sensors import HilSensors
 from sitl_sim.external.px4_hil import Px4Sitl
-from sitl_sim.scenarios.scenario import Scenario
+from sitl_sim.scenarios.scenario import DronesConfig, Scenario
 from sitl_sim.vehicles.rigid_body import Airframe
 from sitl_sim.worlds.geodesy import LocalFrame
 
@@ -21,6 +21,18 @@ _NEEDED = {"ardupilot": {"GUID_OPTIONS": 8.0}}
 def boot_parameters(scenario: Scenario) -> dict[str, float]:
     """Return the autopilot parameters at boot: what a companion needs, then the scenario's."""
     return _NEEDED.get(scenario.drones.autopilot, {}) | scenario.drones.parameters
+
+
+def own_path(drones: DronesConfig) -> Path:
+    """Return the path of the user's binary.
+
+    Raises:
+        ExternalError: there is no such file.
+    """
+    path = Path(drones.binary).expanduser().resolve()
+    if not path.is_file():
+        raise ExternalError(f"drones.binary: {drones.binary}: no such file")
+    return path
 
 
 def own_binary(
@@ -37,9 +49,7 @@ def own_binary(
     Raises:
         ExternalError: the binary is missing.
     """
-    binary = Path(scenario.drones.binary).expanduser().resolve()
-    if not binary.is_file():
-        raise ExternalError(f"drones.binary: {scenario.drones.binary}: no such file")
+    binary = own_path(scenario.drones)
     wanted = boot_parameters(scenario)
 
     def px4(i: int) -> ExternalSitl:

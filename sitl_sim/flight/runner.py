@@ -6,10 +6,9 @@ rendered and companions tick side by side. Real time: the world waits for no com
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,7 @@ from sitl_sim.faults.camera import FaultyCamera
 from sitl_sim.faults.link import FaultyLine, FaultyLink, FaultyTelemetry
 from sitl_sim.faults.world import FaultyWorld
 from sitl_sim.flight.autopilots import switch_on
-from sitl_sim.flight.in_process import LocalFrames, SerialExecutor
+from sitl_sim.flight.in_process import LocalFrames, make_pool
 from sitl_sim.flight.inputs import write_inputs
 from sitl_sim.flight.sensors import Sensors
 from sitl_sim.flight.vehicle_connection import Capture, VehicleConnection
@@ -94,7 +93,8 @@ class Flight:
             lambda i: self._drones[i].process_id,
             self._restart_clock,
         )
-        self._pool = self._make_pool()
+        # Threads pay only where a frame takes time.
+        self._pool = make_pool(serial=in_process or not (self._real_time or self.sensors.renders))
         self._latency_ms = round(scenario.sensing.latency * 1e3 / QUANTUM_MS) * QUANTUM_MS
         self.truth = Truth(self.names)
         self.wall_seconds = 0.0
@@ -133,13 +133,6 @@ class Flight:
         except (OSError, ValueError):
             self.close()
             raise
-
-    def _make_pool(self) -> Executor:
-        """Return what renders and delivers; threads pay only where a frame takes time."""
-        if self._in_process or not (self._real_time or self.sensors.renders):
-            return SerialExecutor()
-        # Deliveries wait for captures that were submitted before them, so not all can wait.
-        return ThreadPoolExecutor(max_workers=2 * (os.cpu_count() or 1))
 
     def _restart_clock(self, i: int) -> None:
         """Let drone i's clock begin at 0 again; its camera stamps by it."""
@@ -300,8 +293,7 @@ class Flight:
         """Give the vehicle the messages that wait on a link; send its replies at once."""
         name = "companion" if link is drone.companion else "gcs"
         if isinstance(self._autopilots, LockstepFleet):
-            for packet in link.receive_packets():
-                self._autopilots.pass_on(drone.index, name, packet)
+            self._autopilots.pass_on(drone.index, name, link.receive_packets())
             return
         for received in link.receive():
             link.send(self._autopilots.receive(drone.index, received, name))
