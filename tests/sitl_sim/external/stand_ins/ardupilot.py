@@ -7,11 +7,12 @@ time stamps, from 0; a step of 0.1 s or more is not taken. Its clock and what it
 """
 
 import json
-import os
 import re
 import socket
 import struct
 import sys
+from contextlib import suppress
+from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -59,8 +60,8 @@ def udp_client(name):
 
 
 if __name__ == "__main__":
-    motors = json.load(open("../motors.json"))
-    json.dump(sys.argv[1:], open("arguments.json", "w"))
+    motors = json.loads(Path("../motors.json").read_text())
+    Path("arguments.json").write_text(json.dumps(sys.argv[1:]))
     port = 9002 + 10 * int(argument("-I"))
     links = [udp_client("--serial0"), udp_client("--serial1")]
     mav = mavlink.MAVLink(None, int(argument("--sysid")), 1)
@@ -72,10 +73,8 @@ if __name__ == "__main__":
 
     def send(message):
         for link in links:
-            try:
+            with suppress(OSError):
                 link.send(message.pack(mav))
-            except OSError:
-                pass
 
     while True:
         pwm = [1000 + round(1000 * m) for m in motors] + [1500] * 12
@@ -91,22 +90,19 @@ if __name__ == "__main__":
         read, buffer = parse(lines[-2]), "\n" + lines[-1]
         if read is None:
             refused += 1
-            json.dump({"refused": refused}, open("refused.json", "w"))
+            Path("refused.json").write_text(json.dumps({"refused": refused}))
             continue
         step, last = read["timestamp"][0] - last, read["timestamp"][0]
         clock += max(step, 0.0) if step < 0.1 else 0.0
         frame += 1
         if frame % 20 == 0:
-            with open("seen.part", "w") as file:
-                json.dump({"clock": clock, **read}, file)
-            os.replace("seen.part", "seen.json")
+            Path("seen.part").write_text(json.dumps({"clock": clock, **read}))
+            Path("seen.part").replace("seen.json")
         for link in links:
-            try:
+            with suppress(OSError):
                 for m in mav.parse_buffer(link.recv(4096)) or []:
                     if m.get_type() == "COMMAND_LONG" and m.command == 511:
                         asked.add(int(m.param1))
-            except OSError:
-                pass
         if frame % 1000 == 100:
             send(mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 3, 3))
         if frame % 20 == 0 and 32 in asked:

@@ -11,6 +11,7 @@ import select
 import socket
 import sys
 import time
+from pathlib import Path
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -20,9 +21,9 @@ ARMABLE = 0x10000000
 UNANSWERED = 8
 
 n = int(sys.argv[sys.argv.index("-i") + 1])
-motors = json.load(open("../motors.json"))
-with open("environment.json", "w") as file:
-    json.dump({k: v for k, v in os.environ.items() if k.startswith("PX4_")}, file)
+motors = json.loads(Path("../motors.json").read_text())
+told = {k: v for k, v in os.environ.items() if k.startswith("PX4_")}
+Path("environment.json").write_text(json.dumps(told))
 
 
 class Sensor:
@@ -32,7 +33,7 @@ class Sensor:
         self.values, self.equal, self.stale = None, 0, False
 
     def put(self, *values):
-        for now, before in zip(values, self.values or ()):
+        for now, before in zip(values, self.values or (), strict=False):
             self.equal = self.equal + 1 if abs(now - before) < 1e-6 else 0
         self.stale |= self.equal > STALE
         self.values = values
@@ -118,8 +119,7 @@ while True:
                 for message in telemetry(m.time_usec // 1000):
                     port.send(message)
         if steps == 300:
-            with open("seen.json", "w") as file:
-                json.dump(seen, file)
+            Path("seen.json").write_text(json.dumps(seen))
         if steps > UNANSWERED:
             controls = motors if armed else [0.0] * 4
             answer = mavlink.MAVLink_hil_actuator_controls_message(
