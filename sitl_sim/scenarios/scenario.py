@@ -68,7 +68,8 @@ class DronesConfig(StrictModel):
         description="px4, ardupilot: emulated; betaflight: the real SITL, in real time.",
     )
     binary: str = Field(
-        "", description="px4, ardupilot: your own SITL binary instead of the emulated vehicle."
+        "",
+        description="Your own SITL binary, which flies instead of the one named above.",
     )
     state: StateGrade = Field(
         "mocap",
@@ -112,6 +113,11 @@ class DronesConfig(StrictModel):
     def real(self) -> bool:
         """Whether real autopilots fly, not emulated ones."""
         return self.autopilot == "betaflight" or bool(self.binary)
+
+    @property
+    def own_time(self) -> bool:
+        """Whether the autopilots keep their own time, so that the world cannot wait for them."""
+        return self.autopilot == "betaflight"
 
 
 class MissionConfig(StrictModel):
