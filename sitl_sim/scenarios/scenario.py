@@ -22,6 +22,7 @@ from mavlink_bridge.shared.settings import (
 )
 from sitl_sim.faults import catalogue as fault
 from sitl_sim.sensors.fisheye import Lens
+from sitl_sim.sensors.looks.catalogue import PLAIN, check
 from sitl_sim.worlds.mission_file import read_mission
 from sitl_sim.worlds.world import Point2, Point3, WorldConfig
 
@@ -44,6 +45,11 @@ class DronesConfig(StrictModel):
     jitter: float = Field(0.1, ge=0, description="Each start is moved up to this [m].")
     shift: float = Field(0.0, ge=0, description="All starts together, across their heading [m].")
     radius: float = Field(0.2, gt=0, description="Of the sphere around a drone [m].")
+    look: Literal["ball", "bare", "mixed"] = Field(
+        "ball",
+        description="ball: dark, with a magenta ball; bare: one kind of body without it, drawn by "
+        "the seed; mixed: a kind for each drone.",
+    )
     autopilot: Literal["px4", "ardupilot", "betaflight"] = Field(
         "px4",
         description="px4, ardupilot: emulated; betaflight: the real SITL, in real time.",
@@ -173,6 +179,18 @@ class Scenario(StrictModel):
     wind: list[float] = Field([0.0, 0.0, 0.0], min_length=3, max_length=3, description="m/s ENU.")
     faults: list[fault.FaultConfig] = Field([], description="Faults of the flight: docs/faults.md.")
     companion: dict[str, Any] = Field({}, description="Overrides of every companion's config.")
+
+    @model_validator(mode="after")
+    def _looks_known(self) -> Self:
+        try:
+            check(self.world.look)
+        except ValueError as error:
+            raise Contradiction(("world.look",), str(error)) from error
+        if self.world.look == PLAIN and self.drones.look != "ball":
+            raise Contradiction(("drones.look",), "world.look plain has drones with balls only")
+        if self.world.look == PLAIN and (self.world.lean_deg or self.world.branches):
+            raise Contradiction(("world.look",), "plain shows upright trunks only")
+        return self
 
 
 def names() -> list[str]:

@@ -1,7 +1,7 @@
 """Pictures with per-pixel truth in memory, to train perception: a stream without an end.
 
-    from sitl_sim.sensors.labelled_pictures import stream
-    for labelled in stream(seed=1): ...
+from sitl_sim.sensors.labelled_pictures import stream
+for labelled in stream(seed=1): ...
 """
 
 from __future__ import annotations

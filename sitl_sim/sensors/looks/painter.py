@@ -1,6 +1,6 @@
 """The static scene of a look: colour, depth and class of every pixel, tile by tile."""
 
-# ruff: noqa: ANN001, ANN201 - numba infers the types of a kernel's arguments
+# ruff: noqa: ANN001, ANN201, ANN202 - numba infers the types of a kernel's arguments
 from __future__ import annotations
 
 import math
@@ -76,9 +76,9 @@ def _paint_shape(prims, k, dx, dy, dz, t, p, number, texels, colours):  # type: 
         thin = np.float32(0.003)
         if min(abs(x - prims[k, AXIS]), abs(x - prims[k, ACROSS])) < thin + t * np.float32(1e-4):
             nx = _ONE if dx < _ZERO else -_ONE
-        elif (
-            min(abs(y - prims[k, AXIS + 1]), abs(y - prims[k, ACROSS + 1])) < thin + t * np.float32(1e-4)
-        ):
+        elif min(
+            abs(y - prims[k, AXIS + 1]), abs(y - prims[k, ACROSS + 1])
+        ) < thin + t * np.float32(1e-4):
             ny = _ONE if dy < _ZERO else -_ONE
         else:
             nz = _ONE if dz < _ZERO else -_ONE
@@ -90,7 +90,12 @@ def _paint_shape(prims, k, dx, dy, dz, t, p, number, texels, colours):  # type: 
         facing = max(-(nx * dx + ny * dy + nz * dz), np.float32(0.1))
         level = mip(footprint * WALL_TEXELS / math.sqrt(facing))
         found = _colour(
-            texels, colours, material, np.int32(u_m * WALL_TEXELS), np.int32(v_m * WALL_TEXELS), level
+            texels,
+            colours,
+            material,
+            np.int32(u_m * WALL_TEXELS),
+            np.int32(v_m * WALL_TEXELS),
+            level,
         )
     elif kind == SPHERE:
         r = _ONE / prims[k, RADIUS]
@@ -102,15 +107,21 @@ def _paint_shape(prims, k, dx, dy, dz, t, p, number, texels, colours):  # type: 
         # Leaves face all ways: half of the light does not depend on the sphere's own slope.
         nx, ny, nz = nx * np.float32(0.7), ny * np.float32(0.7), nz * np.float32(0.7)
     else:
-        along = prims[k, ALONG] + prims[k, AXIS] * x + prims[k, AXIS + 1] * y + prims[k, AXIS + 2] * z
+        along = (
+            prims[k, ALONG] + prims[k, AXIS] * x + prims[k, AXIS + 1] * y + prims[k, AXIS + 2] * z
+        )
         end = min(max(along, _ZERO), prims[k, LENGTH])
         if kind == CYLINDER:
             end = along
         r, d = _ONE / prims[k, RADIUS], along - end
         lean = prims[k, AXIS] * dx + prims[k, AXIS + 1] * dy + prims[k, AXIS + 2] * dz
         nx = (prims[k, ACROSS] + t * (dx - lean * prims[k, AXIS]) + d * prims[k, AXIS]) * r
-        ny = (prims[k, ACROSS + 1] + t * (dy - lean * prims[k, AXIS + 1]) + d * prims[k, AXIS + 1]) * r
-        nz = (prims[k, ACROSS + 2] + t * (dz - lean * prims[k, AXIS + 2]) + d * prims[k, AXIS + 2]) * r
+        ny = (
+            prims[k, ACROSS + 1] + t * (dy - lean * prims[k, AXIS + 1]) + d * prims[k, AXIS + 1]
+        ) * r
+        nz = (
+            prims[k, ACROSS + 2] + t * (dz - lean * prims[k, AXIS + 2]) + d * prims[k, AXIS + 2]
+        ) * r
         c1 = nx * prims[k, E1] + ny * prims[k, E1 + 1] + nz * prims[k, E1 + 2]
         c2 = nx * prims[k, E2] + ny * prims[k, E2 + 1] + nz * prims[k, E2 + 2]
         around = (diamond(c1, c2) * np.float32(0.25) + _ONE + prims[k, OFF_U]) * prims[k, AROUND]
@@ -126,7 +137,21 @@ def _paint_shape(prims, k, dx, dy, dz, t, p, number, texels, colours):  # type: 
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
 def paint(  # type: ignore[no-untyped-def]
-    rays, rot, p, prims, lists, count, number, texels, colours, macro, sky, profile, out, depth, seen
+    rays,
+    rot,
+    p,
+    prims,
+    lists,
+    count,
+    number,
+    texels,
+    colours,
+    macro,
+    sky,
+    profile,
+    out,
+    depth,
+    seen,
 ):
     """Paint out (h,w,3) uint8 BGR, depth (h,w) [m] along the ray (sky: inf), seen (h,w) uint8.
 
@@ -197,7 +222,10 @@ def paint(  # type: ignore[no-untyped-def]
             elif place == _GROUND:
                 t = min(t, _END)
                 gx, gy = px + dx[k] * t, py + dy[k] * t
-                u, v = np.int32((gx + SHIFT) * GROUND_TEXELS), np.int32((gy + SHIFT) * GROUND_TEXELS)
+                u, v = (
+                    np.int32((gx + SHIFT) * GROUND_TEXELS),
+                    np.int32((gy + SHIFT) * GROUND_TEXELS),
+                )
                 mu = np.int32(min(max((gx - number[MACRO_X]) * number[MACRO_SCALE], _ZERO), last))
                 mv = np.int32(min(max((gy - number[MACRO_Y]) * number[MACRO_SCALE], _ZERO), last))
                 here = np.uintp(share_of[mv * side + mu])
@@ -245,7 +273,9 @@ def paint(  # type: ignore[no-untyped-def]
                 c = found[k]
                 mist = _ONE - clear[k]
                 b_ = np.float32(np.int32(c & np.uint32(255))) * gain[0, k] * clear[k]
-                g_ = np.float32(np.int32(c >> np.uint32(8) & np.uint32(255))) * gain[1, k] * clear[k]
+                g_ = (
+                    np.float32(np.int32(c >> np.uint32(8) & np.uint32(255))) * gain[1, k] * clear[k]
+                )
                 r_ = np.float32(np.int32(c >> np.uint32(16))) * gain[2, k] * clear[k]
                 line[at] = np.uint8(np.int32(min(b_ + number[HAZE] * mist, _MAX)))
                 line[at + 1] = np.uint8(np.int32(min(g_ + number[HAZE + 1] * mist, _MAX)))
