@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import secrets
 import signal
 import time
 from dataclasses import replace
@@ -18,6 +19,7 @@ from companion.process.frame_source import FrameSource, open_source
 from companion.process.journal import event
 from companion.process.liveness import Liveness
 from companion.process.pace import ClockPace, FramePace, Pace
+from companion.process.presence import Presence
 from companion.process.service_manager import ServiceManager
 from companion.process.session import Session
 from companion.process.signing_keys import Timestamps, open_signing
@@ -29,8 +31,9 @@ from companion.tick import Tick, TickInputs
 from companion.types import Phase
 from mavlink_bridge.autopilots.registry import adapter
 from mavlink_bridge.wire.codec import Codec
+from mavlink_bridge.wire.ids import ComponentId
 from mavlink_bridge.wire.link import Link, open_endpoint
-from mavlink_bridge.wire.messages import Heartbeat, Source
+from mavlink_bridge.wire.messages import Source
 
 _LEAVE_WITHIN = 1.5  # s to wait for the autopilot to hold, of the two that SIGTERM allows
 _STATUS_PERIOD = 5.0  # s between notices to the service manager during start-up
@@ -60,9 +63,14 @@ class Daemon:
         )
         self._link = _open_link(link, self._timestamps)
         self._frames = open_source(config.camera)
-        self._pace = _make_pace(config, self._link, self._frames)
+        me = Source(link.system_id, link.component_id)
+        self._presence = Presence(me, 1 + secrets.randbelow((1 << 32) - 1))
+        self._pace = _make_pace(config, self._link, self._frames, self._presence)
         self._session = Session(
-            Companion(config, time.perf_counter), self._link, lambda: self._pace.misses
+            Companion(config, time.perf_counter),
+            self._link,
+            lambda: self._pace.misses,
+            self._presence,
         )
         if config.log.path:
             self._open_log(log_path(config.log.path, os.environ))
@@ -108,12 +116,11 @@ class Daemon:
         The lock keeps a second companion off this machine; one on another machine is heard where
         the autopilot passes its messages on.
         """
-        me = Source(self._config.link.system_id, self._config.link.component_id)
-        if not self._duplicate and any(
-            r.source == me and isinstance(r.message, Heartbeat) for r in inputs.received
-        ):
+        if not self._duplicate and self._presence.another(inputs.received):
             self._duplicate = self._stop = True
-            event("another companion", logging.ERROR, system=me.system, component=me.component)
+            link = self._config.link
+            ids = {"system": link.system_id, "component": link.component_id}
+            event("another companion", logging.ERROR, **ids)
 
     def _tick(self, inputs: TickInputs) -> None:
         """Decide, send, then do everything that can wait."""
@@ -141,6 +148,7 @@ class Daemon:
             self._service_manager.status(inhibited or phase + ", armed" * armed)
         self._events.tick(inputs, tick)
         self._events.link(self._link.problem)
+        self._events.address(self._link.address)
         self._events.refused(self._link.codec.statistics, time.monotonic())
 
     def _over(self) -> bool:
@@ -176,15 +184,19 @@ def _open_link(link: LinkConfig, timestamps: Timestamps | None) -> Link:
         allow=link.heard(),
         signing=timestamps.signing if timestamps else None,
     )
-    return Link(open_endpoint(link.endpoint), codec)
+    return Link(open_endpoint(link.endpoint), codec, Source(link.system_id, ComponentId.AUTOPILOT1))
 
 
-def _make_pace(config: CompanionConfig, link: Link, frames: FrameSource) -> Pace:
+def _make_pace(
+    config: CompanionConfig, link: Link, frames: FrameSource, presence: Presence
+) -> Pace:
     if config.timing.pace == "frames":
         return FramePace(link, frames)
     system = config.link.system_id
     greeting = [
-        COMPANION_HEARTBEAT,
+        *presence.marked([COMPANION_HEARTBEAT]),
         *adapter(config.link.autopilot, system).request_streams(),
     ]
-    return ClockPace(link, frames, config.timing.period, Source(system, 1), greeting)
+    return ClockPace(
+        link, frames, config.timing.period, Source(system, ComponentId.AUTOPILOT1), greeting
+    )

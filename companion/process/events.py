@@ -25,6 +25,7 @@ class Events:
         self._fault: CameraFault | None = None
         self._inhibit_reason = ""
         self._problem = ""
+        self._address = ""
         self._refused, self._refused_at = 0, -1e9
 
     def link(self, problem: str) -> None:
@@ -33,9 +34,16 @@ class Events:
             event("link", logging.WARNING, text=problem or "back")
         self._problem = problem
 
+    def address(self, address: str) -> None:
+        """Log the vehicle's address over UDP where it is known, and each change of it."""
+        if address != self._address:
+            level = logging.WARNING if self._address else logging.INFO
+            event("vehicle's address", level, address=address, before=self._address)
+        self._address = address
+
     def refused(self, counts: CodecStatistics, now: float) -> None:
-        """Log that foreign or unsigned messages were refused: at most one line a second."""
-        refused = counts.foreign + counts.unsigned
+        """Log that messages were refused, and why: at most one line a second."""
+        refused = counts.foreign + counts.unsigned + counts.replayed + counts.strange
         if refused > self._refused and now - self._refused_at >= 1.0:
             new = refused - self._refused
             event(
@@ -44,6 +52,8 @@ class Events:
                 frames=new,
                 foreign=counts.foreign,
                 unsigned=counts.unsigned,
+                replayed=counts.replayed,
+                strange=counts.strange,
             )
             self._refused, self._refused_at = refused, now
 

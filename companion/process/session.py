@@ -8,6 +8,7 @@ from dataclasses import asdict
 
 from companion.flightlog.recorder import Recorder
 from companion.pipeline import Companion
+from companion.process.presence import Presence
 from companion.tick import Tick, TickInputs
 from mavlink_bridge.wire.link import Link
 
@@ -15,12 +16,23 @@ from mavlink_bridge.wire.link import Link
 class Session:
     """Ticks the companion, sends its messages, and logs the tick."""
 
-    def __init__(self, companion: Companion, link: Link, misses: Callable[[], int]) -> None:
-        """Start without a log; misses: returns the deadlines missed so far."""
+    def __init__(
+        self,
+        companion: Companion,
+        link: Link,
+        misses: Callable[[], int],
+        presence: Presence | None = None,
+    ) -> None:
+        """Start without a log.
+
+        misses: returns the deadlines missed so far. presence: marks this companion's heartbeat;
+        None: it goes out as it is.
+        """
         self.recorder: Recorder | None = None
         self._companion = companion
         self._link = link
         self._misses = misses
+        self._presence = presence
         self._packets: list[tuple[bool, bytes]] = []
         self._tick_cost = self._log_cost = 0.0
 
@@ -42,7 +54,7 @@ class Session:
         started, packets = time.perf_counter(), self._link.packets_out
         tick = self._companion.tick(inputs)
         for packet in tick.packets:
-            self._link.send(packet)
+            self._link.send(self._presence.marked(packet) if self._presence else packet)
         self._tick_cost = time.perf_counter() - started
         return tick, self._link.packets_out > packets
 

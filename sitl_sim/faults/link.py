@@ -96,7 +96,7 @@ class FaultyLink(Link):
         for packet in packets + self.line.noise():
             self.packets_out += self.endpoint.send(packet)
 
-    def receive(self) -> list[Received]:
+    def receive(self, renew: bool = True) -> list[Received]:
         """Return what the line lets through; all packets that arrived are counted."""
         out: list[Received] = []
         for data in self.endpoint.receive():

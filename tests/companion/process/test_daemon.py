@@ -15,8 +15,8 @@ from companion.flightlog.reader import read_log
 from mavlink_bridge.autopilots.px4 import Px4
 from mavlink_bridge.shared.mcap_file import salvage
 from mavlink_bridge.wire.codec import Codec
-from mavlink_bridge.wire.link import UdpEndpoint
 from mavlink_bridge.wire.messages import Heartbeat
+from mavlink_bridge.wire.udp import UdpEndpoint
 from mavlink_bridge.wire.video import FrameServer
 
 WATCHDOG = 1.0  # s, as in the unit

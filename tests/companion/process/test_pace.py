@@ -8,8 +8,9 @@ import numpy as np
 from companion.process.pace import ClockPace
 from mavlink_bridge.autopilots.ardupilot import ArduPilot
 from mavlink_bridge.wire.codec import Codec
-from mavlink_bridge.wire.link import Link, UdpEndpoint
+from mavlink_bridge.wire.link import Link
 from mavlink_bridge.wire.messages import Attitude, Command, Heartbeat, Received, Source, SystemTime
+from mavlink_bridge.wire.udp import UdpEndpoint
 
 AUTOPILOT = "ardupilot"  # of the emulated vehicles
 LEVEL = np.array([1.0, 0, 0, 0])
