@@ -35,7 +35,8 @@ class TickInputs:
 class Tick:
     """The results of all stages of one tick, and how long each took [s].
 
-    reference: None before the own state is known. setpoint: None where none goes out.
+    reference: None before the own state is known. setpoint: None where none goes out. failure: the
+    stage that raised, in words; empty: none did.
     """
 
     time: float
@@ -49,6 +50,7 @@ class Tick:
     supervised: Supervised = field(default_factory=Supervised)
     setpoint: RateSetpoint | None = None
     stages: dict[str, float] = field(default_factory=dict)
+    failure: str = ""
 
     @property
     def packets(self) -> list[list[Message]]:

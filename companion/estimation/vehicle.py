@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from mavlink_bridge.autopilots.registry import Identity
 from mavlink_bridge.wire.messages import Heartbeat, Received, Source, VehicleState
 from mavlink_bridge.wire.video import Frame
 
+_MODE_KNOWN = 1.0  # s without news for which the last mode is believed: a HEARTBEAT's period
 _CLOCK_BACK = 1.0  # s; a vehicle whose clock goes back by more has started anew
 
 
@@ -40,6 +41,17 @@ class VehicleEstimate:
     mode_known: bool = False
     rebooted: bool = False
     inhibit_reason: str = ""
+
+    def without_news(self, gap: float) -> VehicleEstimate:
+        """Return this estimate `gap` [s] later, where no new one can be had.
+
+        The mode is not known for long: a pilot may have changed it.
+        """
+        age = self.age + gap
+        known = self.mode_known and age <= _MODE_KNOWN
+        return replace(
+            self, at_capture=None, age=age, tick_gap=gap, rebooted=False, mode_known=known
+        )
 
 
 class VehicleEstimator:

@@ -33,6 +33,7 @@ class Detections:
     frame. searched: whether trunks were looked for. ranges: (h,w) m to other surfaces, where there
     is a depth image. fault: of the camera; blind: s that it has lasted. started: whether any frame
     has been looked at. inhibit_reason: why the frames cannot be flown by; empty where they can.
+    problem: why what the detectors gave cannot be true; empty: it can.
     """
 
     time: float = 0.0
@@ -45,6 +46,7 @@ class Detections:
     blind: float = 0.0
     started: bool = False
     inhibit_reason: str = ""
+    problem: str = ""
 
 
 class PerceptionFrontend:
@@ -87,7 +89,11 @@ class PerceptionFrontend:
         found = Detections()
         if new and frame is not None and at_capture is not None:
             self._newest = frame.time
-            found = self._detect(frame, at_capture, fits=not misfit)
+            try:
+                found = self._detect(frame, at_capture, fits=not misfit)
+            except Exception as error:  # it shows no more than a camera without pictures
+                found = Detections(problem=f"{type(error).__name__}: {error}")
+            fault = self._health.searched(time, sound=not found.problem)
         return Detections(
             found.time,
             found.own,
@@ -99,6 +105,7 @@ class PerceptionFrontend:
             self._health.blind(time),
             self._newest > -np.inf,
             misfit,
+            found.problem,
         )
 
     def _detect(self, frame: Frame, own: VehicleState, fits: bool) -> Detections:
@@ -128,11 +135,15 @@ class PerceptionFrontend:
             )
         else:
             trunks = self._find_trunks(frame, image, own)
-        drones = [
+        good_drones = [
             d for d in drones if _possible(d.direction, d.range, d.sigma_bearing, d.sigma_range)
         ]
-        trunks = [t for t in trunks if _possible(t.direction, t.distance, t.radius, t.sigma)]
-        return Detections(frame.time, own, drones, trunks, searched, ranges)
+        good_trunks = [t for t in trunks if _possible(t.direction, t.distance, t.radius, t.sigma)]
+        bad = len(drones) + len(trunks) - len(good_drones) - len(good_trunks)
+        problem = f"{bad} detections with impossible numbers" if bad else ""
+        return Detections(
+            frame.time, own, good_drones, good_trunks, searched, ranges, problem=problem
+        )
 
     def _find_trunks(self, frame: Frame, image: Image | None, own: VehicleState) -> list[Trunk]:
         if self._sensing.obstacles == "map":

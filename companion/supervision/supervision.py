@@ -86,17 +86,19 @@ class Supervision:
         *,
         self_tested: bool,
         leave: bool,
+        failure: str = "",
     ) -> Supervised:
         """Return the verdict and the phase at the tick of `time` [s]; one call a tick.
 
-        self_tested: the solver works. leave: control is to be given back to the autopilot.
+        self_tested: the solver works. leave: control is to be given back to the autopilot. failure:
+        the stage that failed, in words; empty: none.
         """
-        inhibit_reason = vehicle.inhibit_reason or seen.inhibit_reason
+        inhibit_reason = failure or vehicle.inhibit_reason or seen.inhibit_reason
         verdict: Verdict | None = None
         if leave:
             self._phases.release()
         if self.phase.flying:
-            verdict = self._judge(time, vehicle, seen, plan)
+            verdict = self._judge(time, vehicle, seen, plan, failure)
             if verdict.request is not AutopilotRequest.NONE:
                 self._phases.release(land=verdict.request is not AutopilotRequest.HOLD)
         decision = self._phases.update(
@@ -113,7 +115,7 @@ class Supervision:
         if not decision.stream:
             verdict = None
         elif verdict is None:
-            verdict = self._judge(time, vehicle, seen, plan)
+            verdict = self._judge(time, vehicle, seen, plan, failure)
         repeat = vehicle.packet_loss > self._config.lossy
         return Supervised(decision.phase, requests, verdict, repeat, inhibit_reason)
 
@@ -127,7 +129,12 @@ class Supervision:
         )
 
     def _judge(
-        self, time: float, vehicle: VehicleEstimate, seen: Detections, plan: Plan | None
+        self,
+        time: float,
+        vehicle: VehicleEstimate,
+        seen: Detections,
+        plan: Plan | None,
+        failure: str,
     ) -> Verdict:
         own = vehicle.state
         outside, outward = (-np.inf, 0.0) if own is None else self._fence.across(own.p, own.v)
@@ -143,5 +150,6 @@ class Supervision:
                 blind=seen.blind,
                 tick_gap=vehicle.tick_gap,
                 packet_loss=vehicle.packet_loss,
+                failure=failure,
             )
         )

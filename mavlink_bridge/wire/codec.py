@@ -110,6 +110,13 @@ class Codec:
             found = None if start else self._start.search(data, 1, LONGEST)
         return False
 
+    def refuse(self, data: bytes) -> None:
+        """Count a datagram that is not plausible: of a foreign sender, or garbage."""
+        if self._start.match(data) and len(data) >= HEADER:
+            self.statistics.foreign += 1
+        else:
+            self.statistics.bad_bytes += len(data)
+
     def restart(self) -> None:
         """Forget the incomplete frame of a stream: what would complete it is lost."""
         self.statistics.bad_bytes += len(self._buffer)

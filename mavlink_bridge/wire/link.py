@@ -263,7 +263,7 @@ class Link:
                 self.packets_in += 1
                 self._pinned_heard = time.monotonic()
             if self._whole and not self.codec.plausible(data):
-                counts.bad_bytes += len(data)
+                self.codec.refuse(data)
                 continue
             (far if strange else near).add(data, place)
         counts.dropped += near.dropped + far.dropped

@@ -10,7 +10,7 @@ from companion.perception.camera_health import CameraFault
 from companion.supervision.guard import AutopilotRequest, Reason
 from companion.types import Phase
 from mavlink_bridge.wire.messages import Heartbeat
-from tests.closed_loop.matrix import link_checks
+from tests.closed_loop.matrix import hostile_checks, link_checks
 from tests.closed_loop.matrix.inprocess import fly
 from tests.closed_loop.matrix.measures import (
     CRUISE,
@@ -326,6 +326,7 @@ def row_22(note):
 
 ROWS = {
     name.removeprefix("row_"): check
-    for name, check in [*vars(link_checks).items(), *globals().items()]
+    for rows in (vars(link_checks), vars(hostile_checks), dict(globals()))
+    for name, check in rows.items()
     if name.startswith("row_")
 }

@@ -43,6 +43,7 @@ class Outcome:
         self.own, self.heartbeat = tick.vehicle.state, tick.vehicle.heartbeat
         self.fault = tick.seen.fault
         self.messages = tick.packets[0]
+        self.failure = tick.failure
 
 
 class Companion:

@@ -142,6 +142,17 @@ def cpu_seconds(pid):
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
+@pytest.mark.row("38")
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGUSR1, signal.SIGUSR2])
+def test_no_signal_of_a_user_kills_the_daemon(world, start_daemon, number):
+    daemon = start_daemon(world.config(2))
+    assert daemon.listen(20.0, until="READY=1"), daemon.log()
+    daemon.process.send_signal(number)
+    assert daemon.process.wait(5.0) == 0  # a signal that kills gives its negative number
+    assert "stopping" in daemon.log()
+    assert "stopped" in daemon.log()
+
+
 @pytest.mark.row("23")
 def test_a_bad_config_ends_with_78_and_its_place(tmp_path):
     file = tmp_path / "bad.yaml"
