@@ -47,7 +47,8 @@ class TickInputs:
 class Tick:
     """The results of all stages of one tick, and how long each took [s].
 
-    reference: None before the own state is known. setpoint: None where none goes out.
+    reference: None before the own state is known. setpoint: None where none goes out. failure: the
+    stage that raised, in words; empty: none did.
     """
 
     time: float
@@ -64,6 +65,7 @@ class Tick:
     served: Served = field(default_factory=Served)
     setpoint: RateSetpoint | None = None
     stages: dict[str, float] = field(default_factory=dict)
+    failure: str = ""
 
     @property
     def packets(self) -> list[list[Message]]:

@@ -18,7 +18,7 @@ from companion.process.vehicle_lock import VehicleLock, VehicleTaken
 from companion.settings.config import CompanionConfig
 from mavlink_bridge.autopilots.registry import Identity, adapter
 from mavlink_bridge.wire.codec import Codec
-from mavlink_bridge.wire.link import EndpointError, Link, open_endpoint
+from mavlink_bridge.wire.link import Link, open_endpoint
 from mavlink_bridge.wire.messages import (
     Attitude,
     Command,
@@ -31,6 +31,7 @@ from mavlink_bridge.wire.messages import (
     ParamValue,
     TimeSync,
 )
+from mavlink_bridge.wire.udp import EndpointError
 
 _LISTEN, _SETTLE = 4.0, 1.5  # s on the link; of them until requested streams run
 _STREAM_MIN = 20.0  # Hz of attitude and of position

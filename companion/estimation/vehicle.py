@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from mavlink_bridge.autopilots.answers import Answers
 from mavlink_bridge.autopilots.registry import Identity
 from mavlink_bridge.wire.messages import Heartbeat, Message, Received, Source, VehicleState
 
+_MODE_KNOWN = 1.0  # s without news for which the last mode is believed: a HEARTBEAT's period
 _CLOCK_BACK = 1.0  # s; a vehicle whose clock goes back by more has started anew
 
 
@@ -46,6 +47,15 @@ class VehicleEstimate:
     inhibit_reason: str = ""
     thrust: AutopilotThrust = field(default_factory=AutopilotThrust)
     refusals: tuple[str, ...] = ()
+
+    def without_news(self, gap: float) -> VehicleEstimate:
+        """Return this estimate `gap` [s] later, where no new one can be had.
+
+        The mode is not known for long: a pilot may have changed it.
+        """
+        age = self.age + gap
+        known = self.mode_known and age <= _MODE_KNOWN
+        return replace(self, age=age, tick_gap=gap, rebooted=False, mode_known=known, refusals=())
 
 
 class VehicleEstimator:

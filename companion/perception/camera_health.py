@@ -38,6 +38,7 @@ class CameraFault(Enum):
     AHEAD = "ahead"  # stamped in the future: nothing says when it was taken
     MISFIT = "misfit"  # not of the size that the calibration is for
     MISALIGNED = "misaligned"  # it turns otherwise than the gyro says
+    SENSELESS = "senseless"  # what is found in it is no number, or the detector fails
 
 
 class CameraHealthConfig(StrictModel):
@@ -61,7 +62,8 @@ class CameraHealth:
         self._before: NDArray[Any] | None = None
         self._newest = -np.inf
         self._blind_since: float | None = None
-        self.fault = CameraFault.DEAD
+        self._picture = self.fault = CameraFault.DEAD
+        self._senseless = False
 
     def check(
         self,
@@ -79,16 +81,29 @@ class CameraHealth:
         """
         horizon = time if horizon is None else horizon
         if frame is not None and frame.time > horizon + STAMP_AHEAD:
-            self.fault = CameraFault.AHEAD
+            self._picture = CameraFault.AHEAD
         elif frame is not None and frame.time > self._newest:
             self._newest = frame.time
-            self.fault = self._judge(frame) if fits else CameraFault.MISFIT
-            if self.fault is CameraFault.NONE and not aligned:
-                self.fault = CameraFault.MISALIGNED
+            self._picture = self._judge(frame) if fits else CameraFault.MISFIT
+            if self._picture is CameraFault.NONE and not aligned:
+                self._picture = CameraFault.MISALIGNED
         if self.usable:
             age, late = time - self._newest, self._config.late
             gone = CameraFault.DEAD if age > _DEAD * late else CameraFault.LATE
-            self.fault = gone if age > late else CameraFault.NONE
+            self._picture = gone if age > late else CameraFault.NONE
+        return self._conclude(time)
+
+    def searched(self, time: float, sound: bool) -> CameraFault:
+        """Judge again, once the newest frame has been searched.
+
+        sound: what the detectors found is made of possible numbers.
+        """
+        self._senseless = not sound
+        return self._conclude(time)
+
+    def _conclude(self, time: float) -> CameraFault:
+        """Return the fault of picture and detectors; note since when there is one."""
+        self.fault = CameraFault.SENSELESS if self._senseless and self.usable else self._picture
         if self.fault is CameraFault.NONE:
             self._blind_since = None
         elif self._blind_since is None:
@@ -102,7 +117,7 @@ class CameraHealth:
     @property
     def usable(self) -> bool:
         """Whether the newest frame can be searched; a late one can, with its own time."""
-        return self.fault in (CameraFault.NONE, CameraFault.LATE)
+        return self._picture in (CameraFault.NONE, CameraFault.LATE)
 
     def _judge(self, frame: Frame) -> CameraFault:
         if not frame.arrays or self._needs - frame.arrays.keys():

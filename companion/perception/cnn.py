@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field
 
 from companion.perception.camera import Camera
-from companion.perception.networks import ModelError, OnnxNetwork, Tensor
+from companion.perception.networks import ModelError, OnnxNetwork, Tensor, check_scores
 from companion.types import Detection, Image
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import StrictModel
@@ -73,6 +73,7 @@ class CnnDetector:
         """Return the detections of an output (CHANNELS,h,w): its local maxima, each drone once."""
         c = self._config
         heat = cells[_HEAT]
+        check_scores(heat)
         highest = cv2.dilate(heat, np.ones((3, 3), np.uint8))
         row, column = np.nonzero((heat >= c.threshold) & (heat >= highest))
         if not len(row):

@@ -52,6 +52,7 @@ class Detections:
     started: bool = False
     inhibit_reason: str = ""
     alignment: Alignment = field(default_factory=Alignment)
+    problem: str = ""
 
 
 class PerceptionFrontend:
@@ -149,12 +150,16 @@ class PerceptionFrontend:
             )
         else:
             trunks = self._find_trunks(frame, image, own)
-        drones = [
+        good_drones = [
             d for d in drones if _possible(d.direction, d.range, d.sigma_bearing, d.sigma_range)
         ]
-        trunks = [t for t in trunks if _possible(t.direction, t.distance, t.radius, t.sigma)]
-        fixed = self._fixed(frame, image, own, drones)
-        return Detections(frame.time, own, drones, trunks, searched, ranges, fixed)
+        good_trunks = [t for t in trunks if _possible(t.direction, t.distance, t.radius, t.sigma)]
+        bad = len(drones) + len(trunks) - len(good_drones) - len(good_trunks)
+        problem = f"{bad} detections with impossible numbers" if bad else ""
+        fixed = self._fixed(frame, image, own, good_drones)
+        return Detections(
+            frame.time, own, good_drones, good_trunks, searched, ranges, fixed, problem=problem
+        )
 
     def _fixed(
         self, frame: Frame, image: Image | None, own: VehicleState, drones: list[Detection]

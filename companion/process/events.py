@@ -28,6 +28,7 @@ class Events:
         self._fault: CameraFault | None = None
         self._inhibit_reason = ""
         self._problem = ""
+        self._address = ""
         self._refused, self._refused_at = 0, -1e9
         self._ahead, self._ahead_at = 0, -1e9
         self._weak = False  # the thrust gives another acceleration than expected
@@ -39,9 +40,16 @@ class Events:
             event("link", logging.WARNING, text=problem or "back")
         self._problem = problem
 
+    def address(self, address: str) -> None:
+        """Log the vehicle's address over UDP where it is known, and each change of it."""
+        if address != self._address:
+            level = logging.WARNING if self._address else logging.INFO
+            event("vehicle's address", level, address=address, before=self._address)
+        self._address = address
+
     def refused(self, counts: CodecStatistics, now: float) -> None:
-        """Log that foreign or unsigned messages were refused: at most one line a second."""
-        refused = counts.foreign + counts.unsigned
+        """Log that messages were refused, and why: at most one line a second."""
+        refused = counts.foreign + counts.unsigned + counts.replayed + counts.strange
         if refused > self._refused and now - self._refused_at >= 1.0:
             new = refused - self._refused
             event(
@@ -50,6 +58,8 @@ class Events:
                 frames=new,
                 foreign=counts.foreign,
                 unsigned=counts.unsigned,
+                replayed=counts.replayed,
+                strange=counts.strange,
             )
             self._refused, self._refused_at = refused, now
 
@@ -75,7 +85,8 @@ class Events:
             self._armed = armed
         if fault is not self._fault:
             level = logging.INFO if fault is CameraFault.NONE else logging.WARNING
-            told = {"reason": tick.seen.inhibit_reason} if tick.seen.inhibit_reason else {}
+            why = tick.seen.problem or tick.seen.inhibit_reason
+            told = {"reason": why} if why else {}
             event("camera", level, fault=fault.value, time=tick.time, **told)
         self._fault = fault
         if supervised.inhibit_reason != self._inhibit_reason and supervised.inhibit_reason:

@@ -71,7 +71,7 @@ class FramePace:
         deadline = time.monotonic() + _PATIENCE
         while self._link.packets_in < frame.packets and time.monotonic() < deadline:
             self._link.wait(0.05)
-            received += self._link.receive()
+            received += self._link.receive(renew=self._link.spent)
         if self._link.packets_in < frame.packets:
             self.misses += 1
             self._link.packets_in = frame.packets  # lost for good: do not wait again
@@ -151,7 +151,7 @@ class ClockPace:
         self.misses += late
         due = self._due + late * self._period
         self._due = due + self._period
-        received += self._take_in(0.0)
+        received += self._take_in(0.0, renew=True)
         clock = self._clock.estimate
         assert clock is not None
         latest = round(clock.vehicle(time.monotonic()) + clock.doubt, 6)
@@ -159,9 +159,16 @@ class ClockPace:
             round(due, 6), received, self._frame, latest=max(latest, due), clock=clock
         )
 
-    def _take_in(self, timeout: float) -> list[Received]:
-        """Wait up to `timeout` [s] for telemetry or a frame; keep only the newest frame."""
-        sources: list[Link | FrameSource] = [self._link]
+    def _take_in(self, timeout: float, renew: bool = False) -> list[Received]:
+        """Wait up to `timeout` [s] for telemetry or a frame; keep only the newest frame.
+
+        renew: as once a tick, see `Link.receive`. A link on which too much came is left alone until
+        then.
+        """
+        renew |= self._due is None
+        sources: list[Link | FrameSource] = []
+        if renew or not self._link.spent:
+            sources.append(self._link)
         if self._frames is not None:
             sources.append(self._frames)
         files = [s.endpoint.fileno() if isinstance(s, Link) else s.fileno() for s in sources]
@@ -173,7 +180,7 @@ class ClockPace:
                     break
         except VideoError:
             self._frames = None
-        received = self._link.receive()
+        received = self._link.receive(renew)
         self._hear_clock(received)
         return received
 

@@ -85,21 +85,23 @@ class Supervision:
         self_tested: bool,
         leave: bool,
         give_back: GiveBack | None = None,
+        failure: str = "",
     ) -> Supervised:
         """Return the verdict and the phase at the tick of `time` [s]; one call a tick.
 
         hover: the hover thrust, without which the companion does not take over.
         self_tested: the solver works. leave: control is to be given back to the autopilot.
-        give_back: a ground station asks for that, and how.
+        give_back: a ground station asks for that, and how. failure: the stage that failed, in
+        words; empty: none.
         """
-        inhibit_reason = vehicle.inhibit_reason or seen.inhibit_reason
+        inhibit_reason = failure or vehicle.inhibit_reason or seen.inhibit_reason
         verdict: Verdict | None = None
         if leave:
             self._phases.release()
         if give_back is not None:
             self._phases.release(give_back)
         if self.phase.flying:
-            verdict = self._judge(time, vehicle, seen, plan)
+            verdict = self._judge(time, vehicle, seen, plan, failure)
             if verdict.request is not AutopilotRequest.NONE:
                 holds = verdict.request is AutopilotRequest.HOLD
                 self._phases.release(GiveBack.HOLD if holds else GiveBack.LAND)
@@ -117,7 +119,7 @@ class Supervision:
         if not decision.stream:
             verdict = None
         elif verdict is None:
-            verdict = self._judge(time, vehicle, seen, plan)
+            verdict = self._judge(time, vehicle, seen, plan, failure)
         repeat = vehicle.packet_loss > self._config.lossy
         return Supervised(decision.phase, requests, verdict, repeat, inhibit_reason)
 
@@ -131,7 +133,12 @@ class Supervision:
         )
 
     def _judge(
-        self, time: float, vehicle: VehicleEstimate, seen: Detections, plan: Plan | None
+        self,
+        time: float,
+        vehicle: VehicleEstimate,
+        seen: Detections,
+        plan: Plan | None,
+        failure: str,
     ) -> Verdict:
         own = vehicle.state
         outside, outward = (-np.inf, 0.0) if own is None else self._fence.across(own.p, own.v)
@@ -147,5 +154,6 @@ class Supervision:
                 blind=seen.blind,
                 tick_gap=vehicle.tick_gap,
                 packet_loss=vehicle.packet_loss,
+                failure=failure,
             )
         )

@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from mavlink_bridge.shared.frames import enu_ned, flu_frd, quaternion_enu_ned
-from mavlink_bridge.wire.link import Address
+from mavlink_bridge.wire.udp import Address
 from sitl_sim.external.autopilot_link import AutopilotLink
 from sitl_sim.external.external_sitl import ExternalError, ExternalSitl, udp_free
 from sitl_sim.vehicles.rigid_body import State

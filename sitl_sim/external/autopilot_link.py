@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import select
 
-from mavlink_bridge.wire.link import Address, UdpEndpoint
+from mavlink_bridge.wire.udp import Address, UdpEndpoint
 
 
 class AutopilotLink:

@@ -24,8 +24,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from mavlink_bridge.shared.frames import euler_from_quaternion
 from mavlink_bridge.wire.codec import Codec
-from mavlink_bridge.wire.link import Link, UdpEndpoint
+from mavlink_bridge.wire.link import Link
 from mavlink_bridge.wire.messages import GpsInput, Message, Received
+from mavlink_bridge.wire.udp import UdpEndpoint
 from sitl_sim.external.betaflight_sitl import BetaflightError, BetaflightSitl
 from sitl_sim.external.namespace import Host, Namespace
 from sitl_sim.external.priority import BRIDGE, PHYSICS, raise_priority, reset_priority

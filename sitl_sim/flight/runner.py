@@ -17,8 +17,9 @@ import numpy as np
 
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.wire.codec import Codec
-from mavlink_bridge.wire.link import Endpoint, Link, UdpEndpoint
+from mavlink_bridge.wire.link import Endpoint, Link
 from mavlink_bridge.wire.memory import MemoryEndpoint
+from mavlink_bridge.wire.udp import UdpEndpoint
 from mavlink_bridge.wire.video import Frame, FrameServer
 from sitl_sim.external.fleet import RealFleet
 from sitl_sim.external.lockstep_fleet import LockstepFleet

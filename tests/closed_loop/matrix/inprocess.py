@@ -43,6 +43,7 @@ class Outcome:
         self.own, self.heartbeat = tick.vehicle.state, tick.vehicle.heartbeat
         self.fault, self.alignment = tick.seen.fault, tick.seen.alignment
         self.messages = tick.packets[0]
+        self.failure = tick.failure
 
 
 class Companion:

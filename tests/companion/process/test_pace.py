@@ -12,7 +12,7 @@ from companion.process.pace import ClockPace
 from companion.process.time_requests import TimeRequests
 from mavlink_bridge.autopilots.ardupilot import ArduPilot
 from mavlink_bridge.wire.codec import Codec
-from mavlink_bridge.wire.link import Link, UdpEndpoint
+from mavlink_bridge.wire.link import Link
 from mavlink_bridge.wire.messages import (
     Attitude,
     Command,
@@ -22,6 +22,7 @@ from mavlink_bridge.wire.messages import (
     SystemTime,
     TimeSync,
 )
+from mavlink_bridge.wire.udp import UdpEndpoint
 from mavlink_bridge.wire.video import Frame
 
 AUTOPILOT = "ardupilot"  # of the emulated vehicles

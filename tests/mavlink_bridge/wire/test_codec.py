@@ -195,7 +195,7 @@ def test_a_frame_with_unknown_flags_is_discarded(flags):
     frame[-2:] = crc.to_bytes(2, "little")
     codec = Codec(1, 1)
     assert codec.decode_datagram(bytes(frame)) == []
-    assert codec.statistics.bad_frames == 1
+    assert codec.statistics.bad_bytes == len(frame)
     frame[2] = 0
     frame[-2:] = x25crc(frame[1:-2] + bytes([kind.crc_extra])).crc.to_bytes(2, "little")
     assert len(codec.decode_datagram(bytes(frame))) == 1
