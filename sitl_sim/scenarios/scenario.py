@@ -26,8 +26,8 @@ from sitl_sim.faults import catalogue as fault
 from sitl_sim.scenarios.airframes import ActualConfig, AirframeConfig, AirframeName
 from sitl_sim.scenarios.conditions import AirConfig, TimingConfig, WindConfig
 from sitl_sim.scenarios.sensing import SensingConfig
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.grades import StateGrade
-from sitl_sim.vehicles.rigid_body import Airframe
 from sitl_sim.worlds.generators import build
 from sitl_sim.worlds.ground import Ground
 from sitl_sim.worlds.mission_file import read_mission

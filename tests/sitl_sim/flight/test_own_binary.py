@@ -12,7 +12,8 @@ from sitl_sim.external.ardupilot_json import ArdupilotSitl
 from sitl_sim.external.external_sitl import ExternalError
 from sitl_sim.external.fleet import RealFleet, Wire
 from sitl_sim.external.px4_hil import Px4Sitl
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.airframe import Airframe
+from sitl_sim.vehicles.rigid_body import Vehicles
 from sitl_sim.worlds.geodesy import GeoReference, LocalFrame
 
 INSTANCE = 7  # UDP 9072, TCP 4567
