@@ -16,12 +16,12 @@ from sitl_sim.scenarios.companion_config import companion_port
 from sitl_sim.scenarios.conditions import drawn
 from sitl_sim.scenarios.scenario import Scenario
 from sitl_sim.vehicles.air import AirModel
+from sitl_sim.vehicles.airframe import Airframe, RateGains
 from sitl_sim.vehicles.airframes import Deviation
 from sitl_sim.vehicles.emulated import Autopilots
 from sitl_sim.vehicles.firmware.late_samples import TelemetryLag
 from sitl_sim.vehicles.grades import GRADES
-from sitl_sim.vehicles.rates import RateGains
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.rigid_body import Vehicles
 from sitl_sim.worlds.geodesy import GeoReference, LocalFrame
 from sitl_sim.worlds.ground import Ground
 

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavlink_bridge.shared.arrays import Vector
-from sitl_sim.scenarios.scenario import Scenario, lens_of
+from sitl_sim.scenarios.scenario import Scenario
+from sitl_sim.scenarios.sensing import lens_of
 from sitl_sim.sensors import perfect_detector as detector
 from sitl_sim.sensors.renderers import Pictures, make_renderer
 from sitl_sim.sensors.sensor import measured

@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import Field
 
 from mavlink_bridge.shared.settings import StrictModel
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.airframes import AIRFRAMES, Deviation
-from sitl_sim.vehicles.rigid_body import Airframe
 
 AirframeName = Literal["quad3", "quad5", "quad7"]
 _Positive = Annotated[float, Field(gt=0)]

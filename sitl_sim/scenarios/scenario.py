@@ -25,10 +25,10 @@ from mavlink_bridge.shared.settings import (
 from sitl_sim.faults import catalogue as fault
 from sitl_sim.scenarios.airframes import ActualConfig, AirframeConfig, AirframeName
 from sitl_sim.scenarios.conditions import AirConfig, TimingConfig, WindConfig
-from sitl_sim.sensors.fisheye import Lens
+from sitl_sim.scenarios.sensing import SensingConfig
 from sitl_sim.sensors.looks.catalogue import PLAIN, check
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.grades import StateGrade
-from sitl_sim.vehicles.rigid_body import Airframe
 from sitl_sim.worlds.generators import build
 from sitl_sim.worlds.ground import Ground
 from sitl_sim.worlds.mission_file import read_mission
@@ -153,40 +153,6 @@ class MissionConfig(StrictModel):
     tolerance: float = Field(3.0, gt=0, description="A target is reached within this [m].")
     altitude: float = Field(2.0, gt=0.5, description="Of take-off and home [m].")
     time_limit: float = Field(180.0, gt=0, description="s.")
-
-
-class DepthConfig(StrictModel):
-    """The depth image of airframes that carry such a sensor: the camera's view, coarser."""
-
-    width: int = Field(160, ge=32, le=640, description="px; the height follows the camera's.")
-    range: float = Field(10.0, gt=0, description="Farthest measurement [m].")
-    noise: float = Field(
-        0.01, ge=0, le=0.5, description="1 σ as a share of the distance; stereo has 1–2 % at 4 m."
-    )
-
-
-class SensingConfig(StrictModel):
-    """What the companions sense."""
-
-    neighbours: Literal["camera", "truth"] = "camera"
-    obstacles: Literal["camera", "depth", "map"] = "camera"
-    width: int = Field(640, ge=64, le=1920)
-    height: int = Field(400, ge=64, le=1200)
-    fov_deg: float = Field(160.0, gt=10, lt=200)
-    range_max: float = Field(15.0, gt=0, description="R of eq. (6) for truth and map [m].")
-    latency: float = Field(
-        0.02,
-        ge=0,
-        le=0.08,
-        description="From capture to delivery [s]: exposure, read-out, transfer. In lockstep "
-        "pictures are rendered meanwhile.",
-    )
-    depth: DepthConfig = DepthConfig()
-    calibration: str | None = Field(
-        None,
-        description="Calibration file of all cameras, read by the simulator and by each "
-        "companion; width and height must be those of the file.",
-    )
 
 
 class WireConfig(StrictModel):
@@ -338,24 +304,6 @@ def fault_schedule(scenario: Scenario) -> fault.Schedule:
         reports=s.neighbours == "truth",
     )
     return fault.Schedule(scenario.faults, drone_names(scenario), scenario.seed)
-
-
-def lens_of(sensing: SensingConfig) -> Lens:
-    """Return the lens of all cameras.
-
-    Raises:
-        SettingsError: the calibration cannot be used, or is of another image size.
-    """
-    if sensing.calibration is None:
-        return Lens(sensing.width, sensing.height, sensing.fov_deg)
-    try:
-        lens = Lens.load(sensing.calibration)
-    except ValueError as error:
-        raise SettingsError([f"sensing.calibration: {error}"]) from error
-    if (lens.width, lens.height) != (sensing.width, sensing.height):
-        made = f"made at {lens.width}×{lens.height}, frames are {sensing.width}×{sensing.height}"
-        raise SettingsError([f"sensing.calibration: {sensing.calibration}: {made}"])
-    return lens
 
 
 def drone_names(scenario: Scenario) -> list[str]:

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from sitl_sim.vehicles.rates import RateGains
-from sitl_sim.vehicles.rigid_body import Airframe
+from sitl_sim.vehicles.airframe import Airframe, RateGains
 
 AIRFRAMES: dict[str, Airframe] = {
     "quad3": Airframe(

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.airframe import Airframe
+from sitl_sim.vehicles.rigid_body import Vehicles
 
 Floats = NDArray[np.float64]
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from mavlink_bridge.wire.ids import ComponentId
 from mavlink_bridge.wire.messages import Message, Received
 from sitl_sim.vehicles.air import AirModel, Surroundings, set_planes
+from sitl_sim.vehicles.airframe import Airframe, RateGains
 from sitl_sim.vehicles.battery import Batteries
 from sitl_sim.vehicles.estimator import BLOCK_SUBSTEPS, TICK_SUBSTEPS, Estimator
 from sitl_sim.vehicles.firmware.betaflight_quirks import QUIRKS
@@ -27,8 +28,8 @@ from sitl_sim.vehicles.grades import GRADES, Grade
 from sitl_sim.vehicles.kernel import fly, observe, steer
 from sitl_sim.vehicles.outer_loops import Control, OuterGains, make_setpoints
 from sitl_sim.vehicles.rangefinder import Rangefinder
-from sitl_sim.vehicles.rates import RateGains, make_rate_loop
-from sitl_sim.vehicles.rigid_body import SUBSTEP, Airframe, Vehicles
+from sitl_sim.vehicles.rates import make_rate_loop
+from sitl_sim.vehicles.rigid_body import SUBSTEP, Vehicles
 from sitl_sim.vehicles.sensor_noise import SensorNoise
 from sitl_sim.vehicles.state_errors import StateErrors
 from sitl_sim.worlds.geodesy import GeoReference, LocalFrame

@@ -9,7 +9,8 @@ import numpy as np
 
 from mavlink_bridge.shared.arrays import Vector
 from sitl_sim.figures.belief import Belief
-from sitl_sim.scenarios.scenario import Scenario, lens_of
+from sitl_sim.scenarios.scenario import Scenario
+from sitl_sim.scenarios.sensing import lens_of
 from sitl_sim.sensors.renderers import make_renderer
 from sitl_sim.viewer.sources import Moment
 

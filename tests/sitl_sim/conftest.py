@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from mavlink_bridge.wire.messages import Command, RateSetpoint, Received, Source
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.emulated import Autopilots
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.rigid_body import Vehicles
 
 GCS = Source(255, 190)
 STAND_INS = Path(__file__).parent / "external" / "stand_ins"
@@ -19,9 +20,9 @@ STAND_INS = Path(__file__).parent / "external" / "stand_ins"
 class Flight:
     """n vehicles on the ground, 3 m apart; time moves in steps of 10 ms."""
 
-    def __init__(self, n=1, flavour="px4", yaw=0.0, **options):
+    def __init__(self, n=1, flavour="px4", yaw=0.0, airframe=None, **options):
         p = np.array([[3.0 * i, 0.0, 0.0] for i in range(n)])
-        self.vehicles = Vehicles(Airframe(), p, yaw)
+        self.vehicles = Vehicles(airframe or Airframe(), p, yaw)
         self.autopilots = Autopilots(self.vehicles, list(range(1, n + 1)), flavour, **options)
         self.heard = [[] for _ in range(n)]  # by the ground station
         self.setpoint = None

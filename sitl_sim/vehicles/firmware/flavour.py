@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from enum import Enum, auto
 
 from mavlink_bridge.wire.messages import CommandResult
-from sitl_sim.vehicles.rigid_body import Airframe
+from sitl_sim.vehicles.airframe import Airframe
 
 
 class Mode(Enum):

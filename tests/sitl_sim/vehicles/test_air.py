@@ -7,8 +7,9 @@ import pytest
 
 from mavlink_bridge.shared.constants import GRAVITY
 from sitl_sim.vehicles.air import AirModel, Surroundings
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.downwash import AIR_DENSITY, LEGS, ground_gain, jet
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.rigid_body import Vehicles
 from sitl_sim.worlds.ground import Ground
 
 WIDTH = 2 * (0.11 + 0.0635)

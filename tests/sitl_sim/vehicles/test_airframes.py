@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from sitl_sim.vehicles.airframe import Airframe, RateGains
 from sitl_sim.vehicles.airframes import AIRFRAMES, Deviation
 from sitl_sim.vehicles.emulated import Autopilots
-from sitl_sim.vehicles.rates import RateGains
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.rigid_body import Vehicles
 
 
 def test_every_airframe_has_three_times_its_weight_in_thrust():

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from mavlink_bridge.wire.messages import Command, LocalPosition, Received, Source
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.emulated import Autopilots
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.rigid_body import Vehicles
 from sitl_sim.vehicles.sensor_noise import SensorNoise
 
 

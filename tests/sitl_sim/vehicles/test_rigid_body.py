@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mavlink_bridge.shared.constants import GRAVITY
-from sitl_sim.vehicles.rigid_body import SUBSTEP, Airframe, Vehicles
+from sitl_sim.vehicles.airframe import Airframe
+from sitl_sim.vehicles.rigid_body import SUBSTEP, Vehicles
 
 BARE = Airframe(drag_linear=(0.0, 0.0, 0.0), drag_quadratic=0.0)
 

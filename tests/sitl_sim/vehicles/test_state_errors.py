@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.estimator import Estimate, Estimator
 from sitl_sim.vehicles.grades import GRADES, Grade
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.rigid_body import Vehicles
 from sitl_sim.vehicles.sensor_noise import SensorNoise
 from sitl_sim.vehicles.state_errors import StateErrors
 

@@ -20,8 +20,8 @@ from mavlink_bridge.wire.messages import (
     RateSetpoint,
     SetMode,
 )
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.firmware.flavour import Mode
-from sitl_sim.vehicles.rigid_body import Airframe
 
 HOVER = Airframe().hover_thrust
 

@@ -15,9 +15,9 @@ from mavlink_bridge.wire.messages import (
     SetMode,
     SystemStatus,
 )
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.firmware.flavour import Mode
 from sitl_sim.vehicles.firmware.px4 import PX4
-from sitl_sim.vehicles.rigid_body import Airframe
 from sitl_sim.vehicles.sensor_noise import SensorNoise
 
 HOVER = Airframe().hover_thrust
@@ -255,7 +255,7 @@ def test_arming_is_refused_with_a_reason(make_flight, sensor, words):
 
 
 def test_arming_is_refused_with_an_empty_battery_and_in_a_landing_mode(make_flight):
-    f = make_flight(battery_ah=0.0005)
+    f = make_flight(airframe=Airframe(battery_ah=0.0005))
     f.command(400, 1)
     f.run(5.0)
     f.command(400, 0)

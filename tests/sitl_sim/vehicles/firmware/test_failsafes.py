@@ -8,9 +8,9 @@ tests/mavlink_bridge/betaflight.
 
 import pytest
 
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.firmware.flavour import Mode
 from sitl_sim.vehicles.outer_loops import Control
-from sitl_sim.vehicles.rigid_body import Airframe
 
 HOVER = Airframe().hover_thrust
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from mavlink_bridge.wire.messages import ExtendedSystemState, Heartbeat
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.firmware.flavour import Mode
 from sitl_sim.vehicles.firmware.px4 import PX4
-from sitl_sim.vehicles.rigid_body import Airframe
 
 HOVER = Airframe().hover_thrust
 

@@ -15,8 +15,9 @@ from mavlink_bridge.wire.messages import (
     Source,
     TimeSync,
 )
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.emulated import Autopilots
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.rigid_body import Vehicles
 
 
 def test_timesync_answers_with_the_boot_clock(make_flight):
