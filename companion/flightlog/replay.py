@@ -165,6 +165,8 @@ def _frame(inputs: RecordedInputs) -> Frame | None:
         "neighbours": np.array(drones).reshape(-1, 6),
         "trunks": np.array(trunks).reshape(-1, 7),
     }
+    if len(inputs.fixed):
+        arrays["fixed"] = inputs.fixed
     if inputs.ranges is not None:
         arrays["ranges"] = inputs.ranges
     return Frame(inputs.frame_time, arrays)

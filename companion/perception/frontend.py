@@ -15,6 +15,7 @@ from companion.perception.camera_alignment import Alignment, CameraAlignment, St
 from companion.perception.camera_health import CameraFault, CameraHealth, CameraHealthConfig
 from companion.perception.config import CameraConfig, SensingConfig
 from companion.perception.detectors import make_detector
+from companion.perception.parallax import FixedPoints, Parallax
 from companion.perception.view import View, load_camera
 from companion.types import Detection, Image, Ranges, Trunk
 from mavlink_bridge.shared.arrays import Vector
@@ -34,9 +35,9 @@ class Detections:
 
     time: s, when the frame was taken. own: the vehicle's state then; None where there was no new
     frame. searched: whether trunks were looked for. ranges: (h,w) m to other surfaces, where there
-    is a depth image. fault: of the camera; blind: s that it has lasted. started: whether any frame
-    has been looked at. inhibit_reason: why the frames cannot be flown by; empty where they can.
-    alignment: how the pictures turn, against the gyro.
+    is a depth image. fixed: points known by parallax. fault: of the camera; blind: s that it has
+    lasted. started: whether any frame has been looked at. inhibit_reason: why the frames cannot be
+    flown by; empty where they can. alignment: how the pictures turn, against the gyro.
     """
 
     time: float = 0.0
@@ -45,6 +46,7 @@ class Detections:
     trunks: list[Trunk] = field(default_factory=list)
     searched: bool = False
     ranges: Ranges | None = None
+    fixed: FixedPoints = field(default_factory=FixedPoints.none)
     fault: CameraFault = CameraFault.NONE
     blind: float = 0.0
     started: bool = False
@@ -80,6 +82,7 @@ class PerceptionFrontend:
         """Forget all frames: the vehicle's clock has begun anew."""
         self._health = CameraHealth(self._health_config, self._arrays)
         self._alignment = CameraAlignment(self._view)
+        self._parallax = Parallax(self._view)
         self._newest = -np.inf
 
     def see(
@@ -111,6 +114,7 @@ class PerceptionFrontend:
             found.trunks,
             found.searched,
             found.ranges,
+            found.fixed,
             fault,
             self._health.blind(time),
             self._newest > -np.inf,
@@ -149,7 +153,15 @@ class PerceptionFrontend:
             d for d in drones if _possible(d.direction, d.range, d.sigma_bearing, d.sigma_range)
         ]
         trunks = [t for t in trunks if _possible(t.direction, t.distance, t.radius, t.sigma)]
-        return Detections(frame.time, own, drones, trunks, searched, ranges)
+        fixed = self._fixed(frame, image, own, drones)
+        return Detections(frame.time, own, drones, trunks, searched, ranges, fixed)
+
+    def _fixed(
+        self, frame: Frame, image: Image | None, own: VehicleState, drones: list[Detection]
+    ) -> FixedPoints:
+        if self._sensing.obstacles != "camera" or not self._sensing.parallax:
+            return FixedPoints.from_rows(frame.arrays.get("fixed"))  # of a replay
+        return FixedPoints.none() if image is None else self._parallax.update(image, own, drones)
 
     def _find_trunks(self, frame: Frame, image: Image | None, own: VehicleState) -> list[Trunk]:
         if self._sensing.obstacles == "map":

@@ -12,13 +12,27 @@ from sitl_sim.external.fleet import RealFleet, Wire
 from sitl_sim.flight.own_binary import boot_parameters, own_binary
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import companion_port
+from sitl_sim.scenarios.conditions import drawn
 from sitl_sim.scenarios.scenario import Scenario
+from sitl_sim.vehicles.air import AirModel
+from sitl_sim.vehicles.airframes import Deviation
 from sitl_sim.vehicles.emulated import Autopilots
-from sitl_sim.vehicles.rigid_body import Vehicles
+from sitl_sim.vehicles.firmware.late_samples import TelemetryLag
+from sitl_sim.vehicles.grades import GRADES
+from sitl_sim.vehicles.rates import RateGains
+from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.worlds.ground import Ground
+
+_LAG_DRAW = 6  # of `conditions.drawn`
 
 
 def switch_on(
-    scenario: Scenario, vehicles: Vehicles, folder: Path, start: Vector, boot_ms: Sequence[int]
+    scenario: Scenario,
+    vehicles: Vehicles,
+    folder: Path,
+    start: Vector,
+    boot_ms: Sequence[int],
+    ground: Ground,
 ) -> Autopilots | RealFleet:
     """Return the running autopilots of a scenario's vehicles; start: (n,3) m, their own origins.
 
@@ -42,6 +56,7 @@ def switch_on(
             seed=scenario.seed,
             program=program,
         )
+    assumed = [scenario.drones.airframe(i) for i in range(len(names))]
     return Autopilots(
         vehicles,
         systems,
@@ -51,4 +66,31 @@ def switch_on(
         boot_offset=np.array(boot_ms) / 1e3,
         seed=scenario.seed,
         parameters=boot_parameters(scenario.drones),
+        grade=GRADES[scenario.drones.state],
+        telemetry_lag=_telemetry_lag(scenario),
+        rangefinder=scenario.drones.ranges,
+        ground=ground,
+        assumed=assumed,
+        rate_gains=[d.gains(RateGains()) for d in deviations_of(scenario)],
+        air=AirModel(scenario.wind.turbulence, scenario.air.downwash, scenario.air.ground_effect),
     )
+
+
+def deviations_of(scenario: Scenario) -> list[Deviation]:
+    """Return how each vehicle differs from its airframe."""
+    drones = scenario.drones
+    return drones.actual.deviations(drones.count, scenario.seed)
+
+
+def true_airframes(scenario: Scenario) -> list[Airframe]:
+    """Return the true airframe of each vehicle."""
+    deviations = enumerate(deviations_of(scenario))
+    return [d.airframe(scenario.drones.airframe(i)) for i, d in deviations]
+
+
+def _telemetry_lag(scenario: Scenario) -> TelemetryLag | None:
+    timing = scenario.timing
+    lags = drawn(timing.telemetry_lag, scenario.drones.count, scenario.seed, _LAG_DRAW)
+    if not lags.any() and not timing.telemetry_jitter:
+        return None
+    return TelemetryLag(lags.tolist(), timing.telemetry_jitter, timing.telemetry_stamp)

@@ -26,7 +26,7 @@ from sitl_sim.faults import catalogue as faults
 from sitl_sim.faults.camera import FaultyCamera
 from sitl_sim.faults.link import FaultyLine, FaultyLink, FaultyTelemetry
 from sitl_sim.faults.world import FaultyWorld
-from sitl_sim.flight.autopilots import switch_on
+from sitl_sim.flight.autopilots import switch_on, true_airframes
 from sitl_sim.flight.in_process import LocalFrames, SerialExecutor
 from sitl_sim.flight.inputs import write_inputs
 from sitl_sim.flight.sensors import Sensors
@@ -34,12 +34,16 @@ from sitl_sim.flight.vehicle_connection import Capture, VehicleConnection
 from sitl_sim.recording.truth import Truth
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import check_companions, companion_config, companion_port
+from sitl_sim.scenarios.conditions import drawn
 from sitl_sim.scenarios.scenario import QUANTUM_MS, TICK_MS, Scenario
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.rigid_body import Vehicles
 from sitl_sim.worlds.generators import build
+from sitl_sim.worlds.ground import Ground
 
 _TELEMETRY_MS = 20
 _CONNECT_TIMEOUT = 60.0  # s
+_COMPUTE_DRAW = 5  # of `conditions.drawn`
+_LONGEST_TICK = 80  # ms that a companion computes; a longer delay is the way to the vehicle
 
 
 class Flight:
@@ -64,13 +68,23 @@ class Flight:
         faults.check(scenario.faults, processes=not in_process)
         check_companions(scenario, in_process)
         start = scenarios.starts(scenario)
-        self.world = {
+        self.world: dict[str, Any] = {
             "drone_radius": scenario.drones.radius,
             **build(scenario.world, scenario.seed),
             "targets": scenarios.targets(scenario, start),
             "target_tolerance": scenario.mission.tolerance,
         }
-        self.vehicles = Vehicles(Airframe(), start, scenarios.headings(scenario, start))
+        drifts = scenario.drones.state != "mocap"
+        if drifts:
+            self.world["targets_by"] = "estimate"
+        self._ground = Ground(self.world)
+        radii = {n: scenario.drones.airframe(i).radius for i, n in enumerate(self.names)}
+        self.world["drone_radius"] = max(radii.values())
+        if len(set(radii.values())) > 1:
+            self.world["drone_radii"] = radii
+        self.vehicles = Vehicles(
+            true_airframes(scenario), start, scenarios.headings(scenario, start)
+        )
         boot_ms = scenarios.boot_ms(scenario)
         self.sensors = Sensors(scenario, self.world)
         self._real_time = real_time or scenario.drones.real
@@ -78,7 +92,9 @@ class Flight:
         for i, name in enumerate(self.names):
             self._drones.append(self._connect(i, name, boot_ms[i]))
         try:  # after the ports: an autopilot must not start where another flight runs
-            self._autopilots = switch_on(scenario, self.vehicles, folder, start, boot_ms)
+            self._autopilots = switch_on(
+                scenario, self.vehicles, folder, start, boot_ms, self._ground
+            )
         except BaseException:
             self.close()
             raise
@@ -92,6 +108,13 @@ class Flight:
         self._pool = self._make_pool()
         self._latency_ms = round(scenario.sensing.latency * 1e3 / QUANTUM_MS) * QUANTUM_MS
         self.truth = Truth(self.names)
+        self._drifts = drifts
+        self._delays = drawn(
+            scenario.timing.compute_delay, len(self.names), scenario.seed, _COMPUTE_DRAW
+        )
+        self._jitters = [
+            np.random.default_rng([scenario.seed, 7, i]) for i in range(len(self.names))
+        ]
         self.wall_seconds = 0.0
         self.stopped_by: int | None = None
         self._now = 0  # ms since the flight began
@@ -220,7 +243,7 @@ class Flight:
             # lives a second at once, every companion is silent for a second.
             earliest = time.monotonic() + (following - self._now) / 2e3 / speed
             self._faults.update(self._now / 1e3)
-            wind = self._faults.wind(self._now / 1e3, np.array(self.scenario.wind))
+            wind = self._faults.wind(self._now / 1e3, np.array(self.scenario.wind.mean))
             self._autopilots.advance(following / 1e3, wind)
             self._now = following
             progress(self._now / 1e3)
@@ -252,6 +275,7 @@ class Flight:
             drone.line.now = self._now / 1e3
             if drone.due_ms is not None and drone.due_ms <= self._now:
                 self._take_answer(drone)
+            self._hand_over(drone)
             if self._real_time:
                 self._deliver(drone, drone.companion)
             boot = self._now + drone.boot_ms
@@ -263,7 +287,15 @@ class Flight:
             if boot % TICK_MS == 0:
                 self._send_frame(drone)
         if self._now % _TELEMETRY_MS == 0:
-            self.truth.record(self._now / 1e3, self.vehicles, self._autopilots.armed)
+            self.truth.record(
+                self._now / 1e3, self.vehicles, self._autopilots.armed, self._estimate()
+            )
+
+    def _estimate(self) -> Vector | None:
+        """Return where the autopilots believe to be (n,3) m, where their state drifts."""
+        if not self._drifts or isinstance(self._autopilots, RealFleet):
+            return None
+        return self._autopilots.estimate
 
     def _next_event(self) -> int:
         """Return the next millisecond at which anything happens."""
@@ -279,6 +311,8 @@ class Flight:
             )
             if drone.due_ms is not None and not real:
                 following = min(following, max(drone.due_ms, self._now + QUANTUM_MS))
+            if drone.held:
+                following = min(following, max(drone.held[0][0], self._now + QUANTUM_MS))
         return following
 
     def _send_telemetry(self, drone: VehicleConnection) -> None:
@@ -292,7 +326,16 @@ class Flight:
         """Give the vehicle the messages that wait on a link; send its replies at once."""
         name = "companion" if link is drone.companion else "gcs"
         for received in link.receive():
-            link.send(self._autopilots.receive(drone.index, received, name))
+            if name == "companion" and drone.hold_ms:
+                drone.held.append((self._now + drone.hold_ms, received))
+            else:
+                link.send(self._autopilots.receive(drone.index, received, name))
+
+    def _hand_over(self, drone: VehicleConnection) -> None:
+        """Give the vehicle the messages whose way to it has taken long enough."""
+        while drone.held and drone.held[0][0] <= self._now:
+            _, received = drone.held.popleft()
+            drone.companion.send(self._autopilots.receive(drone.index, received, "companion"))
 
     def _start_capture(self, drone: VehicleConnection) -> None:
         """Start to render what the drone's sensors see at this instant."""
@@ -321,7 +364,17 @@ class Flight:
         )
         drone.capture = None
         paused = sum(f.value for f in self._schedule.at(drone.index, now, "pause"))
-        drone.due_ms = self._now + round((self.scenario.timing.compute_delay + paused) * 1e3)
+        delay = self._delay(drone.index)
+        computing = min(delay, _LONGEST_TICK)
+        drone.due_ms = self._now + round(computing + paused * 1e3)
+        drone.hold_ms = 0 if self._real_time else delay - computing
+
+    def _delay(self, i: int) -> int:
+        """Draw the time from this tick of drone i to its effect [ms]."""
+        delay, jitter = float(self._delays[i]), self.scenario.timing.compute_jitter
+        if jitter:
+            delay = max(delay + self._jitters[i].uniform(-jitter, jitter), 0.002)
+        return max(round(delay * 1e3 / QUANTUM_MS) * QUANTUM_MS, QUANTUM_MS)
 
     @staticmethod
     def _deliver_frame(

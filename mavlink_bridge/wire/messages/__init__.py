@@ -24,6 +24,7 @@ from mavlink_bridge.wire.messages.protocols import (
     ParamValue,
 )
 from mavlink_bridge.wire.messages.sensors import (
+    DistanceSensor,
     GpsInput,
     GpsRaw,
     HilActuators,
@@ -69,6 +70,7 @@ __all__ = [
     "CommandAck",
     "CommandId",
     "CommandResult",
+    "DistanceSensor",
     "EstimatorStatus",
     "EulerAttitude",
     "ExtendedSystemState",

@@ -21,6 +21,7 @@ from mavlink_bridge.wire.messages.protocols import (
     ParamValue,
 )
 from mavlink_bridge.wire.messages.sensors import (
+    DistanceSensor,
     GpsInput,
     GpsRaw,
     HilActuators,
@@ -82,6 +83,7 @@ Message = (
     | ExtendedSystemState
     | HomePosition
     | GpsRaw
+    | DistanceSensor
     | GpsInput
     | HilSensor
     | HilGps

@@ -64,7 +64,10 @@ class LocalPosition:
 class Odometry:
     """ODOMETRY: p (3,) m, v (3,) m/s in the vehicle's own ENU frame; q_wb (4,); omega (3,) FLU.
 
-    p is NaN where its frame on the wire is not aligned with north and up.
+    p is NaN where its frame on the wire is not aligned with north and up. The standard deviations
+    of p [m, ENU], v [m/s, ENU] and attitude [rad, about forward, left, up], (3,) each, are None
+    where the estimator does not tell them. resets: 0…255, grows by one at each jump of the
+    estimate. estimator: MAV_ESTIMATOR_TYPE. quality: %, 0 unknown, -1 failed.
     """
 
     time: float
@@ -72,6 +75,12 @@ class Odometry:
     v: Vector
     q_wb: Vector
     omega: Vector
+    position_sigma: Vector | None = None
+    velocity_sigma: Vector | None = None
+    attitude_sigma: Vector | None = None
+    resets: int = 0
+    estimator: int = 0
+    quality: int = 0
 
 
 @dataclass(frozen=True)
@@ -99,9 +108,17 @@ class HomePosition:
 
 @dataclass(frozen=True)
 class EstimatorStatus:
-    """ESTIMATOR_STATUS: flags are bits, position accuracies in metres."""
+    """ESTIMATOR_STATUS: flags are bits, position accuracies in metres.
+
+    The ratios are test ratios of the innovations: above 1 the filter rejects what it measured.
+    """
 
     time: float
     flags: int
     horizontal_accuracy: float
     vertical_accuracy: float
+    velocity_ratio: float = 0.1
+    horizontal_ratio: float = 0.1
+    vertical_ratio: float = 0.1
+    magnetometer_ratio: float = 0.1
+    height_over_ground_ratio: float = 0.1

@@ -74,7 +74,8 @@ class Flavour:
     bad_setpoint_stops: a setpoint with another type_mask ends offboard control. sticks: flown by
     RC channels, deaf to messages. first_item_is_home: of a mission. unsent: message ids whose
     interval it accepts without sending them. arm_refusal: MAV_RESULT of a refused request to arm.
-    streams: default streams of each link, message id → Hz.
+    streams: default streams of each link, message id → Hz. doubt_streams: those to the companion
+    where the state estimate has doubts worth telling (not in motion capture).
     """
 
     name: str
@@ -101,6 +102,7 @@ class Flavour:
     arm_prefix: str = "Arming denied"
     capabilities: int = 0
     streams: Mapping[str, Mapping[int, float]] = field(default_factory=dict)
+    doubt_streams: Mapping[int, float] = field(default_factory=dict)
 
     def mode_of(self, custom_mode: int) -> Mode | None:
         """Return the mode of this custom_mode; None where there is none."""

@@ -86,6 +86,13 @@ _COMPANION_STREAMS: dict[int, float] = {
     MessageId.HOME_POSITION: 0.5,
     MessageId.EXTENDED_SYS_STATE: 5,
 }
+# As on PX4's onboard link.
+_DOUBT_STREAMS: dict[int, float] = {
+    MessageId.ODOMETRY: 30,
+    MessageId.DISTANCE_SENSOR: 10,
+    MessageId.ESTIMATOR_STATUS: 5,
+    MessageId.GPS_RAW_INT: 5,
+}
 _GCS_STREAMS: dict[int, float] = {
     MessageId.HEARTBEAT: 1,
     MessageId.SYS_STATUS: 2,
@@ -165,4 +172,5 @@ PX4 = Flavour(
         "THR_MDL_FAC": (REAL32, 1.0),
     },
     streams={"companion": _COMPANION_STREAMS, "gcs": _GCS_STREAMS},
+    doubt_streams=_DOUBT_STREAMS,
 )

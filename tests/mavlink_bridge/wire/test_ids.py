@@ -17,10 +17,16 @@ PREFIXES = {
     ids.Severity: "MAV_SEVERITY_",
     ids.ParameterType: "MAV_PARAM_TYPE_",
     ids.GpsFix: "GPS_FIX_TYPE_",
+    ids.EstimatorType: "MAV_ESTIMATOR_TYPE_",
+    ids.DistanceSensorType: "MAV_DISTANCE_SENSOR_",
+    ids.SensorRotation: "MAV_SENSOR_ROTATION_",
     ids.AttitudeTargetMask: "ATTITUDE_TARGET_TYPEMASK_",
     ids.Capability: "MAV_PROTOCOL_CAPABILITY_",
 }
-RENAMED = {"FIX_3D": "3D_FIX"}  # no Python name begins with a digit
+RENAMED = {
+    "FIX_3D": "3D_FIX",  # no Python name begins with a digit
+    "DOWN": "PITCH_270",
+}
 
 
 @pytest.mark.parametrize("table", PREFIXES, ids=lambda table: table.__name__)

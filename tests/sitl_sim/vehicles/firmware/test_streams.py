@@ -22,7 +22,7 @@ from mavlink_bridge.wire.messages import (
     StatusText,
     SystemStatus,
 )
-from sitl_sim.vehicles.estimator import SensorNoise
+from sitl_sim.vehicles.sensor_noise import SensorNoise
 
 NAN = math.nan
 
