@@ -14,6 +14,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from companion.control.actuation import Actuation
 from companion.control.baselines import make_planner
 from companion.control.formulation import Formulation
@@ -24,12 +26,22 @@ from companion.estimation.neighbours import NeighbourEstimator
 from companion.estimation.vehicle import VehicleEstimator
 from companion.guidance.guidance import Guidance
 from companion.perception.frontend import PerceptionFrontend, make_view
+from companion.services.services import Services, Situation, Wish
 from companion.settings.config import CompanionConfig
 from companion.stage_clock import StageClock
+from companion.supervision.phases import GiveBack
 from companion.supervision.supervision import Supervision
 from companion.tick import Tick, TickInputs
+from companion.types import Phase
 from mavlink_bridge.autopilots.registry import Identity, adapter
 from mavlink_bridge.shared.thrust import ThrustMap
+from mavlink_bridge.wire.messages import Source
+
+_GIVE_BACK = {
+    Wish.HOLD: GiveBack.HOLD,
+    Wish.RETURN: GiveBack.RETURN,
+    Wish.LAND: GiveBack.LAND,
+}
 
 
 class Companion:
@@ -67,6 +79,13 @@ class Companion:
         self._supervision = Supervision(
             c.guard, c.mission, c.fence, adapter(link.autopilot, link.system_id)
         )
+        own = Source(link.system_id, link.component_id)
+        ways = {Wish.HOLD, Wish.LAND}
+        if adapter(link.autopilot, link.system_id).rtl():
+            ways.add(Wish.RETURN)
+        goals = [np.array(g, dtype=float) for g in c.mission.goals]
+        self._services = Services(own, c.camera, c.fence, goals, frozenset(ways))
+        self._before = Situation(Phase.WAIT)  # of the last tick, as the services tell it
         self._actuation = Actuation(link.system_id, self._motion)
 
     def tick(self, inputs: TickInputs) -> Tick:
@@ -85,6 +104,9 @@ class Companion:
         if vehicle.rebooted:
             self._start_over()
         own, phase = vehicle.state, self._supervision.phase
+        served = run("serve", self._services.update, time, inputs.received, self._before)
+        if served.goals is not None:
+            self._guidance.set_goals(served.goals)
         seen = run("see", self._perception.see, time, frame, self._vehicle.at, inputs.horizon)
         obstacles = run("map", self._obstacles.update, seen, own)
         tracks = run("track", self._neighbours.update, time, seen, obstacles)
@@ -102,7 +124,9 @@ class Companion:
             motion.hover,
             self_tested=planned.self_tested,
             leave=inputs.leave,
+            give_back=_GIVE_BACK.get(served.wish),
         )
+        self._vehicle.ask(supervised.requests)
         setpoint = run(
             "command",
             self._actuation.setpoint,
@@ -111,8 +135,11 @@ class Companion:
             motion.thrust_map,
             supervised.in_control,
         )
+        reason = supervised.verdict.reason if supervised.verdict else None
+        self._before = Situation(supervised.phase, reason, len(tracks))
+        self._services.took(sum(run.taken.values()))
         results = (vehicle, seen, obstacles, tracks, motion, reference, planned, supervised)
-        return Tick(time, *results, setpoint, run.taken)
+        return Tick(time, *results, served, setpoint, run.taken)
 
     def _start_over(self) -> None:
         """Forget what is tied to the vehicle's clock and place: it has started anew."""
@@ -123,5 +150,6 @@ class Companion:
             self._motion,
             self._guidance,
             self._supervision,
+            self._services,
         ):
             stage.reset()

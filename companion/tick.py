@@ -12,6 +12,7 @@ from companion.estimation.vehicle import VehicleEstimate
 from companion.estimation.vehicle_clock import ClockEstimate
 from companion.guidance.guidance import Reference
 from companion.perception.frontend import Detections
+from companion.services.services import Served
 from companion.supervision.supervision import Supervised
 from companion.types import Track
 from mavlink_bridge.shared.thrust import ThrustMap
@@ -60,6 +61,7 @@ class Tick:
     reference: Reference | None = None
     planned: Planned = field(default_factory=Planned)
     supervised: Supervised = field(default_factory=Supervised)
+    served: Served = field(default_factory=Served)
     setpoint: RateSetpoint | None = None
     stages: dict[str, float] = field(default_factory=dict)
 
@@ -67,5 +69,5 @@ class Tick:
     def packets(self) -> list[list[Message]]:
         """The messages to send, packet by packet; on a lossy link the setpoint three times."""
         setpoint: list[Message] = [] if self.setpoint is None else [self.setpoint]
-        first = [*self.supervised.requests, *setpoint]
+        first = [*self.supervised.requests, *setpoint, *self.served.messages]
         return [first, *[setpoint] * (2 if self.supervised.repeat else 0)]

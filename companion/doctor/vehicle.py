@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from companion.doctor.finding import Finding, Level, either, rated
+from companion.doctor.silence import PARAMETERS, examine_silence
 from companion.estimation.vehicle_clock import VehicleClock
 from companion.process.time_requests import TimeRequests
 from companion.process.vehicle_lock import VehicleLock, VehicleTaken
@@ -39,11 +40,6 @@ _CLOCK_DOUBT = (0.03, 0.1)  # s: green, amber
 _VERSION, _INT32 = 148.0, 6
 _COMPANION = Heartbeat(autopilot=8, vehicle_type=18, armed=False, custom_mode=0, system_status=3)
 _HOVER = {"px4": "MPC_THR_HOVER", "ardupilot": "MOT_THST_HOVER"}
-# Parameter of the time [s] that a vehicle flies on without setpoints, and its upper limit.
-_TIMEOUTS = {
-    "px4": ("COM_OF_LOSS_T", 1.0),
-    "ardupilot": ("GUID_TIMEOUT", 3.0),
-}
 
 
 @dataclass
@@ -119,7 +115,7 @@ def _on_the_link(config: CompanionConfig, hover_known: bool) -> Iterator[Finding
 def _listen(link: Link, config: CompanionConfig) -> Heard:
     """Request everything that is examined, and gather the vehicle's messages."""
     system, kind, heard = config.link.system_id, config.link.autopilot, Heard()
-    names = [_HOVER[kind], _TIMEOUTS[kind][0]] if kind in _HOVER else []
+    names = [_HOVER[kind], *PARAMETERS[kind]] if kind in _HOVER else []
     version = Command(CommandId.REQUEST_MESSAGE, (_VERSION, 0, 0, 0, 0, 0, 0), system)
     requests: list[Message] = [
         _COMPANION,
@@ -193,20 +189,13 @@ def _clock(clock: VehicleClock) -> Iterator[Finding]:
 
 
 def _parameters(config: CompanionConfig, heard: Heard) -> Iterator[Finding]:
-    """Examine how long the vehicle flies on when the companion falls silent."""
-    if config.link.autopilot not in _TIMEOUTS:
+    """Examine what the vehicle does when the companion falls silent."""
+    kind = config.link.autopilot
+    if kind not in PARAMETERS:
         text = "`mavlink-bridge betaflight --check` shows failsafe and override of a controller"
         yield Finding("silence", Level.AMBER, text, "run it")
         return
-    name, most = _TIMEOUTS[config.link.autopilot]
-    value = heard.parameter(name)
-    if value is None:
-        yield Finding(
-            "silence", Level.AMBER, f"{name} was not sent", f"check that {name} ≤ {most:g}"
-        )
-        return
-    todo = f"set {name} to {most:g} or less: a vehicle whose companion died flies on for that long"
-    yield rated("silence", value, (most, 2 * most), f"{name} is {value:g} s", todo)
+    yield from examine_silence(kind, heard.parameter, config.fence.altitude_max)
 
 
 def _hover(config: CompanionConfig, heard: Heard, known: bool) -> Finding:

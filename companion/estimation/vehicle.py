@@ -13,8 +13,9 @@ from companion.estimation.link_quality import LinkQuality
 from companion.estimation.own_state import OwnState
 from companion.estimation.prediction import StatePredictor
 from companion.types import Phase
+from mavlink_bridge.autopilots.answers import Answers
 from mavlink_bridge.autopilots.registry import Identity
-from mavlink_bridge.wire.messages import Heartbeat, Received, Source, VehicleState
+from mavlink_bridge.wire.messages import Heartbeat, Message, Received, Source, VehicleState
 
 _CLOCK_BACK = 1.0  # s; a vehicle whose clock goes back by more has started anew
 
@@ -29,7 +30,8 @@ class VehicleEstimate:
     packet_loss: share 0…1 of the telemetry of the last second. tick_gap: s since the tick before;
     0: this is the first. heartbeat: the last one. mode_known: whether a heartbeat came since the
     last silence. rebooted: the vehicle has started anew since the tick before. inhibit_reason: why
-    this vehicle is not to be flown; empty: it is. thrust: what it tells of its thrust.
+    this vehicle is not to be flown; empty: it is. thrust: what it tells of its thrust. refusals:
+    what the autopilot refused since the tick before, in words.
     """
 
     state: VehicleState | None = None
@@ -43,6 +45,7 @@ class VehicleEstimate:
     rebooted: bool = False
     inhibit_reason: str = ""
     thrust: AutopilotThrust = field(default_factory=AutopilotThrust)
+    refusals: tuple[str, ...] = ()
 
 
 class VehicleEstimator:
@@ -56,6 +59,7 @@ class VehicleEstimator:
         self._autopilot = Source(system_id, 1)
         self._silence = silence
         self._predict_after = predict_after
+        self._answers = Answers(identity.adapter)
         self._own = OwnState()
         self._thrust = AutopilotThrustReader(identity)
         self._link = LinkQuality(silence)
@@ -97,11 +101,16 @@ class VehicleEstimator:
             rebooted=rebooted,
             inhibit_reason=self._identity.inhibit_reason(),
             thrust=self._thrust.read(messages, state),
+            refusals=tuple(self._answers.refusals(messages)),
         )
 
     def at(self, time: float) -> VehicleState | None:
         """Return the state at a `time` [s] of the last second; None before telemetry came."""
         return self._own.at(time)
+
+    def ask(self, requests: Sequence[Message]) -> None:
+        """Note what this tick asks of the autopilot, for the words of a refusal."""
+        self._answers.ask(requests)
 
     def _notice_reboot(self, time: float) -> bool:
         """Return whether the vehicle has started anew; what is tied to its clock is forgotten."""

@@ -28,6 +28,7 @@ class Status:
 
     def __init__(self, path: Path) -> None:
         self.record: dict[str, Any] = {}
+        self.refused: dict[str, Any] = {}  # the last tick in which the autopilot refused
         log = path if path.suffix == ".mcap" else _log_of(path)
         check_begins(log)
         self._path, self._follower = log, Follower(log, "/tick")
@@ -39,6 +40,10 @@ class Status:
             NoStatus: the log has no tick so far.
         """
         messages = self._follower.new()
+        for message in reversed(messages):
+            if b'"refusals":["' in message.data:
+                self.refused = orjson.loads(message.data)
+                break
         if messages:
             self.record = orjson.loads(messages[-1].data)
         if not self.record:
@@ -64,6 +69,9 @@ class Status:
             f"clock    {_clock(r.get('clock'))}",
             "counts   " + ", ".join(f"{k} {v}" for k, v in r["counters"].items()),
         ]
+        if self.refused:
+            told = "; ".join(self.refused["refusals"])
+            lines.insert(2, f"refused  {told}, at {self.refused['time']:.1f} s")
         return "\n".join(lines)
 
 

@@ -64,6 +64,8 @@ class Events:
                 text = received.message
                 level = logging.WARNING if text.severity <= _WARNING else logging.INFO
                 event("vehicle says", level, text=text.text, severity=text.severity)
+        for words in tick.vehicle.refusals:
+            event("vehicle refuses", logging.WARNING, text=words, time=tick.time)
         if supervised.phase is not self._phase:
             event("phase", phase=supervised.phase.value, time=tick.time)
             self._phase = supervised.phase

@@ -20,19 +20,17 @@ from companion.supervision.guard import (
     GuardInputs,
     Verdict,
 )
-from companion.supervision.phases import COMPANION_HEARTBEAT, PhaseMachine
+from companion.supervision.phases import GiveBack, PhaseMachine
 from companion.types import Phase, Plan
 from mavlink_bridge.autopilots.registry import Autopilot
 from mavlink_bridge.wire.messages import Message, RateCommand
-
-_HEARTBEAT_PERIOD = 1.0  # s
 
 
 @dataclass(frozen=True)
 class Supervised:
     """What supervision decided at one tick.
 
-    requests: messages to the autopilot, the companion's own heartbeat among them. verdict: the
+    requests: messages to the autopilot. verdict: the
     guarded command; None where no setpoint is to go out. repeat: the link loses packets, so that a
     setpoint is sent three times.
     """
@@ -65,7 +63,6 @@ class Supervision:
         self._fence = fence
         self._guard = Guard(guard)
         self._phases = PhaseMachine(mission, autopilot)
-        self._heartbeat_sent = -np.inf
 
     @property
     def phase(self) -> Phase:
@@ -75,7 +72,6 @@ class Supervision:
     def reset(self) -> None:
         """Give control up: the vehicle has started anew, and nothing on it is ours."""
         self._phases.rebooted()
-        self._heartbeat_sent = -np.inf
 
     def decide(
         self,
@@ -88,20 +84,25 @@ class Supervision:
         *,
         self_tested: bool,
         leave: bool,
+        give_back: GiveBack | None = None,
     ) -> Supervised:
         """Return the verdict and the phase at the tick of `time` [s]; one call a tick.
 
         hover: the hover thrust, without which the companion does not take over.
         self_tested: the solver works. leave: control is to be given back to the autopilot.
+        give_back: a ground station asks for that, and how.
         """
         inhibit_reason = vehicle.inhibit_reason or seen.inhibit_reason
         verdict: Verdict | None = None
         if leave:
             self._phases.release()
+        if give_back is not None:
+            self._phases.release(give_back)
         if self.phase.flying:
             verdict = self._judge(time, vehicle, seen, plan)
             if verdict.request is not AutopilotRequest.NONE:
-                self._phases.release(land=verdict.request is not AutopilotRequest.HOLD)
+                holds = verdict.request is AutopilotRequest.HOLD
+                self._phases.release(GiveBack.HOLD if holds else GiveBack.LAND)
         decision = self._phases.update(
             time,
             vehicle.heartbeat if vehicle.mode_known else None,
@@ -113,9 +114,6 @@ class Supervision:
         if self._phases.waits_for_thrust and not inhibit_reason:
             inhibit_reason = hover.unknown_reason
         requests = list(decision.requests)
-        if time - self._heartbeat_sent >= _HEARTBEAT_PERIOD:
-            self._heartbeat_sent = time
-            requests.append(COMPANION_HEARTBEAT)
         if not decision.stream:
             verdict = None
         elif verdict is None:

@@ -71,6 +71,10 @@ class Autopilot:
         """Land at the present position and disarm."""
         return [self._set_mode("land")]
 
+    def rtl(self) -> list[Message]:
+        """Return to where it took off; nothing where the autopilot has no such mode."""
+        return [self._set_mode("rtl")] if "rtl" in self.modes else []
+
     def mode(self, heartbeat: Heartbeat) -> str:
         """Return hold, takeoff, rtl, land or offboard; 'other' for a pilot's mode."""
         for name, number in self.modes.items():
@@ -80,6 +84,13 @@ class Autopilot:
 
     def _read_parameter(self, name: str) -> ParamRequestRead:
         return ParamRequestRead(self.system, ComponentId.AUTOPILOT1, name, -1)
+
+    def asked_mode(self, request: Command) -> str:
+        """Return the name of the mode that a DO_SET_MODE asks for; its number where it has none."""
+        for name in self.modes:
+            if self._set_mode(name).params == request.params:
+                return name
+        return f"{request.params[1]:.0f}"
 
     def _set_mode(self, name: str) -> Command:
         return self._command(

@@ -16,6 +16,7 @@ from mavlink_bridge.autopilots.betaflight import MODES, PILOT
 from mavlink_bridge.betaflight import msp
 from mavlink_bridge.betaflight.coarse_state import CoarseState
 from mavlink_bridge.betaflight.controller import Controller
+from mavlink_bridge.betaflight.fix_source import INPUT, FixSource
 from mavlink_bridge.betaflight.msp import Reply
 from mavlink_bridge.betaflight.polling import Answer, read_answer
 from mavlink_bridge.betaflight.position_hold import PositionHold
@@ -110,6 +111,7 @@ class BetaflightBridge:
         self._thrust = 0.0  # of the last RC frame
         self._announced = ("", False)
         self._last_fix: tuple[float, ...] = ()
+        self._fixes = FixSource(self._times.fix)
         self._battery = (0.0, 0.0)
         self._outbox: list[Message] = []
 
@@ -140,13 +142,13 @@ class BetaflightBridge:
         s.force(imu.force, resting)
         s.height(answer.height, resting)
         gps = answer.gps
-        if gps is None:
+        if gps is None or not self._fixes.uses_board(time, gps):
             return
         fix = (gps.latitude_deg, gps.longitude_deg, *gps.v)
-        if gps.fix and fix != self._last_fix:
+        if fix != self._last_fix:
             self._last_fix = fix
             s.gps(gps.latitude_deg, gps.longitude_deg, gps.v)
-        elif gps.fix:
+        else:
             s.confirm_fix()
 
     def _read_status(self, time: float, answer: Answer, by_pilot: bool) -> None:
@@ -215,7 +217,8 @@ class BetaflightBridge:
             source = received.source
             self._outbox.append(CommandAck(m.command, result, source.system, source.component))
         elif isinstance(m, GpsInput) and m.fix_type >= GpsFix.FIX_3D and _credible(m.v):
-            self._state.gps(m.latitude_deg, m.longitude_deg, m.v, age=0.0)
+            if self._fixes.uses(time, INPUT):
+                self._state.gps(m.latitude_deg, m.longitude_deg, m.v, age=0.0)
         elif isinstance(m, TimeSync) and m.tc1 == 0:
             self._outbox.append(TimeSync(round(time * 1e9), m.ts1))
 

@@ -96,6 +96,12 @@ KINDS: dict[str, Meaning] = {
 }  # fmt: skip
 EMULATED = frozenset(
     {
+        "telemetry_nan",
+        "telemetry_stale",
+        "telemetry_late",
+        "quaternion",
+        "clock_jump",
+        "timesync_jump",
         "position_lost",
         "position_jump",
         "position_reset",

@@ -6,10 +6,9 @@ rendered and companions tick side by side. Real time: the world waits for no com
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -22,12 +21,13 @@ from mavlink_bridge.wire.link import Endpoint, Link, UdpEndpoint
 from mavlink_bridge.wire.memory import MemoryEndpoint
 from mavlink_bridge.wire.video import Frame, FrameServer
 from sitl_sim.external.fleet import RealFleet
+from sitl_sim.external.lockstep_fleet import LockstepFleet
 from sitl_sim.faults import catalogue as faults
 from sitl_sim.faults.camera import FaultyCamera
 from sitl_sim.faults.link import FaultyLine, FaultyLink, FaultyTelemetry
 from sitl_sim.faults.world import FaultyWorld
 from sitl_sim.flight.autopilots import switch_on, true_airframes
-from sitl_sim.flight.in_process import LocalFrames, SerialExecutor
+from sitl_sim.flight.in_process import LocalFrames, make_pool
 from sitl_sim.flight.inputs import write_inputs
 from sitl_sim.flight.sensors import Sensors
 from sitl_sim.flight.vehicle_connection import Capture, VehicleConnection
@@ -36,6 +36,7 @@ from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import check_companions, companion_config, companion_port
 from sitl_sim.scenarios.conditions import drawn
 from sitl_sim.scenarios.scenario import QUANTUM_MS, TICK_MS, Scenario
+from sitl_sim.vehicles.emulated import Autopilots
 from sitl_sim.vehicles.rigid_body import Vehicles
 from sitl_sim.worlds.generators import build
 from sitl_sim.worlds.ground import Ground
@@ -74,7 +75,7 @@ class Flight:
             "targets": scenarios.targets(scenario, start),
             "target_tolerance": scenario.mission.tolerance,
         }
-        drifts = scenario.drones.state != "mocap"
+        drifts = scenario.drones.state != "mocap" and not scenario.drones.real
         if drifts:
             self.world["targets_by"] = "estimate"
         self._ground = Ground(self.world)
@@ -87,7 +88,7 @@ class Flight:
         )
         boot_ms = scenarios.boot_ms(scenario)
         self.sensors = Sensors(scenario, self.world)
-        self._real_time = real_time or scenario.drones.real
+        self._real_time = real_time or scenario.drones.own_time
         self._drones: list[VehicleConnection] = []
         for i, name in enumerate(self.names):
             self._drones.append(self._connect(i, name, boot_ms[i]))
@@ -98,14 +99,18 @@ class Flight:
         except BaseException:
             self.close()
             raise
+        if isinstance(self._autopilots, LockstepFleet):
+            for drone, clock_ms in zip(self._drones, self._autopilots.clock_ms, strict=True):
+                drone.boot_ms = clock_ms
         self._faults = FaultyWorld(
             self._schedule,
             self.vehicles,
-            None if isinstance(self._autopilots, RealFleet) else self._autopilots,
+            self._autopilots if isinstance(self._autopilots, Autopilots) else None,
             lambda i: self._drones[i].process_id,
             self._restart_clock,
         )
-        self._pool = self._make_pool()
+        # Threads pay only where a frame takes time.
+        self._pool = make_pool(serial=in_process or not (self._real_time or self.sensors.renders))
         self._latency_ms = round(scenario.sensing.latency * 1e3 / QUANTUM_MS) * QUANTUM_MS
         self.truth = Truth(self.names)
         self._drifts = drifts
@@ -151,13 +156,6 @@ class Flight:
         except (OSError, ValueError):
             self.close()
             raise
-
-    def _make_pool(self) -> Executor:
-        """Return what renders and delivers; threads pay only where a frame takes time."""
-        if self._in_process or not (self._real_time or self.sensors.renders):
-            return SerialExecutor()
-        # Deliveries wait for captures that were submitted before them, so not all can wait.
-        return ThreadPoolExecutor(max_workers=2 * (os.cpu_count() or 1))
 
     def _restart_clock(self, i: int) -> None:
         """Let drone i's clock begin at 0 again; its camera stamps by it."""
@@ -293,7 +291,7 @@ class Flight:
 
     def _estimate(self) -> Vector | None:
         """Return where the autopilots believe to be (n,3) m, where their state drifts."""
-        if not self._drifts or isinstance(self._autopilots, RealFleet):
+        if not self._drifts or not isinstance(self._autopilots, Autopilots):
             return None
         return self._autopilots.estimate
 
@@ -317,6 +315,9 @@ class Flight:
 
     def _send_telemetry(self, drone: VehicleConnection) -> None:
         """Send the telemetry that is due on both links."""
+        if isinstance(self._autopilots, LockstepFleet):
+            drone.relay_telemetry(self._autopilots)
+            return
         messages = self._autopilots.telemetry(drone.index, "companion")
         drone.companion.send(drone.telemetry.alter(self._now / 1e3, messages))
         unheard = not drone.ground.packets_in
@@ -325,6 +326,9 @@ class Flight:
     def _deliver(self, drone: VehicleConnection, link: Link) -> None:
         """Give the vehicle the messages that wait on a link; send its replies at once."""
         name = "companion" if link is drone.companion else "gcs"
+        if isinstance(self._autopilots, LockstepFleet):
+            self._autopilots.pass_on(drone.index, name, link.receive_packets())
+            return
         for received in link.receive():
             if name == "companion" and drone.hold_ms:
                 drone.held.append((self._now + drone.hold_ms, received))
@@ -333,6 +337,8 @@ class Flight:
 
     def _hand_over(self, drone: VehicleConnection) -> None:
         """Give the vehicle the messages whose way to it has taken long enough."""
+        if not isinstance(self._autopilots, Autopilots):
+            return
         while drone.held and drone.held[0][0] <= self._now:
             _, received = drone.held.popleft()
             drone.companion.send(self._autopilots.receive(drone.index, received, "companion"))
@@ -422,7 +428,7 @@ class Flight:
     def close(self) -> None:
         """End the companions and release the ports."""
         fleet = getattr(self, "_autopilots", None)
-        if isinstance(fleet, RealFleet):
+        if isinstance(fleet, RealFleet | LockstepFleet):
             fleet.close()
         for drone in getattr(self, "_drones", []):
             drone.close()

@@ -17,6 +17,7 @@ from mavlink_bridge.wire.link import Link
 from mavlink_bridge.wire.memory import MemoryEndpoint
 from mavlink_bridge.wire.messages import Received
 from mavlink_bridge.wire.video import FrameServer
+from sitl_sim.external.lockstep_fleet import LockstepFleet
 from sitl_sim.external.priority import COMPANION, raise_priority
 from sitl_sim.faults.camera import FaultyCamera
 from sitl_sim.faults.link import FaultyLine, FaultyTelemetry
@@ -103,6 +104,11 @@ class VehicleConnection:
         """Return whether no answer can be expected any longer; deadline as for `ready`."""
         gone = self.process is not None and not self._runs()
         return gone or not self.frames.connected or time.monotonic() > deadline
+
+    def relay_telemetry(self, fleet: LockstepFleet) -> None:
+        """Pass on what the real autopilot has sent to its companion and to ground stations."""
+        self.companion.send_packets(fleet.packets(self.index, "companion"))
+        self.ground.send_packets(fleet.packets(self.index, "gcs"))
 
     def drop_companion(self) -> None:
         """Stop waiting for a companion that does not answer; it is sent no more frames."""

@@ -26,6 +26,7 @@ from sitl_sim.faults import catalogue as fault
 from sitl_sim.scenarios.airframes import ActualConfig, AirframeConfig, AirframeName
 from sitl_sim.scenarios.conditions import AirConfig, TimingConfig, WindConfig
 from sitl_sim.sensors.fisheye import Lens
+from sitl_sim.sensors.looks.catalogue import PLAIN, check
 from sitl_sim.vehicles.grades import StateGrade
 from sitl_sim.vehicles.rigid_body import Airframe
 from sitl_sim.worlds.generators import build
@@ -63,12 +64,18 @@ class DronesConfig(StrictModel):
         ActualConfig(),
         description="Factors by which the vehicles differ from what they are taken for.",
     )
+    look: Literal["ball", "bare", "mixed"] = Field(
+        "ball",
+        description="ball: dark, with a magenta ball; bare: one kind of body without it, drawn by "
+        "the seed; mixed: a kind for each drone.",
+    )
     autopilot: Literal["px4", "ardupilot", "betaflight"] = Field(
         "px4",
         description="px4, ardupilot: emulated; betaflight: the real SITL, in real time.",
     )
     binary: str = Field(
-        "", description="px4, ardupilot: your own SITL binary instead of the emulated vehicle."
+        "",
+        description="Your own SITL binary, which flies instead of the one named above.",
     )
     state: StateGrade = Field(
         "mocap",
@@ -112,6 +119,11 @@ class DronesConfig(StrictModel):
     def real(self) -> bool:
         """Whether real autopilots fly, not emulated ones."""
         return self.autopilot == "betaflight" or bool(self.binary)
+
+    @property
+    def own_time(self) -> bool:
+        """Whether the autopilots keep their own time, so that the world cannot wait for them."""
+        return self.autopilot == "betaflight"
 
 
 class MissionConfig(StrictModel):
@@ -219,6 +231,18 @@ class Scenario(StrictModel):
         if self.drones.real and (wrong := [key for key, there in asked.items() if there]):
             why = "needs emulated autopilots (drones.autopilot: px4 or ardupilot, no binary)"
             raise Contradiction(tuple(wrong[:1]), why)
+        return self
+
+    @model_validator(mode="after")
+    def _looks_known(self) -> Self:
+        try:
+            check(self.world.look)
+        except ValueError as error:
+            raise Contradiction(("world.look",), str(error)) from error
+        if self.world.look == PLAIN and self.drones.look != "ball":
+            raise Contradiction(("drones.look",), "world.look plain has drones with balls only")
+        if self.world.look == PLAIN and (self.world.lean_deg or self.world.branches):
+            raise Contradiction(("world.look",), "plain shows upright trunks only")
         return self
 
 

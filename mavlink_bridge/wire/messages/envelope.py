@@ -15,6 +15,7 @@ from mavlink_bridge.wire.messages.protocols import (
     MissionRequest,
     MissionRequestList,
     MissionSetCurrent,
+    ParamError,
     ParamRequestList,
     ParamRequestRead,
     ParamSet,
@@ -48,8 +49,12 @@ from mavlink_bridge.wire.messages.state import (
 from mavlink_bridge.wire.messages.status import (
     AutopilotVersion,
     BatteryStatus,
+    CameraInformation,
+    Event,
     ExtendedSystemState,
     Heartbeat,
+    NamedValue,
+    Ping,
     StatusText,
     SystemStatus,
     SystemTime,
@@ -107,6 +112,11 @@ Message = (
     | MissionItemReached
     | RequestDataStream
     | FileTransfer
+    | ParamError
+    | Event
+    | NamedValue
+    | CameraInformation
+    | Ping
 )
 
 

@@ -15,7 +15,7 @@ from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.dialect import FROM_WIRE, TO_WIRE
 
 EXAMPLES = [
-    m.RateSetpoint(1.5, np.array([0.1, -0.2, 0.3]), 0.4, 3),
+    m.RateSetpoint(1.5, np.array([0.1, -0.2, 0.3]), 0.4, 3, q_wb=np.array([0.5, 0.5, -0.5, 0.5])),
     m.Heartbeat(12, 2, True, 0x00060000, 4, 0x81),
     m.Attitude(2.0, np.array([0.5, 0.5, -0.5, 0.5]), np.array([0.1, 0.2, 0.3])),
     m.AttitudeTarget(2.0, np.array([0.5, 0.5, -0.5, 0.5]), np.array([0.1, 0.2, 0.3]), 0.5, 7),
@@ -72,6 +72,14 @@ EXAMPLES = [
     m.GpsInput(2.0, 3, 47.1, 8.2, 500.0, np.array([1.0, 0.5, 0.25]), 9),
     m.GpsInput(2.0, 3, 47.1, 8.2, 500.0, np.array([1.0, 0.5]), 9),
     m.GpsInput(2.0, 3, 47.1, 8.2, 500.0, None, 9),
+    m.ParamError(1, 191, "COM_OBL_RC_ACT", -1, 7),
+    m.Event(2.0, 0x0102089D, 7, 2, bytes([0, 64, 0, 0, 20]).ljust(40, b"\0")),
+    m.NamedValue(2.0, "tick_p99", 12.5),
+    m.NamedValue(2.0, "phase", 4),
+    m.CameraInformation(2.0, "swarm", "forward", 2.1, 3.6, 2.7, 640, 400, 1),
+    m.Ping(2.0, 5, 1, 191),
+    m.MissionRequest(1, 1, 2, 0, floating=True),
+    m.MissionItem(1, 1, 0, 3, 16, 1, 1, (0.0, 1.0, 0.0, 0.0), 47.1, 8.2, 5.0, 0, floating=True),
     m.EulerAttitude(2.0, np.array([0.8, 0.2, -0.4, 0.4]), np.array([0.1, 0.2, 0.3])),
 ]
 
