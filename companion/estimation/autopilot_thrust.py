@@ -14,8 +14,9 @@ from mavlink_bridge.wire.messages import (
     VehicleState,
 )
 
-_IN_THE_AIR = (2, 3, 4)  # MAV_LANDED_STATE: in air, taking off, landing
-_LIFTED = 0.3  # m above the ground, from which on the feet carry nothing
+# MAV_LANDED_STATE; "taking off" is told while the motors spin up on the ground, too
+_ON_GROUND, _IN_AIR = 1, 2
+_CLIMBS = (0.3, 0.3)  # m above the ground, m/s: together they mean that the feet carry nothing
 
 
 @dataclass(frozen=True)
@@ -41,10 +42,11 @@ class AutopilotThrustReader:
         self._identity = identity
         self._landed_state = 0  # not told
         self._ground: float | None = None
+        self._climbed = False  # since it was last on the ground
 
     def reset(self) -> None:
         """Forget the place of the ground: the vehicle has started anew."""
-        self._landed_state, self._ground = 0, None
+        self._landed_state, self._ground, self._climbed = 0, None, False
 
     def read(self, messages: Iterable[Message], own: VehicleState | None) -> AutopilotThrust:
         """Return what the messages of one tick tell; own: the state now."""
@@ -66,11 +68,12 @@ class AutopilotThrustReader:
         heartbeat = self._identity.heartbeat
         if own is None or heartbeat is None:
             return False
+        height, climb = float(own.p[2]), float(own.v[2])
         if not heartbeat.armed:
-            self._ground = float(own.p[2])
+            self._ground = height
+        if not heartbeat.armed or self._landed_state == _ON_GROUND:
+            self._climbed = False
             return False
-        told = self._landed_state in _IN_THE_AIR
-        if self._ground is None:
-            return told
-        lifted = float(own.p[2]) > self._ground + _LIFTED
-        return lifted and (told or not self._landed_state)
+        if self._ground is not None:
+            self._climbed |= height > self._ground + _CLIMBS[0] and climb > _CLIMBS[1]
+        return self._climbed or self._landed_state == _IN_AIR

@@ -26,7 +26,7 @@ KNOWN = 0.05  # share of the hover thrust, one sigma, from which on it is good e
 _PARAMETER = 0.2  # one sigma of the autopilot's parameter, as a share: nobody keeps it up to date
 _CURVE_CONFIGURED, _CURVE_TOLD, _CURVE_ASSUMED = 0.1, 0.4, 0.3  # one sigma of the exponent
 _DRIFT = (0.01, 0.005)  # a root second, of both: battery, temperature
-_LIMITS = ((math.log(HOVER_MIN), 0.7), (math.log(HOVER_MAX), 2.3))
+_EXPONENTS = (1.0, 2.0)  # of motors in proportion and in the square
 _NOISE, _FIRST_NOISE = 0.05, 0.15  # of an observation, as a share: least, and before any is known
 _NOISE_TIME, _MEAN_TIME = 2.0, 0.4  # s over which noise and mean of the errors are taken
 _LAG = 0.5  # share of a change of thrust that the motors may not yet have followed
@@ -35,7 +35,8 @@ _PERSISTS = 4  # surprises on end, one way, that mean another hover thrust and n
 _LONGEST_GAP = 0.25  # s between two observations that still belong together
 _TARGET_DELAY = 0.03  # s from an autopilot's target to its effect
 _TARGETS_KEPT = 64
-_LEAST_THRUST, _SHARES = 0.04, (0.3, 3.0)  # thrust and acceleration/g outside say nothing
+_SHARES = (0.3, 3.0)  # acceleration over g; outside it says nothing
+_THRUSTS = (0.04, 0.9)  # above, the motors saturate
 _UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -85,6 +86,8 @@ class HoverThrust:
         curve = _CURVE_CONFIGURED if curve_known else _CURVE_ASSUMED
         self._x: Vector = np.array([math.log(prior.hover_thrust), prior.exponent])
         self._P: Vector = np.diag([doubt, curve]) ** 2
+        least, most = min(_EXPONENTS[0], prior.exponent), max(_EXPONENTS[1], prior.exponent)
+        self._limits = ((math.log(HOVER_MIN), least), (math.log(HOVER_MAX), most))
         self._source = "configured"
         self._parameter: float | None = None
         self._before: VehicleState | None = None
@@ -121,7 +124,7 @@ class HoverThrust:
         last, self._thrust_before = self._thrust_before, thrust
         if thrust is None or last is None or not told.airborne:
             return self.estimate
-        if min(thrust, last) > _LEAST_THRUST:
+        if _THRUSTS[0] < min(thrust, last) and max(thrust, last) < _THRUSTS[1]:
             self._observe(thrust, last, _acceleration(before, own) / GRAVITY, dt)
             self._source = "flight" if ours else "autopilot"
         return self.estimate
@@ -170,7 +173,7 @@ class HoverThrust:
     def _correct(self, error: float, noise: float, slope: Vector) -> None:
         """Correct by an error of variance `noise`; slope (2,): of what is observed over x."""
         gain = self._P @ slope / (slope @ self._P @ slope + noise)
-        self._x = np.clip(self._x + gain * error, *_LIMITS)
+        self._x = np.clip(self._x + gain * error, *self._limits)
         P = self._P - np.outer(gain, slope @ self._P)
         self._P = (P + P.T) / 2.0
 

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from companion.types import STAMP_AHEAD
 from mavlink_bridge.shared.settings import StrictModel
 from mavlink_bridge.wire.video import Frame
 
@@ -23,6 +22,7 @@ _STEP = 8  # px between the pixels that are looked at, each way
 _PERCENT = 0.01
 _RANGES = 0.05  # share of a depth image that must be known; 0 and NaN are not
 _DEAD = 3  # times as late as late: no frame comes any more
+_AHEAD = 0.1  # s that a stamp may be later than the vehicle's clock: the lag is measured
 
 
 class CameraFault(Enum):
@@ -80,7 +80,7 @@ class CameraHealth:
         None: `time`.
         """
         horizon = time if horizon is None else horizon
-        if frame is not None and frame.time > horizon + STAMP_AHEAD:
+        if frame is not None and frame.time > horizon + _AHEAD:
             self._picture = CameraFault.AHEAD
         elif frame is not None and frame.time > self._newest:
             self._newest = frame.time

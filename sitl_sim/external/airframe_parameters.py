@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from sitl_sim.vehicles.rigid_body import Airframe
+from sitl_sim.vehicles.airframe import Airframe
 
 # Parameters of rate loops go with the angular acceleration that a full command gives.
 _PX4_IRIS = (149.0, 0.15, 0.2, 0.003)  # rad/s² in roll and pitch; its P, I and D

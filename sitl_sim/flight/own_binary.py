@@ -11,7 +11,7 @@ from sitl_sim.external.external_sitl import ExternalError, ExternalSitl
 from sitl_sim.external.hil_sensors import HilSensors
 from sitl_sim.external.px4_hil import Px4Sitl
 from sitl_sim.scenarios.scenario import DronesConfig, Scenario
-from sitl_sim.vehicles.rigid_body import Airframe
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.worlds.geodesy import LocalFrame
 
 # What a deployer sets before a companion flies that autopilot: thrust is thrust; a PX4 whose

@@ -151,7 +151,7 @@ PX4 = Flavour(
             MessageId.ODOMETRY,
         }
     ),
-    unsent=frozenset({MessageId.HIGHRES_IMU, MessageId.ATTITUDE_TARGET}),
+    unsent=frozenset({MessageId.HIGHRES_IMU}),
     capabilities=0xE8FF,
     parameters={
         "BAT1_CAPACITY": (REAL32, 1500.0),

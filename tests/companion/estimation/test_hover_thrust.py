@@ -163,13 +163,10 @@ def heartbeat(armed):
     return Heartbeat(12, 2, armed, MODES["hold"], 4)
 
 
-def at(height):
-    return VehicleState(0.0, np.array([0.0, 0.0, height]), np.zeros(3), LEVEL, np.zeros(3))
-
-
-def read(reader, identity, *messages, height):
+def read(reader, identity, *messages, height, climb=0.0):
     identity.hear(messages)
-    return reader.read(messages, at(height))
+    p, v = np.array([0.0, 0.0, height]), np.array([0.0, 0.0, climb])
+    return reader.read(messages, VehicleState(0.0, p, v, LEVEL, np.zeros(3)))
 
 
 def test_what_the_vehicle_tells_of_its_thrust():
@@ -177,7 +174,8 @@ def test_what_the_vehicle_tells_of_its_thrust():
     reader = AutopilotThrustReader(identity)
     assert reader.read([], None) == AutopilotThrust()
     assert not read(reader, identity, heartbeat(False), height=1.0).airborne
-    assert not read(reader, identity, heartbeat(True), height=1.1).airborne
+    assert not read(reader, identity, heartbeat(True), height=1.1, climb=0.5).airborne
+    assert not read(reader, identity, ExtendedSystemState(3), height=1.5).airborne  # drifts
     told = read(
         reader,
         identity,
@@ -186,8 +184,10 @@ def test_what_the_vehicle_tells_of_its_thrust():
         AttitudeTarget(4.0, LEVEL, np.zeros(3), 0.6),
         AttitudeTarget(4.1, LEVEL, np.zeros(3), np.nan),
         height=1.5,
+        climb=0.5,
     )
     assert told == AutopilotThrust(((4.0, 0.6),), 0.57, 0.3, airborne=True)
+    assert read(reader, identity, height=2.0).airborne  # it has climbed
     assert not read(reader, identity, ExtendedSystemState(1), height=1.5).airborne
     assert read(reader, identity, ExtendedSystemState(2), height=1.5).airborne
 

@@ -14,6 +14,7 @@ from mavlink_bridge.betaflight.process import BridgeLoop, MspLine
 from mavlink_bridge.shared.frames import euler_from_quaternion
 from mavlink_bridge.wire.messages import (
     Attitude,
+    AttitudeTarget,
     Command,
     CommandAck,
     CommandId,
@@ -132,6 +133,8 @@ def test_take_off_climbs_and_not_in_the_first_second_after_arming():
     assert b.bridge.mode == "takeoff"
     assert b.rc[2] > 1500
     assert b.rc[5] > 1700
+    told = b.last(AttitudeTarget).thrust  # from which the companion learns the hover thrust
+    assert b.rc[2] == pytest.approx(1000 + 1000 * told, abs=10)
 
 
 @pytest.mark.parametrize("component", [100, 154, 191])

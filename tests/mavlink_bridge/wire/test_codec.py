@@ -1,6 +1,7 @@
 """Codec: round trips, any chunking, any garbage."""
 
 import math
+import struct
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ EXAMPLES = [
     m.RateSetpoint(1.5, np.array([0.1, -0.2, 0.3]), 0.4, 3, q_wb=np.array([0.5, 0.5, -0.5, 0.5])),
     m.Heartbeat(12, 2, True, 0x00060000, 4, 0x81),
     m.Attitude(2.0, np.array([0.5, 0.5, -0.5, 0.5]), np.array([0.1, 0.2, 0.3])),
+    m.AttitudeTarget(2.0, np.array([0.5, 0.5, -0.5, 0.5]), np.array([0.1, 0.2, 0.3]), 0.5, 7),
     m.LocalPosition(2.0, np.array([1.0, 2.0, 3.0]), np.array([0.5, -0.5, 0.25])),
     m.Odometry(
         2.0,
@@ -199,3 +201,18 @@ def test_a_frame_with_unknown_flags_is_discarded(flags):
     frame[2] = 0
     frame[-2:] = x25crc(frame[1:-2] + bytes([kind.crc_extra])).crc.to_bytes(2, "little")
     assert len(codec.decode_datagram(bytes(frame))) == 1
+
+
+def test_attitude_target_of_a_literal_frame():
+    """The frame: level, facing north, rates 0.1, 0.2, 0.3 rad/s FRD, thrust 0.57, at 4.321 s."""
+    payload = struct.pack("<I8fB", 4321, 1, 0, 0, 0, 0.1, 0.2, 0.3, 0.57, 0)
+    head = bytes([0xFD, len(payload.rstrip(b"\0")), 0, 0, 9, 1, 1, 83, 0, 0])
+    crc = x25crc(head[1:] + payload.rstrip(b"\0") + bytes([22]))  # 22: CRC_EXTRA of message 83
+    frame = head + payload.rstrip(b"\0") + struct.pack("<H", crc.crc)
+    (received,) = Codec(1, 191, [m.Source(1, 1)]).decode_datagram(frame)
+    target = received.message
+    assert isinstance(target, m.AttitudeTarget)
+    assert (target.time, target.type_mask) == (4.321, 0)
+    assert target.thrust == pytest.approx(0.57)
+    assert target.omega == pytest.approx([0.1, -0.2, -0.3])  # FLU
+    assert np.abs(target.q_wb) == pytest.approx([math.sqrt(0.5), 0, 0, math.sqrt(0.5)])

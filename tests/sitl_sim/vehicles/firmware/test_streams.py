@@ -8,6 +8,7 @@ import pytest
 
 from mavlink_bridge.wire.messages import (
     Attitude,
+    AttitudeTarget,
     AutopilotVersion,
     Command,
     CommandAck,
@@ -194,3 +195,29 @@ def test_request_data_stream(make_flight):
     f.run(2.0)
     assert not [m for m in f.heard[0] if isinstance(m, LocalPosition)]
     assert [m for m in f.heard[0] if isinstance(m, Heartbeat)]
+
+
+def targets(f):
+    return [m for m in f.heard[0] if isinstance(m, AttitudeTarget)]
+
+
+def test_the_thrust_of_a_hover_is_told_at_the_rate_asked(make_flight):
+    f = make_flight()
+    f.in_the_air()
+    before = len(targets(f))
+    f.command(511, 83, 50_000)
+    f.run(2.0)
+    told = targets(f)[before:]
+    assert len(told) == pytest.approx(40, abs=2)
+    assert np.mean([m.thrust for m in told]) == pytest.approx(0.333, abs=0.01)
+    assert {m.type_mask for m in told} == {0}
+
+
+def test_ardupilot_tells_its_thrust_only_when_it_is_asked(make_flight):
+    f = make_flight(flavour="ardupilot")
+    f.run(1.0)
+    assert targets(f) == []
+    f.command(511, 83, 50_000)
+    f.run(1.0)
+    assert len(targets(f)) == pytest.approx(20, abs=1)
+    assert {m.thrust for m in targets(f)} == {0.0}  # disarmed
