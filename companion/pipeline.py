@@ -54,7 +54,7 @@ class Companion:
             CalibrationError, ModelError: a file of the camera or a detector that cannot be used.
         """
         c = config.for_controller()
-        link, hover = c.link, ThrustMap(c.airframe.hover_thrust, c.airframe.thrust_exponent)
+        link, airframe = c.link, c.airframe
         planner = make_planner(c.controller, c.nmpc, c.baselines, c.right_of_way.level, stopwatch)
         formulation = Formulation(c.nmpc, c.fence, c.reciprocity, c.timing.delay)
         view = make_view(c.camera, c.sensing)
@@ -68,7 +68,12 @@ class Companion:
         self._perception = PerceptionFrontend(view, c.sensing, c.camera_health)
         self._obstacles = ObstacleEstimator(view, c.obstacles, c.surfaces)
         self._neighbours = NeighbourEstimator(view, c.tracker)
-        self._motion = MotionEstimator(hover, c.timing.delay)
+        self._motion = MotionEstimator(
+            ThrustMap(airframe.hover_thrust, airframe.exponent),
+            airframe.hover_doubt,
+            c.timing.delay,
+            curve_known=airframe.thrust_exponent is not None,
+        )
         self._guidance = Guidance(c.guidance())
         self._planning = Planning(c.nmpc, planner, formulation)
         self._supervision = Supervision(
@@ -92,9 +97,9 @@ class Companion:
             self._vehicle.update,
             time,
             inputs.received,
-            frame,
             self._motion.predictor,
             self._supervision.phase,
+            inputs.horizon,
         )
         if vehicle.rebooted:
             self._start_over()
@@ -102,10 +107,10 @@ class Companion:
         served = run("serve", self._services.update, time, inputs.received, self._before)
         if served.goals is not None:
             self._guidance.set_goals(served.goals)
-        seen = run("see", self._perception.see, time, frame, vehicle.at_capture)
+        seen = run("see", self._perception.see, time, frame, self._vehicle.at, inputs.horizon)
         obstacles = run("map", self._obstacles.update, seen, own)
         tracks = run("track", self._neighbours.update, time, seen, obstacles)
-        motion = run("motion", self._motion.update, own, phase)
+        motion = run("motion", self._motion.update, own, vehicle.thrust, phase)
         reference = run("guide", self._guidance.decide, own, tracks, obstacles, seen.fault, phase)
         planned = run("plan", self._planning.plan, own, reference, motion.prediction)
         supervised = run(
@@ -116,6 +121,7 @@ class Companion:
             seen,
             reference,
             planned.plan,
+            motion.hover,
             self_tested=planned.self_tested,
             leave=inputs.leave,
             give_back=_GIVE_BACK.get(served.wish),

@@ -26,7 +26,8 @@ from mavlink_bridge.shared.frames import rotation_matrix
 
 BANDS = ((0.3, 2.0), (2.0, 4.0), (4.0, 6.0), (6.0, 8.0), (8.0, 10.0), (10.0, 12.0))
 TO_8, TO_10 = (0.3, 8.0), (0.3, 10.0)
-TRUNK_BANDS = ((0.0, 2.0), (2.0, 5.0), (5.0, 8.0), (0.0, 5.0), (0.0, 8.0))
+TRUNKS_TO_5 = (0.0, 5.0)
+TRUNK_BANDS = ((0.0, 2.0), (2.0, 5.0), (5.0, 8.0), TRUNKS_TO_5, (0.0, 8.0))
 VISIBLE = 0.35
 CROWD = "neighbours-"  # prefix of conditions in which only time is measured
 _FAR = 1e3
@@ -219,6 +220,10 @@ class Trunks:
                     tally.relative.append(float(surface[right[n]] / max(true[n], 0.05) - 1.0))
                     error = surface[right[n]] - true[n]
                     tally.normalised.append(float(error / found[right[n]].sigma))
+
+    def figures(self, band: tuple[float, float]) -> dict[str, float | int | None]:
+        """Return the figures of one band of surface distance."""
+        return self._bands[band].figures()
 
     def table(self) -> dict[str, Any]:
         """Return the figures per band of surface distance."""

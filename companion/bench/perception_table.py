@@ -35,6 +35,12 @@ def add_arguments(perception: argparse.ArgumentParser) -> None:
     perception.add_argument(
         "--count", type=int, default=200, help="number of clean rendered frames (200)"
     )
+    perception.add_argument(
+        "--looks",
+        metavar="NAMES",
+        help="render worlds in these looks (comma-separated, or all) with five bodies, --count "
+        "of each: a table by look",
+    )
     perception.add_argument("--detector", choices=["color", "cnn", "yolo"], default="color")
     perception.add_argument("--model", help="ONNX file of cnn or yolo")
     perception.add_argument("--json", action="store_true", help="for machines")
@@ -70,6 +76,9 @@ def _render(folder: Path, options: argparse.Namespace) -> None:
     looks = "marked" if options.detector == "color" else "bare"
     seed, count = str(options.seed), str(options.count)
     arguments = [str(folder), "--seed", seed, "--count", count, "--looks", looks]
+    if options.looks is not None:
+        arguments = [str(folder), "--seed", seed, "--count", count]
+        arguments += ["--look", options.looks, "--bodies", "all"]
     command = [sys.executable, "-m", "sitl_sim", "frames", *arguments]
     done = subprocess.run(command, stdout=sys.stderr)
     if done.returncode:
@@ -82,6 +91,7 @@ def _render(folder: Path, options: argparse.Namespace) -> None:
 def _measure(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
     """Return the figures of the detector named in `options` on a folder of frames."""
     from companion.bench.labels import load
+    from companion.bench.looks import by_look
     from companion.bench.perception import measure
     from companion.perception.cnn import CnnDetector
     from companion.perception.config import SensingConfig
@@ -98,6 +108,8 @@ def _measure(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
         network = detector.network
         compared["forward_pass"] = lambda _: network.forward()
     result = {"detector": options.detector, **measure(camera, frames, detector, compared)}
+    if looks := by_look(camera, frames, detector):
+        result["looks"] = looks
     whole = result["time_ms"]["detect_track"]
     if whole is not None:
         result["times_as_long_as"] = {
@@ -114,6 +126,10 @@ def _lines(result: dict[str, Any]) -> list[str]:
             table = {band: f for band, f in table.items() if band in ("0.3–8 m", "0.3–10 m")}
         lines += _table(f"{result['detector']}, {name}", table, "velocity_rmse_m_s")
     of_range = [column for column in _DRONE_COLUMNS if column.startswith("range")]
+    if "looks" in result:
+        from companion.bench.looks import lines as look_lines
+
+        return look_lines(result["looks"])
     lines += _table("with tracking", result["tracks"], "bearing_rms_deg", *of_range)
     of_drones = ("bearing_rms_deg", "velocity_rmse_m_s")
     lines += _table("trunks, by surface distance", result["trunks"], *of_drones)

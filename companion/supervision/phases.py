@@ -61,6 +61,7 @@ class PhaseMachine:
         self._found_in_offboard = False  # armed and in offboard since the first heartbeat
         self._armed_by_pilot = False  # armed without a request: only a pilot's wishes count
         self._mode = ""  # of the last tick
+        self.waits_for_thrust = False  # at this tick: all else is ready to take over
         self._takeoff_seen = False  # the vehicle was in the mode of the take-off requested
 
     def release(self, how: GiveBack = GiveBack.HOLD) -> None:
@@ -81,12 +82,15 @@ class PhaseMachine:
         own: VehicleState | None,
         ready: bool,
         complete: bool,
+        known: bool = True,
     ) -> Decision:
         """Return the decision at `time` [s].
 
         heartbeat: the last one; None where the mode is not known. own: state now. ready: the drone
-        is fit to fly. complete: the mission is.
+        is fit to fly. complete: the mission is. known: the hover thrust is; else the vehicle goes
+        on flying by itself.
         """
+        self.waits_for_thrust = False
         if heartbeat is None:
             return Decision(self.phase)
         mode, new = self._autopilot.mode(heartbeat), not self._heard
@@ -97,7 +101,7 @@ class PhaseMachine:
         if self._releasing:
             return self._release(time, mode, heartbeat.armed)
         before = self.phase
-        self._advance(mode, heartbeat.armed, own, ready, complete)
+        self._advance(mode, heartbeat.armed, own, ready, complete, known)
         if self.phase is Phase.ENGAGE is not before:
             self._engaged_at = time
         self._mode = mode
@@ -136,7 +140,7 @@ class PhaseMachine:
         return requests
 
     def _advance(
-        self, mode: str, armed: bool, own: VehicleState, ready: bool, complete: bool
+        self, mode: str, armed: bool, own: VehicleState, ready: bool, complete: bool, known: bool
     ) -> None:
         """Advance to the next phase where its condition holds."""
         before = self.phase
@@ -151,13 +155,13 @@ class PhaseMachine:
             if self._auto:
                 self.phase = Phase.TAKEOFF if armed else Phase.ARM
             elif armed and not self._found_in_offboard and self._may_engage(mode, own):
-                self.phase = Phase.ENGAGE
+                self._take_over(known)
         elif before is Phase.ARM and not ready:
             self.phase = Phase.WAIT
         elif before is Phase.ARM and armed:
             self.phase = Phase.TAKEOFF
         elif before is Phase.TAKEOFF and self._is_up(mode, own):
-            self.phase = Phase.ENGAGE
+            self._take_over(known)
         elif before is Phase.ENGAGE and mode == "offboard":
             self.phase = Phase.FLY
         elif before is Phase.FLY and complete and self._config.land:
@@ -166,6 +170,12 @@ class PhaseMachine:
             self.phase = Phase.PASSIVE  # disarmed by a pilot or a failsafe, which wins
         if self.phase is not before:
             self._requested_at = _NEVER
+
+    def _take_over(self, known: bool) -> None:
+        """Engage where the hover thrust is known; else wait, and say so."""
+        self.waits_for_thrust = not known
+        if known:
+            self.phase = Phase.ENGAGE
 
     @property
     def _auto(self) -> bool:

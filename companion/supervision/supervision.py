@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from companion.estimation.hover_thrust import HoverEstimate
 from companion.estimation.vehicle import VehicleEstimate
 from companion.guidance.fence import FenceConfig
 from companion.guidance.guidance import Reference
@@ -79,6 +80,7 @@ class Supervision:
         seen: Detections,
         reference: Reference | None,
         plan: Plan | None,
+        hover: HoverEstimate,
         *,
         self_tested: bool,
         leave: bool,
@@ -86,6 +88,7 @@ class Supervision:
     ) -> Supervised:
         """Return the verdict and the phase at the tick of `time` [s]; one call a tick.
 
+        hover: the hover thrust, without which the companion does not take over.
         self_tested: the solver works. leave: control is to be given back to the autopilot.
         give_back: a ground station asks for that, and how.
         """
@@ -106,7 +109,10 @@ class Supervision:
             vehicle.state,
             ready=self_tested and not inhibit_reason and self._fit_to_fly(vehicle, seen),
             complete=reference is not None and reference.land,
+            known=hover.known,
         )
+        if self._phases.waits_for_thrust and not inhibit_reason:
+            inhibit_reason = hover.unknown_reason
         requests = list(decision.requests)
         if not decision.stream:
             verdict = None
@@ -120,7 +126,7 @@ class Supervision:
         return (
             seen.started
             and seen.fault is CameraFault.NONE
-            and vehicle.age <= self._config.stale_stop
+            and 0.0 <= vehicle.age <= self._config.stale_stop
             and vehicle.plausible
         )
 

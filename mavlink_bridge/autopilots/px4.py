@@ -32,6 +32,7 @@ MODES = {
 _STREAMS: dict[int, float | None] = {
     MessageId.ATTITUDE_QUATERNION: 50.0,
     MessageId.LOCAL_POSITION_NED: 50.0,
+    MessageId.ATTITUDE_TARGET: 20.0,
     # PX4 slows all streams where the line is too slow for their sum (115200 baud are).
     MessageId.ATTITUDE: None,  # would repeat ATTITUDE_QUATERNION
     MessageId.HIGHRES_IMU: None,
@@ -47,6 +48,8 @@ class Px4(Autopilot):
     mode_after_takeoff = "hold"
     modes = MODES
     streams = _STREAMS
+    hover_parameter = "MPC_THR_HOVER"
+    curve_parameter = "THR_MDL_FAC"
 
     def arm(self) -> list[Message]:
         """Hold, then arm: after a flight in offboard PX4 is back in it, and does not arm there.

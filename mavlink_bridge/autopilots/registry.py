@@ -49,6 +49,20 @@ class Identity:
             elif isinstance(m, ParamValue) and math.isfinite(m.value):
                 self._parameters[m.name] = m.value
 
+    def parameter(self, name: str) -> float | None:
+        """Return a parameter's value as the wire has it; None before the vehicle told it."""
+        return self._parameters.get(name)
+
+    @property
+    def hover_thrust(self) -> float | None:
+        """The hover thrust that the autopilot's own parameter holds; None where unknown."""
+        return self.parameter(self.adapter.hover_parameter)
+
+    @property
+    def thrust_curve(self) -> float | None:
+        """The autopilot's own share of quadratic thrust, 0…1; None where unknown."""
+        return self.parameter(self.adapter.curve_parameter)
+
     def inhibit_reason(self) -> str:
         """Return why this config must not fly this vehicle, one line; empty where it may."""
         if self.heartbeat is None:

@@ -39,6 +39,7 @@ from mavlink_bridge.wire.ids import (
 )
 from mavlink_bridge.wire.messages import (
     Attitude,
+    AttitudeTarget,
     AutopilotVersion,
     BatteryStatus,
     Command,
@@ -58,6 +59,7 @@ _FORCE_DISARM = 21196.0  # parameter 2 of COMPONENT_ARM_DISARM
 _IDLE = 1100.0  # µs of throttle; above it the vehicle may lift off
 _LANDED_TIME, _LANDED_HEIGHT = 2.0, 1.0  # s of idle throttle below this height [m]: landed
 _LONGEST_STEP = 0.1  # s
+_LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 _MODE_NAMES = {number: name for name, number in MODES.items()}
 
 
@@ -105,7 +107,8 @@ class BetaflightBridge:
         self._setpoint_at = -math.inf
         self._setpoints_lost_at: float | None = None
         self._answered_at = self._cycled_at = -math.inf
-        self._heartbeat_at = -math.inf
+        self._heartbeat_at = self._target_at = -math.inf
+        self._thrust = 0.0  # of the last RC frame
         self._announced = ("", False)
         self._last_fix: tuple[float, ...] = ()
         self._fixes = FixSource(self._times.fix)
@@ -327,6 +330,9 @@ class BetaflightBridge:
         if time - self._heartbeat_at >= self._times.heartbeat or now != self._announced:
             self._heartbeat_at, self._announced = time, now
             self._outbox += [self._heartbeat(time), BatteryStatus(*self._battery, -0.01)]
+        if self.mode != "pilot" and time - self._target_at >= self._times.target:
+            self._target_at = time
+            self._outbox.append(AttitudeTarget(time, _LEVEL, np.zeros(3), self._thrust))
         out.messages, self._outbox = self._outbox, []
         return out
 
@@ -375,6 +381,7 @@ class BetaflightBridge:
         return self._frame(np.zeros(3), self._hold.step(None, 0.0).thrust if flying else 0.0)
 
     def _frame(self, sticks: Vector, thrust: float, level: bool = True) -> bytes:
+        self._thrust = thrust
         return msp.raw_rc(self._controller.channels(sticks, thrust, self._arm_switch, level))
 
     def _heartbeat(self, time: float) -> Heartbeat:

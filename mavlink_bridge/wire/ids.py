@@ -24,6 +24,7 @@ class MessageId(IntEnum):
     ATTITUDE_TARGET = 83
     HIGHRES_IMU = 105
     TIMESYNC = 111
+    DISTANCE_SENSOR = 132
     BATTERY_STATUS = 147
     AUTOPILOT_VERSION = 148
     EKF_STATUS_REPORT = 193  # ArduPilot's own
@@ -145,7 +146,30 @@ class GpsFix(IntEnum):
     """GPS_FIX_TYPE; FIX_3D is 3D_FIX there."""
 
     NO_GPS = 0
+    NO_FIX = 1
     FIX_3D = 3
+    RTK_FLOAT = 5
+    RTK_FIXED = 6
+
+
+class EstimatorType(IntEnum):
+    """MAV_ESTIMATOR_TYPE: the estimator of an ODOMETRY."""
+
+    UNKNOWN = 0
+    VIO = 3
+    AUTOPILOT = 8
+
+
+class DistanceSensorType(IntEnum):
+    """MAV_DISTANCE_SENSOR."""
+
+    LASER = 0
+
+
+class SensorRotation(IntEnum):
+    """MAV_SENSOR_ORIENTATION (names begin with MAV_SENSOR_ROTATION); DOWN is PITCH_270 there."""
+
+    DOWN = 25
 
 
 class AttitudeTargetMask(IntFlag):

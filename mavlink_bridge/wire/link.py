@@ -231,23 +231,33 @@ class Link:
     def receive(self) -> list[Received]:
         """Return the messages that have arrived, oldest first; never block."""
         out: list[Received] = []
-        for data in self.endpoint.receive():
-            self.packets_in += 1
-            if self.tap is not None:
-                self.tap(False, data)
+        for data in self.receive_packets():
             out += self._hear(data)
         now = time.monotonic()
         for r in out:
             self._heard[r.source, type(r.message)] = now
         return out
 
+    def receive_packets(self) -> Iterator[bytes]:
+        """Yield the packets that have arrived, as they are: for an end that passes them on."""
+        for data in self.endpoint.receive():
+            self.packets_in += 1
+            if self.tap is not None:
+                self.tap(False, data)
+            yield data
+
     def send(self, messages: Iterable[Message]) -> None:
         """Send the messages in one packet; together they stay below the usual 1500-byte MTU."""
         data = self.codec.encode(messages)
-        if data and self.endpoint.send(data):
-            self.packets_out += 1
-            if self.tap is not None:
-                self.tap(True, data)
+        self.send_packets([data] if data else [])
+
+    def send_packets(self, packets: Iterable[bytes]) -> None:
+        """Send packets as they are."""
+        for data in packets:
+            if self.endpoint.send(data):
+                self.packets_out += 1
+                if self.tap is not None:
+                    self.tap(True, data)
 
     def wait(self, timeout: float) -> bool:
         """Block until bytes arrive or `timeout` [s] has passed; return whether bytes arrived."""

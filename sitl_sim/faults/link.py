@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +16,6 @@ from mavlink_bridge.wire.messages import (
     Heartbeat,
     LocalPosition,
     Message,
-    Received,
     SystemTime,
     TimeSync,
 )
@@ -89,21 +88,15 @@ class FaultyLink(Link):
         super().__init__(endpoint, codec)
         self.line = line
 
-    def send(self, messages: Iterable[Message]) -> None:
+    def send_packets(self, packets: Iterable[bytes]) -> None:
         """Send what the line lets through, and what the line adds."""
-        data = self.codec.encode(messages)
-        packets = self.line.carry(data, to_companion=True) if data else []
-        for packet in packets + self.line.noise():
-            self.packets_out += self.endpoint.send(packet)
+        carried = [p for data in packets for p in self.line.carry(data, to_companion=True)]
+        super().send_packets(carried + self.line.noise())
 
-    def receive(self) -> list[Received]:
-        """Return what the line lets through; all packets that arrived are counted."""
-        out: list[Received] = []
-        for data in self.endpoint.receive():
-            self.packets_in += 1
-            for packet in self.line.carry(data, to_companion=False):
-                out += self._hear(packet)
-        return out
+    def receive_packets(self) -> Iterator[bytes]:
+        """Yield what the line lets through; all packets that arrived are counted."""
+        for data in super().receive_packets():
+            yield from self.line.carry(data, to_companion=False)
 
 
 class FaultyTelemetry:
@@ -132,6 +125,8 @@ class FaultyTelemetry:
         if lost or self._at(now, "telemetry_stale"):
             return []
         wrong = self._wrong(now, m)
+        if ahead := sum(f.value for f in self._at(now, "stamps")):
+            wrong = replace(wrong, time=max(wrong.time + ahead, 0.0))
         if late := self._at(now, "telemetry_late"):
             self._late.append((now + late[0].value, wrong))
             return []

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from mavlink_bridge.shared.arrays import Vector
@@ -34,6 +35,7 @@ _ALL_FIELDS = 0x1FFF  # fields_updated of HIL_SENSOR
 _NAME_BYTES = 10  # of NAMED_VALUE_FLOAT and _INT
 _UNKNOWN_TEMPERATURE = 0x7FFF
 _UNKNOWN_COVARIANCE = (math.nan,) * 21
+_UNKNOWN_VARIANCE = 255  # cm², of DISTANCE_SENSOR
 _FILE_BYTES = 251  # payload of FILE_TRANSFER_PROTOCOL
 
 
@@ -85,6 +87,19 @@ def _euler_attitude(a: m.EulerAttitude) -> Any:
     return mavlink.MAVLink_attitude_message(milliseconds(a.time), *angles, *_frd(a.omega))
 
 
+def _attitude_target(a: m.AttitudeTarget) -> Any:
+    roll_rate, pitch_rate, yaw_rate = _frd(a.omega)
+    return mavlink.MAVLink_attitude_target_message(
+        time_boot_ms=milliseconds(a.time),
+        type_mask=a.type_mask,
+        q=quaternion_enu_ned(a.q_wb),
+        body_roll_rate=roll_rate,
+        body_pitch_rate=pitch_rate,
+        body_yaw_rate=yaw_rate,
+        thrust=a.thrust,
+    )
+
+
 def _local_position(lp: m.LocalPosition) -> Any:
     return mavlink.MAVLink_local_position_ned_message(
         milliseconds(lp.time), *_ned(lp.p), *_ned(lp.v)
@@ -109,9 +124,35 @@ def _odometry(o: m.Odometry) -> Any:
         rollspeed=roll_rate,
         pitchspeed=pitch_rate,
         yawspeed=yaw_rate,
-        pose_covariance=_UNKNOWN_COVARIANCE,
-        velocity_covariance=_UNKNOWN_COVARIANCE,
+        pose_covariance=_pose_covariance(o),
+        velocity_covariance=_velocity_covariance(o),
+        reset_counter=o.resets & 0xFF,
+        estimator_type=o.estimator,
+        quality=o.quality,
     )
+
+
+def _pose_covariance(o: m.Odometry) -> tuple[float, ...]:
+    """Return the upper triangle, row by row, of x, y, z, roll, pitch, yaw."""
+    if o.position_sigma is None or o.attitude_sigma is None:
+        return _UNKNOWN_COVARIANCE
+    east, north, up = (float(s) ** 2 for s in o.position_sigma)
+    attitude = (float(s) ** 2 for s in o.attitude_sigma)
+    return _triangle(np.diag([north, east, up, *attitude]))
+
+
+def _velocity_covariance(o: m.Odometry) -> tuple[float, ...]:
+    """Return the same of the velocity, which is along the axes of the body, and of the rates."""
+    if o.velocity_sigma is None:
+        return _UNKNOWN_COVARIANCE
+    turn = np.diag([1.0, -1.0, -1.0]) @ rotation_matrix(o.q_wb).T
+    covariance = np.zeros((6, 6))
+    covariance[:3, :3] = turn @ np.diag(o.velocity_sigma**2) @ turn.T
+    return _triangle(covariance)
+
+
+def _triangle(covariance: Vector) -> tuple[float, ...]:
+    return tuple(float(a) for a in covariance[np.triu_indices(6)])
 
 
 def _global_position(g: m.GlobalPosition) -> Any:
@@ -185,11 +226,28 @@ def _gps_raw(g: m.GpsRaw) -> Any:
         lat=round(g.latitude_deg * 1e7),
         lon=round(g.longitude_deg * 1e7),
         alt=round(g.altitude * 1e3),
-        eph=80,
-        epv=120,
+        eph=clipped(g.hdop * 100, 0, 0xFFFF),
+        epv=clipped(g.vdop * 100, 0, 0xFFFF),
         vel=clipped(g.speed * 100, 0, 65535),
         cog=course(math.degrees(heading_from_yaw(g.course))),
         satellites_visible=g.satellites,
+        h_acc=clipped(g.horizontal_accuracy * 1e3, 0, 0xFFFFFFFF),
+        v_acc=clipped(g.vertical_accuracy * 1e3, 0, 0xFFFFFFFF),
+        vel_acc=clipped(g.speed_accuracy * 1e3, 0, 0xFFFFFFFF),
+    )
+
+
+def _distance(d: m.DistanceSensor) -> Any:
+    return mavlink.MAVLink_distance_sensor_message(
+        time_boot_ms=milliseconds(d.time),
+        min_distance=clipped(d.minimum * 100, 0, 0xFFFF),
+        max_distance=clipped(d.maximum * 100, 0, 0xFFFF),
+        current_distance=clipped(d.distance * 100, 0, 0xFFFF),
+        type=d.kind,
+        id=0,
+        orientation=d.orientation,
+        covariance=clipped((d.sigma * 100) ** 2, 0, 254) if d.sigma else _UNKNOWN_VARIANCE,
+        signal_quality=clipped(d.quality, 0, 100),
     )
 
 
@@ -243,8 +301,8 @@ def _hil_gps(g: m.HilGps) -> Any:
         lat=round(g.latitude_deg * 1e7),
         lon=round(g.longitude_deg * 1e7),
         alt=round(g.altitude * 1e3),
-        eph=30,
-        epv=40,
+        eph=round(g.horizontal * 100),
+        epv=round(g.vertical * 100),
         vel=round(math.hypot(vn, ve)),
         vn=vn,
         ve=ve,
@@ -258,12 +316,12 @@ def _estimator(e: m.EstimatorStatus) -> Any:
     return mavlink.MAVLink_estimator_status_message(
         time_usec=round(e.time * 1e6),
         flags=e.flags,
-        vel_ratio=0.1,
-        pos_horiz_ratio=0.1,
-        pos_vert_ratio=0.1,
-        mag_ratio=0.1,
-        hagl_ratio=0.1,
-        tas_ratio=0.1,
+        vel_ratio=e.velocity_ratio,
+        pos_horiz_ratio=e.horizontal_ratio,
+        pos_vert_ratio=e.vertical_ratio,
+        mag_ratio=e.magnetometer_ratio,
+        hagl_ratio=e.height_over_ground_ratio,
+        tas_ratio=0.0,
         pos_horiz_accuracy=e.horizontal_accuracy,
         pos_vert_accuracy=e.vertical_accuracy,
     )
@@ -355,6 +413,7 @@ TO_WIRE: dict[type, Callable[[Any], Any]] = {
     m.Heartbeat: _heartbeat,
     m.Attitude: _attitude,
     m.EulerAttitude: _euler_attitude,
+    m.AttitudeTarget: _attitude_target,
     m.LocalPosition: _local_position,
     m.Odometry: _odometry,
     m.GlobalPosition: _global_position,
@@ -362,6 +421,7 @@ TO_WIRE: dict[type, Callable[[Any], Any]] = {
     m.BatteryStatus: _battery,
     m.HomePosition: _home,
     m.GpsRaw: _gps_raw,
+    m.DistanceSensor: _distance,
     m.GpsInput: _gps_input,
     m.EstimatorStatus: _estimator,
     m.HilSensor: _hil_sensor,

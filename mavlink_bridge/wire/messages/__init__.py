@@ -25,6 +25,7 @@ from mavlink_bridge.wire.messages.protocols import (
     ParamValue,
 )
 from mavlink_bridge.wire.messages.sensors import (
+    DistanceSensor,
     GpsInput,
     GpsRaw,
     HilActuators,
@@ -41,6 +42,7 @@ from mavlink_bridge.wire.messages.setpoints import (
 )
 from mavlink_bridge.wire.messages.state import (
     Attitude,
+    AttitudeTarget,
     EstimatorStatus,
     EulerAttitude,
     GlobalPosition,
@@ -66,6 +68,7 @@ from mavlink_bridge.wire.messages.status import (
 
 __all__ = [
     "Attitude",
+    "AttitudeTarget",
     "AutopilotVersion",
     "BatteryStatus",
     "CameraInformation",
@@ -73,6 +76,7 @@ __all__ = [
     "CommandAck",
     "CommandId",
     "CommandResult",
+    "DistanceSensor",
     "EstimatorStatus",
     "EulerAttitude",
     "Event",

@@ -22,6 +22,7 @@ from mavlink_bridge.wire.messages.protocols import (
     ParamValue,
 )
 from mavlink_bridge.wire.messages.sensors import (
+    DistanceSensor,
     GpsInput,
     GpsRaw,
     HilActuators,
@@ -37,6 +38,7 @@ from mavlink_bridge.wire.messages.setpoints import (
 )
 from mavlink_bridge.wire.messages.state import (
     Attitude,
+    AttitudeTarget,
     EstimatorStatus,
     EulerAttitude,
     GlobalPosition,
@@ -73,6 +75,7 @@ Message = (
     | Heartbeat
     | Attitude
     | EulerAttitude
+    | AttitudeTarget
     | LocalPosition
     | Odometry
     | GlobalPosition
@@ -85,6 +88,7 @@ Message = (
     | ExtendedSystemState
     | HomePosition
     | GpsRaw
+    | DistanceSensor
     | GpsInput
     | HilSensor
     | HilGps

@@ -122,7 +122,7 @@ class Commander:
         return CommandResult.ACCEPTED
 
     def _set_home(self) -> None:
-        x, y, z = self._state.p[self._i]
+        x, y, z = self.guidance.est.p[self._i]
         self.guidance.home = (float(x), float(y), float(z))
 
     def _why_not_armable(self) -> str:
@@ -263,7 +263,7 @@ class Commander:
     def _detect_landing(self) -> None:
         if not self._state.contact[self._i]:
             self._touched_at = self.now
-            if self.landed and self._state.p[self._i, 2] > LIFTED_HEIGHT:
+            if self.landed and self.guidance.feet() > LIFTED_HEIGHT:
                 self.guidance.landed = False
         elif not self.landed and self.now - self._touched_at > LANDED_AFTER:
             self.guidance.landed = True

@@ -84,7 +84,8 @@ class Flavour:
     was heard; else where any message was. current_known: battery current is measured. unsent:
     message ids whose interval it accepts without sending them. fresh_only: message ids whose
     request is denied, as the stream has just sent the newest. arm_refusal: MAV_RESULT of a refused
-    request to arm. streams: default streams of each link, message id → Hz.
+    request to arm. streams: default streams of each link, message id → Hz. doubt_streams: those to
+    the companion where the state estimate has doubts worth telling (not in motion capture).
     """
 
     name: str
@@ -116,6 +117,7 @@ class Flavour:
     arm_prefix: str = "Arming denied"
     capabilities: int = 0
     streams: Mapping[str, Mapping[int, float]] = field(default_factory=dict)
+    doubt_streams: Mapping[int, float] = field(default_factory=dict)
 
     def mode_of(self, custom_mode: int) -> Mode | None:
         """Return the mode of this custom_mode; None where there is none."""

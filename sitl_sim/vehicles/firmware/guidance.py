@@ -39,9 +39,23 @@ class Waypoint:
 
 
 class Guidance:
-    """The guidance of vehicle i."""
+    """The guidance of vehicle i.
 
-    def __init__(self, i: int, settings: Settings, sp: Setpoints, est: Estimate) -> None:
+    feet: returns the true height [m] of its feet over the ground. ranges: whether it has a
+    rangefinder and so knows that height. origin_z: m, world, of the vehicle's own frame.
+    """
+
+    def __init__(
+        self,
+        i: int,
+        settings: Settings,
+        sp: Setpoints,
+        est: Estimate,
+        feet: Callable[[], float],
+        ranges: bool = False,
+        origin_z: float = 0.0,
+    ) -> None:
+        self.feet, self._ranges, self._origin_z = feet, ranges, origin_z
         self.i, self.settings, self.sp, self.est = i, settings, sp, est
         self.now = 0.0
         self.landed = True
@@ -144,7 +158,8 @@ class Guidance:
             self._control(Control.IDLE)
             return
         s = self.settings
-        slow = self.est.p[self.i, 2] < CRAWL_HEIGHT
+        above = self.feet() if self._ranges else self.est.p[self.i, 2] - self._origin_z
+        slow = above < CRAWL_HEIGHT
         self._go(x, y, math.nan, -(s.crawl_speed if slow else s.land_speed))
 
     def _fly_takeoff(self) -> Mode | None:

@@ -83,6 +83,7 @@ _COMPANION_STREAMS: dict[int, float] = {
     MessageId.PING: 1,
     MessageId.GPS_RAW_INT: 8,
     MessageId.ATTITUDE: 100,
+    MessageId.ATTITUDE_TARGET: 10,
     MessageId.ATTITUDE_QUATERNION: 50,
     MessageId.LOCAL_POSITION_NED: 30,
     MessageId.GLOBAL_POSITION_INT: 50,
@@ -94,6 +95,13 @@ _COMPANION_STREAMS: dict[int, float] = {
     MessageId.EXTENDED_SYS_STATE: 5,
     MessageId.ODOMETRY: 30,
 }
+# As on PX4's onboard link.
+_DOUBT_STREAMS: dict[int, float] = {
+    MessageId.ODOMETRY: 30,
+    MessageId.DISTANCE_SENSOR: 10,
+    MessageId.ESTIMATOR_STATUS: 5,
+    MessageId.GPS_RAW_INT: 5,
+}
 _GCS_STREAMS: dict[int, float] = {
     MessageId.HEARTBEAT: 1,
     MessageId.SYS_STATUS: 1,
@@ -101,6 +109,7 @@ _GCS_STREAMS: dict[int, float] = {
     MessageId.GPS_RAW_INT: 5,
     MessageId.ATTITUDE: 15,
     MessageId.ATTITUDE_QUATERNION: 10,
+    MessageId.ATTITUDE_TARGET: 2,
     MessageId.LOCAL_POSITION_NED: 1,
     MessageId.GLOBAL_POSITION_INT: 5,
     MessageId.MISSION_CURRENT: 1,
@@ -180,4 +189,5 @@ PX4 = Flavour(
         "THR_MDL_FAC": (REAL32, 1.0),
     },
     streams={"companion": _COMPANION_STREAMS, "gcs": _GCS_STREAMS},
+    doubt_streams=_DOUBT_STREAMS,
 )

@@ -20,13 +20,16 @@ from sitl_sim.vehicles.estimator import Estimate
 from sitl_sim.vehicles.firmware.commander import Commander
 from sitl_sim.vehicles.firmware.flavour import Flavour
 from sitl_sim.vehicles.firmware.guidance import Guidance
+from sitl_sim.vehicles.firmware.late_samples import LateSamples, Sample
 from sitl_sim.vehicles.firmware.missions import Missions
 from sitl_sim.vehicles.firmware.parameters import Parameters
 from sitl_sim.vehicles.firmware.schedule import Schedule
 from sitl_sim.vehicles.firmware.sticks import Sticks
 from sitl_sim.vehicles.outer_loops import Setpoints
+from sitl_sim.vehicles.rangefinder import Rangefinder
 from sitl_sim.vehicles.rates import RateLoop
-from sitl_sim.vehicles.rigid_body import State
+from sitl_sim.vehicles.rigid_body import Body, State
+from sitl_sim.vehicles.state_errors import StateErrors
 from sitl_sim.worlds.geodesy import LocalFrame
 
 LINKS = ("companion", "gcs")
@@ -38,10 +41,20 @@ class Shared:
     """Arrays of all vehicles, a row each."""
 
     state: State
+    body: Body
     loop: RateLoop
     setpoints: Setpoints
     estimate: Estimate
     batteries: Batteries
+    errors: StateErrors
+    late: LateSamples
+    rangefinder: Rangefinder
+
+    def feet(self, i: int) -> float:
+        """Return the true height [m] of vehicle i's feet over the ground."""
+        x, y, z = (float(k) for k in self.state.p[i])
+        base, east, north = (float(k) for k in self.body.ground[i])
+        return z - (base + east * x + north * y)
 
 
 Builder = Callable[["Unit"], Message | None]  # makes one telemetry message
@@ -60,11 +73,20 @@ class Unit:
         shared: Shared,
         overrides: Mapping[str, float],
         builders: Mapping[int, Builder],
+        more_streams: Mapping[str, Mapping[int, float]],
     ) -> None:
         self.i, self.system, self.flavour, self.frame = i, system, flavour, frame
         self.parameters = Parameters(flavour, overrides)
         settings = self.parameters.settings()
-        self.guidance = Guidance(i, settings, shared.setpoints, shared.estimate)
+        self.guidance = Guidance(
+            i,
+            settings,
+            shared.setpoints,
+            shared.estimate,
+            feet=lambda: shared.feet(i),
+            ranges=shared.rangefinder.fitted[i],
+            origin_z=float(frame.origin[2]),
+        )
         self.commander = Commander(flavour, settings, self.guidance, shared.state)
         if flavour.sticks:
             self.commander.sticks = Sticks(self.parameters["rate_max"])
@@ -72,12 +94,16 @@ class Unit:
             frame, self.guidance, flavour.first_item_is_home, not flavour.strict_parameters
         )
         self._shared = shared
+        self.errors, self.grade = shared.errors, shared.errors.grades[i]
         self._boot_us = round(boot_offset * 1e6)
         self.now_us = 0
         self.pings = 0  # sent
         self.asked_mode = flavour.modes[flavour.initial]
         self._builders = builders
-        self.schedules = {name: Schedule(dict(flavour.streams[name])) for name in LINKS}
+        self.schedules = {
+            name: Schedule({**flavour.streams[name], **more_streams.get(name, {})})
+            for name in LINKS
+        }
         self._outbox: dict[str, deque[Message]] = {name: deque() for name in LINKS}
         self._listened_us = dict.fromkeys(LINKS, -LISTENS_US - 1)
         self._texts_sent = 0
@@ -97,6 +123,19 @@ class Unit:
     def time_boot(self) -> float:
         """Seconds since this autopilot started."""
         return self.boot_us * 1e-6
+
+    def sample(self) -> Sample:
+        """Return what telemetry tells now: the estimate, or an older one where telemetry lags."""
+        return self._shared.late.sample(self.i, self.now_us, self.boot_us)
+
+    def measured_range(self, s: Sample) -> float:
+        """Return what the rangefinder measures [m] at a sample."""
+        return self._shared.rangefinder.measure(self.i, s.true_p, s.true_q)
+
+    @property
+    def rangefinder(self) -> bool:
+        """Whether the airframe has a rangefinder."""
+        return self._shared.rangefinder.fitted[self.i]
 
     @property
     def custom_mode(self) -> int:

@@ -34,7 +34,22 @@ EXAMPLES = [
     m.BatteryStatus(16.0, 2.5, 0.75),
     m.ExtendedSystemState(2),
     m.HomePosition(47.1, 8.2, 500.0, np.array([0.0, 0.0, 1.0])),
-    m.EstimatorStatus(2.0, 831, 0.5, 0.25),
+    m.Odometry(
+        2.0,
+        np.array([1.0, 2.0, 3.0]),
+        np.array([0.5, -0.5, 0.25]),
+        np.array([math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]),
+        np.array([0.1, 0.2, 0.3]),
+        position_sigma=np.array([0.5, 0.25, 1.0]),
+        velocity_sigma=np.array([0.1, 0.2, 0.4]),
+        attitude_sigma=np.array([0.01, 0.02, 0.05]),
+        resets=7,
+        estimator=8,
+        quality=90,
+    ),
+    m.GpsRaw(2.0, 6, 47.1, 8.2, 500.0, 9, 1.0, math.radians(60), 0.7, 1.1, 0.014, 0.02, 0.05),
+    m.DistanceSensor(2.0, 1.55, 0.1, 12.0, 25, 0, 0.02, 100),
+    m.EstimatorStatus(2.0, 831, 0.5, 0.25, 0.25, 0.5, 0.125, 0.75, 0.0625),
     m.AutopilotVersion(8, 0x010F00FF, 77),
     m.TimeSync(0, 123456789),
     m.SystemTime(12.5, 0.0),
@@ -132,6 +147,28 @@ def test_odometry_has_its_velocity_along_the_body_or_the_world():
     np.testing.assert_allclose(FROM_WIRE[331](wire).v, [0.0, 1.5, 0.5], atol=1e-6)
     wire.frame_id = 20  # MAV_FRAME_LOCAL_FRD does not point north
     assert np.isnan(FROM_WIRE[331](wire).p).all()
+
+
+def test_odometry_covariances_are_in_the_frames_of_its_pose_and_velocity():
+    """Along north, east, down, and along the body: forward is north here."""
+    north = np.array([math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)])
+    zero = np.zeros(3)
+    east = np.array([0.5, 0.25, 1.0])  # m: most doubt is about the height, then about east
+    sent = m.Odometry(
+        2.0, zero, zero, north, zero, east, np.array([0.1, 0.2, 0.4]), np.full(3, 0.1)
+    )
+    wire = TO_WIRE[m.Odometry](sent)
+    assert wire.pose_covariance[0] == pytest.approx(0.0625)  # north
+    assert wire.pose_covariance[6] == pytest.approx(0.25)  # east
+    assert wire.velocity_covariance[0] == pytest.approx(0.04)  # forward
+    assert wire.velocity_covariance[6] == pytest.approx(0.01)  # right
+    wire.child_frame_id = 1  # MAV_FRAME_LOCAL_NED: the same numbers along north and east
+    np.testing.assert_allclose(FROM_WIRE[331](wire).velocity_sigma, [0.1, 0.2, 0.4])
+    wire.pose_covariance = wire.velocity_covariance = (math.nan,) * 21
+    assert FROM_WIRE[331](wire).position_sigma is None
+    assert FROM_WIRE[331](wire).velocity_sigma is None
+    wire.pose_covariance = (-1.0,) * 21
+    assert FROM_WIRE[331](wire).position_sigma is None
 
 
 @pytest.mark.parametrize("off", [0.0, 3e-5, -3e-5])

@@ -18,8 +18,15 @@ PREFIXES = {
     ids.ParameterType: "MAV_PARAM_TYPE_",
     ids.ParameterError: "MAV_PARAM_ERROR_",
     ids.GpsFix: "GPS_FIX_TYPE_",
+    ids.EstimatorType: "MAV_ESTIMATOR_TYPE_",
+    ids.DistanceSensorType: "MAV_DISTANCE_SENSOR_",
+    ids.SensorRotation: "MAV_SENSOR_ROTATION_",
     ids.AttitudeTargetMask: "ATTITUDE_TARGET_TYPEMASK_",
     ids.Capability: "MAV_PROTOCOL_CAPABILITY_",
+}
+RENAMED = {
+    "FIX_3D": "3D_FIX",  # no Python name begins with a digit
+    "DOWN": "PITCH_270",
 }
 # In https://mavlink.io/en/messages/common.html and not yet in pymavlink's dialect.
 NEWER = {
@@ -27,7 +34,6 @@ NEWER = {
     "MAV_PARAM_ERROR_TYPE_MISMATCH": 7,
     "MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME": 9,
 }
-RENAMED = {"FIX_3D": "3D_FIX"}  # no Python name begins with a digit
 
 
 @pytest.mark.parametrize("table", PREFIXES, ids=lambda table: table.__name__)

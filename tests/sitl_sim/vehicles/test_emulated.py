@@ -7,8 +7,8 @@ import pytest
 
 from mavlink_bridge.wire.messages import Command, LocalPosition, Received, Source
 from sitl_sim.vehicles.emulated import Autopilots
-from sitl_sim.vehicles.estimator import SensorNoise
 from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.sensor_noise import SensorNoise
 
 
 def test_the_own_frame_changes_telemetry_and_not_the_flight(make_flight):

@@ -15,10 +15,10 @@ from mavlink_bridge.wire.messages import (
     SetMode,
     SystemStatus,
 )
-from sitl_sim.vehicles.estimator import SensorNoise
 from sitl_sim.vehicles.firmware.flavour import Mode
 from sitl_sim.vehicles.firmware.px4 import PX4
 from sitl_sim.vehicles.rigid_body import Airframe
+from sitl_sim.vehicles.sensor_noise import SensorNoise
 
 HOVER = Airframe().hover_thrust
 NAN = math.nan

@@ -19,8 +19,8 @@ from mavlink_bridge.wire.messages import (
     MissionRequestList,
     MissionSetCurrent,
 )
-from sitl_sim.vehicles.estimator import SensorNoise
 from sitl_sim.vehicles.firmware.flavour import Mode
+from sitl_sim.vehicles.sensor_noise import SensorNoise
 
 NAN = math.nan
 

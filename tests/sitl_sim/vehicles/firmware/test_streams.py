@@ -28,7 +28,7 @@ from mavlink_bridge.wire.messages import (
     SystemStatus,
     TimeSync,
 )
-from sitl_sim.vehicles.estimator import SensorNoise
+from sitl_sim.vehicles.sensor_noise import SensorNoise
 
 NAN = math.nan
 
