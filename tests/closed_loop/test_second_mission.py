@@ -10,8 +10,9 @@ from mavlink_bridge.autopilots.answers import Answers
 from mavlink_bridge.autopilots.px4 import Px4
 from mavlink_bridge.autopilots.registry import adapter
 from mavlink_bridge.wire.messages import Heartbeat, RateSetpoint, Received, Source, VehicleState
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.emulated import Autopilots
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.rigid_body import Vehicles
 
 COMPANION = Source(1, 191)
 HOVER = Airframe().hover_thrust

@@ -25,8 +25,9 @@ from mavlink_bridge.wire.messages import (
     Source,
     StatusText,
 )
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.emulated import Autopilots
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.rigid_body import Vehicles
 
 OFFBOARD, HOLD, LAND = (1.0, 6.0, 0.0), (1.0, 4.0, 3.0), (1.0, 4.0, 6.0)
 

@@ -20,6 +20,7 @@ from sitl_sim.vehicles.outer_loops import Control, Setpoints
 REACHED_HEIGHT = 0.15  # m, a climb ends this close to its altitude
 CRAWL_HEIGHT = 0.6  # m, below it a landing is slow
 MISSION_HEIGHT = 0.8  # m, a waypoint counts as reached this close in height
+_RAMP_LIFTS, _RAMP_ENDS = 1 / 3, 2.0  # of the ramp's time: to lift off, from there to full speed
 BRAKE_TIME = 0.5  # s, a vehicle that is to stay comes to rest this much further on
 
 
@@ -175,13 +176,14 @@ class Guidance:
     def _climb_speed(self) -> float:
         """Return the speed [m/s] that a take-off has now: motors spool up, then thrust ramps up.
 
-        A PX4's thrust begins below hover, so that the first half of the ramp lifts nothing.
+        A PX4's thrust begins below hover, so that it lifts off after a third of the ramp; its climb
+        then takes two ramps to reach its speed (measured: 2 m up after 5 s).
         """
         s = self.settings
         begin = max(self._began, self.armed_at + s.spool_up)
         if not s.takeoff_ramp or not self._from_ground:
             return s.takeoff_speed if self.now >= begin else 0.0
-        share = 2.0 * (self.now - begin) / s.takeoff_ramp - 1.0
+        share = ((self.now - begin) / s.takeoff_ramp - _RAMP_LIFTS) / _RAMP_ENDS
         return s.takeoff_speed * min(max(share, 0.0), 1.0)
 
     def _fly_offboard(self) -> Mode | None:

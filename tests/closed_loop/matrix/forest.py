@@ -17,7 +17,7 @@ from companion.supervision.guard import AutopilotRequest, Reason
 from companion.types import Phase
 from sitl_sim.scenarios import scenario as scenarios
 from tests.closed_loop.matrix.checks import OFFBOARD
-from tests.closed_loop.matrix.inprocess import SET_OUT_AT_ONCE, WithPictures, run
+from tests.closed_loop.matrix.inprocess import AUTOPILOT, SET_OUT_AT_ONCE, WithPictures, run
 from tests.closed_loop.matrix.measures import (
     completes,
     first_with,
@@ -356,7 +356,9 @@ def forest_flight(drones, seed, seconds, strikes):
         for row, i, kind in strikes
         for fault in ROWS[row].faults[kind]
     ]
-    parameters = {k: v for row, _, _ in strikes for k, v in ROWS[row].parameters.items()}
+    parameters = AUTOPILOT | {
+        k: v for row, _, _ in strikes for k, v in ROWS[row].parameters.items()
+    }
     return Forest(scenario(drones, seed, seconds, parameters, faults), strikes).fly()
 
 

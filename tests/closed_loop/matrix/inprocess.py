@@ -194,6 +194,8 @@ class InProcess(Flight):
 
 # Without a turn at the start, so that the times of rows are of full flight.
 SET_OUT_AT_ONCE = {"gaze": {"survey": 0.0}}
+# Nor a slow take-off; and a vehicle whose stream ends holds, so that what rows measure stays apart.
+AUTOPILOT = {"COM_SPOOLUP_TIME": 0.0, "MPC_TKO_RAMP_T": 0.0, "COM_OBL_RC_ACT": 5.0}
 
 
 def scenario(faults=(), count=1, seed=1, **more):
@@ -202,7 +204,12 @@ def scenario(faults=(), count=1, seed=1, **more):
         "name": "row",
         "seed": seed,
         "world": {"cylinders": [{"x": 7.0, "y": 0.3, "radius": 0.5}]},
-        "drones": {"count": count, "heading_deg": 0.0, "frame_yaw_deg": 0.0},
+        "drones": {
+            "count": count,
+            "heading_deg": 0.0,
+            "frame_yaw_deg": 0.0,
+            "parameters": AUTOPILOT,
+        },
         "mission": {"targets": [[14.0, 0.0, 2.0]], "home": False, "time_limit": 20.0},
         "sensing": {"neighbours": "truth", "obstacles": "map", "width": 64, "height": 64},
         "faults": list(faults),

@@ -9,7 +9,7 @@ import numpy as np
 from companion.supervision.guard import Reason
 from companion.supervision.phases import Phase
 from mavlink_bridge.wire.messages import Command, CommandId, LocalPosition
-from tests.closed_loop.matrix.inprocess import Companion, fly
+from tests.closed_loop.matrix.inprocess import AUTOPILOT, Companion, fly
 from tests.closed_loop.matrix.measures import (
     CRUISE,
     SHORT,
@@ -31,11 +31,11 @@ def row_1(note):
     f = fly(
         at={CRUISE + 0.01: kill, CRUISE + 2.01: restart},
         world={},
-        drones__parameters={"COM_OF_LOSS_T": 0.5},
+        drones__parameters=AUTOPILOT | {"COM_OF_LOSS_T": 0.5, "COM_OBL_RC_ACT": 4.0},
         mission__time_limit=24.0,
     )
-    hold = mode_after(f, CRUISE + 0.05, "HOLD")
-    assert hold <= 0.6
+    land = mode_after(f, CRUISE + 0.05, "LAND")
+    assert land <= 0.6
     again = f.companions[1]
     assert len(again.outs) > 50
     asked_for = {m.command for o in again.outs for m in o.messages if isinstance(m, Command)}
@@ -44,7 +44,7 @@ def row_1(note):
     assert f.truth.arrays()["position"][-1, 0, 2] < 0.3
     assert not f.truth.arrays()["armed"][-1, 0]
     f.check_always()
-    note("HOLD", hold)
+    note("LAND", land)
 
 
 def row_9(note):

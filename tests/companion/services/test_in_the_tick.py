@@ -39,6 +39,7 @@ class Drone:
                 "camera": {"width": 64, "height": 64},
                 "gaze": {"survey": 0.0},
                 "fence": {"east": [-20, 20], "north": [-20, 20]},
+                "airframe": {"hover_doubt": 0.05},
             }
         )
         self.companion, self.k = Companion(config, lambda: 0.0), 0

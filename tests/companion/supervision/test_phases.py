@@ -302,3 +302,15 @@ def test_offboard_is_asked_for_only_once_setpoints_have_come():
     decisions = [flown.tick("hold", height=2.0) for _ in range(6)]
     assert all(d.stream for d in decisions)
     assert [bool(d.requests) for d in decisions].index(True) == 2  # 0.3 s after the first
+
+
+def test_of_several_ways_to_give_control_back_landing_wins():
+    flown = Flown(Px4(1), PX4, auto=True)
+    flown.until(Phase.FLY)
+    flown.phases.release(GiveBack.LAND)
+    flown.phases.release(GiveBack.HOLD)
+    assert flown.tick("offboard", height=2.0).requests == Px4(1).land()
+    other = Flown(Px4(1), PX4, auto=True)
+    other.until(Phase.FLY)
+    other.phases.release(GiveBack.RETURN)
+    assert other.tick("offboard", height=2.0).requests == Px4(1).rtl()

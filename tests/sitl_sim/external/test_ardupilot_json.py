@@ -11,7 +11,8 @@ from sitl_sim.external import ardupilot_json
 from sitl_sim.external.airframe_parameters import ardupilot_parameters
 from sitl_sim.external.ardupilot_json import ArdupilotSitl, motion_line
 from sitl_sim.external.lockstep_fleet import LockstepFleet
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.airframe import Airframe
+from sitl_sim.vehicles.rigid_body import Vehicles
 from sitl_sim.worlds.geodesy import GeoReference, LocalFrame
 
 FRAME = LocalFrame(np.zeros(3), 0.0, GeoReference())

@@ -7,7 +7,8 @@ from pymavlink.dialects.v20 import common as mavlink
 from sitl_sim.external import lockstep_fleet
 from sitl_sim.external.external_sitl import ExternalError
 from sitl_sim.external.lockstep_fleet import LockstepFleet
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.airframe import Airframe
+from sitl_sim.vehicles.rigid_body import Vehicles
 
 ARMABLE = 0x10000000
 # EVENT (410) of PX4 1.17, which this project does not decode: v2 frame, not to be altered

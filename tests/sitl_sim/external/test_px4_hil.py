@@ -12,7 +12,8 @@ from sitl_sim.external.airframe_parameters import px4_parameters
 from sitl_sim.external.hil_sensors import HilSensors
 from sitl_sim.external.lockstep_fleet import LockstepFleet
 from sitl_sim.external.px4_hil import Px4Sitl
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.airframe import Airframe
+from sitl_sim.vehicles.rigid_body import Vehicles
 from sitl_sim.worlds.geodesy import GeoReference, LocalFrame
 
 ARM = mavlink.MAVLink_command_long_message(4, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)

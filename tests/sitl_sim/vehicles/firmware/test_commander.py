@@ -255,10 +255,9 @@ def test_arming_is_refused_with_a_reason(make_flight, sensor, words):
 
 
 def test_arming_is_refused_with_an_empty_battery_and_in_a_landing_mode(make_flight):
-    f = make_flight(airframe=Airframe(battery_ah=0.0005))
-    f.command(400, 1)
-    f.run(5.0)
-    f.command(400, 0)
+    f = make_flight()
+    f.autopilots.set_battery(0, 0.01)
+    f.run(0.5)
     assert f.command(400, 1) == 1
     assert f.texts()[-1].startswith("Arming denied")
     g = make_flight()
