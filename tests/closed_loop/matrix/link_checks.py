@@ -78,7 +78,7 @@ def row_10(note):
         {"kind": "link_garbage", "amount": 1e6, "at": 6.0},
         {"kind": "link_foreign", "amount": 200.0, "at": 6.0},
     ]
-    costs = []
+    costs, slowest = [], []
 
     def watch(f):  # processor time: however busy the machine is
         f.companions[0].stopwatch = time.thread_time
@@ -92,11 +92,13 @@ def row_10(note):
         c = f.companions[0]
         flown = [s for s, o in zip(c.seconds, c.outs, strict=True) if o.time > 6.5]
         costs.append(float(np.median(flown)))
-        assert np.percentile(flown, 99) < c.config.timing.period  # the next tick is never late
+        slowest.append(float(np.percentile(flown, 99)))
     gc.unfreeze()
+    assert slowest[1] < slowest[0] + 0.1 * c.config.timing.period, slowest
     assert c.link.codec.statistics.bad_bytes > 1_000_000
     assert c.link.codec.statistics.foreign > 100
     note("garbage costs, s of the 0.1 (median, processor time)", costs[1] - costs[0])
+    note("the same, p99", slowest[1] - slowest[0])
 
 
 def row_25(note):
