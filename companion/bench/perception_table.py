@@ -91,13 +91,12 @@ def _render(folder: Path, options: argparse.Namespace) -> None:
 def _measure(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
     """Return the figures of the detector named in `options` on a folder of frames."""
     from companion.bench.labels import load
+    from companion.bench.looks import by_look
     from companion.bench.perception import measure
     from companion.perception.cnn import CnnDetector
     from companion.perception.config import SensingConfig
     from companion.perception.detectors import make_detector
     from companion.perception.yolo import YoloDetector
-
-    from companion.bench.looks import by_look
 
     camera, frames = load(folder)
     sensing = SensingConfig(detector=options.detector, model=options.model)

@@ -171,7 +171,7 @@ def test_a_hidden_drone_shows_nothing(renderer):
     p = np.array([0.0, 0.0, 1.5])
     for place, share in (([2.5, -0.5, 1.5], 1.0), ([8.0, 1.6, 1.5], 0.0)):
         shown = renderer.picture(p, LEVEL, np.array([place]), LEVEL[None]).shown[0]
-        assert shown[0] > 3
+        assert shown[0] > 1
         assert shown[1] / shown[0] == pytest.approx(share, abs=0.02)
 
 
