@@ -1,4 +1,4 @@
-"""What a look draws once for each world: its sky with what stands on the horizon, its ground map."""
+"""What a look draws once for each world: its sky down to the horizon, and its ground map."""
 
 from __future__ import annotations
 
@@ -129,7 +129,8 @@ def ground_map(
             ring = np.concatenate([side, -side])
             ends = (a[:2] + away * max(low, 0.0), b[:2] + away * min(high, 30.0))
             ground = np.concatenate([ends[0] + ring, ends[1] + ring])
-        outline = cv2.convexHull(np.float32(((ground - origin) * scale)[:, None]))  # type: ignore[arg-type]
+        pixels = ((ground - origin) * scale)[:, None].astype(np.float32)
+        outline = cv2.convexHull(pixels)
         points = np.round(np.clip(outline, -8000, 8000) * 16).astype(np.int32)
         cv2.fillConvexPoly(shade, points, 60, cv2.LINE_AA, 4)
         if row[0] != BOX and low <= 0.3:

@@ -147,15 +147,15 @@ def _hexa(rows: _Rows) -> None:
 def _ducted(rows: _Rows) -> None:
     """Return a cinewhoop: each propeller in a ring, here of twelve beads."""
     body = rows.body
-    rows.part((0.5, 0.16, 0.13), (0, 0, 0.0), body.hull)
+    rows.part((0.45, 0.15, 0.13), (0, 0, 0.0), body.hull)
     rows.part((0.26, 0.15, 0.14), (0, 0, 0.16), body.accent)
-    for x in (0.5, -0.5):
-        for y in (0.5, -0.5):
-            rows.propeller(x, y, 0.02, 0.4, body.accent)
+    for x in (0.41, -0.41):
+        for y in (0.41, -0.41):
+            rows.propeller(x, y, 0.02, 0.34, body.accent)
             for k in range(12):
                 a = np.pi * k / 6
-                at = (x + 0.44 * np.cos(a), y + 0.44 * np.sin(a), 0.0)
-                rows.part((0.05, 0.13, 0.14), at, body.frame, yaw=a)
+                at = (x + 0.37 * np.cos(a), y + 0.37 * np.sin(a), 0.0)
+                rows.part((0.045, 0.11, 0.13), at, body.frame, yaw=a)
             rows.part((0.09, 0.09, 0.09), (x, y, 0), body.hull)
 
 

@@ -1,5 +1,6 @@
-"""From scene light to the bytes of a real camera: motion blur, glare, dirt, white balance,
-exposure, tone curve, noise and compression.
+"""From scene light to the bytes of a real camera.
+
+Motion blur, glare, dirt, white balance, exposure, tone curve, noise, compression.
 """
 
 # ruff: noqa: ANN001, ANN201 - numba infers the types of a kernel's arguments
@@ -63,7 +64,8 @@ def motion_blur(raw: UInt8, lens: Lens, omega_c: Float64, shutter: float) -> UIn
         warp = cv2.getRotationMatrix2D(middle, float(np.degrees(-roll * s)), 1.0)
         warp[:, 2] += s * shift
         size = (lens.width, lens.height)
-        total += cv2.warpAffine(raw, warp, size, borderMode=cv2.BORDER_REPLICATE)
+        moved = cv2.warpAffine(raw, warp, size, borderMode=cv2.BORDER_REPLICATE)
+        total += moved.astype(np.uint16)
     return (total // samples).astype(np.uint8)
 
 
@@ -75,7 +77,7 @@ def glare_of(lens: Lens, sun_c: Float64, strength: float) -> Float32:
     veil = strength * seen * (160 * np.exp(-away / 0.12) + 70 * np.exp(-away / 0.5) + 18)
     made: Float32 = cv2.resize(
         veil.astype(np.float32), (lens.width, lens.height), interpolation=cv2.INTER_LINEAR
-    )  # type: ignore[assignment]
+    )
     return made
 
 

@@ -151,7 +151,7 @@ def meet(prims, listed, count, dx, dy, dz, best, who, leaves, pixel):  # type: i
         if prim[NEAR] > best.max():
             break
         kind = np.int32(prim[KIND])
-        if kind == CAPSULE or kind == CYLINDER:
+        if kind in (CAPSULE, CYLINDER):
             meet_capsule(prim, listed[k], dx, dy, dz, best, who, kind == CYLINDER)
         elif kind == SPHERE:
             meet_bush(prims, listed[k], dx, dy, dz, best, who, leaves, pixel)

@@ -35,7 +35,7 @@ def overlay(  # type: ignore[no-untyped-def]
     out,
     owner,
 ):
-    """Draw bodies into out (h,w,3), far to near; return the light (m,2) that each would and does show.
+    """Draw bodies into out (h,w,3), far to near; return the pixels (m,2) that each covers.
 
     places (m,3), turns (m,3,3) body → world, which (m,) row of parts_all, lights (m,3) BGR gains.
     reach: rad, the farthest off the axis that a pixel looks. depth (h,w): of the static scene.

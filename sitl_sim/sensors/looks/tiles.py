@@ -27,7 +27,7 @@ def _noise(rng: _Rng, beta: float, low: int = 1) -> Float64:
     return fractal(rng, (TILE, TILE), beta, low)
 
 
-def _layers(bright: Float64, index: Float64) -> _Layers:
+def _layers(bright: Any, index: Any) -> _Layers:
     return np.stack([bright, index], axis=-1).astype(np.float32)
 
 
@@ -56,7 +56,8 @@ def _ellipses(
         axes = (max(int(long), 1), max(round(long * rng.uniform(*thin)), 1))
         turn = float(rng.uniform(*angle))
         cv2.ellipse(mask, (half, half), axes, turn, 0, 360, 225, -1, cv2.LINE_AA)
-        _stamp(layers, *map(int, rng.integers(0, TILE, 2)), mask, value())
+        x, y = (int(k) for k in rng.integers(0, TILE, 2))
+        _stamp(layers, x, y, mask, value())
 
 
 def _cells(rng: _Rng, count: int, stretch: float = 1.0) -> tuple[Float64, Float64, NDArray[Any]]:
@@ -284,7 +285,12 @@ WALLS: dict[str, Callable[[_Rng], _Layers]] = {
     "planks": _planks,
     "plain": _plain,
 }
-_KINDS = {"ground": GROUNDS, "bark": BARKS, "wall": WALLS, "leaves": {"leaves": _leaves}}
+_KINDS: dict[str, dict[str, Callable[[_Rng], _Layers]]] = {
+    "ground": GROUNDS,
+    "bark": BARKS,
+    "wall": WALLS,
+    "leaves": {"leaves": _leaves},
+}
 
 
 @lru_cache(maxsize=256)
