@@ -200,6 +200,9 @@ class CameraAlignment:
         text = _contradiction(scale, np.array([x, y, z]), deviation)
         if not text and lag_sigma < _LAG_SIGMA and lag > _LAG_FLOWN:
             text = f"pictures show what was {lag:.2f} s before their stamps"
+        sure = all(s < known for s, known in zip(sigmas, _KNOWN, strict=True))
+        if not text and not sure:  # a contradiction ends by evidence, not for want of it
+            text = self.estimate.contradiction
         return Alignment(used if lag_sigma < _LAG_SIGMA else 0.0, scale, (x, y, z), sigmas, text)
 
 
