@@ -38,6 +38,8 @@ _KEEP = 0.97  # of the evidence, from one pair of pictures to the next
 _FLOOR, _SHARE = 0.002, 0.03  # rad, and share of the turn: errors of attitude and tracking
 _PRIOR = np.array([0.5, 0.5, 0.5, 0.5]) ** -2.0  # information on s − 1 and δ [rad] before any look
 _SIGMAS = 3.0  # a finding differs from none by so many standard deviations
+# A lens that was as configured does not change little by little; the vehicle's attitude may.
+_SETTLED = 2.0
 _SCALE, _ANGLE = 0.06, math.radians(6.0)  # findings smaller than this fly well
 _LAG_FLOOR = 0.007  # s; the parabola through the grid is no better
 _LAG_SIGMA = 0.02  # s; a less certain lag is not used
@@ -104,6 +106,7 @@ class CameraAlignment:
         self._squares = np.zeros(n)
         self._pairs = 0.0
         self._surprises = 0
+        self._settled = False
 
     def update(self, time: float, stamp: float, image: Image, at: StateAt) -> None:
         """Take in the picture `image` (H,W,3) uint8 BGR, stamped `stamp` [s], at a tick's `time`.
@@ -197,25 +200,31 @@ class CameraAlignment:
         x, y, z = (float(a) / max(abs(scale), 0.2) for a in solution[best, 1:])
         sigmas = (lag_sigma, float(deviation[0]), float(deviation[1:].max()))
         used = lag if abs(lag) > max(_LAG_USED, _SIGMAS * lag_sigma) else 0.0
-        text = _contradiction(scale, np.array([x, y, z]), deviation)
+        text = _contradiction(
+            scale, np.array([x, y, z]), deviation, _SETTLED if self._settled else 1.0
+        )
         if not text and lag_sigma < _LAG_SIGMA and lag > _LAG_FLOWN:
             text = f"pictures show what was {lag:.2f} s before their stamps"
         sure = all(s < known for s, known in zip(sigmas, _KNOWN, strict=True))
         if not text and not sure:  # a contradiction ends by evidence, not for want of it
             text = self.estimate.contradiction
+        self._settled |= sure and not text and sigmas[2] < _ANGLE / _SIGMAS
         return Alignment(used if lag_sigma < _LAG_SIGMA else 0.0, scale, (x, y, z), sigmas, text)
 
 
-def _contradiction(scale: float, tilt: Vector, deviation: Vector) -> str:
-    """Return in words how the picture contradicts the gyro; empty where it does not."""
+def _contradiction(scale: float, tilt: Vector, deviation: Vector, slack: float) -> str:
+    """Return in words how the picture contradicts the gyro; empty where it does not.
+
+    slack: factor on what is let pass.
+    """
     if scale < -_SIGMAS * deviation[0]:
         return "the picture turns against the gyro: mirrored or upside down"
-    if abs(scale - 1.0) > max(_SCALE, _SIGMAS * deviation[0]):
+    if abs(scale - 1.0) > max(slack * _SCALE, _SIGMAS * deviation[0]):
         return (
             f"the picture turns {scale:.2f} times as far as the gyro says: the focal length is "
             f"{scale:.2f} times the configured one"
         )
-    if (np.abs(tilt) > np.maximum(_ANGLE, _SIGMAS * deviation[1:])).any():
+    if (np.abs(tilt) > np.maximum(slack * _ANGLE, _SIGMAS * deviation[1:])).any():
         angle = math.degrees(float(np.linalg.norm(tilt)))
         return f"the picture turns about another axis: the camera is {angle:.0f}° off its mount"
     return ""
