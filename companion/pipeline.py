@@ -14,6 +14,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from companion.control.actuation import Actuation
 from companion.control.baselines import make_planner
 from companion.control.formulation import Formulation
@@ -24,12 +26,22 @@ from companion.estimation.neighbours import NeighbourEstimator
 from companion.estimation.vehicle import VehicleEstimator
 from companion.guidance.guidance import Guidance
 from companion.perception.frontend import PerceptionFrontend, make_view
+from companion.services.services import Services, Situation, Wish
 from companion.settings.config import CompanionConfig
 from companion.stage_clock import StageClock
+from companion.supervision.phases import GiveBack
 from companion.supervision.supervision import Supervision
 from companion.tick import Tick, TickInputs
+from companion.types import Phase
 from mavlink_bridge.autopilots.registry import Identity, adapter
 from mavlink_bridge.shared.thrust import ThrustMap
+from mavlink_bridge.wire.messages import Source
+
+_GIVE_BACK = {
+    Wish.HOLD: GiveBack.HOLD,
+    Wish.RETURN: GiveBack.RETURN,
+    Wish.LAND: GiveBack.LAND,
+}
 
 
 class Companion:
@@ -42,7 +54,7 @@ class Companion:
             CalibrationError, ModelError: a file of the camera or a detector that cannot be used.
         """
         c = config.for_controller()
-        link, hover = c.link, ThrustMap(c.airframe.hover_thrust, c.airframe.thrust_exponent)
+        link, airframe = c.link, c.airframe
         planner = make_planner(c.controller, c.nmpc, c.baselines, c.right_of_way.level, stopwatch)
         formulation = Formulation(c.nmpc, c.fence, c.reciprocity, c.timing.delay)
         view = make_view(c.camera, c.sensing)
@@ -56,12 +68,24 @@ class Companion:
         self._perception = PerceptionFrontend(view, c.sensing, c.camera_health)
         self._obstacles = ObstacleEstimator(view, c.obstacles, c.surfaces)
         self._neighbours = NeighbourEstimator(view, c.tracker)
-        self._motion = MotionEstimator(hover, c.timing.delay)
+        self._motion = MotionEstimator(
+            ThrustMap(airframe.hover_thrust, airframe.exponent),
+            airframe.hover_doubt,
+            c.timing.delay,
+            curve_known=airframe.thrust_exponent is not None,
+        )
         self._guidance = Guidance(c.guidance())
         self._planning = Planning(c.nmpc, planner, formulation)
         self._supervision = Supervision(
             c.guard, c.mission, c.fence, adapter(link.autopilot, link.system_id)
         )
+        own = Source(link.system_id, link.component_id)
+        ways = {Wish.HOLD, Wish.LAND}
+        if adapter(link.autopilot, link.system_id).rtl():
+            ways.add(Wish.RETURN)
+        goals = [np.array(g, dtype=float) for g in c.mission.goals]
+        self._services = Services(own, c.camera, c.fence, goals, frozenset(ways))
+        self._before = Situation(Phase.WAIT)  # of the last tick, as the services tell it
         self._actuation = Actuation(link.system_id, self._motion)
 
     def tick(self, inputs: TickInputs) -> Tick:
@@ -73,17 +97,20 @@ class Companion:
             self._vehicle.update,
             time,
             inputs.received,
-            frame,
             self._motion.predictor,
             self._supervision.phase,
+            inputs.horizon,
         )
         if vehicle.rebooted:
             self._start_over()
         own, phase = vehicle.state, self._supervision.phase
-        seen = run("see", self._perception.see, time, frame, vehicle.at_capture)
+        served = run("serve", self._services.update, time, inputs.received, self._before)
+        if served.goals is not None:
+            self._guidance.set_goals(served.goals)
+        seen = run("see", self._perception.see, time, frame, self._vehicle.at, inputs.horizon)
         obstacles = run("map", self._obstacles.update, seen, own)
         tracks = run("track", self._neighbours.update, time, seen, obstacles)
-        motion = run("motion", self._motion.update, own, phase)
+        motion = run("motion", self._motion.update, own, vehicle.thrust, phase)
         reference = run("guide", self._guidance.decide, own, tracks, obstacles, seen.fault, phase)
         planned = run("plan", self._planning.plan, own, reference, motion.prediction)
         supervised = run(
@@ -94,9 +121,12 @@ class Companion:
             seen,
             reference,
             planned.plan,
+            motion.hover,
             self_tested=planned.self_tested,
             leave=inputs.leave,
+            give_back=_GIVE_BACK.get(served.wish),
         )
+        self._vehicle.ask(supervised.requests)
         setpoint = run(
             "command",
             self._actuation.setpoint,
@@ -105,8 +135,11 @@ class Companion:
             motion.thrust_map,
             supervised.in_control,
         )
+        reason = supervised.verdict.reason if supervised.verdict else None
+        self._before = Situation(supervised.phase, reason, len(tracks))
+        self._services.took(sum(run.taken.values()))
         results = (vehicle, seen, obstacles, tracks, motion, reference, planned, supervised)
-        return Tick(time, *results, setpoint, run.taken)
+        return Tick(time, *results, served, setpoint, run.taken)
 
     def _start_over(self) -> None:
         """Forget what is tied to the vehicle's clock and place: it has started anew."""
@@ -117,5 +150,6 @@ class Companion:
             self._motion,
             self._guidance,
             self._supervision,
+            self._services,
         ):
             stage.reset()

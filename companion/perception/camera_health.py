@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from companion.types import STAMP_AHEAD
 from mavlink_bridge.shared.settings import StrictModel
 from mavlink_bridge.wire.video import Frame
 
@@ -22,7 +23,6 @@ _STEP = 8  # px between the pixels that are looked at, each way
 _PERCENT = 0.01
 _RANGES = 0.05  # share of a depth image that must be known; 0 and NaN are not
 _DEAD = 3  # times as late as late: no frame comes any more
-_AHEAD = 0.1  # s that a stamp may be after the tick: clocks differ, and a tick may be late
 
 
 class CameraFault(Enum):
@@ -37,6 +37,7 @@ class CameraFault(Enum):
     LATE = "late"
     AHEAD = "ahead"  # stamped in the future: nothing says when it was taken
     MISFIT = "misfit"  # not of the size that the calibration is for
+    MISALIGNED = "misaligned"  # it turns otherwise than the gyro says
 
 
 class CameraHealthConfig(StrictModel):
@@ -62,16 +63,28 @@ class CameraHealth:
         self._blind_since: float | None = None
         self.fault = CameraFault.DEAD
 
-    def check(self, time: float, frame: Frame | None, fits: bool = True) -> CameraFault:
+    def check(
+        self,
+        time: float,
+        frame: Frame | None,
+        fits: bool = True,
+        aligned: bool = True,
+        horizon: float | None = None,
+    ) -> CameraFault:
         """Judge the newest frame at the tick of `time` [s, vehicle's clock]; once a tick.
 
-        fits: whether it is such as the camera is calibrated for.
+        fits: whether it is such as the camera is calibrated for. aligned: whether the pictures so
+        far turned as the gyro says. horizon: s, the latest that the vehicle's clock can show;
+        None: `time`.
         """
-        if frame is not None and frame.time > time + _AHEAD:
+        horizon = time if horizon is None else horizon
+        if frame is not None and frame.time > horizon + STAMP_AHEAD:
             self.fault = CameraFault.AHEAD
         elif frame is not None and frame.time > self._newest:
             self._newest = frame.time
             self.fault = self._judge(frame) if fits else CameraFault.MISFIT
+            if self.fault is CameraFault.NONE and not aligned:
+                self.fault = CameraFault.MISALIGNED
         if self.usable:
             age, late = time - self._newest, self._config.late
             gone = CameraFault.DEAD if age > _DEAD * late else CameraFault.LATE

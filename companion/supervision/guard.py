@@ -171,7 +171,8 @@ class GuardConfig(StrictModel):
 class GuardInputs:
     """What a verdict depends on, besides the guard's memory.
 
-    time: s, of the tick. plan: this tick's plan, if any. own: state now. age: s, of the telemetry.
+    time: s, of the tick. plan: this tick's plan, if any. own: state now. age: s, of the telemetry;
+    below 0 it is of the future, and counts as stale.
     plausible: attitude and position can be those of a flying drone. outside: m beyond the fence
     (< 0: within); outward: m/s across it. blind: s that the camera has had a fault. tick_gap: s
     that the last command was in force; 0: this is the first. packet_loss: share 0…1 of lost
@@ -231,7 +232,7 @@ class Guard:
 
     def _known(self, s: GuardInputs) -> VehicleState | None:
         """Return the own state; None where telemetry is silent or not finite."""
-        stale = not s.age <= self._config.stale_stop
+        stale = not 0.0 <= s.age <= self._config.stale_stop
         return s.own if s.own is not None and _state_finite(s.own) and not stale else None
 
     def _count(self, s: GuardInputs, sound: bool) -> None:

@@ -19,8 +19,11 @@ from mavlink_bridge.shared.settings import Contradiction, SettingsError, StrictM
 Kind = Literal[
     "link_loss", "link_duplicate", "link_reorder", "link_flip", "link_garbage", "link_foreign",
     "telemetry_nan", "telemetry_stale", "telemetry_late", "quaternion", "position_lost",
-    "position_jump", "clock_jump", "timesync_jump",
+    "position_jump", "position_reset", "rtk_float", "compass", "height_drift",
+    "stamps", "clock_jump", "timesync_jump",
     "camera_dead", "camera_frozen", "camera_black", "camera_saturated", "camera_late",
+    "camera_mirrored", "camera_upside_down", "camera_rolled", "camera_pitched", "camera_yawed",
+    "camera_scaled", "camera_misdated",
     "missed", "ghosts", "swaps", "range_bias",
     "stop", "turn_into", "kill", "disarm", "mode", "reboot",
     "battery", "motor", "thrust_scale", "gust", "gyro_bias",
@@ -53,12 +56,25 @@ KINDS: dict[str, Meaning] = {
     "quaternion": Meaning("factor on the length of the attitude quaternion", 0.5, 0.0, 10.0),
     "position_lost": Meaning("no position: GPS fails, LOCAL_POSITION_NED stops"),
     "position_jump": Meaning("m that the position estimate jumps, east", 3.0, -1e3, 1e3),
+    "position_reset": Meaning("m that the estimate jumps, to any side; its reset counter counts it",
+                              3.0, 0.0, 1e3),
+    "rtk_float": Meaning("m that an RTK solution is off while it floats", 0.4, 0.0, 10.0),
+    "compass": Meaning("degrees that the compass is wrong", 20.0, -180.0, 180.0),
+    "height_drift": Meaning("m/min that the height drifts upwards", 1.0, -60.0, 60.0),
+    "stamps": Meaning("s that stamps of attitude and position are ahead", 0.12, -1e6, 1e6),
     "clock_jump": Meaning("s that the wall clock told by SYSTEM_TIME jumps", 3600, -1e6, 1e6),
     "timesync_jump": Meaning("s that TIMESYNC jumps", 0.5, -1e6, 1e6),
     "camera_dead": Meaning("no pictures"),
     "camera_frozen": Meaning("the same picture again and again"),
     "camera_black": Meaning("black pictures"),
     "camera_saturated": Meaning("white pictures"),
+    "camera_mirrored": Meaning("pictures with left and right exchanged"),
+    "camera_upside_down": Meaning("pictures turned by 180°"),
+    "camera_rolled": Meaning("° by which the camera is turned about its axis", 10.0, -45.0, 45.0),
+    "camera_pitched": Meaning("° by which the camera looks too high", 10.0, -30.0, 30.0),
+    "camera_yawed": Meaning("° by which the camera looks too far left", 10.0, -30.0, 30.0),
+    "camera_scaled": Meaning("factor on the focal length", 1.1, 0.5, 2.0),
+    "camera_misdated": Meaning("s that stamps are after the capture", 0.1, -0.5, 0.5),
     "camera_late": Meaning("s that pictures come late", 0.2, 0.0, 5.0),
     "missed": Meaning("share of detections missed", 0.3),
     "ghosts": Meaning("share of frames with a neighbour that does not exist", 0.05),
@@ -88,6 +104,10 @@ EMULATED = frozenset(
         "timesync_jump",
         "position_lost",
         "position_jump",
+        "position_reset",
+        "rtk_float",
+        "compass",
+        "height_drift",
         "stop",
         "turn_into",
         "kill",
@@ -99,7 +119,18 @@ EMULATED = frozenset(
     }
 )
 """Kinds that only an emulated autopilot can have."""
-PIXELS = frozenset({"camera_black", "camera_saturated"})
+PIXELS = frozenset(
+    {
+        "camera_black",
+        "camera_saturated",
+        "camera_mirrored",
+        "camera_upside_down",
+        "camera_rolled",
+        "camera_pitched",
+        "camera_yawed",
+        "camera_scaled",
+    }
+)
 """Kinds that only a camera can have: a perfect detector has no picture."""
 REPORTS = frozenset({"missed", "ghosts", "swaps", "range_bias"})
 """Kinds that change what a perfect detector reports (`sensing.neighbours: truth`)."""

@@ -125,6 +125,8 @@ class FaultyTelemetry:
         if lost or self._at(now, "telemetry_stale"):
             return []
         wrong = self._wrong(now, m)
+        if ahead := sum(f.value for f in self._at(now, "stamps")):
+            wrong = replace(wrong, time=max(wrong.time + ahead, 0.0))
         if late := self._at(now, "telemetry_late"):
             self._late.append((now + late[0].value, wrong))
             return []

@@ -14,8 +14,9 @@ from sitl_sim.scenarios.scenario import DronesConfig, Scenario
 from sitl_sim.vehicles.rigid_body import Airframe
 from sitl_sim.worlds.geodesy import LocalFrame
 
-# What a companion's pilot would set before the companion may fly that autopilot.
-_NEEDED = {"ardupilot": {"GUID_OPTIONS": 8.0}}
+# What a deployer sets before a companion flies that autopilot: thrust is thrust; a PX4 whose
+# companion dies lands, where by default it climbs to 30 m and returns.
+_NEEDED = {"ardupilot": {"GUID_OPTIONS": 8.0}, "px4": {"COM_OBL_RC_ACT": 4.0}}
 
 
 def boot_parameters(scenario: Scenario) -> dict[str, float]:

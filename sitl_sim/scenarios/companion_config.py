@@ -59,6 +59,12 @@ def companion_config(scenario: Scenario, i: int, folder: Path, clock: bool) -> d
         },
         "log": {"path": str((folder / "drones" / name / "flight.mcap").resolve())},
     }
+    if s.drones.airframes:
+        airframe = s.drones.airframe(i)
+        config["airframe"] = {
+            "radius": airframe.radius,
+            "hover_thrust": round(airframe.hover_thrust, 3),
+        }
     if s.drones.autopilot == "betaflight":
         config["airframe"] = {"hover_thrust": HOVER, "thrust_exponent": EXPONENT}
         config["timing"]["delay"] = BRIDGE_DELAY

@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sitl_sim.worlds.ground import Ground, uneven
 from sitl_sim.worlds.world import WorldConfig
 
 _ATTEMPTS = 200  # to find a free place for one more trunk
 
 
 def build(config: WorldConfig, seed: int) -> dict[str, Any]:
-    """Return `cylinders` and `boxes` as plain data; the same seed gives the same world."""
+    """Return `cylinders`, `boxes` and uneven `terrain` as in `world.json`, by the seed."""
     rng = np.random.default_rng([seed, 1])
     cylinders = [c.model_dump() for c in config.cylinders]
     boxes = [b.model_dump() for b in config.boxes]
@@ -23,7 +24,13 @@ def build(config: WorldConfig, seed: int) -> dict[str, Any]:
         cylinders += thicket(config, rng)
     elif config.generator == "tunnel":
         boxes += tunnel(config, rng)
-    return {"cylinders": cylinders, "boxes": boxes}
+    world: dict[str, Any] = {"cylinders": cylinders, "boxes": boxes}
+    if config.ground == "uneven":
+        world["terrain"] = uneven(config.slope_deg, np.random.default_rng([seed, 8]), boxes)
+        ground = Ground(world)
+        for c in cylinders:
+            c["height"] = round(c["height"] + float(ground.height(c["x"], c["y"])), 4)
+    return world
 
 
 def forest(config: WorldConfig, rng: np.random.Generator) -> list[dict[str, float]]:

@@ -69,6 +69,10 @@ class WorldConfig(StrictModel):
         max_length=2,
         description="tunnel: length and height of the wall [m].",
     )
+    ground: Literal["flat", "uneven"] = Field(
+        "flat", description="uneven: gentle hills; heights of trunks and targets count from them."
+    )
+    slope_deg: float = Field(10.0, gt=0, le=30, description="uneven: its steepest slope [degrees].")
     missions: str | None = Field(None, description="missions: the JSON file that holds them.")
     cylinders: list[Cylinder] = Field([])
     boxes: list[Box] = Field([])

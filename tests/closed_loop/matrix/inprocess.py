@@ -41,7 +41,7 @@ class Outcome:
         self.time, self.tracks, self.setpoint = tick.time, tick.tracks, tick.setpoint
         self.verdict, self.phase = tick.supervised.verdict, tick.supervised.phase
         self.own, self.heartbeat = tick.vehicle.state, tick.vehicle.heartbeat
-        self.fault = tick.seen.fault
+        self.fault, self.alignment = tick.seen.fault, tick.seen.alignment
         self.messages = tick.packets[0]
 
 
@@ -137,10 +137,20 @@ class InProcess(Flight):
     def mode(self, i=0):
         return self._autopilots.mode[i].name
 
+    def drone_time(self, t, i=0):
+        """Time of drone i's clock at flight time t [s]."""
+        return t + self._drones[i].boot_ms / 1e3
+
     def speed(self, t, i=0):
         """m/s, true, at flight time t [s]."""
         truth = self.truth.arrays()
         return float(np.linalg.norm(truth["velocity"][np.searchsorted(truth["t"], t), i]))
+
+    def moved(self, i, since):
+        """Length of drone i's way from `since` on [m]."""
+        truth = self.truth.arrays()
+        p = truth["position"][truth["t"] >= since, i]
+        return float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum())
 
     def most_tilt(self, since, i=0):
         """Degrees, from flight time `since` [s] on."""

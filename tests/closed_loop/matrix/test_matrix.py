@@ -1,5 +1,6 @@
 """The fault matrix: each row holds, and fails without its mechanism."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,8 +8,10 @@ import pytest
 from pydantic import ValidationError
 
 from companion.estimation import own_state, vehicle
+from companion.estimation.hover_thrust import HoverEstimate, HoverThrust
 from companion.estimation.own_state import OwnState
 from companion.estimation.tracker import Tracker
+from companion.perception.camera_alignment import CameraAlignment
 from companion.perception.camera_health import CameraHealth
 from companion.process import pace
 from companion.supervision.guard import AutopilotRequest, Guard
@@ -16,7 +19,7 @@ from companion.supervision.phases import PhaseMachine
 from companion.types import Phase
 from mavlink_bridge.shared.settings import SettingsError
 from mavlink_bridge.wire.messages import Attitude, Received, Source
-from tests.closed_loop.matrix import checks, inprocess
+from tests.closed_loop.matrix import checks, inprocess, thrust_checks
 
 
 @pytest.mark.parametrize("row", [pytest.param(r, marks=pytest.mark.row(r)) for r in checks.ROWS])
@@ -35,7 +38,7 @@ def test_a_skewed_clock_is_followed(skew, monkeypatch, note):
         stamp = 5.0 + now * (1.0 + skew)
         attitude = Attitude(stamp, np.array([1.0, 0, 0, 0]), np.zeros(3))
         follower._hear_clock([Received(Source(1, 1), attitude)])
-        worst = max(worst, abs(now + follower._offset - stamp))
+        worst = max(worst, abs(follower._clock.estimate.vehicle(now) - stamp))
     assert worst < 0.001
     note("s off at 200 ppm, in 10 minutes", worst)
 
@@ -68,6 +71,12 @@ def never_land(patch):
     )
 
 
+def never_learn(patch):
+    patch.setattr(HoverThrust, "_observe", lambda *a: None)
+    patch.setattr(HoverEstimate, "known", True)
+    patch.setattr(thrust_checks, "abs", lambda x: 0.0, raising=False)  # of what is learnt
+
+
 WITHOUT = {
     "3: the shifted plan": overridden(guard={"shifted_max": 0}),
     "4: the brake": overridden(guard={"shifted_max": 10**6}),
@@ -85,8 +94,18 @@ WITHOUT = {
     "13: the pilot's last word": ignore_the_pilot,
     "14: noticing a reboot": never_start_over,
     "15: camera health": lambda p: p.setattr(CameraHealth, "blind", lambda *a: 0.0),
+    "32: the comparison of picture and gyro": lambda p: p.setattr(
+        CameraAlignment, "update", lambda *a: None
+    ),
+    "32_late: the comparison of picture and gyro": lambda p: p.setattr(
+        CameraAlignment, "update", lambda *a: None
+    ),
     "17: neighbours": lambda p: p.setattr(Tracker, "tracks", lambda *a: []),
     "19: the law for late ticks": overridden(guard={"late": 1e9}),
+    "31: the refusal of stamps of the future": lambda p: p.setattr(
+        own_state, "STAMP_AHEAD", math.inf
+    ),
+    "36: learning the hover thrust": never_learn,
     "21: the fence": overridden(fence={"altitude_max": 5.0}, guard={"fence_drift": 1e9}),
 }
 

@@ -52,7 +52,7 @@ def fleet(tmp_path, stand_in, monkeypatch):
 
 def arm(fleet):
     """Ask to arm by the companion's link; whether motors were commanded within 2 s."""
-    fleet.pass_on(0, "companion", [ARM.pack(mavlink.MAVLink(None, 4, 191))])
+    fleet.pass_on(0, "companion", ARM.pack(mavlink.MAVLink(None, 4, 191)))
     for k in range(100):
         fleet.advance(fleet.t + 0.02)
         fleet.packets(0, "companion")
