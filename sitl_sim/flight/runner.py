@@ -76,7 +76,7 @@ class Flight:
             "targets": scenarios.targets(scenario, start),
             "target_tolerance": scenario.mission.tolerance,
         }
-        drifts = scenario.drones.state != "mocap" and not scenario.drones.real
+        drifts = scenario.drones.state != "mocap"
         if drifts:
             self.world["targets_by"] = "estimate"
         self._ground = Ground(self.world)
