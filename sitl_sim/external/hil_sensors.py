@@ -24,6 +24,8 @@ _FIELD = np.array([0.011, 0.210, -0.428])  # gauss, ENU: the Earth's, at the geo
 _BANDWIDTH = 0.5 / IMU_PERIOD  # Hz
 _GYRO = math.radians(0.014) * math.sqrt(_BANDWIDTH)  # rad/s
 _FORCE = 0.175e-3 * GRAVITY * math.sqrt(_BANDWIDTH)  # m/s²
+_UP = np.array([0.0, 0.0, 1.0])
+_RANGE = 15.9 * GRAVITY  # m/s²; PX4 keeps HIL samples as those of a sensor of ±16 g, and wraps
 _MAGNETIC = 0.003  # gauss
 _PRESSURE = 0.012  # hPa
 _MEDIAN = 1.1774  # of a horizontal error, in σ of each axis
@@ -43,6 +45,7 @@ class HilSensors:
     def __init__(self, frame: LocalFrame, seed: tuple[int, ...]) -> None:
         self._frame = frame
         self._rng = np.random.default_rng(seed)
+        self._before: tuple[float, NDArray[np.float64]] | None = None  # time, velocity (3,)
 
     def imu(self, time: float, i: int, state: State) -> HilSensor:
         """Return what IMU, compass and barometer of vehicle i measure; time: s, its clock."""
@@ -52,12 +55,26 @@ class HilSensors:
         pressure = _SEA_LEVEL * (1.0 - 2.25577e-5 * altitude) ** 5.25588 + _PRESSURE * noise[9]
         return HilSensor(
             time,
-            state.specific_force[i] + _FORCE * noise[0:3],
+            self._force(time, i, state) + _FORCE * noise[0:3],
             state.omega[i] + _GYRO * noise[3:6],
             field + _MAGNETIC * noise[6:9],
             float(pressure),
             altitude,
         )
+
+    def _force(self, time: float, i: int, state: State) -> NDArray[np.float64]:
+        """Return the mean specific force since the last sample (3,) m/s², body, in the range.
+
+        An accelerometer integrates: a touchdown between two samples must not be missed, or the
+        autopilot's estimate would go on falling.
+        """
+        before, self._before = self._before, (time, state.v[i].copy())
+        if before is None or time <= before[0]:
+            force: NDArray[np.float64] = state.specific_force[i]
+        else:
+            change = (state.v[i] - before[1]) / (time - before[0])
+            force = rotation_matrix(state.q[i]).T @ (change + _UP * GRAVITY)
+        return np.clip(force, -_RANGE, _RANGE)
 
     def gps(self, time: float, i: int, state: State) -> HilGps:
         """Return the fix of vehicle i; time: s, its clock."""

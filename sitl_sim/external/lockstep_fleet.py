@@ -9,7 +9,7 @@ unaltered, so that companions get it in step with their frames.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -202,10 +202,9 @@ class LockstepFleet:
             source.wait(left)
             packets += source.receive()
 
-    def pass_on(self, i: int, link: str, packets: Iterable[bytes]) -> None:
-        """Give the autopilot of vehicle i the packets that came on `link`."""
-        for packet in packets:
-            self._sitls[i].links[link].send(packet)
+    def pass_on(self, i: int, link: str, packet: bytes) -> None:
+        """Give the autopilot of vehicle i a packet that came on `link`."""
+        self._sitls[i].links[link].send(packet)
 
     def close(self) -> None:
         """End the autopilots."""

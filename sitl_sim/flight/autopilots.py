@@ -64,7 +64,7 @@ def switch_on(
             LocalFrame(o.copy(), float(y), GeoReference()) for o, y in zip(start, yaws, strict=True)
         ]
         clock = [float(b) for b in boot]
-        program = own_binary(scenario, folders, frames, vehicles.airframes, clock)
+        program = own_binary(scenario, folders, frames, assumed, clock)
         return LockstepFleet(vehicles, program, clock)
     return Autopilots(
         vehicles,

@@ -17,11 +17,18 @@ from sitl_sim.worlds.geodesy import LocalFrame
 # What a deployer sets before a companion flies that autopilot: thrust is thrust; a PX4 whose
 # companion dies lands, where by default it climbs to 30 m and returns.
 _NEEDED = {"ardupilot": {"GUID_OPTIONS": 8.0}, "px4": {"COM_OBL_RC_ACT": 4.0}}
+# A real ArduCopter goes on at the last rates and thrust until then: 3 s by default, to the ground.
+_SAFE = {"ardupilot": {"GUID_TIMEOUT": 0.5}}
 
 
 def boot_parameters(scenario: Scenario) -> dict[str, float]:
     """Return the autopilot parameters at boot: what a companion needs, then the scenario's."""
     return _NEEDED.get(scenario.drones.autopilot, {}) | scenario.drones.parameters
+
+
+def real_parameters(scenario: Scenario) -> dict[str, float]:
+    """Return the parameters of a real autopilot at boot, but for those of its airframe."""
+    return _SAFE.get(scenario.drones.autopilot, {}) | boot_parameters(scenario)
 
 
 def own_path(drones: DronesConfig) -> Path:
@@ -51,7 +58,7 @@ def own_binary(
         ExternalError: the binary is missing.
     """
     binary = own_path(scenario.drones)
-    wanted = boot_parameters(scenario)
+    wanted = real_parameters(scenario)
 
     def px4(i: int) -> ExternalSitl:
         sensors = HilSensors(frames[i], (scenario.seed, 0x417, i))

@@ -19,6 +19,7 @@ from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.link import Endpoint, Link
 from mavlink_bridge.wire.memory import MemoryEndpoint
+from mavlink_bridge.wire.messages import Received
 from mavlink_bridge.wire.udp import UdpEndpoint
 from mavlink_bridge.wire.video import Frame, FrameServer
 from sitl_sim.external.fleet import RealFleet
@@ -325,24 +326,28 @@ class Flight:
         drone.ground.send(self._autopilots.telemetry(drone.index, "gcs", quiet=unheard))
 
     def _deliver(self, drone: VehicleConnection, link: Link) -> None:
-        """Give the vehicle the messages that wait on a link; send its replies at once."""
-        name = "companion" if link is drone.companion else "gcs"
-        if isinstance(self._autopilots, LockstepFleet):
-            self._autopilots.pass_on(drone.index, name, link.receive_packets())
-            return
-        for received in link.receive():
-            if name == "companion" and drone.hold_ms:
+        """Give the vehicle what waits on a link; send its replies at once."""
+        relayed = isinstance(self._autopilots, LockstepFleet)  # it gets the packets as they are
+        for received in link.receive_packets() if relayed else link.receive():
+            if link is drone.companion and drone.hold_ms:
                 drone.held.append((self._now + drone.hold_ms, received))
             else:
-                link.send(self._autopilots.receive(drone.index, received, name))
+                self._give(drone, link, received)
 
     def _hand_over(self, drone: VehicleConnection) -> None:
         """Give the vehicle the messages whose way to it has taken long enough."""
-        if not isinstance(self._autopilots, Autopilots):
-            return
         while drone.held and drone.held[0][0] <= self._now:
-            _, received = drone.held.popleft()
-            drone.companion.send(self._autopilots.receive(drone.index, received, "companion"))
+            self._give(drone, drone.companion, drone.held.popleft()[1])
+
+    def _give(self, drone: VehicleConnection, link: Link, received: Received | bytes) -> None:
+        """Give the vehicle a message, or a packet, of a link."""
+        name = "companion" if link is drone.companion else "gcs"
+        if isinstance(received, bytes):
+            assert isinstance(self._autopilots, LockstepFleet)
+            self._autopilots.pass_on(drone.index, name, received)
+        else:
+            assert not isinstance(self._autopilots, LockstepFleet)
+            link.send(self._autopilots.receive(drone.index, received, name))
 
     def _start_capture(self, drone: VehicleConnection) -> None:
         """Start to render what the drone's sensors see at this instant."""

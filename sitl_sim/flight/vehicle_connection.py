@@ -47,7 +47,9 @@ class VehicleConnection:
     delivery: Future[bool] | None = None  # that frame on its way to the companion
     due_ms: int | None = None  # when the answer to the delivered frame is sent
     hold_ms: int = 0  # how long its messages are then on their way to the vehicle
-    held: deque[tuple[int, Received]] = field(default_factory=deque)  # by the time they arrive
+    held: deque[tuple[int, Received | bytes]] = field(
+        default_factory=deque
+    )  # by the time they arrive
     landed: bool = False
     companion_lost: bool = False  # the companion was connected and is gone
 

@@ -126,7 +126,7 @@ def test_packets_pass_as_they_are():
     sitl.links["gcs"].out = [EVENT]
     assert f.packets(0, "companion") == [EVENT]
     assert f.packets(0, "gcs") == [EVENT]
-    f.pass_on(0, "companion", [EVENT])
+    f.pass_on(0, "companion", EVENT)
     assert sitl.links["companion"].sent == [EVENT]
 
 

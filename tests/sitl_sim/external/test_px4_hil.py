@@ -53,7 +53,7 @@ def fleet(tmp_path, stand_in, monkeypatch):
 
 def arm(fleet):
     """Ask to arm by the companion's link; whether motors were commanded within 2 s."""
-    fleet.pass_on(0, "companion", [ARM.pack(mavlink.MAVLink(None, 4, 191))])
+    fleet.pass_on(0, "companion", ARM.pack(mavlink.MAVLink(None, 4, 191)))
     for k in range(100):
         fleet.advance(fleet.t + 0.02)
         fleet.packets(0, "companion")
@@ -93,6 +93,19 @@ def test_it_boots_with_the_parameters_of_its_airframe(fleet, tmp_path):
     places = [(told[f"CA_ROTOR{k}_PX"], told[f"CA_ROTOR{k}_PY"]) for k in range(4)]
     assert np.sign(places).tolist() == [[1, 1], [-1, -1], [1, -1], [-1, 1]]
     assert [np.sign(told[f"CA_ROTOR{k}_KM"]) for k in range(4)] == [1, 1, -1, -1]
+
+
+def test_the_accelerometer_feels_a_touchdown_between_two_samples():
+    vehicles = Vehicles(Airframe(), [[0.0, 0.0, 0.0012]], 0.0)
+    vehicles.state.v[0] = [0.0, 0.0, -0.5]
+    sensors = HilSensors(LocalFrame(np.zeros(3), 0.0, GeoReference()), (7,))
+    samples = []
+    for k in range(4):  # on the ground in the third millisecond of the second sample
+        samples.append(sensors.imu(0.004 * k, 0, vehicles.state))
+        vehicles.step(0.004, np.zeros((1, 4)), n_substeps=4)
+    assert vehicles.state.contact[0]
+    gained = sum(s.force[2] - 9.80665 for s in samples[1:]) * 0.004
+    assert gained == pytest.approx(0.5, abs=0.01)
 
 
 def test_noise_is_that_of_the_data_sheets():

@@ -7,7 +7,9 @@ from sitl_sim.__main__ import main
 from sitl_sim.external.external_sitl import ExternalError
 from sitl_sim.external.hil_sensors import HilSensors
 from sitl_sim.external.px4_hil import Px4Sitl
+from sitl_sim.flight.own_binary import real_parameters
 from sitl_sim.recording.run_folder import log_path, salvage_ticks
+from sitl_sim.scenarios.scenario import load
 from sitl_sim.worlds.geodesy import GeoReference, LocalFrame
 
 
@@ -54,6 +56,13 @@ def test_a_binary_that_is_not_there_is_one_clear_line(tmp_path, capsys, autopilo
     assert main(["run", "forest", "--out", str(tmp_path / "run"), *settings(*pairs)]) == 2
     lines = capsys.readouterr().err.strip().splitlines()
     assert lines == ["drones.binary: /nowhere/px4: no such file"]
+
+
+def test_a_real_arducopter_does_not_go_on_at_the_last_rates_for_long():
+    flown = load("forest", ["drones.autopilot=ardupilot", "drones.binary=/x"])
+    assert real_parameters(flown) == {"GUID_OPTIONS": 8.0, "GUID_TIMEOUT": 0.5}
+    own = ["drones.autopilot=ardupilot", "drones.binary=/x", "drones.parameters={GUID_TIMEOUT: 1}"]
+    assert real_parameters(load("forest", own))["GUID_TIMEOUT"] == 1.0
 
 
 def test_faults_that_only_an_emulated_vehicle_can_have_are_refused(tmp_path, capsys):
