@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.perception.cnn import exposure_gain
+from companion.perception.exposure import exposure_gain
 from training.augment import Strange
 from training.data import DRONE, MOST, OPEN, SIZE, WANTED, Shard, U, V
 from training.shapes import drawn_drone
