@@ -73,14 +73,13 @@ class Companion:
             self._vehicle.update,
             time,
             inputs.received,
-            frame,
             self._motion.predictor,
             self._supervision.phase,
         )
         if vehicle.rebooted:
             self._start_over()
         own, phase = vehicle.state, self._supervision.phase
-        seen = run("see", self._perception.see, time, frame, vehicle.at_capture)
+        seen = run("see", self._perception.see, time, frame, self._vehicle.at)
         obstacles = run("map", self._obstacles.update, seen, own)
         tracks = run("track", self._neighbours.update, time, seen, obstacles)
         motion = run("motion", self._motion.update, own, phase)

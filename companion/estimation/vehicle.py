@@ -13,7 +13,6 @@ from companion.estimation.prediction import StatePredictor
 from companion.types import Phase
 from mavlink_bridge.autopilots.registry import Identity
 from mavlink_bridge.wire.messages import Heartbeat, Received, Source, VehicleState
-from mavlink_bridge.wire.video import Frame
 
 _CLOCK_BACK = 1.0  # s; a vehicle whose clock goes back by more has started anew
 
@@ -22,16 +21,15 @@ _CLOCK_BACK = 1.0  # s; a vehicle whose clock goes back by more has started anew
 class VehicleEstimate:
     """What is known of the own vehicle at one tick.
 
-    state: now, by the model where telemetry is late; None before telemetry came. at_capture: the
-    state when the newest frame was taken. age: s, of the telemetry. plausible: whether attitude and
-    position can be those of a flying drone. packet_loss: share 0…1 of the telemetry of the last
+    state: now, by the model where telemetry is late; None before telemetry came. age: s, of the
+    telemetry. plausible: whether attitude and position can be those of a flying drone.
+    packet_loss: share 0…1 of the telemetry of the last
     second. tick_gap: s since the tick before; 0: this is the first. heartbeat: the last one.
     mode_known: whether a heartbeat came since the last silence. rebooted: the vehicle has started
     anew since the tick before. inhibit_reason: why this vehicle is not to be flown; empty: it is.
     """
 
     state: VehicleState | None = None
-    at_capture: VehicleState | None = None
     age: float = float("inf")
     plausible: bool = True
     packet_loss: float = 0.0
@@ -62,14 +60,13 @@ class VehicleEstimator:
         self,
         time: float,
         received: Sequence[Received],
-        frame: Frame | None,
         predictor: StatePredictor,
         phase: Phase,
     ) -> VehicleEstimate:
         """Return the estimate at the tick of `time` [s], from the messages since the last one.
 
-        frame: the newest one. predictor: carries a late state to now while the companion flies
-        the vehicle, as the phase of the tick before tells.
+        predictor: carries a late state to now while the companion flies the vehicle, as the phase
+        of the tick before tells.
         """
         heard = [r for r in received if r.source == self._autopilot]
         messages = [r.message for r in heard]
@@ -82,7 +79,6 @@ class VehicleEstimator:
         self._time = time
         return VehicleEstimate(
             state=self._state(time, predictor if phase.flying and not rebooted else None),
-            at_capture=None if frame is None else self._own.at(frame.time),
             age=self._own.age(time),
             plausible=self._own.plausible(time),
             packet_loss=loss,
@@ -92,6 +88,10 @@ class VehicleEstimator:
             rebooted=rebooted,
             inhibit_reason=self._identity.inhibit_reason(),
         )
+
+    def at(self, time: float) -> VehicleState | None:
+        """Return the state at a `time` [s] of the last second; None before telemetry came."""
+        return self._own.at(time)
 
     def _notice_reboot(self, time: float) -> bool:
         """Return whether the vehicle has started anew; what is tied to its clock is forgotten."""

@@ -12,6 +12,7 @@ import orjson
 from numpy.typing import ArrayLike
 
 from companion.guidance.guidance import Reference
+from companion.perception.camera_alignment import Alignment
 from companion.perception.frontend import Detections
 from companion.tick import Tick
 from companion.types import Plan, Track
@@ -29,6 +30,7 @@ SCHEMA = {
         "phase": {"type": "string"},
         "inhibit": {"type": "string"},
         "camera": {"type": "string"},
+        "alignment": {"type": "object"},
         "own": {"type": "object"},
         "goal": {"type": "object"},
         "aim": {"type": "array"},
@@ -70,6 +72,7 @@ def record(tick: Tick, costs: dict[str, float] | None = None) -> dict[str, Any]:
         "phase": tick.supervised.phase.value,
         "inhibit": tick.supervised.inhibit_reason,
         "camera": tick.seen.fault.value,
+        "alignment": _alignment(tick.seen.alignment),
         "hover_thrust": _number(tick.motion.thrust_map.hover_thrust),
         "stages_ms": {k: round(v * 1e3, 3) for k, v in stages.items()},
         **_seen(tick.seen),
@@ -154,6 +157,16 @@ def _commanded(tick: Tick) -> dict[str, Any]:
         "bad_ticks": v.bad_ticks,
     }
     return {"command": command}
+
+
+def _alignment(a: Alignment) -> dict[str, Any]:
+    """Return how the pictures turn against the gyro, as logged: s, times, rad, and 1 σ."""
+    return {
+        "lag": _number(a.lag),
+        "scale": _number(a.scale),
+        "tilt": [_number(x) for x in a.tilt],
+        "sigmas": [_number(x) for x in a.sigmas],
+    }
 
 
 def _number(value: float) -> float:

@@ -128,7 +128,9 @@ class Recorder:
         return channels
 
     def _write_inputs(self, inputs: TickInputs, tick: Tick, packets: Packets) -> None:
-        frame_time = inputs.frame.time if inputs.frame is not None else None
+        # A replay has no pictures to find their lag by.
+        lag = tick.seen.alignment.lag
+        frame_time = inputs.frame.time - lag if inputs.frame is not None else None
         came = [data for sent, data in packets if not sent]
         shown = tick.seen.fault in (CameraFault.NONE, CameraFault.LATE)
         data = recorded.encode(tick.time, came, frame_time, tick.seen, inputs.leave, shown)

@@ -37,6 +37,7 @@ class CameraFault(Enum):
     LATE = "late"
     AHEAD = "ahead"  # stamped in the future: nothing says when it was taken
     MISFIT = "misfit"  # not of the size that the calibration is for
+    MISALIGNED = "misaligned"  # it turns otherwise than the gyro says
 
 
 class CameraHealthConfig(StrictModel):
@@ -62,16 +63,21 @@ class CameraHealth:
         self._blind_since: float | None = None
         self.fault = CameraFault.DEAD
 
-    def check(self, time: float, frame: Frame | None, fits: bool = True) -> CameraFault:
+    def check(
+        self, time: float, frame: Frame | None, fits: bool = True, aligned: bool = True
+    ) -> CameraFault:
         """Judge the newest frame at the tick of `time` [s, vehicle's clock]; once a tick.
 
-        fits: whether it is such as the camera is calibrated for.
+        fits: whether it is such as the camera is calibrated for. aligned: whether the pictures so
+        far turned as the gyro says.
         """
         if frame is not None and frame.time > time + _AHEAD:
             self.fault = CameraFault.AHEAD
         elif frame is not None and frame.time > self._newest:
             self._newest = frame.time
             self.fault = self._judge(frame) if fits else CameraFault.MISFIT
+            if self.fault is CameraFault.NONE and not aligned:
+                self.fault = CameraFault.MISALIGNED
         if self.usable:
             age, late = time - self._newest, self._config.late
             gone = CameraFault.DEAD if age > _DEAD * late else CameraFault.LATE

@@ -6,11 +6,12 @@ behind this page is the same.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.perception.camera_alignment import Alignment, CameraAlignment, StateAt
 from companion.perception.camera_health import CameraFault, CameraHealth, CameraHealthConfig
 from companion.perception.config import CameraConfig, SensingConfig
 from companion.perception.detectors import make_detector
@@ -22,6 +23,8 @@ from mavlink_bridge.wire.video import Frame
 
 # The array of a frame that holds what is sensed in this way.
 _ARRAYS = {"camera": "image", "depth": "depth", "truth": "neighbours", "map": "trunks"}
+# Faults of pictures that can still be compared with the gyro.
+_COMPARED = (CameraFault.NONE, CameraFault.LATE, CameraFault.MISALIGNED)
 _LENGTHS = (1e-6, 1e4)  # m; distances, radii and standard deviations lie between
 
 
@@ -29,10 +32,11 @@ _LENGTHS = (1e-6, 1e4)  # m; distances, radii and standard deviations lie betwee
 class Detections:
     """What the newest frame showed, and how the camera is.
 
-    time: s, of the frame. own: the vehicle's state at its capture; None where there was no new
+    time: s, when the frame was taken. own: the vehicle's state then; None where there was no new
     frame. searched: whether trunks were looked for. ranges: (h,w) m to other surfaces, where there
     is a depth image. fault: of the camera; blind: s that it has lasted. started: whether any frame
     has been looked at. inhibit_reason: why the frames cannot be flown by; empty where they can.
+    alignment: how the pictures turn, against the gyro.
     """
 
     time: float = 0.0
@@ -45,6 +49,7 @@ class Detections:
     blind: float = 0.0
     started: bool = False
     inhibit_reason: str = ""
+    alignment: Alignment = field(default_factory=Alignment)
 
 
 class PerceptionFrontend:
@@ -74,20 +79,28 @@ class PerceptionFrontend:
     def reset(self) -> None:
         """Forget all frames: the vehicle's clock has begun anew."""
         self._health = CameraHealth(self._health_config, self._arrays)
+        self._alignment = CameraAlignment(self._view)
         self._newest = -np.inf
 
-    def see(self, time: float, frame: Frame | None, at_capture: VehicleState | None) -> Detections:
+    def see(self, time: float, frame: Frame | None, at: StateAt) -> Detections:
         """Return the detections of the newest frame at the tick of `time` [s]; each frame once.
 
-        at_capture: the vehicle's state when the frame was taken, where it is known.
+        at: returns the vehicle's state at a time [s] of the last second, where it is known.
         """
         misfit = self._misfit(frame)
-        fault = self._health.check(time, frame, fits=not misfit)
+        alignment = self._alignment.estimate
+        wrong = alignment.contradiction
+        stamped = frame
+        if frame is not None and alignment.lag:
+            frame = replace(frame, time=frame.time - alignment.lag)
+        fault = self._health.check(time, frame, fits=not misfit, aligned=not wrong)
+        if stamped is not None and "image" in stamped.arrays and fault in _COMPARED:
+            self._alignment.update(time, stamped.time, stamped.arrays["image"], at)
         new = frame is not None and frame.time > self._newest and self._health.usable
         found = Detections()
-        if new and frame is not None and at_capture is not None:
+        if new and frame is not None and (own := at(frame.time)) is not None:
             self._newest = frame.time
-            found = self._detect(frame, at_capture, fits=not misfit)
+            found = self._detect(frame, own, fits=not misfit)
         return Detections(
             found.time,
             found.own,
@@ -98,7 +111,8 @@ class PerceptionFrontend:
             fault,
             self._health.blind(time),
             self._newest > -np.inf,
-            misfit,
+            misfit or wrong,
+            alignment,
         )
 
     def _detect(self, frame: Frame, own: VehicleState, fits: bool) -> Detections:

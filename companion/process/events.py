@@ -64,7 +64,8 @@ class Events:
             self._armed = armed
         if fault is not self._fault:
             level = logging.INFO if fault is CameraFault.NONE else logging.WARNING
-            event("camera", level, fault=fault.value, time=tick.time)
+            told = {"reason": tick.seen.inhibit_reason} if tick.seen.inhibit_reason else {}
+            event("camera", level, fault=fault.value, time=tick.time, **told)
         self._fault = fault
         if supervised.inhibit_reason != self._inhibit_reason and supervised.inhibit_reason:
             event("inhibited", logging.WARNING, reason=supervised.inhibit_reason)

@@ -21,6 +21,8 @@ Kind = Literal[
     "telemetry_nan", "telemetry_stale", "telemetry_late", "quaternion", "position_lost",
     "position_jump", "clock_jump", "timesync_jump",
     "camera_dead", "camera_frozen", "camera_black", "camera_saturated", "camera_late",
+    "camera_mirrored", "camera_upside_down", "camera_rolled", "camera_pitched", "camera_yawed",
+    "camera_scaled", "camera_misdated",
     "missed", "ghosts", "swaps", "range_bias",
     "stop", "turn_into", "kill", "disarm", "mode", "reboot",
     "battery", "motor", "thrust_scale", "gust", "gyro_bias",
@@ -59,6 +61,13 @@ KINDS: dict[str, Meaning] = {
     "camera_frozen": Meaning("the same picture again and again"),
     "camera_black": Meaning("black pictures"),
     "camera_saturated": Meaning("white pictures"),
+    "camera_mirrored": Meaning("pictures with left and right exchanged"),
+    "camera_upside_down": Meaning("pictures turned by 180°"),
+    "camera_rolled": Meaning("° by which the camera is turned about its axis", 10.0, -45.0, 45.0),
+    "camera_pitched": Meaning("° by which the camera looks too high", 10.0, -30.0, 30.0),
+    "camera_yawed": Meaning("° by which the camera looks too far left", 10.0, -30.0, 30.0),
+    "camera_scaled": Meaning("factor on the focal length", 1.1, 0.5, 2.0),
+    "camera_misdated": Meaning("s that stamps are after the capture", 0.1, -0.5, 0.5),
     "camera_late": Meaning("s that pictures come late", 0.2, 0.0, 5.0),
     "missed": Meaning("share of detections missed", 0.3),
     "ghosts": Meaning("share of frames with a neighbour that does not exist", 0.05),
@@ -93,7 +102,18 @@ EMULATED = frozenset(
     }
 )
 """Kinds that only an emulated autopilot can have."""
-PIXELS = frozenset({"camera_black", "camera_saturated"})
+PIXELS = frozenset(
+    {
+        "camera_black",
+        "camera_saturated",
+        "camera_mirrored",
+        "camera_upside_down",
+        "camera_rolled",
+        "camera_pitched",
+        "camera_yawed",
+        "camera_scaled",
+    }
+)
 """Kinds that only a camera can have: a perfect detector has no picture."""
 REPORTS = frozenset({"missed", "ghosts", "swaps", "range_bias"})
 """Kinds that change what a perfect detector reports (`sensing.neighbours: truth`)."""

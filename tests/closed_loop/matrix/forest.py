@@ -322,12 +322,6 @@ class Forest(WithPictures):
     def reached(self, i):
         return int(self._reached[self.names[i]].split("/")[0])
 
-    def moved(self, i, since):
-        """Length of drone i's way from `since` on [m]."""
-        truth = self.truth.arrays()
-        p = truth["position"][truth["t"] >= since, i]
-        return float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum())
-
     def least_distance(self, i, k, since):
         """Of two drones that are both up [m]."""
         truth = self.truth.arrays()

@@ -41,7 +41,7 @@ class Outcome:
         self.time, self.tracks, self.setpoint = tick.time, tick.tracks, tick.setpoint
         self.verdict, self.phase = tick.supervised.verdict, tick.supervised.phase
         self.own, self.heartbeat = tick.vehicle.state, tick.vehicle.heartbeat
-        self.fault = tick.seen.fault
+        self.fault, self.alignment = tick.seen.fault, tick.seen.alignment
         self.messages = tick.packets[0]
 
 
@@ -141,6 +141,12 @@ class InProcess(Flight):
         """m/s, true, at flight time t [s]."""
         truth = self.truth.arrays()
         return float(np.linalg.norm(truth["velocity"][np.searchsorted(truth["t"], t), i]))
+
+    def moved(self, i, since):
+        """Length of drone i's way from `since` on [m]."""
+        truth = self.truth.arrays()
+        p = truth["position"][truth["t"] >= since, i]
+        return float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum())
 
     def most_tilt(self, since, i=0):
         """Degrees, from flight time `since` [s] on."""

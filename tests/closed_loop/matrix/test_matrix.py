@@ -9,6 +9,7 @@ from pydantic import ValidationError
 from companion.estimation import own_state, vehicle
 from companion.estimation.own_state import OwnState
 from companion.estimation.tracker import Tracker
+from companion.perception.camera_alignment import CameraAlignment
 from companion.perception.camera_health import CameraHealth
 from companion.process import pace
 from companion.supervision.guard import AutopilotRequest, Guard
@@ -85,6 +86,12 @@ WITHOUT = {
     "13: the pilot's last word": ignore_the_pilot,
     "14: noticing a reboot": never_start_over,
     "15: camera health": lambda p: p.setattr(CameraHealth, "blind", lambda *a: 0.0),
+    "32: the comparison of picture and gyro": lambda p: p.setattr(
+        CameraAlignment, "update", lambda *a: None
+    ),
+    "32_late: the comparison of picture and gyro": lambda p: p.setattr(
+        CameraAlignment, "update", lambda *a: None
+    ),
     "17: neighbours": lambda p: p.setattr(Tracker, "tracks", lambda *a: []),
     "19: the law for late ticks": overridden(guard={"late": 1e9}),
     "21: the fence": overridden(fence={"altitude_max": 5.0}, guard={"fence_drift": 1e9}),
