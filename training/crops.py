@@ -85,8 +85,9 @@ class Crops:
             if k > 1.6:
                 k = 1.6
                 size = k * chosen.opacity.shape[1] / 2
-            shape = max(round(chosen.opacity.shape[1] * k), 2), max(
-                round(chosen.opacity.shape[0] * k), 2
+            shape = (
+                max(round(chosen.opacity.shape[1] * k), 2),
+                max(round(chosen.opacity.shape[0] * k), 2),
             )
             flip = rng.random() < 0.5
             picture = cv2.resize(chosen.picture, shape, interpolation=cv2.INTER_AREA)
@@ -105,9 +106,13 @@ class Crops:
         y, x = int(rng.integers(CROP[0] - h)), int(rng.integers(CROP[1] - w))
         u, v = x + (w - 1) / 2, y + (h - 1) / 2
         there = rows[rows[:, WANTED] >= 0]
-        if len(there) and (
-            np.hypot(there[:, U] - u, there[:, V] - v) < size + np.maximum(there[:, SIZE], 12) + 4
-        ).any():
+        if (
+            len(there)
+            and (
+                np.hypot(there[:, U] - u, there[:, V] - v)
+                < size + np.maximum(there[:, SIZE], 12) + 4
+            ).any()
+        ):
             return
         part = image[y : y + h, x : x + w]
         a = opacity[..., None]
@@ -137,7 +142,9 @@ def _cut(
     x, y = int(np.clip(corner[0], 0, width - w)), int(np.clip(corner[1], 0, height - h))
     target = CROP[1], CROP[0]
     how = cv2.INTER_AREA if zoom < 1 else cv2.INTER_LINEAR
-    image = cv2.resize(np.asarray(shard.pictures[n, y : y + h, x : x + w]), target, interpolation=how)
+    image = cv2.resize(
+        np.asarray(shard.pictures[n, y : y + h, x : x + w]), target, interpolation=how
+    )
     if shard.classes.shape[1] > 1:
         part = np.asarray(shard.classes[n, y : y + h, x : x + w])
         classes = cv2.resize(part, target, interpolation=cv2.INTER_NEAREST)
@@ -150,7 +157,10 @@ def _cut(
     small = (rows[:, WANTED] == 1.0) & (rows[:, SIZE] > 0) & (rows[:, SIZE] < _SMALLEST)
     rows[small, WANTED] = 0.0
     if rng.random() < 0.5:
-        image, classes = np.ascontiguousarray(image[:, ::-1]), np.ascontiguousarray(classes[:, ::-1])
+        image, classes = (
+            np.ascontiguousarray(image[:, ::-1]),
+            np.ascontiguousarray(classes[:, ::-1]),
+        )
         rows[:, U] = CROP[1] - 1 - rows[:, U]
     out = (rows[:, :2] < -0.5).any(axis=1)
     out |= (rows[:, :2] > [CROP[1] - 0.5, CROP[0] - 0.5]).any(axis=1)

@@ -45,7 +45,7 @@ class _Wide(nn.Module):
 
 
 class Network(nn.Module):
-    """The network: picture (n,3,h,w), BGR 0…1 → drones (n,CHANNELS,h/8,w/8), scene (n,3,h/4,w/4)."""
+    """The network: picture (n,3,h,w), BGR 0…1 → drones (n,5,h/8,w/8), scene (n,3,h/4,w/4)."""
 
     def __init__(self, widths: tuple[int, int, int, int] = WIDTHS) -> None:
         super().__init__()

@@ -5,8 +5,8 @@
 
 The work folder keeps pictures and the checkpoint: the same command goes on where it was ended.
 Data and weights hang on seeds and the step alone: with one build of torch, one thread and the same
-steps, the same network comes out. --steps sets the fall of the learning rate; --minutes ends sooner,
-to be resumed.
+steps, the same network comes out. --steps sets the fall of the learning rate; --minutes ends
+sooner, to be resumed.
 """
 
 from __future__ import annotations

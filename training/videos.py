@@ -88,8 +88,9 @@ def _before_sky(
     if off.max() < _CONTRAST:
         return None
     opacity = np.clip((off - 8.0) / (0.5 * float(np.percentile(off, 98)) + 1.0), 0.0, 1.0)
-    columns, rows = np.flatnonzero(opacity.max(axis=0) > 0.5), np.flatnonzero(
-        opacity.max(axis=1) > 0.5
+    columns, rows = (
+        np.flatnonzero(opacity.max(axis=0) > 0.5),
+        np.flatnonzero(opacity.max(axis=1) > 0.5),
     )
     if len(columns) < 4 or len(rows) < 2:
         return None

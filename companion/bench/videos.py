@@ -8,7 +8,7 @@ times the width of a small drone; sizes are those of the boxes.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,14 +18,15 @@ import numpy as np
 
 from companion.bench.labels import LabelError
 from companion.bench.video_labels import Boxes, read_boxes
+from companion.perception.ball import Detector
+from companion.perception.camera import Camera
 from companion.types import Image
 from mavlink_bridge.shared.arrays import Vector
 
 SIZES = ((8.0, 16.0), (16.0, np.inf))  # px, longer side of a box
 OTHERS = ("BIRD", "AIRPLANE", "HELICOPTER")
 _NAME = re.compile(r"V_[A-Z]+_(\d+)")
-
-Pixels = Callable[[Image], Vector]  # a picture (h,w,3) BGR → the centres (n,2) px of its drones
+EVERY = 10  # frames from one that is measured to the next
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,9 @@ def videos(folder: Path, odd: bool) -> Iterator[Video]:
     files = [f for f in sorted(folder.glob("V_*.mp4")) if _NAME.fullmatch(f.stem)]
     wanted = [f for f in files if int(f.stem.rpartition("_")[2]) % 2 == odd]
     if not wanted:
-        raise LabelError(f"{folder}: no videos V_CLASS_NNN.mp4 of {'odd' if odd else 'even'} number")
+        raise LabelError(
+            f"{folder}: no videos V_CLASS_NNN.mp4 of {'odd' if odd else 'even'} number"
+        )
     for file in wanted:
         yield Video(file, read_boxes(file.with_name(f"{file.stem}_LABELS.mat")))
 
@@ -119,17 +122,48 @@ class VideoTally:
         }
 
 
-def measure_videos(folder: Path, detect: Pixels, every: int) -> dict[str, Any]:
-    """Return the figures over every so many frames of the odd videos of a folder.
+def measure_videos(folder: Path, detector: Detector, camera: Camera) -> dict[str, Any]:
+    """Return the figures of a detector over the odd videos of a folder.
+
+    camera: that the detector was made for. Larger pictures are looked at in parts of its size.
 
     Raises:
         LabelError: no videos, or some that cannot be read.
     """
     tally = VideoTally()
     for video in videos(folder, odd=True):
-        for image, boxes in video.frames(every):
-            tally.add(detect(image), boxes)
+        for image, boxes in video.frames(EVERY):
+            tally.add(_centres(image, detector, camera), boxes)
     return tally.figures()
+
+
+def _centres(image: Image, detector: Detector, camera: Camera) -> Vector:
+    """Return the centres (n,2) px of the detections in a picture, each part of it looked at once.
+
+    Parts overlap, and each gives what lies nearer to its middle than to that of another part.
+    """
+    corners = [
+        (x, y)
+        for y in _starts(image.shape[0], camera.height)
+        for x in _starts(image.shape[1], camera.width)
+    ]
+    middles = np.array(corners) + np.array([camera.width / 2 - 0.5, camera.height / 2 - 0.5])
+    found = []
+    for n, (x, y) in enumerate(corners):
+        part = np.zeros((camera.height, camera.width, 3), np.uint8)
+        shown = image[y : y + camera.height, x : x + camera.width]
+        part[: shown.shape[0], : shown.shape[1]] = shown
+        rays = np.array([d.direction for d in detector.detect(part)]).reshape(-1, 3)
+        pixels = camera.project(rays) + np.array([x, y])
+        away = np.linalg.norm(pixels[:, None] - middles, axis=2)
+        found.append(pixels[away.argmin(axis=1) == n])
+    return np.vstack(found)
+
+
+def _starts(length: int, part: int) -> list[int]:
+    """Return where parts begin that cover a length [px], evenly spread."""
+    count = -(-length // part)
+    return [round(n * max(length - part, 0) / max(count - 1, 1)) for n in range(count)]
 
 
 def _share(part: int, whole: int) -> float | None:

@@ -38,6 +38,7 @@ class CameraFault(Enum):
     AHEAD = "ahead"  # stamped in the future: nothing says when it was taken
     MISFIT = "misfit"  # not of the size that the calibration is for
     MISALIGNED = "misaligned"  # it turns otherwise than the gyro says
+    UNCLEAR = "unclear"  # obstacle, ground and the rest cannot be told apart in it
 
 
 class CameraHealthConfig(StrictModel):
@@ -50,6 +51,13 @@ class CameraHealthConfig(StrictModel):
     saturated: float = Field(
         251.0, ge=0, le=255, description="Darkest percent above this: saturated."
     )
+    clarity: float = Field(
+        0.5,
+        ge=0,
+        le=1,
+        description="Pictures below this are unclear: how surely the network tells obstacle, "
+        "ground and the rest apart, from 0 (not at all) to 1. Only with sensing.obstacles network.",
+    )
 
 
 class CameraHealth:
@@ -61,6 +69,7 @@ class CameraHealth:
         self._before: NDArray[Any] | None = None
         self._newest = -np.inf
         self._blind_since: float | None = None
+        self._unclear_since: float | None = None
         self.fault = CameraFault.DEAD
 
     def check(
@@ -86,6 +95,20 @@ class CameraHealth:
             self._blind_since = None
         elif self._blind_since is None:
             self._blind_since = time
+        return self.fault
+
+    def judge_clarity(self, time: float, clarity: float) -> CameraFault:
+        """Judge a frame that has been searched at the tick of `time` [s] by its clarity, 0…1.
+
+        NaN is unclear: the network gave no numbers.
+        """
+        if clarity >= self._config.clarity:
+            self._unclear_since = None
+            return self.fault
+        self.fault = CameraFault.UNCLEAR
+        if self._unclear_since is None:
+            self._unclear_since = time if self._blind_since is None else self._blind_since
+        self._blind_since = self._unclear_since
         return self.fault
 
     def blind(self, time: float) -> float:

@@ -14,12 +14,10 @@ import cv2
 import numpy as np
 import onnxruntime as ort
 
-from companion.perception.camera import Camera
 from companion.perception.exposure import exposure_gain
-from companion.perception.heat_map import CHANNELS, HEIGHT, STRIDE, WIDTH, Cells, HeatMap
-from companion.perception.heat_map import HeatMapConfig as HeatMapConfig
+from companion.perception.heat_map import CHANNELS, HEIGHT, STRIDE, WIDTH, Cells
 from companion.perception.networks import ModelError
-from companion.types import Detection, Image
+from companion.types import Image
 
 PACKAGED = Path(__file__).with_name("models") / "eyes.onnx"
 SCENE = (HEIGHT // 4, WIDTH // 4)
@@ -81,15 +79,3 @@ class Eyes:
         if not np.isfinite(float(drones.sum()) + float(scene.sum())):
             return None
         return Look(drones[0], scene[0])
-
-
-class NetworkDetector:
-    """The network as a detector of drones alone, for measuring."""
-
-    def __init__(self, camera: Camera, config: HeatMapConfig, eyes: Eyes) -> None:
-        self._eyes, self.heat_map = eyes, HeatMap(camera, config)
-
-    def detect(self, image: Image) -> list[Detection]:
-        """Return the drones in image (H,W,3) uint8 BGR, nearest first."""
-        look = self._eyes.look(image)
-        return [] if look is None else self.heat_map.read(look.drones)
