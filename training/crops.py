@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from companion.perception.exposure import exposure_gain
 from training.augment import Strange
-from training.data import DRONE, MOST, OPEN, SIZE, WANTED, Shard, U, V
+from training.data import DRONE, MOST, OPEN, SIZE, SMALLEST, UNCLEAR, WANTED, Shard, U, V
 from training.shapes import drawn_drone
 from training.videos import CutOut
 
 CROP = (192, 256)  # px, height and width
-_SMALLEST = 1.6  # px; smaller drones are left open
 _REAL = 0.35  # share of crops that are photographs
 
 
@@ -59,9 +58,10 @@ class Crops:
         else:
             shard, real = self.rendered[rng.integers(len(self.rendered))], False
         image, rows, classes = _cut(rng, shard)
-        if not real and rng.random() < 0.75:
+        unclear = bool(classes[0, 0] == UNCLEAR)
+        if not real and not unclear and rng.random() < 0.5:
             image = self._strange.repaint(rng, image, classes)
-        for _ in range(int(rng.choice([0, 0, 1, 1, 2, 3]))):
+        for _ in range(0 if unclear else int(rng.choice([0, 0, 1, 1, 2]))):
             self._paste(rng, image, rows, classes)
         image = self._strange.light(rng, image)
         gain = exposure_gain(image) * float(np.exp(rng.normal(0, 0.12))) / 255
@@ -120,7 +120,7 @@ class Crops:
         if classes[0, 0] != OPEN:
             classes[y : y + h, x : x + w][opacity > 0.4] = DRONE
         if drone:
-            rows[free[0]] = u, v, size, 1.0 if size >= _SMALLEST else 0.0
+            rows[free[0]] = u, v, size, 1.0 if size >= SMALLEST else 0.0
 
 
 def _cut(
@@ -154,7 +154,7 @@ def _cut(
     rows[:, U] = (rows[:, U] - x + 0.5) * ku - 0.5
     rows[:, V] = (rows[:, V] - y + 0.5) * kv - 0.5
     rows[:, SIZE] *= np.sqrt(ku * kv)
-    small = (rows[:, WANTED] == 1.0) & (rows[:, SIZE] > 0) & (rows[:, SIZE] < _SMALLEST)
+    small = (rows[:, WANTED] == 1.0) & (rows[:, SIZE] > 0) & (rows[:, SIZE] < SMALLEST)
     rows[small, WANTED] = 0.0
     if rng.random() < 0.5:
         image, classes = (

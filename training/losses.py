@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, log_softmax, one_hot, smooth_l1_loss
 
-from training.data import FAR, GROUND, OBSTACLE, OPEN, SIZE, WANTED, U, V
+from training.data import FAR, GROUND, OBSTACLE, OPEN, SIZE, UNCLEAR, WANTED, U, V
 from training.network import SCENE_STRIDE, STRIDE
 
 _DISTANT = 0.3  # weight of obstacles too far to matter
@@ -60,11 +60,13 @@ def drone_loss(out: Tensor, heat: Tensor, aim: Tensor) -> Tensor:
 def scene_loss(out: Tensor, classes: Tensor) -> Tensor:
     """Return the cross-entropy of logits (n,3,h,w) with the classes (n,H,W) of the pixels.
 
-    A cell on an edge has a share of each class, so that an edge lies between cells.
+    A cell on an edge has a share of each class, so that an edge lies between cells. Unclear
+    pixels have a third of each.
     """
     obstacle = (classes == OBSTACLE) | (classes == FAR)
     index = torch.where(obstacle, 0, torch.where(classes == GROUND, 1, 2))
     known = (classes != OPEN).float() * torch.where(classes == FAR, _DISTANT, 1.0)
     shares = one_hot(index, 3).permute(0, 3, 1, 2).float()
+    shares = torch.where((classes == UNCLEAR)[:, None], 1 / 3, shares)
     weighed = avg_pool2d(shares * known[:, None], SCENE_STRIDE)
     return -(weighed * log_softmax(out, dim=1)).sum() / weighed.sum().clamp(min=1)
