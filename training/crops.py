@@ -20,9 +20,10 @@ _REAL = 0.35  # share of crops that are photographs
 
 
 class Batch(NamedTuple):
-    """Pictures (n,h,w,3) BGR 0…1, labels (n,m,4) in crop pixels, classes (n,h,w)."""
+    """Pictures (n,h,w,3) BGR, gains (n,) to 0…1, labels (n,m,4) in crop pixels, classes (n,h,w)."""
 
-    pictures: NDArray[np.float32]
+    pictures: NDArray[np.uint8]
+    gains: NDArray[np.float32]
     labels: NDArray[np.float32]
     classes: NDArray[np.uint8]
 
@@ -52,7 +53,7 @@ class Crops:
 
     def _one(
         self, rng: np.random.Generator
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
+    ) -> tuple[NDArray[np.uint8], np.float32, NDArray[np.float32], NDArray[np.uint8]]:
         if self.real is not None and rng.random() < _REAL:
             shard, real = self.real, True
         else:
@@ -65,7 +66,7 @@ class Crops:
             self._paste(rng, image, rows, classes)
         image = self._strange.light(rng, image)
         gain = exposure_gain(image) * float(np.exp(rng.normal(0, 0.12))) / 255
-        return (image * np.float32(gain)).astype(np.float32), rows, classes
+        return image, np.float32(gain), rows, classes
 
     def _paste(
         self,

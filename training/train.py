@@ -17,6 +17,7 @@ import math
 import time
 from pathlib import Path
 
+import cv2
 import numpy as np
 import torch
 
@@ -50,8 +51,9 @@ class Training:
         falling = 0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * share))
         self.optimiser.param_groups[0]["lr"] = RATE * min(1.0, self.step / 300) * falling
         batch = crops.batch(self.step, BATCH)
-        pictures = torch.from_numpy(batch.pictures).permute(0, 3, 1, 2)  # channels last in memory
-        drones, scene = self.network(pictures.to(self.device))
+        pictures, gains = (torch.from_numpy(x).to(self.device) for x in batch[:2])
+        lit = (pictures * gains[:, None, None, None]).permute(0, 3, 1, 2)  # channels last in memory
+        drones, scene = self.network(lit)
         labels, classes = torch.from_numpy(batch.labels), torch.from_numpy(batch.classes)
         heat, aim = (x.to(self.device) for x in drone_targets(labels, *drones.shape[2:]))
         of_drones = drone_loss(drones, heat, aim)
@@ -103,6 +105,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("companion/perception/models/eyes.onnx"))
     options = parser.parse_args()
     torch.set_num_threads(1)
+    cv2.setNumThreads(1)
     rendered = []
     for seed in range(options.shards):
         rendered.append(rendered_shard(options.work, seed))
