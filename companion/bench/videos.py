@@ -23,7 +23,7 @@ from companion.perception.camera import Camera
 from companion.types import Image
 from mavlink_bridge.shared.arrays import Vector
 
-SIZES = ((8.0, 16.0), (16.0, np.inf))  # px, longer side of a box
+SIZES = ((8.0, 16.0), (16.0, 32.0), (32.0, np.inf))  # px, longer side of a box
 OTHERS = ("BIRD", "AIRPLANE", "HELICOPTER")
 _NAME = re.compile(r"V_[A-Z]+_(\d+)")
 EVERY = 10  # frames from one that is measured to the next

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field
 from companion.perception.ball import ColorSettings
 from companion.perception.depth import DepthConfig
 from companion.perception.heat_map import HeatMapConfig
-from companion.perception.trunk_fit import TrunkSettings
+from companion.perception.trunk_fit import FootSettings, TrunkSettings
 from companion.perception.yolo import YoloConfig
 from mavlink_bridge.shared.settings import StrictModel
 
@@ -75,6 +75,7 @@ class SensingConfig(StrictModel):
     cnn: HeatMapConfig = HeatMapConfig()
     yolo: YoloConfig = YoloConfig()
     trunks: TrunkSettings = TrunkSettings()
+    feet: FootSettings = FootSettings()
     trunks_every: int = Field(
         2, ge=1, le=10, description="Frames from one look for trunks to the next: they stand still."
     )

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from companion.perception.camera import Camera
 from companion.perception.heat_map import Cells
 from companion.perception.panorama import LevelFrame, Panorama
-from companion.perception.trunk_fit import Columns, Mask, TrunkSettings, find_trunks
+from companion.perception.trunk_fit import Columns, FootSettings, Mask, find_trunks
 from companion.types import Trunk
 from mavlink_bridge.shared.arrays import Vector
 
@@ -24,6 +24,7 @@ Votes = NDArray[np.int16]
 _SURE = 255
 _LOW = 0.4  # m below the camera that an obstacle's top may be, and still count
 _HIGH_ROWS = 5  # of the panorama above the horizon: an obstacle there stands in the way
+_SOLID = 0.4  # of the rows between these two that an obstacle has to fill
 _BLUR = 0.5  # σ of the foot over the stretch in which the classes are not clear
 
 
@@ -34,7 +35,7 @@ class FootFinder:
     pixel is surely ground, obstacle or neither, 0 where nothing can be told apart.
     """
 
-    def __init__(self, camera: Camera, settings: TrunkSettings, shape: tuple[int, int]) -> None:
+    def __init__(self, camera: Camera, settings: FootSettings, shape: tuple[int, int]) -> None:
         """shape: h, w of the classes."""
         self._settings = settings
         step = math.radians(settings.step_deg)
@@ -122,14 +123,10 @@ class FootFinder:
         rows = np.arange(vote.shape[1] - h)
         reach = np.searchsorted(self._drop, _LOW / np.maximum(t, 0.3))
         band = (rows < np.minimum(reach, foot_row)[:, None]) & known[:, h:]
-        tall = vote[:, h - _HIGH_ROWS : h]
-        shown = np.count_nonzero(band, axis=1) + np.count_nonzero(
-            known[:, h - _HIGH_ROWS : h], axis=1
-        )
-        solid = np.count_nonzero(band & (vote[:, h:] < 0), axis=1) + np.count_nonzero(
-            tall < 0, axis=1
-        )
-        return solid > 0.5 * np.maximum(shown, 2)
+        solid = np.count_nonzero(band & (vote[:, h:] < 0), axis=1)
+        solid += np.count_nonzero(vote[:, h - _HIGH_ROWS : h] < 0, axis=1)
+        tall: Mask = solid > _SOLID * np.maximum(np.count_nonzero(band, axis=1), 2)
+        return tall
 
     @staticmethod
     def _near(rows: NDArray[np.intp], foot_row: NDArray[np.intp]) -> Mask:

@@ -27,7 +27,7 @@ class NetworkSearch:
         own = sensing.model if sensing.detector not in ("cnn", "yolo") else None
         self._eyes = Eyes(Path(own) if own else PACKAGED)
         self._heat_map = HeatMap(camera, sensing.network)
-        self._feet = FootFinder(camera, sensing.trunks, SCENE)
+        self._feet = FootFinder(camera, sensing.feet, SCENE)
         self._look: Look | None = None
 
     @property

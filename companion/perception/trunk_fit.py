@@ -55,6 +55,14 @@ class TrunkSettings(StrictModel):
         return self
 
 
+class FootSettings(TrunkSettings):
+    """The same for the network, which needs no width to tell an obstacle by."""
+
+    step_deg: float = Field(0.75, ge=0.2, le=3, description="Pixel of the level panorama.")
+    min_width_deg: float = Field(1.2, gt=0, description="Narrower objects are no obstacles.")
+    min_radius: float = Field(0.05, gt=0, description="Thinner objects [m] are no obstacles.")
+
+
 @dataclass(frozen=True)
 class Columns:
     """The panorama, column by column.
