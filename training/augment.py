@@ -56,7 +56,7 @@ class Strange:
                 255 * (low + (1 - max(low, 0)) * gain * tint[c] * values**gamma), 0, 255
             )
         image = cv2.LUT(image, table)  # type: ignore[assignment]
-        if rng.random() < 0.4:
+        if rng.random() < 0.25:
             image = _rotated_hue(rng, image)
         if rng.random() < 0.1:
             image = np.ascontiguousarray(image[..., rng.permutation(3)])

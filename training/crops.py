@@ -16,7 +16,7 @@ from training.shapes import drawn_drone
 from training.videos import CutOut
 
 CROP = (192, 256)  # px, height and width
-_REAL = 0.35  # share of crops that are photographs
+_REAL = 0.3  # share of crops that are photographs
 
 
 class Batch(NamedTuple):
@@ -60,7 +60,7 @@ class Crops:
             shard, real = self.rendered[rng.integers(len(self.rendered))], False
         image, rows, classes = _cut(rng, shard)
         unclear = bool(classes[0, 0] == UNCLEAR)
-        if not real and not unclear and rng.random() < 0.5:
+        if not real and not unclear and rng.random() < 0.3:
             image = self._strange.repaint(rng, image, classes)
         for _ in range(0 if unclear else int(rng.choice([0, 0, 1, 1, 2]))):
             self._paste(rng, image, rows, classes)

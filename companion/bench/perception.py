@@ -24,6 +24,7 @@ from companion.types import Detection, Image, Trunk
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.frames import rotation_matrix
 
+FindTrunks = Callable[[Image, Vector, float], list[Trunk]]
 BANDS = ((0.3, 2.0), (2.0, 4.0), (4.0, 6.0), (6.0, 8.0), (8.0, 10.0), (10.0, 12.0))
 TO_8, TO_10 = (0.3, 8.0), (0.3, 10.0)
 TRUNK_BANDS = ((0.0, 2.0), (2.0, 5.0), (5.0, 8.0), (0.0, 5.0), (0.0, 8.0))
@@ -72,11 +73,16 @@ def measure(
     frames: Sequence[LabelledFrame],
     detector: Detector,
     compared: dict[str, Callable[[Image], object]],
+    find_trunks: FindTrunks | None = None,
 ) -> dict[str, Any]:
-    """Return all tables. compared: by name, calls whose time is measured, too."""
+    """Return all tables.
+
+    compared: by name, calls whose time is measured, too. find_trunks: given a picture, down in the
+    camera's frame and the altitude [m]; by colours where there is none.
+    """
     drones: dict[str, dict[tuple[float, float], Tally]] = {}
     tracked = {band: Tally() for band in (*BANDS, TO_8, TO_10)}
-    trunks = Trunks(camera)
+    trunks = Trunks(find_trunks or TrunkDetector(camera).detect, camera)
     times: dict[str, list[float]] = {"detect_track": [], **{name: [] for name in compared}}
     crowds: dict[int, list[float]] = {}
     flight: Flight | None = None
@@ -182,10 +188,10 @@ class Flight:
 
 
 class Trunks:
-    """The trunk detector, its trunks compared with the truth."""
+    """What finds trunks, compared with the truth."""
 
-    def __init__(self, camera: Camera) -> None:
-        self._camera, self._detector = camera, TrunkDetector(camera)
+    def __init__(self, find: FindTrunks, camera: Camera) -> None:
+        self._camera, self._find = camera, find
         self._bands = {band: Tally() for band in TRUNK_BANDS}
         self.times: list[float] = []
 
@@ -194,7 +200,7 @@ class Trunks:
         assert frame.trunks is not None
         r_wc = rotation_matrix(frame.own.q_wb) @ rotation_matrix(self._camera.mount)
         begun = time.thread_time()
-        found = self._detector.detect(image, -r_wc[2], float(frame.own.p[2]))
+        found = self._find(image, -r_wc[2], float(frame.own.p[2]))
         self.times.append((time.thread_time() - begun) * 1e3)
         self._score(found, frame.trunks)
 

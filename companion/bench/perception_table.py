@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from companion.types import Image
+    from companion.types import Image, Trunk
+    from mavlink_bridge.shared.arrays import Vector
 
 EXIT_BAD_INPUT = 2
 _DRONE_COLUMNS = {
@@ -98,6 +99,7 @@ def _measure(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
     from companion.perception.cnn import CnnDetector
     from companion.perception.config import SensingConfig
     from companion.perception.detectors import make_detector
+    from companion.perception.network_search import NetworkSearch
     from companion.perception.yolo import YoloDetector
 
     camera, frames = load(folder)
@@ -109,7 +111,15 @@ def _measure(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
     if isinstance(detector, CnnDetector | YoloDetector):
         network = detector.network
         compared["forward_pass"] = lambda _: network.forward()
-    result = {"detector": options.detector, **measure(camera, frames, detector, compared)}
+    search = None
+    if isinstance(detector, NetworkSearch):
+        network_search = detector
+
+        def search(image: Image, down: Vector, altitude: float) -> list[Trunk]:
+            return network_search.search(image, down, altitude)[1]
+
+    figures = measure(camera, frames, detector, compared, search)
+    result = {"detector": options.detector, **figures}
     whole = result["time_ms"]["detect_track"]
     if whole is not None:
         result["times_as_long_as"] = {

@@ -50,7 +50,7 @@ class Video:
                 return
             if number % every == 0:
                 _, image = capture.retrieve()
-                yield image, boxes
+                yield np.asarray(image, np.uint8), boxes
 
 
 def videos(folder: Path, odd: bool) -> Iterator[Video]:

@@ -48,6 +48,13 @@ class NetworkSearch:
         """Return the drones in the newest picture, nearest first."""
         return [] if self._look is None else self._heat_map.read(self._look.drones)
 
+    def search(
+        self, image: Image, gravity_c: Vector, altitude: float
+    ) -> tuple[list[Detection], list[Trunk]]:
+        """Return drones and obstacles in image (H,W,3) uint8 BGR, each nearest first."""
+        self.look(image)
+        return self.drones(), self.trunks(gravity_c, altitude)
+
     def trunks(self, gravity_c: Vector, altitude: float) -> list[Trunk]:
         """Return the obstacles in the newest picture, nearest first; see `FootFinder.find`."""
         return [] if self._look is None else self._feet.find(self._look.scene, gravity_c, altitude)
