@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sitl_sim.sensors.fisheye import Lens
 from sitl_sim.sensors.labelled_pictures import Labelled, stream
-from sitl_sim.sensors.looks.look import unreadable
+from sitl_sim.sensors.looks.catalogue import unreadable
 from sitl_sim.sensors.looks.shapes import Seen
 
 SHARD = 250  # pictures

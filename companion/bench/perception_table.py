@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from companion.types import Image, Trunk
-    from mavlink_bridge.shared.arrays import Vector
+    from companion.types import Image
 
 EXIT_BAD_INPUT = 2
 _DRONE_COLUMNS = {
@@ -41,6 +40,12 @@ def add_arguments(perception: argparse.ArgumentParser) -> None:
     source.add_argument("--seed", type=int, default=20260, help="of the rendered frames (20260)")
     perception.add_argument(
         "--count", type=int, default=200, help="number of clean rendered frames (200)"
+    )
+    perception.add_argument(
+        "--looks",
+        metavar="NAMES",
+        help="render worlds in these looks (comma-separated, or all) with five bodies, --count "
+        "of each: a table by look",
     )
     perception.add_argument(
         "--detector", choices=["color", "cnn", "network", "yolo"], default="color"
@@ -83,6 +88,9 @@ def _render(folder: Path, options: argparse.Namespace) -> None:
     looks = "marked" if options.detector == "color" else "bare"
     seed, count = str(options.seed), str(options.count)
     arguments = [str(folder), "--seed", seed, "--count", count, "--looks", looks]
+    if options.looks is not None:
+        arguments = [str(folder), "--seed", seed, "--count", count]
+        arguments += ["--look", options.looks, "--bodies", "all"]
     command = [sys.executable, "-m", "sitl_sim", "frames", *arguments]
     done = subprocess.run(command, stdout=sys.stderr)
     if done.returncode:
@@ -95,11 +103,13 @@ def _render(folder: Path, options: argparse.Namespace) -> None:
 def _measure(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
     """Return the figures of the detector named in `options` on a folder of frames."""
     from companion.bench.labels import load
+    from companion.bench.looks import by_look
     from companion.bench.perception import measure
     from companion.perception.cnn import CnnDetector
     from companion.perception.config import SensingConfig
     from companion.perception.detectors import make_detector
     from companion.perception.network_search import NetworkSearch
+    from companion.perception.trunks import TrunkDetector
     from companion.perception.yolo import YoloDetector
 
     camera, frames = load(folder)
@@ -111,15 +121,13 @@ def _measure(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
     if isinstance(detector, CnnDetector | YoloDetector):
         network = detector.network
         compared["forward_pass"] = lambda _: network.forward()
-    search = None
+    find = TrunkDetector(camera).detect
     if isinstance(detector, NetworkSearch):
-        network_search = detector
-
-        def search(image: Image, down: Vector, altitude: float) -> list[Trunk]:
-            return network_search.search(image, down, altitude)[1]
-
-    figures = measure(camera, frames, detector, compared, search)
+        find = detector.find
+    figures = measure(camera, frames, detector, compared, find)
     result = {"detector": options.detector, **figures}
+    if looks := by_look(camera, frames, detector, find):
+        result["looks"] = looks
     whole = result["time_ms"]["detect_track"]
     if whole is not None:
         result["times_as_long_as"] = {
@@ -166,6 +174,10 @@ def _lines(result: dict[str, Any]) -> list[str]:
             table = {band: f for band, f in table.items() if band in ("0.3–8 m", "0.3–10 m")}
         lines += _table(f"{result['detector']}, {name}", table, "velocity_rmse_m_s")
     of_range = [column for column in _DRONE_COLUMNS if column.startswith("range")]
+    if "looks" in result:
+        from companion.bench.looks import lines as look_lines
+
+        return look_lines(result["looks"])
     lines += _table("with tracking", result["tracks"], "bearing_rms_deg", *of_range)
     of_drones = ("bearing_rms_deg", "velocity_rmse_m_s")
     lines += _table("trunks, by surface distance", result["trunks"], *of_drones)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from companion.estimation.obstacle_map import ObstacleConfig, ObstacleMap
+from companion.estimation.parallax_map import ParallaxMap, with_others
 from companion.estimation.surface_map import SurfaceConfig, SurfaceMap
 from companion.perception.frontend import Detections
 from companion.perception.view import View
@@ -48,6 +49,7 @@ class ObstacleEstimator:
         trunks, surfaces = self._configs
         self._map = ObstacleMap(trunks)
         self._surfaces = SurfaceMap(self._view.camera, surfaces)
+        self._parallax = ParallaxMap()
 
     def update(self, seen: Detections, own: VehicleState | None) -> KnownObstacles:
         """Take in one frame's detections; return what is known around the own state now."""
@@ -63,8 +65,12 @@ class ObstacleEstimator:
                 )
             if seen.ranges is not None:
                 self._surfaces.update(seen.ranges, seen.own)
+            self._map.see_through(seen.own.p, seen.fixed)
+            self._parallax.update(seen.fixed, seen.own.p, seen.own.time)
         occluders = self._map.occluders()
         if own is None:
             return KnownObstacles(occluders=occluders)
-        cylinders = self._map.cylinders(own.p)
-        return KnownObstacles(cylinders, self._surfaces.points(cylinders), occluders)
+        standing = self._parallax.standing()
+        cylinders = with_others(self._map.cylinders(own.p), standing.cylinders, own.p)
+        points = self._surfaces.points(cylinders)
+        return KnownObstacles(cylinders, np.concatenate([points, standing.points]), occluders)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from companion.estimation.hover_thrust import HoverThrust
+from companion.estimation.autopilot_thrust import AutopilotThrust
+from companion.estimation.hover_thrust import HoverEstimate, HoverThrust
 from companion.estimation.input_history import InputHistory, SentInput
 from companion.estimation.prediction import Prediction, StatePredictor
 from companion.types import Phase
@@ -17,29 +18,43 @@ class MotionEstimate:
     """What follows from the inputs sent; prediction: None where the companion does not fly."""
 
     prediction: Prediction | None
-    thrust_map: ThrustMap
+    hover: HoverEstimate
+
+    @property
+    def thrust_map(self) -> ThrustMap:
+        """Thrust for an acceleration."""
+        return self.hover.map
 
 
 class MotionEstimator:
     """Learns from the inputs sent and the motion that they caused."""
 
-    def __init__(self, prior: ThrustMap, delay: float) -> None:
-        """prior: thrust map as configured. delay: s, from a tick to its effect."""
+    def __init__(
+        self, prior: ThrustMap, doubt: float, delay: float, curve_known: bool = False
+    ) -> None:
+        """prior, doubt, curve_known: as for `HoverThrust`. delay: s, from a tick to its effect."""
         self._history = InputHistory(delay)
-        self._hover_thrust = HoverThrust(prior, self._history)
+        self._hover_thrust = HoverThrust(prior, doubt, self._history, curve_known)
         self.reset()
 
     def reset(self) -> None:
         """Forget what is tied to the vehicle's clock; the hover thrust is kept."""
         self._history.clear()
+        self._hover_thrust.reset()
         self.predictor = StatePredictor(self._history)
 
-    def update(self, own: VehicleState | None, phase: Phase) -> MotionEstimate:
-        """Return the estimate at one tick; learn from the motion while our inputs fly."""
+    def update(
+        self, own: VehicleState | None, told: AutopilotThrust, phase: Phase
+    ) -> MotionEstimate:
+        """Return the estimate at one tick; learn from the motion.
+
+        told: what the vehicle tells of its thrust, which counts until our inputs fly.
+        """
+        # In LAND the autopilot may fly already: HEARTBEAT tells it up to a second later.
+        hover = self._hover_thrust.update(own, told, ours=phase is Phase.FLY)
         if own is None or not phase.flying:
-            return MotionEstimate(None, self._hover_thrust.map)
-        prediction = self.predictor.update(own)
-        return MotionEstimate(prediction, self._hover_thrust.update(own))
+            return MotionEstimate(None, hover)
+        return MotionEstimate(self.predictor.update(own), hover)
 
     def sent(self, sent: SentInput) -> None:
         """Remember an input that was sent."""

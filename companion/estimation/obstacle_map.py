@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field
 
+from companion.perception.parallax import FixedPoints
 from companion.types import Trunk
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.frames import rotation_matrix
@@ -58,6 +59,7 @@ _Place = tuple[float, float]
 _MATCH, _MATCH_SIGMAS = 0.3, 4.0  # m, and standard deviations: how far looks at a trunk differ
 # A trunk of which only the width shows is another one where it shows this much wider than the known
 # trunk. A thin trunk is a few columns wide; a look may miss two of them at either edge, or add two.
+_BEHIND, _LOW = 0.5, 0.3  # m: how far behind a trunk, and over the ground, lines of sight tell
 _WIDER, _COLUMNS = 1.5, 0.04  # times, and rad on either side
 
 
@@ -122,6 +124,23 @@ class ObstacleMap:
             for n, look in zip(missed, visibility(places).tolist(), strict=True):
                 self._landmarks[n].misses += look
         self._forget(own)
+
+    def see_through(self, p: Vector, fixed: FixedPoints) -> None:
+        """Count points seen from p (3,) m behind a landmark as looks that missed it.
+
+        Two lines of sight through its middle, of points that stand clearly behind it, are a look.
+        """
+        for k in self._landmarks:
+            to = fixed.places[:, :2] - p[:2]
+            length = np.maximum(np.linalg.norm(to, axis=1), 1e-6)
+            axis = np.array(k.axis) - p[:2]
+            along = to @ axis / length
+            aside = np.abs(to[:, 0] * axis[1] - to[:, 1] * axis[0]) / length
+            behind = length - along > k.radius + _BEHIND + _MATCH_SIGMAS * fixed.sigmas
+            height = p[2] + (fixed.places[:, 2] - p[2]) * along / length
+            through = (along > k.radius) & (aside < 0.6 * k.radius) & behind & (height > _LOW)
+            if np.count_nonzero(through) >= 2:
+                k.misses += 1.0
 
     def cylinders(self, p: Vector) -> Vector:
         """Return confirmed trunks (K,3) x, y, radius [m], nearest surface to p (3,) m first."""

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from companion.estimation.autopilot_thrust import AutopilotThrust, AutopilotThrustReader
 from companion.estimation.link_quality import LinkQuality
 from companion.estimation.own_state import OwnState
 from companion.estimation.prediction import StatePredictor
 from companion.types import Phase
+from mavlink_bridge.autopilots.answers import Answers
 from mavlink_bridge.autopilots.registry import Identity
-from mavlink_bridge.wire.messages import Heartbeat, Received, Source, VehicleState
+from mavlink_bridge.wire.messages import Heartbeat, Message, Received, Source, VehicleState
 
+_MODE_KNOWN = 1.0  # s without news for which the last mode is believed: a HEARTBEAT's period
 _CLOCK_BACK = 1.0  # s; a vehicle whose clock goes back by more has started anew
 
 
@@ -22,15 +26,18 @@ class VehicleEstimate:
     """What is known of the own vehicle at one tick.
 
     state: now, by the model where telemetry is late; None before telemetry came. age: s, of the
-    telemetry. plausible: whether attitude and position can be those of a flying drone.
-    packet_loss: share 0…1 of the telemetry of the last
-    second. tick_gap: s since the tick before; 0: this is the first. heartbeat: the last one.
-    mode_known: whether a heartbeat came since the last silence. rebooted: the vehicle has started
-    anew since the tick before. inhibit_reason: why this vehicle is not to be flown; empty: it is.
+    telemetry; below 0 it is of the future. ahead: samples refused since start, as their stamps are
+    of the future. plausible: whether attitude and position can be those of a flying drone.
+    packet_loss: share 0…1 of the telemetry of the last second. tick_gap: s since the tick before;
+    0: this is the first. heartbeat: the last one. mode_known: whether a heartbeat came since the
+    last silence. rebooted: the vehicle has started anew since the tick before. inhibit_reason: why
+    this vehicle is not to be flown; empty: it is. thrust: what it tells of its thrust. refusals:
+    what the autopilot refused since the tick before, in words.
     """
 
     state: VehicleState | None = None
     age: float = float("inf")
+    ahead: int = 0
     plausible: bool = True
     packet_loss: float = 0.0
     tick_gap: float = 0.0
@@ -38,6 +45,17 @@ class VehicleEstimate:
     mode_known: bool = False
     rebooted: bool = False
     inhibit_reason: str = ""
+    thrust: AutopilotThrust = field(default_factory=AutopilotThrust)
+    refusals: tuple[str, ...] = ()
+
+    def without_news(self, gap: float) -> VehicleEstimate:
+        """Return this estimate `gap` [s] later, where no new one can be had.
+
+        The mode is not known for long: a pilot may have changed it.
+        """
+        age = self.age + gap
+        known = self.mode_known and age <= _MODE_KNOWN
+        return replace(self, age=age, tick_gap=gap, rebooted=False, mode_known=known, refusals=())
 
 
 class VehicleEstimator:
@@ -51,7 +69,9 @@ class VehicleEstimator:
         self._autopilot = Source(system_id, 1)
         self._silence = silence
         self._predict_after = predict_after
+        self._answers = Answers(identity.adapter)
         self._own = OwnState()
+        self._thrust = AutopilotThrustReader(identity)
         self._link = LinkQuality(silence)
         self._time = -np.inf
         self._reboots = 0
@@ -62,24 +82,27 @@ class VehicleEstimator:
         received: Sequence[Received],
         predictor: StatePredictor,
         phase: Phase,
+        horizon: float = math.inf,
     ) -> VehicleEstimate:
         """Return the estimate at the tick of `time` [s], from the messages since the last one.
 
         predictor: carries a late state to now while the companion flies the vehicle, as the phase
-        of the tick before tells.
+        of the tick before tells. horizon: s, the latest that the vehicle's clock can show.
         """
         heard = [r for r in received if r.source == self._autopilot]
         messages = [r.message for r in heard]
         self._link.hear(time, heard)
         loss = self._link.lost
-        self._own.add(messages)
+        self._own.add(messages, horizon)
         self._identity.hear(messages)
         rebooted = self._notice_reboot(time)
         gap = time - self._time if np.isfinite(self._time) else 0.0
         self._time = time
+        state = self._state(time, predictor if phase.flying and not rebooted else None)
         return VehicleEstimate(
-            state=self._state(time, predictor if phase.flying and not rebooted else None),
+            state=state,
             age=self._own.age(time),
+            ahead=self._own.counters.ahead,
             plausible=self._own.plausible(time),
             packet_loss=loss,
             tick_gap=gap,
@@ -87,11 +110,17 @@ class VehicleEstimator:
             mode_known=self._link.knows_mode,
             rebooted=rebooted,
             inhibit_reason=self._identity.inhibit_reason(),
+            thrust=self._thrust.read(messages, state),
+            refusals=tuple(self._answers.refusals(messages)),
         )
 
     def at(self, time: float) -> VehicleState | None:
         """Return the state at a `time` [s] of the last second; None before telemetry came."""
         return self._own.at(time)
+
+    def ask(self, requests: Sequence[Message]) -> None:
+        """Note what this tick asks of the autopilot, for the words of a refusal."""
+        self._answers.ask(requests)
 
     def _notice_reboot(self, time: float) -> bool:
         """Return whether the vehicle has started anew; what is tied to its clock is forgotten."""
@@ -101,6 +130,7 @@ class VehicleEstimator:
         if rebooted:
             self._time = -np.inf
             self._link = LinkQuality(self._silence)
+            self._thrust.reset()
         return rebooted
 
     def _state(self, time: float, predictor: StatePredictor | None) -> VehicleState | None:

@@ -11,6 +11,8 @@ import numpy as np
 import orjson
 from numpy.typing import ArrayLike
 
+from companion.estimation.hover_thrust import HoverEstimate
+from companion.estimation.vehicle_clock import ClockEstimate
 from companion.guidance.guidance import Reference
 from companion.perception.camera_alignment import Alignment
 from companion.perception.frontend import Detections
@@ -32,6 +34,7 @@ SCHEMA = {
         "camera": {"type": "string"},
         "alignment": {"type": "object"},
         "clarity": {"type": "number"},
+        "refusals": {"type": "array"},
         "own": {"type": "object"},
         "goal": {"type": "object"},
         "aim": {"type": "array"},
@@ -51,18 +54,49 @@ SCHEMA = {
         "solver": {"type": "object"},
         "command": {"type": "object"},
         "hover_thrust": {"type": "number"},
+        "hover": {"type": "object"},
         "stages_ms": {"type": "object"},
         "counters": {"type": "object"},
+        "clock": {"type": ["object", "null"]},
     },
 }
 
 
-def encode(tick: Tick, counters: dict[str, Any], costs: dict[str, float]) -> bytes:
+def encode(
+    tick: Tick,
+    counters: dict[str, Any],
+    costs: dict[str, float],
+    clock: ClockEstimate | None = None,
+) -> bytes:
     """Return the tick as JSON.
 
-    counters: of link and deadlines, so far. costs: s, of work that is no stage of the tick.
+    counters: of link and deadlines, so far. costs: s, of work that is no stage of the tick. clock:
+    of the vehicle, where it is estimated.
     """
-    return orjson.dumps(record(tick, costs) | {"counters": counters}, option=_OPTIONS)
+    r = record(tick, costs) | {"counters": counters | {"stamps_ahead": tick.vehicle.ahead}}
+    return orjson.dumps(r | {"clock": _clock(clock)}, option=_OPTIONS)
+
+
+def _hover(hover: HoverEstimate) -> dict[str, Any]:
+    """Return the doubt of the hover thrust and where it is known from."""
+    doubt, mismatch = _number(hover.doubt), _number(hover.mismatch)
+    exponent = _number(hover.map.exponent)
+    return {
+        "doubt": doubt,
+        "source": hover.source,
+        "mismatch": mismatch,
+        "exponent": exponent,
+    }
+
+
+def _clock(clock: ClockEstimate | None) -> dict[str, Any] | None:
+    """Return the rate of the vehicle's clock and its doubts; JSON has no infinity."""
+    if clock is None:
+        return None
+    rate_doubt = round(clock.rate_doubt, 6) if clock.measured else None
+    known = {"rate": round(clock.rate, 6), "rate_doubt": rate_doubt}
+    more = {"doubt_ms": round(clock.doubt * 1e3, 2), "bounded": clock.bounded}
+    return known | more | {"jumps": clock.jumps}
 
 
 def record(tick: Tick, costs: dict[str, float] | None = None) -> dict[str, Any]:
@@ -75,7 +109,9 @@ def record(tick: Tick, costs: dict[str, float] | None = None) -> dict[str, Any]:
         "camera": tick.seen.fault.value,
         "alignment": _alignment(tick.seen.alignment),
         "clarity": _number(tick.seen.clarity),
+        "refusals": list(tick.vehicle.refusals),
         "hover_thrust": _number(tick.motion.thrust_map.hover_thrust),
+        "hover": _hover(tick.motion.hover),
         "stages_ms": {k: round(v * 1e3, 3) for k, v in stages.items()},
         **_seen(tick.seen),
         "tracks": _tracks(tick.tracks),

@@ -133,13 +133,15 @@ class Recorder:
         frame_time = inputs.frame.time - lag if inputs.frame is not None else None
         came = [data for sent, data in packets if not sent]
         shown = tick.seen.fault in (CameraFault.NONE, CameraFault.LATE)
-        data = recorded.encode(tick.time, came, frame_time, tick.seen, inputs.leave, shown)
+        data = recorded.encode(
+            tick.time, came, frame_time, tick.seen, inputs.leave, shown, inputs.latest
+        )
         self._add("/inputs", tick.time, data)
 
     def _write_tick(
         self, inputs: TickInputs, tick: Tick, counters: dict[str, Any], costs: dict[str, float]
     ) -> None:
-        self._add("/tick", tick.time, records.encode(tick, counters, costs))
+        self._add("/tick", tick.time, records.encode(tick, counters, costs, inputs.clock))
         own = tick.vehicle.state
         if own is not None:
             self._put("/pose", tick.time, scene.pose(own))

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from companion.types import STAMP_AHEAD
 from mavlink_bridge.shared.settings import StrictModel
 from mavlink_bridge.wire.video import Frame
 
@@ -22,7 +23,6 @@ _STEP = 8  # px between the pixels that are looked at, each way
 _PERCENT = 0.01
 _RANGES = 0.05  # share of a depth image that must be known; 0 and NaN are not
 _DEAD = 3  # times as late as late: no frame comes any more
-_AHEAD = 0.1  # s that a stamp may be after the tick: clocks differ, and a tick may be late
 
 
 class CameraFault(Enum):
@@ -39,6 +39,7 @@ class CameraFault(Enum):
     MISFIT = "misfit"  # not of the size that the calibration is for
     MISALIGNED = "misaligned"  # it turns otherwise than the gyro says
     UNCLEAR = "unclear"  # obstacle, ground and the rest cannot be told apart in it
+    SENSELESS = "senseless"  # what is found in it is no number, or the detector fails
 
 
 class CameraHealthConfig(StrictModel):
@@ -69,46 +70,55 @@ class CameraHealth:
         self._before: NDArray[Any] | None = None
         self._newest = -np.inf
         self._blind_since: float | None = None
-        self._unclear_since: float | None = None
-        self.fault = CameraFault.DEAD
+        self._picture = self.fault = CameraFault.DEAD
+        self._content = CameraFault.NONE
 
     def check(
-        self, time: float, frame: Frame | None, fits: bool = True, aligned: bool = True
+        self,
+        time: float,
+        frame: Frame | None,
+        fits: bool = True,
+        aligned: bool = True,
+        horizon: float | None = None,
     ) -> CameraFault:
         """Judge the newest frame at the tick of `time` [s, vehicle's clock]; once a tick.
 
         fits: whether it is such as the camera is calibrated for. aligned: whether the pictures so
-        far turned as the gyro says.
+        far turned as the gyro says. horizon: s, the latest that the vehicle's clock can show;
+        None: `time`.
         """
-        if frame is not None and frame.time > time + _AHEAD:
-            self.fault = CameraFault.AHEAD
+        horizon = time if horizon is None else horizon
+        if frame is not None and frame.time > horizon + STAMP_AHEAD:
+            self._picture = CameraFault.AHEAD
         elif frame is not None and frame.time > self._newest:
             self._newest = frame.time
-            self.fault = self._judge(frame) if fits else CameraFault.MISFIT
-            if self.fault is CameraFault.NONE and not aligned:
-                self.fault = CameraFault.MISALIGNED
+            self._picture = self._judge(frame) if fits else CameraFault.MISFIT
+            if self._picture is CameraFault.NONE and not aligned:
+                self._picture = CameraFault.MISALIGNED
         if self.usable:
             age, late = time - self._newest, self._config.late
             gone = CameraFault.DEAD if age > _DEAD * late else CameraFault.LATE
-            self.fault = gone if age > late else CameraFault.NONE
+            self._picture = gone if age > late else CameraFault.NONE
+        return self._conclude(time)
+
+    def searched(self, time: float, sound: bool, clarity: float = 1.0) -> CameraFault:
+        """Judge again, once the newest frame has been searched.
+
+        sound: what the detectors found is made of possible numbers. clarity: 0…1, how surely the
+        network tells what the picture shows.
+        """
+        unclear = CameraFault.UNCLEAR if clarity < self._config.clarity else CameraFault.NONE
+        self._content = unclear if sound else CameraFault.SENSELESS
+        return self._conclude(time)
+
+    def _conclude(self, time: float) -> CameraFault:
+        """Return the fault of picture and detectors; note since when there is one."""
+        content = self._content if self.usable else CameraFault.NONE
+        self.fault = self._picture if content is CameraFault.NONE else content
         if self.fault is CameraFault.NONE:
             self._blind_since = None
         elif self._blind_since is None:
             self._blind_since = time
-        return self.fault
-
-    def judge_clarity(self, time: float, clarity: float) -> CameraFault:
-        """Judge a frame that has been searched at the tick of `time` [s] by its clarity, 0…1.
-
-        NaN is unclear: the network gave no numbers.
-        """
-        if clarity >= self._config.clarity:
-            self._unclear_since = None
-            return self.fault
-        self.fault = CameraFault.UNCLEAR
-        if self._unclear_since is None:
-            self._unclear_since = time if self._blind_since is None else self._blind_since
-        self._blind_since = self._unclear_since
         return self.fault
 
     def blind(self, time: float) -> float:
@@ -118,7 +128,7 @@ class CameraHealth:
     @property
     def usable(self) -> bool:
         """Whether the newest frame can be searched; a late one can, with its own time."""
-        return self.fault in (CameraFault.NONE, CameraFault.LATE)
+        return self._picture in (CameraFault.NONE, CameraFault.LATE)
 
     def _judge(self, frame: Frame) -> CameraFault:
         if not frame.arrays or self._needs - frame.arrays.keys():

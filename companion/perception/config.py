@@ -79,6 +79,9 @@ class SensingConfig(StrictModel):
     trunks_every: int = Field(
         2, ge=1, le=10, description="Frames from one look for trunks to the next: they stand still."
     )
+    parallax: bool = Field(
+        True, description="Whether corners of the picture show obstacles by the own motion, too."
+    )
     depth: DepthConfig = DepthConfig()
 
     @property

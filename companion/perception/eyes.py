@@ -16,7 +16,7 @@ import onnxruntime as ort
 
 from companion.perception.exposure import exposure_gain
 from companion.perception.heat_map import CHANNELS, HEIGHT, STRIDE, WIDTH, Cells
-from companion.perception.networks import ModelError
+from companion.perception.networks import ModelError, SenselessOutput
 from companion.types import Image
 
 PACKAGED = Path(__file__).with_name("models") / "eyes.onnx"
@@ -67,8 +67,12 @@ class Eyes:
             )
         self._picture: Cells = np.zeros((1, 3, HEIGHT, WIDTH), np.float32)
 
-    def look(self, image: Image) -> Look | None:
-        """Return the output for image (H,W,3) uint8 BGR; None where it is not finite."""
+    def look(self, image: Image) -> Look:
+        """Return the output for image (H,W,3) uint8 BGR.
+
+        Raises:
+            SenselessOutput: an output that is not finite.
+        """
         if image.shape[:2] != (HEIGHT, WIDTH):
             image = cv2.resize(image, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)  # type: ignore[assignment]
         gain = np.float32(exposure_gain(image) / 255)
@@ -77,5 +81,5 @@ class Eyes:
         drones, scene = self._session.run(list(_OUTPUTS), {"picture": self._picture})
         # A sum is finite only where all its parts are.
         if not np.isfinite(float(drones.sum()) + float(scene.sum())):
-            return None
+            raise SenselessOutput("the network gives NaN or infinite numbers")
         return Look(drones[0], scene[0])

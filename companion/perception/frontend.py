@@ -16,6 +16,7 @@ from companion.perception.camera_alignment import Alignment, CameraAlignment, St
 from companion.perception.camera_health import CameraFault, CameraHealth, CameraHealthConfig
 from companion.perception.config import CameraConfig, SensingConfig
 from companion.perception.detectors import make_detector
+from companion.perception.parallax import FixedPoints, Parallax
 from companion.perception.view import View, load_camera
 from companion.types import Detection, Image, Ranges, Trunk
 from mavlink_bridge.shared.arrays import Vector
@@ -44,10 +45,11 @@ class Detections:
 
     time: s, when the frame was taken. own: the vehicle's state then; None where there was no new
     frame. searched: whether trunks were looked for. ranges: (h,w) m to other surfaces, where there
-    is a depth image. fault: of the camera; blind: s that it has lasted. started: whether any frame
-    has been looked at. inhibit_reason: why the frames cannot be flown by; empty where they can.
-    alignment: how the pictures turn, against the gyro. clarity: how surely the network tells
-    obstacle, ground and the rest apart, 0…1; 1 where it is not asked, NaN where it fails.
+    is a depth image. fixed: points known by parallax. fault: of the camera; blind: s that it has
+    lasted. started: whether any frame has been looked at. inhibit_reason: why the frames cannot be
+    flown by; empty where they can. alignment: how the pictures turn, against the gyro. problem: of
+    the detectors; empty where there is none. clarity: 0…1, how surely the network tells obstacle,
+    ground and the rest apart; 1 where it is not asked.
     """
 
     time: float = 0.0
@@ -56,11 +58,13 @@ class Detections:
     trunks: list[Trunk] = field(default_factory=list)
     searched: bool = False
     ranges: Ranges | None = None
+    fixed: FixedPoints = field(default_factory=FixedPoints.none)
     fault: CameraFault = CameraFault.NONE
     blind: float = 0.0
     started: bool = False
     inhibit_reason: str = ""
     alignment: Alignment = field(default_factory=Alignment)
+    problem: str = ""
     clarity: float = 1.0
 
 
@@ -98,12 +102,16 @@ class PerceptionFrontend:
         """Forget all frames: the vehicle's clock has begun anew."""
         self._health = CameraHealth(self._health_config, self._arrays)
         self._alignment = CameraAlignment(self._view)
+        self._parallax = Parallax(self._view)
         self._newest = -np.inf
 
-    def see(self, time: float, frame: Frame | None, at: StateAt) -> Detections:
+    def see(
+        self, time: float, frame: Frame | None, at: StateAt, horizon: float | None = None
+    ) -> Detections:
         """Return the detections of the newest frame at the tick of `time` [s]; each frame once.
 
         at: returns the vehicle's state at a time [s] of the last second, where it is known.
+        horizon: s, the latest that the vehicle's clock can show; None: `time`.
         """
         misfit = self._misfit(frame)
         alignment = self._alignment.estimate
@@ -111,15 +119,18 @@ class PerceptionFrontend:
         stamped = frame
         if frame is not None and alignment.lag:
             frame = replace(frame, time=frame.time - alignment.lag)
-        fault = self._health.check(time, frame, fits=not misfit, aligned=not wrong)
+        fault = self._health.check(time, frame, not misfit, not wrong, horizon)
         if stamped is not None and "image" in stamped.arrays and fault in _COMPARED:
             self._alignment.update(time, stamped.time, stamped.arrays["image"], at)
         new = frame is not None and frame.time > self._newest and self._health.usable
         found = Detections()
         if new and frame is not None and (own := at(frame.time)) is not None:
             self._newest = frame.time
-            found = self._detect(frame, own, fits=not misfit)
-            fault = self._health.judge_clarity(time, found.clarity)
+            try:
+                found = self._detect(frame, own, fits=not misfit)
+            except Exception as error:  # it shows no more than a camera without pictures
+                found = Detections(problem=f"{type(error).__name__}: {error}")
+            fault = self._health.searched(time, not found.problem, found.clarity)
             if fault is CameraFault.UNCLEAR:
                 found = Detections(clarity=found.clarity)
         return Detections(
@@ -129,11 +140,13 @@ class PerceptionFrontend:
             found.trunks,
             found.searched,
             found.ranges,
+            found.fixed,
             fault,
             self._health.blind(time),
             self._newest > -np.inf,
             misfit or wrong,
             alignment,
+            found.problem,
             found.clarity,
         )
 
@@ -169,12 +182,31 @@ class PerceptionFrontend:
             )
         else:
             trunks = self._find_trunks(frame, image, own)
-        drones = [
+        good_drones = [
             d for d in drones if _possible(d.direction, d.range, d.sigma_bearing, d.sigma_range)
         ]
-        trunks = [t for t in trunks if _possible(t.direction, t.distance, t.radius, t.sigma)]
-        clarity = 1.0 if network is None else network.clarity
-        return Detections(frame.time, own, drones, trunks, searched, ranges, clarity=clarity)
+        good_trunks = [t for t in trunks if _possible(t.direction, t.distance, t.radius, t.sigma)]
+        bad = len(drones) + len(trunks) - len(good_drones) - len(good_trunks)
+        problem = f"{bad} detections with impossible numbers" if bad else ""
+        fixed = self._fixed(frame, image, own, good_drones)
+        return Detections(
+            frame.time,
+            own,
+            good_drones,
+            good_trunks,
+            searched,
+            ranges,
+            fixed,
+            problem=problem,
+            clarity=1.0 if network is None else network.clarity,
+        )
+
+    def _fixed(
+        self, frame: Frame, image: Image | None, own: VehicleState, drones: list[Detection]
+    ) -> FixedPoints:
+        if self._sensing.obstacles != "camera" or not self._sensing.parallax:
+            return FixedPoints.from_rows(frame.arrays.get("fixed"))  # of a replay
+        return FixedPoints.none() if image is None else self._parallax.update(image, own, drones)
 
     def _find_trunks(self, frame: Frame, image: Image | None, own: VehicleState) -> list[Trunk]:
         if self._sensing.obstacles == "map":

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from companion.perception.camera import Camera
+from companion.perception.networks import check_scores
 from companion.types import Detection
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import StrictModel
@@ -46,8 +47,13 @@ class HeatMap:
         self._camera = camera.scaled(WIDTH, HEIGHT)
 
     def peaks(self, cells: Cells) -> tuple[Vector, Vector]:
-        """Return pixels (n,2) u, v and values (n,CHANNELS) of the maxima, hottest first."""
+        """Return pixels (n,2) u, v and values (n,CHANNELS) of the maxima, hottest first.
+
+        Raises:
+            SenselessOutput: heat above 1.
+        """
         heat = cells[_HEAT]
+        check_scores(heat)
         highest = cv2.dilate(heat, np.ones((3, 3), np.uint8))
         row, column = np.nonzero((heat >= self._config.threshold) & (heat >= highest))
         order = np.argsort(-heat[row, column], kind="stable")

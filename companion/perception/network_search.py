@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 from companion.perception.camera import Camera
@@ -17,7 +16,7 @@ from mavlink_bridge.shared.arrays import Vector
 class NetworkSearch:
     """The network and what its output is read by.
 
-    clarity: 0…1, of the newest picture, as `FootFinder` has it; NaN where the network failed.
+    clarity: 0…1, of the newest picture that was searched for obstacles, as `FootFinder` has it.
 
     Raises:
         ModelError: a model file that cannot be used.
@@ -33,10 +32,14 @@ class NetworkSearch:
     @property
     def clarity(self) -> float:
         """Return the clarity."""
-        return math.nan if self._look is None else self._feet.clarity
+        return self._feet.clarity
 
     def look(self, image: Image) -> None:
-        """Run the network on image (H,W,3) uint8 BGR."""
+        """Run the network on image (H,W,3) uint8 BGR.
+
+        Raises:
+            SenselessOutput: an output that is not finite.
+        """
         self._look = self._eyes.look(image)
 
     def detect(self, image: Image) -> list[Detection]:
@@ -48,12 +51,10 @@ class NetworkSearch:
         """Return the drones in the newest picture, nearest first."""
         return [] if self._look is None else self._heat_map.read(self._look.drones)
 
-    def search(
-        self, image: Image, gravity_c: Vector, altitude: float
-    ) -> tuple[list[Detection], list[Trunk]]:
-        """Return drones and obstacles in image (H,W,3) uint8 BGR, each nearest first."""
+    def find(self, image: Image, gravity_c: Vector, altitude: float) -> list[Trunk]:
+        """Return the obstacles in image (H,W,3) uint8 BGR, nearest first; as `trunks`."""
         self.look(image)
-        return self.drones(), self.trunks(gravity_c, altitude)
+        return self.trunks(gravity_c, altitude)
 
     def trunks(self, gravity_c: Vector, altitude: float) -> list[Trunk]:
         """Return the obstacles in the newest picture, nearest first; see `FootFinder.find`."""

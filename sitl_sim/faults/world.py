@@ -50,7 +50,7 @@ class FaultyWorld:
         ]
         self._limits: dict[int, tuple[int, int]] = {}  # process id → its original limits
         self._motors = {id(f): _motors(f) for f in schedule.all()}
-        self._winds = {id(f): _wind(f) for f in schedule.all() if f.kind == "gust"}
+        self._winds = {id(f): _towards_any_side(f) for f in schedule.all() if f.kind == "gust"}
         # Faults may overlap: whenever one begins or ends, the effect of its kind on vehicle i is
         # computed from the vehicle without faults and all faults that are present.
         self._lasting: dict[str, Callable[[int], None]] = {
@@ -59,10 +59,14 @@ class FaultyWorld:
             "gyro_bias": self._set_bias,
             "position_lost": self._set_gps,
             "position_jump": self._set_offset,
+            "rtk_float": self._set_float,
+            "compass": self._set_compass,
+            "height_drift": self._set_height_drift,
             "disk_full": self._set_disk,
         }
         self._sudden: dict[str, Callable[[Fault], None]] = {
             "battery": self._drain,
+            "position_reset": self._reset_position,
             "reboot": self._reboot,
             "stop": self._stop,
             "turn_into": self._turn_into,
@@ -121,6 +125,20 @@ class FaultyWorld:
         east = sum(f.value for f in self._of(i, "position_jump"))
         self._emulated().shift_position(i, [east, 0.0, 0.0])
 
+    def _set_float(self, i: int) -> None:
+        self._emulated().errors.float_solution(i, sum(f.value for f in self._of(i, "rtk_float")))
+
+    def _set_compass(self, i: int) -> None:
+        angle = sum(f.value for f in self._of(i, "compass"))
+        self._emulated().errors.turn_compass(i, np.radians(angle))
+
+    def _set_height_drift(self, i: int) -> None:
+        rate = sum(f.value for f in self._of(i, "height_drift"))
+        self._emulated().errors.drift_height(i, rate / 60.0)
+
+    def _reset_position(self, f: Fault) -> None:
+        self._emulated().errors.reset(f.i, _towards_any_side(f))
+
     def _set_disk(self, i: int) -> None:
         """Keep the companion's files from growing: writing fails as on a full disk."""
         pid = self._process(i)
@@ -167,6 +185,7 @@ def _motors(f: Fault) -> slice:
     return slice(int(f.rng.integers(4)), None, 4) if f.kind == "motor" else slice(None)
 
 
-def _wind(f: Fault) -> NDArray[np.float64]:
+def _towards_any_side(f: Fault) -> NDArray[np.float64]:
+    """Return the fault's amount as a vector (3,) along the ground in a random direction."""
     angle = f.rng.uniform(0.0, 2.0 * np.pi)
     return f.value * np.array([np.cos(angle), np.sin(angle), 0.0])

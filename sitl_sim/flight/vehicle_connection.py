@@ -5,8 +5,9 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
+from collections import deque
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,9 @@ from numpy.typing import NDArray
 
 from mavlink_bridge.wire.link import Link
 from mavlink_bridge.wire.memory import MemoryEndpoint
+from mavlink_bridge.wire.messages import Received
 from mavlink_bridge.wire.video import FrameServer
+from sitl_sim.external.lockstep_fleet import LockstepFleet
 from sitl_sim.external.priority import COMPANION, raise_priority
 from sitl_sim.faults.camera import FaultyCamera
 from sitl_sim.faults.link import FaultyLine, FaultyTelemetry
@@ -42,7 +45,9 @@ class VehicleConnection:
     process: subprocess.Popen[bytes] | None = None
     capture: Future[Capture] | None = None  # the frame of the next tick
     delivery: Future[bool] | None = None  # that frame on its way to the companion
-    due_ms: int | None = None  # when the answer to the delivered frame takes effect
+    due_ms: int | None = None  # when the answer to the delivered frame is sent
+    hold_ms: int = 0  # how long its messages are then on their way to the vehicle
+    held: deque[tuple[int, Received]] = field(default_factory=deque)  # by the time they arrive
     landed: bool = False
     companion_lost: bool = False  # the companion was connected and is gone
 
@@ -99,6 +104,11 @@ class VehicleConnection:
         """Return whether no answer can be expected any longer; deadline as for `ready`."""
         gone = self.process is not None and not self._runs()
         return gone or not self.frames.connected or time.monotonic() > deadline
+
+    def relay_telemetry(self, fleet: LockstepFleet) -> None:
+        """Pass on what the real autopilot has sent to its companion and to ground stations."""
+        self.companion.send_packets(fleet.packets(self.index, "companion"))
+        self.ground.send_packets(fleet.packets(self.index, "gcs"))
 
     def drop_companion(self) -> None:
         """Stop waiting for a companion that does not answer; it is sent no more frames."""

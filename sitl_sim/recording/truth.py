@@ -18,6 +18,8 @@ RATE_HZ = 50
 class Truth:
     """50 Hz samples of every vehicle: t (T,) s; position, velocity (T,N,3); attitude (T,N,4).
 
+    Where the state estimates drift, `estimate` (T,N,3) m is where each autopilot believed to be.
+
     last_seconds: older samples are dropped; None: all are kept.
     """
 
@@ -25,11 +27,20 @@ class Truth:
         self.names = names
         most = None if last_seconds is None else round(last_seconds * RATE_HZ)
         self._t: deque[float] = deque(maxlen=most)
+        self._estimates: deque[Vector] = deque(maxlen=most)
         self._rows: deque[tuple[Vector, Vector, Vector, NDArray[np.bool_]]] = deque(maxlen=most)
 
-    def record(self, t: float, vehicles: Vehicles, armed: NDArray[np.bool_]) -> None:
-        """Append the state of all vehicles at t [s]."""
+    def record(
+        self,
+        t: float,
+        vehicles: Vehicles,
+        armed: NDArray[np.bool_],
+        estimate: Vector | None = None,
+    ) -> None:
+        """Append the state of all vehicles at t [s]; estimate: (n,3) m, always or never."""
         self._t.append(t)
+        if estimate is not None:
+            self._estimates.append(estimate.copy())
         self._rows.append(
             (vehicles.p.copy(), vehicles.v.copy(), vehicles.q.copy(), np.array(armed, bool))
         )
@@ -37,7 +48,7 @@ class Truth:
     def arrays(self) -> dict[str, NDArray[np.generic]]:
         """Return everything recorded, under the names of `truth.npz`."""
         p, v, q, armed = (np.stack(column) for column in zip(*self._rows, strict=True))
-        return {
+        arrays = {
             "t": np.array(self._t),
             "position": p,
             "velocity": v,
@@ -45,6 +56,9 @@ class Truth:
             "armed": armed,
             "names": np.array(self.names),
         }
+        if self._estimates:
+            arrays["estimate"] = np.stack(self._estimates)
+        return arrays
 
     def write(self, path: Path) -> str:
         """Write `truth.npz` and return its SHA-256."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -21,7 +23,14 @@ from mavlink_bridge.shared.settings import (
     validate,
 )
 from sitl_sim.faults import catalogue as fault
+from sitl_sim.scenarios.airframes import ActualConfig, AirframeConfig, AirframeName
+from sitl_sim.scenarios.conditions import AirConfig, TimingConfig, WindConfig
 from sitl_sim.sensors.fisheye import Lens
+from sitl_sim.sensors.looks.catalogue import PLAIN, check
+from sitl_sim.vehicles.grades import StateGrade
+from sitl_sim.vehicles.rigid_body import Airframe
+from sitl_sim.worlds.generators import build
+from sitl_sim.worlds.ground import Ground
 from sitl_sim.worlds.mission_file import read_mission
 from sitl_sim.worlds.world import Point2, Point3, WorldConfig
 
@@ -43,13 +52,37 @@ class DronesConfig(StrictModel):
     starts: list[Point2] = Field([], description="[x, y] each, instead of a formation.")
     jitter: float = Field(0.1, ge=0, description="Each start is moved up to this [m].")
     shift: float = Field(0.0, ge=0, description="All starts together, across their heading [m].")
-    radius: float = Field(0.2, gt=0, description="Of the sphere around a drone [m].")
+    radius: float = Field(
+        0.2, gt=0, description="Of the sphere around a drone [m], where airframes says no other."
+    )
+    airframes: list[AirframeConfig | AirframeName] = Field(
+        [],
+        description="Airframes of the drones in turn; none: quad5. Autopilots and companions "
+        "know them.",
+    )
+    actual: ActualConfig = Field(
+        ActualConfig(),
+        description="Factors by which the vehicles differ from what they are taken for.",
+    )
+    look: Literal["ball", "bare", "mixed"] = Field(
+        "ball",
+        description="ball: dark, with a magenta ball; bare: one kind of body without it, drawn by "
+        "the seed; mixed: a kind for each drone.",
+    )
     autopilot: Literal["px4", "ardupilot", "betaflight"] = Field(
         "px4",
         description="px4, ardupilot: emulated; betaflight: the real SITL, in real time.",
     )
     binary: str = Field(
-        "", description="px4, ardupilot: your own SITL binary instead of the emulated vehicle."
+        "",
+        description="Your own SITL binary, which flies instead of the one named above.",
+    )
+    state: StateGrade = Field(
+        "mocap",
+        description="What the state estimates come from, and so how wrong they are.",
+    )
+    rangefinder: bool | None = Field(
+        None, description="A rangefinder that looks down; null: unless state is mocap."
     )
     frame_yaw_deg: float | Literal["random"] = Field(
         0.0, description="Yaw of each vehicle's own frame in the world: no frame is shared."
@@ -70,10 +103,27 @@ class DronesConfig(StrictModel):
                 raise Contradiction((f"parameters.{name}",), why)
         return self
 
+    def airframe(self, i: int) -> Airframe:
+        """Return the airframe that drone i is taken for."""
+        if not self.airframes:
+            return replace(Airframe(), radius=self.radius)
+        chosen = self.airframes[i % len(self.airframes)]
+        return (AirframeConfig(name=chosen) if isinstance(chosen, str) else chosen).airframe()
+
+    @property
+    def ranges(self) -> bool:
+        """Whether the drones have rangefinders."""
+        return self.state != "mocap" if self.rangefinder is None else self.rangefinder
+
     @property
     def real(self) -> bool:
         """Whether real autopilots fly, not emulated ones."""
         return self.autopilot == "betaflight" or bool(self.binary)
+
+    @property
+    def own_time(self) -> bool:
+        """Whether the autopilots keep their own time, so that the world cannot wait for them."""
+        return self.autopilot == "betaflight"
 
 
 class MissionConfig(StrictModel):
@@ -139,15 +189,6 @@ class SensingConfig(StrictModel):
     )
 
 
-class TimingConfig(StrictModel):
-    """Timing of the lockstep."""
-
-    compute_delay: float = Field(0.02, ge=0.002, le=0.08, description="Tick to effect [s].")
-    answer_timeout: float = Field(
-        30.0, gt=0, description="Wall seconds after which a silent companion counts as dead."
-    )
-
-
 class WireConfig(StrictModel):
     """Ports: vehicle i talks to its companion on companion_port + i."""
 
@@ -170,9 +211,39 @@ class Scenario(StrictModel):
     sensing: SensingConfig = SensingConfig()
     timing: TimingConfig = TimingConfig()
     wire: WireConfig = WireConfig()
-    wind: list[float] = Field([0.0, 0.0, 0.0], min_length=3, max_length=3, description="m/s ENU.")
+    wind: WindConfig = WindConfig()
+    air: AirConfig = AirConfig()
     faults: list[fault.FaultConfig] = Field([], description="Faults of the flight: docs/faults.md.")
     companion: dict[str, Any] = Field({}, description="Overrides of every companion's config.")
+
+    @model_validator(mode="after")
+    def _needs_emulated_autopilots(self) -> Self:
+        asked = {
+            "drones.state": self.drones.state != "mocap",
+            "drones.airframes": bool(self.drones.airframes),
+            "drones.actual": self.drones.actual != ActualConfig(),
+            "wind.turbulence": self.wind.turbulence != "none",
+            "air.downwash": self.air.downwash,
+            "air.ground_effect": self.air.ground_effect,
+            "world.ground": self.world.ground != "flat",
+            "timing.telemetry_lag": bool(np.any(self.timing.telemetry_lag)),
+        }
+        if self.drones.real and (wrong := [key for key, there in asked.items() if there]):
+            why = "needs emulated autopilots (drones.autopilot: px4 or ardupilot, no binary)"
+            raise Contradiction(tuple(wrong[:1]), why)
+        return self
+
+    @model_validator(mode="after")
+    def _looks_known(self) -> Self:
+        try:
+            check(self.world.look)
+        except ValueError as error:
+            raise Contradiction(("world.look",), str(error)) from error
+        if self.world.look == PLAIN and self.drones.look != "ball":
+            raise Contradiction(("drones.look",), "world.look plain has drones with balls only")
+        if self.world.look == PLAIN and (self.world.lean_deg or self.world.branches):
+            raise Contradiction(("world.look",), "plain shows upright trunks only")
+        return self
 
 
 def names() -> list[str]:
@@ -294,6 +365,7 @@ def drone_names(scenario: Scenario) -> list[str]:
 
 def starts(scenario: Scenario) -> Vector:
     """Return the starts (n,3) m on the ground: the formation, moved at random by the seed."""
+    ground = ground_of(scenario)
     d = scenario.drones
     flat = _formation(d)
     rng = np.random.default_rng([scenario.seed, 2])
@@ -301,7 +373,19 @@ def starts(scenario: Scenario) -> Vector:
     if d.shift:
         yaw = 0.0 if d.heading_deg == "target" else np.radians(d.heading_deg)
         flat = flat + rng.uniform(-d.shift, d.shift) * np.array([np.sin(yaw), -np.cos(yaw)])
-    return np.column_stack([flat, np.zeros(len(flat))])
+    return np.column_stack([flat, ground.height(flat[:, 0], flat[:, 1])])
+
+
+def ground_of(scenario: Scenario) -> Ground:
+    """Return the ground of the scenario's world."""
+    if scenario.world.ground == "flat":
+        return Ground({})
+    return _ground(scenario.world.model_dump_json(), scenario.seed)
+
+
+@lru_cache(maxsize=4)
+def _ground(world: str, seed: int) -> Ground:
+    return Ground(build(WorldConfig.model_validate_json(world), seed))
 
 
 def _formation(d: DronesConfig) -> Vector:
@@ -370,8 +454,11 @@ def _distributed(scenario: Scenario, values: ArrayLike) -> Vector:
 
 
 def targets(scenario: Scenario, start: Vector) -> dict[str, list[list[float]]]:
-    """Return the targets of each drone, world frame, with the place opposite and home."""
-    m = scenario.mission
+    """Return the targets of each drone, world frame, with the place opposite and home.
+
+    Heights of a scenario's targets count from the ground below them.
+    """
+    m, ground = scenario.mission, ground_of(scenario)
     out = {}
     for name, s in zip(drone_names(scenario), start, strict=True):
         goals = [list(t) for t in m.targets_of.get(name, m.targets)]
@@ -383,5 +470,7 @@ def targets(scenario: Scenario, start: Vector) -> dict[str, list[list[float]]]:
             goals.append([*opposite.round(4).tolist(), m.altitude])
         if m.home:
             goals.append([round(float(s[0]), 4), round(float(s[1]), 4), m.altitude])
+        for g in goals if not ground.flat else ():
+            g[2] = round(g[2] + float(ground.height(g[0], g[1])), 4)
         out[name] = goals
     return out

@@ -1,7 +1,7 @@
 """Pictures with per-pixel truth in memory, to train perception: a stream without an end.
 
-    from sitl_sim.sensors.labelled_pictures import stream
-    for labelled in stream(seed=1): ...
+from sitl_sim.sensors.labelled_pictures import stream
+for labelled in stream(seed=1): ...
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mavlink_bridge.shared.arrays import Vector
 from sitl_sim.sensors.drones import Look
-from sitl_sim.sensors.fisheye import Float32, Lens
+from sitl_sim.sensors.fisheye import Lens
 from sitl_sim.sensors.looks import bodies, look
 from sitl_sim.sensors.looks.renderer import LookRenderer
 from sitl_sim.sensors.scenes import RADIUS, Scene, varied_scenes

@@ -6,8 +6,6 @@ vehicle's noise depends neither on the other vehicles nor on how often it is rea
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from sitl_sim.vehicles.rigid_body import State, rotate_by
+from sitl_sim.vehicles.sensor_noise import SensorNoise
 
 Floats = NDArray[np.float64]
 
@@ -23,36 +22,12 @@ TICK_SUBSTEPS = 10
 DRIFTS = 9  # position, velocity, attitude
 
 
-@dataclass(frozen=True)
-class SensorNoise:
-    """Standard deviations of the estimate's errors, small but real.
-
-    Drifts change with the time constant that follows each. The gyro has white noise and a constant
-    bias, drawn once. There is no accelerometer: velocity has a drift of its own.
-    """
-
-    position: float = 0.02  # m
-    position_time: float = 2.0  # s
-    velocity: float = 0.03  # m/s
-    velocity_time: float = 0.5  # s
-    attitude: float = math.radians(0.3)  # rad
-    attitude_time: float = 5.0  # s
-    gyro: float = 0.01  # rad/s
-    gyro_bias: float = 0.002  # rad/s
-    lag: float = 0.01  # s, of position and velocity
-
-    @staticmethod
-    def none() -> SensorNoise:
-        """Return the noise of a perfect estimate: none."""
-        return SensorNoise(0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-
-
 class Estimate(NamedTuple):
     """Estimates of n vehicles, and their errors.
 
     p (n,3) m, v (n,3) m/s, q (n,4), omega (n,3) rad/s: in the frames of the truth. drift (n,9):
     errors of p, v, and attitude (rotation vector, body). bias (n,3) rad/s: of the gyro. lag (n,) s.
-    offset (n,3) m: a further error of p, set by a fault.
+    error (n,9): further errors, as drift: slow ones and those of faults (`StateErrors`).
     """
 
     p: Floats
@@ -62,7 +37,7 @@ class Estimate(NamedTuple):
     drift: Floats
     bias: Floats
     lag: Floats
-    offset: Floats
+    error: Floats
 
 
 class Estimator:
@@ -90,7 +65,7 @@ class Estimator:
             drift=np.zeros((n, DRIFTS)),
             bias=bias * self._draw((3,)),
             lag=np.array([s.lag for s in noise]),
-            offset=np.zeros((n, 3)),
+            error=np.zeros((n, DRIFTS)),
         )
         self.gyro_noise = np.zeros((n, BLOCK_SUBSTEPS, 3))
         self._kicks = np.zeros((n, BLOCK_SUBSTEPS // TICK_SUBSTEPS, DRIFTS))
@@ -118,8 +93,8 @@ def estimate_one(i: int, est: Estimate, state: State, noise: Floats) -> None:
     q0, q1, q2, q3 = state.q[i]
     f = state.specific_force[i]
     for k in range(3):
-        est.p[i, k] = state.p[i, k] + est.drift[i, k] + est.offset[i, k] - lag * state.v[i, k]
-        est.v[i, k] = state.v[i, k] + est.drift[i, 3 + k]
+        est.p[i, k] = state.p[i, k] + est.drift[i, k] + est.error[i, k] - lag * state.v[i, k]
+        est.v[i, k] = state.v[i, k] + est.drift[i, 3 + k] + est.error[i, 3 + k]
         est.omega[i, k] = state.omega[i, k] + est.bias[i, k] + noise[k]
     if lag > 0.0 and not state.contact[i]:
         est.v[i, 0] -= lag * (
@@ -132,5 +107,10 @@ def estimate_one(i: int, est: Estimate, state: State, noise: Floats) -> None:
             + (1 - 2 * (q1 * q1 + q3 * q3)) * f[1]
             + 2 * (q2 * q3 - q0 * q1) * f[2]
         )
-    a, b, c, d = rotate_by(q0, q1, q2, q3, est.drift[i, 6], est.drift[i, 7], est.drift[i, 8])
+    x, y, z = (
+        est.drift[i, 6] + est.error[i, 6],
+        est.drift[i, 7] + est.error[i, 7],
+        est.drift[i, 8] + est.error[i, 8],
+    )
+    a, b, c, d = rotate_by(q0, q1, q2, q3, x, y, z)
     est.q[i, 0], est.q[i, 1], est.q[i, 2], est.q[i, 3] = a, b, c, d

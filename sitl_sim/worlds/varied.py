@@ -1,5 +1,7 @@
-"""Worlds of many kinds of obstacles: trunks of any radius, upright and leaning, with branches;
-bushes, poles, people, walls, on ground that may be uneven. Metres, ENU, in the form of `world.json`.
+"""Worlds of many kinds of obstacles, on ground that may be uneven; metres, ENU.
+
+Trunks of any radius, upright and leaning, with branches; bushes, poles, people, walls; in the form
+of `world.json`.
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ def varied(rng: _Rng, slope_deg: float = 10.0) -> _World:
     lean = rng.uniform(0, MOST_LEAN) if rng.random() < 0.6 else 0.0
     for x, y, radius in places:
         foot = float(ground.height(x, y))
-        _trunk(world, rng, (x, y, foot, radius), lean, branchy)
+        add_trunk(world, rng, (x, y, foot, radius), float(rng.uniform(*_TALL)), lean, branchy)
     if rng.random() < 0.5:
         _bushes(world, rng, ground, int(rng.integers(4, 40)))
     if rng.random() < 0.35:
@@ -58,16 +60,19 @@ def _places(rng: _Rng) -> list[tuple[float, float, float]]:
     return [(float(x), float(y), float(r)) for x, y, r in kept]
 
 
-def _trunk(
+def add_trunk(
     world: _World,
     rng: _Rng,
     at: tuple[float, float, float, float],
+    tall: float,
     lean_deg: float,
     branchy: float,
 ) -> None:
-    """Add a trunk at x, y, height of the foot, radius; a leaning one is a capsule."""
+    """Add a trunk at x, y, height of its foot, radius, and its branches; m.
+
+    tall: m. A trunk that leans is a capsule, by 20 % to 100 % of `lean_deg`. branchy: mean number.
+    """
     x, y, foot, radius = at
-    tall = float(rng.uniform(*_TALL))
     tilt = math.radians(float(rng.uniform(0.2, 1.0)) * lean_deg)
     towards = float(rng.uniform(-math.pi, math.pi))
     axis = np.array(
@@ -77,7 +82,12 @@ def _trunk(
     if math.degrees(tilt) < 1.0:
         axis = np.array([0.0, 0.0, 1.0])
         height = round(foot + tall, 4)
-        cylinder = {"x": round(x, 4), "y": round(y, 4), "radius": round(radius, 4), "height": height}
+        cylinder = {
+            "x": round(x, 4),
+            "y": round(y, 4),
+            "radius": round(radius, 4),
+            "height": height,
+        }
         world["cylinders"].append(cylinder | ({"foot": round(foot, 4)} if foot else {}))
     else:
         world["capsules"].append(capsule(base - 0.5 * axis, base + tall * axis, radius))
@@ -101,15 +111,20 @@ def capsule(a: Any, b: Any, radius: float) -> dict[str, Any]:
 
 
 def _bushes(world: _World, rng: _Rng, ground: Ground, count: int) -> None:
-    """Add bushes, each of one to four spheres."""
     for x, y in rng.uniform(-REACH, REACH, (count, 2)):
         size = float(rng.uniform(0.3, 1.1))
-        for _ in range(int(rng.integers(1, 5))):
-            radius = size * float(rng.uniform(0.5, 1.0))
-            east, north = x + rng.normal(0, 0.5 * size), y + rng.normal(0, 0.5 * size)
-            up = float(ground.height(east, north)) + radius * float(rng.uniform(0.4, 1.3))
-            centre = [round(float(east), 4), round(float(north), 4), round(up, 4)]
-            world["spheres"].append({"centre": centre, "radius": round(radius, 4)})
+        add_bush(world, rng, (float(x), float(y), float(ground.height(x, y))), size)
+
+
+def add_bush(world: _World, rng: _Rng, at: tuple[float, float, float], size: float) -> None:
+    """Add a bush at x, y, height of the ground: one to four spheres of up to `size` [m]."""
+    x, y, foot = at
+    for _ in range(int(rng.integers(1, 5))):
+        radius = size * float(rng.uniform(0.5, 1.0))
+        east, north = x + rng.normal(0, 0.5 * size), y + rng.normal(0, 0.5 * size)
+        up = foot + radius * float(rng.uniform(0.4, 1.3))
+        centre = [round(float(east), 4), round(float(north), 4), round(up, 4)]
+        world["spheres"].append({"centre": centre, "radius": round(radius, 4)})
 
 
 def _poles(world: _World, rng: _Rng, ground: Ground, count: int) -> None:

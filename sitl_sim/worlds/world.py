@@ -69,6 +69,19 @@ class WorldConfig(StrictModel):
         max_length=2,
         description="tunnel: length and height of the wall [m].",
     )
+    ground: Literal["flat", "uneven"] = Field(
+        "flat", description="uneven: gentle hills; heights of trunks and targets count from them."
+    )
+    slope_deg: float = Field(10.0, gt=0, le=30, description="uneven: its steepest slope [degrees].")
+    lean_deg: float = Field(
+        0.0, ge=0, le=30, description="forest, thicket: trunks lean by up to this [degrees]."
+    )
+    branches: float = Field(0.0, ge=0, le=20, description="forest, thicket: per trunk, mean.")
+    bushes: int = Field(0, ge=0, le=500, description="forest, thicket: number of bushes.")
+    look: str = Field(
+        "plain",
+        description="How the world looks: plain, random, or a name of docs/scenarios.md.",
+    )
     missions: str | None = Field(None, description="missions: the JSON file that holds them.")
     cylinders: list[Cylinder] = Field([])
     boxes: list[Box] = Field([])
@@ -148,9 +161,7 @@ def _segment_meets_box(
     return meets
 
 
-def _segments_meet_capsules(
-    viewpoint: Vector, d: Vector, capsules: Vector
-) -> NDArray[np.bool_]:
+def _segments_meet_capsules(viewpoint: Vector, d: Vector, capsules: Vector) -> NDArray[np.bool_]:
     """Return whether segments viewpoint + s·d, s in [0, 1], come within a capsule's radius.
 
     capsules: (m,7) a, b, radius. Nearest points of two segments: Ericson, Real-Time Collision

@@ -21,7 +21,7 @@ def recorded(tmp_path_factory):
 
 def trunks(recorded, conditions):
     camera, frames = recorded
-    measured = Trunks(TrunkDetector(camera).detect, camera)
+    measured = Trunks(camera, TrunkDetector(camera).detect)
     for frame in frames:
         if frame.conditions == conditions:
             measured.add(frame, frame.image())

@@ -1,6 +1,9 @@
 """A flight without sockets: vehicles, their autopilots, a ground station and a companion."""
 
+import json
 import math
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +13,7 @@ from sitl_sim.vehicles.emulated import Autopilots
 from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
 
 GCS = Source(255, 190)
+STAND_INS = Path(__file__).parent / "external" / "stand_ins"
 
 
 class Flight:
@@ -89,3 +93,21 @@ class Flight:
 @pytest.fixture
 def make_flight():
     return Flight
+
+
+@pytest.fixture
+def stand_in(tmp_path):
+    """A function that makes an executable which plays the autopilot `name`.
+
+    Armed, it commands `motors`, in its own order.
+    """
+
+    def make(name, motors=(0.2, 0.3, 0.4, 0.5)):
+        (tmp_path / "motors.json").write_text(json.dumps(list(motors)))
+        binary = tmp_path / "bin" / name
+        binary.parent.mkdir(exist_ok=True)
+        binary.write_text(f"#!{sys.executable}\n{(STAND_INS / f'{name}.py').read_text()}")
+        binary.chmod(0o755)
+        return str(binary)
+
+    return make

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,8 +19,11 @@ from mavlink_bridge.shared.frames import (
     yaw_from_heading,
 )
 from mavlink_bridge.wire import messages as m
+from mavlink_bridge.wire.dialect.event_message import EventMessage
 from mavlink_bridge.wire.dialect.units import UNKNOWN_HEADING, UNSET_COORDINATE
 
+_FLIP = np.diag([1.0, -1.0, -1.0])  # FRD ↔ FLU, NED ↔ north-west-up
+_ENU_OF_NWU = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # NWU → ENU
 _NED_FRAMES = (mavlink.MAV_FRAME_LOCAL_NED,)
 _BODY_FRAMES = (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_FRD)
 _GLOBAL_FRAMES = (  # x and y of COMMAND_INT are degrees · 1e7; elsewhere metres · 1e4
@@ -31,6 +34,9 @@ _GLOBAL_FRAMES = (  # x and y of COMMAND_INT are degrees · 1e7; elsewhere metre
     mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT,
     mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT,
 )
+
+
+_UNKNOWN_VARIANCE = 255  # cm², of DISTANCE_SENSOR
 
 
 def _text(raw: str | bytes) -> str:
@@ -53,6 +59,7 @@ def _rate_setpoint(w: Any) -> m.RateSetpoint:
         w.target_system,
         w.target_component,
         w.type_mask,
+        np.array(quaternion_enu_ned(w.q)),
     )
 
 
@@ -71,6 +78,12 @@ def _euler_attitude(w: Any) -> m.EulerAttitude:
     return m.EulerAttitude(w.time_boot_ms / 1e3, q, _body_rates(w))
 
 
+def _attitude_target(w: Any) -> m.AttitudeTarget:
+    q = np.array(quaternion_enu_ned(w.q))
+    omega = _array(*flu_frd(w.body_roll_rate, w.body_pitch_rate, w.body_yaw_rate))
+    return m.AttitudeTarget(w.time_boot_ms / 1e3, q, omega, w.thrust, w.type_mask)
+
+
 def _local_position(w: Any) -> m.LocalPosition:
     p, v = enu_ned(w.x, w.y, w.z), enu_ned(w.vx, w.vy, w.vz)
     return m.LocalPosition(w.time_boot_ms / 1e3, _array(*p), _array(*v))
@@ -85,7 +98,46 @@ def _odometry(w: Any) -> m.Odometry:
         v = rotation_matrix(q) @ _array(*flu_frd(w.vx, w.vy, w.vz))
     else:
         v = _array(*enu_ned(w.vx, w.vy, w.vz))
-    return m.Odometry(w.time_usec / 1e6, p, v, q, _body_rates(w))
+    pose = _sigmas(w.pose_covariance)
+    turn = rotation_matrix(q) if w.child_frame_id in _BODY_FRAMES else _ENU_OF_NWU
+    return m.Odometry(
+        w.time_usec / 1e6,
+        p,
+        v,
+        q,
+        _body_rates(w),
+        position_sigma=None if pose is None else pose[[1, 0, 2]],
+        velocity_sigma=_velocity_sigma(w.velocity_covariance, turn),
+        attitude_sigma=None if pose is None else pose[3:],
+        resets=w.reset_counter,
+        estimator=w.estimator_type,
+        quality=w.quality,
+    )
+
+
+def _covariance(upper: Sequence[float]) -> Vector | None:
+    """Return a covariance (6,6) from its upper triangle; None where it is not told or is none."""
+    covariance = np.zeros((6, 6))
+    covariance[np.triu_indices(6)] = upper
+    covariance += np.triu(covariance, 1).T
+    known = np.isfinite(covariance[:3, :3]).all() and (np.diag(covariance) >= 0.0).all()
+    return covariance if known else None
+
+
+def _sigmas(upper: Sequence[float]) -> Vector | None:
+    """Return the square roots (6,) of the variances."""
+    covariance = _covariance(upper)
+    return None if covariance is None else np.sqrt(np.diag(covariance))
+
+
+def _velocity_sigma(upper: Sequence[float], turn: Vector) -> Vector | None:
+    """Return the standard deviations (3,) m/s, ENU; turn: FLU axes of the message → ENU."""
+    covariance = _covariance(upper)
+    if covariance is None:
+        return None
+    turn = turn @ _FLIP
+    turned = turn @ covariance[:3, :3] @ turn.T
+    return np.sqrt(np.maximum(np.diag(turned), 0.0))
 
 
 def _global_position(w: Any) -> m.GlobalPosition:
@@ -108,7 +160,7 @@ def _command_long(w: Any) -> m.Command:
 def _command_int(w: Any) -> m.Command:
     scale = 1e7 if w.frame in _GLOBAL_FRAMES else 1e4
     params = (w.param1, w.param2, w.param3, w.param4, w.x / scale, w.y / scale, w.z)
-    return m.Command(w.command, params, w.target_system, w.target_component)
+    return m.Command(w.command, params, w.target_system, w.target_component, frame=w.frame)
 
 
 def _system_status(w: Any) -> m.SystemStatus:
@@ -142,6 +194,24 @@ def _gps_raw(w: Any) -> m.GpsRaw:
         w.satellites_visible,
         w.vel / 100,
         yaw_from_heading(math.radians(w.cog / 100)),
+        w.eph / 100,
+        w.epv / 100,
+        w.h_acc / 1e3,
+        w.v_acc / 1e3,
+        w.vel_acc / 1e3,
+    )
+
+
+def _distance(w: Any) -> m.DistanceSensor:
+    return m.DistanceSensor(
+        w.time_boot_ms / 1e3,
+        w.current_distance / 100,
+        w.min_distance / 100,
+        w.max_distance / 100,
+        w.orientation,
+        w.type,
+        math.sqrt(w.covariance) / 100 if w.covariance < _UNKNOWN_VARIANCE else 0.0,
+        w.signal_quality,
     )
 
 
@@ -171,7 +241,17 @@ def _actuators(w: Any) -> m.HilActuators:
 
 
 def _estimator(w: Any) -> m.EstimatorStatus:
-    return m.EstimatorStatus(w.time_usec / 1e6, w.flags, w.pos_horiz_accuracy, w.pos_vert_accuracy)
+    return m.EstimatorStatus(
+        w.time_usec / 1e6,
+        w.flags,
+        w.pos_horiz_accuracy,
+        w.pos_vert_accuracy,
+        w.vel_ratio,
+        w.pos_horiz_ratio,
+        w.pos_vert_ratio,
+        w.mag_ratio,
+        w.hagl_ratio,
+    )
 
 
 def _param_request(w: Any) -> m.ParamRequestRead:
@@ -191,12 +271,14 @@ def _param_value(w: Any) -> m.ParamValue:
 
 
 def _mission_request(w: Any) -> m.MissionRequest:
-    return m.MissionRequest(w.target_system, w.target_component, w.seq, w.mission_type)
+    floating = w.get_type() == "MISSION_REQUEST"
+    return m.MissionRequest(w.target_system, w.target_component, w.seq, w.mission_type, floating)
 
 
 def _mission_item(w: Any) -> m.MissionItem:
     x, y = w.x, w.y
-    if w.get_type() == "MISSION_ITEM_INT":
+    floating = w.get_type() == "MISSION_ITEM"
+    if not floating:
         x, y = (math.nan if k == UNSET_COORDINATE else k / 1e7 for k in (w.x, w.y))
     return m.MissionItem(
         w.target_system,
@@ -211,6 +293,7 @@ def _mission_item(w: Any) -> m.MissionItem:
         y,
         w.z,
         w.mission_type,
+        floating,
     )
 
 
@@ -224,11 +307,35 @@ def _data_stream(w: Any) -> m.RequestDataStream:
     )
 
 
+def _event(w: Any) -> m.Event:
+    severity = w.log_levels & 0xF  # the upper half is the level of the autopilot's own log
+    return m.Event(w.event_time_boot_ms / 1e3, w.event_id, w.sequence, severity, bytes(w.arguments))
+
+
+def _camera_information(w: Any) -> m.CameraInformation:
+    return m.CameraInformation(
+        w.time_boot_ms / 1e3,
+        bytes(w.vendor_name).rstrip(b"\0").decode("utf-8", "replace"),
+        bytes(w.model_name).rstrip(b"\0").decode("utf-8", "replace"),
+        w.focal_length,
+        w.sensor_size_h,
+        w.sensor_size_v,
+        w.resolution_h,
+        w.resolution_v,
+        w.flags,
+    )
+
+
+def _named_value(w: Any) -> m.NamedValue:
+    return m.NamedValue(w.time_boot_ms / 1e3, _text(w.name), w.value)
+
+
 FROM_WIRE: dict[int, Callable[[Any], m.Message]] = {
     mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: _rate_setpoint,
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: _attitude,
     mavlink.MAVLINK_MSG_ID_ATTITUDE: _euler_attitude,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: _attitude_target,
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _local_position,
     mavlink.MAVLINK_MSG_ID_ODOMETRY: _odometry,
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _global_position,
@@ -246,6 +353,7 @@ FROM_WIRE: dict[int, Callable[[Any], m.Message]] = {
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: lambda w: m.ExtendedSystemState(w.landed_state),
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: _home,
     mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: _gps_raw,
+    mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: _distance,
     mavlink.MAVLINK_MSG_ID_GPS_INPUT: _gps_input,
     mavlink.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS: _actuators,
     mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: _estimator,
@@ -262,6 +370,16 @@ FROM_WIRE: dict[int, Callable[[Any], m.Message]] = {
     ),
     mavlink.MAVLINK_MSG_ID_PARAM_SET: _param_set,
     mavlink.MAVLINK_MSG_ID_PARAM_VALUE: _param_value,
+    mavlink.MAVLINK_MSG_ID_PARAM_ERROR: lambda w: m.ParamError(
+        w.target_system, w.target_component, _text(w.param_id), w.param_index, w.error
+    ),
+    EventMessage.id: _event,
+    mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: _named_value,
+    mavlink.MAVLINK_MSG_ID_NAMED_VALUE_INT: _named_value,
+    mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION: _camera_information,
+    mavlink.MAVLINK_MSG_ID_PING: lambda w: m.Ping(
+        w.time_usec / 1e6, w.seq, w.target_system, w.target_component
+    ),
     mavlink.MAVLINK_MSG_ID_MISSION_COUNT: lambda w: m.MissionCount(
         w.target_system, w.target_component, w.count, w.mission_type
     ),

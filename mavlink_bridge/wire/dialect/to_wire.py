@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from mavlink_bridge.shared.arrays import Vector
@@ -18,6 +19,7 @@ from mavlink_bridge.shared.frames import (
     rotation_matrix,
 )
 from mavlink_bridge.wire import messages as m
+from mavlink_bridge.wire.dialect.event_message import EventMessage
 from mavlink_bridge.wire.dialect.units import (
     UNKNOWN_HEADING,
     clipped,
@@ -30,8 +32,10 @@ from mavlink_bridge.wire.dialect.units import (
 _IDENTITY = (1.0, 0.0, 0.0, 0.0)
 _MAVLINK_2 = 3  # mavlink_version of a HEARTBEAT
 _ALL_FIELDS = 0x1FFF  # fields_updated of HIL_SENSOR
+_NAME_BYTES = 10  # of NAMED_VALUE_FLOAT and _INT
 _UNKNOWN_TEMPERATURE = 0x7FFF
 _UNKNOWN_COVARIANCE = (math.nan,) * 21
+_UNKNOWN_VARIANCE = 255  # cm², of DISTANCE_SENSOR
 _FILE_BYTES = 251  # payload of FILE_TRANSFER_PROTOCOL
 
 
@@ -52,7 +56,7 @@ def _rate_setpoint(s: m.RateSetpoint) -> Any:
         target_system=s.target_system,
         target_component=s.target_component,
         type_mask=s.type_mask,
-        q=_IDENTITY,
+        q=_IDENTITY if s.q_wb is None else quaternion_enu_ned(s.q_wb),
         body_roll_rate=roll_rate,
         body_pitch_rate=pitch_rate,
         body_yaw_rate=yaw_rate,
@@ -83,6 +87,19 @@ def _euler_attitude(a: m.EulerAttitude) -> Any:
     return mavlink.MAVLink_attitude_message(milliseconds(a.time), *angles, *_frd(a.omega))
 
 
+def _attitude_target(a: m.AttitudeTarget) -> Any:
+    roll_rate, pitch_rate, yaw_rate = _frd(a.omega)
+    return mavlink.MAVLink_attitude_target_message(
+        time_boot_ms=milliseconds(a.time),
+        type_mask=a.type_mask,
+        q=quaternion_enu_ned(a.q_wb),
+        body_roll_rate=roll_rate,
+        body_pitch_rate=pitch_rate,
+        body_yaw_rate=yaw_rate,
+        thrust=a.thrust,
+    )
+
+
 def _local_position(lp: m.LocalPosition) -> Any:
     return mavlink.MAVLink_local_position_ned_message(
         milliseconds(lp.time), *_ned(lp.p), *_ned(lp.v)
@@ -107,9 +124,35 @@ def _odometry(o: m.Odometry) -> Any:
         rollspeed=roll_rate,
         pitchspeed=pitch_rate,
         yawspeed=yaw_rate,
-        pose_covariance=_UNKNOWN_COVARIANCE,
-        velocity_covariance=_UNKNOWN_COVARIANCE,
+        pose_covariance=_pose_covariance(o),
+        velocity_covariance=_velocity_covariance(o),
+        reset_counter=o.resets & 0xFF,
+        estimator_type=o.estimator,
+        quality=o.quality,
     )
+
+
+def _pose_covariance(o: m.Odometry) -> tuple[float, ...]:
+    """Return the upper triangle, row by row, of x, y, z, roll, pitch, yaw."""
+    if o.position_sigma is None or o.attitude_sigma is None:
+        return _UNKNOWN_COVARIANCE
+    east, north, up = (float(s) ** 2 for s in o.position_sigma)
+    attitude = (float(s) ** 2 for s in o.attitude_sigma)
+    return _triangle(np.diag([north, east, up, *attitude]))
+
+
+def _velocity_covariance(o: m.Odometry) -> tuple[float, ...]:
+    """Return the same of the velocity, which is along the axes of the body, and of the rates."""
+    if o.velocity_sigma is None:
+        return _UNKNOWN_COVARIANCE
+    turn = np.diag([1.0, -1.0, -1.0]) @ rotation_matrix(o.q_wb).T
+    covariance = np.zeros((6, 6))
+    covariance[:3, :3] = turn @ np.diag(o.velocity_sigma**2) @ turn.T
+    return _triangle(covariance)
+
+
+def _triangle(covariance: Vector) -> tuple[float, ...]:
+    return tuple(float(a) for a in covariance[np.triu_indices(6)])
 
 
 def _global_position(g: m.GlobalPosition) -> Any:
@@ -135,7 +178,7 @@ def _system_status(s: m.SystemStatus) -> Any:
         onboard_control_sensors_health=s.health,
         load=clipped(s.load * 1000, 0, 1000),
         voltage_battery=clipped(s.voltage * 1e3, 0, 65535),
-        current_battery=clipped(s.current * 100, -1, 32767),
+        current_battery=int16(s.current * 100),
         battery_remaining=clipped(s.remaining * 100, -1, 100),
         drop_rate_comm=0,
         errors_comm=0,
@@ -183,11 +226,28 @@ def _gps_raw(g: m.GpsRaw) -> Any:
         lat=round(g.latitude_deg * 1e7),
         lon=round(g.longitude_deg * 1e7),
         alt=round(g.altitude * 1e3),
-        eph=80,
-        epv=120,
+        eph=clipped(g.hdop * 100, 0, 0xFFFF),
+        epv=clipped(g.vdop * 100, 0, 0xFFFF),
         vel=clipped(g.speed * 100, 0, 65535),
         cog=course(math.degrees(heading_from_yaw(g.course))),
         satellites_visible=g.satellites,
+        h_acc=clipped(g.horizontal_accuracy * 1e3, 0, 0xFFFFFFFF),
+        v_acc=clipped(g.vertical_accuracy * 1e3, 0, 0xFFFFFFFF),
+        vel_acc=clipped(g.speed_accuracy * 1e3, 0, 0xFFFFFFFF),
+    )
+
+
+def _distance(d: m.DistanceSensor) -> Any:
+    return mavlink.MAVLink_distance_sensor_message(
+        time_boot_ms=milliseconds(d.time),
+        min_distance=clipped(d.minimum * 100, 0, 0xFFFF),
+        max_distance=clipped(d.maximum * 100, 0, 0xFFFF),
+        current_distance=clipped(d.distance * 100, 0, 0xFFFF),
+        type=d.kind,
+        id=0,
+        orientation=d.orientation,
+        covariance=clipped((d.sigma * 100) ** 2, 0, 254) if d.sigma else _UNKNOWN_VARIANCE,
+        signal_quality=clipped(d.quality, 0, 100),
     )
 
 
@@ -241,8 +301,8 @@ def _hil_gps(g: m.HilGps) -> Any:
         lat=round(g.latitude_deg * 1e7),
         lon=round(g.longitude_deg * 1e7),
         alt=round(g.altitude * 1e3),
-        eph=30,
-        epv=40,
+        eph=round(g.horizontal * 100),
+        epv=round(g.vertical * 100),
         vel=round(math.hypot(vn, ve)),
         vn=vn,
         ve=ve,
@@ -256,12 +316,12 @@ def _estimator(e: m.EstimatorStatus) -> Any:
     return mavlink.MAVLink_estimator_status_message(
         time_usec=round(e.time * 1e6),
         flags=e.flags,
-        vel_ratio=0.1,
-        pos_horiz_ratio=0.1,
-        pos_vert_ratio=0.1,
-        mag_ratio=0.1,
-        hagl_ratio=0.1,
-        tas_ratio=0.1,
+        vel_ratio=e.velocity_ratio,
+        pos_horiz_ratio=e.horizontal_ratio,
+        pos_vert_ratio=e.vertical_ratio,
+        mag_ratio=e.magnetometer_ratio,
+        hagl_ratio=e.height_over_ground_ratio,
+        tas_ratio=0.0,
         pos_horiz_accuracy=e.horizontal_accuracy,
         pos_vert_accuracy=e.vertical_accuracy,
     )
@@ -285,6 +345,21 @@ def _autopilot_version(v: m.AutopilotVersion) -> Any:
 
 
 def _mission_item(i: m.MissionItem) -> Any:
+    if i.floating:
+        return mavlink.MAVLink_mission_item_message(
+            i.target_system,
+            i.target_component,
+            i.seq,
+            i.frame,
+            i.command,
+            i.current,
+            i.autocontinue,
+            *i.params,
+            x=i.x_deg,
+            y=i.y_deg,
+            z=i.z,
+            mission_type=i.mission_type,
+        )
     return mavlink.MAVLink_mission_item_int_message(
         i.target_system,
         i.target_component,
@@ -301,11 +376,44 @@ def _mission_item(i: m.MissionItem) -> Any:
     )
 
 
+def _named_value(v: m.NamedValue) -> Any:
+    name, time = v.name.encode()[:_NAME_BYTES], milliseconds(v.time)
+    if isinstance(v.value, int):
+        return mavlink.MAVLink_named_value_int_message(time, name, v.value)
+    return mavlink.MAVLink_named_value_float_message(time, name, v.value)
+
+
+def _camera_information(c: m.CameraInformation) -> Any:
+    return mavlink.MAVLink_camera_information_message(
+        time_boot_ms=milliseconds(c.time),
+        vendor_name=list(c.vendor.encode()[:32].ljust(32, b"\0")),
+        model_name=list(c.model.encode()[:32].ljust(32, b"\0")),
+        firmware_version=0,
+        focal_length=c.focal_length,
+        sensor_size_h=c.sensor_width,
+        sensor_size_v=c.sensor_height,
+        resolution_h=c.width,
+        resolution_v=c.height,
+        lens_id=0,
+        flags=c.flags,
+        cam_definition_version=0,
+        cam_definition_uri=b"",
+    )
+
+
+def _request(r: m.MissionRequest) -> Any:
+    fields = (r.target_system, r.target_component, r.seq, r.mission_type)
+    if r.floating:
+        return mavlink.MAVLink_mission_request_message(*fields)
+    return mavlink.MAVLink_mission_request_int_message(*fields)
+
+
 TO_WIRE: dict[type, Callable[[Any], Any]] = {
     m.RateSetpoint: _rate_setpoint,
     m.Heartbeat: _heartbeat,
     m.Attitude: _attitude,
     m.EulerAttitude: _euler_attitude,
+    m.AttitudeTarget: _attitude_target,
     m.LocalPosition: _local_position,
     m.Odometry: _odometry,
     m.GlobalPosition: _global_position,
@@ -313,6 +421,7 @@ TO_WIRE: dict[type, Callable[[Any], Any]] = {
     m.BatteryStatus: _battery,
     m.HomePosition: _home,
     m.GpsRaw: _gps_raw,
+    m.DistanceSensor: _distance,
     m.GpsInput: _gps_input,
     m.EstimatorStatus: _estimator,
     m.HilSensor: _hil_sensor,
@@ -346,15 +455,24 @@ TO_WIRE: dict[type, Callable[[Any], Any]] = {
     m.ParamSet: lambda p: mavlink.MAVLink_param_set_message(
         p.target_system, p.target_component, p.name.encode(), p.value, p.param_type
     ),
+    m.ParamError: lambda p: mavlink.MAVLink_param_error_message(
+        p.target_system, p.target_component, p.name.encode(), p.index, p.error
+    ),
+    m.Event: lambda e: EventMessage(
+        0, 0, e.event_id, milliseconds(e.time), e.sequence, 0xF0 | e.severity, e.arguments
+    ),
+    m.NamedValue: _named_value,
+    m.CameraInformation: _camera_information,
+    m.Ping: lambda p: mavlink.MAVLink_ping_message(
+        round(p.time * 1e6), p.sequence, p.target_system, p.target_component
+    ),
     m.MissionCount: lambda c: mavlink.MAVLink_mission_count_message(
         c.target_system, c.target_component, c.count, c.mission_type
     ),
     m.MissionRequestList: lambda r: mavlink.MAVLink_mission_request_list_message(
         r.target_system, r.target_component, r.mission_type
     ),
-    m.MissionRequest: lambda r: mavlink.MAVLink_mission_request_int_message(
-        r.target_system, r.target_component, r.seq, r.mission_type
-    ),
+    m.MissionRequest: _request,
     m.MissionAck: lambda a: mavlink.MAVLink_mission_ack_message(
         a.target_system, a.target_component, a.result, a.mission_type
     ),

@@ -15,12 +15,14 @@ from mavlink_bridge.wire.messages.protocols import (
     MissionRequest,
     MissionRequestList,
     MissionSetCurrent,
+    ParamError,
     ParamRequestList,
     ParamRequestRead,
     ParamSet,
     ParamValue,
 )
 from mavlink_bridge.wire.messages.sensors import (
+    DistanceSensor,
     GpsInput,
     GpsRaw,
     HilActuators,
@@ -36,6 +38,7 @@ from mavlink_bridge.wire.messages.setpoints import (
 )
 from mavlink_bridge.wire.messages.state import (
     Attitude,
+    AttitudeTarget,
     EstimatorStatus,
     EulerAttitude,
     GlobalPosition,
@@ -46,8 +49,12 @@ from mavlink_bridge.wire.messages.state import (
 from mavlink_bridge.wire.messages.status import (
     AutopilotVersion,
     BatteryStatus,
+    CameraInformation,
+    Event,
     ExtendedSystemState,
     Heartbeat,
+    NamedValue,
+    Ping,
     StatusText,
     SystemStatus,
     SystemTime,
@@ -68,6 +75,7 @@ Message = (
     | Heartbeat
     | Attitude
     | EulerAttitude
+    | AttitudeTarget
     | LocalPosition
     | Odometry
     | GlobalPosition
@@ -80,6 +88,7 @@ Message = (
     | ExtendedSystemState
     | HomePosition
     | GpsRaw
+    | DistanceSensor
     | GpsInput
     | HilSensor
     | HilGps
@@ -103,6 +112,11 @@ Message = (
     | MissionItemReached
     | RequestDataStream
     | FileTransfer
+    | ParamError
+    | Event
+    | NamedValue
+    | CameraInformation
+    | Ping
 )
 
 

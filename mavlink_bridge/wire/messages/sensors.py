@@ -9,7 +9,10 @@ from mavlink_bridge.shared.arrays import Vector
 
 @dataclass(frozen=True)
 class GpsRaw:
-    """GPS_RAW_INT; fix_type: GPS_FIX_TYPE; speed [m/s]; course: ENU yaw [rad]."""
+    """GPS_RAW_INT; fix_type: GPS_FIX_TYPE; speed [m/s]; course: ENU yaw [rad].
+
+    hdop, vdop: dilutions of precision. The accuracies (1 σ) are m and m/s; 0 where not told.
+    """
 
     time: float
     fix_type: int
@@ -19,6 +22,29 @@ class GpsRaw:
     satellites: int
     speed: float = 0.0
     course: float = 0.0
+    hdop: float = 0.8
+    vdop: float = 1.2
+    horizontal_accuracy: float = 0.0
+    vertical_accuracy: float = 0.0
+    speed_accuracy: float = 0.0
+
+
+@dataclass(frozen=True)
+class DistanceSensor:
+    """DISTANCE_SENSOR: distance, least and greatest that the sensor measures [m].
+
+    orientation: MAV_SENSOR_ORIENTATION. kind: MAV_DISTANCE_SENSOR. sigma: m, 0 where not told.
+    quality: %, 0 unknown, 1 no echo.
+    """
+
+    time: float
+    distance: float
+    minimum: float
+    maximum: float
+    orientation: int
+    kind: int = 0
+    sigma: float = 0.0
+    quality: int = 0
 
 
 @dataclass(frozen=True)
@@ -51,13 +77,18 @@ class HilSensor:
 
 @dataclass(frozen=True)
 class HilGps:
-    """HIL_GPS, a simulated receiver's fix: degrees, m, v (3,) m/s ENU."""
+    """HIL_GPS, a simulated receiver's fix: degrees, m, v (3,) m/s ENU.
+
+    horizontal, vertical: accuracy that the receiver states [m].
+    """
 
     time: float
     latitude_deg: float
     longitude_deg: float
     altitude: float
     v: Vector
+    horizontal: float = 0.3
+    vertical: float = 0.4
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,20 @@ class EulerAttitude(Attitude):
 
 
 @dataclass(frozen=True)
+class AttitudeTarget:
+    """ATTITUDE_TARGET, what the autopilot's loops follow now: thrust normalised, 0…1.
+
+    q_wb (4,) w,x,y,z body→world; omega (3,) rad/s FLU.
+    """
+
+    time: float
+    q_wb: Vector
+    omega: Vector
+    thrust: float
+    type_mask: int = 0
+
+
+@dataclass(frozen=True)
 class LocalPosition:
     """LOCAL_POSITION_NED: p (3,) m and v (3,) m/s in the vehicle's own ENU frame."""
 
@@ -50,7 +64,10 @@ class LocalPosition:
 class Odometry:
     """ODOMETRY: p (3,) m, v (3,) m/s in the vehicle's own ENU frame; q_wb (4,); omega (3,) FLU.
 
-    p is NaN where its frame on the wire is not aligned with north and up.
+    p is NaN where its frame on the wire is not aligned with north and up. The standard deviations
+    of p [m, ENU], v [m/s, ENU] and attitude [rad, about forward, left, up], (3,) each, are None
+    where the estimator does not tell them. resets: 0…255, grows by one at each jump of the
+    estimate. estimator: MAV_ESTIMATOR_TYPE. quality: %, 0 unknown, -1 failed.
     """
 
     time: float
@@ -58,6 +75,12 @@ class Odometry:
     v: Vector
     q_wb: Vector
     omega: Vector
+    position_sigma: Vector | None = None
+    velocity_sigma: Vector | None = None
+    attitude_sigma: Vector | None = None
+    resets: int = 0
+    estimator: int = 0
+    quality: int = 0
 
 
 @dataclass(frozen=True)
@@ -85,9 +108,17 @@ class HomePosition:
 
 @dataclass(frozen=True)
 class EstimatorStatus:
-    """ESTIMATOR_STATUS: flags are bits, position accuracies in metres."""
+    """ESTIMATOR_STATUS: flags are bits, position accuracies in metres.
+
+    The ratios are test ratios of the innovations: above 1 the filter rejects what it measured.
+    """
 
     time: float
     flags: int
     horizontal_accuracy: float
     vertical_accuracy: float
+    velocity_ratio: float = 0.1
+    horizontal_ratio: float = 0.1
+    vertical_ratio: float = 0.1
+    magnetometer_ratio: float = 0.1
+    height_over_ground_ratio: float = 0.1

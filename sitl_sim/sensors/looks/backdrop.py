@@ -15,6 +15,7 @@ from sitl_sim.sensors.looks.shapes import BOX, SPHERE
 from sitl_sim.sensors.textures import SKY_SHAPE, fractal, packed
 
 MAP = 768  # texels along a side of the ground map
+OPAQUE = 5.0  # m, range of fog that hides the sky
 _POOL = 8  # noise fields of each kind, made once per process
 
 
@@ -31,9 +32,12 @@ def _pooled(rng: np.random.Generator, beta: float, shape: tuple[int, int], low: 
     return moved[:, ::-1] if rng.random() < 0.5 else moved
 
 
-def sky(rng: np.random.Generator, look: Sky, light: Light) -> NDArray[np.uint32]:
-    """Return the sky (SKY_SHAPE) packed BGR by diamond elevation and azimuth."""
+def sky(rng: np.random.Generator, look: Sky, light: Light, fog: float) -> NDArray[np.uint32]:
+    """Return the sky (SKY_SHAPE) packed BGR by diamond elevation and azimuth; fog: m."""
     rows, cols = SKY_SHAPE
+    if fog < OPAQUE:
+        even = np.zeros((rows, cols, 3)) + look.haze
+        return packed(np.clip(even, 0, 255).astype(np.uint8)).astype(np.uint32)
     e = (np.arange(rows, dtype=np.float32)[:, None] + 0.5) / rows  # 0 horizon … 1 zenith
     elevation = np.arctan2(e, 1 - e)
     degrees = np.degrees(elevation)

@@ -67,9 +67,7 @@ def motion_blur(raw: UInt8, lens: Lens, omega_c: Float64, shutter: float) -> UIn
     return (total // samples).astype(np.uint8)
 
 
-def glare_of(
-    lens: Lens, sun_c: Float64, strength: float
-) -> Float32:
+def glare_of(lens: Lens, sun_c: Float64, strength: float) -> Float32:
     """Return the grey levels (h,w) that the sun's light in the lens adds; sun_c: unit, camera."""
     small = lens.scaled(lens.width // 8, lens.height // 8)
     away = np.arccos(np.clip(np.tensordot(sun_c.astype(np.float32), small.rays, 1), -1, 1))
@@ -146,8 +144,8 @@ def develop(raw, field, glare, gains, saturation, curve, noise, offset, sigma, o
         for i in range(n):
             light = soft[i]
             # Shot noise grows with the root of the light, here approximated by a line.
-            light += np.float32(grain[i]) * strength * (
-                np.float32(0.6) + light * np.float32(0.0032)
+            light += (
+                np.float32(grain[i]) * strength * (np.float32(0.6) + light * np.float32(0.0032))
             )
             row[i] = curve[np.uintp(np.int32(min(max(light * scale, _ZERO), top)))]
 

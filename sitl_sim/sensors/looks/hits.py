@@ -113,8 +113,9 @@ def meet_box(prim, place, dx, dy, dz, best, who):  # type: ignore[no-untyped-def
 
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
-def meet_bush(prim, place, dx, dy, dz, best, who, leaves, pixel):  # type: ignore[no-untyped-def]
+def meet_bush(prims, place, dx, dy, dz, best, who, leaves, pixel):  # type: ignore[no-untyped-def]
     """Meet a sphere of leaves: dense in its middle, with gaps towards its outline."""
+    prim = prims[place]
     ax, ay, az = prim[ACROSS], prim[ACROSS + 1], prim[ACROSS + 2]
     up, r = prim[ALONG], prim[RADIUS]
     for i in range(best.shape[0]):
@@ -125,20 +126,20 @@ def meet_bush(prim, place, dx, dy, dz, best, who, leaves, pixel):  # type: ignor
         t = -b - math.sqrt(h)
         if t <= _ZERO or t >= best[i]:
             continue
-        u, v, level = bush_texel(prim, dx[i] * t, dy[i] * t, dz[i] * t, t * pixel)
+        u, v, level = bush_texel(prims, place, dx[i] * t, dy[i] * t, dz[i] * t, t * pixel)
         rank = np.float32(leaves[texel(u, v, level)] >> np.uint16(8))
         if rank < np.float32(60) + np.float32(330) * math.sqrt(h) / r:
             best[i], who[i] = t, place
 
 
 @njit(inline="always", error_model="numpy")
-def bush_texel(prim, x, y, z, footprint):  # type: ignore[no-untyped-def]
+def bush_texel(prims, k, x, y, z, footprint):  # type: ignore[no-untyped-def]
     """Return texture coordinates and mip level of a sphere's surface at x, y, z from the camera."""
-    nx, ny = prim[ACROSS] + x, prim[ACROSS + 1] + y
-    nz = prim[ACROSS + 2] + prim[ALONG] + z
-    around = (diamond(nx, ny) * np.float32(0.25) + _ONE + prim[OFF_U]) * prim[AROUND]
+    nx, ny = prims[k, ACROSS] + x, prims[k, ACROSS + 1] + y
+    nz = prims[k, ACROSS + 2] + prims[k, ALONG] + z
+    around = (diamond(nx, ny) * np.float32(0.25) + _ONE + prims[k, OFF_U]) * prims[k, AROUND]
     u = np.int32(around * np.float32(512))
-    v = np.int32((nz + np.float32(64) + prim[OFF_V]) * LEAF_TEXELS)
+    v = np.int32((nz + np.float32(64) + prims[k, OFF_V]) * LEAF_TEXELS)
     return u, v, mip(footprint * LEAF_TEXELS)
 
 
@@ -153,6 +154,6 @@ def meet(prims, listed, count, dx, dy, dz, best, who, leaves, pixel):  # type: i
         if kind == CAPSULE or kind == CYLINDER:
             meet_capsule(prim, listed[k], dx, dy, dz, best, who, kind == CYLINDER)
         elif kind == SPHERE:
-            meet_bush(prim, listed[k], dx, dy, dz, best, who, leaves, pixel)
+            meet_bush(prims, listed[k], dx, dy, dz, best, who, leaves, pixel)
         else:
             meet_box(prim, listed[k], dx, dy, dz, best, who)

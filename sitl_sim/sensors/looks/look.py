@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
-from importlib import resources
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mavlink_bridge.shared.settings import SettingsError, load_yaml
+from mavlink_bridge.shared.settings import SettingsError
 from sitl_sim.sensors.fisheye import Float64
+from sitl_sim.sensors.looks.catalogue import catalogue
 from sitl_sim.sensors.looks.tiles import VARIANTS, palette, tile
 
-PLAIN = "plain"  # the first renderer's one look
 _BARKS_PER_WORLD = 3
 
 
@@ -86,52 +84,17 @@ class WorldLook:
     camera: CameraLook
 
 
-def names() -> list[str]:
-    """Return the valid names of `world.look`, readable ones first."""
-    return [PLAIN, *_catalogue()["looks"], *_catalogue()["unreadable"]]
-
-
-def readable() -> list[str]:
-    """Return the names of the looks in which a camera can see, without plain and random."""
-    return [name for name in _catalogue()["looks"] if name != "random"]
-
-
-def unreadable() -> list[str]:
-    """Return the names of the looks in which no camera sees."""
-    return list(_catalogue()["unreadable"])
-
-
-def check(name: str) -> str:
-    """Return the name of a look.
-
-    Raises:
-        ValueError: there is no such look; the message names the valid ones.
-    """
-    if name not in names():
-        raise ValueError(f"no look {name!r}; valid: {', '.join(names())}")
-    return name
-
-
 def draw(name: str, seed: int) -> WorldLook:
     """Draw a look by its name, other than plain; the same seed gives the same look.
 
     Raises:
         SettingsError: there is no such look.
     """
-    catalogue = _catalogue()
-    known = catalogue["looks"] | catalogue["unreadable"]
+    known = catalogue()["looks"] | catalogue()["unreadable"]
     if name not in known:
         raise SettingsError([f"no look {name!r} to draw; valid: {', '.join(known)}"])
     rng = np.random.default_rng([seed, 0x100C, sorted(known).index(name)])
-    return _Draw(name, catalogue["defaults"] | known[name], rng).look()
-
-
-@cache
-def _catalogue() -> dict[str, Any]:
-    folder = resources.files("sitl_sim.sensors.looks")
-    with resources.as_file(folder / "catalogue.yaml") as path:
-        data: dict[str, Any] = load_yaml(path).data
-    return data
+    return _Draw(name, catalogue()["defaults"] | known[name], rng).look()
 
 
 class _Draw:
@@ -171,7 +134,7 @@ class _Draw:
         return str(self._rng.choice(self._ranges[key]))
 
     def _material(self, family: str, kind: str) -> Material:
-        colours = _catalogue()["colours"][family]
+        colours = catalogue()["colours"][family]
         choices = colours[0] if family == "leaves" else colours[kind]
         stops = np.array(choices[self._rng.integers(len(choices))], float)[:, ::-1]
         contrast = self._contrast * self._rng.uniform(0.8, 1.2)

@@ -17,7 +17,23 @@ _COARSE = 45.0  # px across; a body that appears larger needs no samples within 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def overlay(  # type: ignore[no-untyped-def]
-    rays, p, r_wc, places, turns, which, parts_all, lights, sun, haze, fog, f, lens, reach, depth, out, owner
+    rays,
+    p,
+    r_wc,
+    places,
+    turns,
+    which,
+    parts_all,
+    lights,
+    sun,
+    haze,
+    fog,
+    f,
+    lens,
+    reach,
+    depth,
+    out,
+    owner,
 ):
     """Draw bodies into out (h,w,3), far to near; return the light (m,2) that each would and does show.
 
@@ -42,7 +58,9 @@ def overlay(  # type: ignore[no-untyped-def]
         ahead = min(max(np.sum(r_wc[:, 2] * (places[j] - p)) / away[j], -1.0), 1.0)
         if size < away[j] and math.acos(ahead) - math.asin(size / away[j]) > reach:
             continue
-        maps, origins, suns, frames = _place(parts, p, r_wc, places[j], turns[j], sun, f, lens, w, h)
+        maps, origins, suns, frames = _place(
+            parts, p, r_wc, places[j], turns[j], sun, f, lens, w, h
+        )
         x0, y0 = frames[:, 0].min(), frames[:, 1].min()
         x1, y1 = frames[:, 2].max(), frames[:, 3].max()
         clear = np.float32(math.exp(-away[j] / fog))

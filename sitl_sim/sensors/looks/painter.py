@@ -1,6 +1,6 @@
 """The static scene of a look: colour, depth and class of every pixel, tile by tile."""
 
-# ruff: noqa: ANN001, ANN201 - numba infers the types of a kernel's arguments
+# ruff: noqa: ANN001, ANN201, ANN202 - numba infers the types of a kernel's arguments
 from __future__ import annotations
 
 import math
@@ -64,21 +64,21 @@ def _colour(texels, colours, material, u, v, level):  # type: ignore[no-untyped-
     return colours[material, np.uintp(texels[material, texel(u, v, level)] & 0x1FFF)]
 
 
-@njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
-def _paint_shape(prim, dx, dy, dz, t, p, number, texels, colours, lit):  # type: ignore[no-untyped-def]
-    """Return the packed colour of a shape where a ray meets it; `lit` (3,): gains by light."""
+@njit(inline="always", error_model="numpy")
+def _paint_shape(prims, k, dx, dy, dz, t, p, number, texels, colours):  # type: ignore[no-untyped-def]
+    """Return the packed colour of shape k where a ray meets it, and its normal."""
     x, y, z = dx * t, dy * t, dz * t
-    kind = np.int32(prim[KIND])
+    kind = np.int32(prims[k, KIND])
     footprint = t * number[PIXEL]
-    material = np.int32(prim[MATERIAL])
+    material = np.int32(prims[k, MATERIAL])
     if kind == BOX:
         nx = ny = nz = _ZERO
         thin = np.float32(0.003)
-        if min(abs(x - prim[AXIS]), abs(x - prim[ACROSS])) < thin + t * np.float32(1e-4):
+        if min(abs(x - prims[k, AXIS]), abs(x - prims[k, ACROSS])) < thin + t * np.float32(1e-4):
             nx = _ONE if dx < _ZERO else -_ONE
-        elif (
-            min(abs(y - prim[AXIS + 1]), abs(y - prim[ACROSS + 1])) < thin + t * np.float32(1e-4)
-        ):
+        elif min(
+            abs(y - prims[k, AXIS + 1]), abs(y - prims[k, ACROSS + 1])
+        ) < thin + t * np.float32(1e-4):
             ny = _ONE if dy < _ZERO else -_ONE
         else:
             nz = _ONE if dz < _ZERO else -_ONE
@@ -90,50 +90,68 @@ def _paint_shape(prim, dx, dy, dz, t, p, number, texels, colours, lit):  # type:
         facing = max(-(nx * dx + ny * dy + nz * dz), np.float32(0.1))
         level = mip(footprint * WALL_TEXELS / math.sqrt(facing))
         found = _colour(
-            texels, colours, material, np.int32(u_m * WALL_TEXELS), np.int32(v_m * WALL_TEXELS), level
+            texels,
+            colours,
+            material,
+            np.int32(u_m * WALL_TEXELS),
+            np.int32(v_m * WALL_TEXELS),
+            level,
         )
     elif kind == SPHERE:
-        r = _ONE / prim[RADIUS]
-        nx, ny = (prim[ACROSS] + x) * r, (prim[ACROSS + 1] + y) * r
-        nz = (prim[ACROSS + 2] + prim[ALONG] + z) * r
-        u, v, level = bush_texel(prim, x, y, z, footprint)
+        r = _ONE / prims[k, RADIUS]
+        nx, ny = (prims[k, ACROSS] + x) * r, (prims[k, ACROSS + 1] + y) * r
+        nz = (prims[k, ACROSS + 2] + prims[k, ALONG] + z) * r
+        u, v, level = bush_texel(prims, k, x, y, z, footprint)
         leaf = np.uintp(texels[material, texel(u, v, level)])
         found = colours[material, ((leaf >> np.uintp(11)) << _BYTE) + (leaf & _LOW)]
         # Leaves face all ways: half of the light does not depend on the sphere's own slope.
         nx, ny, nz = nx * np.float32(0.7), ny * np.float32(0.7), nz * np.float32(0.7)
     else:
-        along = prim[ALONG] + prim[AXIS] * x + prim[AXIS + 1] * y + prim[AXIS + 2] * z
-        end = min(max(along, _ZERO), prim[LENGTH])
+        along = (
+            prims[k, ALONG] + prims[k, AXIS] * x + prims[k, AXIS + 1] * y + prims[k, AXIS + 2] * z
+        )
+        end = min(max(along, _ZERO), prims[k, LENGTH])
         if kind == CYLINDER:
             end = along
-        r, d = _ONE / prim[RADIUS], along - end
-        lean = prim[AXIS] * dx + prim[AXIS + 1] * dy + prim[AXIS + 2] * dz
-        nx = (prim[ACROSS] + t * (dx - lean * prim[AXIS]) + d * prim[AXIS]) * r
-        ny = (prim[ACROSS + 1] + t * (dy - lean * prim[AXIS + 1]) + d * prim[AXIS + 1]) * r
-        nz = (prim[ACROSS + 2] + t * (dz - lean * prim[AXIS + 2]) + d * prim[AXIS + 2]) * r
-        c1 = nx * prim[E1] + ny * prim[E1 + 1] + nz * prim[E1 + 2]
-        c2 = nx * prim[E2] + ny * prim[E2 + 1] + nz * prim[E2 + 2]
-        around = (diamond(c1, c2) * np.float32(0.25) + _ONE + prim[OFF_U]) * prim[AROUND]
-        u, v = np.int32(around * np.float32(512)), np.int32((along + prim[OFF_V]) * BARK_TEXELS)
-        if kind == CYLINDER and along >= prim[LENGTH] - np.float32(0.002):  # the sawn top
-            nx, ny, nz = prim[AXIS], prim[AXIS + 1], prim[AXIS + 2]
+        r, d = _ONE / prims[k, RADIUS], along - end
+        lean = prims[k, AXIS] * dx + prims[k, AXIS + 1] * dy + prims[k, AXIS + 2] * dz
+        nx = (prims[k, ACROSS] + t * (dx - lean * prims[k, AXIS]) + d * prims[k, AXIS]) * r
+        ny = (
+            prims[k, ACROSS + 1] + t * (dy - lean * prims[k, AXIS + 1]) + d * prims[k, AXIS + 1]
+        ) * r
+        nz = (
+            prims[k, ACROSS + 2] + t * (dz - lean * prims[k, AXIS + 2]) + d * prims[k, AXIS + 2]
+        ) * r
+        c1 = nx * prims[k, E1] + ny * prims[k, E1 + 1] + nz * prims[k, E1 + 2]
+        c2 = nx * prims[k, E2] + ny * prims[k, E2 + 1] + nz * prims[k, E2 + 2]
+        around = (diamond(c1, c2) * np.float32(0.25) + _ONE + prims[k, OFF_U]) * prims[k, AROUND]
+        u, v = np.int32(around * np.float32(512)), np.int32((along + prims[k, OFF_V]) * BARK_TEXELS)
+        if kind == CYLINDER and along >= prims[k, LENGTH] - np.float32(0.002):  # the sawn top
+            nx, ny, nz = prims[k, AXIS], prims[k, AXIS + 1], prims[k, AXIS + 2]
             u, v = np.int32(c1 * BARK_TEXELS), np.int32(c2 * BARK_TEXELS)
         facing = max(-(nx * dx + ny * dy + nz * dz), np.float32(0.15))
         level = mip(footprint * BARK_TEXELS / math.sqrt(facing))
         found = _colour(texels, colours, material, u, v, level)
-    sunny = max(nx * number[SUN] + ny * number[SUN + 1] + nz * number[SUN + 2], _ZERO)
-    if number[DAPPLE] > _ZERO and sunny > _ZERO:
-        sunny *= _shade(texels[LEAVES], p[0] + x, p[1] + y, p[2] + z, number, footprint)
-    # The ground throws less light than the sky.
-    sky = np.float32(0.72) + np.float32(0.28) * nz
-    for c in range(3):
-        lit[c] = prim[TINT + c] * (number[AMBIENT + c] * sky + number[DIRECT + c] * sunny)
-    return found
+    return found, nx, ny, nz
 
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
 def paint(  # type: ignore[no-untyped-def]
-    rays, rot, p, prims, lists, count, number, texels, colours, macro, sky, profile, out, depth, seen
+    rays,
+    rot,
+    p,
+    prims,
+    lists,
+    count,
+    number,
+    texels,
+    colours,
+    macro,
+    sky,
+    profile,
+    out,
+    depth,
+    seen,
 ):
     """Paint out (h,w,3) uint8 BGR, depth (h,w) [m] along the ray (sky: inf), seen (h,w) uint8.
 
@@ -151,7 +169,7 @@ def paint(  # type: ignore[no-untyped-def]
     clear = np.empty(n, np.float32)
     found = np.empty(n, np.uint32)
     gain = np.empty((3, n), np.float32)
-    lit = np.empty(3, np.float32)
+    dappled = number[DAPPLE] > _ZERO
     leaves = texels[LEAVES]
     uneven = profile.shape[0] > 0
     side, last = np.int32(macro.shape[0]), np.float32(macro.shape[0] - 1)
@@ -189,15 +207,25 @@ def paint(  # type: ignore[no-untyped-def]
         for k in range(n):
             t, place = best[k], who[k]
             if place >= 0:
-                found[k] = _paint_shape(
-                    prims[place], dx[k], dy[k], dz[k], t, p, number, texels, colours, lit
+                found[k], nx, ny, nz = _paint_shape(
+                    prims, place, dx[k], dy[k], dz[k], t, p, number, texels, colours
                 )
+                sunny = max(nx * number[SUN] + ny * number[SUN + 1] + nz * number[SUN + 2], _ZERO)
+                if dappled and sunny > _ZERO:
+                    x, y, z = px + dx[k] * t, py + dy[k] * t, pz + dz[k] * t
+                    sunny *= _shade(leaves, x, y, z, number, t * number[PIXEL])
+                # The ground throws less light than the sky.
+                under = np.float32(0.72) + np.float32(0.28) * nz
                 for c in range(3):
-                    gain[c, k] = lit[c]
+                    light = number[AMBIENT + c] * under + number[DIRECT + c] * sunny
+                    gain[c, k] = prims[place, TINT + c] * light
             elif place == _GROUND:
                 t = min(t, _END)
                 gx, gy = px + dx[k] * t, py + dy[k] * t
-                u, v = np.int32((gx + SHIFT) * GROUND_TEXELS), np.int32((gy + SHIFT) * GROUND_TEXELS)
+                u, v = (
+                    np.int32((gx + SHIFT) * GROUND_TEXELS),
+                    np.int32((gy + SHIFT) * GROUND_TEXELS),
+                )
                 mu = np.int32(min(max((gx - number[MACRO_X]) * number[MACRO_SCALE], _ZERO), last))
                 mv = np.int32(min(max((gy - number[MACRO_Y]) * number[MACRO_SCALE], _ZERO), last))
                 here = np.uintp(share_of[mv * side + mu])
@@ -208,7 +236,7 @@ def paint(  # type: ignore[no-untyped-def]
                 material = GROUND_B if (here >> _BYTE) > np.uintp(128) else GROUND_A
                 found[k] = _colour(texels, colours, material, u, v, level)
                 sunny = np.float32(here & _LOW) * np.float32(1 / 230) * flat
-                if number[DAPPLE] > _ZERO:
+                if dappled:
                     sunny *= _shade(leaves, gx, gy, _ZERO, number, long)
                 under = np.float32(0.55) + np.float32(here & _LOW) * np.float32(0.45 / 230)
                 for c in range(3):
@@ -245,7 +273,9 @@ def paint(  # type: ignore[no-untyped-def]
                 c = found[k]
                 mist = _ONE - clear[k]
                 b_ = np.float32(np.int32(c & np.uint32(255))) * gain[0, k] * clear[k]
-                g_ = np.float32(np.int32(c >> np.uint32(8) & np.uint32(255))) * gain[1, k] * clear[k]
+                g_ = (
+                    np.float32(np.int32(c >> np.uint32(8) & np.uint32(255))) * gain[1, k] * clear[k]
+                )
                 r_ = np.float32(np.int32(c >> np.uint32(16))) * gain[2, k] * clear[k]
                 line[at] = np.uint8(np.int32(min(b_ + number[HAZE] * mist, _MAX)))
                 line[at + 1] = np.uint8(np.int32(min(g_ + number[HAZE + 1] * mist, _MAX)))

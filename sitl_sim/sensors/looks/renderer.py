@@ -87,7 +87,7 @@ class LookRenderer:
         materials += self.look.barks
         self._texels = np.stack([m.texels for m in materials])
         self._colours = np.stack([m.colours for m in materials])
-        self._sky = sky(rng, self.look.sky, self.look.light)
+        self._sky = sky(rng, self.look.sky, self.look.light, self.look.fog)
         self._frame_map(rng)
         self._number = self._numbers(rng)
         radius = world.get("drone_radius", 0.2)

@@ -43,6 +43,7 @@ class Outcome:
         self.own, self.heartbeat = tick.vehicle.state, tick.vehicle.heartbeat
         self.fault, self.alignment = tick.seen.fault, tick.seen.alignment
         self.messages = tick.packets[0]
+        self.failure = tick.failure
 
 
 class Companion:
@@ -136,6 +137,10 @@ class InProcess(Flight):
 
     def mode(self, i=0):
         return self._autopilots.mode[i].name
+
+    def drone_time(self, t, i=0):
+        """Time of drone i's clock at flight time t [s]."""
+        return t + self._drones[i].boot_ms / 1e3
 
     def speed(self, t, i=0):
         """m/s, true, at flight time t [s]."""

@@ -2,12 +2,13 @@
 
 import gc
 import time
+from dataclasses import replace
 
 import numpy as np
 
 from companion.supervision.guard import Reason
 from companion.supervision.phases import Phase
-from mavlink_bridge.wire.messages import Command, CommandId
+from mavlink_bridge.wire.messages import Command, CommandId, LocalPosition
 from tests.closed_loop.matrix.inprocess import Companion, fly
 from tests.closed_loop.matrix.measures import (
     CRUISE,
@@ -112,3 +113,44 @@ def row_25(note):
     f.check_always()
     assert heard <= CRUISE + 3.0 + 2.0
     note("passive after the line is back", heard - CRUISE - 3.0)
+
+
+def row_31(note):
+    """Stamps that cannot be true are refused, and then there is no telemetry; others are flown."""
+    for ahead in (0.05, 0.12, 3600.0):
+        f = fly([{"kind": "stamps", "amount": ahead, "at": CRUISE}], **SHORT)
+        c = f.companions[0]
+        assert Reason.PLAN not in c.reasons(f.drone_time(CRUISE + 0.75))
+        assert "LAND" not in modes_from(f, CRUISE)
+        assert f.speed(10.5) < 0.3
+        f.check_always()
+        note(f"HOLD, stamps {ahead:g} s ahead", mode_after(f, CRUISE, "HOLD"))
+    f = fly([{"kind": "stamps", "amount": -3600.0, "at": CRUISE}], **SHORT)
+    f.check_always()  # as after a restart of the autopilot
+    last = f.companions[0].streamed(CRUISE)[-1]
+    assert last < CRUISE + 0.3
+    note("no setpoint, stamps 1 h behind", last - CRUISE)
+    for late in (0.02, -0.05):
+        f = fly([{"kind": "stamps", "amount": late, "at": CRUISE}], **SHORT)
+        assert Reason.NO_STATE not in f.companions[0].reasons(0.0)
+        assert f.speed(10.0) > 1.2
+        f.check_always()
+
+
+def row_31_one_stream(note):
+    """Positions alone are 0.12 s ahead: they are refused, and the drone lands without them."""
+
+    def ahead(inputs):
+        wrong = [
+            replace(r, message=replace(r.message, time=r.message.time + 0.12))
+            if isinstance(r.message, LocalPosition) and inputs.time > noticed[0]
+            else r
+            for r in inputs.received
+        ]
+        return replace(inputs, received=wrong)
+
+    noticed = [np.inf]
+    f = flown_with(lambda f: noticed.__setitem__(0, f.drone_time(CRUISE)), before=ahead, **SHORT)
+    assert Reason.PLAN not in f.companions[0].reasons(f.drone_time(CRUISE + 0.8))
+    f.check_always()
+    note("LAND, positions ahead", mode_after(f, CRUISE, "LAND"))

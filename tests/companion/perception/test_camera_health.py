@@ -57,8 +57,11 @@ def test_a_frame_without_a_needed_array_is_dead_and_one_of_unknown_ranges_has_no
 def test_a_stamp_in_the_future_is_a_fault_until_the_next_frame():
     health = CameraHealth(CameraHealthConfig())
     assert health.check(10.0, Frame(9.97, {"image": picture(0)})) is CameraFault.NONE
-    near = Frame(10.15, {"image": picture(1)})
+    near = Frame(10.12, {"image": picture(1)})
     assert health.check(10.1, near) is CameraFault.NONE  # clocks differ
+    late = Frame(10.15, {"image": picture(4)})
+    assert health.check(10.1, late) is CameraFault.AHEAD
+    assert health.check(10.1, late, horizon=10.16) is CameraFault.NONE  # the tick came late
     assert health.check(10.2, Frame(70.0, {"image": picture(2)})) is CameraFault.AHEAD
     assert not health.usable
     assert health.blind(10.2) > 0.0

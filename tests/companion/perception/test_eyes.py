@@ -69,18 +69,20 @@ GROUND[1, SCENE[0] // 2 :] = 1.0
 NOTHING = np.full((2, *SCENE), 1 / 3, np.float32)
 
 
-@pytest.mark.parametrize("bad", ["unclear", "nan-scene", "inf-drones"])
+@pytest.mark.parametrize("bad", ["unclear", "nan-scene", "inf-drones", "hot-drones"])
 def test_a_picture_that_shows_nothing_is_a_fault_that_lasts_until_it_does(monkeypatch, bad):
+    fault = CameraFault.UNCLEAR if bad == "unclear" else CameraFault.SENSELESS
     wrong = {
         "unclear": (DRONES, NOTHING),
         "nan-scene": (DRONES, np.where(np.arange(SCENE[1]) == 7, np.nan, GROUND)),
         "inf-drones": (DRONES + np.inf, GROUND),
+        "hot-drones": (DRONES + 2.0, GROUND),
     }[bad]
     good = (DRONES, GROUND)
     found = see(frontend(monkeypatch, [good, wrong, wrong, wrong, good]), 5)
     assert [f.fault for f in found] == [
         CameraFault.NONE,
-        *[CameraFault.UNCLEAR] * 3,
+        *[fault] * 3,
         CameraFault.NONE,
     ]
     assert [round(f.blind, 1) for f in found] == [0.0, 0.0, 0.1, 0.2, 0.0]

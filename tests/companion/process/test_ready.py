@@ -32,6 +32,7 @@ class Vehicle:
         config = {
             "fileversion": 2,
             "camera": {"width": 64, "height": 64},
+            "airframe": {"hover_doubt": 0.05},
             "sensing": {"neighbours": sensing, "obstacles": obstacles},
             "mission": {"goals": [[40.0, 0.0, 2.0]], **mission},
         }

@@ -148,6 +148,24 @@ def test_messages_for_another_component_are_ignored(component):
     assert b.command(CommandId.COMPONENT_ARM_DISARM, 1.0, component=0) == CommandResult.ACCEPTED
 
 
+@pytest.mark.parametrize("system", [2, 255])
+def test_messages_for_another_vehicle_are_ignored(system):
+    b = Bench()
+    b.send([Command(CommandId.COMPONENT_ARM_DISARM, (1.0, *(0.0,) * 6), system, 1)])
+    b.setpoint = RateSetpoint(0.0, np.zeros(3), 0.5, system, 1)
+    b.run(1.0)
+    assert not b.fc.armed
+    assert not [m for m in b.messages if isinstance(m, CommandAck)]
+    b.send(b.adapter.offboard())
+    b.run(STEP)
+    assert "Offboard refused: no setpoints" in b.texts()
+    b.setpoint = RateSetpoint(0.0, np.zeros(3), 0.5, 0, 1)  # for every vehicle
+    b.run(0.1)
+    b.send(b.adapter.offboard())
+    b.run(STEP)
+    assert b.bridge.mode == "offboard"
+
+
 class Stream:
     """A line that keeps the bytes sent."""
 

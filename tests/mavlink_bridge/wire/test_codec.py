@@ -14,7 +14,7 @@ from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.dialect import FROM_WIRE, TO_WIRE
 
 EXAMPLES = [
-    m.RateSetpoint(1.5, np.array([0.1, -0.2, 0.3]), 0.4, 3),
+    m.RateSetpoint(1.5, np.array([0.1, -0.2, 0.3]), 0.4, 3, q_wb=np.array([0.5, 0.5, -0.5, 0.5])),
     m.Heartbeat(12, 2, True, 0x00060000, 4, 0x81),
     m.Attitude(2.0, np.array([0.5, 0.5, -0.5, 0.5]), np.array([0.1, 0.2, 0.3])),
     m.LocalPosition(2.0, np.array([1.0, 2.0, 3.0]), np.array([0.5, -0.5, 0.25])),
@@ -34,7 +34,22 @@ EXAMPLES = [
     m.BatteryStatus(16.0, 2.5, 0.75),
     m.ExtendedSystemState(2),
     m.HomePosition(47.1, 8.2, 500.0, np.array([0.0, 0.0, 1.0])),
-    m.EstimatorStatus(2.0, 831, 0.5, 0.25),
+    m.Odometry(
+        2.0,
+        np.array([1.0, 2.0, 3.0]),
+        np.array([0.5, -0.5, 0.25]),
+        np.array([math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]),
+        np.array([0.1, 0.2, 0.3]),
+        position_sigma=np.array([0.5, 0.25, 1.0]),
+        velocity_sigma=np.array([0.1, 0.2, 0.4]),
+        attitude_sigma=np.array([0.01, 0.02, 0.05]),
+        resets=7,
+        estimator=8,
+        quality=90,
+    ),
+    m.GpsRaw(2.0, 6, 47.1, 8.2, 500.0, 9, 1.0, math.radians(60), 0.7, 1.1, 0.014, 0.02, 0.05),
+    m.DistanceSensor(2.0, 1.55, 0.1, 12.0, 25, 0, 0.02, 100),
+    m.EstimatorStatus(2.0, 831, 0.5, 0.25, 0.25, 0.5, 0.125, 0.75, 0.0625),
     m.AutopilotVersion(8, 0x010F00FF, 77),
     m.TimeSync(0, 123456789),
     m.SystemTime(12.5, 0.0),
@@ -55,6 +70,14 @@ EXAMPLES = [
     m.GpsInput(2.0, 3, 47.1, 8.2, 500.0, np.array([1.0, 0.5, 0.25]), 9),
     m.GpsInput(2.0, 3, 47.1, 8.2, 500.0, np.array([1.0, 0.5]), 9),
     m.GpsInput(2.0, 3, 47.1, 8.2, 500.0, None, 9),
+    m.ParamError(1, 191, "COM_OBL_RC_ACT", -1, 7),
+    m.Event(2.0, 0x0102089D, 7, 2, bytes([0, 64, 0, 0, 20]).ljust(40, b"\0")),
+    m.NamedValue(2.0, "tick_p99", 12.5),
+    m.NamedValue(2.0, "phase", 4),
+    m.CameraInformation(2.0, "swarm", "forward", 2.1, 3.6, 2.7, 640, 400, 1),
+    m.Ping(2.0, 5, 1, 191),
+    m.MissionRequest(1, 1, 2, 0, floating=True),
+    m.MissionItem(1, 1, 0, 3, 16, 1, 1, (0.0, 1.0, 0.0, 0.0), 47.1, 8.2, 5.0, 0, floating=True),
     m.EulerAttitude(2.0, np.array([0.8, 0.2, -0.4, 0.4]), np.array([0.1, 0.2, 0.3])),
 ]
 
@@ -126,6 +149,28 @@ def test_odometry_has_its_velocity_along_the_body_or_the_world():
     assert np.isnan(FROM_WIRE[331](wire).p).all()
 
 
+def test_odometry_covariances_are_in_the_frames_of_its_pose_and_velocity():
+    """Along north, east, down, and along the body: forward is north here."""
+    north = np.array([math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)])
+    zero = np.zeros(3)
+    east = np.array([0.5, 0.25, 1.0])  # m: most doubt is about the height, then about east
+    sent = m.Odometry(
+        2.0, zero, zero, north, zero, east, np.array([0.1, 0.2, 0.4]), np.full(3, 0.1)
+    )
+    wire = TO_WIRE[m.Odometry](sent)
+    assert wire.pose_covariance[0] == pytest.approx(0.0625)  # north
+    assert wire.pose_covariance[6] == pytest.approx(0.25)  # east
+    assert wire.velocity_covariance[0] == pytest.approx(0.04)  # forward
+    assert wire.velocity_covariance[6] == pytest.approx(0.01)  # right
+    wire.child_frame_id = 1  # MAV_FRAME_LOCAL_NED: the same numbers along north and east
+    np.testing.assert_allclose(FROM_WIRE[331](wire).velocity_sigma, [0.1, 0.2, 0.4])
+    wire.pose_covariance = wire.velocity_covariance = (math.nan,) * 21
+    assert FROM_WIRE[331](wire).position_sigma is None
+    assert FROM_WIRE[331](wire).velocity_sigma is None
+    wire.pose_covariance = (-1.0,) * 21
+    assert FROM_WIRE[331](wire).position_sigma is None
+
+
 @pytest.mark.parametrize("off", [0.0, 3e-5, -3e-5])
 def test_a_course_is_less_than_a_full_turn(off):
     """A course just west of north must not round to 36000, which MAVLink does not have."""
@@ -150,7 +195,7 @@ def test_a_frame_with_unknown_flags_is_discarded(flags):
     frame[-2:] = crc.to_bytes(2, "little")
     codec = Codec(1, 1)
     assert codec.decode_datagram(bytes(frame)) == []
-    assert codec.statistics.bad_frames == 1
+    assert codec.statistics.bad_bytes == len(frame)
     frame[2] = 0
     frame[-2:] = x25crc(frame[1:-2] + bytes([kind.crc_extra])).crc.to_bytes(2, "little")
     assert len(codec.decode_datagram(bytes(frame))) == 1

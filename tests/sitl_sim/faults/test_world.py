@@ -10,6 +10,7 @@ from sitl_sim.faults.catalogue import Fault, FaultConfig, Schedule
 from sitl_sim.faults.world import FaultyWorld
 from sitl_sim.vehicles.emulated import Autopilots
 from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.sensor_noise import SensorNoise
 
 FILE_SIZE = resource.RLIMIT_FSIZE
 
@@ -67,7 +68,7 @@ def victim():
 def test_overlapping_faults_end_each_in_its_time(victim, kind, state, once, both, first):
     vehicles = Vehicles(Airframe(), np.zeros((1, 3)), 0.0)
     a = Autopilots(vehicles, [1])
-    a.truly, a.offset, a.pid = a.gyro_bias(0), a._shared.estimate.offset, victim
+    a.truly, a.offset, a.pid = a.gyro_bias(0), a.errors.offset, victim
     times = [{"at": 1.0, "for": first}, {"at": 2.0, "for": 2.0}]
     faults = [FaultConfig.model_validate({"kind": kind} | t) for t in times]
     world = FaultyWorld(Schedule(faults, ["drone1"], 1), vehicles, a, lambda i: victim)
@@ -90,3 +91,47 @@ def test_a_reboot_repairs_no_sensor():
         world.update(float(t))
         found.append("gps" in a.units[0].commander.failed)
     assert found == [True, True, False]
+
+
+def estimator_fault(kind, seconds, **more):
+    """Autopilots of one vehicle on the ground, with such a fault from 1 s on for 2 s."""
+    vehicles = Vehicles(Airframe(), np.zeros((1, 3)), 0.0)
+    a = Autopilots(vehicles, [1], noise=SensorNoise.none())
+    config = FaultConfig.model_validate({"kind": kind, "at": 1.0, "for": 2.0} | more)
+    world = FaultyWorld(Schedule([config], ["drone1"], 1), vehicles, a)
+    for k in range(round(seconds * 50)):
+        world.update(k / 50)
+        a.advance((k + 1) / 50)
+    return a
+
+
+def test_a_reset_of_the_position_is_counted_and_stays():
+    a = estimator_fault("position_reset", 5.0)
+    assert np.hypot(*a.estimate[0, :2]) == pytest.approx(3.0)
+    assert a.errors.resets[0] == 1
+    silent = estimator_fault("position_jump", 2.0)
+    assert np.hypot(*silent.estimate[0, :2]) == pytest.approx(3.0)
+    assert silent.errors.resets[0] == 0
+
+
+def test_a_wrong_compass_turns_the_yaw_and_not_the_position():
+    a = estimator_fault("compass", 2.95)
+    yaw = 2 * np.degrees(np.arcsin(a.units[0].sample().q[3]))
+    assert yaw == pytest.approx(20.0 * (1 - np.exp(-1.95 / 2.0)), abs=0.2)
+    np.testing.assert_allclose(a.estimate[0], 0.0, atol=1e-9)
+    assert a.errors.heading_ratio[0] > 0.11
+
+
+def test_the_height_drifts_while_the_fault_lasts_and_the_velocity_shows_nothing():
+    a = estimator_fault("height_drift", 5.0, amount=6.0)
+    np.testing.assert_allclose(a.estimate[0], [0.0, 0.0, 0.2], atol=0.003)
+    np.testing.assert_allclose(a.units[0].sample().v, 0.0, atol=1e-9)
+
+
+def test_a_solution_that_floats_is_off_says_so_and_comes_back():
+    floats = estimator_fault("rtk_float", 2.9)
+    assert np.hypot(*floats.estimate[0, :2]) == pytest.approx(0.4, abs=0.01)
+    assert floats.errors.position_sigma[0, 0] == pytest.approx(0.3)
+    again = estimator_fault("rtk_float", 6.0)
+    assert np.hypot(*again.estimate[0, :2]) < 0.01
+    assert again.errors.position_sigma[0, 0] == pytest.approx(0.1)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from mavlink_bridge.wire.messages import LocalPosition
-from sitl_sim.vehicles.estimator import SensorNoise
+from sitl_sim.vehicles.sensor_noise import SensorNoise
 
 
 def test_the_errors_of_an_estimate_are_those_configured(make_flight):
