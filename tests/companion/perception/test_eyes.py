@@ -1,5 +1,7 @@
 """The packaged network: refused files, the same output each time, and output that is no number."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from companion.perception.camera_health import CameraFault
 from companion.perception.cnn import PACKAGED as OTHER
 from companion.perception.eyes import SCENE, Eyes
 from companion.perception.frontend import PerceptionFrontend, make_view
-from companion.perception.networks import ModelError
+from companion.perception.networks import ModelError, SenselessOutput
 from companion.settings.config import CompanionConfig
 from mavlink_bridge.wire.video import Frame
 from tests.companion.depth_images import state
@@ -32,6 +34,16 @@ def test_two_runtimes_give_the_same_bytes():
     assert first.scene.shape == (2, *SCENE)
     assert (first.scene >= 0).all()
     assert (first.scene.sum(axis=0) <= 1.001).all()
+
+
+@pytest.mark.parametrize("channel", range(5))
+def test_an_output_that_is_no_number_is_refused(monkeypatch, channel):
+    eyes, drones, scene = Eyes(), np.zeros((1, 5, 50, 80), np.float32), np.zeros((1, 2, *SCENE))
+    drones[0, channel, 3, 4] = np.nan
+    session = SimpleNamespace(run=lambda names, inputs: (drones, scene))
+    monkeypatch.setattr(eyes, "_session", session)
+    with pytest.raises(SenselessOutput, match="NaN"):
+        eyes.look(PICTURE)
 
 
 def frontend(monkeypatch, outputs):

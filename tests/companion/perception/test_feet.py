@@ -59,7 +59,7 @@ def test_a_trunk_is_found_at_its_place_at_any_attitude(pitch, roll, x, y, radius
 def test_bare_ground_and_what_is_far_below_the_drone_are_no_obstacles():
     down = gravity()
     assert find(classes(down, -5.0, 0.0, 0.5), down)[0] == []
-    assert find(classes(down, 4.0, 0.0, 0.5, top=1.0), down)[0] == []
+    assert find(classes(down, 3.0, 0.0, 0.5, top=1.3), down)[0] == []
     assert len(find(classes(down, 4.0, 0.0, 0.5, top=1.9), down)[0]) == 1
 
 
