@@ -70,7 +70,7 @@ class SensingConfig(StrictModel):
         None,
         description="ONNX file, relative to this one: for yolo, or a cnn or network trained anew.",
     )
-    network: HeatMapConfig = HeatMapConfig()
+    network: HeatMapConfig = HeatMapConfig(threshold=0.4)
     color: ColorSettings = ColorSettings()
     cnn: HeatMapConfig = HeatMapConfig()
     yolo: YoloConfig = YoloConfig()
