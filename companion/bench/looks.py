@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from typing import Any
 
 from companion.bench.labels import LabelledFrame
-from companion.bench.perception import TO_8, TRUNKS_TO_5, Tally, Trunks, score
+from companion.bench.perception import TO_8, TRUNKS_TO_5, FindTrunks, Tally, Trunks, score
 from companion.perception.ball import Detector
 from companion.perception.camera import Camera
 
 
 def by_look(
-    camera: Camera, frames: Sequence[LabelledFrame], detector: Detector
+    camera: Camera, frames: Sequence[LabelledFrame], detector: Detector, find: FindTrunks
 ) -> dict[str, dict[str, Any]]:
     """Return figures of `drones` and `obstacles` by look; none for frames without a look."""
     drones: dict[str, dict[tuple[float, float], Tally]] = {}
@@ -24,7 +24,7 @@ def by_look(
         bands = drones.setdefault(frame.look, {TO_8: Tally()})
         score(bands, detector.detect(image), frame.drones)
         if frame.trunks is not None:
-            obstacles.setdefault(frame.look, Trunks(camera)).add(frame, image)
+            obstacles.setdefault(frame.look, Trunks(camera, find)).add(frame, image)
     return {
         name: {
             "drones": bands[TO_8].figures(),

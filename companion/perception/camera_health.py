@@ -38,6 +38,7 @@ class CameraFault(Enum):
     AHEAD = "ahead"  # stamped in the future: nothing says when it was taken
     MISFIT = "misfit"  # not of the size that the calibration is for
     MISALIGNED = "misaligned"  # it turns otherwise than the gyro says
+    UNCLEAR = "unclear"  # obstacle, ground and the rest cannot be told apart in it
     SENSELESS = "senseless"  # what is found in it is no number, or the detector fails
 
 
@@ -51,6 +52,13 @@ class CameraHealthConfig(StrictModel):
     saturated: float = Field(
         251.0, ge=0, le=255, description="Darkest percent above this: saturated."
     )
+    clarity: float = Field(
+        0.5,
+        ge=0,
+        le=1,
+        description="Pictures below this are unclear: how surely the network tells obstacle, "
+        "ground and the rest apart, from 0 (not at all) to 1. Only with sensing.obstacles network.",
+    )
 
 
 class CameraHealth:
@@ -63,7 +71,7 @@ class CameraHealth:
         self._newest = -np.inf
         self._blind_since: float | None = None
         self._picture = self.fault = CameraFault.DEAD
-        self._senseless = False
+        self._content = CameraFault.NONE
 
     def check(
         self,
@@ -93,17 +101,20 @@ class CameraHealth:
             self._picture = gone if age > late else CameraFault.NONE
         return self._conclude(time)
 
-    def searched(self, time: float, sound: bool) -> CameraFault:
+    def searched(self, time: float, sound: bool, clarity: float = 1.0) -> CameraFault:
         """Judge again, once the newest frame has been searched.
 
-        sound: what the detectors found is made of possible numbers.
+        sound: what the detectors found is made of possible numbers. clarity: 0…1, how surely the
+        network tells what the picture shows.
         """
-        self._senseless = not sound
+        unclear = CameraFault.UNCLEAR if clarity < self._config.clarity else CameraFault.NONE
+        self._content = unclear if sound else CameraFault.SENSELESS
         return self._conclude(time)
 
     def _conclude(self, time: float) -> CameraFault:
         """Return the fault of picture and detectors; note since when there is one."""
-        self.fault = CameraFault.SENSELESS if self._senseless and self.usable else self._picture
+        content = self._content if self.usable else CameraFault.NONE
+        self.fault = self._picture if content is CameraFault.NONE else content
         if self.fault is CameraFault.NONE:
             self._blind_since = None
         elif self._blind_since is None:

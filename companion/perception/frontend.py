@@ -7,6 +7,7 @@ behind this page is the same.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +23,17 @@ from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.wire.messages import VehicleState
 from mavlink_bridge.wire.video import Frame
 
+if TYPE_CHECKING:
+    from companion.perception.network_search import NetworkSearch
+
 # The array of a frame that holds what is sensed in this way.
-_ARRAYS = {"camera": "image", "depth": "depth", "truth": "neighbours", "map": "trunks"}
+_ARRAYS = {
+    "camera": "image",
+    "network": "image",
+    "depth": "depth",
+    "truth": "neighbours",
+    "map": "trunks",
+}
 # Faults of pictures that can still be compared with the gyro.
 _COMPARED = (CameraFault.NONE, CameraFault.LATE, CameraFault.MISALIGNED)
 _LENGTHS = (1e-6, 1e4)  # m; distances, radii and standard deviations lie between
@@ -37,7 +47,9 @@ class Detections:
     frame. searched: whether trunks were looked for. ranges: (h,w) m to other surfaces, where there
     is a depth image. fixed: points known by parallax. fault: of the camera; blind: s that it has
     lasted. started: whether any frame has been looked at. inhibit_reason: why the frames cannot be
-    flown by; empty where they can. alignment: how the pictures turn, against the gyro.
+    flown by; empty where they can. alignment: how the pictures turn, against the gyro. problem: of
+    the detectors; empty where there is none. clarity: 0…1, how surely the network tells obstacle,
+    ground and the rest apart; 1 where it is not asked.
     """
 
     time: float = 0.0
@@ -53,6 +65,7 @@ class Detections:
     inhibit_reason: str = ""
     alignment: Alignment = field(default_factory=Alignment)
     problem: str = ""
+    clarity: float = 1.0
 
 
 class PerceptionFrontend:
@@ -68,7 +81,13 @@ class PerceptionFrontend:
         self._health_config = health
         self._arrays = {_ARRAYS[sensing.neighbours], _ARRAYS[sensing.obstacles]}
         self._frames = 0
-        self._drones = make_detector(view.camera, sensing)
+        self._network: NetworkSearch | None = None
+        if sensing.uses_network:
+            from companion.perception.network_search import NetworkSearch
+
+            self._network = NetworkSearch(view.camera, sensing)
+        if self._network is None or sensing.detector != "network":
+            self._drones = make_detector(view.camera, sensing)
         if sensing.obstacles == "camera":
             from companion.perception.trunks import TrunkDetector
 
@@ -107,7 +126,13 @@ class PerceptionFrontend:
         found = Detections()
         if new and frame is not None and (own := at(frame.time)) is not None:
             self._newest = frame.time
-            found = self._detect(frame, own, fits=not misfit)
+            try:
+                found = self._detect(frame, own, fits=not misfit)
+            except Exception as error:  # it shows no more than a camera without pictures
+                found = Detections(problem=f"{type(error).__name__}: {error}")
+            fault = self._health.searched(time, not found.problem, found.clarity)
+            if fault is CameraFault.UNCLEAR:
+                found = Detections(clarity=found.clarity)
         return Detections(
             found.time,
             found.own,
@@ -121,15 +146,22 @@ class PerceptionFrontend:
             self._newest > -np.inf,
             misfit or wrong,
             alignment,
+            found.problem,
+            found.clarity,
         )
 
     def _detect(self, frame: Frame, own: VehicleState, fits: bool) -> Detections:
         """Return the detections in `frame`, taken in state `own`; a misfit image shows nothing."""
         image = frame.arrays.get("image") if fits else None
         drones: list[Detection] = []
+        network = self._network if image is not None else None
+        if network is not None and image is not None:
+            network.look(image)
         if self._sensing.neighbours == "truth":
             rows = frame.arrays.get("neighbours", np.zeros((0, 6)))
             drones = [Detection(r[:3], float(r[3]), float(r[4]), float(r[5])) for r in rows]
+        elif network is not None and self._sensing.detector == "network":
+            drones = network.drones()
         elif image is not None:
             drones = self._drones.detect(image)
         self._frames += 1
@@ -158,7 +190,15 @@ class PerceptionFrontend:
         problem = f"{bad} detections with impossible numbers" if bad else ""
         fixed = self._fixed(frame, image, own, good_drones)
         return Detections(
-            frame.time, own, good_drones, good_trunks, searched, ranges, fixed, problem=problem
+            frame.time,
+            own,
+            good_drones,
+            good_trunks,
+            searched,
+            ranges,
+            fixed,
+            problem=problem,
+            clarity=1.0 if network is None else network.clarity,
         )
 
     def _fixed(
@@ -176,6 +216,8 @@ class PerceptionFrontend:
             ]
         assert image is not None  # or nothing is searched for
         down = self._view.to_camera(own, np.array([[0.0, 0.0, -1.0]]))[0]
+        if self._sensing.obstacles == "network" and self._network is not None:
+            return self._network.trunks(down, float(own.p[2]))
         return self._trunks.detect(image, down, float(own.p[2]))
 
     def _misfit(self, frame: Frame | None) -> str:
@@ -209,4 +251,4 @@ def make_view(camera: CameraConfig, sensing: SensingConfig) -> View:
     Raises:
         CalibrationError: a calibration file that cannot be used.
     """
-    return View(load_camera(camera), needs_foot=sensing.obstacles == "camera")
+    return View(load_camera(camera), needs_foot=sensing.obstacles in ("camera", "network"))

@@ -29,6 +29,11 @@ def readable() -> list[str]:
     return [name for name in catalogue()["looks"] if name != "random"]
 
 
+def unreadable() -> list[str]:
+    """Return the names of the looks in which no camera sees."""
+    return list(catalogue()["unreadable"])
+
+
 def check(name: str) -> str:
     """Return the name of a look.
 
