@@ -1,5 +1,6 @@
 """A hostile line: replay, reflection, other senders, floods. Bytes are made from the standard."""
 
+import gc
 import hashlib
 import socket
 import struct
@@ -22,6 +23,15 @@ from mavlink_bridge.wire.udp import UdpEndpoint
 KEY, NOW = bytes(range(32)), 400_000_000_0000
 SETPOINT = RateSetpoint(0.0, np.zeros(3), 0.3, 1)
 ME, VEHICLE = Source(1, 191), Source(1, 1)
+
+
+@pytest.fixture(autouse=True)
+def own_objects():
+    """Costs are those of a daemon: it has no thousand other tests' objects to look through."""
+    gc.collect()
+    gc.freeze()
+    yield
+    gc.unfreeze()
 
 
 def crc(data):

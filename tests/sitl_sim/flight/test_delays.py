@@ -10,7 +10,7 @@ SCENARIO = {
     "seed": 5,
     "drones": {"count": 2, "state": "gps"},
     "sensing": {"neighbours": "truth", "obstacles": "map"},
-    "mission": {"time_limit": 8.0},
+    "mission": {"time_limit": 10.0},
 }
 
 

@@ -97,15 +97,26 @@ def test_odometry_tells_doubts_and_resets(make_flight):
     np.testing.assert_allclose(told.attitude_sigma, np.radians([0.5, 0.5, 1.0]))
 
 
-def test_a_vehicle_in_motion_capture_is_asked_before_it_sends_odometry(make_flight):
+def test_a_vehicle_in_motion_capture_sends_odometry_at_its_rate_and_as_requested(make_flight):
+    """The onboard link of PX4: 30 Hz without a request; without a rangefinder no distance."""
     f = make_flight()
-    f.autopilots.advance(0.1)
-    sent = f.autopilots.telemetry(0, "companion")
-    assert not [m for m in sent if isinstance(m, Odometry | DistanceSensor)]
+
+    def told(seconds):
+        sent = []
+        first = round(f.autopilots.t * 100)
+        for k in range(first + 1, first + round(seconds * 100) + 1):
+            f.autopilots.advance(k / 100)
+            sent += f.autopilots.telemetry(0, "companion")
+        assert not [m for m in sent if isinstance(m, DistanceSensor)]
+        return len([m for m in sent if isinstance(m, Odometry)])
+
+    assert told(2.0) == pytest.approx(60, abs=2)
     interval = Command(511, (float(MessageId.ODOMETRY), 20000.0, 0, 0, 0, 0, 0), 1)
     f.autopilots.receive(0, Received(Source(1, 191), interval))
-    f.autopilots.advance(0.2)
-    assert [m for m in f.autopilots.telemetry(0, "companion") if isinstance(m, Odometry)]
+    assert told(2.0) == pytest.approx(100, abs=2)
+    never = Command(511, (float(MessageId.ODOMETRY), -1.0, 0, 0, 0, 0, 0), 1)
+    f.autopilots.receive(0, Received(Source(1, 191), never))
+    assert told(1.0) == 0
 
 
 def test_a_rangefinder_measures_the_ground_below_and_no_farther_than_it_can(make_flight):
