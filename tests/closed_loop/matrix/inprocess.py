@@ -180,15 +180,18 @@ class InProcess(Flight):
                 assert gap > 2 * self.scenario.drones.radius, (a, b, gap)
 
     def _lowest_in_offboard(self, i):
-        """Least height [m] of drone i while its companion flies it."""
+        """Least height [m] of drone i while its companion flies it.
+
+        A PX4 that is disarmed after landing goes back to the mode last chosen: offboard, on the
+        ground.
+        """
         truth, changes = self.truth.arrays(), [*self.modes[i], (np.inf, "")]
-        return min(
-            (
-                truth["position"][(truth["t"] > start) & (truth["t"] <= end), i, 2].min()
-                for (start, name), (end, _) in itertools.pairwise(changes)
-                if name == "OFFBOARD"
-            ),
-            default=np.inf,
+        flown = np.zeros(len(truth["t"]), bool)
+        for (start, name), (end, _) in itertools.pairwise(changes):
+            if name == "OFFBOARD":
+                flown |= (truth["t"] > start) & (truth["t"] <= end)
+        return truth["position"][flown & truth["armed"][:, i].astype(bool), i, 2].min(
+            initial=np.inf
         )
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 
 from companion.types import Phase
-from tests.closed_loop.matrix.inprocess import fly
+from tests.closed_loop.matrix.inprocess import AUTOPILOT, fly
 
 _HOVER = 0.333  # of the simulated airframe
 _PARAMETERS = {
-    "px4": {"MPC_THR_HOVER": 0.5},  # nobody has set it
+    "px4": {"MPC_THR_HOVER": 0.5} | AUTOPILOT,  # nobody has set the hover thrust
     "ardupilot": {"MOT_THST_HOVER": 0.4, "GUID_OPTIONS": 8},
 }
 
