@@ -98,7 +98,7 @@ class ScriptedPace(ClockPace):
                 answer = TimeSync(round(self.clock(self.now + 0.002) * 1e9), m.ts1)
                 self._waiting.append((self.now + 0.004, answer))
 
-    def _take_in(self, timeout):
+    def _take_in(self, timeout, renew=False):
         """Let time pass up to `timeout`, or the next message, which comes 3 ms late."""
         until = self.now + max(timeout, 1e-4)
         self.now = min([until, self._next, *(at for at, _ in self._waiting)])

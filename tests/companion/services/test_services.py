@@ -92,7 +92,7 @@ def test_figures_once_a_second():
     assert len(figures) == 2 * 4
     values = {m.name: m.value for m in figures}
     assert values["phase"] == 4
-    assert values["guard"] == 7
+    assert values["guard"] == 8  # Reason.PLAN: LATE came before it
     assert values["neighbours"] == 3
     assert values["tick_p99"] == pytest.approx(4.46, abs=0.01)  # ms
     assert all(m.get_type() == "NAMED_VALUE_INT" for m in figures if m.name == "phase")
