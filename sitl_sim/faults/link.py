@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from mavlink_bridge.wire.messages import (
     Heartbeat,
     LocalPosition,
     Message,
+    Odometry,
     Received,
     SystemTime,
     TimeSync,
@@ -28,6 +29,8 @@ _HOLD = 0x03040000  # PX4's custom_mode AUTO LOITER, as HEARTBEAT tells it
 _FLIPS = 8  # most bits flipped in a packet
 _PERIOD = 0.02  # s between two calls of `noise`
 _NOT_NUMBERS = (np.nan, np.inf, -np.inf, 1e-45)  # the last: a denormal as float32 too
+
+_Own: TypeAlias = Attitude | LocalPosition | Odometry  # of one estimator, so wrong together
 
 
 class FaultyLine:
@@ -146,9 +149,9 @@ class FaultyTelemetry:
         if isinstance(m, SystemTime):
             jump = sum(f.value for f in self._at(now, "clock_jump"))
             return [replace(m, unix_time=max(m.unix_time + jump, 0.0))]
-        if not isinstance(m, Attitude | LocalPosition):
+        if not isinstance(m, Attitude | LocalPosition | Odometry):
             return [m]
-        lost = isinstance(m, LocalPosition) and self._at(now, "position_lost")
+        lost = isinstance(m, LocalPosition | Odometry) and self._at(now, "position_lost")
         if lost or self._at(now, "telemetry_stale"):
             return []
         wrong = self._wrong(now, m)
@@ -159,11 +162,11 @@ class FaultyTelemetry:
             return []
         return [wrong]
 
-    def _wrong(self, now: float, m: Attitude | LocalPosition) -> Attitude | LocalPosition:
+    def _wrong(self, now: float, m: _Own) -> _Own:
         for fault in self._at(now, "telemetry_nan"):
-            if fault.strikes():
+            if not isinstance(m, Odometry) and fault.strikes():
                 m = _not_a_number(m, fault.rng)
-        if isinstance(m, Attitude):
+        if isinstance(m, Attitude | Odometry):
             for fault in self._at(now, "quaternion"):
                 m = replace(m, q_wb=m.q_wb * fault.value)
         return m
