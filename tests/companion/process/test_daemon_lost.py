@@ -23,7 +23,7 @@ import ctypes, signal, sys, time
 from companion.__main__ import main
 from companion.control.planning import Planning
 asked = []
-signal.signal(signal.SIGUSR1, lambda *_: asked.append(1))
+signal.signal(signal.SIGRTMIN, lambda *_: asked.append(1))
 plan = Planning.plan
 def stuck(self, *arguments):
     if asked:
@@ -95,7 +95,7 @@ def test_a_hung_tick_is_silent_and_ended(flown, note, how):
     native = how == "native call"
     command = (sys.executable, "-c", HANGS) if native else (sys.executable, "-m", "companion")
     daemon, relay, _ = flown(2 + native, command)
-    daemon.process.send_signal(signal.SIGUSR1 if native else signal.SIGSTOP)
+    daemon.process.send_signal(signal.SIGRTMIN if native else signal.SIGSTOP)
     hung = time.monotonic()
     end_as_the_unit_says(daemon)
     ended = time.monotonic()
