@@ -50,9 +50,12 @@ def test_a_program_that_is_no_autopilot_is_one_clear_line(tmp_path, capsys):
     assert "ends of vehicle 1 ended; see" in lines[0]
 
 
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot", "betaflight"])
-def test_a_binary_that_is_not_there_is_one_clear_line(tmp_path, capsys, autopilot):
+@pytest.mark.parametrize(
+    ("autopilot", "port"), [("px4", 28400), ("ardupilot", 28410), ("betaflight", 28420)]
+)
+def test_a_binary_that_is_not_there_is_one_clear_line(tmp_path, capsys, autopilot, port):
     pairs = ("drones.count=1", "drones.binary=/nowhere/px4", f"drones.autopilot={autopilot}")
+    pairs = (*pairs, f"wire.frame_port={port}")  # of no other test, which may run at the same time
     assert main(["run", "forest", "--out", str(tmp_path / "run"), *settings(*pairs)]) == 2
     lines = capsys.readouterr().err.strip().splitlines()
     assert lines == ["drones.binary: /nowhere/px4: no such file"]
