@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field
 
 from companion.perception.ball import ColorSettings
 from companion.perception.depth import DepthConfig
-from companion.perception.heat_map import HeatMapConfig
+from companion.perception.heat_map import HeatMapConfig, NetworkConfig
 from companion.perception.trunk_fit import FootSettings, TrunkSettings
 from companion.perception.yolo import YoloConfig
 from mavlink_bridge.shared.settings import StrictModel
@@ -70,7 +70,7 @@ class SensingConfig(StrictModel):
         None,
         description="ONNX file, relative to this one: for yolo, or a cnn or network trained anew.",
     )
-    network: HeatMapConfig = HeatMapConfig(threshold=0.4)
+    network: NetworkConfig = NetworkConfig()
     color: ColorSettings = ColorSettings()
     cnn: HeatMapConfig = HeatMapConfig()
     yolo: YoloConfig = YoloConfig()

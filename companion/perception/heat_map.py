@@ -38,6 +38,12 @@ class HeatMapConfig(StrictModel):
     sigma_pixel: float = Field(0.35, gt=0, description="1 σ [px] of a centre, of a small drone.")
 
 
+class NetworkConfig(HeatMapConfig):
+    """The same for the packaged network."""
+
+    threshold: float = Field(0.4, gt=0, lt=1, description="Least heat of a detection.")
+
+
 class HeatMap:
     """Reads the heat maps (CHANNELS, HEIGHT/STRIDE, WIDTH/STRIDE) of one camera's pictures."""
 
