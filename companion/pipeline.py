@@ -121,7 +121,7 @@ class Companion:
         own, phase = vehicle.state, self._supervision.phase
         served = run("serve", Served(), self._services.update, time, inputs.received, self._before)
         if served.goals is not None:
-            self._guidance.set_goals(served.goals)
+            run("set goals", None, self._guidance.set_goals, served.goals)
         seen = run(
             "see",
             Detections(),

@@ -130,7 +130,7 @@ class Recorder:
     def _write_inputs(self, inputs: TickInputs, tick: Tick, packets: Packets) -> None:
         # A replay has no pictures to find their lag by.
         lag = tick.seen.alignment.lag
-        frame_time = inputs.frame.time - lag if inputs.frame is not None else None
+        frame_time = None if inputs.frame is None else inputs.frame.time - lag
         came = [data for sent, data in packets if not sent]
         shown = tick.seen.fault in (CameraFault.NONE, CameraFault.LATE)
         data = recorded.encode(

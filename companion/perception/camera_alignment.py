@@ -29,7 +29,6 @@ from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.wire.messages import VehicleState
 
 _LAGS = np.arange(-0.15, 0.3001, 0.05)  # s, picture behind its stamp
-_NOMINAL = 3  # index of lag 0
 _LEAST_TURN = 0.02  # rad from picture to picture, below which noise is all that there is
 _LONGEST = 0.25  # s between two pictures that are compared
 _LEAST_PAIRS = 4.0
@@ -53,7 +52,7 @@ StateAt = Callable[[float], VehicleState | None]
 
 @dataclass(frozen=True)
 class Alignment:
-    """What the turns so far tell of the camera; None where they do not tell.
+    """What the turns so far tell of the camera; a 1 σ is infinite where they do not tell.
 
     lag: s, of the picture behind its stamp, 0 where too small to matter. scale: true over assumed
     focal length. tilt: rad, rotation vector (3,) of the camera against its mount, camera frame.
@@ -113,6 +112,9 @@ class CameraAlignment:
 
         at: returns the own state at a time [s] of the last second.
         """
+        # The attitude after a capture is known a little later.
+        while self._waiting and self._waiting[0].end - _LAGS[0] <= time:
+            self._learn(self._waiting.popleft(), at)
         if self._before is not None and stamp <= self._before.time:
             return
         self._frames += 1
@@ -123,16 +125,11 @@ class CameraAlignment:
         before, self._before = self._before, shot
         if before is not None and 0.0 < stamp - before.time < _LONGEST:
             self._compare(before, shot, at)
-        # The attitude after the capture is known a little later.
-        while self._waiting and self._waiting[0].end - _LAGS[0] <= time:
-            self._learn(self._waiting.popleft(), at)
 
     @property
     def _known(self) -> bool:
         return (
-            not self._surprises
-            and not self.estimate.contradiction
-            and all(s < known for s, known in zip(self.estimate.sigmas, _KNOWN, strict=True))
+            not self._surprises and not self.estimate.contradiction and _sure(self.estimate.sigmas)
         )
 
     def _compare(self, before: _Shot, after: _Shot, at: StateAt) -> None:
@@ -187,13 +184,14 @@ class CameraAlignment:
 
     def _estimate(self) -> Alignment:
         """Return what the evidence tells."""
+        if self._pairs < _LEAST_PAIRS:
+            return self.estimate
         information = self._information + np.diag(_PRIOR)
         solution = np.linalg.solve(information, self._weighted[..., None])[..., 0]
         misfit = self._squares - np.einsum("lj,lj->l", solution, self._weighted)
-        lag, lag_sigma, best = _minimum(misfit, max(3.0 * self._pairs - 4.0, 1.0))
-        if self._pairs < _LEAST_PAIRS:
-            return self.estimate
-        noise = max(float(misfit[best]) / max(3.0 * self._pairs - 4.0, 1.0), 1.0)
+        freedom = 3.0 * self._pairs - 4.0
+        lag, lag_sigma, best = _minimum(misfit, freedom)
+        noise = max(float(misfit[best]) / freedom, 1.0)
         covariance = np.linalg.inv(information[best]) * noise
         deviation = np.sqrt(np.diag(covariance))
         scale = 1.0 + float(solution[best, 0])
@@ -205,11 +203,15 @@ class CameraAlignment:
         )
         if not text and lag_sigma < _LAG_SIGMA and lag > _LAG_FLOWN:
             text = f"pictures show what was {lag:.2f} s before their stamps"
-        sure = all(s < known for s, known in zip(sigmas, _KNOWN, strict=True))
+        sure = _sure(sigmas)
         if not text and not sure:  # a contradiction ends by evidence, not for want of it
             text = self.estimate.contradiction
         self._settled |= sure and not text and sigmas[2] < _ANGLE / _SIGMAS
         return Alignment(used if lag_sigma < _LAG_SIGMA else 0.0, scale, (x, y, z), sigmas, text)
+
+
+def _sure(sigmas: tuple[float, float, float]) -> bool:
+    return all(s < known for s, known in zip(sigmas, _KNOWN, strict=True))
 
 
 def _contradiction(scale: float, tilt: Vector, deviation: Vector, slack: float) -> str:

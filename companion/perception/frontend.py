@@ -117,14 +117,17 @@ class PerceptionFrontend:
         alignment = self._alignment.estimate
         wrong = alignment.contradiction
         stamped = frame
+        captured = -np.inf if frame is None else frame.time - alignment.lag
         if frame is not None and alignment.lag:
-            frame = replace(frame, time=frame.time - alignment.lag)
+            # A picture from later than now: telemetry is late, and tells that time not yet.
+            frame = replace(frame, time=min(captured, max(time, frame.time)))
         fault = self._health.check(time, frame, not misfit, not wrong, horizon)
         if stamped is not None and "image" in stamped.arrays and fault in _COMPARED:
             self._alignment.update(time, stamped.time, stamped.arrays["image"], at)
         new = frame is not None and frame.time > self._newest and self._health.usable
         found = Detections()
-        if new and frame is not None and (own := at(frame.time)) is not None:
+        if new and frame is not None and (own := at(captured)) is not None:
+            own = replace(own, time=frame.time)
             self._newest = frame.time
             try:
                 found = self._detect(frame, own, fits=not misfit)

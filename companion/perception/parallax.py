@@ -25,6 +25,7 @@ _CORNERS = 120
 _QUALITY, _APART = 0.01, 6  # of a corner against the best one; px between corners
 _LEVEL = 0.4  # sine of the angle from the horizon, within which things stand in the way
 _REFILL = 3  # pictures from one search for new corners to the next
+_LONGEST = 0.35  # s between two pictures in which corners are followed
 _MARGIN = 3.0  # px from the picture's edge
 _PIXEL = 0.35  # px, 1 σ of a followed corner
 _ATTITUDE = 0.004  # rad, 1 σ of the own attitude from picture to picture
@@ -112,10 +113,7 @@ class Parallax:
         self._corners = _no_corners()
         self._before: NDArray[np.uint8] | None = None
         self._pictures = self._named = 0
-
-    def forget(self) -> None:
-        """Start anew: the pictures do not follow one another, or the own position has jumped."""
-        self._corners, self._before = _no_corners(), None
+        self._time = -np.inf
 
     def update(self, image: Image, own: VehicleState, drones: list[Detection]) -> FixedPoints:
         """Return the points known after the picture `image` (H,W,3) uint8 BGR, taken in `own`.
@@ -126,6 +124,9 @@ class Parallax:
         small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         grey = np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), np.uint8)
         rotation = self._view.rotation(own)
+        if own.time - self._time > _LONGEST:
+            self._corners, self._before = _no_corners(), None
+        self._time = own.time
         if self._before is not None and len(self._corners):
             self._follow(grey, own.p, rotation)
             self._drop_drones(own.p, rotation, drones)

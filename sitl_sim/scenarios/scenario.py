@@ -207,8 +207,11 @@ class Scenario(StrictModel):
             raise Contradiction(("world.look",), str(error)) from error
         if self.world.look == PLAIN and self.drones.look != "ball":
             raise Contradiction(("drones.look",), "world.look plain has drones with balls only")
-        if self.world.look == PLAIN and (self.world.lean_deg or self.world.branches):
+        grown = self.world.lean_deg or self.world.branches or self.world.bushes
+        if self.world.look == PLAIN and grown:
             raise Contradiction(("world.look",), "plain shows upright trunks only")
+        if self.sensing.obstacles == "map" and grown:
+            raise Contradiction(("sensing.obstacles",), "map tells of upright trunks only")
         return self
 
 
