@@ -6,30 +6,47 @@
                                SET_ATTITUDE_TARGET ◄─ actuation ◄─ guard, phases ◄───┘
 
 Nothing is decided here: each stage takes what it needs and returns a frozen result, and the log
-record is made from these results. No I/O and no clock: the time of a tick is given, and the
-stop-watch is passed in.
+record is made from these results. Where a stage raises, a result that claims nothing stands in for
+its own, and the guard brakes and asks for HOLD. No I/O and no clock: the time of a tick is given,
+and the stop-watch is passed in.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
 
 from companion.control.actuation import Actuation
 from companion.control.baselines import make_planner
 from companion.control.formulation import Formulation
-from companion.control.planning import Planning
+from companion.control.planning import Planned, Planning
+from companion.estimation.delay import Delay
+from companion.estimation.hover_thrust import HoverEstimate
 from companion.estimation.known_obstacles import ObstacleEstimator
-from companion.estimation.motion import MotionEstimator
+from companion.estimation.motion import MotionEstimate, MotionEstimator
 from companion.estimation.neighbours import NeighbourEstimator
-from companion.estimation.vehicle import VehicleEstimator
-from companion.guidance.guidance import Guidance
-from companion.perception.frontend import PerceptionFrontend, make_view
+from companion.estimation.vehicle import VehicleEstimate, VehicleEstimator
+from companion.guidance.guidance import Guidance, Reference
+from companion.perception.frontend import Detections, PerceptionFrontend, make_view
+from companion.services.services import Served, Services, Situation, Wish
 from companion.settings.config import CompanionConfig
 from companion.stage_clock import StageClock
-from companion.supervision.supervision import Supervision
+from companion.supervision.last_resort import LastResort
+from companion.supervision.phases import GiveBack
+from companion.supervision.supervision import Supervised, Supervision
 from companion.tick import Tick, TickInputs
+from companion.types import Phase
 from mavlink_bridge.autopilots.registry import Identity, adapter
 from mavlink_bridge.shared.thrust import ThrustMap
+from mavlink_bridge.wire.messages import RateCommand, RateSetpoint, Source
+
+_GIVE_BACK = {
+    Wish.HOLD: GiveBack.HOLD,
+    Wish.RETURN: GiveBack.RETURN,
+    Wish.LAND: GiveBack.LAND,
+}
 
 
 class Companion:
@@ -42,7 +59,7 @@ class Companion:
             CalibrationError, ModelError: a file of the camera or a detector that cannot be used.
         """
         c = config.for_controller()
-        link, hover = c.link, ThrustMap(c.airframe.hover_thrust, c.airframe.thrust_exponent)
+        link, airframe = c.link, c.airframe
         planner = make_planner(c.controller, c.nmpc, c.baselines, c.right_of_way.level, stopwatch)
         formulation = Formulation(c.nmpc, c.fence, c.reciprocity)
         view = make_view(c.camera, c.sensing)
@@ -56,38 +73,82 @@ class Companion:
         self._perception = PerceptionFrontend(view, c.sensing, c.camera_health)
         self._obstacles = ObstacleEstimator(view, c.obstacles, c.surfaces)
         self._neighbours = NeighbourEstimator(view, c.tracker)
-        self._motion = MotionEstimator(hover, c.timing.delay)
+        prior = ThrustMap(airframe.hover_thrust, airframe.exponent)
+        self._motion = MotionEstimator(
+            prior,
+            airframe.hover_doubt,
+            c.timing.delay,
+            curve_known=airframe.thrust_exponent is not None,
+        )
         self._guidance = Guidance(c.guidance())
         self._planning = Planning(c.nmpc, planner, formulation)
         self._supervision = Supervision(
             c.guard, c.mission, c.fence, adapter(link.autopilot, link.system_id)
         )
+        own = Source(link.system_id, link.component_id)
+        ways = {Wish.HOLD, Wish.LAND}
+        if adapter(link.autopilot, link.system_id).rtl():
+            ways.add(Wish.RETURN)
+        goals = [np.array(g, dtype=float) for g in c.mission.goals]
+        self._services = Services(own, c.camera, c.fence, goals, frozenset(ways))
+        self._before = Situation(Phase.WAIT)  # of the last tick, as the services tell it
+        self._last_resort = LastResort(adapter(link.autopilot, link.system_id))
         self._actuation = Actuation(link.system_id, self._motion)
+        self._system_id, self._hover = link.system_id, c.airframe.hover_thrust
+        hover = HoverEstimate(prior, airframe.hover_doubt)
+        self._last = Tick(-np.inf, motion=MotionEstimate(None, hover, Delay(c.timing.delay, 0.0)))
+        self._failed_late = ""  # a failure that supervision has not been told of
 
     def tick(self, inputs: TickInputs) -> Tick:
-        """Decide once. The same inputs in the same order give the same results."""
+        """Decide once. The same inputs in the same order give the same results.
+
+        A stage that raises an exception ends in a command of the guard, never in the exception.
+        """
         run = StageClock(self._stopwatch)
-        time, frame = inputs.time, inputs.frame
+        time, frame, last = inputs.time, inputs.frame, self._last
         vehicle = run(
             "vehicle",
+            last.vehicle.without_news(time - last.time),
             self._vehicle.update,
             time,
             inputs.received,
-            frame,
             self._motion.predictor,
             self._supervision.phase,
-            self._obstacles.lag.value,
+            inputs.horizon,
         )
         if vehicle.rebooted:
-            self._start_over()
+            run("start over", None, self._start_over)
         own, phase = vehicle.state, self._supervision.phase
         ground = 0.0 if vehicle.height is None else vehicle.height.ground
-        seen = run("see", self._perception.see, time, frame, vehicle.at_capture, ground)
-        obstacles = run("map", self._obstacles.update, seen, own, vehicle.doubt)
-        tracks = run("track", self._neighbours.update, time, seen, obstacles)
-        motion = run("motion", self._motion.update, own, vehicle.attitudes, phase)
+        served = run("serve", Served(), self._services.update, time, inputs.received, self._before)
+        if served.goals is not None:
+            run("set goals", None, self._guidance.set_goals, served.goals)
+        seen = run(
+            "see",
+            Detections(),
+            self._perception.see,
+            time,
+            frame,
+            self._vehicle.at,
+            ground,
+            inputs.horizon,
+        )
+        obstacles = run(
+            "map", last.obstacles, self._obstacles.update, seen, own, vehicle.doubt, ground
+        )
+        tracks = run("track", last.tracks, self._neighbours.update, time, seen, obstacles)
+        motion = run(
+            "motion",
+            replace(last.motion, prediction=None),
+            self._motion.update,
+            own,
+            vehicle.attitudes,
+            vehicle.thrust,
+            phase,
+        )
         reference = run(
             "guide",
+            None,
             self._guidance.decide,
             own,
             tracks,
@@ -96,28 +157,67 @@ class Companion:
             phase,
             vehicle.map_offset,
         )
-        planned = run("plan", self._planning.plan, own, reference, motion.prediction)
-        supervised = run(
-            "supervise",
-            self._supervision.decide,
-            time,
-            vehicle,
-            seen,
-            reference,
-            planned.plan,
-            self_tested=planned.self_tested,
-            leave=inputs.leave,
+        planned = run("plan", Planned(), self._planning.plan, own, reference, motion.prediction)
+        supervised = self._supervise(
+            run, inputs, vehicle, seen, reference, planned, motion, _GIVE_BACK.get(served.wish)
         )
+        run("ask", None, self._vehicle.ask, supervised.requests)
         setpoint = run(
             "command",
+            self._plain_setpoint(time, supervised.command),
             self._actuation.setpoint,
             time,
             supervised.command,
             motion.thrust_map,
             supervised.in_control,
         )
+        reason = supervised.verdict.reason if supervised.verdict else None
+        self._before = Situation(supervised.phase, reason, len(tracks))
+        self._services.took(sum(run.taken.values()))
         results = (vehicle, seen, obstacles, tracks, motion, reference, planned, supervised)
-        return Tick(time, *results, setpoint, run.taken)
+        told = supervised.inhibit_reason
+        self._failed_late = "" if told else run.failure
+        self._last = Tick(time, *results, served, setpoint, run.taken, run.failure)
+        return self._last
+
+    def _supervise(
+        self,
+        run: StageClock,
+        inputs: TickInputs,
+        vehicle: VehicleEstimate,
+        seen: Detections,
+        reference: Reference | None,
+        planned: Planned,
+        motion: MotionEstimate,
+        give_back: GiveBack | None,
+    ) -> Supervised:
+        """Return what supervision decides; where it fails itself, hold is requested."""
+        failure = run.failure or self._failed_late
+        supervised = run(
+            "supervise",
+            None,
+            self._supervision.decide,
+            inputs.time,
+            vehicle,
+            seen,
+            reference,
+            planned.plan,
+            motion.hover,
+            self_tested=planned.self_tested,
+            leave=inputs.leave,
+            give_back=give_back,
+            failure=failure,
+        )
+        if supervised is None:
+            phase, heartbeat = self._last.supervised.phase, vehicle.heartbeat
+            return self._last_resort.decide(inputs.time, phase, heartbeat, run.failure)
+        return supervised
+
+    def _plain_setpoint(self, time: float, command: RateCommand | None) -> RateSetpoint | None:
+        """Return a level setpoint at the configured hover thrust; None where none is to go out."""
+        if command is None:
+            return None
+        return RateSetpoint(time, np.zeros(3), self._hover, self._system_id)
 
     def _start_over(self) -> None:
         """Forget what is tied to the vehicle's clock and place: it has started anew."""
@@ -128,5 +228,6 @@ class Companion:
             self._motion,
             self._guidance,
             self._supervision,
+            self._services,
         ):
             stage.reset()

@@ -13,6 +13,7 @@ from mavlink_bridge.shared.arrays import Vector
 Image = NDArray[np.uint8]
 Ranges = NDArray[np.float16]
 
+STAMP_AHEAD = 0.03  # s that a stamp may be ahead of the vehicle's clock as it is estimated
 _LOST = 0.3  # s unseen, after which a neighbour is out of sight
 
 

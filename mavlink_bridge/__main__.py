@@ -74,7 +74,7 @@ def _betaflight(options: argparse.Namespace) -> int:
         wait_for_controller,
     )
     from mavlink_bridge.shared.settings import SettingsError
-    from mavlink_bridge.wire.link import EndpointError
+    from mavlink_bridge.wire.udp import EndpointError
 
     try:
         config = load_bridge_config(options.config, options.overrides)

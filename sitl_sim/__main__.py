@@ -70,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
 def _bad_input() -> tuple[type[Exception], ...]:
     """Return the errors that are a user's mistake: printed as one line, never as a traceback."""
     from mavlink_bridge.shared.settings import SettingsError
-    from mavlink_bridge.wire.link import EndpointError
+    from mavlink_bridge.wire.udp import EndpointError
     from mavlink_bridge.wire.video import VideoError
     from sitl_sim.external.external_sitl import ExternalError
     from sitl_sim.external.namespace import NamespaceError

@@ -8,7 +8,8 @@ right, y down, z forward; m, m/s):
       "trunks": [{"direction": [3] to the axis, level, "distance" to it, "radius", "visible"}],
       "sequence", "time", "p": [3], "v": [3] world: only of frames that follow each other}]}
 
-`trunks`, `visible` (then 1) and `v` may be left out.
+`trunks`, `visible` (then 1) and `v` may be left out. `look` names the world's look, where frames of
+several looks are compared.
 """
 
 from __future__ import annotations
@@ -51,7 +52,8 @@ class LabelledFrame:
     """One frame and its truth.
 
     trunks (k,6): direction, distance to the axis, radius, visible; None where not labelled.
-    sequence: number of its flight; None for a single frame.
+    sequence: number of its flight; None for a single frame. look: of the world; None where the
+    frames are not of several looks.
     """
 
     file: Path
@@ -60,6 +62,7 @@ class LabelledFrame:
     drones: Drones
     trunks: Vector | None
     sequence: int | None
+    look: str | None = None
 
     def image(self) -> Image:
         """Return the picture (H,W,3) uint8 BGR.
@@ -119,4 +122,12 @@ def _frame(folder: Path, row: dict[str, Any]) -> LabelledFrame:
             [[*t["direction"], t["distance"], t["radius"], t["visible"]] for t in row["trunks"]]
         ).reshape(-1, 6)
     conditions = str(row.get("conditions", "clean"))
-    return LabelledFrame(folder / row["file"], conditions, own, known, trunks, row.get("sequence"))
+    return LabelledFrame(
+        folder / row["file"],
+        conditions,
+        own,
+        known,
+        trunks,
+        row.get("sequence"),
+        row.get("look"),
+    )

@@ -19,14 +19,15 @@ from companion.estimation.assignment import assign
 from companion.estimation.tracker import Tracker, TrackerConfig
 from companion.perception.ball import Detector
 from companion.perception.camera import Camera
-from companion.perception.trunks import TrunkDetector
 from companion.types import Detection, Image, Trunk
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.frames import rotation_matrix
 
+FindTrunks = Callable[[Image, Vector, float], list[Trunk]]
 BANDS = ((0.3, 2.0), (2.0, 4.0), (4.0, 6.0), (6.0, 8.0), (8.0, 10.0), (10.0, 12.0))
 TO_8, TO_10 = (0.3, 8.0), (0.3, 10.0)
-TRUNK_BANDS = ((0.0, 2.0), (2.0, 5.0), (5.0, 8.0), (0.0, 5.0), (0.0, 8.0))
+TRUNKS_TO_5 = (0.0, 5.0)
+TRUNK_BANDS = ((0.0, 2.0), (2.0, 5.0), (5.0, 8.0), TRUNKS_TO_5, (0.0, 8.0))
 VISIBLE = 0.35
 CROWD = "neighbours-"  # prefix of conditions in which only time is measured
 _FAR = 1e3
@@ -72,11 +73,16 @@ def measure(
     frames: Sequence[LabelledFrame],
     detector: Detector,
     compared: dict[str, Callable[[Image], object]],
+    find: FindTrunks,
 ) -> dict[str, Any]:
-    """Return all tables. compared: by name, calls whose time is measured, too."""
+    """Return all tables.
+
+    compared: by name, calls whose time is measured, too. find: of trunks, by a picture, down
+    in the camera's frame and the altitude [m].
+    """
     drones: dict[str, dict[tuple[float, float], Tally]] = {}
     tracked = {band: Tally() for band in (*BANDS, TO_8, TO_10)}
-    trunks = Trunks(camera)
+    trunks = Trunks(camera, find)
     times: dict[str, list[float]] = {"detect_track": [], **{name: [] for name in compared}}
     crowds: dict[int, list[float]] = {}
     flight: Flight | None = None
@@ -182,10 +188,10 @@ class Flight:
 
 
 class Trunks:
-    """The trunk detector, its trunks compared with the truth."""
+    """What finds trunks, compared with the truth."""
 
-    def __init__(self, camera: Camera) -> None:
-        self._camera, self._detector = camera, TrunkDetector(camera)
+    def __init__(self, camera: Camera, find: FindTrunks) -> None:
+        self._camera, self._find = camera, find
         self._bands = {band: Tally() for band in TRUNK_BANDS}
         self.times: list[float] = []
 
@@ -194,7 +200,7 @@ class Trunks:
         assert frame.trunks is not None
         r_wc = rotation_matrix(frame.own.q_wb) @ rotation_matrix(self._camera.mount)
         begun = time.thread_time()
-        found = self._detector.detect(image, -r_wc[2], float(frame.own.p[2]))
+        found = self._find(image, -r_wc[2], float(frame.own.p[2]))
         self.times.append((time.thread_time() - begun) * 1e3)
         self._score(found, frame.trunks)
 
@@ -219,6 +225,10 @@ class Trunks:
                     tally.relative.append(float(surface[right[n]] / max(true[n], 0.05) - 1.0))
                     error = surface[right[n]] - true[n]
                     tally.normalised.append(float(error / found[right[n]].sigma))
+
+    def figures(self, band: tuple[float, float]) -> dict[str, float | int | None]:
+        """Return the figures of one band of surface distance."""
+        return self._bands[band].figures()
 
     def table(self) -> dict[str, Any]:
         """Return the figures per band of surface distance."""

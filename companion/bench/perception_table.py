@@ -31,12 +31,26 @@ def add_arguments(perception: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     source = perception.add_mutually_exclusive_group()
     source.add_argument("--frames", type=Path, metavar="DIR", help="labelled frames to measure on")
+    source.add_argument(
+        "--videos",
+        type=Path,
+        metavar="DIR",
+        help="real videos V_CLASS_NNN.mp4 and labels, of which those of odd number are measured",
+    )
     source.add_argument("--seed", type=int, default=20260, help="of the rendered frames (20260)")
     perception.add_argument(
         "--count", type=int, default=200, help="number of clean rendered frames (200)"
     )
-    perception.add_argument("--detector", choices=["color", "cnn", "yolo"], default="color")
-    perception.add_argument("--model", help="ONNX file of cnn or yolo")
+    perception.add_argument(
+        "--looks",
+        metavar="NAMES",
+        help="render worlds in these looks (comma-separated, or all) with five bodies, --count "
+        "of each: a table by look",
+    )
+    perception.add_argument(
+        "--detector", choices=["color", "cnn", "network", "yolo"], default="color"
+    )
+    perception.add_argument("--model", help="ONNX file of cnn, network or yolo")
     perception.add_argument("--json", action="store_true", help="for machines")
 
 
@@ -50,6 +64,10 @@ def run(options: argparse.Namespace) -> int:
 
     cv2.setNumThreads(1)
     try:
+        if options.videos is not None:
+            figures = _measure_videos(options)
+            print(json.dumps(figures, indent=1) if options.json else "\n".join(_shown(figures)))
+            return 0
         if options.frames is not None:
             result = _measure(options.frames, options)
         else:
@@ -70,6 +88,9 @@ def _render(folder: Path, options: argparse.Namespace) -> None:
     looks = "marked" if options.detector == "color" else "bare"
     seed, count = str(options.seed), str(options.count)
     arguments = [str(folder), "--seed", seed, "--count", count, "--looks", looks]
+    if options.looks is not None:
+        arguments = [str(folder), "--seed", seed, "--count", count]
+        arguments += ["--look", options.looks, "--bodies", "all"]
     command = [sys.executable, "-m", "sitl_sim", "frames", *arguments]
     done = subprocess.run(command, stdout=sys.stderr)
     if done.returncode:
@@ -82,10 +103,13 @@ def _render(folder: Path, options: argparse.Namespace) -> None:
 def _measure(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
     """Return the figures of the detector named in `options` on a folder of frames."""
     from companion.bench.labels import load
+    from companion.bench.looks import by_look
     from companion.bench.perception import measure
     from companion.perception.cnn import CnnDetector
     from companion.perception.config import SensingConfig
     from companion.perception.detectors import make_detector
+    from companion.perception.network_search import NetworkSearch
+    from companion.perception.trunks import TrunkDetector
     from companion.perception.yolo import YoloDetector
 
     camera, frames = load(folder)
@@ -97,13 +121,49 @@ def _measure(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
     if isinstance(detector, CnnDetector | YoloDetector):
         network = detector.network
         compared["forward_pass"] = lambda _: network.forward()
-    result = {"detector": options.detector, **measure(camera, frames, detector, compared)}
+    find = TrunkDetector(camera).detect
+    if isinstance(detector, NetworkSearch):
+        find = detector.find
+    figures = measure(camera, frames, detector, compared, find)
+    result = {"detector": options.detector, **figures}
+    if looks := by_look(camera, frames, detector, find):
+        result["looks"] = looks
     whole = result["time_ms"]["detect_track"]
     if whole is not None:
         result["times_as_long_as"] = {
             name: whole["p50"] / result["time_ms"][name]["p50"] for name in compared
         }
     return result
+
+
+def _measure_videos(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the figures of the detector named in `options` on real videos."""
+    from companion.bench.videos import measure_videos
+    from companion.perception.camera import Camera
+    from companion.perception.config import SensingConfig
+    from companion.perception.detectors import make_detector
+
+    # Their drones are of any size: none is too far.
+    far = {"max_range": 1000.0}
+    given = {"detector": options.detector, "model": options.model, "cnn": far, "network": far}
+    camera = Camera.equidistant(640, 400)
+    detector = make_detector(camera, SensingConfig.model_validate(given))
+    return {"detector": options.detector, **measure_videos(options.videos, detector, camera)}
+
+
+def _shown(figures: dict[str, Any]) -> list[str]:
+    """Return the figures of videos as lines of text."""
+
+    def share(value: float | None) -> str:
+        return "–" if value is None else f"{value:.3f}"
+
+    lines = [f"{figures['detector']}, {figures['pictures']} pictures"]
+    for size, row in figures["drones"].items():
+        lines.append(f"  drones {size:12s} recall {share(row['recall'])}   n {row['wanted']}")
+    for name, row in figures["others"].items():
+        taken = share(row["taken_for_drones"])
+        lines.append(f"  {name:19s} taken for drones {taken}   n {row['shown']}")
+    return [*lines, f"  false per picture {share(figures['false_per_picture'])}"]
 
 
 def _lines(result: dict[str, Any]) -> list[str]:
@@ -114,6 +174,10 @@ def _lines(result: dict[str, Any]) -> list[str]:
             table = {band: f for band, f in table.items() if band in ("0.3–8 m", "0.3–10 m")}
         lines += _table(f"{result['detector']}, {name}", table, "velocity_rmse_m_s")
     of_range = [column for column in _DRONE_COLUMNS if column.startswith("range")]
+    if "looks" in result:
+        from companion.bench.looks import lines as look_lines
+
+        return look_lines(result["looks"])
     lines += _table("with tracking", result["tracks"], "bearing_rms_deg", *of_range)
     of_drones = ("bearing_rms_deg", "velocity_rmse_m_s")
     lines += _table("trunks, by surface distance", result["trunks"], *of_drones)

@@ -50,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
     """Act on all vehicles at once, and print a table; 1 where one did not do it."""
     from companion.ground.fleet import act
     from mavlink_bridge.shared.settings import SettingsError
-    from mavlink_bridge.wire.link import EndpointError
+    from mavlink_bridge.wire.udp import EndpointError
 
     try:
         drones = _drones(options.drones, None if options.all else options.only)

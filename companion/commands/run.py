@@ -29,7 +29,7 @@ def run(options: argparse.Namespace) -> int:
     from companion.process.daemon import Daemon
     from companion.settings.config import load_config
     from mavlink_bridge.shared.settings import SettingsError
-    from mavlink_bridge.wire.link import EndpointError
+    from mavlink_bridge.wire.udp import EndpointError
     from mavlink_bridge.wire.video import VideoError
 
     journal.set_up()

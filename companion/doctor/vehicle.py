@@ -11,11 +11,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from companion.doctor.finding import Finding, Level, either, rated
+from companion.doctor.silence import PARAMETERS, examine_silence
+from companion.estimation.vehicle_clock import VehicleClock
+from companion.process.time_requests import TimeRequests
 from companion.process.vehicle_lock import VehicleLock, VehicleTaken
 from companion.settings.config import CompanionConfig
 from mavlink_bridge.autopilots.registry import Identity, adapter
 from mavlink_bridge.wire.codec import Codec
-from mavlink_bridge.wire.link import EndpointError, Link, open_endpoint
+from mavlink_bridge.wire.link import Link, open_endpoint
 from mavlink_bridge.wire.messages import (
     Attitude,
     Command,
@@ -26,19 +29,18 @@ from mavlink_bridge.wire.messages import (
     Odometry,
     ParamRequestRead,
     ParamValue,
+    TimeSync,
 )
+from mavlink_bridge.wire.udp import EndpointError
 
 _LISTEN, _SETTLE = 4.0, 1.5  # s on the link; of them until requested streams run
 _STREAM_MIN = 20.0  # Hz of attitude and of position
 _JITTER = (0.02, 0.06)  # s, spread of the delay of telemetry: green, amber
+_RATE_OFF = (0.005, 1.0)  # any rate is followed; one that is off deserves a word
+_CLOCK_DOUBT = (0.03, 0.1)  # s: green, amber
 _VERSION, _INT32 = 148.0, 6
 _COMPANION = Heartbeat(autopilot=8, vehicle_type=18, armed=False, custom_mode=0, system_status=3)
 _HOVER = {"px4": "MPC_THR_HOVER", "ardupilot": "MOT_THST_HOVER"}
-# Parameter of the time [s] that a vehicle flies on without setpoints, and its upper limit.
-_TIMEOUTS = {
-    "px4": ("COM_OF_LOSS_T", 1.0),
-    "ardupilot": ("GUID_TIMEOUT", 3.0),
-}
 
 
 @dataclass
@@ -46,6 +48,18 @@ class Heard:
     """All messages of the vehicle, with their arrival (CLOCK_MONOTONIC)."""
 
     messages: list[tuple[float, Message]] = field(default_factory=list)
+    requests: TimeRequests = field(default_factory=TimeRequests)
+    clock: VehicleClock = field(default_factory=VehicleClock)
+
+    def take(self, at: float, message: Message) -> None:
+        """Remember a message; let the clock follow its stamp."""
+        self.messages.append((at, message))
+        if isinstance(message, Attitude | LocalPosition | Odometry):
+            self.clock.hear(at, message.time)
+        elif isinstance(message, TimeSync):
+            sent = self.requests.sent(message, at)
+            if sent is not None:
+                self.clock.hear_answer(sent, message.tc1 * 1e-9, at)
 
     def of(self, kind: type, since: float = 0.0) -> list[tuple[float, Message]]:
         """Return the messages of one kind from `since` on."""
@@ -94,6 +108,7 @@ def _on_the_link(config: CompanionConfig, hover_known: bool) -> Iterator[Finding
         return
     yield _identity(config, heard)
     yield from _telemetry(heard, started + _SETTLE)
+    yield from _clock(heard.clock)
     yield from _parameters(config, heard)
     yield _hover(config, heard, hover_known)
 
@@ -101,7 +116,7 @@ def _on_the_link(config: CompanionConfig, hover_known: bool) -> Iterator[Finding
 def _listen(link: Link, config: CompanionConfig) -> Heard:
     """Request everything that is examined, and gather the vehicle's messages."""
     system, kind, heard = config.link.system_id, config.link.autopilot, Heard()
-    names = [_HOVER[kind], _TIMEOUTS[kind][0]] if kind in _HOVER else []
+    names = [_HOVER[kind], *PARAMETERS[kind]] if kind in _HOVER else []
     version = Command(CommandId.REQUEST_MESSAGE, (_VERSION, 0, 0, 0, 0, 0, 0), system)
     requests: list[Message] = [
         _COMPANION,
@@ -114,12 +129,11 @@ def _listen(link: Link, config: CompanionConfig) -> Heard:
         if now >= ask:
             link.send(requests)
             ask = now + 1.0
+        link.send(heard.requests.due(now))
         link.wait(0.05)
-        heard.messages += [
-            (time.monotonic(), r.message)
-            for r in link.receive()
-            if (r.source.system, r.source.component) == (system, 1)
-        ]
+        for r in link.receive():
+            if (r.source.system, r.source.component) == (system, 1):
+                heard.take(time.monotonic(), r.message)
     return heard
 
 
@@ -133,7 +147,7 @@ def _identity(config: CompanionConfig, heard: Heard) -> Finding:
 
 
 def _telemetry(heard: Heard, since: float) -> Iterator[Finding]:
-    """Examine the rates of the streams, and the jitter of the vehicle's clock."""
+    """Examine the rates of the streams, and how evenly they come."""
     span = _LISTEN - _SETTLE
     for kind, name in ((Attitude, "attitude"), (LocalPosition, "position")):
         # Odometry takes the place of a stream that a vehicle does not send.
@@ -143,35 +157,46 @@ def _telemetry(heard: Heard, since: float) -> Iterator[Finding]:
         )
         text = f"{rate:.0f} Hz, {_STREAM_MIN:.0f} wanted"
         yield rated(f"{name} rate", -rate, (-_STREAM_MIN, -10.0), text, todo)
-    delays = np.array(
-        [
-            at - m.time
-            for kind in (Attitude, Odometry)
-            for at, m in heard.of(kind, since)
-            if isinstance(m, Attitude | Odometry)
-        ]
-    )
-    if len(delays) > 1:
-        jitter = float(np.percentile(delays, 95) - delays.min())
-        text = f"{delays.min():.3f} s behind this board's, within {jitter * 1e3:.0f} ms (95 %)"
-        yield rated("clock", jitter, _JITTER, text, "a faster link, or a less busy board")
+    clock = heard.clock.estimate
+    if clock is None:
+        return
+    late = [
+        clock.vehicle(at) - m.time
+        for kind in (Attitude, Odometry)
+        for at, m in heard.of(kind, since)
+        if isinstance(m, Attitude | Odometry)
+    ]
+    if len(late) > 1:
+        jitter = float(np.percentile(late, 95) - min(late))
+        text = f"telemetry comes within {jitter * 1e3:.0f} ms (95 %)"
+        yield rated("latency", jitter, _JITTER, text, "a faster link, or a less busy board")
+
+
+def _clock(clock: VehicleClock) -> Iterator[Finding]:
+    """Examine the rate of the vehicle's clock, and how well its offset is known."""
+    known = clock.estimate
+    if known is None or not known.measured:
+        return
+    off, doubt = abs(known.rate - 1.0), known.doubt
+    text = f"{known.rate:.4f} ±{known.rate_doubt:.4f} times this board's"
+    todo = "a simulator that is not in real time? an overloaded board?"
+    if off > known.rate_doubt:
+        yield rated("clock rate", off, _RATE_OFF, text, todo)
+    else:
+        yield Finding("clock rate", Level.GREEN, text)
+    by = "" if known.bounded else "; the vehicle does not answer TIMESYNC"
+    text = f"the vehicle's time is known to ±{doubt * 1e3:.0f} ms{by}"
+    yield rated("clock", doubt, _CLOCK_DOUBT, text, "a faster link")
 
 
 def _parameters(config: CompanionConfig, heard: Heard) -> Iterator[Finding]:
-    """Examine how long the vehicle flies on when the companion falls silent."""
-    if config.link.autopilot not in _TIMEOUTS:
+    """Examine what the vehicle does when the companion falls silent."""
+    kind = config.link.autopilot
+    if kind not in PARAMETERS:
         text = "`mavlink-bridge betaflight --check` shows failsafe and override of a controller"
         yield Finding("silence", Level.AMBER, text, "run it")
         return
-    name, most = _TIMEOUTS[config.link.autopilot]
-    value = heard.parameter(name)
-    if value is None:
-        yield Finding(
-            "silence", Level.AMBER, f"{name} was not sent", f"check that {name} ≤ {most:g}"
-        )
-        return
-    todo = f"set {name} to {most:g} or less: a vehicle whose companion died flies on for that long"
-    yield rated("silence", value, (most, 2 * most), f"{name} is {value:g} s", todo)
+    yield from examine_silence(kind, heard.parameter, config.fence.altitude_max)
 
 
 def _hover(config: CompanionConfig, heard: Heard, known: bool) -> Finding:

@@ -6,17 +6,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from companion.estimation.delay import Delay
 from companion.estimation.obstacle_map import ObstacleConfig, ObstacleMap
 from companion.estimation.own_doubt import OwnDoubt
+from companion.estimation.parallax_map import ParallaxMap, with_others
 from companion.estimation.surface_map import SurfaceConfig, SurfaceMap
 from companion.perception.frontend import Detections
 from companion.perception.view import View
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.distance import to_ways
 from mavlink_bridge.wire.messages import VehicleState
-
-_NO_LAG = Delay(0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -25,14 +23,13 @@ class KnownObstacles:
 
     cylinders: (K,3) x, y, radius [m] of confirmed trunks, nearest first; sigmas: (K,) m, 1 σ of
     their places. points: (P,3) m, surface points of other shapes. occluders: (J,3) x, y, radius [m]
-    of all trunks, unconfirmed ones too. lag: by how much the own state is older than the pictures.
+    of all trunks, unconfirmed ones too.
     """
 
     cylinders: Vector = field(default_factory=lambda: np.zeros((0, 3)))
     points: Vector = field(default_factory=lambda: np.zeros((0, 3)))
     occluders: Vector = field(default_factory=lambda: np.zeros((0, 3)))
     sigmas: Vector = field(default_factory=lambda: np.zeros(0))
-    lag: Delay = _NO_LAG
 
     def hidden(self, viewpoint: Vector, places: Vector) -> list[bool]:
         """Return whether a trunk stands between viewpoint (3,) and each place (n,3) m; eq. (6)."""
@@ -56,16 +53,14 @@ class ObstacleEstimator:
         self._map = ObstacleMap(trunks)
         self._looked: float | None = None
         self._surfaces = SurfaceMap(self._view.camera, surfaces)
+        self._parallax = ParallaxMap()
 
-    @property
-    def lag(self) -> Delay:
-        """By how much the own state is older than the pictures."""
-        return Delay(*self._map.lag)
-
-    def update(self, seen: Detections, own: VehicleState | None, doubt: OwnDoubt) -> KnownObstacles:
+    def update(
+        self, seen: Detections, own: VehicleState | None, doubt: OwnDoubt, ground: float = 0.0
+    ) -> KnownObstacles:
         """Take in one frame's detections; return what is known around the own state now.
 
-        doubt: of the own state.
+        doubt: of the own state. ground: m, the ground's level in the own frame.
         """
         if seen.own is not None:
             if seen.searched:
@@ -82,10 +77,12 @@ class ObstacleEstimator:
                 )
             if seen.ranges is not None:
                 self._surfaces.update(seen.ranges, seen.own)
+            self._map.see_through(seen.own.p, seen.fixed)
+            self._parallax.update(seen.fixed, seen.own.p, seen.own.time, ground)
         occluders = self._map.occluders()
         if own is None:
-            return KnownObstacles(occluders=occluders, lag=self.lag)
-        known = self._map.doubted_cylinders(own.p)
-        cylinders = known[:, :3]
-        points = self._surfaces.points(cylinders)
-        return KnownObstacles(cylinders, points, occluders, known[:, 3], self.lag)
+            return KnownObstacles(occluders=occluders)
+        standing = self._parallax.standing()
+        known = with_others(self._map.doubted_cylinders(own.p), standing.cylinders, own.p)
+        points = np.concatenate([self._surfaces.points(known[:, :3]), standing.points])
+        return KnownObstacles(known[:, :3], points, occluders, known[:, 3])

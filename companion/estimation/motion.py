@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from companion.estimation.autopilot_thrust import AutopilotThrust
 from companion.estimation.delay import Delay, DelayEstimator
-from companion.estimation.hover_thrust import HoverThrust
+from companion.estimation.hover_thrust import HoverEstimate, HoverThrust
 from companion.estimation.input_history import InputHistory, SentInput
 from companion.estimation.prediction import Prediction, StatePredictor
 from companion.types import Phase
@@ -22,38 +23,52 @@ class MotionEstimate:
     """
 
     prediction: Prediction | None
-    thrust_map: ThrustMap
+    hover: HoverEstimate
     delay: Delay
+
+    @property
+    def thrust_map(self) -> ThrustMap:
+        """Thrust for an acceleration."""
+        return self.hover.map
 
 
 class MotionEstimator:
     """Learns from the inputs sent and the motion that they caused."""
 
-    def __init__(self, prior: ThrustMap, delay: float) -> None:
-        """prior: thrust map as configured. delay: s, from a tick to its effect, as configured."""
+    def __init__(
+        self, prior: ThrustMap, doubt: float, delay: float, curve_known: bool = False
+    ) -> None:
+        """prior, doubt, curve_known: as for `HoverThrust`. delay: s, as configured."""
         self._history = InputHistory(delay)
         self._delay = DelayEstimator(delay)
-        self._hover_thrust = HoverThrust(prior, self._history)
+        self._hover_thrust = HoverThrust(prior, doubt, self._history, curve_known)
         self.reset()
 
     def reset(self) -> None:
         """Forget what is tied to the vehicle's clock; hover thrust and delay are kept."""
         self.clear()
+        self._hover_thrust.reset()
         self.predictor = StatePredictor(self._history)
 
     def update(
-        self, own: VehicleState | None, attitudes: Iterable[Attitude], phase: Phase
+        self,
+        own: VehicleState | None,
+        attitudes: Iterable[Attitude],
+        told: AutopilotThrust,
+        phase: Phase,
     ) -> MotionEstimate:
-        """Return the estimate at one tick; learn from the motion while our inputs fly.
+        """Return the estimate at one tick; learn from the motion.
 
-        attitudes: those that telemetry brought since the last tick, in order of time.
+        attitudes: those that telemetry brought since the last tick, in order of time. told: what
+        the vehicle tells of its thrust, which counts until our inputs fly.
         """
+        # In LAND the autopilot may fly already: HEARTBEAT tells it up to a second later.
+        hover = self._hover_thrust.update(own, told, ours=phase is Phase.FLY)
         if own is None or not phase.flying:
-            return MotionEstimate(None, self._hover_thrust.map, self._delay.estimate)
+            return MotionEstimate(None, hover, self._delay.estimate)
         delay = self._delay.measured(own.time, attitudes)
         self._history.delay = delay.value
-        prediction = self.predictor.update(own)
-        return MotionEstimate(prediction, self._hover_thrust.update(own), delay)
+        return MotionEstimate(self.predictor.update(own), hover, delay)
 
     def sent(self, sent: SentInput) -> None:
         """Remember an input that was sent."""

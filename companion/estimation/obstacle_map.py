@@ -16,6 +16,7 @@ import numpy as np
 from pydantic import Field
 
 from companion.estimation.landmark_places import Drift, LandmarkPlaces
+from companion.perception.parallax import FixedPoints
 from companion.types import Trunk
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.frames import rotation_matrix
@@ -61,6 +62,7 @@ _TIMING = 0.01  # s, 1 σ: when a picture was taken; turns a look by as much as 
 _MATCH, _MATCH_SIGMAS = 0.3, 4.0  # m, and standard deviations: how far looks at a trunk differ
 # A trunk of which only the width shows is another one where it shows this much wider than the known
 # trunk. A thin trunk is a few columns wide; a look may miss two of them at either edge, or add two.
+_BEHIND, _LOW = 0.5, 0.3  # m: how far behind a trunk, and over the ground, lines of sight tell
 _WIDER, _COLUMNS = 1.5, 0.04  # times, and rad on either side
 
 
@@ -91,11 +93,6 @@ class ObstacleMap:
         self._landmarks: list[_Landmark] = []
         self._places = LandmarkPlaces()
 
-    @property
-    def lag(self) -> tuple[float, float]:
-        """By how much the own state is older than the pictures, and the doubt of it [s]."""
-        return self._places.lag
-
     def update(
         self,
         trunks: Sequence[Trunk],
@@ -115,7 +112,7 @@ class ObstacleMap:
         where the picture's edge cuts it: a landmark in that direction stays where it is.
         """
         r_wc = rotation_matrix(own.q_wb) @ rotation_matrix(q_bc)
-        self._places.drift(own.time, (float(own.p[0]), float(own.p[1])), drift)
+        self._places.drift((float(own.p[0]), float(own.p[1])), drift)
         self._refresh()
         seen: set[int] = set()
         for trunk in trunks:
@@ -137,6 +134,23 @@ class ObstacleMap:
             for n, look in zip(missed, visibility(places).tolist(), strict=True):
                 self._landmarks[n].misses += look
         self._forget(own)
+
+    def see_through(self, p: Vector, fixed: FixedPoints) -> None:
+        """Count points seen from p (3,) m behind a landmark as looks that missed it.
+
+        Two lines of sight through its middle, of points that stand clearly behind it, are a look.
+        """
+        for k in self._landmarks:
+            to = fixed.places[:, :2] - p[:2]
+            length = np.maximum(np.linalg.norm(to, axis=1), 1e-6)
+            axis = np.array(k.axis) - p[:2]
+            along = to @ axis / length
+            aside = np.abs(to[:, 0] * axis[1] - to[:, 1] * axis[0]) / length
+            behind = length - along > k.radius + _BEHIND + _MATCH_SIGMAS * fixed.sigmas
+            height = p[2] + (fixed.places[:, 2] - p[2]) * along / length
+            through = (along > k.radius) & (aside < 0.6 * k.radius) & behind & (height > _LOW)
+            if np.count_nonzero(through) >= 2:
+                k.misses += 1.0
 
     def cylinders(self, p: Vector) -> Vector:
         """Return confirmed trunks (K,3) x, y, radius [m], nearest surface to p (3,) m first."""
@@ -185,10 +199,7 @@ class ObstacleMap:
             return len(self._landmarks) - 1
         k = self._landmarks[n]
         k.radius += k.variance / (k.variance + variance) * (trunk.radius - k.radius)
-        motion = (float(own.v[0]) - turn * arm[1], float(own.v[1]) + turn * arm[0])
-        still = (0.0, 0.0)
-        floor = self._config.sigma_floor**2
-        self._places.correct(n, axis, variance, floor, still if trunk.assumed else motion)
+        self._places.correct(n, axis, variance, self._config.sigma_floor**2)
         self._refresh()
         self._mark_seen(n, own.time)
         return n

@@ -15,6 +15,7 @@ from typing import TypeVar
 import numpy as np
 
 from companion.estimation.coarse_telemetry import CoarseTelemetry
+from companion.types import STAMP_AHEAD
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.frames import integrate
 from mavlink_bridge.wire.messages import (
@@ -27,6 +28,7 @@ from mavlink_bridge.wire.messages import (
 )
 
 _TINY = float(np.finfo(np.float32).tiny)
+_SAMPLES = (Attitude, LocalPosition, Odometry)
 _Sample = TypeVar("_Sample", Attitude, LocalPosition)
 _TIMEOUT = 0.5  # s without a stream, after which a substitute is accepted
 _JUMP = 1.0  # m beyond what velocity and acceleration explain: a jump, not a motion
@@ -37,6 +39,7 @@ _IMPLAUSIBLE = 1.0  # s for which a fault makes the state implausible
 _POSITION_LOST = 0.18  # s without a position while attitudes come
 _POSITION_CORRUPT = 0.4  # s; the same, while positions come that are not finite
 _REBOOTED = (1.0, 3)  # s by which the clock has to go back, in so many samples in a row
+_TICKS_AHEAD = 3  # on end with samples of the future, from which on no stamp is believed
 _HISTORY = 100  # two seconds of 50 Hz telemetry: more than the age of any frame in use
 
 
@@ -58,6 +61,7 @@ class OwnStateCounters:
     not_unit: int = 0
     too_fast: int = 0
     out_of_order: int = 0
+    ahead: int = 0  # stamped in the future
     jumps: int = 0
     reboots: int = 0
 
@@ -95,6 +99,8 @@ class OwnState:
         self._attitudes: deque[Attitude] = deque(maxlen=_HISTORY)
         self._positions: deque[LocalPosition] = deque(maxlen=_HISTORY)
         self._implausible_at = self._corrupt_at = -np.inf
+        self._horizon = np.inf
+        self._ticks_ahead = 0  # on end, with samples of the future
         self._clock_back_count = 0
         self._bad_attitudes, self._jumped = _OutlierRun(), _OutlierRun()
 
@@ -107,16 +113,32 @@ class OwnState:
         self._clock_back_count = 0
         self.counters.reboots += 1
 
-    def add(self, messages: Iterable[Message]) -> None:
-        """Take in the messages that tell of the own state; ignore the others."""
+    def add(self, messages: Iterable[Message], horizon: float = math.inf) -> None:
+        """Take in the messages that tell of the own state; ignore the others.
+
+        horizon: s, the latest that the vehicle's clock can show now. A sample with a later stamp
+        is refused: it would be carried back in time, and would never grow old. Where such samples
+        come tick after tick, all stamps are wrong, and all samples are refused.
+        """
         self.new_attitudes = []
-        for message in self._refined(messages):
+        self._horizon = horizon + STAMP_AHEAD
+        for message in self._refined(self._credible(messages)):
             if isinstance(message, Attitude):
                 if not self._repeats(message) and self._sane_attitude(message):
                     self._attitudes.append(message)
                     self.new_attitudes.append(message)
             elif isinstance(message, LocalPosition) and self._sane_position(message):
                 self._positions.append(message)
+
+    def _credible(self, messages: Iterable[Message]) -> list[Message]:
+        """Return the messages without samples of the future, which are counted."""
+        known = list(messages)
+        times = [m.time for m in known if isinstance(m, _SAMPLES)]
+        if times:
+            self._ticks_ahead = self._ticks_ahead + 1 if max(times) > self._horizon else 0
+        latest = self._horizon if self._ticks_ahead < _TICKS_AHEAD else -np.inf
+        self.counters.ahead += sum(time > latest for time in times)
+        return [m for m in known if not isinstance(m, _SAMPLES) or m.time <= latest]
 
     def _refined(self, messages: Iterable[Message]) -> Iterable[Message]:
         """Yield the messages; where the vehicle sends only coarse ones, their fine equivalents."""
@@ -149,12 +171,15 @@ class OwnState:
     def age(self, time: float) -> float:
         """Return the age [s] of the older of the two streams; infinite before both have come.
 
-        While the position is lost, return the age of the attitude.
+        While the position is lost, return the age of the attitude. Where samples are newer than
+        `time`, but not newer than can be, the age is 0; negative where the clock has gone back.
         """
         if not self._attitudes or not self._positions:
             return float("inf")
         attitude, position = self._attitudes[-1].time, self._positions[-1].time
-        return time - (attitude if self._position_lost else min(attitude, position))
+        age = time - (attitude if self._position_lost else min(attitude, position))
+        ahead = max(attitude, position) - self._horizon
+        return -ahead if ahead > 0.0 else max(age, 0.0)
 
     def plausible(self, time: float) -> bool:
         """Return whether recent attitudes and positions can be those of a flying drone."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from companion.estimation.autopilot_thrust import AutopilotThrust, AutopilotThrustReader
 from companion.estimation.height import Height, HeightEstimator
 from companion.estimation.link_quality import LinkQuality
 from companion.estimation.odometry_frame import OdometryFrame
@@ -14,19 +16,21 @@ from companion.estimation.own_doubt import OwnDoubt, OwnDoubtEstimator
 from companion.estimation.own_state import OwnState
 from companion.estimation.prediction import StatePredictor
 from companion.types import Phase
+from mavlink_bridge.autopilots.answers import Answers
 from mavlink_bridge.autopilots.registry import Identity
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.wire.messages import (
     Attitude,
     DistanceSensor,
     Heartbeat,
+    Message,
     Received,
     Source,
     VehicleState,
 )
-from mavlink_bridge.wire.video import Frame
 
 _UNREPORTED = OwnDoubt()
+_MODE_KNOWN = 1.0  # s without news for which the last mode is believed: a HEARTBEAT's period
 _CLOCK_BACK = 1.0  # s; a vehicle whose clock goes back by more has started anew
 
 
@@ -34,20 +38,21 @@ _CLOCK_BACK = 1.0  # s; a vehicle whose clock goes back by more has started anew
 class VehicleEstimate:
     """What is known of the own vehicle at one tick.
 
-    state: now, by the model where telemetry is late; None before telemetry came. at_capture: the
-    state when the newest frame was taken. age: s, of the telemetry. plausible: whether attitude and
-    position can be those of a flying drone. packet_loss: share 0…1 of the telemetry of the last
-    second. tick_gap: s since the tick before; 0: this is the first. heartbeat: the last one.
-    mode_known: whether a heartbeat came since the last silence. rebooted: the vehicle has started
-    anew since the tick before. inhibit_reason: why this vehicle is not to be flown; empty: it is.
-    attitudes: those that came since the tick before, in order of time. doubt: of the state.
-    map_offset: (3,) m, position on the map less that of the state, see `odometry_frame.py`.
-    height: over ground; None before the own state is known.
+    state: now, by the model where telemetry is late; None before telemetry came. age: s, of the
+    telemetry; below 0 it is of the future. ahead: samples refused since start, as their stamps are
+    of the future. plausible: whether attitude and position can be those of a flying drone.
+    packet_loss: share 0…1 of the telemetry of the last second. tick_gap: s since the tick before;
+    0: this is the first. heartbeat: the last one. mode_known: whether a heartbeat came since the
+    last silence. rebooted: the vehicle has started anew since the tick before. inhibit_reason: why
+    this vehicle is not to be flown; empty: it is. thrust: what it tells of its thrust. refusals:
+    what the autopilot refused since the tick before, in words. attitudes: those that came since the
+    tick before, in order of time. doubt: of the state. map_offset: (3,) m, position on the map less
+    that of the state, see `odometry_frame.py`. height: over ground; None before a state is known.
     """
 
     state: VehicleState | None = None
-    at_capture: VehicleState | None = None
     age: float = float("inf")
+    ahead: int = 0
     plausible: bool = True
     packet_loss: float = 0.0
     tick_gap: float = 0.0
@@ -55,10 +60,29 @@ class VehicleEstimate:
     mode_known: bool = False
     rebooted: bool = False
     inhibit_reason: str = ""
+    thrust: AutopilotThrust = field(default_factory=AutopilotThrust)
+    refusals: tuple[str, ...] = ()
     attitudes: tuple[Attitude, ...] = ()
     doubt: OwnDoubt = _UNREPORTED
     height: Height | None = None
     map_offset: Vector = field(default_factory=lambda: np.zeros(3))
+
+    def without_news(self, gap: float) -> VehicleEstimate:
+        """Return this estimate `gap` [s] later, where no new one can be had.
+
+        The mode is not known for long: a pilot may have changed it.
+        """
+        age = self.age + gap
+        known = self.mode_known and age <= _MODE_KNOWN
+        return replace(
+            self,
+            age=age,
+            tick_gap=gap,
+            rebooted=False,
+            mode_known=known,
+            refusals=(),
+            attitudes=(),
+        )
 
 
 class VehicleEstimator:
@@ -72,10 +96,13 @@ class VehicleEstimator:
         self._autopilot = Source(system_id, 1)
         self._silence = silence
         self._predict_after = predict_after
+        self._answers = Answers(identity.adapter)
         self._own = OwnState()
         self._doubt = OwnDoubtEstimator()
         self._height = HeightEstimator()
         self._frame = OdometryFrame()
+        self._flown_by: StatePredictor | None = None
+        self._thrust = AutopilotThrustReader(identity)
         self._link = LinkQuality(silence)
         self._time = -np.inf
         self._reboots = 0
@@ -84,35 +111,32 @@ class VehicleEstimator:
         self,
         time: float,
         received: Sequence[Received],
-        frame: Frame | None,
         predictor: StatePredictor,
         phase: Phase,
-        lag: float = 0.0,
+        horizon: float = math.inf,
     ) -> VehicleEstimate:
         """Return the estimate at the tick of `time` [s], from the messages since the last one.
 
-        frame: the newest one. predictor: carries a late state to now while the companion flies
-        the vehicle, as the phase of the tick before tells. lag: s by which telemetry's states are
-        older than pictures of the same time.
+        predictor: carries a late state to now while the companion flies the vehicle, as the phase
+        of the tick before tells. horizon: s, the latest that the vehicle's clock can show.
         """
         heard = [r for r in received if r.source == self._autopilot]
         messages = [r.message for r in heard]
         self._link.hear(time, heard)
         loss = self._link.lost
         doubt = self._doubt.hear(messages)
-        self._own.add(self._frame.localised(messages, doubt.velocity))
+        self._own.add(self._frame.localised(messages, doubt.velocity), horizon)
         self._identity.hear(messages)
         rebooted = self._notice_reboot(time)
         gap = time - self._time if np.isfinite(self._time) else 0.0
         self._time = time
-        flown_by = predictor if phase.flying and not rebooted else None
-        state = self._state(time, flown_by)
+        self._flown_by = predictor if phase.flying and not rebooted else None
+        state = self._state(time)
         looks = [m for m in messages if isinstance(m, DistanceSensor)]
         return VehicleEstimate(
             state=state,
-            height=None if state is None else self._height.update(state, looks),
-            at_capture=None if frame is None else self._at_capture(frame.time, lag, flown_by),
             age=self._own.age(time),
+            ahead=self._own.counters.ahead,
             plausible=self._own.plausible(time),
             packet_loss=loss,
             tick_gap=gap,
@@ -120,10 +144,28 @@ class VehicleEstimator:
             mode_known=self._link.knows_mode,
             rebooted=rebooted,
             inhibit_reason=self._identity.inhibit_reason() or doubt.inhibit_reason,
+            thrust=self._thrust.read(messages, state),
+            refusals=tuple(self._answers.refusals(messages)),
             attitudes=tuple(self._own.new_attitudes),
             doubt=doubt,
+            height=None if state is None else self._height.update(state, looks),
             map_offset=self._frame.offset,
         )
+
+    def at(self, time: float) -> VehicleState | None:
+        """Return the state at a `time` [s] of the last second; None before telemetry came.
+
+        What telemetry has not told yet is by the model, where the inputs were ours.
+        """
+        age = self._own.age(time)
+        known = self._own.at(time - age) if age > 0.0 and np.isfinite(age) else None
+        if known is None or self._flown_by is None:
+            return self._own.at(time)
+        return self._flown_by.carried(known, time)
+
+    def ask(self, requests: Sequence[Message]) -> None:
+        """Note what this tick asks of the autopilot, for the words of a refusal."""
+        self._answers.ask(requests)
 
     def _notice_reboot(self, time: float) -> bool:
         """Return whether the vehicle has started anew; what is tied to its clock is forgotten."""
@@ -133,33 +175,11 @@ class VehicleEstimator:
         if rebooted:
             self._time = -np.inf
             self._link = LinkQuality(self._silence)
+            self._thrust.reset()
             self._frame = OdometryFrame()
             self._height.reset()
         return rebooted
 
-    def _at_capture(
-        self, time: float, lag: float, predictor: StatePredictor | None
-    ) -> VehicleState | None:
-        """Return the state in which the picture of `time` [s] was taken, stamped with that time.
-
-        It is the one that telemetry calls later by its lag; by the model where it has not come yet.
-        """
-        newest = time + lag - self._own.age(time + lag)
-        if not np.isfinite(newest):
-            return self._own.at(time)
-        known = self._own.at(min(time + lag, newest))
-        if known is None:
-            return None
-        if time + lag > newest and predictor is not None:
-            known = predictor.carried(known, time + lag)
-        elif time + lag > newest:
-            known = self._own.at(time + lag) or known
-        return replace(known, time=time)
-
-    def _state(self, time: float, predictor: StatePredictor | None) -> VehicleState | None:
+    def _state(self, time: float) -> VehicleState | None:
         """Return the state now; by the model where telemetry is late and the inputs were ours."""
-        age = self._own.age(time)
-        known = self._own.at(time - age) if np.isfinite(age) else None
-        if known is None or predictor is None or age <= self._predict_after:
-            return self._own.at(time)
-        return predictor.carried(known, time)
+        return self._own.at(time) if self._own.age(time) <= self._predict_after else self.at(time)

@@ -2,7 +2,8 @@
 
 Layout: a JSON line with the tick's time, the frame's time, the length of each MAVLink datagram and
 the columns of the tables of detections; then the datagrams and the tables (float64, little-endian);
-then the ranges of a depth image (float16), where there is one. Pixels are not kept: a replay starts
+then the ranges of a depth image (float16), where there is one, and the points known by parallax
+(n,5) (float64). Pixels are not kept: a replay starts
 from the detections.
 """
 
@@ -18,6 +19,7 @@ import orjson
 
 from companion.perception.frontend import Detections
 from companion.types import Detection, Ranges, Trunk
+from mavlink_bridge.shared.arrays import Vector
 
 
 @dataclass(frozen=True)
@@ -25,8 +27,9 @@ class RecordedInputs:
     """The inputs of one tick.
 
     time: s, of the tick. datagrams: since the tick before. frame_time: s, of the newest frame;
-    drones, trunks, ranges: its detections, where it was new. leave: whether control was to be given
-    back. shown: whether the camera showed anything.
+    drones, trunks, ranges, fixed: its detections, where it was new. leave: whether control was to
+    be given back. shown: whether the camera showed anything. latest: s, the latest that the
+    vehicle's clock could show, where that was not `time`.
     """
 
     time: float
@@ -35,8 +38,10 @@ class RecordedInputs:
     drones: list[Detection] = field(default_factory=list)
     trunks: list[Trunk] = field(default_factory=list)
     ranges: Ranges | None = None
+    fixed: Vector = field(default_factory=lambda: np.zeros((0, 5)))
     leave: bool = False
     shown: bool = True
+    latest: float | None = None
 
 
 class InputsError(ValueError):
@@ -74,6 +79,7 @@ def encode(
     seen: Detections,
     leave: bool = False,
     shown: bool = True,
+    latest: float | None = None,
 ) -> bytes:
     """Return one tick's inputs as bytes; seen: empty where the frame was not new."""
     ranges = seen.ranges
@@ -85,11 +91,14 @@ def encode(
         "columns": _COLUMNS,
         "leave": leave,
         "ranges": None if ranges is None else ranges.shape,
+        "fixed": len(seen.fixed.names),
         "shown": shown,
+        "latest": latest,
     }
     tables = [table.encode(getattr(seen, name)) for name, table in _TABLES.items()]
     if ranges is not None:
         tables.append(ranges.astype("<f2").tobytes())
+    tables.append(seen.fixed.rows.astype("<f8").tobytes())
     return b"".join([orjson.dumps(header), b"\n", *datagrams, *tables])
 
 
@@ -117,6 +126,9 @@ def decode(data: bytes) -> RecordedInputs:
             size = 2 * shape[0] * shape[1]
             ranges = np.frombuffer(rest[at : at + size], dtype="<f2").reshape(shape)
             at += size
+        size = 8 * 5 * header.get("fixed", 0)
+        fixed = np.frombuffer(rest[at : at + size], dtype="<f8").reshape(-1, 5).copy()
+        at += size
         if at != len(rest):
             raise ValueError(f"{len(rest) - at} bytes too many")
         leave, shown = bool(header.get("leave")), bool(header.get("shown", True))
@@ -126,8 +138,10 @@ def decode(data: bytes) -> RecordedInputs:
             header["frame"],
             **tables,
             ranges=ranges,
+            fixed=fixed,
             leave=leave,
             shown=shown,
+            latest=header.get("latest"),
         )
     except (ValueError, TypeError, KeyError) as error:
         raise InputsError(f"not a tick's inputs: {error}") from error

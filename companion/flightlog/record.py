@@ -12,7 +12,10 @@ import numpy as np
 import orjson
 from numpy.typing import ArrayLike
 
+from companion.estimation.hover_thrust import HoverEstimate
+from companion.estimation.vehicle_clock import ClockEstimate
 from companion.guidance.guidance import Reference
+from companion.perception.camera_alignment import Alignment
 from companion.perception.frontend import Detections
 from companion.tick import Tick
 from companion.types import Plan, Track
@@ -31,6 +34,9 @@ SCHEMA = {
         "phase": {"type": "string"},
         "inhibit": {"type": "string"},
         "camera": {"type": "string"},
+        "alignment": {"type": "object"},
+        "clarity": {"type": "number"},
+        "refusals": {"type": "array"},
         "own": {"type": "object"},
         "goal": {"type": "object"},
         "aim": {"type": "array"},
@@ -51,21 +57,51 @@ SCHEMA = {
         "command": {"type": "object"},
         "hover_thrust": {"type": "number"},
         "delay": {"type": "array"},
-        "lag": {"type": "array"},
         "map_offset": {"type": "array"},
         "height": {"type": "array"},
+        "hover": {"type": "object"},
         "stages_ms": {"type": "object"},
         "counters": {"type": "object"},
+        "clock": {"type": ["object", "null"]},
     },
 }
 
 
-def encode(tick: Tick, counters: dict[str, Any], costs: dict[str, float]) -> bytes:
+def encode(
+    tick: Tick,
+    counters: dict[str, Any],
+    costs: dict[str, float],
+    clock: ClockEstimate | None = None,
+) -> bytes:
     """Return the tick as JSON.
 
-    counters: of link and deadlines, so far. costs: s, of work that is no stage of the tick.
+    counters: of link and deadlines, so far. costs: s, of work that is no stage of the tick. clock:
+    of the vehicle, where it is estimated.
     """
-    return orjson.dumps(record(tick, costs) | {"counters": counters}, option=_OPTIONS)
+    r = record(tick, costs) | {"counters": counters | {"stamps_ahead": tick.vehicle.ahead}}
+    return orjson.dumps(r | {"clock": _clock(clock)}, option=_OPTIONS)
+
+
+def _hover(hover: HoverEstimate) -> dict[str, Any]:
+    """Return the doubt of the hover thrust and where it is known from."""
+    doubt, mismatch = _number(hover.doubt), _number(hover.mismatch)
+    exponent = _number(hover.map.exponent)
+    return {
+        "doubt": doubt,
+        "source": hover.source,
+        "mismatch": mismatch,
+        "exponent": exponent,
+    }
+
+
+def _clock(clock: ClockEstimate | None) -> dict[str, Any] | None:
+    """Return the rate of the vehicle's clock and its doubts; JSON has no infinity."""
+    if clock is None:
+        return None
+    rate_doubt = round(clock.rate_doubt, 6) if clock.measured else None
+    known = {"rate": round(clock.rate, 6), "rate_doubt": rate_doubt}
+    more = {"doubt_ms": round(clock.doubt * 1e3, 2), "bounded": clock.bounded}
+    return known | more | {"jumps": clock.jumps}
 
 
 def record(tick: Tick, costs: dict[str, float] | None = None) -> dict[str, Any]:
@@ -77,10 +113,13 @@ def record(tick: Tick, costs: dict[str, float] | None = None) -> dict[str, Any]:
         "phase": tick.supervised.phase.value,
         "inhibit": tick.supervised.inhibit_reason,
         "camera": tick.seen.fault.value,
+        "alignment": _alignment(tick.seen.alignment),
+        "clarity": _number(tick.seen.clarity),
+        "refusals": list(tick.vehicle.refusals),
         "hover_thrust": _number(tick.motion.thrust_map.hover_thrust),
         "delay": _rounded([tick.motion.delay.value, tick.motion.delay.sigma]),
+        "hover": _hover(tick.motion.hover),
         "stages_ms": {k: round(v * 1e3, 3) for k, v in stages.items()},
-        "lag": _rounded([tick.obstacles.lag.value, tick.obstacles.lag.sigma]),
         **_seen(tick.seen),
         "map_offset": _rounded(offset),
         "height": [] if height is None else _rounded([height.value, height.sigma]),
@@ -169,6 +208,16 @@ def _commanded(tick: Tick) -> dict[str, Any]:
         "bad_ticks": v.bad_ticks,
     }
     return {"command": command}
+
+
+def _alignment(a: Alignment) -> dict[str, Any]:
+    """Return how the pictures turn against the gyro, as logged: s, times, rad, and 1 σ."""
+    return {
+        "lag": _number(a.lag),
+        "scale": _number(a.scale),
+        "tilt": [_number(x) for x in a.tilt],
+        "sigmas": [_number(x) for x in a.sigmas],
+    }
 
 
 def _number(value: float) -> float:

@@ -128,16 +128,20 @@ class Recorder:
         return channels
 
     def _write_inputs(self, inputs: TickInputs, tick: Tick, packets: Packets) -> None:
-        frame_time = inputs.frame.time if inputs.frame is not None else None
+        # A replay has no pictures to find their lag by.
+        lag = tick.seen.alignment.lag
+        frame_time = None if inputs.frame is None else inputs.frame.time - lag
         came = [data for sent, data in packets if not sent]
         shown = tick.seen.fault in (CameraFault.NONE, CameraFault.LATE)
-        data = recorded.encode(tick.time, came, frame_time, tick.seen, inputs.leave, shown)
+        data = recorded.encode(
+            tick.time, came, frame_time, tick.seen, inputs.leave, shown, inputs.latest
+        )
         self._add("/inputs", tick.time, data)
 
     def _write_tick(
         self, inputs: TickInputs, tick: Tick, counters: dict[str, Any], costs: dict[str, float]
     ) -> None:
-        self._add("/tick", tick.time, records.encode(tick, counters, costs))
+        self._add("/tick", tick.time, records.encode(tick, counters, costs, inputs.clock))
         own = tick.vehicle.state
         if own is not None:
             self._put("/pose", tick.time, scene.pose(own))

@@ -28,6 +28,7 @@ from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.video import Frame
 
 COMMAND_TOLERANCE = 1e-3  # rad/s and m/s²: ten times the log's last digit
+HOVER_TOLERANCE = 2e-4  # twice the log's last digit
 _NAME = "the log's configuration"
 _DECISIONS = ("phase", "goal.index", "command.reason", "solver.usable", "solver.active")
 
@@ -114,6 +115,9 @@ def differences(
     for what, before, now in pairs:
         if before != now:
             yield Difference(number, recorded["time"], what, before, now)
+    hovers = recorded["hover_thrust"], today["hover_thrust"]
+    if abs(hovers[0] - hovers[1]) > HOVER_TOLERANCE:
+        yield Difference(number, recorded["time"], "hover_thrust", *hovers)
     for name in ("omega", "c"):
         if _gap(recorded, today, name) > COMMAND_TOLERANCE:
             yield Difference(
@@ -138,7 +142,9 @@ def flown(config: CompanionConfig, recorded: Iterable[RecordedInputs]) -> Iterat
     take = codec.decode_datagram if whole else codec.decode
     for inputs in recorded:
         received = [r for d in inputs.datagrams for r in take(d)]
-        yield companion.tick(TickInputs(inputs.time, received, _frame(inputs), inputs.leave))
+        yield companion.tick(
+            TickInputs(inputs.time, received, _frame(inputs), inputs.leave, inputs.latest)
+        )
 
 
 def _without_pixels(config: CompanionConfig) -> CompanionConfig:
@@ -159,6 +165,8 @@ def _frame(inputs: RecordedInputs) -> Frame | None:
         "neighbours": np.array(drones).reshape(-1, 6),
         "trunks": np.array(trunks).reshape(-1, 7),
     }
+    if len(inputs.fixed):
+        arrays["fixed"] = inputs.fixed
     if inputs.ranges is not None:
         arrays["ranges"] = inputs.ranges
     return Frame(inputs.frame_time, arrays)

@@ -28,6 +28,7 @@ class Status:
 
     def __init__(self, path: Path) -> None:
         self.record: dict[str, Any] = {}
+        self.refused: dict[str, Any] = {}  # the last tick in which the autopilot refused
         log = path if path.suffix == ".mcap" else _log_of(path)
         check_begins(log)
         self._path, self._follower = log, Follower(log, "/tick")
@@ -39,6 +40,10 @@ class Status:
             NoStatus: the log has no tick so far.
         """
         messages = self._follower.new()
+        for message in reversed(messages):
+            if b'"refusals":["' in message.data:
+                self.refused = orjson.loads(message.data)
+                break
         if messages:
             self.record = orjson.loads(messages[-1].data)
         if not self.record:
@@ -61,8 +66,13 @@ class Status:
             + ("-" if nearest is None else f"{nearest:.1f} m"),
             f"motion   {_motion(r)}",
             f"seen     {len(r['detections'])} drones, {len(r['trunks'])} trunks",
+            f"hover    {_hover(r)}",
+            f"clock    {_clock(r.get('clock'))}",
             "counts   " + ", ".join(f"{k} {v}" for k, v in r["counters"].items()),
         ]
+        if self.refused:
+            told = "; ".join(self.refused["refusals"])
+            lines.insert(2, f"refused  {told}, at {self.refused['time']:.1f} s")
         return "\n".join(lines)
 
 
@@ -89,6 +99,24 @@ def _distance(track: dict[str, Any], record: dict[str, Any]) -> float:
     return float(sum((a - b) ** 2 for a, b in zip(track["p"], own, strict=True)) ** 0.5)
 
 
+def _hover(record: dict[str, Any]) -> str:
+    """Return the hover thrust, its doubt, and where it is known from."""
+    hover = record.get("hover")
+    if hover is None:  # a log of before
+        return f"thrust {record['hover_thrust']:.3f}"
+    return f"thrust {record['hover_thrust']:.3f} ±{hover['doubt']:.1%}, from {hover['source']}"
+
+
+def _clock(clock: dict[str, Any] | None) -> str:
+    """Return the rate of the vehicle's clock against this board's, and the doubt of its offset."""
+    if clock is None:
+        return "the sender's of the frames"
+    doubt = clock["rate_doubt"]
+    rate = "rate not measured" if doubt is None else f"rate {clock['rate']:.4f} ±{doubt:.4f}"
+    by = "" if clock["bounded"] else " (TIMESYNC is not answered)"
+    return f"{rate}, ±{clock['doubt_ms']:.0f} ms{by}, {clock['jumps']} jumps"
+
+
 def _solver(solver: dict[str, Any] | None) -> str:
     if solver is None:
         return "-"
@@ -97,12 +125,11 @@ def _solver(solver: dict[str, Any] | None) -> str:
 
 def _motion(record: dict[str, Any]) -> str:
     """Return what is measured in flight, with its doubt; a log of before has none of it."""
-    text = f"hover thrust {record['hover_thrust']:.2f}" if "hover_thrust" in record else "-"
-    for name in ("delay", "lag"):
-        if name in record:
-            value, sigma = record[name]
-            text += f", {name} {value * 1e3:.0f} ± {sigma * 1e3:.0f} ms"
+    texts = []
+    if "delay" in record:
+        value, sigma = record["delay"]
+        texts.append(f"delay {value * 1e3:.0f} ± {sigma * 1e3:.0f} ms")
     if record.get("height"):
         value, sigma = record["height"]
-        text += f", over ground {value:.1f} ± {sigma:.1f} m"
-    return text
+        texts.append(f"over ground {value:.1f} ± {sigma:.1f} m")
+    return ", ".join(texts) or "-"

@@ -28,8 +28,8 @@ from mavsdk.plugins.mavlink_direct import MavlinkMessage
 from companion.ground.vehicle_monitor import VehicleMonitor
 from companion.settings.config import CompanionConfig
 from mavlink_bridge.autopilots.registry import Autopilot, adapter
-from mavlink_bridge.wire.link import EndpointError
 from mavlink_bridge.wire.messages import Command, CommandResult, Message
+from mavlink_bridge.wire.udp import EndpointError
 
 _FIRST = 2.0  # s for the first message of each telemetry stream
 _RATE = 2.0  # Hz

@@ -100,6 +100,12 @@ class Guidance:
         self._gaze = Gaze(s.gaze)
         self._landing = Landing(s.mission, s.d_agent, turns=s.gaze.survey > 0.0)
 
+    def set_goals(self, goals: Sequence[Vector]) -> None:
+        """Fly to these goals (3,) m from now on, the first of them first."""
+        s = self._settings
+        self._mission = Mission(s.mission, goals)
+        self._landing = Landing(s.mission, s.d_agent, turns=s.gaze.survey > 0.0)
+
     def decide(
         self,
         own: VehicleState | None,

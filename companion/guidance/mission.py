@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -97,9 +98,10 @@ class MissionProgress:
 class Mission:
     """Leads through the goals, one after another, and holds the last."""
 
-    def __init__(self, config: MissionConfig) -> None:
+    def __init__(self, config: MissionConfig, goals: Sequence[Vector] | None = None) -> None:
+        """Start at the first of `goals` (3,) m; None: those of the configuration."""
         self._config = config
-        self._goals = [np.array(g, dtype=float) for g in config.goals]
+        self._goals = [np.array(g, dtype=float) for g in (config.goals if goals is None else goals)]
         self._index = 0
         self._complete = False
         self._near = False

@@ -7,6 +7,7 @@ camera model and calibration method for conventional, wide-angle, and fish-eye l
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -21,6 +22,7 @@ from mavlink_bridge.shared.arrays import Vector
 FORWARD = (0.5, -0.5, 0.5, -0.5)
 KEYS = ("width", "height", "fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
 NEWTON_STEPS = 8
+FOV_DEG = (40.0, 240.0)  # across the picture; outside, a focal length is mistaken
 
 
 class CalibrationError(ValueError):
@@ -106,6 +108,12 @@ class Camera:
         A polynomial that was fitted to the middle alone bends back farther out. A neighbour at the
         side would then be placed behind the drone.
         """
+        wide = math.degrees(self.width / self.fx)
+        if not FOV_DEG[0] <= wide <= FOV_DEG[1] or not 0.5 < self.fx / self.fy < 2.0:
+            return (
+                f"fx {self.fx:g}, fy {self.fy:g} px/rad image {wide:.0f}° across {self.width} px: "
+                f"{FOV_DEG[0]:g} to {FOV_DEG[1]:g}° are possible, and fx near fy"
+            )
         across = [(-0.5 - self.cx) / self.fx, (self.width - 0.5 - self.cx) / self.fx]
         down = [(-0.5 - self.cy) / self.fy, (self.height - 0.5 - self.cy) / self.fy]
         if float(self.radius(np.array(self._peak))) > np.abs(across + down).max():

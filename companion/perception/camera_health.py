@@ -22,7 +22,7 @@ _STEP = 8  # px between the pixels that are looked at, each way
 _PERCENT = 0.01
 _RANGES = 0.05  # share of a depth image that must be known; 0 and NaN are not
 _DEAD = 3  # times as late as late: no frame comes any more
-_AHEAD = 0.1  # s that a stamp may be after the tick: clocks differ, and a tick may be late
+_AHEAD = 0.1  # s that a stamp may be later than the vehicle's clock: the lag is measured
 
 
 class CameraFault(Enum):
@@ -37,6 +37,9 @@ class CameraFault(Enum):
     LATE = "late"
     AHEAD = "ahead"  # stamped in the future: nothing says when it was taken
     MISFIT = "misfit"  # not of the size that the calibration is for
+    MISALIGNED = "misaligned"  # it turns otherwise than the gyro says
+    UNCLEAR = "unclear"  # obstacle, ground and the rest cannot be told apart in it
+    SENSELESS = "senseless"  # what is found in it is no number, or the detector fails
 
 
 class CameraHealthConfig(StrictModel):
@@ -49,6 +52,13 @@ class CameraHealthConfig(StrictModel):
     saturated: float = Field(
         251.0, ge=0, le=255, description="Darkest percent above this: saturated."
     )
+    clarity: float = Field(
+        0.5,
+        ge=0,
+        le=1,
+        description="Pictures below this are unclear: how surely the network tells obstacle, "
+        "ground and the rest apart, from 0 (not at all) to 1. Only with sensing.obstacles network.",
+    )
 
 
 class CameraHealth:
@@ -60,22 +70,51 @@ class CameraHealth:
         self._before: NDArray[Any] | None = None
         self._newest = -np.inf
         self._blind_since: float | None = None
-        self.fault = CameraFault.DEAD
+        self._picture = self.fault = CameraFault.DEAD
+        self._content = CameraFault.NONE
 
-    def check(self, time: float, frame: Frame | None, fits: bool = True) -> CameraFault:
+    def check(
+        self,
+        time: float,
+        frame: Frame | None,
+        fits: bool = True,
+        aligned: bool = True,
+        horizon: float | None = None,
+    ) -> CameraFault:
         """Judge the newest frame at the tick of `time` [s, vehicle's clock]; once a tick.
 
-        fits: whether it is such as the camera is calibrated for.
+        fits: whether it is such as the camera is calibrated for. aligned: whether the pictures so
+        far turned as the gyro says. horizon: s, the latest that the vehicle's clock can show;
+        None: `time`.
         """
-        if frame is not None and frame.time > time + _AHEAD:
-            self.fault = CameraFault.AHEAD
+        horizon = time if horizon is None else horizon
+        if frame is not None and frame.time > horizon + _AHEAD:
+            self._picture = CameraFault.AHEAD
         elif frame is not None and frame.time > self._newest:
             self._newest = frame.time
-            self.fault = self._judge(frame) if fits else CameraFault.MISFIT
+            self._picture = self._judge(frame) if fits else CameraFault.MISFIT
+            if self._picture is CameraFault.NONE and not aligned:
+                self._picture = CameraFault.MISALIGNED
         if self.usable:
             age, late = time - self._newest, self._config.late
             gone = CameraFault.DEAD if age > _DEAD * late else CameraFault.LATE
-            self.fault = gone if age > late else CameraFault.NONE
+            self._picture = gone if age > late else CameraFault.NONE
+        return self._conclude(time)
+
+    def searched(self, time: float, sound: bool, clarity: float = 1.0) -> CameraFault:
+        """Judge again, once the newest frame has been searched.
+
+        sound: what the detectors found is made of possible numbers. clarity: 0…1, how surely the
+        network tells what the picture shows.
+        """
+        unclear = CameraFault.UNCLEAR if clarity < self._config.clarity else CameraFault.NONE
+        self._content = unclear if sound else CameraFault.SENSELESS
+        return self._conclude(time)
+
+    def _conclude(self, time: float) -> CameraFault:
+        """Return the fault of picture and detectors; note since when there is one."""
+        content = self._content if self.usable else CameraFault.NONE
+        self.fault = self._picture if content is CameraFault.NONE else content
         if self.fault is CameraFault.NONE:
             self._blind_since = None
         elif self._blind_since is None:
@@ -89,7 +128,7 @@ class CameraHealth:
     @property
     def usable(self) -> bool:
         """Whether the newest frame can be searched; a late one can, with its own time."""
-        return self.fault in (CameraFault.NONE, CameraFault.LATE)
+        return self._picture in (CameraFault.NONE, CameraFault.LATE)
 
     def _judge(self, frame: Frame) -> CameraFault:
         if not frame.arrays or self._needs - frame.arrays.keys():

@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from companion.perception.ball import ColorSettings
-from companion.perception.cnn import CnnConfig
 from companion.perception.depth import DepthConfig
-from companion.perception.trunks import TrunkSettings
+from companion.perception.heat_map import HeatMapConfig, NetworkConfig
+from companion.perception.trunk_fit import FootSettings, TrunkSettings
 from companion.perception.yolo import YoloConfig
 from mavlink_bridge.shared.settings import StrictModel
 
@@ -56,20 +56,36 @@ class SensingConfig(StrictModel):
     """What the tracker and the obstacle memory are fed with."""
 
     neighbours: Literal["camera", "truth"] = "camera"
-    obstacles: Literal["camera", "depth", "map"] = "camera"
-    detector: Literal["color", "cnn", "yolo"] = Field(
+    obstacles: Literal["camera", "network", "depth", "map"] = Field(
+        "camera",
+        description="camera: trunks by their colours; network: by the packaged network; depth: by "
+        "a depth camera; map: for studies.",
+    )
+    detector: Literal["color", "cnn", "network", "yolo"] = Field(
         "color",
-        description="color: drones with a marker; cnn: the packaged network, drones as they are; "
-        "yolo: a network of your own.",
+        description="color: drones with a marker; network: the packaged network, drones as they "
+        "are; cnn: the one before; yolo: a network of your own.",
     )
     model: str | None = Field(
-        None, description="ONNX file, relative to this one: for yolo, or a cnn trained anew."
+        None,
+        description="ONNX file, relative to this one: for yolo, or a cnn or network trained anew.",
     )
+    network: NetworkConfig = NetworkConfig()
     color: ColorSettings = ColorSettings()
-    cnn: CnnConfig = CnnConfig()
+    cnn: HeatMapConfig = HeatMapConfig()
     yolo: YoloConfig = YoloConfig()
     trunks: TrunkSettings = TrunkSettings()
+    feet: FootSettings = FootSettings()
     trunks_every: int = Field(
         2, ge=1, le=10, description="Frames from one look for trunks to the next: they stand still."
     )
+    parallax: bool = Field(
+        True, description="Whether corners of the picture show obstacles by the own motion, too."
+    )
     depth: DepthConfig = DepthConfig()
+
+    @property
+    def uses_network(self) -> bool:
+        """Whether the packaged network looks at each picture."""
+        drones = self.neighbours == "camera" and self.detector == "network"
+        return drones or self.obstacles == "network"

@@ -19,6 +19,10 @@ def make_detector(camera: Camera, sensing: SensingConfig) -> Detector:
         ModelError: a model file that cannot be used.
     """
     model = Path(sensing.model) if sensing.model else None
+    if sensing.detector == "network":
+        from companion.perception.network_search import NetworkSearch
+
+        return NetworkSearch(camera, sensing)
     if sensing.detector == "cnn":
         from companion.perception.cnn import PACKAGED, CnnDetector
 

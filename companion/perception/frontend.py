@@ -6,22 +6,36 @@ behind this page is the same.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.perception.camera_alignment import Alignment, CameraAlignment, StateAt
 from companion.perception.camera_health import CameraFault, CameraHealth, CameraHealthConfig
 from companion.perception.config import CameraConfig, SensingConfig
 from companion.perception.detectors import make_detector
+from companion.perception.parallax import FixedPoints, Parallax
 from companion.perception.view import View, load_camera
 from companion.types import Detection, Image, Ranges, Trunk
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.wire.messages import VehicleState
 from mavlink_bridge.wire.video import Frame
 
+if TYPE_CHECKING:
+    from companion.perception.network_search import NetworkSearch
+
 # The array of a frame that holds what is sensed in this way.
-_ARRAYS = {"camera": "image", "depth": "depth", "truth": "neighbours", "map": "trunks"}
+_ARRAYS = {
+    "camera": "image",
+    "network": "image",
+    "depth": "depth",
+    "truth": "neighbours",
+    "map": "trunks",
+}
+# Faults of pictures that can still be compared with the gyro.
+_COMPARED = (CameraFault.NONE, CameraFault.LATE, CameraFault.MISALIGNED)
 _LENGTHS = (1e-6, 1e4)  # m; distances, radii and standard deviations lie between
 
 
@@ -29,10 +43,13 @@ _LENGTHS = (1e-6, 1e4)  # m; distances, radii and standard deviations lie betwee
 class Detections:
     """What the newest frame showed, and how the camera is.
 
-    time: s, of the frame. own: the vehicle's state at its capture; None where there was no new
+    time: s, when the frame was taken. own: the vehicle's state then; None where there was no new
     frame. searched: whether trunks were looked for. ranges: (h,w) m to other surfaces, where there
-    is a depth image. fault: of the camera; blind: s that it has lasted. started: whether any frame
-    has been looked at. inhibit_reason: why the frames cannot be flown by; empty where they can.
+    is a depth image. fixed: points known by parallax. fault: of the camera; blind: s that it has
+    lasted. started: whether any frame has been looked at. inhibit_reason: why the frames cannot be
+    flown by; empty where they can. alignment: how the pictures turn, against the gyro. problem: of
+    the detectors; empty where there is none. clarity: 0…1, how surely the network tells obstacle,
+    ground and the rest apart; 1 where it is not asked.
     """
 
     time: float = 0.0
@@ -41,10 +58,14 @@ class Detections:
     trunks: list[Trunk] = field(default_factory=list)
     searched: bool = False
     ranges: Ranges | None = None
+    fixed: FixedPoints = field(default_factory=FixedPoints.none)
     fault: CameraFault = CameraFault.NONE
     blind: float = 0.0
     started: bool = False
     inhibit_reason: str = ""
+    alignment: Alignment = field(default_factory=Alignment)
+    problem: str = ""
+    clarity: float = 1.0
 
 
 class PerceptionFrontend:
@@ -60,7 +81,13 @@ class PerceptionFrontend:
         self._health_config = health
         self._arrays = {_ARRAYS[sensing.neighbours], _ARRAYS[sensing.obstacles]}
         self._frames = 0
-        self._drones = make_detector(view.camera, sensing)
+        self._network: NetworkSearch | None = None
+        if sensing.uses_network:
+            from companion.perception.network_search import NetworkSearch
+
+            self._network = NetworkSearch(view.camera, sensing)
+        if self._network is None or sensing.detector != "network":
+            self._drones = make_detector(view.camera, sensing)
         if sensing.obstacles == "camera":
             from companion.perception.trunks import TrunkDetector
 
@@ -74,27 +101,47 @@ class PerceptionFrontend:
     def reset(self) -> None:
         """Forget all frames: the vehicle's clock has begun anew."""
         self._health = CameraHealth(self._health_config, self._arrays)
+        self._alignment = CameraAlignment(self._view)
+        self._parallax = Parallax(self._view)
         self._newest = -np.inf
 
     def see(
         self,
         time: float,
         frame: Frame | None,
-        at_capture: VehicleState | None,
+        at: StateAt,
         ground: float = 0.0,
+        horizon: float | None = None,
     ) -> Detections:
         """Return the detections of the newest frame at the tick of `time` [s]; each frame once.
 
-        at_capture: the vehicle's state when the frame was taken, where it is known. ground: m, the
-        ground's level in the own frame.
+        at: returns the vehicle's state at a time [s] of the last second, where it is known.
+        ground: m, the ground's level in the own frame.
+        horizon: s, the latest that the vehicle's clock can show; None: `time`.
         """
         misfit = self._misfit(frame)
-        fault = self._health.check(time, frame, fits=not misfit)
+        alignment = self._alignment.estimate
+        wrong = alignment.contradiction
+        stamped = frame
+        captured = -np.inf if frame is None else frame.time - alignment.lag
+        if frame is not None and alignment.lag:
+            # A picture from later than now: telemetry is late, and tells that time not yet.
+            frame = replace(frame, time=min(captured, max(time, frame.time)))
+        fault = self._health.check(time, frame, not misfit, not wrong, horizon)
+        if stamped is not None and "image" in stamped.arrays and fault in _COMPARED:
+            self._alignment.update(time, stamped.time, stamped.arrays["image"], at)
         new = frame is not None and frame.time > self._newest and self._health.usable
         found = Detections()
-        if new and frame is not None and at_capture is not None:
+        if new and frame is not None and (own := at(captured)) is not None:
+            own = replace(own, time=frame.time)
             self._newest = frame.time
-            found = self._detect(frame, at_capture, ground, fits=not misfit)
+            try:
+                found = self._detect(frame, own, ground, fits=not misfit)
+            except Exception as error:  # it shows no more than a camera without pictures
+                found = Detections(problem=f"{type(error).__name__}: {error}")
+            fault = self._health.searched(time, not found.problem, found.clarity)
+            if fault is CameraFault.UNCLEAR:
+                found = Detections(clarity=found.clarity)
         return Detections(
             found.time,
             found.own,
@@ -102,19 +149,28 @@ class PerceptionFrontend:
             found.trunks,
             found.searched,
             found.ranges,
+            found.fixed,
             fault,
             self._health.blind(time),
             self._newest > -np.inf,
-            misfit,
+            misfit or wrong,
+            alignment,
+            found.problem,
+            found.clarity,
         )
 
     def _detect(self, frame: Frame, own: VehicleState, ground: float, *, fits: bool) -> Detections:
         """Return the detections in `frame`, taken in state `own`; a misfit image shows nothing."""
         image = frame.arrays.get("image") if fits else None
         drones: list[Detection] = []
+        network = self._network if image is not None else None
+        if network is not None and image is not None:
+            network.look(image)
         if self._sensing.neighbours == "truth":
             rows = frame.arrays.get("neighbours", np.zeros((0, 6)))
             drones = [Detection(r[:3], float(r[3]), float(r[4]), float(r[5])) for r in rows]
+        elif network is not None and self._sensing.detector == "network":
+            drones = network.drones()
         elif image is not None:
             drones = self._drones.detect(image)
         self._frames += 1
@@ -135,11 +191,31 @@ class PerceptionFrontend:
             )
         else:
             trunks = self._find_trunks(frame, image, own, ground)
-        drones = [
+        good_drones = [
             d for d in drones if _possible(d.direction, d.range, d.sigma_bearing, d.sigma_range)
         ]
-        trunks = [t for t in trunks if _possible(t.direction, t.distance, t.radius, t.sigma)]
-        return Detections(frame.time, own, drones, trunks, searched, ranges)
+        good_trunks = [t for t in trunks if _possible(t.direction, t.distance, t.radius, t.sigma)]
+        bad = len(drones) + len(trunks) - len(good_drones) - len(good_trunks)
+        problem = f"{bad} detections with impossible numbers" if bad else ""
+        fixed = self._fixed(frame, image, own, good_drones)
+        return Detections(
+            frame.time,
+            own,
+            good_drones,
+            good_trunks,
+            searched,
+            ranges,
+            fixed,
+            problem=problem,
+            clarity=1.0 if network is None else network.clarity,
+        )
+
+    def _fixed(
+        self, frame: Frame, image: Image | None, own: VehicleState, drones: list[Detection]
+    ) -> FixedPoints:
+        if self._sensing.obstacles != "camera" or not self._sensing.parallax:
+            return FixedPoints.from_rows(frame.arrays.get("fixed"))  # of a replay
+        return FixedPoints.none() if image is None else self._parallax.update(image, own, drones)
 
     def _find_trunks(
         self, frame: Frame, image: Image | None, own: VehicleState, ground: float
@@ -151,7 +227,10 @@ class PerceptionFrontend:
             ]
         assert image is not None  # or nothing is searched for
         down = self._view.to_camera(own, np.array([[0.0, 0.0, -1.0]]))[0]
-        return self._trunks.detect(image, down, float(own.p[2]) - ground)
+        height = float(own.p[2]) - ground
+        if self._sensing.obstacles == "network" and self._network is not None:
+            return self._network.trunks(down, height)
+        return self._trunks.detect(image, down, height)
 
     def _misfit(self, frame: Frame | None) -> str:
         """Return why the picture, if there is one, is not one that the calibration is for."""
@@ -184,4 +263,4 @@ def make_view(camera: CameraConfig, sensing: SensingConfig) -> View:
     Raises:
         CalibrationError: a calibration file that cannot be used.
     """
-    return View(load_camera(camera), needs_foot=sensing.obstacles == "camera")
+    return View(load_camera(camera), needs_foot=sensing.obstacles in ("camera", "network"))

@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 Tensor = NDArray[np.float32]
+_SCORE_MAX = 1.01  # a share, and rounding
 
 
 class ModelError(ValueError):
     """A model file that cannot be used; the text names the file and the reason."""
+
+
+class SenselessOutput(ValueError):
+    """A network gives numbers that cannot be true; the message says which."""
+
+
+def check_scores(scores: NDArray[Any]) -> None:
+    """Raise SenselessOutput where scores (n,) are no shares 0…1."""
+    if scores.size and float(scores.max()) > _SCORE_MAX:
+        raise SenselessOutput(f"scores up to {float(scores.max()):.3g}, more than 1")
 
 
 class OnnxNetwork:
@@ -52,6 +64,7 @@ class OnnxNetwork:
         """Return the output for the last picture once more.
 
         Raises:
+            SenselessOutput: an output that is not finite.
             ModelError: a network that does not take such pictures.
         """
         try:
@@ -62,6 +75,8 @@ class OnnxNetwork:
             raise ModelError(
                 f"{self._path}: takes no pictures of {size}: {_brief(error)}"
             ) from error
+        if not np.isfinite(out).all():
+            raise SenselessOutput(f"{self._path}: gives NaN or infinite numbers")
         return out
 
 

@@ -68,6 +68,12 @@ class Panorama:
         # Levelled components forward, right, down of the exactly projected directions.
         self._knots = np.stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), -np.sin(el)])
 
+    @staticmethod
+    def around_feet(camera: Camera, step: float) -> Panorama:
+        """Return the panorama in which the feet of obstacles are sought, `step` [rad] a pixel."""
+        side = min(camera.max_angle, np.radians(92.0))
+        return Panorama(camera, side, np.radians(14.0), np.radians(-76.0), step)
+
     def resample(self, image: Image, level: LevelFrame) -> tuple[Image, NDArray[np.bool_]]:
         """Return the panorama (rows,cols,3) of a frame, and the mask (rows,cols) that it covers."""
         f, r, d = self._knots

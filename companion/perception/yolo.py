@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field
 
 from companion.perception.camera import Camera
-from companion.perception.networks import ModelError, OnnxNetwork, Tensor
+from companion.perception.networks import ModelError, OnnxNetwork, Tensor, check_scores
 from companion.types import Detection, Image
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import StrictModel
@@ -73,6 +73,7 @@ class YoloDetector:
         cv2.resize(image, (w, h), dst=canvas[:h, :w])
         boxes, scores = self._boxes(self.network.run(canvas, swap=True)[0])
         corners = np.hstack([boxes[:, :2] - boxes[:, 2:] / 2, boxes[:, 2:]])
+        check_scores(scores)
         kept = cv2.dnn.NMSBoxes(corners.tolist(), scores.tolist(), c.threshold, c.overlap)
         found = [self._detection(boxes[i] / scale, float(scores[i])) for i in np.ravel(kept)]
         return sorted(found, key=lambda d: d.range)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
+import secrets
 import signal
 import time
 from dataclasses import replace
@@ -18,21 +20,27 @@ from companion.process.frame_source import FrameSource, open_source
 from companion.process.journal import event
 from companion.process.liveness import Liveness
 from companion.process.pace import ClockPace, FramePace, Pace
+from companion.process.presence import Presence
 from companion.process.service_manager import ServiceManager
 from companion.process.session import Session
 from companion.process.signing_keys import Timestamps, open_signing
 from companion.process.vehicle_lock import VehicleLock
 from companion.settings.config import CompanionConfig
 from companion.settings.sections import LinkConfig
+from companion.stage_clock import described
 from companion.supervision.phases import COMPANION_HEARTBEAT
 from companion.tick import Tick, TickInputs
 from companion.types import Phase
 from mavlink_bridge.autopilots.registry import adapter
 from mavlink_bridge.wire.codec import Codec
+from mavlink_bridge.wire.ids import ComponentId
 from mavlink_bridge.wire.link import Link, open_endpoint
-from mavlink_bridge.wire.messages import Heartbeat, Source
+from mavlink_bridge.wire.messages import Source
 
 _LEAVE_WITHIN = 1.5  # s to wait for the autopilot to hold, of the two that SIGTERM allows
+_LAST_REQUESTS = 3  # times that hold is requested where the ticks end by an error
+# A terminal that is closed, and a user's signal, end the daemon as SIGTERM does: none kills it.
+_ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGUSR1, signal.SIGUSR2)
 _STATUS_PERIOD = 5.0  # s between notices to the service manager during start-up
 
 
@@ -53,6 +61,7 @@ class Daemon:
         self._status_sent = -_STATUS_PERIOD
         self._ready = False
         self._duplicate = False  # another companion flies this vehicle
+        self._failed = False  # an error ended the ticks
         self._lock = VehicleLock(f"{link.endpoint}#{link.system_id}")
         signing = link.signing
         self._timestamps = (
@@ -60,9 +69,14 @@ class Daemon:
         )
         self._link = _open_link(link, self._timestamps)
         self._frames = open_source(config.camera)
-        self._pace = _make_pace(config, self._link, self._frames)
+        me = Source(link.system_id, link.component_id)
+        self._presence = Presence(me, 1 + secrets.randbelow((1 << 32) - 1))
+        self._pace = _make_pace(config, self._link, self._frames, self._presence)
         self._session = Session(
-            Companion(config, time.perf_counter), self._link, lambda: self._pace.misses
+            Companion(config, time.perf_counter),
+            self._link,
+            lambda: self._pace.misses,
+            self._presence,
         )
         if config.log.path:
             self._open_log(log_path(config.log.path, os.environ))
@@ -82,25 +96,46 @@ class Daemon:
     def run(self) -> bool:
         """Tick until a signal stops the daemon, or the sender of the frames hangs up.
 
-        Return False where another companion flies this vehicle.
+        Return False where another companion flies this vehicle, or an error ended the daemon.
         """
-        for number in (signal.SIGTERM, signal.SIGINT):
+        for number in _ENDING:
             signal.signal(number, self._on_signal)
         try:
-            while (inputs := self._pace.next(self._over)) is not None:
-                self._look_for_duplicate(inputs)
-                self._tick(replace(inputs, leave=self._stop))
+            self._tick_to_the_end()
+        except Exception as error:
+            self._failed = True
+            event("failed", logging.ERROR, what=described(error))
+            self._give_back()
         finally:
-            self._service_manager.stopping()
-            self._session.close_log()
-            self._link.close()
+            self._close()
+        return not (self._duplicate or self._failed)
+
+    def _tick_to_the_end(self) -> None:
+        while (inputs := self._pace.next(self._over)) is not None:
+            self._look_for_duplicate(inputs)
+            self._tick(replace(inputs, leave=self._stop))
+
+    def _give_back(self) -> None:
+        """Request hold where setpoints streamed: an error ended the ticks themselves."""
+        if not self._streaming:
+            return
+        with contextlib.suppress(Exception):
+            link = self._config.link
+            for _ in range(_LAST_REQUESTS):
+                self._link.send(adapter(link.autopilot, link.system_id).hold())
+
+    def _close(self) -> None:
+        """Close everything, each part even where another cannot be closed."""
+        event("stopped", **self._session.counters())
+        with contextlib.ExitStack() as stack:
+            stack.callback(self._service_manager.close)
+            for part in (self._lock, self._frames):
+                stack.callback(part.close)
             if self._timestamps:
-                self._timestamps.save()
-            self._frames.close()
-            self._lock.close()
-            self._service_manager.close()
-            event("stopped", **self._session.counters())
-        return not self._duplicate
+                stack.callback(self._timestamps.save)
+            stack.callback(self._link.close)
+            stack.callback(self._session.close_log)
+            stack.callback(self._service_manager.stopping)
 
     def _look_for_duplicate(self, inputs: TickInputs) -> None:
         """End where another companion of this vehicle is heard; control goes to the autopilot.
@@ -108,12 +143,11 @@ class Daemon:
         The lock keeps a second companion off this machine; one on another machine is heard where
         the autopilot passes its messages on.
         """
-        me = Source(self._config.link.system_id, self._config.link.component_id)
-        if not self._duplicate and any(
-            r.source == me and isinstance(r.message, Heartbeat) for r in inputs.received
-        ):
+        if not self._duplicate and self._presence.another(inputs.received):
             self._duplicate = self._stop = True
-            event("another companion", logging.ERROR, system=me.system, component=me.component)
+            link = self._config.link
+            ids = {"system": link.system_id, "component": link.component_id}
+            event("another companion", logging.ERROR, **ids)
 
     def _tick(self, inputs: TickInputs) -> None:
         """Decide, send, then do everything that can wait."""
@@ -122,7 +156,10 @@ class Daemon:
         tick, sent = self._session.tick(inputs)
         self._pace.done(inputs, tick.supervised.phase is Phase.DONE)
         self._streaming = tick.supervised.verdict is not None
-        self._report(inputs, tick, sent)
+        try:
+            self._report(inputs, tick, sent)
+        except Exception as error:  # a line in a journal is worth no flight
+            event("report failed", logging.ERROR, what=described(error))
         if problem := self._session.log(inputs, tick):
             event("log", logging.WARNING, text=problem)
 
@@ -141,6 +178,7 @@ class Daemon:
             self._service_manager.status(inhibited or phase + ", armed" * armed)
         self._events.tick(inputs, tick)
         self._events.link(self._link.problem)
+        self._events.address(self._link.address)
         self._events.refused(self._link.codec.statistics, time.monotonic())
 
     def _over(self) -> bool:
@@ -176,15 +214,19 @@ def _open_link(link: LinkConfig, timestamps: Timestamps | None) -> Link:
         allow=link.heard(),
         signing=timestamps.signing if timestamps else None,
     )
-    return Link(open_endpoint(link.endpoint), codec)
+    return Link(open_endpoint(link.endpoint), codec, Source(link.system_id, ComponentId.AUTOPILOT1))
 
 
-def _make_pace(config: CompanionConfig, link: Link, frames: FrameSource) -> Pace:
+def _make_pace(
+    config: CompanionConfig, link: Link, frames: FrameSource, presence: Presence
+) -> Pace:
     if config.timing.pace == "frames":
         return FramePace(link, frames)
     system = config.link.system_id
     greeting = [
-        COMPANION_HEARTBEAT,
+        *presence.marked([COMPANION_HEARTBEAT]),
         *adapter(config.link.autopilot, system).request_streams(),
     ]
-    return ClockPace(link, frames, config.timing.period, Source(system, 1), greeting)
+    return ClockPace(
+        link, frames, config.timing.period, Source(system, ComponentId.AUTOPILOT1), greeting
+    )

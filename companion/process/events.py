@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 
+from companion.estimation.vehicle_clock import ClockEstimate
 from companion.perception.camera_health import CameraFault
 from companion.process.journal import event
 from companion.supervision.guard import Reason
@@ -12,6 +13,8 @@ from companion.types import Phase
 from mavlink_bridge.wire.codec import CodecStatistics
 from mavlink_bridge.wire.messages import StatusText
 
+_RATE_OFF = 0.005  # by which a vehicle's clock may run faster or slower without a word
+_MISMATCH = 0.1  # of the acceleration expected, as a share, that is worth a line
 _WARNING = 4  # MAV_SEVERITY up to this is a warning
 
 
@@ -25,7 +28,11 @@ class Events:
         self._fault: CameraFault | None = None
         self._inhibit_reason = ""
         self._problem = ""
+        self._address = ""
         self._refused, self._refused_at = 0, -1e9
+        self._ahead, self._ahead_at = 0, -1e9
+        self._weak = False  # the thrust gives another acceleration than expected
+        self._clock: tuple[int, bool] = (0, False)  # jumps, whether the rate is off
 
     def link(self, problem: str) -> None:
         """Log why the link to the vehicle is down, and that it is back."""
@@ -33,9 +40,16 @@ class Events:
             event("link", logging.WARNING, text=problem or "back")
         self._problem = problem
 
+    def address(self, address: str) -> None:
+        """Log the vehicle's address over UDP where it is known, and each change of it."""
+        if address != self._address:
+            level = logging.WARNING if self._address else logging.INFO
+            event("vehicle's address", level, address=address, before=self._address)
+        self._address = address
+
     def refused(self, counts: CodecStatistics, now: float) -> None:
-        """Log that foreign or unsigned messages were refused: at most one line a second."""
-        refused = counts.foreign + counts.unsigned
+        """Log that messages were refused, and why: at most one line a second."""
+        refused = counts.foreign + counts.unsigned + counts.replayed + counts.strange
         if refused > self._refused and now - self._refused_at >= 1.0:
             new = refused - self._refused
             event(
@@ -44,17 +58,24 @@ class Events:
                 frames=new,
                 foreign=counts.foreign,
                 unsigned=counts.unsigned,
+                replayed=counts.replayed,
+                strange=counts.strange,
             )
             self._refused, self._refused_at = refused, now
 
     def tick(self, inputs: TickInputs, tick: Tick) -> None:
         """Log what changed since the tick before."""
         supervised, fault = tick.supervised, tick.seen.fault
+        self._watch_clock(inputs.clock, tick.time)
+        self._watch_stamps(tick)
+        self._watch_thrust(tick)
         for received in inputs.received:
             if isinstance(received.message, StatusText):
                 text = received.message
                 level = logging.WARNING if text.severity <= _WARNING else logging.INFO
                 event("vehicle says", level, text=text.text, severity=text.severity)
+        for words in tick.vehicle.refusals:
+            event("vehicle refuses", logging.WARNING, text=words, time=tick.time)
         if supervised.phase is not self._phase:
             event("phase", phase=supervised.phase.value, time=tick.time)
             self._phase = supervised.phase
@@ -64,7 +85,9 @@ class Events:
             self._armed = armed
         if fault is not self._fault:
             level = logging.INFO if fault is CameraFault.NONE else logging.WARNING
-            event("camera", level, fault=fault.value, time=tick.time)
+            why = tick.seen.problem or tick.seen.inhibit_reason
+            told = {"reason": why} if why else {}
+            event("camera", level, fault=fault.value, time=tick.time, **told)
         self._fault = fault
         if supervised.inhibit_reason != self._inhibit_reason and supervised.inhibit_reason:
             event("inhibited", logging.WARNING, reason=supervised.inhibit_reason)
@@ -73,3 +96,32 @@ class Events:
         if reason is not self._reason and Reason.PLAN is not reason is not None:
             event("guard", logging.WARNING, reason=reason.value, time=tick.time)
         self._reason = reason
+
+    def _watch_clock(self, clock: ClockEstimate | None, time: float) -> None:
+        """Log that the vehicle's clock has jumped, or begins to run at another rate than ours."""
+        if clock is None:
+            return
+        jumps, was_off = self._clock
+        if clock.jumps > jumps:
+            event("vehicle clock jumped", logging.WARNING, jumps=clock.jumps, time=time)
+        by = abs(clock.rate - 1.0)
+        off = by > _RATE_OFF / 2 if was_off else by > _RATE_OFF and clock.rate_doubt < by / 3
+        if off and not was_off:
+            rate, doubt = round(clock.rate, 4), round(clock.rate_doubt, 4)
+            event("vehicle clock rate", logging.WARNING, rate=rate, doubt=doubt, time=time)
+        self._clock = clock.jumps, off
+
+    def _watch_thrust(self, tick: Tick) -> None:
+        """Log that thrust gives another acceleration than commanded, until it is learnt."""
+        by = tick.motion.hover.mismatch
+        weak = abs(by) > (_MISMATCH / 2 if self._weak else _MISMATCH)
+        if weak and not self._weak:
+            event("thrust", logging.WARNING, acceleration=f"{by:+.0%}", time=tick.time)
+        self._weak = weak
+
+    def _watch_stamps(self, tick: Tick) -> None:
+        """Log that telemetry was stamped in the future and refused: at most one line a second."""
+        ahead = tick.vehicle.ahead
+        if ahead > self._ahead and not 0.0 <= tick.time - self._ahead_at < 1.0:
+            event("stamps of the future", logging.WARNING, refused=ahead, time=tick.time)
+            self._ahead, self._ahead_at = ahead, tick.time

@@ -1,8 +1,8 @@
 """The pace of ticks: when a tick falls due, and its inputs.
 
-`ClockPace`: every period of the vehicle's clock, free-running; CLOCK_MONOTONIC bridges the gaps
-between telemetry. `FramePace`: when a frame comes, for senders that wait for the answer. Both give
-the pipeline the same kind of inputs, so that it cannot tell them apart.
+`ClockPace`: every period of the vehicle's clock, free-running; the clock's offset and rate against
+CLOCK_MONOTONIC are estimated. `FramePace`: when a frame comes, for senders that wait for the
+answer. Both give the pipeline the same kind of inputs, so that it cannot tell them apart.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol
 
+from companion.estimation.vehicle_clock import VehicleClock
 from companion.process.frame_source import FrameSource
+from companion.process.time_requests import TimeRequests
 from companion.tick import TickInputs
 from mavlink_bridge.wire.link import Link
 from mavlink_bridge.wire.messages import (
@@ -25,11 +27,11 @@ from mavlink_bridge.wire.messages import (
     Received,
     Source,
     SystemTime,
+    TimeSync,
 )
 from mavlink_bridge.wire.video import Answer, Frame, VideoError
 
 _PATIENCE = 1.0  # s that a frame waits for telemetry announced but not arrived
-_CLOCK_BACK = (1.0, 3)  # s that the vehicle's clock has to go back, messages in a row
 _POLL = 0.2  # s between two looks at the stop flag
 _GREET = 1.0  # s between greetings
 
@@ -69,7 +71,7 @@ class FramePace:
         deadline = time.monotonic() + _PATIENCE
         while self._link.packets_in < frame.packets and time.monotonic() < deadline:
             self._link.wait(0.05)
-            received += self._link.receive()
+            received += self._link.receive(renew=self._link.spent)
         if self._link.packets_in < frame.packets:
             self.misses += 1
             self._link.packets_in = frame.packets  # lost for good: do not wait again
@@ -86,8 +88,9 @@ class FramePace:
 class ClockPace:
     """One tick every `period` [s] of the vehicle's clock; a late tick is counted, not repeated.
 
-    vehicle: the source of the clock. greeting: sent each second until that clock is known, for
-    vehicles that send nothing but HEARTBEAT before they are asked.
+    Where the vehicle's clock runs at another rate, so do the ticks. It is asked for its time by
+    TIMESYNC, and told ours. vehicle: the source of the clock. greeting: sent each second until that
+    clock is known, for vehicles that send nothing but HEARTBEAT before they are asked.
     """
 
     def __init__(
@@ -105,23 +108,26 @@ class ClockPace:
         self._greeted = -math.inf
         self._frames: FrameSource | None = frames
         self._period = period
-        self._offset = -math.inf  # vehicle's clock minus CLOCK_MONOTONIC, least latency seen
+        self._clock = VehicleClock()
+        self._requests = TimeRequests()
         self._due: float | None = None
-        self._from_the_past = 0
         self._frame: Frame | None = None
 
     def next(self, stopped: Callable[[], bool]) -> TickInputs | None:
         """Sleep until the next tick is due, and read what arrives; None when told to stop."""
         received: list[Received] = []
         while not stopped():
-            now = time.monotonic() + self._offset
-            if self._due is None and math.isfinite(self._offset):
-                self._due = math.ceil(now / self._period) * self._period
-            if self._due is not None and now >= self._due:
-                return self._tick(now, received)
-            if self._due is None:
+            wait, local, clock = _POLL, time.monotonic(), self._clock.estimate
+            if clock is None:
                 self._greet()
-            wait = _POLL if self._due is None else min(self._due - now, _POLL)
+            else:
+                now = clock.vehicle(local)
+                if self._due is None:
+                    self._due = math.ceil(now / self._period) * self._period
+                if now >= self._due:
+                    return self._tick(now, received)
+                self._link.send(self._requests.due(local))
+                wait = min(clock.local(self._due) - local, _POLL)
             received += self._take_in(wait)
         return None
 
@@ -145,11 +151,24 @@ class ClockPace:
         self.misses += late
         due = self._due + late * self._period
         self._due = due + self._period
-        return TickInputs(round(due, 6), received + self._take_in(0.0), self._frame)
+        received += self._take_in(0.0, renew=True)
+        clock = self._clock.estimate
+        assert clock is not None
+        latest = round(clock.vehicle(time.monotonic()) + clock.doubt, 6)
+        return TickInputs(
+            round(due, 6), received, self._frame, latest=max(latest, due), clock=clock
+        )
 
-    def _take_in(self, timeout: float) -> list[Received]:
-        """Wait up to `timeout` [s] for telemetry or a frame; keep only the newest frame."""
-        sources: list[Link | FrameSource] = [self._link]
+    def _take_in(self, timeout: float, renew: bool = False) -> list[Received]:
+        """Wait up to `timeout` [s] for telemetry or a frame; keep only the newest frame.
+
+        renew: as once a tick, see `Link.receive`. A link on which too much came is left alone until
+        then.
+        """
+        renew |= self._due is None
+        sources: list[Link | FrameSource] = []
+        if renew or not self._link.spent:
+            sources.append(self._link)
         if self._frames is not None:
             sources.append(self._frames)
         files = [s.endpoint.fileno() if isinstance(s, Link) else s.fileno() for s in sources]
@@ -161,7 +180,7 @@ class ClockPace:
                     break
         except VideoError:
             self._frames = None
-        received = self._link.receive()
+        received = self._link.receive(renew)
         self._hear_clock(received)
         return received
 
@@ -169,21 +188,22 @@ class ClockPace:
         """Return the frame in the vehicle's clock; None before that clock is known."""
         if not frame.local:
             return frame
-        if not math.isfinite(self._offset):
-            return None
-        return replace(frame, time=frame.time + self._offset, local=False)
+        clock = self._clock.estimate
+        return (
+            None if clock is None else replace(frame, time=clock.vehicle(frame.time), local=False)
+        )
 
     def _hear_clock(self, received: list[Received]) -> None:
-        """Estimate the offset of the vehicle's clock from its least delayed recent message."""
+        """Follow the vehicle's clock by its messages, and answer its own requests of the time."""
         now = time.monotonic()
-        for r in received:
-            if r.source != self._vehicle:
-                continue
-            if isinstance(r.message, Attitude | LocalPosition | Odometry | SystemTime):
-                heard = r.message.time - now
-                back, count = _CLOCK_BACK
-                self._from_the_past = (self._from_the_past + 1) * (heard < self._offset - back)
-                if self._from_the_past >= count:  # the vehicle has started anew
-                    self._offset, self._due, self._frame = heard, None, None
-                # Leak 1 ms/s at 50 Hz, so that a drifting clock is followed.
-                self._offset = max(heard, self._offset - 2e-5)
+        for m in (r.message for r in received if r.source == self._vehicle):
+            jumped = False
+            if isinstance(m, Attitude | LocalPosition | Odometry | SystemTime):
+                jumped = self._clock.hear(now, m.time)
+            elif isinstance(m, TimeSync):
+                if (sent := self._requests.sent(m, now)) is not None:
+                    jumped = self._clock.hear_answer(sent, m.tc1 * 1e-9, now)
+                if reply := self._requests.reply(m, now):
+                    self._link.send(reply)
+            if jumped:  # or the vehicle has started anew
+                self._due, self._frame = None, None

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 from dataclasses import asdict
 
 from companion.flightlog.recorder import Recorder
 from companion.pipeline import Companion
+from companion.process.journal import event
+from companion.process.presence import Presence
+from companion.stage_clock import described
 from companion.tick import Tick, TickInputs
 from mavlink_bridge.wire.link import Link
 
@@ -15,13 +19,25 @@ from mavlink_bridge.wire.link import Link
 class Session:
     """Ticks the companion, sends its messages, and logs the tick."""
 
-    def __init__(self, companion: Companion, link: Link, misses: Callable[[], int]) -> None:
-        """Start without a log; misses: returns the deadlines missed so far."""
+    def __init__(
+        self,
+        companion: Companion,
+        link: Link,
+        misses: Callable[[], int],
+        presence: Presence | None = None,
+    ) -> None:
+        """Start without a log.
+
+        misses: returns the deadlines missed so far. presence: marks this companion's heartbeat;
+        None: it goes out as it is.
+        """
         self.recorder: Recorder | None = None
         self._companion = companion
         self._link = link
         self._misses = misses
+        self._presence = presence
         self._packets: list[tuple[bool, bytes]] = []
+        self._failure = ""
         self._tick_cost = self._log_cost = 0.0
 
     def open_log(self, recorder: Recorder) -> None:
@@ -41,10 +57,17 @@ class Session:
         """Tick and send; return the tick, and whether a packet left the process."""
         started, packets = time.perf_counter(), self._link.packets_out
         tick = self._companion.tick(inputs)
+        self._tell(tick.failure)
         for packet in tick.packets:
-            self._link.send(packet)
+            self._link.send(self._presence.marked(packet) if self._presence else packet)
         self._tick_cost = time.perf_counter() - started
         return tick, self._link.packets_out > packets
+
+    def _tell(self, failure: str) -> None:
+        """Log a stage that fails, once for as long as it goes on."""
+        if failure and failure != self._failure:
+            event("stage failed", logging.ERROR, what=failure)
+        self._failure = failure
 
     def log(self, inputs: TickInputs, tick: Tick) -> str | None:
         """Log the tick, once everything is sent; the cost of logging shows in the next record.
@@ -55,10 +78,13 @@ class Session:
             return None
         costs = {"tick": self._tick_cost, "log": self._log_cost}
         started = time.perf_counter()
-        self.recorder.write(inputs, tick, self._packets, self.counters(), costs)
+        try:
+            self.recorder.write(inputs, tick, self._packets, self.counters(), costs)
+            problem = self.recorder.failed
+        except Exception as error:  # no log is worth a flight
+            problem = described(error)
         self._packets.clear()
         self._log_cost = time.perf_counter() - started
-        problem = self.recorder.failed
         if problem is not None:
             self.close_log()
         return problem

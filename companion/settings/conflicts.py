@@ -89,7 +89,7 @@ def bridge_problems(drone: Drone) -> list[str]:
     airframe, throttle = drone.config.airframe, bridge.throttle
     for key, is_, name, wanted in (
         ("hover", throttle.hover, "hover_thrust", airframe.hover_thrust),
-        ("exponent", throttle.exponent, "thrust_exponent", airframe.thrust_exponent),
+        ("exponent", throttle.exponent, "thrust_exponent", airframe.exponent),
     ):
         if is_ != wanted:  # the bridge passes thrust on as throttle
             place = document.places.get(("throttle", key), path)

@@ -47,14 +47,27 @@ class AirframeConfig(StrictModel):
         0.33,
         ge=HOVER_MIN,
         le=HOVER_MAX,
-        description="Normalised thrust 0…1 that holds the drone in hover.",
+        description="Normalised thrust 0…1 that holds the drone in hover; learnt in flight.",
     )
-    thrust_exponent: float = Field(
-        1.0,
+    hover_doubt: float = Field(
+        0.3,
+        ge=0.01,
+        le=1,
+        description="Doubt of hover_thrust, one sigma, as a share of it. Above 0.05 the companion "
+        "takes over only after the vehicle's ATTITUDE_TARGET has told it more.",
+    )
+    thrust_exponent: float | None = Field(
+        None,
         ge=0.5,
         le=3,
-        description="Exponent of force ∝ thrust^exponent, as set in the autopilot.",
+        description="Exponent of force ∝ thrust^exponent near hover; null: by the autopilot's "
+        "parameter (THR_MDL_FAC, MOT_THST_EXPO), 1 where it has none.",
     )
+
+    @property
+    def exponent(self) -> float:
+        """The exponent of force ∝ thrust^exponent, until the autopilot tells it."""
+        return 1.0 if self.thrust_exponent is None else self.thrust_exponent
 
 
 def _well_formed(endpoint: str) -> str:

@@ -7,11 +7,12 @@ gives the command:
 |---|---|---|---|
 | 1 | telemetry silent | stop turning, hover thrust | HOLD, LAND, silence: `stale_…` |
 | 2 | attitude or position not plausible | level, hover thrust | LAND |
-| 3 | ticks late, or setpoints lost | brake gently | as by rules 4 to 6, or HOLD: `lost_hold` |
-| 4 | no usable plan | `shifted_max` times the last, shifted; then brake | LAND: `bad_land` |
-| 5 | outside the fence | brake | LAND beyond `fence_land` |
-| 6 | camera blind | brake to `blind_speed`; hover after `blind_hover` | HOLD: `blind_hold` |
-| 7 | else | the plan, clipped | |
+| 3 | a stage of the tick failed | brake | HOLD |
+| 4 | ticks late, or setpoints lost | brake gently | as by rules 3 to 7, or HOLD: `lost_hold` |
+| 5 | no usable plan | `shifted_max` times the last, shifted; then brake | LAND: `bad_land` |
+| 6 | outside the fence | brake | LAND beyond `fence_land` |
+| 7 | camera blind | brake to `blind_speed`; hover after `blind_hover` | HOLD: `blind_hold` |
+| 8 | else | the plan, clipped | |
 
 Braking and levelling are laws in closed form, without any solver.
 """
@@ -45,14 +46,15 @@ _TURN_MAX = 0.5  # s; the body rates of the last command are assumed for no long
 class Reason(Enum):
     """The rule that gave a command."""
 
+    FAILURE = "failure"  # 3: a stage of the tick failed
     NO_STATE = "no_state"  # 1: telemetry is silent
     BAD_STATE = "bad_state"  # 2: attitude or position not plausible
-    LATE = "late"  # 3: ticks do not come in time, or setpoints get lost
-    SHIFTED_PLAN = "shifted_plan"  # 4: no usable plan
-    BRAKE = "brake"  # 4: no usable plan for longer
-    FENCE = "fence"  # 5
-    BLIND = "blind"  # 6
-    PLAN = "plan"  # 7
+    LATE = "late"  # 4: ticks do not come in time, or setpoints get lost
+    SHIFTED_PLAN = "shifted_plan"  # 5: no usable plan
+    BRAKE = "brake"  # 5: no usable plan for longer
+    FENCE = "fence"  # 6
+    BLIND = "blind"  # 7
+    PLAN = "plan"  # 8
 
 
 class AutopilotRequest(Enum):
@@ -171,11 +173,12 @@ class GuardConfig(StrictModel):
 class GuardInputs:
     """What a verdict depends on, besides the guard's memory.
 
-    time: s, of the tick. plan: this tick's plan, if any. own: state now. age: s, of the telemetry.
+    time: s, of the tick. plan: this tick's plan, if any. own: state now. age: s, of the telemetry;
+    below 0 it is of the future, and counts as stale.
     plausible: attitude and position can be those of a flying drone. outside: m beyond the fence
     (< 0: within); outward: m/s across it. blind: s that the camera has had a fault. tick_gap: s
     that the last command was in force; 0: this is the first. packet_loss: share 0…1 of lost
-    telemetry.
+    telemetry. failure: a stage of this tick failed, in words; empty: none.
     """
 
     time: float
@@ -188,6 +191,7 @@ class GuardInputs:
     blind: float = 0.0
     tick_gap: float = 0.0
     packet_loss: float = 0.0
+    failure: str = ""
 
 
 @dataclass(frozen=True)
@@ -218,20 +222,22 @@ class Guard:
             return self._silent(s)  # rule 1
         if not s.plausible:
             return self._implausible(own)  # rule 2
-        if plan is None:
-            verdict = self._without_plan(s, own)  # rule 4
+        if s.failure:
+            verdict = self._verdict(brake(own, self._config), Reason.FAILURE, AutopilotRequest.HOLD)
+        elif plan is None:
+            verdict = self._without_plan(s, own)  # rule 5
         else:
             verdict = (
-                self._outside_fence(s, own)  # rule 5
-                or self._blind(s, own, plan)  # rule 6
-                or self._verdict(self._bounded(plan.u[0]), Reason.PLAN)  # rule 7
+                self._outside_fence(s, own)  # rule 6
+                or self._blind(s, own, plan)  # rule 7
+                or self._verdict(self._bounded(plan.u[0]), Reason.PLAN)  # rule 8
             )
-        # Rule 3 replaces the command of rules 4 to 7 and keeps their request.
+        # Rule 4 replaces the command of rules 3 to 8 and keeps their request.
         return self._late(s, own, verdict.request) or verdict
 
     def _known(self, s: GuardInputs) -> VehicleState | None:
         """Return the own state; None where telemetry is silent or not finite."""
-        stale = not s.age <= self._config.stale_stop
+        stale = not 0.0 <= s.age <= self._config.stale_stop
         return s.own if s.own is not None and _state_finite(s.own) and not stale else None
 
     def _count(self, s: GuardInputs, sound: bool) -> None:
@@ -256,7 +262,7 @@ class Guard:
         return self._verdict(level(own, self._config), Reason.BAD_STATE, AutopilotRequest.LAND)
 
     def _late(self, s: GuardInputs, own: VehicleState, request: AutopilotRequest) -> Verdict | None:
-        """Rule 3: brake gently where ticks are late or setpoints get lost; None elsewhere."""
+        """Rule 4: brake gently where ticks are late or setpoints get lost; None elsewhere."""
         c = self._config
         lossy = self._lossy(s)
         if not lossy and self._late_ticks < 2 and not s.tick_gap > 2 * c.late:
@@ -276,7 +282,7 @@ class Guard:
         return s.time - self._lossy_since + 1e-3
 
     def _without_plan(self, s: GuardInputs, own: VehicleState) -> Verdict:
-        """Rule 4: fly the previous plan, shifted, for a few ticks; then brake."""
+        """Rule 5: fly the previous plan, shifted, for a few ticks; then brake."""
         r = s.plan
         over = s.time - self._bad_since >= self._config.bad_land - 1e-6
         request = AutopilotRequest.LAND if over else AutopilotRequest.NONE
@@ -285,7 +291,7 @@ class Guard:
         return self._verdict(brake(own, self._config), Reason.BRAKE, request)
 
     def _outside_fence(self, s: GuardInputs, own: VehicleState) -> Verdict | None:
-        """Rule 5: brake outside the fence, unless the plan leads back; None elsewhere."""
+        """Rule 6: brake outside the fence, unless the plan leads back; None elsewhere."""
         c = self._config
         if s.outside > c.fence_land:
             return self._verdict(brake(own, c), Reason.FENCE, AutopilotRequest.LAND)
@@ -294,7 +300,7 @@ class Guard:
         return None
 
     def _blind(self, s: GuardInputs, own: VehicleState, plan: Plan) -> Verdict | None:
-        """Rule 6: fly slowly, then hover, while the camera has a fault; None elsewhere."""
+        """Rule 7: fly slowly, then hover, while the camera has a fault; None elsewhere."""
         c = self._config
         if not s.blind > 0.0:
             return None

@@ -7,6 +7,7 @@ arm until the landing, a mode that was not asked for makes the companion passive
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import IntEnum
 
 from companion.guidance.mission import MissionConfig
 from companion.types import Phase
@@ -24,7 +25,16 @@ COMPANION_HEARTBEAT = Heartbeat(
 _REPEAT = 1.0  # s between repeated requests
 _REPEAT_RELEASE = 0.3  # s; the same while control is given back, as only two seconds are left
 _ARM_ANSWER = 2.0  # s after the request to arm in which an armed vehicle is the answer to it
+_STREAM_FIRST = 0.25  # s of setpoints before offboard is asked for: PX4 refuses it without any
 _NEVER = -1e9  # s, before any time
+
+
+class GiveBack(IntEnum):
+    """What the vehicle is to do when control is given back; a later one wins."""
+
+    HOLD = 0
+    RETURN = 1
+    LAND = 2
 
 
 @dataclass(frozen=True)
@@ -43,20 +53,21 @@ class PhaseMachine:
         self.phase = Phase.WAIT
         self._config = config
         self._autopilot = autopilot
-        self._requested_at = self._arm_requested_at = _NEVER
+        self._requested_at = self._arm_requested_at = self._engaged_at = _NEVER
         self._ground = 0.0
         self._releasing = False
-        self._landing = self._land_requested = False
+        self._giving = self._given = GiveBack.HOLD  # how control is given back, asked for last
         self._heard = False  # a heartbeat has come
         self._found_in_offboard = False  # armed and in offboard since the first heartbeat
         self._armed_by_pilot = False  # armed without a request: only a pilot's wishes count
         self._mode = ""  # of the last tick
+        self.waits_for_thrust = False  # at this tick: all else is ready to take over
         self._takeoff_seen = False  # the vehicle was in the mode of the take-off requested
 
-    def release(self, land: bool = False) -> None:
-        """Give control back: the vehicle is to hold (or to land), then the stream ends."""
+    def release(self, how: GiveBack = GiveBack.HOLD) -> None:
+        """Give control back, then end the stream; of several ways the last in `GiveBack` wins."""
         self._releasing = True
-        self._landing |= land
+        self._giving = max(self._giving, how)
 
     def rebooted(self) -> None:
         """Give up control of an autopilot that started anew; forget what was requested of it."""
@@ -71,12 +82,15 @@ class PhaseMachine:
         own: VehicleState | None,
         ready: bool,
         complete: bool,
+        known: bool = True,
     ) -> Decision:
         """Return the decision at `time` [s].
 
         heartbeat: the last one; None where the mode is not known. own: state now. ready: the drone
-        is fit to fly. complete: the mission is.
+        is fit to fly. complete: the mission is. known: the hover thrust is; else the vehicle goes
+        on flying by itself.
         """
+        self.waits_for_thrust = False
         if heartbeat is None:
             return Decision(self.phase)
         mode, new = self._autopilot.mode(heartbeat), not self._heard
@@ -85,8 +99,11 @@ class PhaseMachine:
             waits = self.phase is Phase.WAIT
             return Decision(self.phase, self._due_requests(time, mode) if waits else [])
         if self._releasing:
-            return self._release(time, mode)
-        self._advance(mode, heartbeat.armed, own, ready, complete)
+            return self._release(time, mode, heartbeat.armed)
+        before = self.phase
+        self._advance(mode, heartbeat.armed, own, ready, complete, known)
+        if self.phase is Phase.ENGAGE is not before:
+            self._engaged_at = time
         self._mode = mode
         requests = self._due_requests(time, mode)
         if new and self.phase is not Phase.WAIT:  # in which the streams are requested anyway
@@ -113,6 +130,8 @@ class PhaseMachine:
         """Return the requests of the phase where they are due, each second again."""
         if time - self._requested_at < _REPEAT or self.phase in (Phase.DONE, Phase.PASSIVE):
             return []
+        if self.phase is Phase.ENGAGE and time - self._engaged_at < _STREAM_FIRST:
+            return []
         requests = self._requests(mode)
         if requests:
             self._requested_at = time
@@ -121,7 +140,7 @@ class PhaseMachine:
         return requests
 
     def _advance(
-        self, mode: str, armed: bool, own: VehicleState, ready: bool, complete: bool
+        self, mode: str, armed: bool, own: VehicleState, ready: bool, complete: bool, known: bool
     ) -> None:
         """Advance to the next phase where its condition holds."""
         before = self.phase
@@ -136,13 +155,13 @@ class PhaseMachine:
             if self._auto:
                 self.phase = Phase.TAKEOFF if armed else Phase.ARM
             elif armed and not self._found_in_offboard and self._may_engage(mode, own):
-                self.phase = Phase.ENGAGE
+                self._take_over(known)
         elif before is Phase.ARM and not ready:
             self.phase = Phase.WAIT
         elif before is Phase.ARM and armed:
             self.phase = Phase.TAKEOFF
         elif before is Phase.TAKEOFF and self._is_up(mode, own):
-            self.phase = Phase.ENGAGE
+            self._take_over(known)
         elif before is Phase.ENGAGE and mode == "offboard":
             self.phase = Phase.FLY
         elif before is Phase.FLY and complete and self._config.land:
@@ -151,6 +170,12 @@ class PhaseMachine:
             self.phase = Phase.PASSIVE  # disarmed by a pilot or a failsafe, which wins
         if self.phase is not before:
             self._requested_at = _NEVER
+
+    def _take_over(self, known: bool) -> None:
+        """Engage where the hover thrust is known; else wait, and say so."""
+        self.waits_for_thrust = not known
+        if known:
+            self.phase = Phase.ENGAGE
 
     @property
     def _auto(self) -> bool:
@@ -184,19 +209,24 @@ class PhaseMachine:
             return self._is_up(mode, own)
         return mode in ("hold", "offboard")
 
-    def _release(self, time: float, mode: str) -> Decision:
+    def _release(self, time: float, mode: str, armed: bool) -> Decision:
         """Return the decision while control is given back: request it, stream until it is shown."""
         ours = self.phase in (Phase.ENGAGE, Phase.FLY, Phase.LAND)
-        if mode != "offboard" or not ours:
+        if mode != "offboard" or not ours or not armed:
             self.phase = Phase.PASSIVE
             return Decision(self.phase)
         requests: list[Message] = []
         due = time - self._requested_at >= _REPEAT_RELEASE
-        if due or self._landing is not self._land_requested:
-            self._requested_at, self._land_requested = time, self._landing
-            landing = self._landing or self.phase is Phase.LAND
-            requests = self._autopilot.land() if landing else self._autopilot.hold()
+        if due or self._giving is not self._given:
+            self._requested_at, self._given = time, self._giving
+            how = GiveBack.LAND if self.phase is Phase.LAND else self._giving
+            requests = self._way(how)
         return Decision(self.phase, requests, stream=True)
+
+    def _way(self, how: GiveBack) -> list[Message]:
+        a = self._autopilot
+        ways = {GiveBack.HOLD: a.hold, GiveBack.RETURN: a.rtl, GiveBack.LAND: a.land}
+        return ways[how]()
 
     def _is_up(self, mode: str, own: VehicleState) -> bool:
         """Return whether the take-off is over."""

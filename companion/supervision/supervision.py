@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from companion.estimation.hover_thrust import HoverEstimate
 from companion.estimation.vehicle import VehicleEstimate
 from companion.guidance.fence import FenceConfig
 from companion.guidance.guidance import Reference
@@ -19,19 +20,17 @@ from companion.supervision.guard import (
     GuardInputs,
     Verdict,
 )
-from companion.supervision.phases import COMPANION_HEARTBEAT, PhaseMachine
+from companion.supervision.phases import GiveBack, PhaseMachine
 from companion.types import Phase, Plan
 from mavlink_bridge.autopilots.registry import Autopilot
 from mavlink_bridge.wire.messages import Message, RateCommand
-
-_HEARTBEAT_PERIOD = 1.0  # s
 
 
 @dataclass(frozen=True)
 class Supervised:
     """What supervision decided at one tick.
 
-    requests: messages to the autopilot, the companion's own heartbeat among them. verdict: the
+    requests: messages to the autopilot. verdict: the
     guarded command; None where no setpoint is to go out. repeat: the link loses packets, so that a
     setpoint is sent three times.
     """
@@ -64,7 +63,6 @@ class Supervision:
         self._fence = fence
         self._guard = Guard(guard)
         self._phases = PhaseMachine(mission, autopilot)
-        self._heartbeat_sent = -np.inf
 
     @property
     def phase(self) -> Phase:
@@ -74,7 +72,6 @@ class Supervision:
     def reset(self) -> None:
         """Give control up: the vehicle has started anew, and nothing on it is ours."""
         self._phases.rebooted()
-        self._heartbeat_sent = -np.inf
 
     def decide(
         self,
@@ -83,37 +80,46 @@ class Supervision:
         seen: Detections,
         reference: Reference | None,
         plan: Plan | None,
+        hover: HoverEstimate,
         *,
         self_tested: bool,
         leave: bool,
+        give_back: GiveBack | None = None,
+        failure: str = "",
     ) -> Supervised:
         """Return the verdict and the phase at the tick of `time` [s]; one call a tick.
 
+        hover: the hover thrust, without which the companion does not take over.
         self_tested: the solver works. leave: control is to be given back to the autopilot.
+        give_back: a ground station asks for that, and how. failure: the stage that failed, in
+        words; empty: none.
         """
-        inhibit_reason = vehicle.inhibit_reason or seen.inhibit_reason
+        inhibit_reason = failure or vehicle.inhibit_reason or seen.inhibit_reason
         verdict: Verdict | None = None
         if leave:
             self._phases.release()
+        if give_back is not None:
+            self._phases.release(give_back)
         if self.phase.flying:
-            verdict = self._judge(time, vehicle, seen, plan)
+            verdict = self._judge(time, vehicle, seen, plan, failure)
             if verdict.request is not AutopilotRequest.NONE:
-                self._phases.release(land=verdict.request is not AutopilotRequest.HOLD)
+                holds = verdict.request is AutopilotRequest.HOLD
+                self._phases.release(GiveBack.HOLD if holds else GiveBack.LAND)
         decision = self._phases.update(
             time,
             vehicle.heartbeat if vehicle.mode_known else None,
             vehicle.state,
             ready=self_tested and not inhibit_reason and self._fit_to_fly(vehicle, seen),
             complete=reference is not None and reference.land,
+            known=hover.known,
         )
+        if self._phases.waits_for_thrust and not inhibit_reason:
+            inhibit_reason = hover.unknown_reason
         requests = list(decision.requests)
-        if time - self._heartbeat_sent >= _HEARTBEAT_PERIOD:
-            self._heartbeat_sent = time
-            requests.append(COMPANION_HEARTBEAT)
         if not decision.stream:
             verdict = None
         elif verdict is None:
-            verdict = self._judge(time, vehicle, seen, plan)
+            verdict = self._judge(time, vehicle, seen, plan, failure)
         repeat = vehicle.packet_loss > self._config.lossy
         return Supervised(decision.phase, requests, verdict, repeat, inhibit_reason)
 
@@ -122,12 +128,17 @@ class Supervision:
         return (
             seen.started
             and seen.fault is CameraFault.NONE
-            and vehicle.age <= self._config.stale_stop
+            and 0.0 <= vehicle.age <= self._config.stale_stop
             and vehicle.plausible
         )
 
     def _judge(
-        self, time: float, vehicle: VehicleEstimate, seen: Detections, plan: Plan | None
+        self,
+        time: float,
+        vehicle: VehicleEstimate,
+        seen: Detections,
+        plan: Plan | None,
+        failure: str,
     ) -> Verdict:
         own = vehicle.state
         outside, outward = -np.inf, 0.0
@@ -145,5 +156,6 @@ class Supervision:
                 blind=seen.blind,
                 tick_gap=vehicle.tick_gap,
                 packet_loss=vehicle.packet_loss,
+                failure=failure,
             )
         )

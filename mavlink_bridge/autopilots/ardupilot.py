@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mavlink_bridge.autopilots.base import Autopilot
-from mavlink_bridge.wire.ids import AutopilotId, ComponentId, MessageId
-from mavlink_bridge.wire.messages import Heartbeat, Message, ParamRequestRead
+from mavlink_bridge.wire.ids import AutopilotId, MessageId
+from mavlink_bridge.wire.messages import Heartbeat, Message
 
 MODES = {"offboard": 4, "hold": 17, "land": 9, "rtl": 6}  # GUIDED, BRAKE, LAND, RTL
 _GUIDED_NOGPS = 20
@@ -19,6 +19,7 @@ _THRUST_AS_THRUST = 1 << 3  # bit of GUID_OPTIONS
 _STREAMS: dict[int, float | None] = {
     MessageId.ATTITUDE_QUATERNION: 50.0,
     MessageId.LOCAL_POSITION_NED: 50.0,
+    MessageId.ATTITUDE_TARGET: 20.0,
     MessageId.SYS_STATUS: 2.0,
     MessageId.GPS_RAW_INT: 2.0,
     MessageId.GLOBAL_POSITION_INT: 5.0,
@@ -34,11 +35,12 @@ class ArduPilot(Autopilot):
     mode_after_takeoff = "offboard"
     modes = MODES
     streams = _STREAMS
+    hover_parameter = "MOT_THST_HOVER"
+    curve_parameter = "MOT_THST_EXPO"
 
     def request_streams(self) -> list[Message]:
         """Request the streams, and the parameter that gives thrust its meaning."""
-        options = ParamRequestRead(self.system, ComponentId.AUTOPILOT1, "GUID_OPTIONS", -1)
-        return [*super().request_streams(), options]
+        return [*super().request_streams(), self._read_parameter("GUID_OPTIONS")]
 
     def inhibit_reason(self, heartbeat: Heartbeat, parameters: Mapping[str, float]) -> str:
         """Return why the vehicle must not fly: thrust would be a climb rate; else empty."""

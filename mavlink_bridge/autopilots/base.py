@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from mavlink_bridge.wire.ids import AutopilotId, CommandId, ModeFlag
-from mavlink_bridge.wire.messages import Command, Heartbeat, Message
+from mavlink_bridge.wire.ids import AutopilotId, CommandId, ComponentId, ModeFlag
+from mavlink_bridge.wire.messages import Command, Heartbeat, Message, ParamRequestRead
 
 _PARAMETERS = 7  # of a COMMAND_LONG
 _STREAM_OFF = -1.0  # interval of SET_MESSAGE_INTERVAL
@@ -21,7 +21,9 @@ class Autopilot:
 
     Class attributes: autopilot: MAV_AUTOPILOT in its HEARTBEAT. mode_after_takeoff: mode of the
     vehicle after a take-off. modes: custom_mode by the name of the mode. streams: rate [Hz] by
-    message id, None to switch a stream off.
+    message id, None to switch a stream off. hover_parameter: name of the parameter that holds the
+    hover thrust; curve_parameter: that of the share of thrust that it takes to go with the square
+    of the motors' speed; empty where there is none.
     """
 
     system: int
@@ -29,10 +31,12 @@ class Autopilot:
     mode_after_takeoff: ClassVar[str]
     modes: ClassVar[Mapping[str, int]]
     streams: ClassVar[Mapping[int, float | None]] = {}
+    hover_parameter: ClassVar[str] = ""
+    curve_parameter: ClassVar[str] = ""
 
     def request_streams(self) -> list[Message]:
-        """Request attitude and position, and the parameters that `inhibit_reason` checks."""
-        return [
+        """Request attitude, position and thrust, and the parameters that matter in flight."""
+        intervals: list[Message] = [
             self._command(
                 CommandId.SET_MESSAGE_INTERVAL,
                 float(message_id),
@@ -40,6 +44,8 @@ class Autopilot:
             )
             for message_id, rate_hz in self.streams.items()
         ]
+        names = [name for name in (self.hover_parameter, self.curve_parameter) if name]
+        return intervals + [self._read_parameter(name) for name in names]
 
     def inhibit_reason(self, heartbeat: Heartbeat, parameters: Mapping[str, float]) -> str:
         """Return why the vehicle must not fly as it is set up; empty where it may."""
@@ -65,12 +71,26 @@ class Autopilot:
         """Land at the present position and disarm."""
         return [self._set_mode("land")]
 
+    def rtl(self) -> list[Message]:
+        """Return to where it took off; nothing where the autopilot has no such mode."""
+        return [self._set_mode("rtl")] if "rtl" in self.modes else []
+
     def mode(self, heartbeat: Heartbeat) -> str:
         """Return hold, takeoff, rtl, land or offboard; 'other' for a pilot's mode."""
         for name, number in self.modes.items():
             if heartbeat.custom_mode == number:
                 return name
         return "other"
+
+    def _read_parameter(self, name: str) -> ParamRequestRead:
+        return ParamRequestRead(self.system, ComponentId.AUTOPILOT1, name, -1)
+
+    def asked_mode(self, request: Command) -> str:
+        """Return the name of the mode that a DO_SET_MODE asks for; its number where it has none."""
+        for name in self.modes:
+            if self._set_mode(name).params == request.params:
+                return name
+        return f"{request.params[1]:.0f}"
 
     def _set_mode(self, name: str) -> Command:
         return self._command(

@@ -1,7 +1,8 @@
 """PX4: custom modes, and a take-off whose height is a parameter.
 
 Source: PX4 mavlink_receiver.cpp, px4_custom_mode.h. Only HEARTBEAT tells the mode: PX4
-acknowledges OFFBOARD even where it does not enter it.
+acknowledges DO_SET_MODE twice, on arrival and with what came of it, and on the ground it shows
+OFFBOARD where it would not fly in it.
 """
 
 from __future__ import annotations
@@ -31,7 +32,11 @@ MODES = {
 _STREAMS: dict[int, float | None] = {
     MessageId.ATTITUDE_QUATERNION: 50.0,
     MessageId.LOCAL_POSITION_NED: 50.0,
+    MessageId.ATTITUDE_TARGET: 20.0,
+    # PX4 slows all streams where the line is too slow for their sum (115200 baud are).
     MessageId.ATTITUDE: None,  # would repeat ATTITUDE_QUATERNION
+    MessageId.HIGHRES_IMU: None,
+    MessageId.GLOBAL_POSITION_INT: 5.0,
 }
 
 
@@ -43,6 +48,17 @@ class Px4(Autopilot):
     mode_after_takeoff = "hold"
     modes = MODES
     streams = _STREAMS
+    hover_parameter = "MPC_THR_HOVER"
+    curve_parameter = "THR_MDL_FAC"
+
+    def arm(self) -> list[Message]:
+        """Hold, then arm: after a flight in offboard PX4 is back in it, and does not arm there.
+
+        PX4 reports its checks when they change, which may have been before this companion started;
+        running them makes it report them again, and changes nothing.
+        """
+        checks = self._command(CommandId.RUN_PREARM_CHECKS)
+        return [*self.hold(), checks, *super().arm()]
 
     def takeoff(self, altitude: float) -> list[Message]:
         """Climb to `altitude` [m] above the take-off point and hold; the height is a parameter."""

@@ -33,7 +33,7 @@ class Identity:
 
     def __init__(self, name: str, system: int) -> None:
         self._name, self._system = name, system
-        self._adapter = adapter(name, system)
+        self.adapter = adapter(name, system)
         self.heartbeat: Heartbeat | None = None
         self.version = ""
         self._parameters: dict[str, float] = {}
@@ -49,17 +49,31 @@ class Identity:
             elif isinstance(m, ParamValue) and math.isfinite(m.value):
                 self._parameters[m.name] = m.value
 
+    def parameter(self, name: str) -> float | None:
+        """Return a parameter's value as the wire has it; None before the vehicle told it."""
+        return self._parameters.get(name)
+
+    @property
+    def hover_thrust(self) -> float | None:
+        """The hover thrust that the autopilot's own parameter holds; None where unknown."""
+        return self.parameter(self.adapter.hover_parameter)
+
+    @property
+    def thrust_curve(self) -> float | None:
+        """The autopilot's own share of quadratic thrust, 0…1; None where unknown."""
+        return self.parameter(self.adapter.curve_parameter)
+
     def inhibit_reason(self) -> str:
         """Return why this config must not fly this vehicle, one line; empty where it may."""
         if self.heartbeat is None:
             return ""
         number = self.heartbeat.autopilot
-        if number != self._adapter.autopilot:
+        if number != self.adapter.autopilot:
             found = _NAMES.get(number, f"unknown (MAV_AUTOPILOT {number})")
             version = f" {self.version}" if self.version else ""
             return (
                 f"vehicle {self._system} is {found}{version}, but link.autopilot: {self._name}; "
                 f"valid: {', '.join(ADAPTERS)}"
             )
-        reason = self._adapter.inhibit_reason(self.heartbeat, self._parameters)
+        reason = self.adapter.inhibit_reason(self.heartbeat, self._parameters)
         return f"vehicle {self._system} ({self._name}): {reason}" if reason else ""

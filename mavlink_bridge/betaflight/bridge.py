@@ -16,6 +16,7 @@ from mavlink_bridge.autopilots.betaflight import MODES, PILOT
 from mavlink_bridge.betaflight import msp
 from mavlink_bridge.betaflight.coarse_state import CoarseState
 from mavlink_bridge.betaflight.controller import Controller
+from mavlink_bridge.betaflight.fix_source import INPUT, FixSource
 from mavlink_bridge.betaflight.msp import Reply
 from mavlink_bridge.betaflight.polling import Answer, read_answer
 from mavlink_bridge.betaflight.position_hold import PositionHold
@@ -38,6 +39,7 @@ from mavlink_bridge.wire.ids import (
 )
 from mavlink_bridge.wire.messages import (
     Attitude,
+    AttitudeTarget,
     AutopilotVersion,
     BatteryStatus,
     Command,
@@ -57,6 +59,7 @@ _FORCE_DISARM = 21196.0  # parameter 2 of COMPONENT_ARM_DISARM
 _IDLE = 1100.0  # µs of throttle; above it the vehicle may lift off
 _LANDED_TIME, _LANDED_HEIGHT = 2.0, 1.0  # s of idle throttle below this height [m]: landed
 _LONGEST_STEP = 0.1  # s
+_LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 _MODE_NAMES = {number: name for name, number in MODES.items()}
 
 
@@ -104,9 +107,11 @@ class BetaflightBridge:
         self._setpoint_at = -math.inf
         self._setpoints_lost_at: float | None = None
         self._answered_at = self._cycled_at = -math.inf
-        self._heartbeat_at = -math.inf
+        self._heartbeat_at = self._target_at = -math.inf
+        self._thrust = 0.0  # of the last RC frame
         self._announced = ("", False)
         self._last_fix: tuple[float, ...] = ()
+        self._fixes = FixSource(self._times.fix)
         self._battery = (0.0, 0.0)
         self._outbox: list[Message] = []
 
@@ -137,13 +142,13 @@ class BetaflightBridge:
         s.force(imu.force, resting)
         s.height(answer.height, resting)
         gps = answer.gps
-        if gps is None:
+        if gps is None or not self._fixes.uses_board(time, gps):
             return
         fix = (gps.latitude_deg, gps.longitude_deg, *gps.v)
-        if gps.fix and fix != self._last_fix:
+        if fix != self._last_fix:
             self._last_fix = fix
             s.gps(gps.latitude_deg, gps.longitude_deg, gps.v)
-        elif gps.fix:
+        else:
             s.confirm_fix()
 
     def _read_status(self, time: float, answer: Answer, by_pilot: bool) -> None:
@@ -212,7 +217,8 @@ class BetaflightBridge:
             source = received.source
             self._outbox.append(CommandAck(m.command, result, source.system, source.component))
         elif isinstance(m, GpsInput) and m.fix_type >= GpsFix.FIX_3D and _credible(m.v):
-            self._state.gps(m.latitude_deg, m.longitude_deg, m.v, age=0.0)
+            if self._fixes.uses(time, INPUT):
+                self._state.gps(m.latitude_deg, m.longitude_deg, m.v, age=0.0)
         elif isinstance(m, TimeSync) and m.tc1 == 0:
             self._outbox.append(TimeSync(round(time * 1e9), m.ts1))
 
@@ -324,6 +330,9 @@ class BetaflightBridge:
         if time - self._heartbeat_at >= self._times.heartbeat or now != self._announced:
             self._heartbeat_at, self._announced = time, now
             self._outbox += [self._heartbeat(time), BatteryStatus(*self._battery, -0.01)]
+        if self.mode != "pilot" and time - self._target_at >= self._times.target:
+            self._target_at = time
+            self._outbox.append(AttitudeTarget(time, _LEVEL, np.zeros(3), self._thrust))
         out.messages, self._outbox = self._outbox, []
         return out
 
@@ -372,6 +381,7 @@ class BetaflightBridge:
         return self._frame(np.zeros(3), self._hold.step(None, 0.0).thrust if flying else 0.0)
 
     def _frame(self, sticks: Vector, thrust: float, level: bool = True) -> bytes:
+        self._thrust = thrust
         return msp.raw_rc(self._controller.channels(sticks, thrust, self._arm_switch, level))
 
     def _heartbeat(self, time: float) -> Heartbeat:

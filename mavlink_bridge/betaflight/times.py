@@ -13,7 +13,8 @@ class BridgeTimes:
     a pilot has a receiver; Betaflight holds that frame for 0.3 s more. land: from the last setpoint
     to landing where there is no pilot. arm: wait for the controller to arm. settle: no take-off so
     soon after arming, when Betaflight zeroes its height. silent: without answers the controller
-    counts as lost. fix: validity of a position after its fix. heartbeat: interval.
+    counts as lost. fix: validity of a position after its fix. heartbeat, target: intervals
+    of HEARTBEAT and ATTITUDE_TARGET.
     """
 
     setpoint: float = 0.2
@@ -24,3 +25,4 @@ class BridgeTimes:
     silent: float = 0.5
     fix: float = 1.0
     heartbeat: float = 0.5
+    target: float = 0.05

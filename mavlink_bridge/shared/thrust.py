@@ -6,6 +6,7 @@ The hover thrust depends on the airframe and the battery, so it is estimated in 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from mavlink_bridge.shared.constants import GRAVITY
@@ -36,37 +37,13 @@ class ThrustMap:
         return float(min(self.hover_thrust * relative ** (1.0 / self.exponent), 1.0))
 
 
-@dataclass(frozen=True)
-class HoverThrustEstimator:
-    """Scalar Kalman filter for hover_thrust from commanded thrust and measured acceleration.
+def exponent_of_curve(curve: float, hover_thrust: float) -> float:
+    """Return the exponent of force ∝ thrust^exponent near hover, for motors of force ∝ speed².
 
-    variance: of the estimate. process: variance growth per second (battery sag, payload).
-    noise: variance of one measurement of c/g.
+    curve: the autopilot's THR_MDL_FAC or MOT_THST_EXPO, 0…1: it takes thrust for
+    curve · speed² + (1 - curve) · speed. So the exponent is 1 at curve 1, and 2 at curve 0.
     """
-
-    map: ThrustMap
-    variance: float = 4e-3
-    process: float = 2e-6
-    noise: float = 0.05
-    bounds: tuple[float, float] = (HOVER_MIN, HOVER_MAX)
-
-    def update(self, thrust: float, c_measured: float, dt: float) -> HoverThrustEstimator:
-        """Return the estimate after `dt` [s] of `thrust` with c_measured [m/s²] along +z_B."""
-        h = self.map.hover_thrust
-        variance = self.variance + self.process * dt
-        if thrust < 0.05 or c_measured < 0.2 * GRAVITY:
-            return HoverThrustEstimator(self.map, variance, self.process, self.noise, self.bounds)
-        # measured c/g = (thrust/h)^e, linearised around the last h
-        predicted = (thrust / h) ** self.map.exponent
-        slope = -self.map.exponent * predicted / h
-        gain = variance * slope / (slope * slope * variance + self.noise)
-        h_new = min(
-            max(h + gain * (c_measured / GRAVITY - predicted), self.bounds[0]), self.bounds[1]
-        )
-        return HoverThrustEstimator(
-            ThrustMap(h_new, self.map.exponent),
-            (1.0 - gain * slope) * variance,
-            self.process,
-            self.noise,
-            self.bounds,
-        )
+    linear = 1.0 - curve
+    root = math.sqrt(linear * linear + 4.0 * curve * hover_thrust)
+    speed = (root - linear) / (2.0 * curve) if curve > 1e-6 else hover_thrust
+    return 2.0 * hover_thrust / (speed * root)

@@ -6,28 +6,31 @@ dropped.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from mavlink_bridge.wire import framing
 from mavlink_bridge.wire.dialect import FROM_WIRE, TO_WIRE
+from mavlink_bridge.wire.framing import HEADER, LONGEST, SIGNED, V2, RawFrame
 from mavlink_bridge.wire.messages import Message, Received, Source
 from mavlink_bridge.wire.sequence import FrameCount
-from mavlink_bridge.wire.signing import SIGNATURE_BYTES, Signing
+from mavlink_bridge.wire.signing import Check, Signing
 
-_V1, _V2 = 0xFE, 0xFD  # first byte of a frame
-_V1_OVERHEAD, _V2_OVERHEAD = 8, 12  # bytes of header and checksum
-_MAGIC = re.compile(rb"[\xfd\xfe]")
-_SIGNED = 0x01  # MAVLINK_IFLAG_SIGNED
-_LONGEST_FRAME = 255 + _V2_OVERHEAD + SIGNATURE_BYTES
 _SENDERS = 64  # most senders whose frames are counted
+_MAGIC = (b"\xfd", b"\xfe")
+_FALSE_STARTS = 16  # most false starts in a datagram: a sender of frames makes next to none
 
 
 @dataclass
 class CodecStatistics:
-    """Counts of frames and bytes since the codec was made."""
+    """Counts of frames and bytes since the codec was made.
+
+    unsigned: frames refused for their signature. replayed: signed with the key, but not new.
+    strange: frames of the vehicle from another address than its own. dropped: bytes of a flood that
+    were not looked at.
+    """
 
     received: int = 0
     sent: int = 0
@@ -36,6 +39,9 @@ class CodecStatistics:
     unknown: int = 0
     foreign: int = 0
     unsigned: int = 0
+    replayed: int = 0
+    strange: int = 0
+    dropped: int = 0
 
 
 class Codec:
@@ -60,108 +66,160 @@ class Codec:
         self._mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
         self._reader = mavlink.MAVLink(None)
         self._allow = None if allow is None else frozenset((a.system, a.component) for a in allow)
+        self._start = framing.start_pattern(self._allow)
         self._signing = signing
         if signing is not None:
             self._mav.signing.secret_key = signing.key
             self._mav.signing.link_id = signing.link_id
             self._mav.signing.sign_outgoing = True
+            signing.own = (system, component)
         self._buffer = bytearray()
         self._counts: dict[Source, FrameCount] = {}
+
+    @property
+    def signs(self) -> bool:
+        """Whether only signed frames are accepted."""
+        return self._signing is not None
 
     def encode(self, messages: Iterable[Message]) -> bytes:
         """Return the messages as consecutive MAVLink 2 frames."""
         frames = bytearray()
-        if self._signing is not None:
-            self._mav.signing.timestamp = self._signing.timestamp
         for message in messages:
+            if self._signing is not None:
+                self._mav.signing.timestamp = self._signing.next()
             frames += TO_WIRE[type(message)](message).pack(self._mav)
             self._mav.seq = (self._mav.seq + 1) % 256
             self.statistics.sent += 1
-        if self._signing is not None:
-            self._signing.timestamp = self._mav.signing.timestamp
         return bytes(frames)
 
     def decode_datagram(self, data: bytes) -> list[Received]:
         """Decode a packet of whole frames; the rest of it is garbage."""
-        out = self.decode(data)
-        self.statistics.bad_bytes += len(self._buffer)
-        self._buffer.clear()
-        return out
+        return self.read(self.frames(data))
 
     def decode(self, data: bytes) -> list[Received]:
         """Return the messages that `data` completes, in any chunking; garbage is counted."""
+        return self.read(self.stream_frames(data))
+
+    def plausible(self, data: bytes) -> bool:
+        """Return whether a frame of an accepted sender may begin among the first bytes."""
+        found = self._start.search(data, 0, LONGEST)
+        while found is not None:
+            start = found.start()
+            if len(data) - start < HEADER or self._allowed(*framing.header(data, start)[1:3]):
+                return True
+            found = None if start else self._start.search(data, 1, LONGEST)
+        return False
+
+    def refuse(self, data: bytes) -> None:
+        """Count a datagram that is not plausible: of a foreign sender, or garbage."""
+        if self._start.match(data) and len(data) >= HEADER:
+            self.statistics.foreign += 1
+        else:
+            self.statistics.bad_bytes += len(data)
+
+    def restart(self) -> None:
+        """Forget the incomplete frame of a stream: what would complete it is lost."""
+        self.statistics.bad_bytes += len(self._buffer)
+        self._buffer.clear()
+
+    def stream_frames(self, data: bytes) -> list[RawFrame]:
+        """Return the accepted frames that `data` completes, oldest first."""
         buffer = self._buffer
         buffer += data
-        out: list[Received] = []
-        start = 0
-        while True:
-            start = self._next_magic(start)
-            end = self._frame_end(start)
-            if end is None:
-                break
-            received = self._decode_frame(start, end)
-            if received is None:
-                # Skip the false start only: a true frame may begin inside it.
-                start += 1
-            else:
-                start = end
-                if received is not _DROPPED:
-                    out.append(received)
+        found, start = self._scan(buffer, whole=False)
         del buffer[:start]
-        if len(buffer) > _LONGEST_FRAME:  # cannot happen while frames end where they say
-            self.statistics.bad_bytes += len(buffer)
-            buffer.clear()
-        return out
-
-    def _next_magic(self, start: int) -> int:
-        """Return the index of the next possible frame start; count the bytes skipped."""
-        magic = _MAGIC.search(self._buffer, start)
-        found = len(self._buffer) if magic is None else magic.start()
-        self.statistics.bad_bytes += found - start
         return found
 
-    def _frame_end(self, start: int) -> int | None:
-        """Return the index behind the frame that begins at `start`; None while incomplete."""
-        have = len(self._buffer) - start
-        if have < _V1_OVERHEAD:
-            return None
-        length = self._buffer[start + 1]
-        if self._buffer[start] == _V1:
-            total = length + _V1_OVERHEAD
-        else:
-            signed = self._buffer[start + 2] & _SIGNED
-            total = length + _V2_OVERHEAD + (SIGNATURE_BYTES if signed else 0)
-        return start + total if have >= total else None
+    def frames(self, data: bytes) -> list[RawFrame]:
+        """Return the accepted frames of a datagram, oldest first.
 
-    def _decode_frame(self, start: int, end: int) -> Received | None:
-        """Return the message in buffer[start:end]; None for an invalid frame."""
-        b = self._buffer
-        sequence, system, component, message_id = _header(b, start)
-        if not self._allowed(system, component):
-            self.statistics.foreign += 1
-            return None
-        if b[start] == _V2 and b[start + 2] & ~_SIGNED:
-            self.statistics.bad_frames += 1  # unknown flags: MAVLink requires to discard the frame
-            return None
-        source, convert = Source(system, component), FROM_WIRE.get(message_id)
-        if convert is None and message_id not in mavlink.mavlink_map:
-            self.statistics.unknown += 1
+        The first bytes of a frame that is not whole are garbage, and so is the rest of a datagram
+        with many false starts.
+        """
+        return self._scan(data, whole=True)[0]
+
+    def read(self, frames: Sequence[RawFrame], most: int | None = None) -> list[Received]:
+        """Return the messages of frames; most: of so many frames, the newest that are used."""
+        out: list[Received] = []
+        used = [n for n, frame in enumerate(frames) if frame.message_id in FROM_WIRE]
+        left_out = 0 if most is None else max(len(used) - most, 0)
+        first = used[left_out - 1] + 1 if left_out else 0
+        for n, frame in enumerate(frames):
+            count = self._count(frame.source)
+            convert = FROM_WIRE.get(frame.message_id) if n >= first else None
+            message = None
+            if convert is not None:
+                try:
+                    message = convert(self._reader.decode(bytearray(frame.data)))
+                except (mavlink.MAVError, ValueError, TypeError, OverflowError):
+                    self.statistics.bad_frames += 1
+                    continue
+            self.statistics.received += 1
+            count.add(frame.sequence, read=message is not None)
+            if message is not None:
+                out.append(Received(frame.source, message, *count.take()))
+        return out
+
+    def _scan(self, data: bytes | bytearray, whole: bool) -> tuple[list[RawFrame], int]:
+        """Return the accepted frames in `data`, and the index of the first byte not looked at.
+
+        whole: data holds whole frames; else a frame at its end may be incomplete.
+        """
+        found: list[RawFrame] = []
+        start, false_starts, s = 0, 0, self.statistics
+        while not whole or false_starts < _FALSE_STARTS:
+            match = self._start.search(data, start)
+            if match is None:
+                return found, self._skip(data, start, whole)
+            s.bad_bytes += match.start() - start
+            start = match.start()
+            short = len(data) - start < HEADER
+            length = 0 if short else framing.frame_length(data, start)
+            if short or len(data) - start < length:
+                if not whole:
+                    return found, start
+                false_starts, start = false_starts + 1, start + 1
+                s.bad_bytes += 1
+                continue
+            if self._judge(data, start, length, found):
+                start += length
+            else:
+                false_starts, start = false_starts + 1, start + 1
+        s.bad_bytes += len(data) - start
+        return found, len(data)
+
+    def _skip(self, data: bytes | bytearray, start: int, whole: bool) -> int:
+        """Count the bytes from `start` on as bad; of a stream the last few may begin a frame."""
+        tail = start if whole else max(start, len(data) - HEADER)
+        begun = (
+            -1 if whole else min((i for m in _MAGIC if (i := data.find(m, tail)) >= 0), default=-1)
+        )
+        end = len(data) if begun < 0 else begun
+        self.statistics.bad_bytes += end - start
+        return end
+
+    def _judge(
+        self, data: bytes | bytearray, start: int, length: int, found: list[RawFrame]
+    ) -> bool:
+        """Append the frame at `start` where it is accepted; return whether it is a frame at all."""
+        sequence, system, component, message_id = framing.header(data, start)
+        s, end = self.statistics, start + length
+        if not framing.is_known(message_id):
+            s.unknown += 1
+            source = Source(system, component)
             if source in self._counts:
                 self._counts[source].unknown += 1
-            return None
-        try:
-            wire = self._reader.decode(b[start:end])
-            if not self._trusted(bytes(b[start:end]), source):
-                self.statistics.unsigned += 1
-                return None
-            message = convert(wire) if convert else None
-        except (mavlink.MAVError, ValueError, TypeError, OverflowError):
-            self.statistics.bad_frames += 1
-            return None
-        self.statistics.received += 1
-        count = self._count(source)
-        count.add(sequence, read=message is not None)
-        return _DROPPED if message is None else Received(source, message, *count.take())
+            # Its checksum says nothing; where another frame or the end follows, it is one.
+            return end == len(data) or data[end : end + 1] in _MAGIC
+        frame = bytes(data[start:end])
+        if not framing.checksum_holds(frame, message_id):
+            s.bad_frames += 1
+            return False
+        if not self._allowed(system, component):
+            s.foreign += 1
+        elif self._signed(frame, system, component):
+            found.append(RawFrame(Source(system, component), sequence, message_id, frame))
+        return True
 
     def _count(self, source: Source) -> FrameCount:
         """Return the counts of this sender; the counts of too many senders are not kept."""
@@ -173,22 +231,14 @@ class Codec:
         allow = self._allow
         return allow is None or (system, component) in allow or (system, 0) in allow
 
-    def _trusted(self, frame: bytes, source: Source) -> bool:
-        """Return whether a frame is signed correctly, or signing is off."""
+    def _signed(self, frame: bytes, system: int, component: int) -> bool:
+        """Return whether a frame is signed correctly and new, or signing is off."""
         if self._signing is None:
             return True
-        signed = frame[0] == _V2 and bool(frame[2] & _SIGNED)
-        return signed and self._signing.accepts(frame, source.system, source.component)
-
-
-def _header(frame: bytearray, start: int) -> tuple[int, int, int, int]:
-    """Return sequence number, system, component and message id of the frame at `start`."""
-    if frame[start] == _V1:
-        sequence, system, component, message_id = frame[start + 2 : start + 6]
-    else:
-        sequence, system, component = frame[start + 4 : start + 7]
-        message_id = int.from_bytes(frame[start + 7 : start + 10], "little")
-    return sequence, system, component, message_id
-
-
-_DROPPED = Received(Source(0, 0), None)  # type: ignore[arg-type]  # a valid frame that is not used
+        if frame[0] != V2 or not frame[2] & SIGNED:
+            self.statistics.unsigned += 1
+            return False
+        check = self._signing.check(frame, system, component)
+        self.statistics.unsigned += check is Check.FORGED
+        self.statistics.replayed += check is Check.OLD
+        return check is Check.GOOD

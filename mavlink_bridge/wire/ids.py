@@ -14,12 +14,16 @@ class MessageId(IntEnum):
     HEARTBEAT = 0
     SYS_STATUS = 1
     SYSTEM_TIME = 2
+    PING = 4
     GPS_RAW_INT = 24
     ATTITUDE = 30
     ATTITUDE_QUATERNION = 31
     LOCAL_POSITION_NED = 32
     GLOBAL_POSITION_INT = 33
     MISSION_CURRENT = 42
+    ATTITUDE_TARGET = 83
+    HIGHRES_IMU = 105
+    TIMESYNC = 111
     DISTANCE_SENSOR = 132
     BATTERY_STATUS = 147
     AUTOPILOT_VERSION = 148
@@ -27,6 +31,9 @@ class MessageId(IntEnum):
     ESTIMATOR_STATUS = 230
     HOME_POSITION = 242
     EXTENDED_SYS_STATE = 245
+    NAMED_VALUE_FLOAT = 251
+    NAMED_VALUE_INT = 252
+    CAMERA_INFORMATION = 259
     ODOMETRY = 331
 
 
@@ -37,7 +44,9 @@ class CommandId(IntEnum):
     NAV_LAND = 21
     NAV_TAKEOFF = 22
     DO_SET_MODE = 176
+    DO_PAUSE_CONTINUE = 193
     COMPONENT_ARM_DISARM = 400
+    RUN_PREARM_CHECKS = 401
     SET_MESSAGE_INTERVAL = 511
     REQUEST_MESSAGE = 512
 
@@ -51,6 +60,9 @@ class CommandResult(IntEnum):
     UNSUPPORTED = 3
     FAILED = 4
     IN_PROGRESS = 5
+    COMMAND_LONG_ONLY = 7
+    COMMAND_INT_ONLY = 8
+    COMMAND_UNSUPPORTED_MAV_FRAME = 9
 
 
 class AutopilotId(IntEnum):
@@ -73,12 +85,15 @@ class VehicleType(IntEnum):
     """MAV_TYPE."""
 
     QUADROTOR = 2
+    GCS = 6
     ONBOARD_CONTROLLER = 18
 
 
 class SystemState(IntEnum):
     """MAV_STATE, the system_status of a HEARTBEAT."""
 
+    UNINIT = 0
+    BOOT = 1
     STANDBY = 3
     ACTIVE = 4
     CRITICAL = 5
@@ -110,8 +125,21 @@ class ParameterType(IntEnum):
 
     INT8 = 2
     INT16 = 4
+    UINT32 = 5
     INT32 = 6
     REAL32 = 9
+
+
+class ParameterError(IntEnum):
+    """MAV_PARAM_ERROR of a PARAM_ERROR; the last is newer than pymavlink's dialect."""
+
+    DOES_NOT_EXIST = 1
+    VALUE_OUT_OF_RANGE = 2
+    PERMISSION_DENIED = 3
+    COMPONENT_NOT_FOUND = 4
+    READ_ONLY = 5
+    TYPE_UNSUPPORTED = 6
+    TYPE_MISMATCH = 7
 
 
 class GpsFix(IntEnum):
@@ -147,6 +175,10 @@ class SensorRotation(IntEnum):
 class AttitudeTargetMask(IntFlag):
     """ATTITUDE_TARGET_TYPEMASK: fields of SET_ATTITUDE_TARGET that the autopilot ignores."""
 
+    BODY_ROLL_RATE_IGNORE = 1
+    BODY_PITCH_RATE_IGNORE = 2
+    BODY_YAW_RATE_IGNORE = 4
+    THROTTLE_IGNORE = 64
     ATTITUDE_IGNORE = 128
 
 

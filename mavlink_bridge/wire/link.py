@@ -7,25 +7,25 @@ sender, `udpout:HOST:PORT` sends first, `tcp:HOST:PORT` connects, `serial:DEVICE
 from __future__ import annotations
 
 import select
-import socket
 import time
 from collections.abc import Callable, Iterable, Iterator
+from math import inf
 from typing import Protocol
 
+from mavlink_bridge.wire.allowance import Allowance, Newest
 from mavlink_bridge.wire.bytestream import BAUD_RATES, ByteStream, SerialEndpoint, TcpEndpoint
 from mavlink_bridge.wire.codec import Codec
-from mavlink_bridge.wire.ids import ComponentId
-from mavlink_bridge.wire.messages import Heartbeat, Message, Received, Source
+from mavlink_bridge.wire.framing import RawFrame
+from mavlink_bridge.wire.ids import ComponentId, MessageId
+from mavlink_bridge.wire.messages import Message, Received, Source
+from mavlink_bridge.wire.udp import Address, EndpointError, UdpEndpoint
 
 _SENDER_MEMORY = 3.0  # s; a vehicle that restarts may have another port
 _SENDERS = 16  # most addresses of one vehicle that are remembered
-_RECEIVE_BUFFER = 4 << 20  # a second of telemetry, so that a slow tick loses nothing
-Address = tuple[str, int]
+# s that the vehicle's address has to be silent before another one is taken for it. HEARTBEAT comes
+# each second; a signature is proof enough once nothing comes from the old address any more.
+_SILENCE, _SIGNED_SILENCE = 1.5, 0.2
 ENDPOINT_FORMS = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, serial:DEVICE:BAUD"
-
-
-class EndpointError(ValueError):
-    """An endpoint is malformed or cannot be opened; the message names it."""
 
 
 class Endpoint(Protocol):
@@ -46,68 +46,6 @@ class Endpoint(Protocol):
     def close(self) -> None:
         """Close the port."""
         ...
-
-
-class UdpEndpoint:
-    """One UDP socket with one peer: a given one, or the last sender of `answer_sender`.
-
-    local, remote: (host, port); local port 0 is any free port.
-    """
-
-    def __init__(self, local: Address | None = None, remote: Address | None = None) -> None:
-        self.remote = remote
-        self.sender: Address | None = None  # of the latest datagram
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
-        try:
-            self._socket.bind(local or ("", 0))
-        except OSError as error:
-            self._socket.close()
-            host, port = local or ("", 0)
-            raise EndpointError(f"UDP {host}:{port} cannot be bound: {error.strerror}") from error
-        self._fixed = remote is not None
-
-    @property
-    def port(self) -> int:
-        """The local port."""
-        return int(self._socket.getsockname()[1])
-
-    def receive(self) -> Iterator[bytes]:
-        """Yield the datagrams that have arrived."""
-        while True:
-            try:
-                data, sender = self._socket.recvfrom(65535)
-            except (BlockingIOError, ConnectionError):
-                return
-            self.sender = sender
-            yield data
-
-    def answer_sender(self) -> None:
-        """Make the sender of the last datagram the peer, unless a peer was given.
-
-        Call it for accepted messages only: a stray packet must not redirect the stream.
-        """
-        if not self._fixed:
-            self.remote = self.sender
-
-    def send(self, data: bytes) -> bool:
-        """Send to the peer; return False where no peer is known or it does not listen."""
-        if self.remote is None:
-            return False
-        try:
-            self._socket.sendto(data, self.remote)
-        except OSError:
-            return False
-        return True
-
-    def fileno(self) -> int:
-        """Return the descriptor for select()."""
-        return self._socket.fileno()
-
-    def close(self) -> None:
-        """Close the port."""
-        self._socket.close()
 
 
 def open_endpoint(name: str) -> Endpoint:
@@ -176,19 +114,26 @@ def open_serial(device: str, baud: int) -> SerialEndpoint:
 class Link:
     """Messages over an endpoint, with packet counts by which lockstep waits for every packet.
 
-    tap: called with each packet for a log: (whether this end sent it, its bytes).
+    vehicle: the autopilot whose address alone gets what is sent over UDP, and alone is believed
+    when it speaks for the vehicle; None: the last accepted sender is the peer. tap: called with
+    each packet for a log: (whether this end sent it, its bytes). address_changes: how often the
+    vehicle had another address than before. spent: whether `receive` has read as much as it may.
     """
 
-    def __init__(self, endpoint: Endpoint, codec: Codec) -> None:
+    def __init__(self, endpoint: Endpoint, codec: Codec, vehicle: Source | None = None) -> None:
         self.endpoint = endpoint
         self.codec = codec
         self.packets_in = 0
         self.packets_out = 0
         self.tap: Callable[[bool, bytes], None] | None = None
+        self.address_changes = 0
+        self._vehicle = vehicle
+        self._pinned: Address | None = None
+        self._pinned_heard = -inf
+        self._allowance = Allowance()
         self._heard: dict[tuple[Source, type], float] = {}
         self._senders: dict[int, dict[Address, float]] = {}
-        whole = not isinstance(endpoint, ByteStream)
-        self._decode = codec.decode_datagram if whole else codec.decode
+        self._whole = not isinstance(endpoint, ByteStream)
 
     @property
     def problem(self) -> str:
@@ -204,50 +149,148 @@ class Link:
                 return f"{text}, and {more} more" if more else text
         return ""
 
+    @property
+    def address(self) -> str:
+        """The vehicle's address over UDP, `host:port`; empty where it is not known."""
+        return "" if self._pinned is None else f"{self._pinned[0]}:{self._pinned[1]}"
+
+    @property
+    def spent(self) -> bool:
+        """Whether `receive` has read all that it may before it is renewed."""
+        return self._allowance.spent
+
     def _hear(self, data: bytes) -> list[Received]:
         """Return the messages of a packet; the sender of an accepted message becomes the peer."""
-        received = self._decode(data)
-        if isinstance(self.endpoint, UdpEndpoint) and received:
-            self.endpoint.answer_sender()
-            self._note_sender(self.endpoint.sender, received)
-        return received
+        place = self.endpoint.sender if isinstance(self.endpoint, UdpEndpoint) else None
+        return self.codec.read(self._frames(data, place))
 
-    def _note_sender(self, sender: Address | None, received: list[Received]) -> None:
+    def _frames(self, data: bytes, place: Address | None) -> list[RawFrame]:
+        """Return the accepted frames of a packet that came from `place`; None: not over UDP."""
+        frames = self.codec.frames(data) if self._whole else self.codec.stream_frames(data)
+        if place is None or not frames:
+            return frames
+        self._note_sender(place, frames)
+        assert isinstance(self.endpoint, UdpEndpoint)
+        if self._vehicle is None:
+            self.endpoint.answer_sender()
+            return frames
+        own = [f for f in frames if f.source == self._vehicle]
+        if own and self._is_vehicle(place, own):
+            return frames
+        self.codec.statistics.strange += len(own)
+        return [f for f in frames if f.source != self._vehicle]
+
+    def _is_vehicle(self, place: Address, frames: list[RawFrame]) -> bool:
+        """Return whether an address is the vehicle's: the first, or the next once it is silent.
+
+        A router or a radio that starts anew has another port than before, and the old one is
+        silent. Two addresses that speak for one vehicle are a relay or a forger: the first stays.
+        """
+        if place == self._pinned:
+            return True
+        silence = _SIGNED_SILENCE if self.codec.signs else _SILENCE
+        if self._pinned is not None:
+            shows_mode = any(f.message_id == MessageId.HEARTBEAT for f in frames)
+            if time.monotonic() - self._pinned_heard <= silence or not shows_mode:
+                return False
+            self.address_changes += 1
+        self._pinned, self._pinned_heard = place, time.monotonic()
+        assert isinstance(self.endpoint, UdpEndpoint)
+        self.endpoint.pin(place)
+        return True
+
+    def _note_sender(self, sender: Address, frames: list[RawFrame]) -> None:
         """Remember the address from which each vehicle's heartbeats come."""
         now = time.monotonic()
-        for r in received:
-            if isinstance(r.message, Heartbeat) and r.source.component == ComponentId.AUTOPILOT1:
-                known = self._senders.get(r.source.system, {})
+        for frame in frames:
+            source = frame.source
+            if (
+                frame.message_id == MessageId.HEARTBEAT
+                and source.component == ComponentId.AUTOPILOT1
+            ):
+                known = self._senders.get(source.system, {})
                 kept = {place: at for place, at in known.items() if at > now - _SENDER_MEMORY}
-                if sender is not None and (sender in kept or len(kept) < _SENDERS):
+                if sender in kept or len(kept) < _SENDERS:
                     kept[sender] = now
-                self._senders[r.source.system] = kept
+                self._senders[source.system] = kept
 
     def age(self, kind: type, system: int, component: int = ComponentId.AUTOPILOT1) -> float:
         """Return the seconds since that sender's last message of this kind, or infinity."""
         received_at = self._heard.get((Source(system, component), kind), float("-inf"))
         return time.monotonic() - received_at
 
-    def receive(self) -> list[Received]:
-        """Return the messages that have arrived, oldest first; never block."""
-        out: list[Received] = []
+    def receive(self, renew: bool = True) -> list[Received]:
+        """Return the messages that have arrived, oldest first; never block.
+
+        A flood costs a bounded time: so much is read, and the newest of what may hold frames of
+        accepted senders is decoded. renew: begin a new allowance, as once a tick.
+        """
+        if renew:
+            self._allowance = Allowance()
+        near: list[RawFrame] = []
+        far: list[RawFrame] = []  # from other addresses than the vehicle's
+        for data, place in self._arrived(strangers=renew):
+            frames = self._frames(data, place)
+            if self.tap is not None and (frames or not self._whole):
+                self.tap(False, data)
+            (far if self._is_strange(place) else near).extend(frames)
+        heard = self.codec.read(far, max(self._allowance.of_strangers, 0))
+        self._allowance.of_strangers -= len(heard)
+        own = self.codec.read(near, max(self._allowance.messages, 0))
+        self._allowance.messages -= len(own)
+        now = time.monotonic()
+        for r in heard + own:
+            self._heard[r.source, type(r.message)] = now
+        return heard + own
+
+    def _is_strange(self, place: Address | None) -> bool:
+        """Return whether an address is another than the vehicle's."""
+        return self._vehicle is not None and place is not None and place != self._pinned
+
+    def _arrived(self, strangers: bool) -> list[tuple[bytes, Address | None]]:
+        """Return the newest packets that may hold frames, with the addresses they came from.
+
+        strangers: read the packets of other addresses than the vehicle's, too.
+        """
+        udp, counts = self.endpoint, self.codec.statistics
+        near, far = Newest(), Newest(strange=True)
+        packets = udp.receive(strangers) if isinstance(udp, UdpEndpoint) else udp.receive()
+        while not self._allowance.spent and (data := next(packets, None)) is not None:
+            self._allowance.take(len(data))
+            place = udp.sender if isinstance(udp, UdpEndpoint) else None
+            strange = self._pinned is not None and self._is_strange(place)
+            if not strange:
+                self.packets_in += 1
+                self._pinned_heard = time.monotonic()
+            if self._whole and not self.codec.plausible(data):
+                self.codec.refuse(data)
+                continue
+            (far if strange else near).add(data, place)
+        counts.dropped += near.dropped + far.dropped
+        if near.dropped and not self._whole:
+            self.codec.restart()
+        return [*far.packets, *near.packets]
+
+    def receive_packets(self) -> Iterator[bytes]:
+        """Yield the packets that have arrived, as they are: for an end that passes them on."""
         for data in self.endpoint.receive():
             self.packets_in += 1
             if self.tap is not None:
                 self.tap(False, data)
-            out += self._hear(data)
-        now = time.monotonic()
-        for r in out:
-            self._heard[r.source, type(r.message)] = now
-        return out
+            yield data
 
     def send(self, messages: Iterable[Message]) -> None:
         """Send the messages in one packet; together they stay below the usual 1500-byte MTU."""
         data = self.codec.encode(messages)
-        if data and self.endpoint.send(data):
-            self.packets_out += 1
-            if self.tap is not None:
-                self.tap(True, data)
+        self.send_packets([data] if data else [])
+
+    def send_packets(self, packets: Iterable[bytes]) -> None:
+        """Send packets as they are."""
+        for data in packets:
+            if self.endpoint.send(data):
+                self.packets_out += 1
+                if self.tap is not None:
+                    self.tap(True, data)
 
     def wait(self, timeout: float) -> bool:
         """Block until bytes arrive or `timeout` [s] has passed; return whether bytes arrived."""

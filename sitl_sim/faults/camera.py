@@ -5,13 +5,22 @@ from __future__ import annotations
 from collections import deque
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from sitl_sim.faults.catalogue import Fault, Schedule
 
+Picture = NDArray[np.uint8]
 Arrays = dict[str, NDArray[Any]]
 _KEPT = 60  # frames, six seconds: the longest delay
+# Axes, camera frame (x right, y down, z forward), of a turn by a positive amount.
+_TURNS = {
+    "camera_rolled": np.array([0.0, 0.0, 1.0]),
+    "camera_pitched": np.array([1.0, 0.0, 0.0]),
+    "camera_yawed": np.array([0.0, -1.0, 0.0]),
+}
+_FOV = np.radians(160.0)  # over the width of an ideal fisheye
 _GHOST_RANGE = (1.5, 8.0)  # m
 
 
@@ -44,7 +53,24 @@ class FaultyCamera:
         for kind, level in (("camera_black", 0), ("camera_saturated", 255)):
             if self._at(now, kind) and "image" in arrays:
                 arrays = arrays | {"image": np.full_like(arrays["image"], level)}
+        if "image" in arrays:
+            arrays = arrays | {"image": self._mismounted(now, arrays["image"])}
+        for fault in self._at(now, "camera_misdated"):
+            stamp += fault.value
         return stamp, arrays
+
+    def _mismounted(self, now: float, image: Picture) -> Picture:
+        """Return the picture of a camera whose mount or lens is not as configured."""
+        if self._at(now, "camera_mirrored"):
+            image = np.ascontiguousarray(image[:, ::-1])
+        if self._at(now, "camera_upside_down"):
+            image = np.ascontiguousarray(image[::-1, ::-1])
+        for kind, axis in _TURNS.items():
+            for fault in self._at(now, kind):
+                image = _seen_by(image, axis * np.radians(fault.value), 1.0)
+        for fault in self._at(now, "camera_scaled"):
+            image = _seen_by(image, np.zeros(3), fault.value)
+        return image
 
     def _report(self, now: float, arrays: Arrays) -> Arrays:
         """Alter a perfect detector's report."""
@@ -70,3 +96,27 @@ def _ghost(rng: np.random.Generator) -> NDArray[np.float64]:
     angle = rng.uniform(-1.0, 1.0)
     ray = [np.sin(angle), 0.0, np.cos(angle)]
     return np.array([*ray, rng.uniform(*_GHOST_RANGE), 0.005, 0.03])
+
+
+def _seen_by(image: Picture, turn: NDArray[np.float64], focal: float) -> Picture:
+    """Return the picture (h,w,3) of an equidistant camera, turned by `turn` (3,) [rad; C].
+
+    focal: factor on the focal length. The picture's edge goes on where nothing was rendered.
+    """
+    h, w = image.shape[:2]
+    u, v = np.meshgrid(np.arange(w) - (w - 1) / 2, np.arange(h) - (h - 1) / 2)
+    radius = np.hypot(u, v)
+    theta = radius * _FOV / w / focal
+    side = np.sin(theta) / np.maximum(radius, 1e-9)
+    rays = np.stack([side * u, side * v, np.cos(theta)], axis=-1) @ cv2.Rodrigues(turn)[0].T
+    rho = np.hypot(rays[..., 0], rays[..., 1])
+    scale = np.arctan2(rho, rays[..., 2]) / np.maximum(rho, 1e-9) * w / _FOV
+    x, y = (scale * rays[..., k] + (n - 1) / 2 for k, n in ((0, w), (1, h)))
+    new = cv2.remap(
+        image,
+        x.astype(np.float32),
+        y.astype(np.float32),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return np.asarray(new, np.uint8)

@@ -18,10 +18,13 @@ from mavlink_bridge.shared.settings import Contradiction, SettingsError, StrictM
 
 Kind = Literal[
     "link_loss", "link_duplicate", "link_reorder", "link_flip", "link_garbage", "link_foreign",
+    "link_replay", "link_reflect", "link_flood", "link_spoof",
     "telemetry_nan", "telemetry_stale", "telemetry_late", "quaternion", "position_lost",
     "position_jump", "position_reset", "rtk_float", "compass", "height_drift",
-    "clock_jump", "timesync_jump",
+    "stamps", "clock_jump", "timesync_jump",
     "camera_dead", "camera_frozen", "camera_black", "camera_saturated", "camera_late",
+    "camera_mirrored", "camera_upside_down", "camera_rolled", "camera_pitched", "camera_yawed",
+    "camera_scaled", "camera_misdated",
     "missed", "ghosts", "swaps", "range_bias",
     "stop", "turn_into", "kill", "disarm", "mode", "reboot",
     "battery", "motor", "thrust_scale", "gust", "gyro_bias",
@@ -48,6 +51,10 @@ KINDS: dict[str, Meaning] = {
     "link_garbage": Meaning("B/s of garbage, cut and mutated frames to the companion",
                             1e6, 0.0, 1e8),
     "link_foreign": Meaning("heartbeats per second of systems that do not exist", 50, 0, 1e4),
+    "link_replay": Meaning("packets per second that were sent before, either way", 50, 0, 1e4),
+    "link_reflect": Meaning("share of the companion's packets that come back to it", 1.0),
+    "link_flood": Meaning("B/s of first bytes of frames to the companion", 1e6, 0.0, 1e8),
+    "link_spoof": Meaning("heartbeats per second with the vehicle's ids, unsigned", 50, 0, 1e4),
     "telemetry_nan": Meaning("share of attitudes and positions with a NaN or an infinity", 1.0),
     "telemetry_stale": Meaning("attitude and position stop; the heartbeat goes on"),
     "telemetry_late": Meaning("s that attitude and position come late", 0.1, 0.0, 5.0),
@@ -59,12 +66,20 @@ KINDS: dict[str, Meaning] = {
     "rtk_float": Meaning("m that an RTK solution is off while it floats", 0.4, 0.0, 10.0),
     "compass": Meaning("degrees that the compass is wrong", 20.0, -180.0, 180.0),
     "height_drift": Meaning("m/min that the height drifts upwards", 1.0, -60.0, 60.0),
+    "stamps": Meaning("s that stamps of attitude and position are ahead", 0.12, -1e6, 1e6),
     "clock_jump": Meaning("s that the wall clock told by SYSTEM_TIME jumps", 3600, -1e6, 1e6),
     "timesync_jump": Meaning("s that TIMESYNC jumps", 0.5, -1e6, 1e6),
     "camera_dead": Meaning("no pictures"),
     "camera_frozen": Meaning("the same picture again and again"),
     "camera_black": Meaning("black pictures"),
     "camera_saturated": Meaning("white pictures"),
+    "camera_mirrored": Meaning("pictures with left and right exchanged"),
+    "camera_upside_down": Meaning("pictures turned by 180°"),
+    "camera_rolled": Meaning("° by which the camera is turned about its axis", 10.0, -45.0, 45.0),
+    "camera_pitched": Meaning("° by which the camera looks too high", 10.0, -30.0, 30.0),
+    "camera_yawed": Meaning("° by which the camera looks too far left", 10.0, -30.0, 30.0),
+    "camera_scaled": Meaning("factor on the focal length", 1.1, 0.5, 2.0),
+    "camera_misdated": Meaning("s that stamps are after the capture", 0.1, -0.5, 0.5),
     "camera_late": Meaning("s that pictures come late", 0.2, 0.0, 5.0),
     "missed": Meaning("share of detections missed", 0.3),
     "ghosts": Meaning("share of frames with a neighbour that does not exist", 0.05),
@@ -86,6 +101,12 @@ KINDS: dict[str, Meaning] = {
 }  # fmt: skip
 EMULATED = frozenset(
     {
+        "telemetry_nan",
+        "telemetry_stale",
+        "telemetry_late",
+        "quaternion",
+        "clock_jump",
+        "timesync_jump",
         "position_lost",
         "position_jump",
         "position_reset",
@@ -103,7 +124,18 @@ EMULATED = frozenset(
     }
 )
 """Kinds that only an emulated autopilot can have."""
-PIXELS = frozenset({"camera_black", "camera_saturated"})
+PIXELS = frozenset(
+    {
+        "camera_black",
+        "camera_saturated",
+        "camera_mirrored",
+        "camera_upside_down",
+        "camera_rolled",
+        "camera_pitched",
+        "camera_yawed",
+        "camera_scaled",
+    }
+)
 """Kinds that only a camera can have: a perfect detector has no picture."""
 REPORTS = frozenset({"missed", "ghosts", "swaps", "range_bias"})
 """Kinds that change what a perfect detector reports (`sensing.neighbours: truth`)."""

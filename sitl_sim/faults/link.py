@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from mavlink_bridge.wire.messages import (
     Heartbeat,
     LocalPosition,
     Message,
+    Odometry,
     Received,
     SystemTime,
     TimeSync,
@@ -23,9 +24,13 @@ from mavlink_bridge.wire.messages import (
 from sitl_sim.faults.catalogue import Fault, Schedule
 
 _DATAGRAM = 1400  # bytes of garbage at a time
+_RECORDED = 4096  # packets that a recording keeps
+_HOLD = 0x03040000  # PX4's custom_mode AUTO LOITER, as HEARTBEAT tells it
 _FLIPS = 8  # most bits flipped in a packet
 _PERIOD = 0.02  # s between two calls of `noise`
 _NOT_NUMBERS = (np.nan, np.inf, -np.inf, 1e-45)  # the last: a denormal as float32 too
+
+_Own: TypeAlias = Attitude | LocalPosition | Odometry  # of one estimator, so wrong together
 
 
 class FaultyLine:
@@ -36,10 +41,15 @@ class FaultyLine:
         self._schedule, self._i = schedule, i
         self._held: list[bytes] = []  # on their way to the companion
         self._seen = b""
+        self._recorded: deque[bytes] = deque(maxlen=_RECORDED)  # sent either way
+        self._reflected: list[bytes] = []  # on their way back to the companion
 
     def carry(self, data: bytes, to_companion: bool) -> list[bytes]:
         """Return the packets that arrive where `data` was sent."""
         waiting: list[bytes] = []
+        self._recorded.append(data)
+        if not to_companion and self._strikes("link_reflect"):
+            self._reflected.append(data)
         if to_companion:
             waiting, self._held = self._held, []
         if self._strikes("link_loss"):
@@ -64,6 +74,21 @@ class FaultyLine:
         for fault in self._active("link_foreign"):
             for _ in range(fault.rng.poisson(fault.value * _PERIOD)):
                 out.append(foreign(fault.rng, self._i + 1))
+        return out + self._attack()
+
+    def _attack(self) -> list[bytes]:
+        """Return what an attacker on the line sends to the companion in 20 ms."""
+        out, self._reflected = self._reflected, []
+        for fault in self._active("link_replay"):
+            for _ in range(fault.rng.poisson(fault.value * _PERIOD) if self._recorded else 0):
+                out.append(self._recorded[int(fault.rng.integers(len(self._recorded)))])
+        for fault in self._active("link_flood"):
+            whole, rest = divmod(round(fault.value * _PERIOD), _DATAGRAM)
+            out += [b"\xfd" * _DATAGRAM] * whole + [b"\xfd" * rest] * (rest > 0)
+        for fault in self._active("link_spoof"):
+            spoof = Heartbeat(12, 2, True, _HOLD, 4)
+            for _ in range(fault.rng.poisson(fault.value * _PERIOD)):
+                out.append(Codec(self._i + 1, 1).encode([spoof]))
         return out
 
     def _garbage(self, rng: np.random.Generator, size: int) -> bytes:
@@ -89,21 +114,19 @@ class FaultyLink(Link):
         super().__init__(endpoint, codec)
         self.line = line
 
-    def send(self, messages: Iterable[Message]) -> None:
+    def send_packets(self, packets: Iterable[bytes]) -> None:
         """Send what the line lets through, and what the line adds."""
-        data = self.codec.encode(messages)
-        packets = self.line.carry(data, to_companion=True) if data else []
-        for packet in packets + self.line.noise():
-            self.packets_out += self.endpoint.send(packet)
+        carried = [p for data in packets for p in self.line.carry(data, to_companion=True)]
+        super().send_packets(carried + self.line.noise())
 
-    def receive(self) -> list[Received]:
+    def receive(self, renew: bool = True) -> list[Received]:
         """Return what the line lets through; all packets that arrived are counted."""
-        out: list[Received] = []
-        for data in self.endpoint.receive():
-            self.packets_in += 1
-            for packet in self.line.carry(data, to_companion=False):
-                out += self._hear(packet)
-        return out
+        return [r for data in self.receive_packets() for r in self._hear(data)]
+
+    def receive_packets(self) -> Iterator[bytes]:
+        """Yield what the line lets through; all packets that arrived are counted."""
+        for data in super().receive_packets():
+            yield from self.line.carry(data, to_companion=False)
 
 
 class FaultyTelemetry:
@@ -126,22 +149,24 @@ class FaultyTelemetry:
         if isinstance(m, SystemTime):
             jump = sum(f.value for f in self._at(now, "clock_jump"))
             return [replace(m, unix_time=max(m.unix_time + jump, 0.0))]
-        if not isinstance(m, Attitude | LocalPosition):
+        if not isinstance(m, Attitude | LocalPosition | Odometry):
             return [m]
-        lost = isinstance(m, LocalPosition) and self._at(now, "position_lost")
+        lost = isinstance(m, LocalPosition | Odometry) and self._at(now, "position_lost")
         if lost or self._at(now, "telemetry_stale"):
             return []
         wrong = self._wrong(now, m)
+        if ahead := sum(f.value for f in self._at(now, "stamps")):
+            wrong = replace(wrong, time=max(wrong.time + ahead, 0.0))
         if late := self._at(now, "telemetry_late"):
             self._late.append((now + late[0].value, wrong))
             return []
         return [wrong]
 
-    def _wrong(self, now: float, m: Attitude | LocalPosition) -> Attitude | LocalPosition:
+    def _wrong(self, now: float, m: _Own) -> _Own:
         for fault in self._at(now, "telemetry_nan"):
-            if fault.strikes():
+            if not isinstance(m, Odometry) and fault.strikes():
                 m = _not_a_number(m, fault.rng)
-        if isinstance(m, Attitude):
+        if isinstance(m, Attitude | Odometry):
             for fault in self._at(now, "quaternion"):
                 m = replace(m, q_wb=m.q_wb * fault.value)
         return m

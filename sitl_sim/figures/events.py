@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sitl_sim.figures.metrics import AIRBORNE
-from sitl_sim.recording.run_folder import Run, own_frames
+from sitl_sim.recording.run_folder import Run, own_frames, radii
 from sitl_sim.scenarios.scenario import fault_schedule
 from sitl_sim.worlds.world import surface_distance
 
@@ -133,17 +133,17 @@ def _of_vehicle(run: Run, i: int, name: str) -> list[Event]:
 def collisions(run: Run) -> list[Collision]:
     """Return each pair, and each drone with an obstacle, at the first instant of contact."""
     t, p = run.truth["t"], run.truth["position"].astype(float)
-    radius = float(run.world["drone_radius"])
+    radius = radii(run.world, run.names)
     flying = p[..., 2] > AIRBORNE
     found = []
     for i, j in itertools.combinations(range(p.shape[1]), 2):
         apart = np.linalg.norm(p[:, i] - p[:, j], axis=-1)
-        hit = np.flatnonzero(flying[:, i] & flying[:, j] & (apart < 2 * radius))
+        hit = np.flatnonzero(flying[:, i] & flying[:, j] & (apart < radius[i] + radius[j]))
         if len(hit):
             found.append(Collision(float(t[hit[0]]), i, j, float(apart[hit].min())))
     surface = np.where(flying, surface_distance(p, run.world), np.inf)
     for i in range(p.shape[1]):
-        hit = np.flatnonzero(surface[:, i] < radius)
+        hit = np.flatnonzero(surface[:, i] < radius[i])
         if len(hit):
             found.append(Collision(float(t[hit[0]]), i, None, float(surface[hit, i].min())))
     return sorted(found, key=lambda c: c.time)

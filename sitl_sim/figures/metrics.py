@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.distance import between
+from sitl_sim.recording.run_folder import radii
 from sitl_sim.scenarios.scenario import TICK_MS
+from sitl_sim.worlds.ground import Ground
 from sitl_sim.worlds.world import surface_distance
 
 AIRBORNE = 0.3  # m above ground
@@ -31,18 +33,20 @@ def safety(
 ) -> dict[str, Any]:
     """Return distances, collisions, targets and speeds, from the truth alone."""
     t, p, v = truth["t"], truth["position"].astype(float), truth["velocity"].astype(float)
-    radius = float(world["drone_radius"])
-    flying = p[..., 2] > AIRBORNE
+    radius = radii(world, names)
+    above = p[..., 2] - Ground(world).height(p[..., 0], p[..., 1])
+    flying = above > AIRBORNE
     speed = np.linalg.norm(v, axis=-1)
     moving = flying & (speed > MOVING)
     surface = np.where(flying, surface_distance(p, world), np.inf)
-    pairs = []
+    pairs, rooms = [], []
     for i, j in itertools.combinations(range(p.shape[1]), 2):
         both = flying[:, i] & flying[:, j]
         apart = np.where(both, between(p[:, i], p[:, j]), np.inf)
         k = int(apart.argmin())
-        pairs.append((float(apart[k]), float(t[k]), names[i], names[j]))
-    pairs = [pair for pair in pairs if np.isfinite(pair[0])]  # the others never flew together
+        if np.isfinite(apart[k]):  # the others never flew together
+            pairs.append((float(apart[k]), float(t[k]), names[i], names[j]))
+            rooms.append((float(apart[k]), float(radius[i] + radius[j])))
     tolerance = world["target_tolerance"]
     believed = world.get("targets_by") == "estimate"  # a drone cannot know better
     path = truth["estimate"].astype(float) if believed else p
@@ -63,14 +67,14 @@ def safety(
         "mission_time_s": float(t[max(at[-1] for at in instants.values())]) if complete else None,
         "targets_reached": {n: f"{reached[n]}/{wanted[n]}" for n in names},
         "largest_estimate_error_m": _largest_error(truth) if believed else None,
-        "agent_collisions": sum(d < 2 * radius for d, *_ in pairs),
+        "agent_collisions": sum(d < touch for d, touch in rooms),
         "obstacle_collisions": int((surface.min(axis=0) < radius).sum()),
-        "ground_strikes": int(ground_strikes(p, v).sum()),
+        "ground_strikes": int(ground_strikes(above, v).sum()),
         "min_agent_distance_m": closest[0] if closest else None,
         "min_agent_distance_at": list(closest[1:]) if closest else None,
         "min_obstacle_distance_m": float(surface[nearest]) if near_any else None,
         "min_obstacle_distance_at": [float(t[nearest[0]]), names[nearest[1]]] if near_any else None,
-        "below_agent_safety": any(d < AGENT_SAFETY * radius for d, *_ in pairs),
+        "below_agent_safety": any(d < AGENT_SAFETY / 2 * touch for d, touch in rooms),
         "below_obstacle_safety": bool((surface < OBSTACLE_SAFETY * radius).any()),
         **standstills(
             t,
@@ -93,14 +97,15 @@ def _largest_error(truth: dict[str, NDArray[Any]]) -> float:
     return float(np.linalg.norm(truth["estimate"] - truth["position"], axis=-1).max())
 
 
-def ground_strikes(p: Vector, v: Vector) -> NDArray[np.bool_]:
+def ground_strikes(above: Vector, v: Vector) -> NDArray[np.bool_]:
     """Return (n,) which drones came down faster than a landing, or slid along the ground.
 
-    p: (T,n,3) m. v: (T,n,3) m/s. A climb does not count: autopilots take off at any speed.
+    above: (T,n) m over the ground. v: (T,n,3) m/s. A climb does not count: autopilots take off at
+    any speed.
     """
     down = np.concatenate([v[..., :2], np.minimum(v[..., 2:], 0.0)], axis=-1)
     struck: NDArray[np.bool_] = (
-        (p[..., 2] <= AIRBORNE) & (np.linalg.norm(down, axis=-1) > LANDING)
+        (above <= AIRBORNE) & (np.linalg.norm(down, axis=-1) > LANDING)
     ).any(axis=0)
     return struck
 

@@ -9,15 +9,23 @@ import numpy as np
 
 from mavlink_bridge.shared.arrays import Vector
 from sitl_sim.external.fleet import RealFleet, Wire
-from sitl_sim.flight.own_binary import boot_parameters, own_binary
+from sitl_sim.external.lockstep_fleet import LockstepFleet
+from sitl_sim.flight.own_binary import boot_parameters, own_binary, own_path
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import companion_port
+from sitl_sim.scenarios.conditions import drawn
 from sitl_sim.scenarios.scenario import Scenario
+from sitl_sim.vehicles.air import AirModel
+from sitl_sim.vehicles.airframe import Airframe, RateGains
+from sitl_sim.vehicles.airframes import Deviation
 from sitl_sim.vehicles.emulated import Autopilots
 from sitl_sim.vehicles.firmware.late_samples import TelemetryLag
 from sitl_sim.vehicles.grades import GRADES
 from sitl_sim.vehicles.rigid_body import Vehicles
+from sitl_sim.worlds.geodesy import GeoReference, LocalFrame
 from sitl_sim.worlds.ground import Ground
+
+_LAG_DRAW = 6  # of `conditions.drawn`
 
 
 def switch_on(
@@ -27,7 +35,7 @@ def switch_on(
     start: Vector,
     boot_ms: Sequence[int],
     ground: Ground,
-) -> Autopilots | RealFleet:
+) -> Autopilots | RealFleet | LockstepFleet:
     """Return the running autopilots of a scenario's vehicles; start: (n,3) m, their own origins.
 
     Raises:
@@ -35,11 +43,11 @@ def switch_on(
     """
     names, yaws = scenarios.drone_names(scenario), scenarios.frame_yaws(scenario)
     systems = list(range(1, len(names) + 1))
-    if scenario.drones.real:
+    folders = [folder / "drones" / name for name in names]
+    boot = np.array(boot_ms) / 1e3
+    if scenario.drones.own_time:
         wire = scenario.wire
-        folders = [folder / "drones" / name for name in names]
         wires = [Wire(wire.host, companion_port(wire, k), wire.gcs_port) for k in systems]
-        program = own_binary(scenario.drones, folders, wires) if scenario.drones.binary else None
         return RealFleet(
             vehicles,
             systems,
@@ -48,26 +56,50 @@ def switch_on(
             origin=start,
             yaw_offset=yaws,
             seed=scenario.seed,
-            program=program,
+            binary=own_path(scenario.drones) if scenario.drones.binary else None,
         )
+    assumed = [scenario.drones.airframe(i) for i in range(len(names))]
+    if scenario.drones.real:
+        frames = [
+            LocalFrame(o.copy(), float(y), GeoReference()) for o, y in zip(start, yaws, strict=True)
+        ]
+        clock = [float(b) for b in boot]
+        program = own_binary(scenario, folders, frames, assumed, clock)
+        return LockstepFleet(vehicles, program, clock)
     return Autopilots(
         vehicles,
         systems,
         scenario.drones.autopilot,
         origin=start,
         yaw_offset=yaws,
-        boot_offset=np.array(boot_ms) / 1e3,
+        boot_offset=boot,
         seed=scenario.seed,
-        parameters=boot_parameters(scenario.drones),
+        parameters=boot_parameters(scenario),
         grade=GRADES[scenario.drones.state],
         telemetry_lag=_telemetry_lag(scenario),
         rangefinder=scenario.drones.ranges,
         ground=ground,
+        assumed=assumed,
+        rate_gains=[d.gains(RateGains()) for d in deviations_of(scenario)],
+        air=AirModel(scenario.wind.turbulence, scenario.air.downwash, scenario.air.ground_effect),
     )
 
 
+def deviations_of(scenario: Scenario) -> list[Deviation]:
+    """Return how each vehicle differs from its airframe."""
+    drones = scenario.drones
+    return drones.actual.deviations(drones.count, scenario.seed)
+
+
+def true_airframes(scenario: Scenario) -> list[Airframe]:
+    """Return the true airframe of each vehicle."""
+    deviations = enumerate(deviations_of(scenario))
+    return [d.airframe(scenario.drones.airframe(i)) for i, d in deviations]
+
+
 def _telemetry_lag(scenario: Scenario) -> TelemetryLag | None:
-    timing, lags = scenario.timing, scenarios.telemetry_lags(scenario)
+    timing = scenario.timing
+    lags = drawn(timing.telemetry_lag, scenario.drones.count, scenario.seed, _LAG_DRAW)
     if not lags.any() and not timing.telemetry_jitter:
         return None
     return TelemetryLag(lags.tolist(), timing.telemetry_jitter, timing.telemetry_stamp)

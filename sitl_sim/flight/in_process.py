@@ -6,10 +6,11 @@ memory endpoint, frames in, answers out. The companion's class is found by its e
 
 from __future__ import annotations
 
+import os
 import traceback
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -92,3 +93,11 @@ class SerialExecutor(Executor):
         future: Future[Any] = Future()
         future.set_result(fn(*args, **kwargs))
         return future
+
+
+def make_pool(serial: bool) -> Executor:
+    """Return what renders and delivers: this thread where `serial`, else threads of its own."""
+    if serial:
+        return SerialExecutor()
+    # Deliveries wait for captures that were submitted before them, so not all can wait.
+    return ThreadPoolExecutor(max_workers=2 * (os.cpu_count() or 1))

@@ -30,6 +30,8 @@ def write_inputs(
         raise SettingsError([f"{folder}: no run folder: {error.strerror}"]) from error
     text = yaml.safe_dump(scenario.model_dump(by_alias=True), sort_keys=False)
     (folder / "scenario.yaml").write_text(text, encoding="utf-8")
+    world = {**world}  # where sizes differ, the file has them by name
+    world["drone_radius"] = world.pop("drone_radii", world["drone_radius"])
     (folder / "world.json").write_text(json.dumps(world, indent=1), encoding="utf-8")
     for name, config in companions.items():
         drone = folder / "drones" / name

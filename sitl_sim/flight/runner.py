@@ -6,10 +6,9 @@ rendered and companions tick side by side. Real time: the world waits for no com
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,29 +17,35 @@ import numpy as np
 
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.wire.codec import Codec
-from mavlink_bridge.wire.link import Endpoint, Link, UdpEndpoint
+from mavlink_bridge.wire.link import Endpoint, Link
 from mavlink_bridge.wire.memory import MemoryEndpoint
+from mavlink_bridge.wire.messages import Received
+from mavlink_bridge.wire.udp import UdpEndpoint
 from mavlink_bridge.wire.video import Frame, FrameServer
 from sitl_sim.external.fleet import RealFleet
+from sitl_sim.external.lockstep_fleet import LockstepFleet
 from sitl_sim.faults import catalogue as faults
 from sitl_sim.faults.camera import FaultyCamera
 from sitl_sim.faults.link import FaultyLine, FaultyLink, FaultyTelemetry
 from sitl_sim.faults.world import FaultyWorld
-from sitl_sim.flight.autopilots import switch_on
-from sitl_sim.flight.in_process import LocalFrames, SerialExecutor
+from sitl_sim.flight.autopilots import switch_on, true_airframes
+from sitl_sim.flight.in_process import LocalFrames, make_pool
 from sitl_sim.flight.inputs import write_inputs
 from sitl_sim.flight.sensors import Sensors
 from sitl_sim.flight.vehicle_connection import Capture, VehicleConnection
 from sitl_sim.recording.truth import Truth
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import check_companions, companion_config, companion_port
+from sitl_sim.scenarios.conditions import drawn
 from sitl_sim.scenarios.scenario import QUANTUM_MS, TICK_MS, Scenario
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.emulated import Autopilots
+from sitl_sim.vehicles.rigid_body import Vehicles
 from sitl_sim.worlds.generators import build
 from sitl_sim.worlds.ground import Ground
 
 _TELEMETRY_MS = 20
 _CONNECT_TIMEOUT = 60.0  # s
+_COMPUTE_DRAW = 5  # of `conditions.drawn`
 _LONGEST_TICK = 80  # ms that a companion computes; a longer delay is the way to the vehicle
 
 
@@ -66,20 +71,26 @@ class Flight:
         faults.check(scenario.faults, processes=not in_process)
         check_companions(scenario, in_process)
         start = scenarios.starts(scenario)
-        self.world = {
+        self.world: dict[str, Any] = {
             "drone_radius": scenario.drones.radius,
             **build(scenario.world, scenario.seed),
             "targets": scenarios.targets(scenario, start),
             "target_tolerance": scenario.mission.tolerance,
         }
-        drifts = scenario.drones.state != "mocap"
+        drifts = scenario.drones.state != "mocap" and not scenario.drones.real
         if drifts:
             self.world["targets_by"] = "estimate"
         self._ground = Ground(self.world)
-        self.vehicles = Vehicles(Airframe(), start, scenarios.headings(scenario, start))
+        radii = {n: scenario.drones.airframe(i).radius for i, n in enumerate(self.names)}
+        self.world["drone_radius"] = max(radii.values())
+        if len(set(radii.values())) > 1:
+            self.world["drone_radii"] = radii
+        self.vehicles = Vehicles(
+            true_airframes(scenario), start, scenarios.headings(scenario, start)
+        )
         boot_ms = scenarios.boot_ms(scenario)
         self.sensors = Sensors(scenario, self.world)
-        self._real_time = real_time or scenario.drones.real
+        self._real_time = real_time or scenario.drones.own_time
         self._drones: list[VehicleConnection] = []
         for i, name in enumerate(self.names):
             self._drones.append(self._connect(i, name, boot_ms[i]))
@@ -90,18 +101,24 @@ class Flight:
         except BaseException:
             self.close()
             raise
+        if isinstance(self._autopilots, LockstepFleet):
+            for drone, clock_ms in zip(self._drones, self._autopilots.clock_ms, strict=True):
+                drone.boot_ms = clock_ms
         self._faults = FaultyWorld(
             self._schedule,
             self.vehicles,
-            None if isinstance(self._autopilots, RealFleet) else self._autopilots,
+            self._autopilots if isinstance(self._autopilots, Autopilots) else None,
             lambda i: self._drones[i].process_id,
             self._restart_clock,
         )
-        self._pool = self._make_pool()
+        # Threads pay only where a frame takes time.
+        self._pool = make_pool(serial=in_process or not (self._real_time or self.sensors.renders))
         self._latency_ms = round(scenario.sensing.latency * 1e3 / QUANTUM_MS) * QUANTUM_MS
         self.truth = Truth(self.names)
         self._drifts = drifts
-        self._delays = scenarios.compute_delays(scenario)
+        self._delays = drawn(
+            scenario.timing.compute_delay, len(self.names), scenario.seed, _COMPUTE_DRAW
+        )
         self._jitters = [
             np.random.default_rng([scenario.seed, 7, i]) for i in range(len(self.names))
         ]
@@ -141,13 +158,6 @@ class Flight:
         except (OSError, ValueError):
             self.close()
             raise
-
-    def _make_pool(self) -> Executor:
-        """Return what renders and delivers; threads pay only where a frame takes time."""
-        if self._in_process or not (self._real_time or self.sensors.renders):
-            return SerialExecutor()
-        # Deliveries wait for captures that were submitted before them, so not all can wait.
-        return ThreadPoolExecutor(max_workers=2 * (os.cpu_count() or 1))
 
     def _restart_clock(self, i: int) -> None:
         """Let drone i's clock begin at 0 again; its camera stamps by it."""
@@ -216,7 +226,7 @@ class Flight:
         """
         self._raise_if_stopped()
         limit = round(self.scenario.mission.time_limit * 1e3)
-        started = time.monotonic()
+        started, speed = time.monotonic(), self.scenario.timing.speed
         if isinstance(self._autopilots, RealFleet):
             self._autopilots.begin(started)
             for drone in self._drones:  # their clock is CLOCK_MONOTONIC
@@ -226,14 +236,14 @@ class Flight:
             if self.stopped_by is not None:
                 break
             if self._real_time:
-                self._idle_until(max(started + self._now / 1e3, earliest))
+                self._idle_until(max(started + self._now / 1e3 / speed, earliest))
             self._instant()
             following = self._next_event()
             # A world that was held up catches up at twice its pace, no faster: to a vehicle that
             # lives a second at once, every companion is silent for a second.
-            earliest = time.monotonic() + (following - self._now) / 2e3
+            earliest = time.monotonic() + (following - self._now) / 2e3 / speed
             self._faults.update(self._now / 1e3)
-            wind = self._faults.wind(self._now / 1e3, np.array(self.scenario.wind))
+            wind = self._faults.wind(self._now / 1e3, np.array(self.scenario.wind.mean))
             self._autopilots.advance(following / 1e3, wind)
             self._now = following
             progress(self._now / 1e3)
@@ -283,7 +293,7 @@ class Flight:
 
     def _estimate(self) -> Vector | None:
         """Return where the autopilots believe to be (n,3) m, where their state drifts."""
-        if not self._drifts or isinstance(self._autopilots, RealFleet):
+        if not self._drifts or not isinstance(self._autopilots, Autopilots):
             return None
         return self._autopilots.estimate
 
@@ -307,25 +317,37 @@ class Flight:
 
     def _send_telemetry(self, drone: VehicleConnection) -> None:
         """Send the telemetry that is due on both links."""
+        if isinstance(self._autopilots, LockstepFleet):
+            drone.relay_telemetry(self._autopilots)
+            return
         messages = self._autopilots.telemetry(drone.index, "companion")
         drone.companion.send(drone.telemetry.alter(self._now / 1e3, messages))
         unheard = not drone.ground.packets_in
         drone.ground.send(self._autopilots.telemetry(drone.index, "gcs", quiet=unheard))
 
     def _deliver(self, drone: VehicleConnection, link: Link) -> None:
-        """Give the vehicle the messages that wait on a link; send its replies at once."""
-        name = "companion" if link is drone.companion else "gcs"
-        for received in link.receive():
-            if name == "companion" and drone.hold_ms:
+        """Give the vehicle what waits on a link; send its replies at once."""
+        relayed = isinstance(self._autopilots, LockstepFleet)  # it gets the packets as they are
+        for received in link.receive_packets() if relayed else link.receive():
+            if link is drone.companion and drone.hold_ms:
                 drone.held.append((self._now + drone.hold_ms, received))
             else:
-                link.send(self._autopilots.receive(drone.index, received, name))
+                self._give(drone, link, received)
 
     def _hand_over(self, drone: VehicleConnection) -> None:
         """Give the vehicle the messages whose way to it has taken long enough."""
         while drone.held and drone.held[0][0] <= self._now:
-            _, received = drone.held.popleft()
-            drone.companion.send(self._autopilots.receive(drone.index, received, "companion"))
+            self._give(drone, drone.companion, drone.held.popleft()[1])
+
+    def _give(self, drone: VehicleConnection, link: Link, received: Received | bytes) -> None:
+        """Give the vehicle a message, or a packet, of a link."""
+        name = "companion" if link is drone.companion else "gcs"
+        if isinstance(received, bytes):
+            assert isinstance(self._autopilots, LockstepFleet)
+            self._autopilots.pass_on(drone.index, name, received)
+        else:
+            assert not isinstance(self._autopilots, LockstepFleet)
+            link.send(self._autopilots.receive(drone.index, received, name))
 
     def _start_capture(self, drone: VehicleConnection) -> None:
         """Start to render what the drone's sensors see at this instant."""
@@ -412,7 +434,7 @@ class Flight:
     def close(self) -> None:
         """End the companions and release the ports."""
         fleet = getattr(self, "_autopilots", None)
-        if isinstance(fleet, RealFleet):
+        if isinstance(fleet, RealFleet | LockstepFleet):
             fleet.close()
         for drone in getattr(self, "_drones", []):
             drone.close()

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavlink_bridge.shared.arrays import Vector
-from sitl_sim.scenarios.scenario import Scenario, lens_of
+from sitl_sim.scenarios.scenario import Scenario
+from sitl_sim.scenarios.sensing import lens_of
 from sitl_sim.sensors import perfect_detector as detector
-from sitl_sim.sensors.renderer import Renderer
+from sitl_sim.sensors.renderers import Pictures, make_renderer
 from sitl_sim.sensors.sensor import measured
 from sitl_sim.worlds.world import Occluders
 
@@ -24,9 +25,11 @@ class Sensors:
         self._walls = detector.WallRanges(self._occluders, s.width, s.height, s.fov_deg)
         half = np.radians(s.fov_deg) / 2
         self._view = (half, half * s.height / s.width)
-        self._renderer: Renderer | None = None
+        self._renderer: Pictures | None = None
         if "camera" in (s.neighbours, s.obstacles) or s.obstacles == "depth":
-            self._renderer = Renderer(world, seed=scenario.seed, lens=lens_of(s))
+            self._renderer = make_renderer(
+                world, scenario.world.look, scenario.drones.look, scenario.seed, lens_of(s)
+            )
 
     @property
     def renders(self) -> bool:

@@ -17,6 +17,7 @@ from mavlink_bridge.wire.link import Link
 from mavlink_bridge.wire.memory import MemoryEndpoint
 from mavlink_bridge.wire.messages import Received
 from mavlink_bridge.wire.video import FrameServer
+from sitl_sim.external.lockstep_fleet import LockstepFleet
 from sitl_sim.external.priority import COMPANION, raise_priority
 from sitl_sim.faults.camera import FaultyCamera
 from sitl_sim.faults.link import FaultyLine, FaultyTelemetry
@@ -46,7 +47,9 @@ class VehicleConnection:
     delivery: Future[bool] | None = None  # that frame on its way to the companion
     due_ms: int | None = None  # when the answer to the delivered frame is sent
     hold_ms: int = 0  # how long its messages are then on their way to the vehicle
-    held: deque[tuple[int, Received]] = field(default_factory=deque)  # by the time they arrive
+    held: deque[tuple[int, Received | bytes]] = field(
+        default_factory=deque
+    )  # by the time they arrive
     landed: bool = False
     companion_lost: bool = False  # the companion was connected and is gone
 
@@ -103,6 +106,11 @@ class VehicleConnection:
         """Return whether no answer can be expected any longer; deadline as for `ready`."""
         gone = self.process is not None and not self._runs()
         return gone or not self.frames.connected or time.monotonic() > deadline
+
+    def relay_telemetry(self, fleet: LockstepFleet) -> None:
+        """Pass on what the real autopilot has sent to its companion and to ground stations."""
+        self.companion.send_packets(fleet.packets(self.index, "companion"))
+        self.ground.send_packets(fleet.packets(self.index, "gcs"))
 
     def drop_companion(self) -> None:
         """Stop waiting for a companion that does not answer; it is sent no more frames."""

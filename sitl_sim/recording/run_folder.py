@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -142,9 +143,13 @@ def _world(path: Path) -> dict[str, Any]:
         world = json.loads(path.read_text("utf-8"))
         if not {"drone_radius", "cylinders", "boxes", "targets"} <= set(world):
             raise ValueError("no world of a flight")
+        size = world["drone_radius"]
+        if isinstance(size, dict):
+            world["drone_radii"] = {str(n): float(r) for n, r in size.items()}
+            size = max(world["drone_radii"].values())
         return {
             **world,
-            "drone_radius": float(world["drone_radius"]),
+            "drone_radius": float(size),
             "cylinders": [_cylinder(c) for c in world["cylinders"]],
             "boxes": [b | {k: _point(b[k]) for k in ("min", "max")} for b in world["boxes"]],
             "targets": {n: [_point(t) for t in ts] for n, ts in world["targets"].items()},
@@ -156,6 +161,12 @@ def _world(path: Path) -> dict[str, Any]:
         raise RunError(f"{path}: not a world: an obstacle lacks {error}") from error
     except (ValueError, TypeError, AttributeError) as error:
         raise RunError(f"{path}: not a world: {error}") from error
+
+
+def radii(world: dict[str, Any], names: Sequence[str]) -> Vector:
+    """Return the radius (n,) m of each drone."""
+    own = world.get("drone_radii", {})
+    return np.array([own.get(n, world["drone_radius"]) for n in names], float)
 
 
 def _cylinder(c: dict[str, Any]) -> dict[str, float]:

@@ -59,6 +59,12 @@ def companion_config(scenario: Scenario, i: int, folder: Path, clock: bool) -> d
         },
         "log": {"path": str((folder / "drones" / name / "flight.mcap").resolve())},
     }
+    if s.drones.airframes:
+        airframe = s.drones.airframe(i)
+        config["airframe"] = {
+            "radius": airframe.radius,
+            "hover_thrust": round(airframe.hover_thrust, 3),
+        }
     if s.drones.autopilot == "betaflight":
         config["airframe"] = {"hover_thrust": HOVER, "thrust_exponent": EXPONENT}
         config["timing"]["delay"] = BRIDGE_DELAY
@@ -71,10 +77,10 @@ def check_companions(scenario: Scenario, in_process: bool) -> None:
 
     Raises:
         SettingsError: with every mistake of the first wrong one, or companions in this process
-            cannot fly real autopilots.
+            cannot fly autopilots that keep their own time.
     """
-    if in_process and scenario.drones.real:
-        raise SettingsError(["real autopilots talk to companions in processes: no --in-process"])
+    if in_process and scenario.drones.own_time:
+        raise SettingsError(["a Betaflight talks to companions in processes: no --in-process"])
     model = companion_class("settings")
     for i, drone in enumerate(scenarios.drone_names(scenario)):
         file = f"drones/{drone}/config.yaml"  # as a run folder would have it

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -21,21 +23,19 @@ from mavlink_bridge.shared.settings import (
     validate,
 )
 from sitl_sim.faults import catalogue as fault
-from sitl_sim.sensors.fisheye import Lens
+from sitl_sim.scenarios.airframes import ActualConfig, AirframeConfig, AirframeName
+from sitl_sim.scenarios.conditions import AirConfig, TimingConfig, WindConfig
+from sitl_sim.scenarios.sensing import SensingConfig
+from sitl_sim.sensors.looks.catalogue import PLAIN, check
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.grades import StateGrade
+from sitl_sim.worlds.generators import build
+from sitl_sim.worlds.ground import Ground
 from sitl_sim.worlds.mission_file import read_mission
 from sitl_sim.worlds.world import Point2, Point3, WorldConfig
 
 QUANTUM_MS = 2  # smallest step of the simulated time
 TICK_MS = 100  # between frames of a camera
-
-
-Delay = float | Annotated[list[float], Field(min_length=2, max_length=2)]
-
-
-def _span(delay: float | list[float]) -> tuple[float, float]:
-    """Return the least and the largest value of a delay."""
-    return (delay[0], delay[1]) if isinstance(delay, list) else (delay, delay)
 
 
 class DronesConfig(StrictModel):
@@ -52,13 +52,30 @@ class DronesConfig(StrictModel):
     starts: list[Point2] = Field([], description="[x, y] each, instead of a formation.")
     jitter: float = Field(0.1, ge=0, description="Each start is moved up to this [m].")
     shift: float = Field(0.0, ge=0, description="All starts together, across their heading [m].")
-    radius: float = Field(0.2, gt=0, description="Of the sphere around a drone [m].")
+    radius: float = Field(
+        0.2, gt=0, description="Of the sphere around a drone [m], where airframes says no other."
+    )
+    airframes: list[AirframeConfig | AirframeName] = Field(
+        [],
+        description="Airframes of the drones in turn; none: quad5. Autopilots and companions "
+        "know them.",
+    )
+    actual: ActualConfig = Field(
+        ActualConfig(),
+        description="Factors by which the vehicles differ from what they are taken for.",
+    )
+    look: Literal["ball", "bare", "mixed"] = Field(
+        "ball",
+        description="ball: dark, with a magenta ball; bare: one kind of body without it, drawn by "
+        "the seed; mixed: a kind for each drone.",
+    )
     autopilot: Literal["px4", "ardupilot", "betaflight"] = Field(
         "px4",
         description="px4, ardupilot: emulated; betaflight: the real SITL, in real time.",
     )
     binary: str = Field(
-        "", description="px4, ardupilot: your own SITL binary instead of the emulated vehicle."
+        "",
+        description="Your own SITL binary, which flies instead of the one named above.",
     )
     state: StateGrade = Field(
         "mocap",
@@ -86,13 +103,12 @@ class DronesConfig(StrictModel):
                 raise Contradiction((f"parameters.{name}",), why)
         return self
 
-    @model_validator(mode="after")
-    def _real_ones_estimate_themselves(self) -> Self:
-        if self.real and self.state != "mocap":
-            raise Contradiction(
-                ("state",), f"{self.state} needs an emulated autopilot: a real one estimates itself"
-            )
-        return self
+    def airframe(self, i: int) -> Airframe:
+        """Return the airframe that drone i is taken for."""
+        if not self.airframes:
+            return replace(Airframe(), radius=self.radius)
+        chosen = self.airframes[i % len(self.airframes)]
+        return (AirframeConfig(name=chosen) if isinstance(chosen, str) else chosen).airframe()
 
     @property
     def ranges(self) -> bool:
@@ -103,6 +119,11 @@ class DronesConfig(StrictModel):
     def real(self) -> bool:
         """Whether real autopilots fly, not emulated ones."""
         return self.autopilot == "betaflight" or bool(self.binary)
+
+    @property
+    def own_time(self) -> bool:
+        """Whether the autopilots keep their own time, so that the world cannot wait for them."""
+        return self.autopilot == "betaflight"
 
 
 class MissionConfig(StrictModel):
@@ -134,77 +155,6 @@ class MissionConfig(StrictModel):
     time_limit: float = Field(180.0, gt=0, description="s.")
 
 
-class DepthConfig(StrictModel):
-    """The depth image of airframes that carry such a sensor: the camera's view, coarser."""
-
-    width: int = Field(160, ge=32, le=640, description="px; the height follows the camera's.")
-    range: float = Field(10.0, gt=0, description="Farthest measurement [m].")
-    noise: float = Field(
-        0.01, ge=0, le=0.5, description="1 σ as a share of the distance; stereo has 1–2 % at 4 m."
-    )
-
-
-class SensingConfig(StrictModel):
-    """What the companions sense."""
-
-    neighbours: Literal["camera", "truth"] = "camera"
-    obstacles: Literal["camera", "depth", "map"] = "camera"
-    width: int = Field(640, ge=64, le=1920)
-    height: int = Field(400, ge=64, le=1200)
-    fov_deg: float = Field(160.0, gt=10, lt=200)
-    range_max: float = Field(15.0, gt=0, description="R of eq. (6) for truth and map [m].")
-    latency: float = Field(
-        0.02,
-        ge=0,
-        le=0.08,
-        description="From capture to delivery [s]: exposure, read-out, transfer. In lockstep "
-        "pictures are rendered meanwhile.",
-    )
-    depth: DepthConfig = DepthConfig()
-    calibration: str | None = Field(
-        None,
-        description="Calibration file of all cameras, read by the simulator and by each "
-        "companion; width and height must be those of the file.",
-    )
-
-
-class TimingConfig(StrictModel):
-    """Timing of the lockstep."""
-
-    compute_delay: Delay = Field(
-        0.02,
-        description="Tick to effect [s], 0.002 to 0.2; [least, most]: each drone draws its own. "
-        "No companion is told.",
-    )
-    compute_jitter: float = Field(
-        0.0, ge=0, le=0.1, description="compute_delay varies by up to ± this at each tick [s]."
-    )
-    telemetry_lag: Delay = Field(
-        0.0,
-        description="Age of what telemetry tells [s], 0 to 0.2; [least, most]: each drone draws "
-        "its own. No companion is told.",
-    )
-    telemetry_jitter: float = Field(
-        0.0, ge=0, le=0.05, description="telemetry_lag varies by up to ± this [s]."
-    )
-    telemetry_stamp: Literal["sent", "measured"] = Field(
-        "sent",
-        description="Of late telemetry: the time at which it is sent, as autopilots do, or at "
-        "which it was measured.",
-    )
-    answer_timeout: float = Field(
-        30.0, gt=0, description="Wall seconds after which a silent companion counts as dead."
-    )
-
-    @model_validator(mode="after")
-    def _within_reach(self) -> Self:
-        for key, least, most in (("compute_delay", 0.002, 0.2), ("telemetry_lag", 0.0, 0.2)):
-            low, high = _span(getattr(self, key))
-            if not least <= low <= high <= most:
-                raise Contradiction((key,), f"takes {least:g}…{most:g} s, or [least, most] in it")
-        return self
-
-
 class WireConfig(StrictModel):
     """Ports: vehicle i talks to its companion on companion_port + i."""
 
@@ -227,9 +177,42 @@ class Scenario(StrictModel):
     sensing: SensingConfig = SensingConfig()
     timing: TimingConfig = TimingConfig()
     wire: WireConfig = WireConfig()
-    wind: list[float] = Field([0.0, 0.0, 0.0], min_length=3, max_length=3, description="m/s ENU.")
+    wind: WindConfig = WindConfig()
+    air: AirConfig = AirConfig()
     faults: list[fault.FaultConfig] = Field([], description="Faults of the flight: docs/faults.md.")
     companion: dict[str, Any] = Field({}, description="Overrides of every companion's config.")
+
+    @model_validator(mode="after")
+    def _needs_emulated_autopilots(self) -> Self:
+        asked = {
+            "drones.state": self.drones.state != "mocap",
+            "drones.airframes": bool(self.drones.airframes),
+            "drones.actual": self.drones.actual != ActualConfig(),
+            "wind.turbulence": self.wind.turbulence != "none",
+            "air.downwash": self.air.downwash,
+            "air.ground_effect": self.air.ground_effect,
+            "world.ground": self.world.ground != "flat",
+            "timing.telemetry_lag": bool(np.any(self.timing.telemetry_lag)),
+        }
+        if self.drones.real and (wrong := [key for key, there in asked.items() if there]):
+            why = "needs emulated autopilots (drones.autopilot: px4 or ardupilot, no binary)"
+            raise Contradiction(tuple(wrong[:1]), why)
+        return self
+
+    @model_validator(mode="after")
+    def _looks_known(self) -> Self:
+        try:
+            check(self.world.look)
+        except ValueError as error:
+            raise Contradiction(("world.look",), str(error)) from error
+        if self.world.look == PLAIN and self.drones.look != "ball":
+            raise Contradiction(("drones.look",), "world.look plain has drones with balls only")
+        grown = self.world.lean_deg or self.world.branches or self.world.bushes
+        if self.world.look == PLAIN and grown:
+            raise Contradiction(("world.look",), "plain shows upright trunks only")
+        if self.sensing.obstacles == "map" and grown:
+            raise Contradiction(("sensing.obstacles",), "map tells of upright trunks only")
+        return self
 
 
 def names() -> list[str]:
@@ -326,24 +309,6 @@ def fault_schedule(scenario: Scenario) -> fault.Schedule:
     return fault.Schedule(scenario.faults, drone_names(scenario), scenario.seed)
 
 
-def lens_of(sensing: SensingConfig) -> Lens:
-    """Return the lens of all cameras.
-
-    Raises:
-        SettingsError: the calibration cannot be used, or is of another image size.
-    """
-    if sensing.calibration is None:
-        return Lens(sensing.width, sensing.height, sensing.fov_deg)
-    try:
-        lens = Lens.load(sensing.calibration)
-    except ValueError as error:
-        raise SettingsError([f"sensing.calibration: {error}"]) from error
-    if (lens.width, lens.height) != (sensing.width, sensing.height):
-        made = f"made at {lens.width}×{lens.height}, frames are {sensing.width}×{sensing.height}"
-        raise SettingsError([f"sensing.calibration: {sensing.calibration}: {made}"])
-    return lens
-
-
 def drone_names(scenario: Scenario) -> list[str]:
     """Return drone1 … droneN."""
     return [f"drone{i + 1}" for i in range(scenario.drones.count)]
@@ -351,6 +316,7 @@ def drone_names(scenario: Scenario) -> list[str]:
 
 def starts(scenario: Scenario) -> Vector:
     """Return the starts (n,3) m on the ground: the formation, moved at random by the seed."""
+    ground = ground_of(scenario)
     d = scenario.drones
     flat = _formation(d)
     rng = np.random.default_rng([scenario.seed, 2])
@@ -358,7 +324,19 @@ def starts(scenario: Scenario) -> Vector:
     if d.shift:
         yaw = 0.0 if d.heading_deg == "target" else np.radians(d.heading_deg)
         flat = flat + rng.uniform(-d.shift, d.shift) * np.array([np.sin(yaw), -np.cos(yaw)])
-    return np.column_stack([flat, np.zeros(len(flat))])
+    return np.column_stack([flat, ground.height(flat[:, 0], flat[:, 1])])
+
+
+def ground_of(scenario: Scenario) -> Ground:
+    """Return the ground of the scenario's world."""
+    if scenario.world.ground == "flat":
+        return Ground({})
+    return _ground(scenario.world.model_dump_json(), scenario.seed)
+
+
+@lru_cache(maxsize=4)
+def _ground(world: str, seed: int) -> Ground:
+    return Ground(build(WorldConfig.model_validate_json(world), seed))
 
 
 def _formation(d: DronesConfig) -> Vector:
@@ -410,21 +388,6 @@ def boot_ms(scenario: Scenario) -> list[int]:
     return [round(i * TICK_MS / n / QUANTUM_MS) * QUANTUM_MS for i in range(n)]
 
 
-def compute_delays(scenario: Scenario) -> Vector:
-    """Return the time (n,) s from each drone's tick to its effect."""
-    return _drawn(scenario, scenario.timing.compute_delay, 5)
-
-
-def telemetry_lags(scenario: Scenario) -> Vector:
-    """Return the age (n,) s of what each drone's telemetry tells."""
-    return _drawn(scenario, scenario.timing.telemetry_lag, 6)
-
-
-def _drawn(scenario: Scenario, delay: float | list[float], purpose: int) -> Vector:
-    low, high = _span(delay)
-    return np.random.default_rng([scenario.seed, purpose]).uniform(low, high, scenario.drones.count)
-
-
 def levels(scenario: Scenario) -> Vector:
     """Return the height (n,) m above its targets at which each drone flies."""
     return _distributed(scenario, scenario.mission.levels)
@@ -442,8 +405,11 @@ def _distributed(scenario: Scenario, values: ArrayLike) -> Vector:
 
 
 def targets(scenario: Scenario, start: Vector) -> dict[str, list[list[float]]]:
-    """Return the targets of each drone, world frame, with the place opposite and home."""
-    m = scenario.mission
+    """Return the targets of each drone, world frame, with the place opposite and home.
+
+    Heights of a scenario's targets count from the ground below them.
+    """
+    m, ground = scenario.mission, ground_of(scenario)
     out = {}
     for name, s in zip(drone_names(scenario), start, strict=True):
         goals = [list(t) for t in m.targets_of.get(name, m.targets)]
@@ -455,5 +421,7 @@ def targets(scenario: Scenario, start: Vector) -> dict[str, list[list[float]]]:
             goals.append([*opposite.round(4).tolist(), m.altitude])
         if m.home:
             goals.append([round(float(s[0]), 4), round(float(s[1]), 4), m.altitude])
+        for g in goals if not ground.flat else ():
+            g[2] = round(g[2] + float(ground.height(g[0], g[1])), 4)
         out[name] = goals
     return out

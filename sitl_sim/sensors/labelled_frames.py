@@ -138,6 +138,23 @@ def write(
         raise SettingsError([f"--seed: must be at least 0, got {seed}"])
     folder.mkdir(parents=True, exist_ok=True)
     lens = Lens(640, 400)
+    write_calibration(folder, lens)
+    rows: list[dict[str, Any]] = []
+    for name, scene, image in _all(seed, count, degraded, sequences, kind, lens):
+        file = f"{len(rows):05d}.png"
+        if not cv2.imwrite(str(folder / file), image, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
+            raise OSError(f"{folder / file}: cannot be written")
+        rows.append({"file": file, "conditions": name.split(":")[0], **label(scene, lens)})
+        if ":" in name:
+            rows[-1] |= _moving(scene, int(name.split(":")[1]))
+        progress(name)
+    text = json.dumps({"seed": seed, "looks": kind, "frames": rows})
+    (folder / "frames.json").write_text(text)
+    return len(rows)
+
+
+def write_calibration(folder: Path, lens: Lens) -> None:
+    """Write `camera.yaml` of an equidistant lens."""
     calibration = {
         "width": lens.width,
         "height": lens.height,
@@ -151,18 +168,6 @@ def write(
         "k4": 0.0,
     }
     (folder / "camera.yaml").write_text(yaml.safe_dump(calibration, sort_keys=False))
-    rows: list[dict[str, Any]] = []
-    for name, scene, image in _all(seed, count, degraded, sequences, kind, lens):
-        file = f"{len(rows):05d}.png"
-        if not cv2.imwrite(str(folder / file), image, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
-            raise OSError(f"{folder / file}: cannot be written")
-        rows.append({"file": file, "conditions": name.split(":")[0], **label(scene, lens)})
-        if ":" in name:
-            rows[-1] |= _moving(scene, int(name.split(":")[1]))
-        progress(name)
-    text = json.dumps({"seed": seed, "looks": kind, "frames": rows})
-    (folder / "frames.json").write_text(text)
-    return len(rows)
 
 
 def label(scene: Scene, lens: Lens) -> dict[str, Any]:

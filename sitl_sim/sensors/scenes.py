@@ -18,7 +18,9 @@ from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.frames import quaternion_from_euler
 from sitl_sim.sensors.fisheye import R_BC, Lens, rotation
 from sitl_sim.sensors.perfect_detector import camera_rays, seen
-from sitl_sim.worlds.world import Occluders
+from sitl_sim.worlds.ground import Ground
+from sitl_sim.worlds.varied import varied as varied_world
+from sitl_sim.worlds.world import Occluders, surface_distance
 
 RADIUS = 0.2  # m, of a drone
 CORE = 0.1  # m, radius of hull and marker: the part of a drone whose visibility counts
@@ -86,14 +88,39 @@ def still_scenes(
         if index % _SCENES_PER_WORLD == 0:
             world = forest(rng, varied)
             room = _FreeSpace(world)
-        p = room.free_place(rng)
-        q = _attitude(rng.uniform(-np.pi, np.pi), *np.radians(rng.uniform(-tilt_deg, tilt_deg, 2)))
-        drones = _around(rng, room, p, q, 1 + index % 9, reach)
-        n = len(drones)
-        tilt = np.radians(rng.uniform(-25, 25, (n, 2)))
-        attitudes = np.array([_attitude(rng.uniform(-3, 3), *t) for t in tilt]).reshape(-1, 4)
-        shares = visible_shares(p, q, drones, room.occluders, lens)
-        yield Scene(world, p, q, drones, attitudes, np.zeros((n, 3)), np.arange(n), shares)
+        yield _still_scene(rng, world, room, lens, tilt_deg, reach, 1 + index % 9)
+
+
+def _still_scene(
+    rng: np.random.Generator,
+    world: dict[str, Any],
+    room: _FreeSpace,
+    lens: Lens,
+    tilt_deg: float,
+    reach: float,
+    count: int,
+) -> Scene:
+    """Return a camera at a free place, with up to `count` drones around its view."""
+    p = room.free_place(rng)
+    q = _attitude(rng.uniform(-np.pi, np.pi), *np.radians(rng.uniform(-tilt_deg, tilt_deg, 2)))
+    drones = _around(rng, room, p, q, count, reach)
+    n = len(drones)
+    tilt = np.radians(rng.uniform(-25, 25, (n, 2)))
+    attitudes = np.array([_attitude(rng.uniform(-3, 3), *t) for t in tilt]).reshape(-1, 4)
+    shares = visible_shares(p, q, drones, room.occluders, lens)
+    return Scene(world, p, q, drones, attitudes, np.zeros((n, 3)), np.arange(n), shares)
+
+
+def varied_scenes(
+    count: int, seed: int, lens: Lens, tilt_deg: float = 35.0, reach: float = 12.0
+) -> Iterator[Scene]:
+    """Yield unrelated scenes as `still_scenes` does, in worlds of many kinds of obstacles."""
+    rng = np.random.default_rng([seed, 83])
+    for index in range(count):
+        if index % _SCENES_PER_WORLD == 0:
+            world = varied_world(rng) | {"drone_radius": RADIUS}
+            room = _FreeSpace(world)
+        yield _still_scene(rng, world, room, lens, tilt_deg, reach, int(rng.integers(0, 10)))
 
 
 def crowded_scenes(neighbours: int, count: int, seed: int, lens: Lens) -> Iterator[Scene]:
@@ -168,13 +195,15 @@ def trunks_in_view(scene: Scene, lens: Lens) -> list[tuple[Vector, float, float,
     """Return for each trunk: direction to its axis, distance to the axis, radius, visible share.
 
     direction: (3,) camera frame, level. distance, radius: m. visible share: of the trunk's width at
-    the camera's height, in the picture and not hidden.
+    the camera's height, in the picture and not hidden. Leaning trunks, bushes, poles and people
+    count as they are at the camera's height; branches do not count.
     """
     rows = []
     half = np.radians(lens.fov_deg) / 2
     view = (half, half * lens.height / lens.width)
-    axes = np.array([[c["x"], c["y"], c["radius"]] for c in scene.world["cylinders"]])
-    axes = axes.reshape(-1, 3) - [scene.p[0], scene.p[1], 0.0]
+    axes = _circles(scene.world, float(scene.p[2])) - [scene.p[0], scene.p[1], 0.0]
+    angular = any(scene.world.get(kind) for kind in ("capsules", "spheres", "boxes"))
+    occluders = Occluders(scene.world) if angular else None
     for i, (x, y, r) in enumerate(axes):
         d = float(np.hypot(x, y))
         if not r < d < 16.0:
@@ -189,9 +218,29 @@ def trunks_in_view(scene: Scene, lens: Lens) -> list[tuple[Vector, float, float,
             off2 = ox * ox + oy * oy - along**2
             hit = (off2 < other**2) & (along > 0) & (j != i)
             shown &= ~(hit & (along - np.sqrt(np.maximum(other**2 - off2, 0)) < t))
+        if occluders is not None:
+            # A leaning trunk's own surface is up to 4 % of its radius nearer than the circle.
+            ends = scene.p + ray * np.maximum(t - 0.03 - 0.05 * r, 0.0)[:, None]
+            shown &= occluders.free(scene.p, ends)
         level = scene.in_camera(np.array([[np.cos(middle), np.sin(middle), 0.0]]))[0]
         rows.append((level, d, float(r), float(shown.mean())))
     return rows
+
+
+def _circles(world: dict[str, Any], z: float) -> Vector:
+    """Return x, y, radius (n,3) of the obstacles at the height z [m], without boxes, branches."""
+    rows = [[c["x"], c["y"], c["radius"]] for c in world["cylinders"]]
+    for c in world.get("capsules", []):
+        a, b = np.array(c["a"]), np.array(c["b"])
+        if c.get("kind") == "branch" or not min(a[2], b[2]) < z < max(a[2], b[2]):
+            continue
+        at = a + (b - a) * (z - a[2]) / (b[2] - a[2])
+        rows.append([at[0], at[1], c["radius"]])
+    for c in world.get("spheres", []):
+        left = c["radius"] ** 2 - (z - c["centre"][2]) ** 2
+        if left > 0.3 * c["radius"] ** 2:
+            rows.append([*c["centre"][:2], float(np.sqrt(left))])
+    return np.array(rows).reshape(-1, 3)
 
 
 def _attitude(yaw: float, pitch: float, roll: float) -> Vector:
@@ -203,12 +252,16 @@ class _FreeSpace:
 
     def __init__(self, world: dict[str, Any]) -> None:
         self.occluders = Occluders(world)
+        self.ground = Ground(world)
+        self._round = {k: world.get(k, []) for k in ("capsules", "spheres")}
 
     def free(self, points: Vector, gap: float) -> NDArray[np.bool_]:
         """Return whether points (n,3) m are over `gap` [m] from obstacles, and off the ground."""
         c = self.occluders.cylinders
         away = np.hypot(points[:, :1] - c[:, 0], points[:, 1:2] - c[:, 1]) - c[:, 2]
-        free: NDArray[np.bool_] = (away > gap).all(axis=1) & (points[:, 2] > 0.4)
+        free: NDArray[np.bool_] = (away > gap).all(axis=1)
+        free &= points[:, 2] - self.ground.height(points[:, 0], points[:, 1]) > 0.4
+        free &= surface_distance(points, self._round) > gap
         for low, high in self.occluders.boxes:
             outside = np.maximum(np.maximum(low - points, points - high), 0.0)
             free &= (outside**2).sum(axis=1) > gap**2
@@ -218,6 +271,7 @@ class _FreeSpace:
         """Return a random place (3,) m for a camera."""
         while True:
             p = np.array([*rng.uniform(-27, 27, 2), rng.uniform(0.8, 4.0)])
+            p[2] += self.ground.height(p[0], p[1])
             if self.free(p[None], 0.3)[0]:
                 return p
 

@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from mavlink_bridge.wire.ids import ComponentId
 from mavlink_bridge.wire.messages import Message, Received
+from sitl_sim.vehicles.air import AirModel, Surroundings, set_planes
+from sitl_sim.vehicles.airframe import Airframe, RateGains
 from sitl_sim.vehicles.battery import Batteries
 from sitl_sim.vehicles.estimator import BLOCK_SUBSTEPS, TICK_SUBSTEPS, Estimator
 from sitl_sim.vehicles.firmware.betaflight_quirks import QUIRKS
@@ -26,7 +28,7 @@ from sitl_sim.vehicles.grades import GRADES, Grade
 from sitl_sim.vehicles.kernel import fly, observe, steer
 from sitl_sim.vehicles.outer_loops import Control, OuterGains, make_setpoints
 from sitl_sim.vehicles.rangefinder import Rangefinder
-from sitl_sim.vehicles.rates import RateGains, make_rate_loop
+from sitl_sim.vehicles.rates import make_rate_loop
 from sitl_sim.vehicles.rigid_body import SUBSTEP, Vehicles
 from sitl_sim.vehicles.sensor_noise import SensorNoise
 from sitl_sim.vehicles.state_errors import StateErrors
@@ -36,6 +38,7 @@ from sitl_sim.worlds.ground import Ground
 Floats = NDArray[np.float64]
 
 BATTERY_TICKS = 10
+FEET = 1e-6  # m: a vehicle whose feet are this close to the ground stands on it
 
 
 class Autopilots:
@@ -54,21 +57,24 @@ class Autopilots:
         reference: GeoReference | None = None,
         noise: SensorNoise | None = None,
         parameters: Mapping[str, float] | None = None,
-        rate_gains: RateGains | None = None,
+        rate_gains: RateGains | Sequence[RateGains] | None = None,
+        assumed: Sequence[Airframe] | None = None,
         outer_gains: OuterGains | None = None,
-        battery_ah: float = 1.5,
         grade: Grade = GRADES["mocap"],
         telemetry_lag: TelemetryLag | None = None,
         rangefinder: bool = False,
         ground: Ground | None = None,
+        air: AirModel | None = None,
     ) -> None:
         """Switch the autopilots on.
 
         flavour: one for all or one each. origin: (n,3) m, world, origin of each vehicle's own
         frame (default: where it stands). yaw_offset: (n,) rad, world, direction of its own east.
         boot_offset: (n,) s, time_boot = t + boot_offset. reference: where the world lies on the
-        Earth. parameters: overrides by name; in a mixed fleet for those flavours that have them.
-        grade: of the state estimates; noise: instead of the grade's. ground: flat where not given.
+        Earth. assumed: airframes that mixers and hover thrust are set for (default: the true ones).
+        parameters: overrides by name; in a mixed fleet for those flavours that have them.
+        grade: of the state estimates; noise: instead of the grade's. ground: flat by default. air:
+        calm by default.
         """
         n = len(vehicles)
         names = [flavour] * n if isinstance(flavour, str) else list(flavour)
@@ -77,20 +83,31 @@ class Autopilots:
         if len(set(system_ids)) != n:
             raise ValueError(f"two vehicles with one system id in {list(system_ids)}")
         self.vehicles = vehicles
+        ground = ground or Ground({})
+        self._surroundings = Surroundings(vehicles, system_ids, air or AirModel(), ground, seed)
+        set_planes(vehicles.body.ground, ground, vehicles.p)
+        feet = vehicles.p[:, 2] - ground.height(vehicles.p[:, 0], vehicles.p[:, 1])
+        vehicles.state.contact[:] = feet <= FEET
         self._estimator = Estimator(list(system_ids), [noise or grade.noise] * n, seed)
         self._errors = StateErrors(system_ids, [grade] * n, seed)
         self._late = LateSamples(
             system_ids, telemetry_lag, vehicles.state, self._estimator.estimate, seed
         )
+        if rate_gains is None or isinstance(rate_gains, RateGains):
+            gains = [rate_gains or RateGains()] * n
+        else:
+            gains = list(rate_gains)
+        frames = list(assumed or vehicles.airframes)
         self._shared = Shared(
             state=vehicles.state,
-            loop=make_rate_loop([rate_gains or RateGains()] * n, vehicles.airframes),
+            body=vehicles.body,
+            loop=make_rate_loop(gains, frames),
             setpoints=make_setpoints(np.zeros(n), outer_gains or OuterGains()),
             estimate=self._estimator.estimate,
-            batteries=Batteries(n, battery_ah),
+            batteries=Batteries(vehicles.airframes),
             errors=self._errors,
             late=self._late,
-            rangefinder=Rangefinder(system_ids, [rangefinder] * n, ground or Ground({}), seed),
+            rangefinder=Rangefinder(system_ids, [rangefinder] * n, ground, seed),
         )
         self._doubtful = grade is not GRADES["mocap"]
         origins = np.broadcast_to(vehicles.p if origin is None else np.asarray(origin), (n, 3))
@@ -102,7 +119,7 @@ class Autopilots:
         self._frames = [LocalFrame(origins[i].copy(), float(yaws[i]), place) for i in range(n)]
         known = {name for f in self._flavours for name in f.parameters}
         self._overrides = [
-            f.defaults_for(vehicles.airframes[i], system_ids[i])
+            f.defaults_for(frames[i], system_ids[i])
             | {k: v for k, v in wanted.items() if k in f.parameters or k not in known}
             for i, f in enumerate(self._flavours)
         ]
@@ -150,14 +167,17 @@ class Autopilots:
 
     def advance(self, t_end: float, wind: ArrayLike = 0.0) -> None:
         """Simulate up to t_end [s], a multiple of 1 ms; wind: (3,) or (n,3) m/s, world."""
-        air = np.ascontiguousarray(
+        mean = np.ascontiguousarray(
             np.broadcast_to(np.asarray(wind, dtype=np.float64), self.vehicles.p.shape)
         )
         end = round(t_end / SUBSTEP)
         while self._substeps < end:
             place = self._substeps % BLOCK_SUBSTEPS
             if place % TICK_SUBSTEPS == 0:
+                self._surroundings.step(TICK_SUBSTEPS * SUBSTEP, mean)
                 self._tick(place)
+            gusts = self._surroundings.gusts
+            air = mean if gusts is None else mean + gusts
             count = min(TICK_SUBSTEPS - place % TICK_SUBSTEPS, end - self._substeps)
             self._fly(air, place, count)
             self._substeps += count

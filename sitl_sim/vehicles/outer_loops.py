@@ -34,9 +34,10 @@ class Control(IntEnum):
     RATES_AND_CLIMB = 3  # body rates, and v[2] as climb rate
     LEVEL = 4  # level attitude, yaw, and v[2] as climb rate
     POSITION = 5  # position, or velocity where the position is NaN
+    ATTITUDE = 6  # attitude q and thrust, and v[2] as yaw rate that is added
 
 
-OFF, IDLE, RATES, RATES_AND_CLIMB, LEVEL, POSITION = (int(c) for c in Control)
+OFF, IDLE, RATES, RATES_AND_CLIMB, LEVEL, POSITION, ATTITUDE = (int(c) for c in Control)
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class Setpoints(NamedTuple):
     control (n,): a `Control`. omega (n,3) rad/s. thrust (n,) 0…1. p (n,3) m, NaN where only the
     velocity v (n,3) m/s counts (else v is fed forward). yaw (n,) rad, 0 = east. limits (n,3):
     speed [m/s] along the ground, up, down. hover (n,): hover thrust that the autopilot assumes.
-    integral (n,3) m/s²: I term of the velocity loop.
+    integral (n,3) m/s²: I term of the velocity loop. q (n,4): attitude, body → world.
     """
 
     control: NDArray[np.int64]
@@ -69,6 +70,7 @@ class Setpoints(NamedTuple):
     hover: Floats
     integral: Floats
     gains: Floats
+    q: Floats
 
 
 def make_setpoints(hover: Floats, gains: OuterGains) -> Setpoints:
@@ -86,7 +88,24 @@ def make_setpoints(hover: Floats, gains: OuterGains) -> Setpoints:
         hover=np.array(hover, dtype=np.float64),
         integral=np.zeros((n, 3)),
         gains=np.tile(np.array(row), (n, 1)),
+        q=np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
     )
+
+
+@njit(cache=True)
+def _turn_to(i: int, sp: Setpoints, q: Floats, k_tilt: float, k_yaw: float) -> None:
+    """Compute sp.omega[i], which turns the vehicle from q[i] to sp.q[i] by the shortest way."""
+    a0, a1, a2, a3 = q[i]
+    b0, b1, b2, b3 = sp.q[i]
+    e0 = a0 * b0 + a1 * b1 + a2 * b2 + a3 * b3  # conjugate of q[i], times sp.q[i]
+    e1 = a0 * b1 - a1 * b0 - a2 * b3 + a3 * b2
+    e2 = a0 * b2 + a1 * b3 - a2 * b0 - a3 * b1
+    e3 = a0 * b3 - a1 * b2 + a2 * b1 - a3 * b0
+    way = 2.0 if e0 >= 0.0 else -2.0
+    yaw = min(max(way * e3 * k_yaw, -YAW_RATE_LIMIT), YAW_RATE_LIMIT) + sp.v[i, 2]
+    sp.omega[i, 0] = min(max(way * e1 * k_tilt, -RATE_LIMIT), RATE_LIMIT)
+    sp.omega[i, 1] = min(max(way * e2 * k_tilt, -RATE_LIMIT), RATE_LIMIT)
+    sp.omega[i, 2] = min(max(yaw, -RATE_LIMIT), RATE_LIMIT)
 
 
 @njit(cache=True)
@@ -98,6 +117,10 @@ def outer_loop(i: int, sp: Setpoints, p: Floats, v: Floats, q: Floats, dt: float
         sp.integral[i] = 0.0
         return
     k_p, k_pz, k_v, k_vz, k_i, k_iz, k_tilt, k_yaw, tilt_max = sp.gains[i]
+    if control == ATTITUDE:
+        sp.integral[i] = 0.0
+        _turn_to(i, sp, q, k_tilt, k_yaw)
+        return
 
     # Position → velocity, as fast as allowed.
     vx, vy, vz = sp.v[i]

@@ -8,38 +8,20 @@ airframe: the controller computes angular acceleration [rad/s²], the mixer has 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sitl_sim.vehicles.rigid_body import MOTOR_SPIN, MOTOR_X, MOTOR_Y, SUBSTEP, Airframe
+from sitl_sim.vehicles.airframe import Airframe, RateGains
+from sitl_sim.vehicles.rigid_body import MOTOR_SPIN, MOTOR_X, MOTOR_Y, SUBSTEP
 
 Floats = NDArray[np.float64]
 
 I_LIMIT = 60.0  # rad/s², limit of the I term
 RELAX_RATE = 0.7  # rad/s (40°/s); a setpoint that moves faster than this freezes the I term
 YAW_SHARE = 0.3  # share of the motors' range that yaw may take when roll and pitch need it
-
-
-@dataclass(frozen=True)
-class RateGains:
-    """Gains of roll, pitch, yaw: P [1/s], I [1/s²], D [-], feed-forward [-]; cutoffs in Hz.
-
-    With the defaults a step of roll or pitch rises to 90 % within 50 ms and overshoots by 2 %; yaw
-    has less authority and takes 60 ms.
-    """
-
-    p: tuple[float, float, float] = (100.0, 100.0, 40.0)
-    i: tuple[float, float, float] = (120.0, 120.0, 200.0)
-    d: tuple[float, float, float] = (1.8, 1.8, 0.0)
-    feed_forward: tuple[float, float, float] = (0.4, 0.4, 0.0)
-    setpoint_hz: float = 30.0
-    gyro_hz: float = 150.0
-    d_hz: float = 100.0
-    relax_hz: float = 3.0
 
 
 class RateLoop(NamedTuple):

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +19,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from mavlink_bridge.shared.constants import GRAVITY
+from sitl_sim.vehicles.airframe import Airframe
 
 Floats = NDArray[np.float64]
 
@@ -34,40 +34,6 @@ MOTOR_SPIN = (1.0, -1.0, -1.0, 1.0)
 FRICTION = 0.7  # between the feet and the ground
 GROUND_DAMPING_TIME = 0.02  # s; the feet stop rotation
 GROUND_LEVELLING_TIME = 0.1  # s; the feet level the frame
-
-
-@dataclass(frozen=True)
-class Airframe:
-    """A quadrotor in X shape; the default is a 5-inch one with a thrust-to-weight ratio of 3.
-
-    mass: kg. inertia: (3,) kg m², principal. arm: m, centre to motor. thrust_max: N per motor
-    at full speed. motor_time: s. torque_coefficient: N m of reaction per N of thrust.
-    rotor_torque: N m per 1/s of change of normalised motor speed (rotor inertia times full
-    speed). drag_linear: (3,) N/(m/s), body axes. drag_quadratic: N/(m/s)². idle: normalised
-    motor command while armed. radius: m.
-    """
-
-    mass: float = 0.7
-    inertia: tuple[float, float, float] = (0.0025, 0.0027, 0.0045)
-    arm: float = 0.11
-    thrust_max: float = 5.15
-    motor_time: float = 0.03
-    torque_coefficient: float = 0.016
-    rotor_torque: float = 0.008
-    drag_linear: tuple[float, float, float] = (0.14, 0.14, 0.07)
-    drag_quadratic: float = 0.015
-    idle: float = 0.055
-    radius: float = 0.2
-
-    @property
-    def c_max(self) -> float:
-        """Collective acceleration at full throttle [m/s²]."""
-        return 4.0 * self.thrust_max / self.mass
-
-    @property
-    def hover_thrust(self) -> float:
-        """Share of the full collective thrust that carries the weight."""
-        return GRAVITY / self.c_max
 
 
 class State(NamedTuple):
@@ -90,7 +56,9 @@ class Body(NamedTuple):
     """The airframes as arrays over vehicles, for the kernels; units as in `Airframe`.
 
     lever (n,): m, of each motor along x and along y. thrust_max (n,4): a weak motor is a smaller
-    value. motor_gain (n,): share of its speed that a command reaches (battery voltage).
+    value. motor_gain (n,): share of its speed that a command reaches (battery voltage). lift (n,):
+    factor on thrust, of the ground's cushion. torque (n,3): N m, body, of the air. ground (n,3):
+    the plane of the ground near each vehicle, z = a + b·x + c·y.
     """
 
     mass: Floats
@@ -104,6 +72,9 @@ class Body(NamedTuple):
     drag_quadratic: Floats
     idle: Floats
     motor_gain: Floats
+    lift: Floats
+    torque: Floats
+    ground: Floats
 
 
 class Vehicles:
@@ -147,6 +118,9 @@ class Vehicles:
             drag_quadratic=np.array([a.drag_quadratic for a in frames]),
             idle=np.array([a.idle for a in frames]),
             motor_gain=np.ones(n),
+            lift=np.ones(n),
+            torque=np.zeros((n, 3)),
+            ground=np.zeros((n, 3)),
         )
 
     def __len__(self) -> int:
@@ -211,11 +185,12 @@ def step_one(i: int, state: State, body: Body, command: Floats, wind: Floats, dt
     lag = 1.0 - math.exp(-dt / body.motor_time[i])
 
     # Motors: first-order lag of speed; thrust goes with the square of speed.
-    force = torque_x = torque_y = torque_z = 0.0
+    force = 0.0
+    torque_x, torque_y, torque_z = body.torque[i]
     for k in range(4):
         change = lag * (command[i, k] * body.motor_gain[i] - state.motor[i, k])
         state.motor[i, k] += change
-        thrust = body.thrust_max[i, k] * state.motor[i, k] ** 2
+        thrust = body.thrust_max[i, k] * state.motor[i, k] ** 2 * body.lift[i]
         force += thrust
         torque_x += MOTOR_Y[k] * body.lever[i] * thrust
         torque_y -= MOTOR_X[k] * body.lever[i] * thrust
@@ -254,18 +229,19 @@ def step_one(i: int, state: State, body: Body, command: Floats, wind: Floats, dt
     vx, vy, vz = v[0] + ax * dt, v[1] + ay * dt, v[2] + az * dt
     height = p[2] + half * (v[2] + vz)
 
-    contact = height <= 0.0 and vz <= 0.0
+    base, east, north = body.ground[i]
+    floor = base + east * p[0] + north * p[1]
+    contact = height <= floor and vz - east * vx - north * vy <= 0.0
     if contact:
-        # The ground stops the vertical velocity at once (no bouncing), friction the horizontal
-        # one; the feet stop rotation and level the frame.
-        grip = FRICTION * max(-az, 0.0) * dt
-        speed = math.sqrt(vx * vx + vy * vy)
-        keep = 1.0 - grip / speed if speed > grip else 0.0
-        vx, vy, vz, height = vx * keep, vy * keep, 0.0, 0.0
+        # The ground stops the velocity into it at once (no bouncing), friction the velocity along
+        # it; the feet stop rotation and lay the frame along the ground.
+        vx, vy, vz = slide(vx, vy, vz, ax, ay, az, east, north, dt)
+        height = floor
         stop = math.exp(-dt / GROUND_DAMPING_TIME)
         nx, ny, nz = nx * stop, ny * stop, nz * stop
-        level = dt / GROUND_LEVELLING_TIME
-        q0, q1, q2, q3 = rotate_by(q0, q1, q2, q3, -zy * level, zx * level, 0.0)
+        level = dt / GROUND_LEVELLING_TIME / math.sqrt(1.0 + east * east + north * north)
+        lean_x, lean_y = zx - xx * east - yx * north, zy - xy * east - yy * north
+        q0, q1, q2, q3 = rotate_by(q0, q1, q2, q3, -lean_y * level, lean_x * level, 0.0)
 
     sx, sy, sz = (vx - v[0]) / dt, (vy - v[1]) / dt, (vz - v[2]) / dt + GRAVITY
     state.specific_force[i, 0] = xx * sx + yx * sy + zx * sz
@@ -278,6 +254,37 @@ def step_one(i: int, state: State, body: Body, command: Floats, wind: Floats, dt
     q[0], q[1], q[2], q[3] = q0, q1, q2, q3
     omega[0], omega[1], omega[2] = nx, ny, nz
     state.contact[i] = contact
+
+
+@njit(cache=True)
+def slide(
+    vx: float,
+    vy: float,
+    vz: float,
+    ax: float,
+    ay: float,
+    az: float,
+    east: float,
+    north: float,
+    dt: float,
+) -> tuple[float, float, float]:
+    """Return the velocity of a body on ground of these slopes after dt [s] of friction.
+
+    vx, vy, vz: m/s, before. ax, ay, az: m/s², of all forces but the ground's.
+    """
+    if east == 0.0 and north == 0.0:
+        grip = FRICTION * max(-az, 0.0) * dt
+        speed = math.sqrt(vx * vx + vy * vy)
+        keep = 1.0 - grip / speed if speed > grip else 0.0
+        return vx * keep, vy * keep, 0.0
+    norm2 = 1.0 + east * east + north * north
+    into = (vz - east * vx - north * vy) / norm2
+    vx, vy, vz = vx + into * east, vy + into * north, vz - into
+    press = max(-(az - east * ax - north * ay), 0.0) / math.sqrt(norm2)
+    grip = FRICTION * press * dt
+    speed = math.sqrt(vx * vx + vy * vy + vz * vz)
+    keep = 1.0 - grip / speed if speed > grip else 0.0
+    return vx * keep, vy * keep, vz * keep
 
 
 @njit(cache=True)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mavlink_bridge.wire.ids import GpsFix
 from sitl_sim.vehicles.estimator import BLOCK_SUBSTEPS, TICK_SUBSTEPS, Estimate
-from sitl_sim.vehicles.grades import Grade, Span
+from sitl_sim.vehicles.grades import Grade, Span, Steps
 from sitl_sim.vehicles.rigid_body import SUBSTEP, State
 
 Floats = NDArray[np.float64]
@@ -26,6 +26,8 @@ DRAWS = CHANNELS + 4  # and the random walks of yaw and of position
 COMPASS_TIME = 2.0  # s, in which the filter's yaw follows a wrong compass
 GATE = 5.0 * 0.5  # m, of the position innovation: EKF2_GPS_P_GATE times EKF2_GPS_P_NOISE
 HEADING_GATE = 2.6 * 0.3  # rad, EKF2_HDG_GATE times EKF2_HEAD_NOISE
+LEAST_SLIDE = 0.1  # s
+SLIDE = Steps(math.inf, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), slide=0.3)  # of a fault alone
 QUIET = 0.1  # test ratio of an innovation without a fault
 
 
@@ -78,7 +80,11 @@ class StateErrors:
         self.attitude_sigma = _rows(
             grades, "reported_attitude", "reported_attitude", "reported_yaw"
         )
-        self._sure = self.position_sigma.copy()
+        self._sure = self.position_sigma
+        self._unsure = _rows(grades, *["reported_float"] * 3)
+        steps = [g.steps or SLIDE for g in grades]
+        self._slide_time = np.array([max(step.slide, LEAST_SLIDE) for step in steps])
+        self._shown = np.array([step.shown for step in steps])
 
     def _draw_vehicles(self) -> None:
         """Draw each vehicle's own sigmas, biases and latency."""
@@ -177,24 +183,16 @@ class StateErrors:
 
     def _slide(self) -> None:
         """Let the filters follow the steps of their position sensors."""
-        for i, g in enumerate(self.grades):
-            aim = self._aim[i] + self._forced_float[i]
-            left = aim - self._step[i]
-            if not left.any():
-                self._sliding[i] = 0.0
-                self.horizontal_ratio[i] = QUIET
-                continue
-            slide, shown = (g.steps.slide, g.steps.shown) if g.steps else (0.3, 0.3)
-            rate = left / max(slide, 0.1)
-            self._step[i] += rate * DT
-            self._sliding[i] = shown * rate
-            self.horizontal_ratio[i] = QUIET + float(left[:2] @ left[:2]) / GATE**2
+        left = self._aim + self._forced_float - self._step
+        rate = left / self._slide_time[:, None]
+        self._step += rate * DT
+        self._sliding = self._shown[:, None] * rate
+        self.horizontal_ratio = QUIET + (left[:, :2] ** 2).sum(axis=1) / GATE**2
 
     def _report(self) -> None:
         self.heading_ratio = QUIET + ((self._wrong_compass - self._compass) / HEADING_GATE) ** 2
         floats = self.floating | self._forced_float.any(axis=1)
-        for i, g in enumerate(self.grades):
-            self.position_sigma[i] = g.reported_float if floats[i] else self._sure[i]
+        self.position_sigma = np.where(floats[:, None], self._unsure, self._sure)
 
     # Faults.
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from mavlink_bridge.shared.arrays import Vector
 from sitl_sim.figures.belief import Belief
-from sitl_sim.scenarios.scenario import Scenario, lens_of
-from sitl_sim.sensors.renderer import Renderer
+from sitl_sim.scenarios.scenario import Scenario
+from sitl_sim.scenarios.sensing import lens_of
+from sitl_sim.sensors.renderers import make_renderer
 from sitl_sim.viewer.sources import Moment
 
 _GREEN, _BROWN = (80, 255, 80), (60, 150, 255)  # BGR
@@ -24,7 +25,9 @@ class Pictures:
         self._focal = s.width / np.radians(s.fov_deg)  # px per rad, equidistant
         self._centre = (s.width / 2, s.height / 2)
         self._radius = world["drone_radius"]
-        self._renderer = Renderer(world, seed=scenario.seed, lens=lens_of(s))
+        self._renderer = make_renderer(
+            world, scenario.world.look, scenario.drones.look, scenario.seed, lens_of(s)
+        )
 
     def take(self, moment: Moment, drone: int, belief: Belief | None) -> Any:
         """Return the picture (H,W,3) uint8 RGB of a drone's camera."""

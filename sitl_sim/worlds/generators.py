@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sitl_sim.worlds.ground import Ground, uneven
+from sitl_sim.worlds.varied import add_bush, add_trunk
 from sitl_sim.worlds.world import WorldConfig
 
 _ATTEMPTS = 200  # to find a free place for one more trunk
 
 
 def build(config: WorldConfig, seed: int) -> dict[str, Any]:
-    """Return `cylinders` and `boxes` as plain data; the same seed gives the same world."""
+    """Return `cylinders`, `boxes` and uneven `terrain` as in `world.json`, by the seed."""
     rng = np.random.default_rng([seed, 1])
     cylinders = [c.model_dump() for c in config.cylinders]
     boxes = [b.model_dump() for b in config.boxes]
@@ -23,7 +25,34 @@ def build(config: WorldConfig, seed: int) -> dict[str, Any]:
         cylinders += thicket(config, rng)
     elif config.generator == "tunnel":
         boxes += tunnel(config, rng)
-    return {"cylinders": cylinders, "boxes": boxes}
+    world: dict[str, Any] = {"cylinders": cylinders, "boxes": boxes}
+    if config.ground == "uneven":
+        world["terrain"] = uneven(config.slope_deg, np.random.default_rng([seed, 8]), boxes)
+        ground = Ground(world)
+        for c in cylinders:
+            c["height"] = round(c["height"] + float(ground.height(c["x"], c["y"])), 4)
+    if config.lean_deg or config.branches or config.bushes:
+        return grown(world, config, np.random.default_rng([seed, 5]))
+    return world
+
+
+def grown(world: dict[str, Any], config: WorldConfig, rng: np.random.Generator) -> dict[str, Any]:
+    """Return the world with trunks that lean, branches and bushes: `capsules` and `spheres`.
+
+    A trunk that leans keeps its place, radius and length. Bushes stand at the feet of trunks.
+    """
+    made: dict[str, Any] = {**world, "cylinders": [], "capsules": [], "spheres": []}
+    for c in world["cylinders"]:
+        at = (c["x"], c["y"], float(c.get("foot", 0.0)), c["radius"])
+        add_trunk(made, rng, at, c["height"], config.lean_deg, config.branches)
+    for k in rng.integers(0, max(len(world["cylinders"]), 1), config.bushes):
+        if world["cylinders"]:
+            beside = world["cylinders"][k]
+            away, angle = beside["radius"] + rng.uniform(0.1, 0.5), rng.uniform(-np.pi, np.pi)
+            foot = float(beside.get("foot", 0.0))
+            x, y = beside["x"] + away * np.cos(angle), beside["y"] + away * np.sin(angle)
+            add_bush(made, rng, (float(x), float(y), foot), float(rng.uniform(0.3, 0.8)))
+    return made
 
 
 def forest(config: WorldConfig, rng: np.random.Generator) -> list[dict[str, float]]:

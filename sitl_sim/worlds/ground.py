@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ Floats = NDArray[np.float64]
 
 REACH = 60.0  # m from the origin to each edge of a generated grid
 GRID = 2.0  # m between its points
+LEVELLED = 10.0  # m
 HILLS = 6  # plane waves that are added up
 WAVELENGTHS = (18.0, 45.0)  # m
 
@@ -81,10 +83,13 @@ class Ground:
         return away
 
 
-def uneven(slope_deg: float, rng: np.random.Generator) -> dict[str, Any]:
+def uneven(
+    slope_deg: float, rng: np.random.Generator, boxes: Sequence[dict[str, Any]] = ()
+) -> dict[str, Any]:
     """Return `terrain` of gentle hills: its steepest slope is `slope_deg`, the origin is at 0.
 
-    The height is a sum of plane waves with random directions, wavelengths and phases.
+    The height is a sum of plane waves with random directions, wavelengths and phases. It is 0 under
+    boxes, where walls begin, and grows over `LEVELLED` metres around them.
     """
     axis = np.arange(-REACH, REACH + GRID / 2, GRID)
     x, y = np.meshgrid(axis, axis)
@@ -94,7 +99,19 @@ def uneven(slope_deg: float, rng: np.random.Generator) -> dict[str, Any]:
         along = (math.cos(towards) * x + math.sin(towards) * y) * 2 * math.pi / length
         height += length * np.sin(along + rng.uniform(0.0, 2 * math.pi))
     middle = len(axis) // 2
-    height -= height[middle, middle]
+    height = (height - height[middle, middle]) * _room(x, y, boxes)
     north, east = np.gradient(height, GRID)
     height *= math.tan(math.radians(slope_deg)) / float(np.hypot(east, north).max())
     return {"x": axis.tolist(), "y": axis.tolist(), "z": height.round(4).tolist()}
+
+
+def _room(x: Floats, y: Floats, boxes: Sequence[dict[str, Any]]) -> Floats:
+    """Return 0 within a grid step of a box, 1 beyond `LEVELLED`, and what lies between."""
+    share = np.ones_like(x)
+    for box in boxes:
+        (x0, y0, _), (x1, y1, _) = box["min"], box["max"]
+        aside_x = np.maximum(np.maximum(x0 - x, x - x1), 0.0)
+        aside_y = np.maximum(np.maximum(y0 - y, y - y1), 0.0)
+        away = (np.hypot(aside_x, aside_y) - GRID) / LEVELLED
+        share = np.minimum(share, np.clip(away, 0.0, 1.0))
+    return share

@@ -69,6 +69,19 @@ class WorldConfig(StrictModel):
         max_length=2,
         description="tunnel: length and height of the wall [m].",
     )
+    ground: Literal["flat", "uneven"] = Field(
+        "flat", description="uneven: gentle hills; heights of trunks and targets count from them."
+    )
+    slope_deg: float = Field(10.0, gt=0, le=30, description="uneven: its steepest slope [degrees].")
+    lean_deg: float = Field(
+        0.0, ge=0, le=30, description="forest, thicket: trunks lean by up to this [degrees]."
+    )
+    branches: float = Field(0.0, ge=0, le=20, description="forest, thicket: per trunk, mean.")
+    bushes: int = Field(0, ge=0, le=500, description="forest, thicket: number of bushes.")
+    look: str = Field(
+        "plain",
+        description="How the world looks: plain, random, or a name of docs/scenarios.md.",
+    )
     missions: str | None = Field(None, description="missions: the JSON file that holds them.")
     cylinders: list[Cylinder] = Field([])
     boxes: list[Box] = Field([])
@@ -83,6 +96,14 @@ def surface_distance(position: Vector, world: dict[str, Any]) -> Vector:
         outside = np.hypot(np.maximum(radial, 0), np.maximum(above, 0))
         inside = (radial < 0) & (above < 0)
         nearest = np.minimum(nearest, np.where(inside, np.maximum(radial, above), outside))
+    for c in world.get("capsules", []):
+        a, b = np.array(c["a"], float), np.array(c["b"], float)
+        along = np.clip((position - a) @ (b - a) / max(float((b - a) @ (b - a)), 1e-12), 0, 1)
+        axis = a + along[..., None] * (b - a)
+        nearest = np.minimum(nearest, np.linalg.norm(position - axis, axis=-1) - c["radius"])
+    for c in world.get("spheres", []):
+        away = np.linalg.norm(position - np.array(c["centre"], float), axis=-1)
+        nearest = np.minimum(nearest, away - c["radius"])
     for b in world.get("boxes", []):
         low, high = np.array(b["min"]), np.array(b["max"])
         gap = np.maximum(np.maximum(low - position, position - high), 0)
@@ -99,6 +120,9 @@ class Occluders:
         rows = [[c["x"], c["y"], c["radius"], c["height"]] for c in world.get("cylinders", [])]
         self.cylinders = np.array(rows, float).reshape(-1, 4)
         self.boxes = [(np.array(b["min"]), np.array(b["max"])) for b in world.get("boxes", [])]
+        capsules = [[*c["a"], *c["b"], c["radius"]] for c in world.get("capsules", [])]
+        capsules += [[*c["centre"], *c["centre"], c["radius"]] for c in world.get("spheres", [])]
+        self.capsules = np.array(capsules, float).reshape(-1, 7)  # spheres are capsules, too
 
     def free(
         self, viewpoint: Vector, points: Vector, own: NDArray[np.int_] | None = None
@@ -118,6 +142,8 @@ class Occluders:
         if own is not None:
             meets[np.arange(len(points)), own] = False
         free: NDArray[np.bool_] = ~meets.any(axis=1)
+        if len(self.capsules):
+            free &= ~_segments_meet_capsules(viewpoint, d, self.capsules)
         for low, high in self.boxes:
             free &= ~_segment_meets_box(viewpoint, d, low, high)
         return free
@@ -132,4 +158,25 @@ def _segment_meets_box(
     enter = np.minimum(near, far).max(axis=1)
     leave = np.maximum(near, far).min(axis=1)
     meets: NDArray[np.bool_] = (enter < leave) & (leave > 0.0) & (enter < 1.0)
+    return meets
+
+
+def _segments_meet_capsules(viewpoint: Vector, d: Vector, capsules: Vector) -> NDArray[np.bool_]:
+    """Return whether segments viewpoint + s·d, s in [0, 1], come within a capsule's radius.
+
+    capsules: (m,7) a, b, radius. Nearest points of two segments: Ericson, Real-Time Collision
+    Detection, 5.1.9.
+    """
+    a, axis, radius = capsules[:, :3], capsules[:, 3:6] - capsules[:, :3], capsules[:, 6]
+    r = np.atleast_2d(viewpoint)[:, None] - a
+    dd = np.maximum((d * d).sum(axis=1), 1e-12)[:, None]
+    aa = np.maximum((axis * axis).sum(axis=1), 1e-12)
+    across = d @ axis.T
+    on_axis, on_sight = (r * axis).sum(axis=2), (r * d[:, None]).sum(axis=2)
+    least = np.maximum(dd * aa - across**2, 1e-12)
+    s = np.clip((across * on_axis - on_sight * aa) / least, 0.0, 1.0)
+    t = np.clip((across * s + on_axis) / aa, 0.0, 1.0)
+    s = np.clip((across * t - on_sight) / dd, 0.0, 1.0)
+    gap = r + s[..., None] * d[:, None] - t[..., None] * axis
+    meets: NDArray[np.bool_] = ((gap**2).sum(axis=2) < radius**2).any(axis=1)
     return meets

@@ -6,9 +6,10 @@ import pytest
 from companion.bench.labels import Drones
 from companion.bench.perception import TO_8, Tally, score
 from companion.perception.camera import Camera
-from companion.perception.cnn import PACKAGED, CnnConfig, CnnDetector
+from companion.perception.cnn import PACKAGED, CnnDetector
 from companion.perception.config import SensingConfig
 from companion.perception.detectors import ModelError, make_detector
+from companion.perception.heat_map import HeatMapConfig
 from sitl_sim.sensors.fisheye import Lens
 from sitl_sim.sensors.labelled_frames import CONDITIONS, rendered
 from sitl_sim.sensors.scenes import crowded_scenes
@@ -39,4 +40,4 @@ def test_a_damaged_copy_is_refused_with_its_name(tmp_path, kept):
     copy = tmp_path / "cut.onnx"
     copy.write_bytes(whole[: int(kept * len(whole))])
     with pytest.raises(ModelError, match=r"cut\.onnx"):
-        CnnDetector(CAMERA, CnnConfig(), copy)
+        CnnDetector(CAMERA, HeatMapConfig(), copy)

@@ -5,6 +5,7 @@ import pytest
 from companion.bench.labels import load
 from companion.bench.perception import TO_8, Tally, Trunks, score
 from companion.perception.ball import ColorDetector
+from companion.perception.trunks import TrunkDetector
 from sitl_sim.sensors import labelled_frames
 
 SEED = 20260
@@ -20,7 +21,7 @@ def recorded(tmp_path_factory):
 
 def trunks(recorded, conditions):
     camera, frames = recorded
-    measured = Trunks(camera)
+    measured = Trunks(camera, TrunkDetector(camera).detect)
     for frame in frames:
         if frame.conditions == conditions:
             measured.add(frame, frame.image())

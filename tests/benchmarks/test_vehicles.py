@@ -11,8 +11,9 @@ import pytest
 
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.messages import Command, CommandId, RateSetpoint, Received, Source
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.emulated import Autopilots
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.rigid_body import Vehicles
 
 SECONDS = 4.0
 PERIOD = 0.02

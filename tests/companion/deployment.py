@@ -55,9 +55,32 @@ def fake_systemctl(folder, state, states=None, starts=True, writes=None):
     return [sys.executable, str(script), json.dumps(given)]
 
 
+_BLOCK = 20  # ports that are claimed together
+_claims = []  # sockets, open as long as this process
+
+
+def _claim(block):
+    """Claim a block of ports among all tests of this machine; None where it is taken."""
+    claim = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        claim.bind(f"\0swarm-tests/ports/{block}")
+    except OSError:
+        claim.close()
+        return None
+    return claim
+
+
 def free_ports(count):
-    """Return a base so that base … base+count are free for TCP and UDP just now."""
-    for base in range(20000 + os.getpid() % 9000, 60000, count + 1):
+    """Return a base so that base … base+count are free for TCP and UDP just now.
+
+    No other test gets them while this process lives: most are bound only later, by a daemon.
+    """
+    first = 20000 + os.getpid() % 9000 // _BLOCK * _BLOCK
+    for base in range(first, 32000, _BLOCK * (count // _BLOCK + 1)):
+        claims = [_claim(block) for block in range(base, base + count + 1, _BLOCK)]
+        if None in claims:
+            continue
+        _claims.extend(claims)
         try:
             for port in range(base, base + count + 1):
                 for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM):

@@ -32,6 +32,7 @@ def engaged(shown, **changes):
             "mission": {"goals": [[4.5, 0.0, 2.0]], "land": False},
             "sensing": {"neighbours": "truth", "obstacles": "map"},
             "camera": {"width": 64, "height": 64},
+            "airframe": {"hover_doubt": 0.05},
             **changes,
         }
     )

@@ -35,8 +35,9 @@ from mavlink_bridge.wire.messages import RateSetpoint, Source
 from mavlink_bridge.wire.signing import Signing
 from mavlink_bridge.wire.video import Frame, FrameClient, FrameServer, RecordStream, VideoError
 from sitl_sim.scenarios import scenario as scenarios
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.emulated import Autopilots
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.rigid_body import Vehicles
 from tests.mavlink_bridge.betaflight.fake_controller import FakeController
 
 CORPUS = Path(__file__).parent / "corpus"

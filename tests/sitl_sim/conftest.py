@@ -1,23 +1,28 @@
 """A flight without sockets: vehicles, their autopilots, a ground station and a companion."""
 
+import json
 import math
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mavlink_bridge.wire.messages import Command, RateSetpoint, Received, Source
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.emulated import Autopilots
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.rigid_body import Vehicles
 
 GCS = Source(255, 190)
+STAND_INS = Path(__file__).parent / "external" / "stand_ins"
 
 
 class Flight:
     """n vehicles on the ground, 3 m apart; time moves in steps of 10 ms."""
 
-    def __init__(self, n=1, flavour="px4", yaw=0.0, **options):
+    def __init__(self, n=1, flavour="px4", yaw=0.0, airframe=None, **options):
         p = np.array([[3.0 * i, 0.0, 0.0] for i in range(n)])
-        self.vehicles = Vehicles(Airframe(), p, yaw)
+        self.vehicles = Vehicles(airframe or Airframe(), p, yaw)
         self.autopilots = Autopilots(self.vehicles, list(range(1, n + 1)), flavour, **options)
         self.heard = [[] for _ in range(n)]  # by the ground station
         self.setpoint = None
@@ -89,3 +94,21 @@ class Flight:
 @pytest.fixture
 def make_flight():
     return Flight
+
+
+@pytest.fixture
+def stand_in(tmp_path):
+    """A function that makes an executable which plays the autopilot `name`.
+
+    Armed, it commands `motors`, in its own order.
+    """
+
+    def make(name, motors=(0.2, 0.3, 0.4, 0.5)):
+        (tmp_path / "motors.json").write_text(json.dumps(list(motors)))
+        binary = tmp_path / "bin" / name
+        binary.parent.mkdir(exist_ok=True)
+        binary.write_text(f"#!{sys.executable}\n{(STAND_INS / f'{name}.py').read_text()}")
+        binary.chmod(0o755)
+        return str(binary)
+
+    return make

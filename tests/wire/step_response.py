@@ -28,8 +28,9 @@ from sitl_sim.external.betaflight_sitl import BetaflightError, BetaflightSitl
 from sitl_sim.external.namespace import Host
 from sitl_sim.external.priority import PHYSICS, raise_priority, reset_priority
 from sitl_sim.figures.page import draw, page
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.emulated import Autopilots
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.rigid_body import Vehicles
 from sitl_sim.vehicles.sensor_noise import SensorNoise
 from sitl_sim.worlds.geodesy import GeoReference, LocalFrame
 

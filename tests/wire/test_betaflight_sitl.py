@@ -19,10 +19,12 @@ import pytest
 
 from mavlink_bridge.autopilots.betaflight import MODES, Betaflight
 from mavlink_bridge.wire.codec import Codec
-from mavlink_bridge.wire.link import Link, UdpEndpoint
+from mavlink_bridge.wire.link import Link
 from mavlink_bridge.wire.messages import Attitude, Heartbeat, LocalPosition, RateSetpoint
+from mavlink_bridge.wire.udp import UdpEndpoint
 from sitl_sim.external.fleet import HOVER, RealFleet, Wire
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.airframe import Airframe
+from sitl_sim.vehicles.rigid_body import Vehicles
 from tests.wire.served import free_ports
 
 pytestmark = [

@@ -14,7 +14,7 @@ import pytest
 from tests.wire.served import free_ports, served
 
 CLIENTS = Path(__file__).parent / "clients"
-PARAMETERS = {"px4": (29, 4, 5), "ardupilot": (20, 0, 8)}  # how many, one of them before and after
+PARAMETERS = {"px4": (33, 4, 5), "ardupilot": (22, 8, 8)}  # how many, one of them before and after
 
 
 def client(name, *arguments, timeout=240):

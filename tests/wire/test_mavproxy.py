@@ -13,12 +13,12 @@ from tests.wire.served import Lines, served
 # set PX4's modes by name (it sends the whole triple as one number), so there a command lands.
 WAYS = {
     "px4": (
-        29,
+        33,
         ("COM_OBL_RC_ACT", 5),
         "param set MIS_TAKEOFF_ALT 5",
         "long NAV_LAND 0 0 0 0 0 0 0",
     ),
-    "ardupilot": (20, ("GUID_OPTIONS", 8), "mode guided", "mode land"),
+    "ardupilot": (22, ("GUID_OPTIONS", 8), "mode guided", "mode land"),
 }
 ANYTHING = ""
 

@@ -160,7 +160,10 @@ class IpoptNmpc:
         if statistics["return_status"] in _INTERRUPTED:
             raise KeyboardInterrupt
         iterations = int(statistics["iter_count"])
-        solution = answer["x"].full().ravel()
+        values = answer["x"].full()
+        if values is None:  # CasADi has taken Ctrl-C for itself while it copied the answer
+            raise KeyboardInterrupt
+        solution = values.ravel()
         if not (statistics["success"] and np.isfinite(solution).all()):
             return self._failure(instance, PlanStatus.INFEASIBLE, iterations, started)
         x = np.concatenate([here[None], solution[: NX * N].reshape(N, NX)])

@@ -19,6 +19,7 @@ from mavlink_bridge.shared.frames import (
     yaw_from_heading,
 )
 from mavlink_bridge.wire import messages as m
+from mavlink_bridge.wire.dialect.event_message import EventMessage
 from mavlink_bridge.wire.dialect.units import UNKNOWN_HEADING, UNSET_COORDINATE
 
 _FLIP = np.diag([1.0, -1.0, -1.0])  # FRD ↔ FLU, NED ↔ north-west-up
@@ -58,6 +59,7 @@ def _rate_setpoint(w: Any) -> m.RateSetpoint:
         w.target_system,
         w.target_component,
         w.type_mask,
+        np.array(quaternion_enu_ned(w.q)),
     )
 
 
@@ -74,6 +76,12 @@ def _attitude(w: Any) -> m.Attitude:
 def _euler_attitude(w: Any) -> m.EulerAttitude:
     q = np.array(quaternion_enu_ned(quaternion_from_euler(w.roll, w.pitch, w.yaw)))
     return m.EulerAttitude(w.time_boot_ms / 1e3, q, _body_rates(w))
+
+
+def _attitude_target(w: Any) -> m.AttitudeTarget:
+    q = np.array(quaternion_enu_ned(w.q))
+    omega = _array(*flu_frd(w.body_roll_rate, w.body_pitch_rate, w.body_yaw_rate))
+    return m.AttitudeTarget(w.time_boot_ms / 1e3, q, omega, w.thrust, w.type_mask)
 
 
 def _local_position(w: Any) -> m.LocalPosition:
@@ -152,7 +160,7 @@ def _command_long(w: Any) -> m.Command:
 def _command_int(w: Any) -> m.Command:
     scale = 1e7 if w.frame in _GLOBAL_FRAMES else 1e4
     params = (w.param1, w.param2, w.param3, w.param4, w.x / scale, w.y / scale, w.z)
-    return m.Command(w.command, params, w.target_system, w.target_component)
+    return m.Command(w.command, params, w.target_system, w.target_component, frame=w.frame)
 
 
 def _system_status(w: Any) -> m.SystemStatus:
@@ -263,12 +271,14 @@ def _param_value(w: Any) -> m.ParamValue:
 
 
 def _mission_request(w: Any) -> m.MissionRequest:
-    return m.MissionRequest(w.target_system, w.target_component, w.seq, w.mission_type)
+    floating = w.get_type() == "MISSION_REQUEST"
+    return m.MissionRequest(w.target_system, w.target_component, w.seq, w.mission_type, floating)
 
 
 def _mission_item(w: Any) -> m.MissionItem:
     x, y = w.x, w.y
-    if w.get_type() == "MISSION_ITEM_INT":
+    floating = w.get_type() == "MISSION_ITEM"
+    if not floating:
         x, y = (math.nan if k == UNSET_COORDINATE else k / 1e7 for k in (w.x, w.y))
     return m.MissionItem(
         w.target_system,
@@ -283,6 +293,7 @@ def _mission_item(w: Any) -> m.MissionItem:
         y,
         w.z,
         w.mission_type,
+        floating,
     )
 
 
@@ -296,11 +307,35 @@ def _data_stream(w: Any) -> m.RequestDataStream:
     )
 
 
+def _event(w: Any) -> m.Event:
+    severity = w.log_levels & 0xF  # the upper half is the level of the autopilot's own log
+    return m.Event(w.event_time_boot_ms / 1e3, w.event_id, w.sequence, severity, bytes(w.arguments))
+
+
+def _camera_information(w: Any) -> m.CameraInformation:
+    return m.CameraInformation(
+        w.time_boot_ms / 1e3,
+        bytes(w.vendor_name).rstrip(b"\0").decode("utf-8", "replace"),
+        bytes(w.model_name).rstrip(b"\0").decode("utf-8", "replace"),
+        w.focal_length,
+        w.sensor_size_h,
+        w.sensor_size_v,
+        w.resolution_h,
+        w.resolution_v,
+        w.flags,
+    )
+
+
+def _named_value(w: Any) -> m.NamedValue:
+    return m.NamedValue(w.time_boot_ms / 1e3, _text(w.name), w.value)
+
+
 FROM_WIRE: dict[int, Callable[[Any], m.Message]] = {
     mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: _rate_setpoint,
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: _attitude,
     mavlink.MAVLINK_MSG_ID_ATTITUDE: _euler_attitude,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: _attitude_target,
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _local_position,
     mavlink.MAVLINK_MSG_ID_ODOMETRY: _odometry,
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _global_position,
@@ -335,6 +370,16 @@ FROM_WIRE: dict[int, Callable[[Any], m.Message]] = {
     ),
     mavlink.MAVLINK_MSG_ID_PARAM_SET: _param_set,
     mavlink.MAVLINK_MSG_ID_PARAM_VALUE: _param_value,
+    mavlink.MAVLINK_MSG_ID_PARAM_ERROR: lambda w: m.ParamError(
+        w.target_system, w.target_component, _text(w.param_id), w.param_index, w.error
+    ),
+    EventMessage.id: _event,
+    mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: _named_value,
+    mavlink.MAVLINK_MSG_ID_NAMED_VALUE_INT: _named_value,
+    mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION: _camera_information,
+    mavlink.MAVLINK_MSG_ID_PING: lambda w: m.Ping(
+        w.time_usec / 1e6, w.seq, w.target_system, w.target_component
+    ),
     mavlink.MAVLINK_MSG_ID_MISSION_COUNT: lambda w: m.MissionCount(
         w.target_system, w.target_component, w.count, w.mission_type
     ),

@@ -19,6 +19,7 @@ from mavlink_bridge.shared.frames import (
     rotation_matrix,
 )
 from mavlink_bridge.wire import messages as m
+from mavlink_bridge.wire.dialect.event_message import EventMessage
 from mavlink_bridge.wire.dialect.units import (
     UNKNOWN_HEADING,
     clipped,
@@ -31,6 +32,7 @@ from mavlink_bridge.wire.dialect.units import (
 _IDENTITY = (1.0, 0.0, 0.0, 0.0)
 _MAVLINK_2 = 3  # mavlink_version of a HEARTBEAT
 _ALL_FIELDS = 0x1FFF  # fields_updated of HIL_SENSOR
+_NAME_BYTES = 10  # of NAMED_VALUE_FLOAT and _INT
 _UNKNOWN_TEMPERATURE = 0x7FFF
 _UNKNOWN_COVARIANCE = (math.nan,) * 21
 _UNKNOWN_VARIANCE = 255  # cm², of DISTANCE_SENSOR
@@ -54,7 +56,7 @@ def _rate_setpoint(s: m.RateSetpoint) -> Any:
         target_system=s.target_system,
         target_component=s.target_component,
         type_mask=s.type_mask,
-        q=_IDENTITY,
+        q=_IDENTITY if s.q_wb is None else quaternion_enu_ned(s.q_wb),
         body_roll_rate=roll_rate,
         body_pitch_rate=pitch_rate,
         body_yaw_rate=yaw_rate,
@@ -83,6 +85,19 @@ def _attitude(a: m.Attitude) -> Any:
 def _euler_attitude(a: m.EulerAttitude) -> Any:
     angles = euler_from_quaternion(quaternion_enu_ned(a.q_wb))
     return mavlink.MAVLink_attitude_message(milliseconds(a.time), *angles, *_frd(a.omega))
+
+
+def _attitude_target(a: m.AttitudeTarget) -> Any:
+    roll_rate, pitch_rate, yaw_rate = _frd(a.omega)
+    return mavlink.MAVLink_attitude_target_message(
+        time_boot_ms=milliseconds(a.time),
+        type_mask=a.type_mask,
+        q=quaternion_enu_ned(a.q_wb),
+        body_roll_rate=roll_rate,
+        body_pitch_rate=pitch_rate,
+        body_yaw_rate=yaw_rate,
+        thrust=a.thrust,
+    )
 
 
 def _local_position(lp: m.LocalPosition) -> Any:
@@ -163,7 +178,7 @@ def _system_status(s: m.SystemStatus) -> Any:
         onboard_control_sensors_health=s.health,
         load=clipped(s.load * 1000, 0, 1000),
         voltage_battery=clipped(s.voltage * 1e3, 0, 65535),
-        current_battery=clipped(s.current * 100, -1, 32767),
+        current_battery=int16(s.current * 100),
         battery_remaining=clipped(s.remaining * 100, -1, 100),
         drop_rate_comm=0,
         errors_comm=0,
@@ -286,8 +301,8 @@ def _hil_gps(g: m.HilGps) -> Any:
         lat=round(g.latitude_deg * 1e7),
         lon=round(g.longitude_deg * 1e7),
         alt=round(g.altitude * 1e3),
-        eph=30,
-        epv=40,
+        eph=round(g.horizontal * 100),
+        epv=round(g.vertical * 100),
         vel=round(math.hypot(vn, ve)),
         vn=vn,
         ve=ve,
@@ -330,6 +345,21 @@ def _autopilot_version(v: m.AutopilotVersion) -> Any:
 
 
 def _mission_item(i: m.MissionItem) -> Any:
+    if i.floating:
+        return mavlink.MAVLink_mission_item_message(
+            i.target_system,
+            i.target_component,
+            i.seq,
+            i.frame,
+            i.command,
+            i.current,
+            i.autocontinue,
+            *i.params,
+            x=i.x_deg,
+            y=i.y_deg,
+            z=i.z,
+            mission_type=i.mission_type,
+        )
     return mavlink.MAVLink_mission_item_int_message(
         i.target_system,
         i.target_component,
@@ -346,11 +376,44 @@ def _mission_item(i: m.MissionItem) -> Any:
     )
 
 
+def _named_value(v: m.NamedValue) -> Any:
+    name, time = v.name.encode()[:_NAME_BYTES], milliseconds(v.time)
+    if isinstance(v.value, int):
+        return mavlink.MAVLink_named_value_int_message(time, name, v.value)
+    return mavlink.MAVLink_named_value_float_message(time, name, v.value)
+
+
+def _camera_information(c: m.CameraInformation) -> Any:
+    return mavlink.MAVLink_camera_information_message(
+        time_boot_ms=milliseconds(c.time),
+        vendor_name=list(c.vendor.encode()[:32].ljust(32, b"\0")),
+        model_name=list(c.model.encode()[:32].ljust(32, b"\0")),
+        firmware_version=0,
+        focal_length=c.focal_length,
+        sensor_size_h=c.sensor_width,
+        sensor_size_v=c.sensor_height,
+        resolution_h=c.width,
+        resolution_v=c.height,
+        lens_id=0,
+        flags=c.flags,
+        cam_definition_version=0,
+        cam_definition_uri=b"",
+    )
+
+
+def _request(r: m.MissionRequest) -> Any:
+    fields = (r.target_system, r.target_component, r.seq, r.mission_type)
+    if r.floating:
+        return mavlink.MAVLink_mission_request_message(*fields)
+    return mavlink.MAVLink_mission_request_int_message(*fields)
+
+
 TO_WIRE: dict[type, Callable[[Any], Any]] = {
     m.RateSetpoint: _rate_setpoint,
     m.Heartbeat: _heartbeat,
     m.Attitude: _attitude,
     m.EulerAttitude: _euler_attitude,
+    m.AttitudeTarget: _attitude_target,
     m.LocalPosition: _local_position,
     m.Odometry: _odometry,
     m.GlobalPosition: _global_position,
@@ -392,15 +455,24 @@ TO_WIRE: dict[type, Callable[[Any], Any]] = {
     m.ParamSet: lambda p: mavlink.MAVLink_param_set_message(
         p.target_system, p.target_component, p.name.encode(), p.value, p.param_type
     ),
+    m.ParamError: lambda p: mavlink.MAVLink_param_error_message(
+        p.target_system, p.target_component, p.name.encode(), p.index, p.error
+    ),
+    m.Event: lambda e: EventMessage(
+        0, 0, e.event_id, milliseconds(e.time), e.sequence, 0xF0 | e.severity, e.arguments
+    ),
+    m.NamedValue: _named_value,
+    m.CameraInformation: _camera_information,
+    m.Ping: lambda p: mavlink.MAVLink_ping_message(
+        round(p.time * 1e6), p.sequence, p.target_system, p.target_component
+    ),
     m.MissionCount: lambda c: mavlink.MAVLink_mission_count_message(
         c.target_system, c.target_component, c.count, c.mission_type
     ),
     m.MissionRequestList: lambda r: mavlink.MAVLink_mission_request_list_message(
         r.target_system, r.target_component, r.mission_type
     ),
-    m.MissionRequest: lambda r: mavlink.MAVLink_mission_request_int_message(
-        r.target_system, r.target_component, r.seq, r.mission_type
-    ),
+    m.MissionRequest: _request,
     m.MissionAck: lambda a: mavlink.MAVLink_mission_ack_message(
         a.target_system, a.target_component, a.result, a.mission_type
     ),

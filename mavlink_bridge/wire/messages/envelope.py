@@ -15,6 +15,7 @@ from mavlink_bridge.wire.messages.protocols import (
     MissionRequest,
     MissionRequestList,
     MissionSetCurrent,
+    ParamError,
     ParamRequestList,
     ParamRequestRead,
     ParamSet,
@@ -37,6 +38,7 @@ from mavlink_bridge.wire.messages.setpoints import (
 )
 from mavlink_bridge.wire.messages.state import (
     Attitude,
+    AttitudeTarget,
     EstimatorStatus,
     EulerAttitude,
     GlobalPosition,
@@ -47,8 +49,12 @@ from mavlink_bridge.wire.messages.state import (
 from mavlink_bridge.wire.messages.status import (
     AutopilotVersion,
     BatteryStatus,
+    CameraInformation,
+    Event,
     ExtendedSystemState,
     Heartbeat,
+    NamedValue,
+    Ping,
     StatusText,
     SystemStatus,
     SystemTime,
@@ -69,6 +75,7 @@ Message = (
     | Heartbeat
     | Attitude
     | EulerAttitude
+    | AttitudeTarget
     | LocalPosition
     | Odometry
     | GlobalPosition
@@ -105,6 +112,11 @@ Message = (
     | MissionItemReached
     | RequestDataStream
     | FileTransfer
+    | ParamError
+    | Event
+    | NamedValue
+    | CameraInformation
+    | Ping
 )
 
 

@@ -46,6 +46,17 @@ class ParamValue:
 
 
 @dataclass(frozen=True)
+class ParamError:
+    """PARAM_ERROR: why a parameter was not read or set; error: MAV_PARAM_ERROR."""
+
+    target_system: int
+    target_component: int
+    name: str
+    index: int
+    error: int
+
+
+@dataclass(frozen=True)
 class MissionCount:
     """MISSION_COUNT."""
 
@@ -66,17 +77,18 @@ class MissionRequestList:
 
 @dataclass(frozen=True)
 class MissionRequest:
-    """MISSION_REQUEST_INT, or the deprecated MISSION_REQUEST."""
+    """MISSION_REQUEST_INT, or where `floating` the deprecated MISSION_REQUEST."""
 
     target_system: int
     target_component: int
     seq: int
     mission_type: int = 0
+    floating: bool = False
 
 
 @dataclass(frozen=True)
 class MissionItem:
-    """MISSION_ITEM_INT; x, y in degrees, z in metres."""
+    """MISSION_ITEM_INT, or where `floating` the old MISSION_ITEM; x, y in degrees, z in metres."""
 
     target_system: int
     target_component: int
@@ -90,6 +102,7 @@ class MissionItem:
     y_deg: float
     z: float
     mission_type: int = 0
+    floating: bool = False
 
 
 @dataclass(frozen=True)

@@ -77,13 +77,18 @@ class HilSensor:
 
 @dataclass(frozen=True)
 class HilGps:
-    """HIL_GPS, a simulated receiver's fix: degrees, m, v (3,) m/s ENU."""
+    """HIL_GPS, a simulated receiver's fix: degrees, m, v (3,) m/s ENU.
+
+    horizontal, vertical: accuracy that the receiver states [m].
+    """
 
     time: float
     latitude_deg: float
     longitude_deg: float
     altitude: float
     v: Vector
+    horizontal: float = 0.3
+    vertical: float = 0.4
 
 
 @dataclass(frozen=True)

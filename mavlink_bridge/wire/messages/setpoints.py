@@ -21,9 +21,10 @@ class RateCommand:
 
 @dataclass(frozen=True)
 class RateSetpoint:
-    """SET_ATTITUDE_TARGET whose type_mask ignores the attitude.
+    """SET_ATTITUDE_TARGET; with the default type_mask the attitude in it is ignored.
 
-    omega: (3,) body rates [rad/s], body FLU. thrust: normalised collective thrust 0…1.
+    omega: (3,) body rates [rad/s], body FLU. thrust: normalised collective thrust 0…1. q_wb: (4,)
+    attitude, body → world, as it was received; None: sent as no rotation in the wire's frames.
     """
 
     time: float
@@ -32,17 +33,22 @@ class RateSetpoint:
     target_system: int = 0
     target_component: int = ComponentId.AUTOPILOT1
     type_mask: int = AttitudeTargetMask.ATTITUDE_IGNORE
+    q_wb: Vector | None = None
 
 
 @dataclass(frozen=True)
 class Command:
-    """COMMAND_LONG, or COMMAND_INT in its form: seven parameters, NaN where unused."""
+    """COMMAND_LONG, or COMMAND_INT in its form: seven parameters, NaN where unused.
+
+    frame: MAV_FRAME of a COMMAND_INT; None: it came as COMMAND_LONG. Commands go out as the latter.
+    """
 
     command: int
     params: tuple[float, float, float, float, float, float, float]
     target_system: int = 0
     target_component: int = ComponentId.AUTOPILOT1
     confirmation: int = 0
+    frame: int | None = None
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,20 @@ class EulerAttitude(Attitude):
 
 
 @dataclass(frozen=True)
+class AttitudeTarget:
+    """ATTITUDE_TARGET, what the autopilot's loops follow now: thrust normalised, 0…1.
+
+    q_wb (4,) w,x,y,z body→world; omega (3,) rad/s FLU.
+    """
+
+    time: float
+    q_wb: Vector
+    omega: Vector
+    thrust: float
+    type_mask: int = 0
+
+
+@dataclass(frozen=True)
 class LocalPosition:
     """LOCAL_POSITION_NED: p (3,) m and v (3,) m/s in the vehicle's own ENU frame."""
 

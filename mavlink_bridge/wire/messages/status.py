@@ -26,6 +26,47 @@ class StatusText:
 
 
 @dataclass(frozen=True)
+class Event:
+    """EVENT: what an autopilot reports by number; `arguments` is 40 bytes, by the event's kind.
+
+    severity: as in syslog (0 emergency … 7 debug), 8 for a report between programs, 9 for none.
+    """
+
+    time: float
+    event_id: int
+    sequence: int
+    severity: int
+    arguments: bytes
+
+
+@dataclass(frozen=True)
+class NamedValue:
+    """NAMED_VALUE_INT where the value is an int, else NAMED_VALUE_FLOAT; name: ≤ 10 characters."""
+
+    time: float
+    name: str
+    value: float | int
+
+
+@dataclass(frozen=True)
+class CameraInformation:
+    """CAMERA_INFORMATION: lens and picture of a camera.
+
+    focal_length, sensor_width, sensor_height: mm, NaN where unknown. width, height: pixels.
+    """
+
+    time: float
+    vendor: str
+    model: str
+    focal_length: float
+    sensor_width: float
+    sensor_height: float
+    width: int
+    height: int
+    flags: int
+
+
+@dataclass(frozen=True)
 class SystemStatus:
     """SYS_STATUS: sensor bits, battery voltage [V], current [A], remaining [0…1]."""
 
@@ -69,6 +110,16 @@ class TimeSync:
 
     tc1: int
     ts1: int
+
+
+@dataclass(frozen=True)
+class Ping:
+    """PING: a request where the target is 0, else its answer; time: s, of the one who asks."""
+
+    time: float
+    sequence: int
+    target_system: int = 0
+    target_component: int = 0
 
 
 @dataclass(frozen=True)

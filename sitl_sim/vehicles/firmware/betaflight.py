@@ -30,7 +30,6 @@ def _settings(p: Mapping[str, float]) -> Settings:
         acceptance_radius=2.0,
         loss_time=p["failsafe_delay"],
         loss_action=FailsafeAction.HOLD,
-        loss_action_time=0.0,
         disarm_landed=0.0,
         disarm_preflight=0.0,
         battery_low=0.15,

@@ -12,11 +12,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mavlink_bridge.wire.ids import AttitudeTargetMask, Severity
-from mavlink_bridge.wire.messages import CommandResult, RateSetpoint, StatusText
+from mavlink_bridge.wire.ids import Severity
+from mavlink_bridge.wire.messages import CommandResult, Event, RateSetpoint, StatusText
+from sitl_sim.vehicles.firmware.arming import Failure, Reporter, failures
 from sitl_sim.vehicles.firmware.flavour import FailsafeAction, Flavour, Mode, Settings
 from sitl_sim.vehicles.firmware.guidance import Guidance
 from sitl_sim.vehicles.firmware.ids import LandedState
+from sitl_sim.vehicles.firmware.setpoints import understood
 from sitl_sim.vehicles.firmware.sticks import STICKS, Sticks
 from sitl_sim.vehicles.rigid_body import State
 
@@ -39,12 +41,14 @@ class Commander:
         self.failsafe = False
         self.failed: set[str] = set()  # of gyro, accelerometer, magnetometer, gps
         self.remaining = 1.0  # battery
-        self.texts: deque[StatusText] = deque(maxlen=TEXTS_KEPT)
-        self.texts_total = 0  # since the start
-        self.now = 0.0
+        self.said: deque[StatusText | Event] = deque(maxlen=TEXTS_KEPT)
+        self.said_total = 0  # since the start
+        self.now = self.time_boot = 0.0
+        self._reporter = Reporter()
+        self._checked: tuple[object, ...] = ()  # of the last report
+        self._after_disarming = Mode.HOLD
         self._touched_at = -math.inf
         self._armed_at = self._landed_at = -math.inf
-        self._act_at = math.inf
         self._battery_stage = 0
         self.sticks: Sticks | None = None
         guidance.landed = bool(state.contact[self._i])
@@ -74,9 +78,22 @@ class Commander:
         return self.now - self.guidance.setpoint_at <= self.settings.loss_time
 
     def say(self, severity: int, text: str) -> None:
-        """Queue a STATUSTEXT."""
-        self.texts.append(StatusText(severity, text[:50]))
-        self.texts_total += 1
+        """Queue a STATUSTEXT; a longer one is cut."""
+        self._queue(StatusText(severity, text[:50]))
+
+    def report(self, name: str, severity: int) -> None:
+        """Queue an EVENT, where this autopilot sends them."""
+        if self.flavour.reports_events:
+            self._queue(self._reporter.event(self.time_boot, name, severity))
+
+    def _queue(self, message: StatusText | Event) -> None:
+        self.said.append(message)
+        self.said_total += 1
+
+    @property
+    def texts(self) -> list[StatusText]:
+        """The newest texts."""
+        return [m for m in self.said if isinstance(m, StatusText)]
 
     def configure(self, settings: Settings) -> None:
         """Take changed parameters."""
@@ -90,14 +107,18 @@ class Commander:
             return CommandResult.ACCEPTED
         reason = "" if force else self._why_not_armable()
         if reason:
-            self.say(Severity.CRITICAL, f"{self.flavour.arm_prefix}: {reason}")
+            # PX4 keeps the reason to its EVENTs.
+            told = "Resolve system health failures first" if self.flavour.reports_events else reason
+            self.say(Severity.CRITICAL, f"{self.flavour.arm_prefix}: {told}")
+            self.report("commander_arm_denied_resolve_failures", Severity.CRITICAL)
             return self.flavour.arm_refusal
         self.armed = self.was_armed = True
-        self._armed_at = self.now
+        self._armed_at = self.guidance.armed_at = self.now
         if self.landed:
             self._set_home()
         self.guidance.begin(self.mode, self.mode)
         self.say(Severity.INFO, "Armed by external command")
+        self.report("commander_armed_by", Severity.INFO)
         return CommandResult.ACCEPTED
 
     def _set_home(self) -> None:
@@ -105,15 +126,35 @@ class Commander:
         self.guidance.home = (float(x), float(y), float(z))
 
     def _why_not_armable(self) -> str:
-        if self.failed:
-            return f"{min(self.failed)} failure"
-        if self.remaining < self.settings.battery_critical:
-            return "battery too low"
+        for failure in self._failures():
+            if failure.bars(self.mode):
+                return failure.words
         if self.mode not in self.flavour.armable:
             return f"{self.mode.name.lower()} mode can not be armed"
-        if self.mode is Mode.MISSION and not self.guidance.mission:
-            return "no valid mission"
         return ""
+
+    def _failures(self) -> list[Failure]:
+        """Return the failed checks, of all modes."""
+        empty = self.remaining < self.settings.battery_critical
+        stream_ok = self.stream_ok or not self.flavour.stream_first
+        return failures(self.failed, empty, stream_ok, bool(self.guidance.mission))
+
+    def run_checks(self) -> int:
+        """Report all failed checks once more, on request."""
+        self._checked = ()
+        self._reporter.forget()
+        self._report_checks()
+        return CommandResult.ACCEPTED
+
+    def _report_checks(self) -> None:
+        """Report the failed checks where they changed."""
+        empty = self.remaining < self.settings.battery_critical
+        state = (self.mode, len(self.failed), empty, self.stream_ok, bool(self.guidance.mission))
+        if self.flavour.reports_events and state != self._checked:
+            self._checked = state
+            barred = self.mode not in self.flavour.armable
+            for report in self._reporter.checks(self.time_boot, self._failures(), barred):
+                self._queue(report)
 
     def disarm(self, force: bool = False) -> int:
         """Disarm on the ground, or anywhere by force."""
@@ -121,33 +162,43 @@ class Commander:
             return CommandResult.ACCEPTED
         if not self.landed and not force:
             self.say(Severity.CRITICAL, "Disarming denied: not landed")
+            self.report("commander_disarm_denied_not_landed", Severity.CRITICAL)
             return self.flavour.arm_refusal
         self._disarm("Disarmed by external command")
         return CommandResult.ACCEPTED
 
     def _disarm(self, text: str) -> None:
         self.armed = self.failsafe = False
-        self._act_at = math.inf
         self.guidance.stop_motors()
         self.say(Severity.INFO, text)
+        self.report("commander_disarmed_by", Severity.INFO)
         if self.flavour.takeoff_mode:
-            self._enter(Mode.HOLD)
+            self._enter(self._after_disarming)
 
     def set_mode(self, mode: Mode) -> int:
-        """Change the mode on request."""
-        if mode is Mode.OFFBOARD and self.flavour.stream_first and not self.stream_ok:
-            # The real one, too, acknowledges the request and does not enter the mode.
-            self.say(Severity.CRITICAL, "Offboard refused: no setpoints")
-            return CommandResult.ACCEPTED
-        if mode is Mode.MISSION and not self.guidance.mission:
-            self.say(Severity.CRITICAL, "Mission refused: no valid mission")
-            return CommandResult.TEMPORARILY_REJECTED
+        """Change the mode on request; a PX4 on the ground enters any, and may not arm in it."""
+        if self.armed or not self.flavour.stream_first:
+            if mode is Mode.OFFBOARD and self.flavour.stream_first and not self.stream_ok:
+                return CommandResult.TEMPORARILY_REJECTED
+            if mode is Mode.MISSION and not self.guidance.mission:
+                self.say(Severity.CRITICAL, "Mission refused: no valid mission")
+                return CommandResult.TEMPORARILY_REJECTED
         if mode is Mode.MISSION and self.guidance.mission_seq >= len(self.guidance.mission):
             self.guidance.mission_seq = 0
         self.failsafe = False
-        self._act_at = math.inf
+        if mode not in (Mode.LAND, Mode.RETURN, Mode.TAKEOFF):
+            self._after_disarming = mode
         self._enter(mode)
         return CommandResult.ACCEPTED
+
+    def refuse_mode(self, number: int) -> int:
+        """Refuse a mode that this autopilot does not have."""
+        if not self.flavour.reports_events:
+            self.say(Severity.WARNING, f"No such mode {number}")
+            return CommandResult.FAILED
+        self.say(Severity.CRITICAL, "Unsupported main mode")
+        self.report("commander_unsupported_main_mode", Severity.ERROR)
+        return CommandResult.TEMPORARILY_REJECTED
 
     def take_off(self, height: float | None) -> int:
         """Climb to `height` [m] above this place; None: the parameter's height."""
@@ -155,21 +206,18 @@ class Commander:
         if not in_mode and not (self.armed and self.mode is Mode.OFFBOARD):
             return CommandResult.FAILED
         self.failsafe = False
-        self._act_at = math.inf
         self._enter(Mode.TAKEOFF if in_mode else Mode.OFFBOARD)
         here = float(self.guidance.est.p[self._i, 2])
         self.guidance.climb_to = here + (height or self.settings.takeoff_altitude)
         return CommandResult.ACCEPTED
 
     def follow(self, m: RateSetpoint) -> None:
-        """Take a setpoint of body rates with thrust; others, and those not finite, are ignored."""
-        if m.type_mask != AttitudeTargetMask.ATTITUDE_IGNORE:
-            if self.flavour.bad_setpoint_stops and self.mode is Mode.OFFBOARD:
-                self.guidance.stop_following()
-            return
-        if not (np.isfinite(m.omega).all() and math.isfinite(m.thrust)):
-            return
-        self.guidance.follow(m, self.armed and self.mode is Mode.OFFBOARD)
+        """Take SET_ATTITUDE_TARGET: body rates or an attitude, with thrust."""
+        setpoint = understood(m, self.guidance.setpoint, self.flavour.bad_setpoint_stops)
+        if setpoint is not None:
+            self.guidance.follow(setpoint, self.armed and self.mode is Mode.OFFBOARD)
+        elif self.flavour.bad_setpoint_stops and self.mode is Mode.OFFBOARD:
+            self.guidance.stop_following()
 
     def fly_sticks(self, channels: Sequence[float]) -> None:
         """Take RC channels [µs]: A E T R AUX1 … (Betaflight)."""
@@ -189,6 +237,7 @@ class Commander:
         self.now = self.guidance.now = now
         self._detect_landing()
         self._check_position()
+        self._report_checks()
         if not self.armed:
             return
         self._check_battery()
@@ -201,6 +250,8 @@ class Commander:
             return
         after = self.guidance.step(self.mode)
         if after is not None:
+            if self.mode is Mode.TAKEOFF:
+                self._after_disarming = after
             if self.mode is Mode.MISSION and after is Mode.HOLD:
                 self.say(Severity.INFO, "Mission finished, loitering")
             self._enter(after)
@@ -212,7 +263,7 @@ class Commander:
     def _detect_landing(self) -> None:
         if not self._state.contact[self._i]:
             self._touched_at = self.now
-            if self.landed and self._state.p[self._i, 2] > LIFTED_HEIGHT:
+            if self.landed and self.guidance.feet() > LIFTED_HEIGHT:
                 self.guidance.landed = False
         elif not self.landed and self.now - self._touched_at > LANDED_AFTER:
             self.guidance.landed = True
@@ -233,16 +284,10 @@ class Commander:
 
     def _check_stream(self) -> None:
         s = self.settings
-        if self.now >= self._act_at:
-            self._act_at = math.inf
-            self._act(s.loss_action, "offboard lost")
         if self.mode is not Mode.OFFBOARD or s.loss_action is FailsafeAction.LEVEL:
             return
         if self.now - self.guidance.setpoint_at > s.loss_time:
-            self.say(Severity.EMERGENCY, "Failsafe: no offboard setpoints, holding")
-            self._enter(Mode.HOLD)
-            self.failsafe = True
-            self._act_at = self.now + s.loss_action_time
+            self._act(s.loss_action, "offboard lost")
 
     def _check_position(self) -> None:
         """Level and land where the position is lost, unless the mode needs none."""
@@ -276,5 +321,6 @@ class Commander:
         modes = {FailsafeAction.LAND: Mode.LAND, FailsafeAction.RETURN: Mode.RETURN}
         mode = modes.get(action, Mode.HOLD)
         self.say(Severity.EMERGENCY, f"Failsafe: {why}, {mode.name.lower()}")
+        self.report("commander_failsafe_enter_generic", Severity.ERROR)
         self._enter(mode)
         self.failsafe = True

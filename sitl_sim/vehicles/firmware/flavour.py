@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
 
 from mavlink_bridge.wire.messages import CommandResult
-from sitl_sim.vehicles.rigid_body import Airframe
+from sitl_sim.vehicles.airframe import Airframe
 
 
 class Mode(Enum):
@@ -50,13 +51,16 @@ class Settings:
     acceptance_radius: float
     loss_time: float
     loss_action: FailsafeAction
-    loss_action_time: float
     disarm_landed: float
     disarm_preflight: float
     battery_low: float
     battery_critical: float
     battery_action: FailsafeAction
     battery_compensated: bool
+    return_cone: float = 0.0  # rad, half-angle above home in which a return climbs less; 0: none
+    spool_up: float = 0.0  # s from arming until the motors may lift
+    takeoff_ramp: float = 0.0  # s in which a take-off reaches its speed
+    yaw_rate_max: float = math.inf
     thrust_is_climb: bool = False
     mission_ends_in_hold: bool = True
 
@@ -67,15 +71,21 @@ class Flavour:
 
     autopilot: MAV_AUTOPILOT. modes: custom_mode of each mode. mode_aliases: further custom_mode
     values that it accepts, and the modes that they fly as. parameters: name → (MAV_PARAM_TYPE,
-    value). settings: from parameter values. bytewise: INT32 as bits in the float. armable: modes
-    in which it arms. initial: the mode after boot. stream_first: offboard is entered only while
-    setpoints come. takeoff_mode: take-off is a mode of its own. takeoff_above_sea: the altitude of
-    a take-off counts from the sea. split_mode: DO_SET_MODE has main and sub mode apart.
-    bad_setpoint_stops: a setpoint with another type_mask ends offboard control. sticks: flown by
-    RC channels, deaf to messages. first_item_is_home: of a mission. unsent: message ids whose
-    interval it accepts without sending them. arm_refusal: MAV_RESULT of a refused request to arm.
-    streams: default streams of each link, message id → Hz. doubt_streams: those to the companion
-    where the state estimate has doubts worth telling (not in motion capture).
+    value). settings: from parameter values. strict_parameters: INT32 goes as bits in the float, a
+    wrong type or name is answered with PARAM_ERROR, and a list ends with _HASH_CHECK. armable:
+    modes in which it arms. initial: the mode after boot. stream_first: offboard is entered in the
+    air, and armed in, only while setpoints come. takeoff_mode: take-off is a mode of its own.
+    takeoff_above_sea: the altitude of a take-off counts from the sea. split_mode: DO_SET_MODE has
+    main and sub mode apart, and is acknowledged once on arrival and once with its result.
+    global_frame_only: a COMMAND_INT of another frame is refused. bad_setpoint_stops: an ill-defined
+    setpoint ends offboard control; else what is not given in it is zero. sticks: flown by RC
+    channels, deaf to messages. first_item_is_home: of a mission. reports_events: refusals are
+    explained by EVENT. texts_need_ground: STATUSTEXT goes only where a ground station's HEARTBEAT
+    was heard; else where any message was. current_known: battery current is measured. unsent:
+    message ids whose interval it accepts without sending them. fresh_only: message ids whose
+    request is denied, as the stream has just sent the newest. arm_refusal: MAV_RESULT of a refused
+    request to arm. streams: default streams of each link, message id → Hz. doubt_streams: those to
+    the companion where the state estimate has doubts worth telling (not in motion capture).
     """
 
     name: str
@@ -86,18 +96,23 @@ class Flavour:
     settings: Callable[[Mapping[str, float]], Settings]
     armable: frozenset[Mode]
     mode_aliases: Mapping[int, Mode] = field(default_factory=dict)
-    bytewise: bool = True
+    strict_parameters: bool = True
     stream_first: bool = True
     initial: Mode = Mode.HOLD
     takeoff_mode: bool = True
     takeoff_above_sea: bool = True
     split_mode: bool = True
+    global_frame_only: bool = True
+    reports_events: bool = True
+    texts_need_ground: bool = True
+    current_known: bool = False
     bad_setpoint_stops: bool = False
     sticks: bool = False
     first_item_is_home: bool = False
     hover_name: str = "MPC_THR_HOVER"
     system_name: str = "MAV_SYS_ID"
     unsent: frozenset[int] = frozenset()
+    fresh_only: frozenset[int] = frozenset()
     arm_refusal: int = CommandResult.TEMPORARILY_REJECTED
     arm_prefix: str = "Arming denied"
     capabilities: int = 0

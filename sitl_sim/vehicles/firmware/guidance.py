@@ -20,6 +20,7 @@ from sitl_sim.vehicles.outer_loops import Control, Setpoints
 REACHED_HEIGHT = 0.15  # m, a climb ends this close to its altitude
 CRAWL_HEIGHT = 0.6  # m, below it a landing is slow
 MISSION_HEIGHT = 0.8  # m, a waypoint counts as reached this close in height
+_RAMP_LIFTS, _RAMP_ENDS = 1 / 3, 2.0  # of the ramp's time: to lift off, from there to full speed
 BRAKE_TIME = 0.5  # s, a vehicle that is to stay comes to rest this much further on
 
 
@@ -38,9 +39,23 @@ class Waypoint:
 
 
 class Guidance:
-    """The guidance of vehicle i."""
+    """The guidance of vehicle i.
 
-    def __init__(self, i: int, settings: Settings, sp: Setpoints, est: Estimate) -> None:
+    feet: returns the true height [m] of its feet over the ground. ranges: whether it has a
+    rangefinder and so knows that height. origin_z: m, world, of the vehicle's own frame.
+    """
+
+    def __init__(
+        self,
+        i: int,
+        settings: Settings,
+        sp: Setpoints,
+        est: Estimate,
+        feet: Callable[[], float],
+        ranges: bool = False,
+        origin_z: float = 0.0,
+    ) -> None:
+        self.feet, self._ranges, self._origin_z = feet, ranges, origin_z
         self.i, self.settings, self.sp, self.est = i, settings, sp, est
         self.now = 0.0
         self.landed = True
@@ -52,7 +67,9 @@ class Guidance:
         self.setpoint: RateSetpoint | None = None
         self.setpoint_at = -math.inf
         self.climb_to = math.nan
+        self.armed_at = -math.inf
         self._began = -math.inf
+        self._from_ground = True
         self._arrived_at = math.nan
         self._fly: dict[Mode, Callable[[], Mode | None]] = {
             Mode.TAKEOFF: self._fly_takeoff,
@@ -66,6 +83,7 @@ class Guidance:
         """Enter `mode` from the mode `before`."""
         s = self.settings
         self._began = self.now
+        self._from_ground = self.landed
         self.climb_to = self._arrived_at = math.nan
         self.sp.limits[self.i] = (s.cruise_speed, s.up_speed, s.down_speed)
         # After a climb keep its target: the vehicle should stay there, not where the climb ended.
@@ -107,9 +125,13 @@ class Guidance:
         i, sp, s = self.i, self.sp, self.settings
         thrust = min(max(m.thrust, 0.0), 1.0)
         sp.omega[i] = m.omega
+        sp.omega[i, 2] = min(max(sp.omega[i, 2], -s.yaw_rate_max), s.yaw_rate_max)
+        if m.q_wb is not None:
+            sp.q[i] = m.q_wb
+            sp.v[i] = (0.0, 0.0, m.omega[2])
         if not s.thrust_is_climb:
             sp.thrust[i] = thrust
-            self._control(Control.RATES)
+            self._control(Control.RATES if m.q_wb is None else Control.ATTITUDE)
             return
         # 0.5 holds the height; the ends are full climb and full descent.
         climb = 2.0 * (thrust - 0.5) * (s.up_speed if thrust > 0.5 else s.down_speed)
@@ -136,16 +158,33 @@ class Guidance:
             self._control(Control.IDLE)
             return
         s = self.settings
-        slow = self.est.p[self.i, 2] < CRAWL_HEIGHT
+        above = self.feet() if self._ranges else self.est.p[self.i, 2] - self._origin_z
+        slow = above < CRAWL_HEIGHT
         self._go(x, y, math.nan, -(s.crawl_speed if slow else s.land_speed))
 
     def _fly_takeoff(self) -> Mode | None:
         i = self.i
         if math.isnan(self.climb_to):
             self.climb_to = float(self.est.p[i, 2]) + self.settings.takeoff_altitude
-        self.sp.limits[i, 1] = self.settings.takeoff_speed
+        self.sp.limits[i, 1] = self._climb_speed()
+        if self.sp.limits[i, 1] <= 0.0 and self.landed:
+            self._control(Control.IDLE)
+            return None
         self._go(self.sp.p[i, 0], self.sp.p[i, 1], self.climb_to)
         return Mode.HOLD if self.est.p[i, 2] > self.climb_to - REACHED_HEIGHT else None
+
+    def _climb_speed(self) -> float:
+        """Return the speed [m/s] that a take-off has now: motors spool up, then thrust ramps up.
+
+        A PX4's thrust begins below hover, so that it lifts off after a third of the ramp; its climb
+        then takes two ramps to reach its speed (measured: 2 m up after 5 s).
+        """
+        s = self.settings
+        begin = max(self._began, self.armed_at + s.spool_up)
+        if not s.takeoff_ramp or not self._from_ground:
+            return s.takeoff_speed if self.now >= begin else 0.0
+        share = ((self.now - begin) / s.takeoff_ramp - _RAMP_LIFTS) / _RAMP_ENDS
+        return s.takeoff_speed * min(max(share, 0.0), 1.0)
 
     def _fly_offboard(self) -> Mode | None:
         """Follow the newest setpoint; hold without one, level after a lost one (ArduPilot)."""
@@ -168,12 +207,11 @@ class Guidance:
         return None
 
     def _fly_return(self) -> Mode | None:
-        i, s = self.i, self.settings
+        i = self.i
         p, (x, y, z) = self.est.p[i], self.home
         away = math.hypot(p[0] - x, p[1] - y)
         if math.isnan(self.climb_to):
-            up = float(p[2])
-            self.climb_to = up if away < s.acceptance_radius else max(up, z + s.return_altitude)
+            self.climb_to = max(float(p[2]), z + self._return_height(away))
         if self.landed or not math.isnan(self._arrived_at):
             self._descend(x, y)
         elif p[2] < self.climb_to - 0.3:
@@ -183,6 +221,13 @@ class Guidance:
             if away < 0.5 and math.hypot(self.est.v[i, 0], self.est.v[i, 1]) < 0.5:
                 self._arrived_at = self.now
         return None
+
+    def _return_height(self, away: float) -> float:
+        """Return the height [m] above home in which a vehicle so far away [m] returns."""
+        s = self.settings
+        if s.return_cone:
+            return min(s.return_altitude, away / math.tan(s.return_cone))
+        return 0.0 if away < s.acceptance_radius else s.return_altitude
 
     def _fly_mission(self) -> Mode | None:
         if self.mission_seq >= len(self.mission):

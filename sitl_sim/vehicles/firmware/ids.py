@@ -42,6 +42,8 @@ class MissionType(IntEnum):
     """MAV_MISSION_TYPE."""
 
     MISSION = 0
+    FENCE = 1
+    RALLY = 2
     ALL = 255
 
 
@@ -49,12 +51,16 @@ class MissionResult(IntEnum):
     """MAV_MISSION_RESULT."""
 
     ACCEPTED = 0
+    ERROR = 1
     UNSUPPORTED = 3
     NO_SPACE = 4
     INVALID_PARAM5_X = 10
     INVALID_PARAM6_Y = 11
     INVALID_PARAM7 = 12
     INVALID_SEQUENCE = 13
+
+
+GLOBAL_INT_FRAME = 5  # MAV_FRAME_GLOBAL_INT
 
 
 class AltitudeFrame(IntEnum):
@@ -121,10 +127,22 @@ class EstimatorFlag(IntFlag):
 class FtpOpcode(IntEnum):
     """Opcodes of the file transfer protocol (mavlink.io/en/services/ftp.html)."""
 
+    NONE = 0
+    TERMINATE_SESSION = 1
+    RESET_SESSIONS = 2
+    LIST_DIRECTORY = 3
+    OPEN_FILE_READ = 4
+    READ_FILE = 5
+    CALCULATE_CHECKSUM = 14
+    BURST_READ_FILE = 15
+    ACK = 128
     NAK = 129
 
 
 class FtpError(IntEnum):
     """Errors of the file transfer protocol."""
 
-    FAIL = 1
+    INVALID_SESSION = 4
+    END_OF_FILE = 6
+    UNKNOWN_COMMAND = 7
+    FILE_NOT_FOUND = 10

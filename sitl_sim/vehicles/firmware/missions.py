@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field, replace
 
 from mavlink_bridge.wire.messages import (
     Message,
@@ -21,85 +22,130 @@ from sitl_sim.vehicles.firmware.ids import AltitudeFrame, MissionCommand, Missio
 from sitl_sim.worlds.geodesy import LocalFrame
 
 WITH_PLACE = (MissionCommand.NAV_WAYPOINT, MissionCommand.NAV_TAKEOFF, MissionCommand.NAV_LAND)
+KEPT = (MissionType.MISSION, MissionType.FENCE, MissionType.RALLY)
 SIZE_MAX = 500
+RETRY_US, TIMEOUT_US = 250_000, 5_000_000  # PX4's mavlink_mission.h
+SLOW_RETRY_US, LONG_TIMEOUT_US = 1_000_000, 8_000_000  # ArduCopter's
+
+
+@dataclass
+class _Upload:
+    """A plan that comes: from whom, of which kind, how many items, and when they were asked for."""
+
+    to: tuple[int, int]
+    kind: int
+    count: int
+    link: str
+    heard_us: int
+    floating: bool = False
+    asked_us: int = 0
+    items: list[MissionItem] = field(default_factory=list)
+
+    def request(self, now_us: int) -> MissionRequest:
+        """Ask for the next item."""
+        self.asked_us = now_us
+        return MissionRequest(*self.to, len(self.items), self.kind, self.floating)
 
 
 class Missions:
-    """The mission of one vehicle as uploaded; its guidance gets it as waypoints."""
+    """The plans of one vehicle as uploaded; its guidance gets the mission as waypoints.
 
-    def __init__(self, frame: LocalFrame, guidance: Guidance, first_is_home: bool) -> None:
+    Fence and rally points are kept, and change no flight.
+    A vehicle that waits for an item asks again for some seconds. strict_places: as ArduCopter,
+    which refuses a place off the Earth and asks by the old MISSION_REQUEST; here it keeps no fence.
+    """
+
+    def __init__(
+        self, frame: LocalFrame, guidance: Guidance, first_is_home: bool, strict_places: bool
+    ) -> None:
         self._frame, self._guidance, self._first_is_home = frame, guidance, first_is_home
-        self.items: list[MissionItem] = []
-        self._coming: list[MissionItem] = []
-        self._expected = 0
+        self._strict = strict_places
+        self._plans: dict[int, list[MissionItem]] = {}
+        self._upload: _Upload | None = None
 
-    def answer(self, source: Source, m: Message) -> list[Message]:
-        """Answer a message of the mission protocol; fences and rally points are not kept."""
+    @property
+    def items(self) -> list[MissionItem]:
+        """The mission's items."""
+        return self._plans.get(MissionType.MISSION, [])
+
+    def answer(self, source: Source, m: Message, link: str, now_us: int) -> list[Message]:
+        """Answer a message of the mission protocol that came by `link`."""
         to = (source.system, source.component)
         if isinstance(m, MissionCount):
-            return self._begin(to, m)
+            return self._begin(to, m, link, now_us)
         if isinstance(m, MissionItem):
-            return self._take(to, m)
+            return self._take(to, m, now_us)
         if isinstance(m, MissionRequestList):
-            count = len(self.items) if m.mission_type == MissionType.MISSION else 0
-            return [MissionCount(*to, count, m.mission_type)]
+            return [MissionCount(*to, len(self._plans.get(m.mission_type, [])), m.mission_type)]
         if isinstance(m, MissionRequest):
             return self._send(to, m)
         if isinstance(m, MissionClearAll):
-            if m.mission_type in (MissionType.MISSION, MissionType.ALL):
-                self._store([])
+            kinds = list(KEPT) if m.mission_type == MissionType.ALL else [m.mission_type]
+            for kind in kinds:
+                self._store(kind, [])
             return [MissionAck(*to, MissionResult.ACCEPTED, m.mission_type)]
         if isinstance(m, MissionSetCurrent):
             return self._set_current(m)
         return []
 
-    def _begin(self, to: tuple[int, int], m: MissionCount) -> list[Message]:
-        if m.mission_type != MissionType.MISSION:
+    def repeated(self, link: str, now_us: int) -> list[Message]:
+        """Return the request for an item that should have come on this link, where it is due."""
+        u = self._upload
+        if u is None or u.link != link:
+            return []
+        retry, timeout = RETRY_US, TIMEOUT_US
+        if self._strict:
+            retry, timeout = SLOW_RETRY_US, LONG_TIMEOUT_US
+        if now_us - u.heard_us > timeout:
+            self._upload = None
+            return []
+        if now_us - u.asked_us <= retry:
+            return []
+        return [u.request(now_us)]
+
+    def _begin(self, to: tuple[int, int], m: MissionCount, link: str, now_us: int) -> list[Message]:
+        if m.mission_type not in KEPT or (self._strict and m.mission_type != MissionType.MISSION):
             result = MissionResult.UNSUPPORTED if m.count else MissionResult.ACCEPTED
             return [MissionAck(*to, result, m.mission_type)]
         if m.count > SIZE_MAX:
-            return [MissionAck(*to, MissionResult.NO_SPACE)]
-        self._coming, self._expected = [], m.count
+            return [MissionAck(*to, MissionResult.NO_SPACE, m.mission_type)]
         if m.count == 0:
-            self._store([])
-            return [MissionAck(*to, MissionResult.ACCEPTED)]
-        return [MissionRequest(*to, 0)]
+            self._store(m.mission_type, [])
+            return [MissionAck(*to, MissionResult.ACCEPTED, m.mission_type)]
+        self._upload = _Upload(to, m.mission_type, m.count, link, now_us, floating=self._strict)
+        return [self._upload.request(now_us)]
 
-    def _take(self, to: tuple[int, int], m: MissionItem) -> list[Message]:
-        if m.mission_type != MissionType.MISSION or self._expected == 0:
-            return [MissionAck(*to, MissionResult.INVALID_SEQUENCE, m.mission_type)]
-        if m.seq != len(self._coming):
-            return [MissionRequest(*to, len(self._coming))]  # a repeated or lost item: ask again
-        if m.command not in list(MissionCommand):  # gimbal and camera are accepted, and ignored
-            self._expected = 0
-            return [MissionAck(*to, MissionResult.UNSUPPORTED)]
-        if flaw := _flaw(m):
-            self._expected = 0
+    def _take(self, to: tuple[int, int], m: MissionItem, now_us: int) -> list[Message]:
+        u = self._upload
+        if u is None or m.mission_type != u.kind:
+            return [MissionAck(*to, MissionResult.ERROR, m.mission_type)]
+        u.heard_us = now_us
+        if m.seq != len(u.items):
+            return [u.request(now_us)]  # a repeated or lost item: ask again
+        flaw = _flaw(m, self._strict) if u.kind == MissionType.MISSION else MissionResult.ACCEPTED
+        if flaw:
+            self._upload = None
             return [MissionAck(*to, flaw)]
-        self._coming.append(m)
-        if len(self._coming) < self._expected:
-            return [MissionRequest(*to, len(self._coming))]
-        self._store(self._coming)
-        return [MissionAck(*to, MissionResult.ACCEPTED)]
+        u.items.append(m)
+        if len(u.items) < u.count:
+            return [u.request(now_us)]
+        self._store(u.kind, u.items)
+        return [MissionAck(*to, MissionResult.ACCEPTED, u.kind)]
 
     def _send(self, to: tuple[int, int], m: MissionRequest) -> list[Message]:
-        if m.mission_type != MissionType.MISSION or not 0 <= m.seq < len(self.items):
-            return [MissionAck(*to, MissionResult.INVALID_SEQUENCE, m.mission_type)]
-        i = self.items[m.seq]
-        return [
-            MissionItem(
-                *to,
-                m.seq,
-                i.frame,
-                i.command,
-                int(m.seq == self._guidance.mission_seq),
-                i.autocontinue,
-                i.params,
-                i.x_deg,
-                i.y_deg,
-                i.z,
-            )
-        ]
+        items = self._plans.get(m.mission_type, [])
+        if not 0 <= m.seq < len(items):
+            result = MissionResult.INVALID_SEQUENCE if self._strict else MissionResult.ERROR
+            return [MissionAck(*to, result, m.mission_type)]
+        current = m.mission_type == MissionType.MISSION and m.seq == self._guidance.mission_seq
+        item = replace(
+            items[m.seq],
+            target_system=to[0],
+            target_component=to[1],
+            current=int(current),
+            floating=m.floating,
+        )
+        return [item]
 
     def _set_current(self, m: MissionSetCurrent) -> list[Message]:
         if not 0 <= m.seq < max(len(self.items), 1):
@@ -107,8 +153,10 @@ class Missions:
         self._guidance.mission_seq = m.seq
         return [MissionCurrent(m.seq)]
 
-    def _store(self, items: list[MissionItem]) -> None:
-        self.items, self._coming, self._expected = list(items), [], 0
+    def _store(self, kind: int, items: list[MissionItem]) -> None:
+        self._plans[kind], self._upload = list(items), None
+        if kind != MissionType.MISSION:
+            return
         self._guidance.mission = [self._waypoint(m) for m in items]
         self._guidance.mission_seq = 0
 
@@ -129,11 +177,14 @@ class Missions:
         return Waypoint(command, (x, y, z), max(stay, 0.0), max(radius, 0.0), speed)
 
 
-def _flaw(m: MissionItem) -> int:
-    """Return the MAV_MISSION_RESULT for an item's place; ACCEPTED where it has none.
+def _flaw(m: MissionItem, strict: bool) -> int:
+    """Return the MAV_MISSION_RESULT for an item; ACCEPTED where it can be flown.
 
-    Take-off and landing may leave latitude and longitude open, as NaN: where the vehicle is.
+    Take-off and landing may leave latitude and longitude open, as NaN: where the vehicle is. A PX4
+    takes any finite place; strict: one that is on the Earth.
     """
+    if m.command not in list(MissionCommand):  # gimbal and camera are accepted, and ignored
+        return MissionResult.UNSUPPORTED
     if m.command not in WITH_PLACE:
         return MissionResult.ACCEPTED
     for degrees, most, flaw in (
@@ -141,7 +192,8 @@ def _flaw(m: MissionItem) -> int:
         (m.y_deg, 180.0, MissionResult.INVALID_PARAM6_Y),
     ):
         left_open = m.command != MissionCommand.NAV_WAYPOINT and math.isnan(degrees)
-        if not left_open and not abs(degrees) <= most:  # also where it is NaN
+        on_earth = abs(degrees) <= most if strict else math.isfinite(degrees)
+        if not left_open and not on_earth:
             return flaw
     if math.isfinite(m.z) or m.command == MissionCommand.NAV_LAND:
         return MissionResult.ACCEPTED

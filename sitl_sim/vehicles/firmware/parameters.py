@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 import struct
+import zlib
 from collections.abc import Mapping
 
-from mavlink_bridge.wire.ids import ParameterType
-from mavlink_bridge.wire.messages import ParamRequestRead, ParamSet, ParamValue
+from mavlink_bridge.wire.ids import ParameterError, ParameterType
+from mavlink_bridge.wire.messages import ParamError, ParamRequestRead, ParamSet, ParamValue
 from sitl_sim.vehicles.firmware.flavour import Flavour, Settings
 
 _LARGEST = (2.0 - 2.0**-23) * 2.0**127  # of a float32
+HASH, HASH_INDEX = "_HASH_CHECK", 0xFFFF
+_HASH_BITS = 0x7F7FFFFF  # of the checksum: no NaN, whose bits a float may lose on its way
 RANGES: dict[int, tuple[float, float]] = {
     ParameterType.INT8: (-128, 127),
     ParameterType.INT16: (-32768, 32767),
@@ -52,30 +55,59 @@ class Parameters:
         return len(self._names)
 
     def settings(self) -> Settings:
-        """Return the settings that the values stand for."""
-        return self._flavour.settings(self._values)
+        """Return the settings that the values stand for; NaN stands for the default."""
+        defaults = self._flavour.parameters
+        values = {k: defaults[k][1] if math.isnan(v) else v for k, v in self._values.items()}
+        return self._flavour.settings(values)
 
     def all(self) -> list[ParamValue]:
-        """Return every parameter, for PARAM_REQUEST_LIST."""
-        return [self._message(name) for name in self._names]
+        """Return every parameter, for PARAM_REQUEST_LIST; a PX4 adds a hash of them all."""
+        hashed = [self._hash()] if self._flavour.strict_parameters else []
+        return [*(self._message(name) for name in self._names), *hashed]
 
-    def read(self, m: ParamRequestRead) -> list[ParamValue]:
-        """Answer PARAM_REQUEST_READ; nothing where there is no such parameter."""
+    def read(self, m: ParamRequestRead, to: tuple[int, int]) -> list[ParamValue | ParamError]:
+        """Answer PARAM_REQUEST_READ; where there is no such parameter, PX4 says so.
+
+        to: system and component that asked.
+        """
+        strict = self._flavour.strict_parameters
         if m.index >= 0:
-            return [self._message(self._names[m.index])] if m.index < len(self._names) else []
-        return [self._message(m.name)] if m.name in self._types else []
+            if m.index < len(self._names):
+                return [self._message(self._names[m.index])]
+            return self._refused(to, "", m.index, ParameterError.DOES_NOT_EXIST)
+        if m.name in self._types:
+            return [self._message(m.name)]
+        if strict and m.name == HASH:
+            return [self._hash()]
+        return self._refused(to, m.name, -1, ParameterError.DOES_NOT_EXIST)
 
-    def write(self, m: ParamSet) -> list[ParamValue]:
-        """Answer PARAM_SET with the value that holds now; one that does not fit is refused."""
+    def write(self, m: ParamSet, to: tuple[int, int]) -> list[ParamValue | ParamError]:
+        """Answer PARAM_SET with the value that holds now; one that does not fit is refused.
+
+        PX4 wants the parameter's own type, and stores any float, NaN too.
+        """
         if m.name not in self._types:
-            return []
+            return self._refused(to, m.name, -1, ParameterError.DOES_NOT_EXIST)
+        strict, kind = self._flavour.strict_parameters, self._types[m.name]
+        if strict and m.param_type not in (ParameterType.INT32, ParameterType.REAL32):
+            return self._refused(to, m.name, -1, ParameterError.TYPE_UNSUPPORTED)
+        if strict and m.param_type != kind:
+            return self._refused(to, m.name, -1, ParameterError.TYPE_MISMATCH)
         value = self._decode(m.value, m.param_type)
-        if not unfit(self._flavour, m.name, value):
+        if not strict and not math.isfinite(m.value):
+            return []  # ArduCopter neither takes nor answers it
+        any_float = strict and kind == ParameterType.REAL32
+        if any_float or not unfit(self._flavour, m.name, value):
             self._values[m.name] = value
         return [self._message(m.name)]
 
+    def _refused(
+        self, to: tuple[int, int], name: str, index: int, error: int
+    ) -> list[ParamValue | ParamError]:
+        return [ParamError(*to, name, index, error)] if self._flavour.strict_parameters else []
+
     def _decode(self, raw: float, param_type: int) -> float:
-        if self._flavour.bytewise and param_type != ParameterType.REAL32:
+        if self._flavour.strict_parameters and param_type != ParameterType.REAL32:
             return float(struct.unpack("<i", struct.pack("<f", raw))[0])
         return (
             raw
@@ -85,6 +117,13 @@ class Parameters:
 
     def _message(self, name: str) -> ParamValue:
         kind, value = self._types[name], self._values[name]
-        if self._flavour.bytewise and kind != ParameterType.REAL32:
+        if self._flavour.strict_parameters and kind != ParameterType.REAL32:
             value = struct.unpack("<f", struct.pack("<i", int(value)))[0]
         return ParamValue(name, value, kind, len(self._names), self._names.index(name))
+
+    def _hash(self) -> ParamValue:
+        """Return the checksum by which a client knows whether its cache still holds."""
+        told = b"".join(n.encode() + struct.pack("<f", self._values[n]) for n in self._names)
+        number = zlib.crc32(told) & _HASH_BITS
+        value = struct.unpack("<f", struct.pack("<I", number))[0]
+        return ParamValue(HASH, value, ParameterType.UINT32, len(self._names), HASH_INDEX)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from mavlink_bridge.wire.ids import ComponentId, MessageId
+from mavlink_bridge.wire.ids import ComponentId, MessageId, Severity
 from mavlink_bridge.wire.messages import (
     Command,
     CommandAck,
@@ -24,6 +23,7 @@ from mavlink_bridge.wire.messages import (
     ParamRequestList,
     ParamRequestRead,
     ParamSet,
+    Ping,
     RateSetpoint,
     Received,
     RequestDataStream,
@@ -31,8 +31,9 @@ from mavlink_bridge.wire.messages import (
     Source,
     TimeSync,
 )
+from sitl_sim.vehicles.firmware.files import answer_file_request
 from sitl_sim.vehicles.firmware.flavour import Mode
-from sitl_sim.vehicles.firmware.ids import DataStream, FtpError, FtpOpcode, GroundCommand
+from sitl_sim.vehicles.firmware.ids import GLOBAL_INT_FRAME, DataStream, GroundCommand
 from sitl_sim.vehicles.firmware.streams import BUILDERS
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ def answer(u: Unit, received: Received, link: str) -> list[Message]:
     m, source = received.message, received.source
     if u.flavour.sticks or not _is_for(u, m):
         return []
+    u.hear(m, link)
     if isinstance(m, RateSetpoint):
         u.commander.follow(m)
         return []
@@ -76,9 +78,12 @@ def answer(u: Unit, received: Received, link: str) -> list[Message]:
         _set_mode(u, m.custom_mode)
         return []
     if isinstance(m, MISSION_MESSAGES):
-        return u.missions.answer(source, m)
+        return u.missions.answer(source, m, link, u.boot_us)
     if isinstance(m, ParamRequestList | ParamRequestRead | ParamSet):
-        return _parameters(u, m)
+        return _parameters(u, source, m)
+    if isinstance(m, Ping):
+        asked = m.target_system == 0
+        return [Ping(m.time, m.sequence, source.system, source.component)] if asked else []
     if isinstance(m, TimeSync):
         if m.tc1 != 0:
             return []
@@ -87,7 +92,7 @@ def answer(u: Unit, received: Received, link: str) -> list[Message]:
         _data_stream(u, m, link)
         return []
     if isinstance(m, FileTransfer):
-        return _refuse_file(source, m)
+        return list(answer_file_request(source, m))
     return []
 
 
@@ -98,11 +103,20 @@ def _is_for(u: Unit, m: Message) -> bool:
 
 
 def _command(u: Unit, source: Source, m: Command, link: str) -> list[Message]:
+    def ack(result: int) -> Message:
+        return CommandAck(m.command, int(result), source.system, source.component)
+
+    if u.flavour.global_frame_only and m.frame not in (None, GLOBAL_INT_FRAME):
+        return [ack(CommandResult.COMMAND_UNSUPPORTED_MAV_FRAME)]
     handler = COMMANDS.get(m.command)
     if handler is None:
-        return [CommandAck(m.command, CommandResult.UNSUPPORTED, source.system, source.component)]
+        return [ack(CommandResult.UNSUPPORTED)]
     result, replies = handler(u, m, link)
-    return [CommandAck(m.command, int(result), source.system, source.component), *replies]
+    if m.command == CommandId.DO_SET_MODE and u.flavour.split_mode:
+        # PX4 acknowledges its arrival, and then what came of it.
+        replies = [ack(result), *replies]
+        result = CommandResult.ACCEPTED
+    return [ack(result), *replies]
 
 
 Handled = tuple[int, list[Message]]
@@ -113,6 +127,10 @@ def _arm(u: Unit, m: Command, link: str) -> Handled:
     if wanted not in (0.0, 1.0):
         return CommandResult.DENIED, []
     return (u.commander.arm(force) if wanted else u.commander.disarm(force)), []
+
+
+def _run_checks(u: Unit, m: Command, link: str) -> Handled:
+    return u.commander.run_checks(), []
 
 
 def _take_off(u: Unit, m: Command, link: str) -> Handled:
@@ -148,7 +166,7 @@ def _do_set_mode(u: Unit, m: Command, link: str) -> Handled:
 def _set_mode(u: Unit, custom_mode: int) -> int:
     mode = u.flavour.mode_of(custom_mode)
     if mode is None:
-        return CommandResult.DENIED
+        return u.commander.refuse_mode(custom_mode)
     u.asked_mode = custom_mode
     return u.commander.set_mode(mode)
 
@@ -160,6 +178,9 @@ def _set_message_interval(u: Unit, m: Command, link: str) -> Handled:
     if message_id in u.flavour.unsent:
         return CommandResult.ACCEPTED, []
     if message_id not in BUILDERS:
+        if u.flavour.reports_events:
+            return CommandResult.FAILED, []
+        u.commander.say(Severity.INFO, f"No ap_message for mavlink id ({message_id})")
         return CommandResult.DENIED, []
     if interval_us == 0.0:  # back to the default
         rate_hz = u.flavour.streams[link].get(message_id, 0.0)
@@ -171,9 +192,11 @@ def _set_message_interval(u: Unit, m: Command, link: str) -> Handled:
 
 def _request_message(u: Unit, m: Command, link: str) -> Handled:
     builder = BUILDERS.get(int(m.params[0])) if math.isfinite(m.params[0]) else None
+    if builder and int(m.params[0]) in u.flavour.fresh_only:
+        return CommandResult.DENIED, []  # the stream sends it soon enough
     message = builder(u) if builder else None
     if message is None:
-        return CommandResult.DENIED, []
+        return CommandResult.DENIED if u.flavour.reports_events else CommandResult.FAILED, []
     return CommandResult.ACCEPTED, [message]
 
 
@@ -194,6 +217,7 @@ COMMANDS: dict[int, Callable[[Unit, Command, str], Handled]] = {
     CommandId.DO_SET_MODE: _do_set_mode,
     GroundCommand.MISSION_START: _start_mission,
     CommandId.COMPONENT_ARM_DISARM: _arm,
+    CommandId.RUN_PREARM_CHECKS: _run_checks,
     CommandId.SET_MESSAGE_INTERVAL: _set_message_interval,
     CommandId.REQUEST_MESSAGE: _request_message,
     GroundCommand.GET_HOME_POSITION: _get_home,
@@ -201,12 +225,15 @@ COMMANDS: dict[int, Callable[[Unit, Command, str], Handled]] = {
 }
 
 
-def _parameters(u: Unit, m: ParamRequestList | ParamRequestRead | ParamSet) -> list[Message]:
+def _parameters(
+    u: Unit, source: Source, m: ParamRequestList | ParamRequestRead | ParamSet
+) -> list[Message]:
     if isinstance(m, ParamRequestList):
         return list(u.parameters.all())
+    to = (source.system, source.component)
     if isinstance(m, ParamRequestRead):
-        return list(u.parameters.read(m))
-    replies = u.parameters.write(m)
+        return list(u.parameters.read(m, to))
+    replies = u.parameters.write(m, to)
     u.configure()
     return list(replies)
 
@@ -217,14 +244,3 @@ def _data_stream(u: Unit, m: RequestDataStream, link: str) -> None:
     for ids in groups:
         for message_id in ids:
             u.schedules[link].set_rate(message_id, rate_hz)
-
-
-def _refuse_file(source: Source, m: FileTransfer) -> list[Message]:
-    """Answer NAK, so that the other side goes on at once without files."""
-    if len(m.payload) < 12:
-        return []
-    sequence, session, opcode = struct.unpack_from("<HBB", m.payload)
-    following, size = (sequence + 1) & 0xFFFF, 1
-    header = struct.pack("<HBBBBBBI", following, session, FtpOpcode.NAK, size, opcode, 0, 0, 0)
-    payload = (header + bytes([FtpError.FAIL])).ljust(251, b"\0")
-    return [FileTransfer(source.system, source.component, payload)]

@@ -1,11 +1,12 @@
-"""The emulated PX4: names and values as in PX4 1.16."""
+"""The emulated PX4: names, values and manners as in PX4 1.17."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from enum import IntEnum
 
-from mavlink_bridge.wire.ids import AutopilotId, Capability, MessageId, ParameterType
+from mavlink_bridge.wire.ids import AutopilotId, MessageId, ParameterType
 from sitl_sim.vehicles.firmware.flavour import FailsafeAction, Flavour, Mode, Settings
 
 INT32, REAL32 = ParameterType.INT32, ParameterType.REAL32
@@ -36,7 +37,8 @@ class AutoMode(IntEnum):
 
 def _px4_settings(p: Mapping[str, float]) -> Settings:
     land, home, hold = FailsafeAction.LAND, FailsafeAction.RETURN, FailsafeAction.HOLD
-    on_loss = {3: home, 4: land, 5: hold}
+    # 0 to 2 give the vehicle to a pilot's sticks; without any it returns.
+    on_loss = {0: home, 1: home, 2: home, 3: home, 4: land, 5: hold}
     on_empty = {2: land, 3: home}
     return Settings(
         hover=p["MPC_THR_HOVER"],
@@ -52,13 +54,16 @@ def _px4_settings(p: Mapping[str, float]) -> Settings:
         acceptance_radius=p["NAV_ACC_RAD"],
         loss_time=p["COM_OF_LOSS_T"],
         loss_action=on_loss.get(int(p["COM_OBL_RC_ACT"]), hold),
-        loss_action_time=p["COM_FAIL_ACT_T"],
         disarm_landed=p["COM_DISARM_LAND"],
         disarm_preflight=p["COM_DISARM_PRFLT"],
         battery_low=p["BAT_LOW_THR"],
         battery_critical=p["BAT_CRIT_THR"],
         battery_action=on_empty.get(int(p["COM_LOW_BAT_ACT"]), hold),
         battery_compensated=bool(p["MC_BAT_SCALE_EN"]),
+        return_cone=math.radians(p["RTL_CONE_ANG"]),
+        spool_up=p["COM_SPOOLUP_TIME"],
+        takeoff_ramp=p["MPC_TKO_RAMP_T"],
+        yaw_rate_max=math.radians(p["MC_YAWRATE_MAX"]),
     )
 
 
@@ -70,20 +75,25 @@ def _auto(sub: AutoMode) -> int:
     return _custom_mode(MainMode.AUTO, sub)
 
 
-# Message id → Hz, as sent without a request.
+# Message id → Hz, as sent without a request by the mode "onboard", and to ground stations.
 _COMPANION_STREAMS: dict[int, float] = {
     MessageId.HEARTBEAT: 1,
-    MessageId.SYS_STATUS: 2,
+    MessageId.SYS_STATUS: 5,
     MessageId.SYSTEM_TIME: 1,
-    MessageId.GPS_RAW_INT: 2,
+    MessageId.PING: 1,
+    MessageId.GPS_RAW_INT: 8,
+    MessageId.ATTITUDE: 100,
+    MessageId.ATTITUDE_TARGET: 10,
     MessageId.ATTITUDE_QUATERNION: 50,
-    MessageId.ATTITUDE: 50,
-    MessageId.LOCAL_POSITION_NED: 50,
-    MessageId.GLOBAL_POSITION_INT: 10,
-    MessageId.BATTERY_STATUS: 1,
-    MessageId.ESTIMATOR_STATUS: 2,
+    MessageId.LOCAL_POSITION_NED: 30,
+    MessageId.GLOBAL_POSITION_INT: 50,
+    MessageId.MISSION_CURRENT: 1,
+    MessageId.TIMESYNC: 10,
+    MessageId.BATTERY_STATUS: 0.5,
+    MessageId.ESTIMATOR_STATUS: 1,
     MessageId.HOME_POSITION: 0.5,
     MessageId.EXTENDED_SYS_STATE: 5,
+    MessageId.ODOMETRY: 30,
 }
 # As on PX4's onboard link.
 _DOUBT_STREAMS: dict[int, float] = {
@@ -94,23 +104,25 @@ _DOUBT_STREAMS: dict[int, float] = {
 }
 _GCS_STREAMS: dict[int, float] = {
     MessageId.HEARTBEAT: 1,
-    MessageId.SYS_STATUS: 2,
-    MessageId.GPS_RAW_INT: 2,
+    MessageId.SYS_STATUS: 1,
+    MessageId.PING: 0.1,
+    MessageId.GPS_RAW_INT: 5,
+    MessageId.ATTITUDE: 15,
     MessageId.ATTITUDE_QUATERNION: 10,
-    MessageId.ATTITUDE: 10,
-    MessageId.LOCAL_POSITION_NED: 10,
+    MessageId.ATTITUDE_TARGET: 2,
+    MessageId.LOCAL_POSITION_NED: 1,
     MessageId.GLOBAL_POSITION_INT: 5,
     MessageId.MISSION_CURRENT: 1,
-    MessageId.BATTERY_STATUS: 1,
-    MessageId.ESTIMATOR_STATUS: 1,
+    MessageId.BATTERY_STATUS: 0.5,
+    MessageId.ESTIMATOR_STATUS: 0.5,
     MessageId.HOME_POSITION: 0.5,
-    MessageId.EXTENDED_SYS_STATE: 2,
+    MessageId.EXTENDED_SYS_STATE: 1,
 }
 
 PX4 = Flavour(
     name="px4",
     autopilot=AutopilotId.PX4,
-    sw_version=0x011000FF,  # 1.16.0
+    sw_version=0x011100FF,  # 1.17.0
     modes={
         Mode.HOLD: _auto(AutoMode.LOITER),
         Mode.TAKEOFF: _auto(AutoMode.TAKEOFF),
@@ -129,15 +141,18 @@ PX4 = Flavour(
     },
     settings=_px4_settings,
     armable=frozenset(set(Mode) - {Mode.LAND, Mode.RETURN}),
-    # Neither files nor position targets.
-    capabilities=int(
-        Capability.MISSION_FLOAT
-        | Capability.MISSION_INT
-        | Capability.COMMAND_INT
-        | Capability.PARAM_ENCODE_BYTEWISE
-        | Capability.SET_ATTITUDE_TARGET
-        | Capability.MAVLINK2
+    fresh_only=frozenset(
+        {
+            MessageId.GPS_RAW_INT,
+            MessageId.ATTITUDE_QUATERNION,
+            MessageId.LOCAL_POSITION_NED,
+            MessageId.GLOBAL_POSITION_INT,
+            MessageId.MISSION_CURRENT,
+            MessageId.ODOMETRY,
+        }
     ),
+    unsent=frozenset({MessageId.HIGHRES_IMU}),
+    capabilities=0xE8FF,
     parameters={
         "BAT1_CAPACITY": (REAL32, 1500.0),
         "BAT1_N_CELLS": (INT32, 4),
@@ -147,17 +162,20 @@ PX4 = Flavour(
         "COM_DISARM_PRFLT": (REAL32, 10.0),
         "COM_FAIL_ACT_T": (REAL32, 5.0),
         "COM_LOW_BAT_ACT": (INT32, 0),
-        "COM_OBL_RC_ACT": (INT32, 4),
+        "COM_OBL_RC_ACT": (INT32, 0),
         "COM_OF_LOSS_T": (REAL32, 1.0),
-        "COM_RC_IN_MODE": (INT32, 4),
+        "COM_RC_IN_MODE": (INT32, 1),
+        "COM_SPOOLUP_TIME": (REAL32, 1.0),
         "MAV_COMP_ID": (INT32, 1),
         "MAV_SYS_ID": (INT32, 1),
         "MAV_TYPE": (INT32, 2),
         "MC_BAT_SCALE_EN": (INT32, 1),
+        "MC_YAWRATE_MAX": (REAL32, 200.0),
         "MIS_TAKEOFF_ALT": (REAL32, 2.5),
         "MPC_LAND_CRWL": (REAL32, 0.3),
         "MPC_LAND_SPEED": (REAL32, 0.7),
         "MPC_THR_HOVER": (REAL32, 0.33),
+        "MPC_TKO_RAMP_T": (REAL32, 3.0),
         "MPC_TKO_SPEED": (REAL32, 1.5),
         "MPC_XY_CRUISE": (REAL32, 5.0),
         "MPC_Z_VEL_MAX_DN": (REAL32, 1.5),
@@ -165,7 +183,8 @@ PX4 = Flavour(
         "NAV_ACC_RAD": (REAL32, 2.0),
         "NAV_DLL_ACT": (INT32, 0),
         "NAV_MC_ALT_RAD": (REAL32, 0.8),
-        "RTL_RETURN_ALT": (REAL32, 10.0),
+        "RTL_CONE_ANG": (INT32, 45),
+        "RTL_RETURN_ALT": (REAL32, 30.0),
         "SYS_AUTOSTART": (INT32, 4001),
         "THR_MDL_FAC": (REAL32, 1.0),
     },

@@ -20,6 +20,7 @@ from mavlink_bridge.wire.ids import (
 )
 from mavlink_bridge.wire.messages import (
     Attitude,
+    AttitudeTarget,
     AutopilotVersion,
     BatteryStatus,
     DistanceSensor,
@@ -34,8 +35,10 @@ from mavlink_bridge.wire.messages import (
     Message,
     MissionCurrent,
     Odometry,
+    Ping,
     SystemStatus,
     SystemTime,
+    TimeSync,
 )
 from sitl_sim.vehicles.firmware.flavour import Mode
 from sitl_sim.vehicles.firmware.ids import EstimatorFlag, Sensor
@@ -87,6 +90,7 @@ ALWAYS = int(ModeFlag.CUSTOM_MODE_ENABLED | ModeFlag.STABILIZE_ENABLED)
 PILOTED = int(ModeFlag.MANUAL_INPUT_ENABLED)
 AUTOMATIC = int(ModeFlag.GUIDED_ENABLED | ModeFlag.AUTO_ENABLED)
 ARMED = int(ModeFlag.SAFETY_ARMED)
+GPS_DATE = 1_767_225_600.0  # s, 1 January 2026, Unix time
 UID = 0x5157_0000  # plus the system id
 
 
@@ -96,6 +100,8 @@ def heartbeat(u: Unit) -> Message:
     flying = c.armed and not c.landed
     if c.failsafe:
         status = SystemState.CRITICAL
+    elif not c.armed and not c.armable and u.flavour.reports_events:
+        status = SystemState.UNINIT
     else:
         status = SystemState.ACTIVE if flying else SystemState.STANDBY
     piloted = c.mode in (Mode.POSITION, Mode.ALTITUDE, Mode.STABILIZED)
@@ -108,7 +114,7 @@ def system_status(u: Unit) -> Message:
     """Make SYS_STATUS."""
     c = u.commander
     bad = sum(SENSORS[name] for name in c.failed) | (0 if c.armable or c.armed else ARMABLE)
-    voltage, current, remaining = u.battery()
+    voltage, current, remaining = _battery(u)
     return SystemStatus(PRESENT, PRESENT, HEALTHY & ~bad, voltage, current, remaining, 0.2)
 
 
@@ -122,6 +128,13 @@ def euler_attitude(u: Unit) -> EulerAttitude:
     """Make ATTITUDE."""
     exact = attitude(u)
     return EulerAttitude(exact.time, exact.q_wb, exact.omega)
+
+
+def attitude_target(u: Unit) -> AttitudeTarget:
+    """Make ATTITUDE_TARGET: rates and thrust that the inner loop follows; attitude as it is."""
+    sp, now = u.guidance.sp, attitude(u)
+    thrust = float(sp.thrust[u.i]) if u.commander.armed else 0.0
+    return AttitudeTarget(u.time_boot, now.q_wb, sp.omega[u.i].copy(), thrust)
 
 
 def local_position(u: Unit) -> Message | None:
@@ -239,8 +252,9 @@ def estimator_status(u: Unit) -> Message:
 
 
 def system_time(u: Unit) -> Message:
-    """Make SYSTEM_TIME."""
-    return SystemTime(u.time_boot)
+    """Make SYSTEM_TIME; the date is that of the emulated GPS, the same in every flight."""
+    date = GPS_DATE + u.now_us * 1e-6 if u.guidance.position_ok else 0.0
+    return SystemTime(u.time_boot, date)
 
 
 def mission_current(u: Unit) -> Message:
@@ -250,7 +264,24 @@ def mission_current(u: Unit) -> Message:
 
 def battery_status(u: Unit) -> Message:
     """Make BATTERY_STATUS."""
-    return BatteryStatus(*u.battery())
+    return BatteryStatus(*_battery(u))
+
+
+def _battery(u: Unit) -> tuple[float, float, float]:
+    """Return voltage [V], current [A] and remaining 0…1 as told; -1 A: not measured (PX4)."""
+    voltage, current, remaining = u.battery()
+    return voltage, current if u.flavour.current_known else -1.0, remaining
+
+
+def ping(u: Unit) -> Message:
+    """Make PING, which asks for an answer."""
+    u.pings += 1
+    return Ping(u.time_boot, u.pings)
+
+
+def time_sync(u: Unit) -> Message:
+    """Make TIMESYNC, which asks for an answer."""
+    return TimeSync(0, u.boot_ns)
 
 
 def autopilot_version(u: Unit) -> Message:
@@ -267,9 +298,12 @@ BUILDERS: dict[int, Callable[[Unit], Message | None]] = {
     MessageId.HEARTBEAT: heartbeat,
     MessageId.SYS_STATUS: system_status,
     MessageId.SYSTEM_TIME: system_time,
+    MessageId.PING: ping,
+    MessageId.TIMESYNC: time_sync,
     MessageId.GPS_RAW_INT: gps_raw,
     MessageId.ATTITUDE: euler_attitude,
     MessageId.ATTITUDE_QUATERNION: attitude,
+    MessageId.ATTITUDE_TARGET: attitude_target,
     MessageId.LOCAL_POSITION_NED: local_position,
     MessageId.GLOBAL_POSITION_INT: global_position,
     MessageId.MISSION_CURRENT: mission_current,

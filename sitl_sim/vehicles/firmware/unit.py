@@ -7,8 +7,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import islice
 
-from mavlink_bridge.wire.ids import MessageId
-from mavlink_bridge.wire.messages import Message, MissionCurrent, MissionItemReached
+from mavlink_bridge.wire.ids import MessageId, VehicleType
+from mavlink_bridge.wire.messages import (
+    Heartbeat,
+    Message,
+    MissionCurrent,
+    MissionItemReached,
+    StatusText,
+)
 from sitl_sim.vehicles.battery import Batteries
 from sitl_sim.vehicles.estimator import Estimate
 from sitl_sim.vehicles.firmware.commander import Commander
@@ -22,11 +28,12 @@ from sitl_sim.vehicles.firmware.sticks import Sticks
 from sitl_sim.vehicles.outer_loops import Setpoints
 from sitl_sim.vehicles.rangefinder import Rangefinder
 from sitl_sim.vehicles.rates import RateLoop
-from sitl_sim.vehicles.rigid_body import State
+from sitl_sim.vehicles.rigid_body import Body, State
 from sitl_sim.vehicles.state_errors import StateErrors
 from sitl_sim.worlds.geodesy import LocalFrame
 
 LINKS = ("companion", "gcs")
+LISTENS_US = 2_500_000  # after a listener's last message; PX4's HEARTBEAT_TIMEOUT_US
 
 
 @dataclass(frozen=True)
@@ -34,6 +41,7 @@ class Shared:
     """Arrays of all vehicles, a row each."""
 
     state: State
+    body: Body
     loop: RateLoop
     setpoints: Setpoints
     estimate: Estimate
@@ -41,6 +49,12 @@ class Shared:
     errors: StateErrors
     late: LateSamples
     rangefinder: Rangefinder
+
+    def feet(self, i: int) -> float:
+        """Return the true height [m] of vehicle i's feet over the ground."""
+        x, y, z = (float(k) for k in self.state.p[i])
+        base, east, north = (float(k) for k in self.body.ground[i])
+        return z - (base + east * x + north * y)
 
 
 Builder = Callable[["Unit"], Message | None]  # makes one telemetry message
@@ -64,15 +78,26 @@ class Unit:
         self.i, self.system, self.flavour, self.frame = i, system, flavour, frame
         self.parameters = Parameters(flavour, overrides)
         settings = self.parameters.settings()
-        self.guidance = Guidance(i, settings, shared.setpoints, shared.estimate)
+        self.guidance = Guidance(
+            i,
+            settings,
+            shared.setpoints,
+            shared.estimate,
+            feet=lambda: shared.feet(i),
+            ranges=shared.rangefinder.fitted[i],
+            origin_z=float(frame.origin[2]),
+        )
         self.commander = Commander(flavour, settings, self.guidance, shared.state)
         if flavour.sticks:
             self.commander.sticks = Sticks(self.parameters["rate_max"])
-        self.missions = Missions(frame, self.guidance, flavour.first_item_is_home)
+        self.missions = Missions(
+            frame, self.guidance, flavour.first_item_is_home, not flavour.strict_parameters
+        )
         self._shared = shared
         self.errors, self.grade = shared.errors, shared.errors.grades[i]
         self._boot_us = round(boot_offset * 1e6)
         self.now_us = 0
+        self.pings = 0  # sent
         self.asked_mode = flavour.modes[flavour.initial]
         self._builders = builders
         self.schedules = {
@@ -80,6 +105,7 @@ class Unit:
             for name in LINKS
         }
         self._outbox: dict[str, deque[Message]] = {name: deque() for name in LINKS}
+        self._listened_us = dict.fromkeys(LINKS, -LISTENS_US - 1)
         self._texts_sent = 0
         self.configure()
 
@@ -138,6 +164,7 @@ class Unit:
 
     def telemetry(self, link: str, quiet: bool = False) -> list[Message]:
         """Return the messages due now on this link; quiet: HEARTBEAT alone."""
+        self.commander.time_boot = self.time_boot
         self._collect()
         messages: list[Message] = []
         due = self.schedules[link].due(self.boot_us)
@@ -148,6 +175,7 @@ class Unit:
             message = self._builders[message_id](self)
             if message is not None:
                 messages.append(message)
+        messages += self.missions.repeated(link, self.boot_us)
         outbox = self._outbox[link]
         if outbox:
             messages.extend(outbox)
@@ -157,14 +185,24 @@ class Unit:
     def _collect(self) -> None:
         """Queue new texts and reached mission items, once for every link."""
         c, reached = self.commander, self.guidance.reached
-        if self._texts_sent == c.texts_total and not reached:
+        if self._texts_sent == c.said_total and not reached:
             return
-        old = max(len(c.texts) - (c.texts_total - self._texts_sent), 0)
-        events: list[Message] = [*islice(c.texts, old, None)]
+        old = max(len(c.said) - (c.said_total - self._texts_sent), 0)
+        events: list[Message] = [*islice(c.said, old, None)]
         if reached:
             events += [MissionItemReached(seq) for seq in reached]
             events.append(MissionCurrent(self.guidance.mission_seq))
             reached.clear()
-        self._texts_sent = c.texts_total
-        for outbox in self._outbox.values():
-            outbox.extend(events)
+        self._texts_sent = c.said_total
+        for link, outbox in self._outbox.items():
+            heard = self._hears_words(link)
+            outbox.extend(m for m in events if heard or not isinstance(m, StatusText))
+
+    def hear(self, m: Message, link: str) -> None:
+        """Note who listens on a link: where words go."""
+        ground = isinstance(m, Heartbeat) and m.vehicle_type == VehicleType.GCS
+        if ground or not self.flavour.texts_need_ground:
+            self._listened_us[link] = self.now_us
+
+    def _hears_words(self, link: str) -> bool:
+        return self.now_us - self._listened_us[link] <= LISTENS_US

@@ -10,7 +10,12 @@ from companion.perception.camera_health import CameraFault
 from companion.supervision.guard import AutopilotRequest, Reason
 from companion.types import Phase
 from mavlink_bridge.wire.messages import Heartbeat
-from tests.closed_loop.matrix import link_checks
+from tests.closed_loop.matrix import (
+    camera_checks,
+    hostile_checks,
+    link_checks,
+    thrust_checks,
+)
 from tests.closed_loop.matrix.inprocess import fly
 from tests.closed_loop.matrix.measures import (
     CRUISE,
@@ -326,6 +331,12 @@ def row_22(note):
 
 ROWS = {
     name.removeprefix("row_"): check
-    for name, check in [*vars(link_checks).items(), *globals().items()]
+    for name, check in [
+        *vars(link_checks).items(),
+        *vars(hostile_checks).items(),
+        *vars(thrust_checks).items(),
+        *vars(camera_checks).items(),
+        *globals().items(),
+    ]
     if name.startswith("row_")
 }

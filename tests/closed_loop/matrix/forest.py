@@ -17,7 +17,7 @@ from companion.supervision.guard import AutopilotRequest, Reason
 from companion.types import Phase
 from sitl_sim.scenarios import scenario as scenarios
 from tests.closed_loop.matrix.checks import OFFBOARD
-from tests.closed_loop.matrix.inprocess import SET_OUT_AT_ONCE, WithPictures, run
+from tests.closed_loop.matrix.inprocess import AUTOPILOT, SET_OUT_AT_ONCE, WithPictures, run
 from tests.closed_loop.matrix.measures import (
     completes,
     first_with,
@@ -322,12 +322,6 @@ class Forest(WithPictures):
     def reached(self, i):
         return int(self._reached[self.names[i]].split("/")[0])
 
-    def moved(self, i, since):
-        """Length of drone i's way from `since` on [m]."""
-        truth = self.truth.arrays()
-        p = truth["position"][truth["t"] >= since, i]
-        return float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum())
-
     def least_distance(self, i, k, since):
         """Of two drones that are both up [m]."""
         truth = self.truth.arrays()
@@ -362,7 +356,9 @@ def forest_flight(drones, seed, seconds, strikes):
         for row, i, kind in strikes
         for fault in ROWS[row].faults[kind]
     ]
-    parameters = {k: v for row, _, _ in strikes for k, v in ROWS[row].parameters.items()}
+    parameters = AUTOPILOT | {
+        k: v for row, _, _ in strikes for k, v in ROWS[row].parameters.items()
+    }
     return Forest(scenario(drones, seed, seconds, parameters, faults), strikes).fly()
 
 

@@ -41,8 +41,9 @@ class Outcome:
         self.time, self.tracks, self.setpoint = tick.time, tick.tracks, tick.setpoint
         self.verdict, self.phase = tick.supervised.verdict, tick.supervised.phase
         self.own, self.heartbeat = tick.vehicle.state, tick.vehicle.heartbeat
-        self.fault = tick.seen.fault
+        self.fault, self.alignment = tick.seen.fault, tick.seen.alignment
         self.messages = tick.packets[0]
+        self.failure = tick.failure
 
 
 class Companion:
@@ -137,10 +138,20 @@ class InProcess(Flight):
     def mode(self, i=0):
         return self._autopilots.mode[i].name
 
+    def drone_time(self, t, i=0):
+        """Time of drone i's clock at flight time t [s]."""
+        return t + self._drones[i].boot_ms / 1e3
+
     def speed(self, t, i=0):
         """m/s, true, at flight time t [s]."""
         truth = self.truth.arrays()
         return float(np.linalg.norm(truth["velocity"][np.searchsorted(truth["t"], t), i]))
+
+    def moved(self, i, since):
+        """Length of drone i's way from `since` on [m]."""
+        truth = self.truth.arrays()
+        p = truth["position"][truth["t"] >= since, i]
+        return float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum())
 
     def most_tilt(self, since, i=0):
         """Degrees, from flight time `since` [s] on."""
@@ -169,20 +180,25 @@ class InProcess(Flight):
                 assert gap > 2 * self.scenario.drones.radius, (a, b, gap)
 
     def _lowest_in_offboard(self, i):
-        """Least height [m] of drone i while its companion flies it."""
+        """Least height [m] of drone i while its companion flies it.
+
+        A PX4 that is disarmed after landing goes back to the mode last chosen: offboard, on the
+        ground.
+        """
         truth, changes = self.truth.arrays(), [*self.modes[i], (np.inf, "")]
-        return min(
-            (
-                truth["position"][(truth["t"] > start) & (truth["t"] <= end), i, 2].min()
-                for (start, name), (end, _) in itertools.pairwise(changes)
-                if name == "OFFBOARD"
-            ),
-            default=np.inf,
+        flown = np.zeros(len(truth["t"]), bool)
+        for (start, name), (end, _) in itertools.pairwise(changes):
+            if name == "OFFBOARD":
+                flown |= (truth["t"] > start) & (truth["t"] <= end)
+        return truth["position"][flown & truth["armed"][:, i].astype(bool), i, 2].min(
+            initial=np.inf
         )
 
 
 # Without a turn at the start, so that the times of rows are of full flight.
 SET_OUT_AT_ONCE = {"gaze": {"survey": 0.0}}
+# Nor a slow take-off; and a vehicle whose stream ends holds, so that what rows measure stays apart.
+AUTOPILOT = {"COM_SPOOLUP_TIME": 0.0, "MPC_TKO_RAMP_T": 0.0, "COM_OBL_RC_ACT": 5.0}
 
 
 def scenario(faults=(), count=1, seed=1, **more):
@@ -191,7 +207,12 @@ def scenario(faults=(), count=1, seed=1, **more):
         "name": "row",
         "seed": seed,
         "world": {"cylinders": [{"x": 7.0, "y": 0.3, "radius": 0.5}]},
-        "drones": {"count": count, "heading_deg": 0.0, "frame_yaw_deg": 0.0},
+        "drones": {
+            "count": count,
+            "heading_deg": 0.0,
+            "frame_yaw_deg": 0.0,
+            "parameters": AUTOPILOT,
+        },
         "mission": {"targets": [[14.0, 0.0, 2.0]], "home": False, "time_limit": 20.0},
         "sensing": {"neighbours": "truth", "obstacles": "map", "width": 64, "height": 64},
         "faults": list(faults),

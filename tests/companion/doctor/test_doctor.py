@@ -10,6 +10,7 @@ from companion.doctor import Level, camera, machine, vehicle
 from companion.doctor.finding import rated
 from companion.process.vehicle_lock import VehicleLock
 from companion.settings.config import CompanionConfig, load_config
+from tests.companion.deployment import free_ports
 
 
 def by_name(findings):
@@ -56,7 +57,7 @@ def test_a_port_that_a_daemon_holds(world, start_daemon):
 
 def test_the_link_of_a_daemon_is_left_alone():
     """On a serial line each byte has one reader."""
-    config = CompanionConfig()
+    config = CompanionConfig(link={"endpoint": f"udpin:127.0.0.1:{free_ports(1)}"})
     with closing(VehicleLock(f"{config.link.endpoint}#{config.link.system_id}")):
         (finding,) = vehicle.examine(config, hover_known=True)
     assert (finding.level, finding.name) == (Level.RED, "link")

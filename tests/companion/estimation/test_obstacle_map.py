@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from companion.estimation.obstacle_map import ObstacleConfig, ObstacleMap
+from companion.perception.parallax import FixedPoints
 from companion.types import Trunk
 from mavlink_bridge.wire.messages import VehicleState
 
@@ -140,3 +141,18 @@ def test_a_trunk_whose_place_hardly_shows_is_forgotten_late():
     for _ in range(60):
         left = fly(known, 1.0, visibility=lambda places: np.full(len(places), 0.05))
     assert not len(left)
+
+
+@pytest.mark.parametrize(("depth", "left"), [(9.0, 0), (4.2, 1), (3.0, 1)])
+def test_a_trunk_that_points_are_seen_through_is_forgotten(depth, left):
+    """Points behind its place, seen through its middle; points beside or before it say nothing."""
+    known, p = ObstacleMap(ObstacleConfig()), np.array([0.0, 0.0, 2.0])
+    for _ in range(8):
+        fly(known, 0.0, Trunk(np.array([0.0, 0.0, 1.0]), 4.0, 0.4, 0.1))
+    behind = FixedPoints(
+        np.array([[depth, 0.1, 1.9], [depth, -0.1, 2.2]]), np.full(2, 0.2), np.arange(2)
+    )
+    for _ in range(5):
+        known.see_through(p, behind)
+    fly(known, -3.0)  # farther than it must be seen from
+    assert len(known.cylinders(p)) == left

@@ -1,6 +1,7 @@
 """The own state: which samples it refuses, and when it is no longer plausible."""
 
 import numpy as np
+import pytest
 
 from companion.estimation.own_state import OwnState
 from mavlink_bridge.wire.messages import Attitude, LocalPosition
@@ -58,3 +59,29 @@ def test_a_clock_that_goes_back_is_a_reboot():
     late.add([position(0.12, 0.0), position(0.14, 0.0)])
     assert late.counters.reboots == 1
     assert late.at(0.14) is None  # attitude is to come
+
+
+def test_samples_of_the_future_are_refused_and_counted():
+    state = fed()
+    for by in (0.04, 0.12, 3600.0):
+        state.add([Attitude(0.2 + by, LEVEL, np.ones(3)), position(0.2 + by, 0.1)], horizon=0.2)
+    assert state.counters.ahead == 6
+    assert state.age(0.2) == 0.2 - 0.18
+    assert (state.at(0.2).omega == 0.0).all()
+    assert state.age(0.6) > 0.4  # where all are refused, those before them grow old
+    state.add([Attitude(0.22, LEVEL, np.ones(3)), position(0.22, 0.0)], horizon=0.2)
+    assert state.counters.ahead == 6  # clocks are not known to the last millisecond
+    assert state.age(0.2) == 0.0
+
+
+def test_one_stream_of_the_future_leaves_the_other():
+    state = fed()
+    state.add([Attitude(0.4, LEVEL, np.zeros(3)), position(0.52, 0.1)], horizon=0.4)
+    assert state.counters.ahead == 1
+    assert state.age(0.4) == pytest.approx(0.0) or not state.plausible(0.4)
+
+
+def test_a_clock_that_goes_back_leaves_telemetry_of_the_future():
+    state = fed()
+    state.add([], horizon=-0.32)
+    assert state.age(-0.32) < -0.4

@@ -1,3 +1,4 @@
+import dataclasses
 import json
 
 import pytest
@@ -37,6 +38,19 @@ def test_a_running_daemon_in_the_terminal(drone, capsys):
         "deadline_misses 3",
     ):
         assert words in text
+
+
+def test_the_last_refusal_is_shown(tmp_path, capsys):
+    log = tmp_path / "a.mcap"
+    recorder = Recorder(config(log), log)
+    for n in range(4):
+        inputs, now = tick(n)
+        told = ("arm: denied", "arming denied: no gyro") if n == 1 else ()
+        vehicle = dataclasses.replace(now.vehicle, refusals=told)
+        recorder.write(inputs, dataclasses.replace(now, vehicle=vehicle), [], {}, COSTS)
+    recorder.close()
+    assert main(["status", str(log)]) == 0
+    assert "refused  arm: denied; arming denied: no gyro, at 0.1 s" in capsys.readouterr().out
 
 
 def test_for_machines(drone, capsys):

@@ -69,6 +69,10 @@ def test_arm_take_off_start_hold_land(fleet, start_daemon):
     assert [r["mode"] for r in rows] == ["land", "land"]
 
 
+@pytest.mark.xfail(
+    strict=True,
+    reason="the emulated PX4 takes offboard while disarmed, as 1.17 does: another refusal is due",
+)
 def test_a_refusal_is_told_in_the_vehicles_own_words(fleet):
     status, rows = fleet("start", "--only", "drone3")  # no companion: no setpoints
     assert (status, rows[0]["ok"], rows[0]["mode"]) == (1, False, "hold")

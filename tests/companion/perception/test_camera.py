@@ -80,6 +80,8 @@ GOOD = "width: 640\nheight: 400\nfx: 229\nfy: 229\ncx: 319.5\ncy: 199.5\n"
         (GOOD + "mount: [.nan, 1, 0, 0]", "unit quaternion"),
         (GOOD.replace("640", "0.5"), "whole numbers"),
         (GOOD + "k1: 0.3\nk2: -0.5", "nothing beyond 53° off the axis"),
+        (GOOD.replace("229", "2290"), "image 16° across"),
+        (GOOD.replace("fx: 229", "fx: 600"), "fx near fy"),
         ("a: [", "cannot read"),
         ("a: 2026-99-99", "cannot read"),
     ],

@@ -59,6 +59,9 @@ def test_a_stamp_in_the_future_is_a_fault_until_the_next_frame():
     assert health.check(10.0, Frame(9.97, {"image": picture(0)})) is CameraFault.NONE
     near = Frame(10.15, {"image": picture(1)})
     assert health.check(10.1, near) is CameraFault.NONE  # clocks differ
+    late = Frame(10.22, {"image": picture(4)})
+    assert health.check(10.1, late) is CameraFault.AHEAD
+    assert health.check(10.1, late, horizon=10.15) is CameraFault.NONE  # the tick came late
     assert health.check(10.2, Frame(70.0, {"image": picture(2)})) is CameraFault.AHEAD
     assert not health.usable
     assert health.blind(10.2) > 0.0

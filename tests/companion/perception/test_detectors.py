@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from companion.perception.camera import Camera
-from companion.perception.cnn import CHANNELS, HEIGHT, STRIDE, WIDTH, CnnConfig, CnnDetector
 from companion.perception.detectors import ModelError, make_detector
+from companion.perception.heat_map import CHANNELS, HEIGHT, STRIDE, WIDTH, HeatMap, HeatMapConfig
 from companion.perception.yolo import YoloConfig, YoloDetector
 from companion.settings.config import CompanionConfig
 from mavlink_bridge.shared.settings import SettingsError, assignments, validate
@@ -32,11 +32,8 @@ def cells(*drones):
     return out
 
 
-class Decoder(CnnDetector):
-    """The decoding without the network."""
-
-    def __init__(self, camera):
-        self._config, self._camera = CnnConfig(), camera.scaled(WIDTH, HEIGHT)
+def reader(camera):
+    return HeatMap(camera, HeatMapConfig())
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 0.6, -1.2])
@@ -47,7 +44,7 @@ def test_direction_and_range_everywhere_on_the_lens(azimuth, distance):
     ((u, v),) = CAMERA.project(ray[None])
     theta = np.arccos(ray[2])
     pixels = 0.2 / distance * CAMERA.fx * np.sqrt(theta / np.sin(theta))
-    (found,) = Decoder(CAMERA).read(cells((u, v, pixels, 0.9)))
+    (found,) = reader(CAMERA).read(cells((u, v, pixels, 0.9)))
     assert np.degrees(np.arccos(min(found.direction @ ray, 1.0))) < 0.05
     assert found.range == pytest.approx(distance, rel=0.02)
     assert 0.0 < found.sigma_range < 0.2 * distance
@@ -55,7 +52,7 @@ def test_direction_and_range_everywhere_on_the_lens(azimuth, distance):
 
 def test_each_drone_is_detected_once_nearest_first():
     near = cells((300, 200, 60, 0.9), (312, 200, 58, 0.6), (420, 200, 10, 0.8), (40, 40, 9, 0.2))
-    found = Decoder(CAMERA).read(near)
+    found = reader(CAMERA).read(near)
     assert len(found) == 2
     assert found[0].range < found[1].range
 

@@ -1,5 +1,7 @@
 """Frames in, detections out: what the frontend searches, and what it refuses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,9 +11,12 @@ from companion.settings.config import CompanionConfig
 from mavlink_bridge.wire.video import Frame
 from tests.companion.depth_images import state
 
-OWN = state([0.0, 0.0, 2.0])
 NO_DRONES, NO_TRUNKS = np.zeros((0, 6)), np.zeros((0, 6))
 PICTURE = np.random.default_rng(0).integers(50, 200, (400, 640, 3), np.uint8)
+
+
+def at(time):
+    return replace(state([0.0, 0.0, 2.0]), time=time)
 
 
 def frontend(**sensing):
@@ -23,10 +28,10 @@ def frontend(**sensing):
 def test_pictures_of_another_size_inhibit_until_they_fit():
     perception = frontend()
     wrong = Frame(0.1, {"image": PICTURE[:, :400]})
-    found = perception.see(0.1, wrong, OWN)
+    found = perception.see(0.1, wrong, at)
     assert "400×400" in found.inhibit_reason
     assert found.fault is CameraFault.MISFIT
-    found = perception.see(0.2, Frame(0.2, {"image": PICTURE}), OWN)
+    found = perception.see(0.2, Frame(0.2, {"image": PICTURE}), at)
     assert found.inhibit_reason == ""
     assert found.fault is CameraFault.NONE
 
@@ -34,18 +39,18 @@ def test_pictures_of_another_size_inhibit_until_they_fit():
 @pytest.mark.parametrize("obstacles", ["camera", "depth", "map"])
 def test_a_frame_without_the_array_of_obstacles_is_not_searched(obstacles):
     perception = frontend(neighbours="truth", obstacles=obstacles, trunks_every=1)
-    found = perception.see(0.0, Frame(0.0, {"neighbours": NO_DRONES}), OWN)
+    found = perception.see(0.0, Frame(0.0, {"neighbours": NO_DRONES}), at)
     assert not found.searched
     small = np.zeros((64, 64, 3), np.uint8)
-    found = perception.see(0.1, Frame(0.1, {"neighbours": NO_DRONES, "image": small}), OWN)
+    found = perception.see(0.1, Frame(0.1, {"neighbours": NO_DRONES, "image": small}), at)
     assert not found.searched
 
 
 def test_each_frame_is_searched_once():
     perception = frontend(neighbours="truth", obstacles="map", trunks_every=1)
     frame = Frame(0.1, {"neighbours": NO_DRONES, "trunks": NO_TRUNKS})
-    assert not perception.see(0.1, None, None).started
-    first, again = (perception.see(time, frame, OWN) for time in (0.15, 0.2))
+    assert not perception.see(0.1, None, at).started
+    first, again = (perception.see(time, frame, at) for time in (0.15, 0.2))
     assert first.started
     assert first.searched
     assert first.own is not None
@@ -57,7 +62,7 @@ def test_each_frame_is_searched_once():
 def test_trunks_are_searched_in_every_second_frame():
     perception = frontend(neighbours="truth", obstacles="map", trunks_every=2)
     arrays = {"neighbours": NO_DRONES, "trunks": NO_TRUNKS}
-    found = [perception.see(0.1 * n, Frame(0.1 * n, arrays), OWN) for n in range(4)]
+    found = [perception.see(0.1 * n, Frame(0.1 * n, arrays), at) for n in range(4)]
     assert [d.searched for d in found] == [False, True, False, True]
 
 
@@ -73,6 +78,6 @@ def test_impossible_detections_are_dropped():
     trunks = [[*ahead, 5.0, 1.0, 0.1], [*ahead, 5.0, 0.0, 0.1]]
     perception = frontend(neighbours="truth", obstacles="map", trunks_every=1)
     frame = Frame(0.1, {"neighbours": np.array(drones), "trunks": np.array(trunks)})
-    found = perception.see(0.1, frame, OWN)
+    found = perception.see(0.1, frame, at)
     assert [d.range for d in found.drones] == [3.0]
     assert [t.radius for t in found.trunks] == [1.0]

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from mavlink_bridge.autopilots.px4 import Px4
-from mavlink_bridge.wire.messages import Command, CommandId, Heartbeat, StatusText
+from mavlink_bridge.autopilots.px4_events import event_number
+from mavlink_bridge.wire.messages import Command, CommandId, Event, Heartbeat
 from tests.companion.deployment import free_ports
 from tests.companion.relay import Relay
 
@@ -22,7 +23,7 @@ import ctypes, signal, sys, time
 from companion.__main__ import main
 from companion.control.planning import Planning
 asked = []
-signal.signal(signal.SIGUSR1, lambda *_: asked.append(1))
+signal.signal(signal.SIGRTMIN, lambda *_: asked.append(1))
 plan = Planning.plan
 def stuck(self, *arguments):
     if asked:
@@ -60,9 +61,9 @@ def test_the_vehicle_misses_a_killed_daemon_and_a_new_one_is_passive(flown, star
     daemon, relay, config = flown(1)
     killed = time.monotonic()
     os.kill(daemon.process.pid, signal.SIGKILL)
-    lost = "no offboard setpoints, holding"
-    holding = relay.until(lambda m: isinstance(m, StatusText) and lost in m.text, killed, 5.0)
-    assert holding - killed <= 0.6
+    lost = event_number("commander_failsafe_enter_generic")
+    missed = relay.until(lambda m: isinstance(m, Event) and m.event_id == lost, killed, 5.0)
+    assert missed - killed <= 0.6
     again = start_daemon(config)
     assert relay.setpoints(killed + 0.1) == []
     assert again.listen(30.0, until="READY=1"), again.log()
@@ -73,9 +74,12 @@ def test_the_vehicle_misses_a_killed_daemon_and_a_new_one_is_passive(flown, star
     landing = relay.until(lambda m: mode(m) == "land", killed, 20.0)
     asked = {m.command for t, m in relay.sent if t > killed + 0.1 and isinstance(m, Command)}
     assert asked <= {CommandId.SET_MESSAGE_INTERVAL}  # neither arming nor a mode
-    after = {mode(m) for t, m in relay.told if t >= holding + 1.0} - {None}
-    assert after <= {"hold", "land"}  # whatever the daemon streams
-    note("real process: HOLD", holding - killed)
+    after = {mode(m) for t, m in relay.told if t >= missed + 1.0} - {None}
+    assert after <= {"offboard", "land"}  # back in offboard once it is disarmed, as PX4 is
+    disarmed = [t for t, m in relay.told if isinstance(m, Heartbeat) and not m.armed and t > missed]
+    flown = {mode(m) for t, m in relay.told if landing <= t < min([*disarmed, 1e9])} - {None}
+    assert flown == {"land"}  # whatever the daemon streams
+    note("real process: failsafe", missed - killed)
     note("real process: ready again", ready)
     note("real process: LAND", landing - killed)
 
@@ -91,7 +95,7 @@ def test_a_hung_tick_is_silent_and_ended(flown, note, how):
     native = how == "native call"
     command = (sys.executable, "-c", HANGS) if native else (sys.executable, "-m", "companion")
     daemon, relay, _ = flown(2 + native, command)
-    daemon.process.send_signal(signal.SIGUSR1 if native else signal.SIGSTOP)
+    daemon.process.send_signal(signal.SIGRTMIN if native else signal.SIGSTOP)
     hung = time.monotonic()
     end_as_the_unit_says(daemon)
     ended = time.monotonic()

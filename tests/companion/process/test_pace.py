@@ -1,15 +1,29 @@
 """The pace of ticks: their clock, and the greeting to a vehicle that sends only HEARTBEAT."""
 
+import itertools
 import os
 import time
 
 import numpy as np
+import pytest
 
+from companion.process import pace as pace_module
 from companion.process.pace import ClockPace
+from companion.process.time_requests import TimeRequests
 from mavlink_bridge.autopilots.ardupilot import ArduPilot
 from mavlink_bridge.wire.codec import Codec
-from mavlink_bridge.wire.link import Link, UdpEndpoint
-from mavlink_bridge.wire.messages import Attitude, Command, Heartbeat, Received, Source, SystemTime
+from mavlink_bridge.wire.link import Link
+from mavlink_bridge.wire.messages import (
+    Attitude,
+    Command,
+    Heartbeat,
+    Received,
+    Source,
+    SystemTime,
+    TimeSync,
+)
+from mavlink_bridge.wire.udp import UdpEndpoint
+from mavlink_bridge.wire.video import Frame
 
 AUTOPILOT = "ardupilot"  # of the emulated vehicles
 LEVEL = np.array([1.0, 0, 0, 0])
@@ -62,11 +76,111 @@ def test_an_emulated_ardupilot_starts_on_the_clock(world, start_daemon):
     assert daemon.listen(20.0, until="READY=1"), daemon.log()
 
 
+VEHICLE = Source(1, 1)
+
+
+class ScriptedPace(ClockPace):
+    """A pace whose messages come by a script: its clock, its telemetry, its answers.
+
+    clock: the vehicle's time [s] at a local time [s]. now: local time.
+    """
+
+    def __init__(self, monkeypatch, clock, answers=True):
+        self.now, self._next, self.clock, self.sent = 1000.0, 1000.0, clock, []
+        monkeypatch.setattr(pace_module.time, "monotonic", lambda: self.now)
+        super().__init__(self, NoFrames(), 0.1, VEHICLE)
+        self._answers, self._waiting = answers, []
+
+    def send(self, messages):
+        self.sent += messages
+        for m in messages:
+            if self._answers and isinstance(m, TimeSync) and m.tc1 == 0:
+                answer = TimeSync(round(self.clock(self.now + 0.002) * 1e9), m.ts1)
+                self._waiting.append((self.now + 0.004, answer))
+
+    def _take_in(self, timeout, renew=False):
+        """Let time pass up to `timeout`, or the next message, which comes 3 ms late."""
+        until = self.now + max(timeout, 1e-4)
+        self.now = min([until, self._next, *(at for at, _ in self._waiting)])
+        came = [m for at, m in self._waiting if at <= self.now]
+        self._waiting = [w for w in self._waiting if w[0] > self.now]
+        if self.now >= self._next:
+            came.append(Attitude(round(self.clock(self.now - 0.003), 3), LEVEL, np.zeros(3)))
+            self._next += 0.02
+        received = [Received(VEHICLE, m) for m in came]
+        self._hear_clock(received)
+        return received
+
+    def ticks(self, count):
+        """The local time and the inputs of the next ticks."""
+        return [(self.now, inputs) for inputs in (self.next(lambda: False) for _ in range(count))]
+
+
+@pytest.mark.row("31")
+@pytest.mark.parametrize("rate", [0.5, 0.8, 1.0, 1.05, 2.0])
+def test_ticks_follow_the_rate_of_the_vehicles_clock(rate, monkeypatch, note):
+    pace = ScriptedPace(monkeypatch, lambda t: 7.0 + rate * (t - 1000.0))
+    pace.ticks(25)
+    ticks = []
+    for _ in range(100):
+        inputs = pace.next(lambda: False)
+        ticks.append((pace.now, inputs))
+    (first, one), (last, other) = ticks[0], ticks[-1]
+    assert other.time - one.time == pytest.approx(99 * 0.1)
+    assert last - first == pytest.approx(99 * 0.1 / rate, rel=1e-3)
+    assert pace.misses == 0
+    off = [abs(7.0 + rate * (now - 1000.0) - inputs.time) for now, inputs in ticks]
+    assert max(off) < 0.003
+    assert all(i.time <= i.latest <= i.time + 0.01 for _, i in ticks)
+    assert other.clock.bounded
+    note(f"s off, clock at {rate:g}", max(off))
+
+
+def test_a_frame_is_dated_by_offset_and_rate(monkeypatch):
+    pace = ScriptedPace(monkeypatch, lambda t: 7.0 + 0.8 * (t - 1000.0))
+    assert pace._dated(Frame(1000.0, local=True)) is None
+    pace.ticks(30)
+    taken = pace.now - 0.1
+    dated = pace._dated(Frame(taken, local=True))
+    assert not dated.local
+    assert dated.time == pytest.approx(7.0 + 0.8 * (taken - 1000.0), abs=0.003)
+    assert pace._dated(Frame(8.0)).time == 8.0
+
+
+def test_a_jump_is_followed_by_the_next_ticks(monkeypatch):
+    pace = ScriptedPace(monkeypatch, lambda t: t + 3600.0 * (t > 1005.0))
+    times = [inputs.time for _, inputs in pace.ticks(80)]
+    (jump,) = [b - a for a, b in itertools.pairwise(times) if b - a > 1.0]
+    assert jump == pytest.approx(3600.1, abs=0.15)
+    assert pace.ticks(1)[0][1].clock.jumps == 1
+
+
+def test_the_vehicle_is_asked_for_its_time_and_told_ours(monkeypatch):
+    pace = ScriptedPace(monkeypatch, lambda t: t - 990.0)
+    pace.ticks(21)
+    asked = [m for m in pace.sent if m.tc1 == 0]
+    assert 7 <= len(asked) <= 9  # in two seconds
+    assert asked[0].ts1 == pytest.approx(1000.0e9, rel=1e-4)
+    pace._hear_clock([Received(VEHICLE, TimeSync(0, 12345))])
+    assert pace.sent[-1] == TimeSync(round(pace.now * 1e9), 12345)
+
+
+def test_only_answers_to_open_requests_count():
+    requests = TimeRequests()
+    (request,) = requests.due(10.0)
+    assert requests.due(10.1) == []
+    assert requests.sent(TimeSync(5, request.ts1 + 1), 10.1) is None
+    assert requests.sent(TimeSync(5, request.ts1), 10.1) == pytest.approx(10.0)
+    assert requests.sent(TimeSync(5, request.ts1), 10.1) is None  # once
+    (late,) = requests.due(10.3)
+    assert requests.sent(TimeSync(5, late.ts1), 11.5) is None
+
+
 def test_only_the_vehicle_sets_the_clock():
-    pace = ClockPace(None, None, 0.1, Source(1, 1))
+    pace = ClockPace(None, None, 0.1, VEHICLE)
     vehicle = Attitude(time.monotonic() - 1000.0, LEVEL, np.zeros(3))
-    pace._hear_clock([Received(Source(1, 1), vehicle)])
-    known = pace._offset
+    pace._hear_clock([Received(VEHICLE, vehicle)])
+    known = pace._clock.estimate
     others = [Source(255, 190), Source(2, 1), Source(1, 191)]
     pace._hear_clock([Received(s, SystemTime(time.monotonic() + 4e3)) for s in others * 3])
-    assert pace._offset == known
+    assert pace._clock.estimate == known

@@ -12,8 +12,9 @@ from companion.process.frame_source import open_source
 from companion.process.pace import ClockPace
 from companion.settings.config import CompanionConfig
 from mavlink_bridge.wire.codec import Codec
-from mavlink_bridge.wire.link import Link, UdpEndpoint
+from mavlink_bridge.wire.link import Link
 from mavlink_bridge.wire.messages import Attitude, Received, Source
+from mavlink_bridge.wire.udp import UdpEndpoint
 from mavlink_bridge.wire.video import VideoError
 
 
@@ -129,7 +130,7 @@ class ScriptedLink(Link):
         super().__init__(UdpEndpoint(remote=("127.0.0.1", 9)), Codec(1, 191))
         self.messages = messages
 
-    def receive(self):
+    def receive(self, renew=True):
         said, self.messages = self.messages, []
         return said
 

@@ -36,6 +36,9 @@ def inputs(time=0.0, v=(0.0, 0.0, 0.0), **more):
     [
         ({}, Reason.PLAN, AutopilotRequest.NONE),
         ({"age": 0.29}, Reason.PLAN, AutopilotRequest.NONE),
+        ({"age": 0.0}, Reason.PLAN, AutopilotRequest.NONE),
+        ({"age": -0.01}, Reason.NO_STATE, AutopilotRequest.HOLD),
+        ({"age": -3600.0}, Reason.NO_STATE, AutopilotRequest.HOLD),
         ({"age": 0.31}, Reason.NO_STATE, AutopilotRequest.HOLD),
         ({"age": 1.01}, Reason.NO_STATE, AutopilotRequest.LAND),
         ({"age": 2.01}, Reason.NO_STATE, AutopilotRequest.SILENCE),

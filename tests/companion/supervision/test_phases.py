@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from companion.guidance.mission import MissionConfig
-from companion.supervision.phases import PhaseMachine
+from companion.supervision.phases import GiveBack, PhaseMachine
 from companion.types import Phase
 from mavlink_bridge.autopilots.ardupilot import MODES as ARDUPILOT
 from mavlink_bridge.autopilots.ardupilot import ArduPilot
@@ -12,7 +12,7 @@ from mavlink_bridge.autopilots.betaflight import MODES as BETAFLIGHT
 from mavlink_bridge.autopilots.betaflight import PILOT, Betaflight
 from mavlink_bridge.autopilots.px4 import MODES as PX4
 from mavlink_bridge.autopilots.px4 import Px4
-from mavlink_bridge.wire.messages import Heartbeat, VehicleState
+from mavlink_bridge.wire.messages import Command, Heartbeat, VehicleState
 
 # POSCTL, LOITER, and the mode of the bridge in which the sticks fly
 ALL = [
@@ -189,7 +189,7 @@ def test_a_vehicle_that_stands_in_a_pilots_mode_takes_off_all_the_same(adapter, 
 def test_a_landing_for_safety_is_requested_again_while_in_offboard(adapter, modes):
     flown = Flown(adapter, modes, auto=True)
     flown.until(Phase.FLY)
-    flown.phases.release(land=True)
+    flown.phases.release(GiveBack.LAND)
     decisions = [flown.tick("offboard", height=2.0) for _ in range(12)]
     assert all(d.stream for d in decisions)
     assert [d.requests for d in decisions if d.requests] == [adapter.land()] * 4
@@ -264,3 +264,53 @@ def test_a_companion_that_starts_in_flight_takes_nothing_unasked(auto):
         assert requests == []
     assert tick(9.0, "land", armed=False).phase in (Phase.WAIT, Phase.PASSIVE)
     assert tick(9.1, "land", armed=False).phase is not Phase.ARM
+
+
+@pytest.mark.parametrize(("adapter", "modes"), ALL)
+@pytest.mark.parametrize("phase", [Phase.ENGAGE, Phase.FLY])
+def test_a_vehicle_disarmed_in_flight_is_let_go_in_that_tick(adapter, modes, phase):
+    """A kill switch: the mode stays offboard, and only the armed flag of HEARTBEAT falls."""
+    flown = Flown(adapter, modes, auto=True)
+    flown.until(phase)
+    flown.tick("offboard", height=2.0)
+    decision = flown.tick("offboard", armed=False, height=1.9)
+    assert (decision.phase, decision.stream, decision.requests) == (Phase.PASSIVE, False, [])
+
+
+@pytest.mark.parametrize(("adapter", "modes"), ALL)
+def test_a_vehicle_disarmed_while_control_is_given_back_is_let_go_in_that_tick(adapter, modes):
+    flown = Flown(adapter, modes, auto=True)
+    flown.until(Phase.FLY)
+    flown.phases.release()
+    assert flown.tick("offboard", height=2.0).stream
+    decision = flown.tick("offboard", armed=False, height=1.9)
+    assert (decision.phase, decision.stream, decision.requests) == (Phase.PASSIVE, False, [])
+
+
+def test_px4_is_asked_to_hold_before_it_is_armed():
+    """It refuses to arm in the offboard mode to which it returns after a flight."""
+    flown = Flown(Px4(1), PX4, auto=True)
+    asked = [m for _ in range(5) for m in flown.tick("offboard", armed=False).requests]
+    sent = [m for m in asked if isinstance(m, Command) and m.command in (176, 400)]
+    commands = [(m.command, m.params[1:3]) for m in sent]
+    assert commands == [(176, (4, 3)), (400, (0.0, 0.0))]
+
+
+def test_offboard_is_asked_for_only_once_setpoints_have_come():
+    flown = Flown(Px4(1), PX4, auto=True)
+    flown.until(Phase.ENGAGE)
+    decisions = [flown.tick("hold", height=2.0) for _ in range(6)]
+    assert all(d.stream for d in decisions)
+    assert [bool(d.requests) for d in decisions].index(True) == 2  # 0.3 s after the first
+
+
+def test_of_several_ways_to_give_control_back_landing_wins():
+    flown = Flown(Px4(1), PX4, auto=True)
+    flown.until(Phase.FLY)
+    flown.phases.release(GiveBack.LAND)
+    flown.phases.release(GiveBack.HOLD)
+    assert flown.tick("offboard", height=2.0).requests == Px4(1).land()
+    other = Flown(Px4(1), PX4, auto=True)
+    other.until(Phase.FLY)
+    other.phases.release(GiveBack.RETURN)
+    assert other.tick("offboard", height=2.0).requests == Px4(1).rtl()

@@ -14,6 +14,7 @@ from mavlink_bridge.autopilots.px4 import MODES
 from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.wire.messages import (
     Attitude,
+    AttitudeTarget,
     Heartbeat,
     LocalPosition,
     Received,
@@ -39,8 +40,11 @@ class Seen:
     target: list[int] = field(default_factory=list)
 
 
-def fly(lag, goals, aside=0.0, seconds=4.0):
-    """Take over at TAKEN [s], shown by the heartbeat `lag` [s] later; aside: m the pilot moves."""
+def fly(lag, goals, aside=0.0, seconds=4.0, true=HOVER, tells=True):
+    """Take over at TAKEN [s], shown by the heartbeat `lag` [s] later; aside: m the pilot moves.
+
+    true: the hover thrust. tells: whether the vehicle sends ATTITUDE_TARGET.
+    """
     config = CompanionConfig.model_validate(
         {
             "fileversion": 2,
@@ -63,18 +67,24 @@ def fly(lag, goals, aside=0.0, seconds=4.0):
             else:
                 while queue and queue[0][0] <= t:
                     u = queue.pop(0)[1]
-                x = predict(x, np.array([GRAVITY * u[1] / HOVER, *u[0]]), 0.02)
+                x = predict(x, np.array([GRAVITY * u[1] / true, *u[0]]), 0.02)
             rates = np.zeros(3) if t < TAKEN else np.array(u[0])
             state = LocalPosition(t + 10, x[:3].copy(), x[3:6].copy())
             attitude = Attitude(t + 10, x[6:10].copy(), rates)
             heard += [Received(VEHICLE, attitude), Received(VEHICLE, state)]
+            if t < TAKEN and tells:
+                target = AttitudeTarget(t + 10, x[6:10].copy(), np.zeros(3), true)
+                heard.append(Received(VEHICLE, target))
         flown = now - lag >= TAKEN
         mode = MODES["offboard" if flown else "takeoff" if GROUND < now < TAKEN - 2.0 else "hold"]
         heard.append(Received(VEHICLE, Heartbeat(12, 2, now > 1.0, mode, 4)))
         tick = companion.tick(TickInputs(now + 10, heard, Frame(now + 9.97, EMPTY)))
         if tick.setpoint is not None:
             queue.append((now + 0.06, (tick.setpoint.omega, tick.setpoint.thrust)))
-        if now >= TAKEN:
+        if now >= TAKEN - 1.0 and not tells:
+            assert tick.supervised.phase is Phase.WAIT
+            assert "hover thrust is known to ±" in tick.supervised.inhibit_reason
+        elif now >= TAKEN:
             assert tick.supervised.phase in (Phase.ENGAGE, Phase.FLY)
             yaw = 2 * np.arctan2(x[9], x[6])
             seen.z.append(x[2])
@@ -91,6 +101,18 @@ def test_the_drone_keeps_its_height_at_the_takeover_after_streaming_for_long(lag
     assert min(seen.z) > 1.9
     assert max(seen.z) < 2.1
     assert np.allclose(seen.hover, HOVER, atol=0.02)
+
+
+@pytest.mark.parametrize("true", [0.2, 0.7])
+def test_a_hover_thrust_far_from_the_configured_one_is_learnt_before_the_takeover(true):
+    seen = fly(0.5, [[0.0, 0.0, 2.0]], true=true)
+    assert min(seen.z) > 1.9
+    assert max(seen.z) < 2.1
+    assert np.allclose(seen.hover, true, rtol=0.05)
+
+
+def test_without_a_hover_thrust_there_is_no_takeover_and_the_reason_is_told():
+    assert fly(0.5, [[0.0, 0.0, 2.0]], seconds=-0.1, tells=False).z == []
 
 
 def test_before_its_mission_the_drone_stays_where_the_pilot_has_brought_it():

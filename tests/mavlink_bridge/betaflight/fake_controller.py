@@ -24,6 +24,7 @@ class FakeController:
         self.attitude = (0, 0, 90)  # decidegrees, decidegrees, degrees
         self.gyro = (0, 0, 0)
         self.gps = True  # has a fix
+        self.gps_place = (47.4, 8.5)  # °, latitude and longitude
         self.altitude = 0
         self.throttle = 1000  # µs, as its receiver has it
 
@@ -33,6 +34,7 @@ class FakeController:
         rates = bytes([rc_rate, expo, *srates, 0, 50, 0, 0, 0])
         rates += bytes([expo, rc_rate, rc_rate, expo, 0, 100])
         head = (125, 0, 0, self.armed | self.override << 2, 0, 10, 4, 0, 0, 29)
+        where = [round(degrees * 1e7) for degrees in self.gps_place]
         return {
             Msp.API_VERSION: bytes([0, *self.api]),
             Msp.FC_VARIANT: self.variant,
@@ -46,7 +48,7 @@ class FakeController:
             Msp.RAW_IMU: struct.pack("<9h", 0, 0, 256, *self.gyro, 0, 0, 0),
             Msp.RC: struct.pack("<6H", 1500, 1500, 1500, self.throttle, 1000, 1000),
             Msp.ALTITUDE: struct.pack("<ih", self.altitude, 0),
-            Msp.RAW_GPS: struct.pack("<BBiihHHH", self.gps, 12, 474000000, 85000000, 488, 0, 0, 10),
+            Msp.RAW_GPS: struct.pack("<BBiihHHH", self.gps, 12, *where, 488, 0, 0, 10),
             Msp.STATUS_EX: struct.pack("<3HIBHBBBBI", *head, self.reasons) + bytes(3),
             Msp.ANALOG: struct.pack("<BHHhH", 168, 0, 0, 150, 1680),
         }[command]

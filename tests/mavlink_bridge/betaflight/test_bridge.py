@@ -14,6 +14,7 @@ from mavlink_bridge.betaflight.process import BridgeLoop, MspLine
 from mavlink_bridge.shared.frames import euler_from_quaternion
 from mavlink_bridge.wire.messages import (
     Attitude,
+    AttitudeTarget,
     Command,
     CommandAck,
     CommandId,
@@ -132,6 +133,8 @@ def test_take_off_climbs_and_not_in_the_first_second_after_arming():
     assert b.bridge.mode == "takeoff"
     assert b.rc[2] > 1500
     assert b.rc[5] > 1700
+    told = b.last(AttitudeTarget).thrust  # from which the companion learns the hover thrust
+    assert b.rc[2] == pytest.approx(1000 + 1000 * told, abs=10)
 
 
 @pytest.mark.parametrize("component", [100, 154, 191])
@@ -146,6 +149,24 @@ def test_messages_for_another_component_are_ignored(component):
     b.run(STEP)
     assert "Offboard refused: no setpoints" in b.texts()
     assert b.command(CommandId.COMPONENT_ARM_DISARM, 1.0, component=0) == CommandResult.ACCEPTED
+
+
+@pytest.mark.parametrize("system", [2, 255])
+def test_messages_for_another_vehicle_are_ignored(system):
+    b = Bench()
+    b.send([Command(CommandId.COMPONENT_ARM_DISARM, (1.0, *(0.0,) * 6), system, 1)])
+    b.setpoint = RateSetpoint(0.0, np.zeros(3), 0.5, system, 1)
+    b.run(1.0)
+    assert not b.fc.armed
+    assert not [m for m in b.messages if isinstance(m, CommandAck)]
+    b.send(b.adapter.offboard())
+    b.run(STEP)
+    assert "Offboard refused: no setpoints" in b.texts()
+    b.setpoint = RateSetpoint(0.0, np.zeros(3), 0.5, 0, 1)  # for every vehicle
+    b.run(0.1)
+    b.send(b.adapter.offboard())
+    b.run(STEP)
+    assert b.bridge.mode == "offboard"
 
 
 class Stream:

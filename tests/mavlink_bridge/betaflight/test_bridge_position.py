@@ -75,3 +75,38 @@ def test_a_controller_that_stops_answering_gets_level_sticks():
     assert rc[:2] == (1500, 1500)
     assert 1300 < rc[2] < 1700
     assert rc[4] > 1700
+
+
+def places(b, seconds=3.0, longitude=8.5001):
+    """East [m] of the positions sent while the board's receiver and GPS_INPUT differ by 7.5 m."""
+    b.messages.clear()
+    for _ in range(round(seconds / 0.1)):
+        b.send([GpsInput(0.0, 3, 47.4, longitude, 488.0, np.zeros(3))])
+        b.run(0.1)
+    return [m.p[0] for m in b.messages if isinstance(m, LocalPosition)]
+
+
+def test_of_two_receivers_one_is_used():
+    b = Bench()
+    b.run(1.0)
+    east = places(b)
+    assert max(east) - min(east) < 0.1
+
+
+def test_a_board_without_a_receiver_does_not_place_the_vehicle_at_0_0():
+    b = Bench()
+    b.fc.gps_place = (0.0, 0.0)
+    b.run(2.0)
+    b.messages.clear()
+    b.run(0.5)
+    assert not [m for m in b.messages if isinstance(m, LocalPosition)]
+    east = places(b)
+    assert max(east) - min(east) < 0.1
+
+
+def test_the_other_receiver_takes_over_when_the_first_is_silent():
+    b = Bench()
+    b.run(1.0)
+    b.fc.gps = False
+    east = places(b, seconds=6.0)
+    assert east[-1] == pytest.approx(7.5, abs=0.5)

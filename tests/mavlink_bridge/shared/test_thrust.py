@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mavlink_bridge.shared.constants import GRAVITY
-from mavlink_bridge.shared.thrust import HoverThrustEstimator, ThrustMap
+from mavlink_bridge.shared.thrust import ThrustMap, exponent_of_curve
 
 
 @given(st.floats(0.5, 15), st.floats(0.2, 0.6), st.floats(1, 2))
@@ -25,11 +25,23 @@ def test_an_impossible_hover_thrust_is_refused(hover):
         ThrustMap(hover)
 
 
-def test_hover_thrust_is_estimated_in_flight():
-    rng = np.random.default_rng(0)
-    hover, estimator = 0.31, HoverThrustEstimator(ThrustMap(0.5))
-    for _ in range(300):
-        thrust = hover + 0.05 * rng.standard_normal()
-        measured = GRAVITY * thrust / hover + 0.3 * rng.standard_normal()
-        estimator = estimator.update(thrust, measured, 0.1)
-    assert estimator.map.hover_thrust == pytest.approx(hover, abs=0.01)
+@pytest.mark.parametrize(("curve", "exponent"), [(0.0, 2.0), (1.0, 1.0)])
+def test_the_exponent_of_an_autopilots_curve_at_its_ends(curve, exponent):
+    for hover in (0.2, 0.5, 0.7):
+        assert exponent_of_curve(curve, hover) == pytest.approx(exponent)
+
+
+def test_the_exponent_is_the_slope_of_force_over_thrust_in_the_logarithm():
+    def force(thrust, curve):
+        """Of motors whose force goes with the square of their speed, by bisection."""
+        low, high = 0.0, 1.0
+        for _ in range(60):
+            speed = (low + high) / 2
+            less = curve * speed**2 + (1 - curve) * speed < thrust
+            low, high = (speed, high) if less else (low, speed)
+        return speed**2
+
+    for curve, hover in ((0.3, 0.5), (0.65, 0.3), (0.9, 0.7)):
+        slope = np.log(force(1.01 * hover, curve) / force(0.99 * hover, curve))
+        slope /= np.log(1.01 / 0.99)
+        assert exponent_of_curve(curve, hover) == pytest.approx(slope, rel=1e-3)

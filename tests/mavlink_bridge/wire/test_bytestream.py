@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 from mavlink_bridge.wire.codec import Codec
-from mavlink_bridge.wire.link import EndpointError, Link, UdpEndpoint, open_endpoint
+from mavlink_bridge.wire.link import Link, open_endpoint
 from mavlink_bridge.wire.messages import Attitude, Heartbeat
+from mavlink_bridge.wire.udp import EndpointError, UdpEndpoint
 
 BAUD = 921600
 HEARTBEAT = Heartbeat(12, 2, False, 0, 3)

@@ -1,6 +1,7 @@
 """Codec: round trips, any chunking, any garbage."""
 
 import math
+import struct
 
 import numpy as np
 import pytest
@@ -14,9 +15,10 @@ from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.dialect import FROM_WIRE, TO_WIRE
 
 EXAMPLES = [
-    m.RateSetpoint(1.5, np.array([0.1, -0.2, 0.3]), 0.4, 3),
+    m.RateSetpoint(1.5, np.array([0.1, -0.2, 0.3]), 0.4, 3, q_wb=np.array([0.5, 0.5, -0.5, 0.5])),
     m.Heartbeat(12, 2, True, 0x00060000, 4, 0x81),
     m.Attitude(2.0, np.array([0.5, 0.5, -0.5, 0.5]), np.array([0.1, 0.2, 0.3])),
+    m.AttitudeTarget(2.0, np.array([0.5, 0.5, -0.5, 0.5]), np.array([0.1, 0.2, 0.3]), 0.5, 7),
     m.LocalPosition(2.0, np.array([1.0, 2.0, 3.0]), np.array([0.5, -0.5, 0.25])),
     m.Odometry(
         2.0,
@@ -70,6 +72,14 @@ EXAMPLES = [
     m.GpsInput(2.0, 3, 47.1, 8.2, 500.0, np.array([1.0, 0.5, 0.25]), 9),
     m.GpsInput(2.0, 3, 47.1, 8.2, 500.0, np.array([1.0, 0.5]), 9),
     m.GpsInput(2.0, 3, 47.1, 8.2, 500.0, None, 9),
+    m.ParamError(1, 191, "COM_OBL_RC_ACT", -1, 7),
+    m.Event(2.0, 0x0102089D, 7, 2, bytes([0, 64, 0, 0, 20]).ljust(40, b"\0")),
+    m.NamedValue(2.0, "tick_p99", 12.5),
+    m.NamedValue(2.0, "phase", 4),
+    m.CameraInformation(2.0, "swarm", "forward", 2.1, 3.6, 2.7, 640, 400, 1),
+    m.Ping(2.0, 5, 1, 191),
+    m.MissionRequest(1, 1, 2, 0, floating=True),
+    m.MissionItem(1, 1, 0, 3, 16, 1, 1, (0.0, 1.0, 0.0, 0.0), 47.1, 8.2, 5.0, 0, floating=True),
     m.EulerAttitude(2.0, np.array([0.8, 0.2, -0.4, 0.4]), np.array([0.1, 0.2, 0.3])),
 ]
 
@@ -187,7 +197,22 @@ def test_a_frame_with_unknown_flags_is_discarded(flags):
     frame[-2:] = crc.to_bytes(2, "little")
     codec = Codec(1, 1)
     assert codec.decode_datagram(bytes(frame)) == []
-    assert codec.statistics.bad_frames == 1
+    assert codec.statistics.bad_bytes == len(frame)
     frame[2] = 0
     frame[-2:] = x25crc(frame[1:-2] + bytes([kind.crc_extra])).crc.to_bytes(2, "little")
     assert len(codec.decode_datagram(bytes(frame))) == 1
+
+
+def test_attitude_target_of_a_literal_frame():
+    """The frame: level, facing north, rates 0.1, 0.2, 0.3 rad/s FRD, thrust 0.57, at 4.321 s."""
+    payload = struct.pack("<I8fB", 4321, 1, 0, 0, 0, 0.1, 0.2, 0.3, 0.57, 0)
+    head = bytes([0xFD, len(payload.rstrip(b"\0")), 0, 0, 9, 1, 1, 83, 0, 0])
+    crc = x25crc(head[1:] + payload.rstrip(b"\0") + bytes([22]))  # 22: CRC_EXTRA of message 83
+    frame = head + payload.rstrip(b"\0") + struct.pack("<H", crc.crc)
+    (received,) = Codec(1, 191, [m.Source(1, 1)]).decode_datagram(frame)
+    target = received.message
+    assert isinstance(target, m.AttitudeTarget)
+    assert (target.time, target.type_mask) == (4.321, 0)
+    assert target.thrust == pytest.approx(0.57)
+    assert target.omega == pytest.approx([0.1, -0.2, -0.3])  # FLU
+    assert np.abs(target.q_wb) == pytest.approx([math.sqrt(0.5), 0, 0, math.sqrt(0.5)])

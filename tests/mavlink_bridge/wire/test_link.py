@@ -8,10 +8,11 @@ import pytest
 
 from mavlink_bridge.wire import link as links
 from mavlink_bridge.wire.codec import Codec
-from mavlink_bridge.wire.link import Link, UdpEndpoint
+from mavlink_bridge.wire.link import Link
 from mavlink_bridge.wire.memory import MemoryEndpoint
 from mavlink_bridge.wire.messages import Heartbeat, RateSetpoint, Source
 from mavlink_bridge.wire.signing import Signing
+from mavlink_bridge.wire.udp import UdpEndpoint
 from sitl_sim.faults.catalogue import Schedule
 from sitl_sim.faults.link import FaultyLine, FaultyLink
 

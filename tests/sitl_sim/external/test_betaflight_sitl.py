@@ -6,14 +6,15 @@ import threading
 import pytest
 
 from mavlink_bridge.betaflight.msp import Msp, encode
-from sitl_sim.external.betaflight_sitl import BetaflightSitl, Relay
+from sitl_sim.external.betaflight_sitl import BetaflightError, BetaflightSitl, Relay
 
 READY = bytes(6 + 9) + bytes([0]) + bytes(7)  # STATUS_EX: no reason against arming
+API = bytes([0, 1, 47])  # API_VERSION of Betaflight 4.6
 
 
-def answer(payload):
-    """STATUS_EX as the controller sends it."""
-    query = encode(Msp.STATUS_EX, payload)
+def answer(payload, command=Msp.STATUS_EX):
+    """A message as the controller sends it."""
+    query = encode(command, payload)
     return query[:2] + b">" + query[3:]
 
 
@@ -40,12 +41,25 @@ def starve(line):
     """Answer without a payload, as a dropped task does, then with a whole one."""
     for payload in (b"", b"", READY):
         line.recv(1000)
-        line.sendall(answer(payload))
+        line.sendall(answer(payload) + answer(API if payload else b"", Msp.API_VERSION))
+    line.recv(1000)
+    line.sendall(answer(READY))
+
+
+def newer(line):
+    """Answer as a Betaflight whose simulator link differs."""
+    line.recv(1000)
+    line.sendall(answer(bytes([0, 1, 48]), Msp.API_VERSION))
 
 
 @pytest.mark.parametrize(("serve", "booted"), [(crash, False), (starve, True)])
 def test_a_process_that_starts_badly_is_asked_again_or_abandoned(serve, booted):
     assert boots(serve) is booted
+
+
+def test_a_betaflight_with_another_simulator_link_is_refused():
+    with pytest.raises(BetaflightError, match=r"MSP API 1\.48: .* up to 1\.47"):
+        boots(newer)
 
 
 @pytest.mark.parametrize("callers", [0, 2])

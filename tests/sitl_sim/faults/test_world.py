@@ -8,8 +8,9 @@ import pytest
 
 from sitl_sim.faults.catalogue import Fault, FaultConfig, Schedule
 from sitl_sim.faults.world import FaultyWorld
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.emulated import Autopilots
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.rigid_body import Vehicles
 from sitl_sim.vehicles.sensor_noise import SensorNoise
 
 FILE_SIZE = resource.RLIMIT_FSIZE

@@ -58,6 +58,56 @@ def test_distances_between_drones(gap, radius, collides, below):
     assert (f["agent_collisions"], f["below_agent_safety"]) == (collides, below)
 
 
+def test_drones_of_two_sizes_touch_at_the_sum_of_their_radii():
+    world = {
+        "drone_radius": 0.3,
+        "drone_radii": {"a": 0.1, "b": 0.3},
+        "cylinders": [TRUNK | {"y": -0.85}],
+        "boxes": [],
+        "target_tolerance": 0.5,
+        "targets": {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, 0.5, 2.0]]},
+    }
+    apart = safety(truth(0.45, (), ()), world, ["a", "b"])
+    assert (apart["agent_collisions"], apart["below_agent_safety"]) == (0, True)
+    assert apart["obstacle_collisions"] == 0  # a, which is the small one, passes the trunk
+    assert safety(truth(0.35, (), ()), world, ["a", "b"])["agent_collisions"] == 1
+
+
+def test_targets_count_by_the_estimate_where_the_state_drifts():
+    world = {
+        "drone_radius": 0.2,
+        "cylinders": [],
+        "boxes": [],
+        "target_tolerance": 0.5,
+        "targets": {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, 1.0, 2.0]]},
+        "targets_by": "estimate",
+    }
+    flown = truth(1.0, (), ())
+    off = flown["position"] + np.array([0.0, 0.9, 0.0])
+    drifted = safety(flown | {"estimate": off}, world, ["a", "b"])
+    assert not drifted["mission_complete"]
+    assert drifted["largest_estimate_error_m"] == pytest.approx(0.9)
+    moved = {n: [[x, y + 0.9, z] for x, y, z in g] for n, g in world["targets"].items()}
+    believed = safety(flown | {"estimate": off}, world | {"targets": moved}, ["a", "b"])
+    assert believed["mission_complete"]
+    assert safety(flown, world | {"targets_by": "truth"}, ["a", "b"])["mission_complete"]
+
+
+def test_heights_count_from_the_ground():
+    """On a plateau 1.9 m high, drones at 2 m have not left the ground."""
+    world = {
+        "drone_radius": 0.2,
+        "cylinders": [],
+        "boxes": [],
+        "target_tolerance": 0.5,
+        "targets": {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, 1.0, 2.0]]},
+    }
+    plateau = {"x": [-50.0, 50.0], "y": [-50.0, 50.0], "z": [[1.9, 1.9], [1.9, 1.9]]}
+    flown = truth(1.0, (), ())
+    assert safety(flown, world, ["a", "b"])["never_flew"] == []
+    assert safety(flown, world | {"terrain": plateau}, ["a", "b"])["never_flew"] == ["a", "b"]
+
+
 @pytest.mark.parametrize(
     ("y", "collides", "below"), [(-1.0, 0, False), (-0.75, 0, True), (-0.65, 1, True)]
 )

@@ -120,8 +120,8 @@ def test_a_companion_that_takes_no_frames_is_disconnected():
             assert server.send(Frame(1.0))  # to the next companion
 
 
-@pytest.mark.parametrize("neighbours", ["camera", "truth"])
-def test_lockstep_goes_on_without_a_stopped_companion(tmp_path, neighbours):
+@pytest.mark.parametrize(("neighbours", "frame_port"), [("camera", 28860), ("truth", 28870)])
+def test_lockstep_goes_on_without_a_stopped_companion(tmp_path, neighbours, frame_port):
     """Pictures fill its socket; a perfect detector's reports do not, but no answer comes."""
     scenario = Scenario.model_validate(
         {
@@ -129,7 +129,7 @@ def test_lockstep_goes_on_without_a_stopped_companion(tmp_path, neighbours):
             "sensing": {"neighbours": neighbours, "obstacles": "map"},
             "mission": {"time_limit": 5.0},
             "timing": {"answer_timeout": 0.5},
-            "wire": {"companion_port": 28840, "gcs_port": 28850, "frame_port": 28860},
+            "wire": {"companion_port": 28840, "gcs_port": 28850, "frame_port": frame_port},
         }
     )
     flight, shown = Flight(scenario, tmp_path), []
@@ -138,7 +138,7 @@ def test_lockstep_goes_on_without_a_stopped_companion(tmp_path, neighbours):
     frames.send = lambda frame: shown.append(frame) or send(frame)
     stopped = socket.socket()
     stopped.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-    stopped.connect(("127.0.0.1", 28861))
+    stopped.connect(("127.0.0.1", frame_port + 1))
     flight._autopilots.units[0].commander.arm()  # else the flight would end with its companion
     try:
         within(6 * SOON, flight.run, stopped.close)
@@ -157,13 +157,13 @@ def test_rendering_time_does_not_count_as_the_companions(tmp_path):
             "sensing": {"neighbours": "truth", "obstacles": "map"},
             "mission": {"time_limit": 0.3},
             "timing": {"answer_timeout": 0.5},
-            "wire": {"companion_port": 28840, "gcs_port": 28850, "frame_port": 28860},
+            "wire": {"companion_port": 28840, "gcs_port": 28850, "frame_port": 28880},
         }
     )
     flight = Flight(scenario, tmp_path)
     frame = flight.sensors.frame
     flight.sensors.frame = lambda *what: time.sleep(0.6) or frame(*what)
-    companion = FrameClient("127.0.0.1", 28861)
+    companion = FrameClient("127.0.0.1", 28881)
 
     def answer_late():
         with contextlib.suppress(VideoError):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sitl_sim.__main__ import main
-from sitl_sim.recording.run_folder import load_run
+from sitl_sim.recording.run_folder import load_run, radii
 from sitl_sim.viewer import Page, Replay
 from tests.sitl_sim import flights
 
@@ -71,6 +71,14 @@ def test_missing_values_of_a_world_have_the_judges_defaults(tmp_path):
     assert "drone2 1/1" in (folder / "report.html").read_text()
     with contextlib.closing(Page(Replay(run), port=0)):
         pass  # drawn, however tall
+
+
+def test_sizes_by_name_are_read(tmp_path):
+    folder = flights.write_run(tmp_path / "run")
+    world(folder, drone_radius={"drone1": 0.1, "drone2": 0.3})
+    told = load_run(folder).world
+    assert told["drone_radius"] == 0.3
+    np.testing.assert_array_equal(radii(told, ["drone2", "drone1"]), [0.3, 0.1])
 
 
 def test_a_folder_without_a_flight_is_refused(tmp_path, capsys):

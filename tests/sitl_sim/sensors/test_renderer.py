@@ -7,7 +7,7 @@ import pytest
 
 from companion.perception.camera import Camera
 from mavlink_bridge.shared.settings import SettingsError
-from sitl_sim.scenarios.scenario import SensingConfig, lens_of
+from sitl_sim.scenarios.sensing import SensingConfig, lens_of
 from sitl_sim.sensors.fisheye import R_BC, Lens, rotation
 from sitl_sim.sensors.renderer import Renderer, Sensor
 from sitl_sim.sensors.sensor import measured

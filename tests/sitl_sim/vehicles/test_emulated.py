@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from mavlink_bridge.wire.messages import Command, LocalPosition, Received, Source
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.emulated import Autopilots
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.rigid_body import Vehicles
 from sitl_sim.vehicles.sensor_noise import SensorNoise
 
 
@@ -53,6 +54,7 @@ def test_reboot_sets_the_clock_back_and_disarms(make_flight):
 def test_position_jump_and_gyro_bias(make_flight):
     f = make_flight()
     f.in_the_air()
+    f.command(511, 32, 20000)
     f.autopilots.shift_position(0, [2.0, 0.0, 0.0])
     f.run(0.1)
     assert f.last(LocalPosition).p[0] == pytest.approx(2.0, abs=0.2)

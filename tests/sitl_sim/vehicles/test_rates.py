@@ -5,11 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from sitl_sim.vehicles.airframe import Airframe, RateGains
 from sitl_sim.vehicles.estimator import Estimator
 from sitl_sim.vehicles.kernel import fly
 from sitl_sim.vehicles.outer_loops import Control, OuterGains, make_setpoints
-from sitl_sim.vehicles.rates import RateGains, make_rate_loop, mix
-from sitl_sim.vehicles.rigid_body import Airframe, Vehicles
+from sitl_sim.vehicles.rates import make_rate_loop, mix
+from sitl_sim.vehicles.rigid_body import Vehicles
 from sitl_sim.vehicles.sensor_noise import SensorNoise
 
 AIRFRAME = Airframe()

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mavlink_bridge.shared.constants import GRAVITY
-from sitl_sim.vehicles.rigid_body import SUBSTEP, Airframe, Vehicles
+from sitl_sim.vehicles.airframe import Airframe
+from sitl_sim.vehicles.rigid_body import SUBSTEP, Vehicles
 
 BARE = Airframe(drag_linear=(0.0, 0.0, 0.0), drag_quadratic=0.0)
 
@@ -175,3 +176,37 @@ def test_vehicles_do_not_touch_each_other():
 def test_wrong_number_of_airframes_is_refused():
     with pytest.raises(ValueError, match="2 airframes for 1 vehicles"):
         Vehicles([BARE, BARE], [[0, 0, 0]], 0.0)
+
+
+def on_a_slope(degrees):
+    """A vehicle that stands on a plane that rises to the east."""
+    v = one(z=0.0)
+    v.body.ground[:] = [0.0, math.tan(math.radians(degrees)), 0.0]
+    v.state.contact[:] = True
+    return v
+
+
+def test_a_vehicle_stands_on_a_slope_of_ten_degrees_and_lies_along_it():
+    v = on_a_slope(10.0)
+    run(v, 2.0)
+    np.testing.assert_allclose(v.p[0], 0.0, atol=1e-6)
+    up = rotate(v.q[0], np.array([0.0, 0.0, 1.0]))
+    slope = math.radians(10.0)
+    np.testing.assert_allclose(up, [-math.sin(slope), 0.0, math.cos(slope)], atol=1e-3)
+
+
+def test_a_vehicle_slides_down_a_slope_that_is_steeper_than_its_friction():
+    v = on_a_slope(45.0)
+    run(v, 0.5)
+    along = math.sqrt(0.5) * GRAVITY * (1.0 - 0.7)  # sine less friction times cosine
+    assert np.linalg.norm(v.v[0]) == pytest.approx(along * 0.5, rel=0.05)
+    assert v.p[0, 2] == pytest.approx(v.p[0, 0], abs=0.01)
+    assert v.p[0, 0] < 0.0
+
+
+def test_a_fall_ends_on_the_slope():
+    v = on_a_slope(10.0)
+    v.p[0] = [3.0, 0.0, 1.5]
+    run(v, 2.0)
+    assert v.state.contact[0]
+    assert v.p[0, 2] == pytest.approx(v.p[0, 0] * math.tan(math.radians(10.0)), abs=1e-3)

@@ -151,10 +151,9 @@ def test_in_a_browser_without_a_network(run, page, browser):
     until(lambda: page.slider.value > 9.0, tab)
     play.dispatch_event("click")
     until(lambda: not page.play.value, tab)
-    tab.wait_for_timeout(300)
     now = page.slider.value
     np.testing.assert_allclose(page.scene.drones.batched_positions, truth_at(run, now), atol=1e-5)
-    assert drones_in_picture(page, run, now, tab) == 3
+    until(lambda: drones_in_picture(page, run, now, tab) == 3, tab)  # a renderer takes its time
     assert drones_in_picture(page, run, now, tab, shown=now - 3.0) == 0  # it does tell
     assert not errors
     assert all(url.startswith((page.url, "data:", "blob:")) for url in asked)

@@ -20,8 +20,8 @@ from mavlink_bridge.wire.messages import (
     RateSetpoint,
     SetMode,
 )
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.firmware.flavour import Mode
-from sitl_sim.vehicles.rigid_body import Airframe
 
 HOVER = Airframe().hover_thrust
 
@@ -157,3 +157,13 @@ def test_a_mission_begins_behind_home(make_flight):
     assert f.run(40.0, lambda: MissionItemReached(4) in f.heard[0][-20:])
     f.run(1.5)
     assert f.last(Heartbeat).custom_mode == AUTO
+
+
+def test_refusals_as_recorded_from_arducopter(make_flight):
+    """4.7-dev: an unknown mode or message fails (4), an unknown interval is denied (2)."""
+    f = make_flight(flavour="ardupilot")
+    assert f.command(176, 1, 99) == 4
+    assert f.command(512, 999) == 4
+    assert f.command(511, 999, 1e6) == 2
+    assert f.texts() == ["No such mode 99", "No ap_message for mavlink id (999)"]
+    assert f.command(512, 24) == 0

@@ -8,9 +8,9 @@ tests/mavlink_bridge/betaflight.
 
 import pytest
 
+from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.firmware.flavour import Mode
 from sitl_sim.vehicles.outer_loops import Control
-from sitl_sim.vehicles.rigid_body import Airframe
 
 HOVER = Airframe().hover_thrust
 
@@ -38,7 +38,7 @@ def test_px4_leaves_offboard_at_its_loss_time(make_flight, loss_time):
     after = reaction(f, lambda: f.commander.mode is not Mode.OFFBOARD)
     assert after == pytest.approx(loss_time, abs=3 * TICK)
     f.run(2.0)
-    assert f.commander.mode is Mode.HOLD
+    assert f.commander.mode is Mode.RETURN
     assert abs(f.vehicles.omega[0, 2]) < 0.1
 
 

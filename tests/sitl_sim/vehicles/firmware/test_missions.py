@@ -1,6 +1,7 @@
 """The mission protocol: upload, download, refusals, and the flight of a mission."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -93,10 +94,7 @@ def test_unknown_items_are_refused_and_the_old_mission_stays(make_flight):
     ("command", "x", "y", "z", "result"),
     [
         (16, NAN, 8.0, 3.0, 10),
-        (16, 500.0, 8.0, 3.0, 10),
-        (21, -90.1, 8.0, 3.0, 10),
         (16, 47.0, NAN, 3.0, 11),
-        (22, 47.0, 180.1, 3.0, 11),
         (22, 47.0, -math.inf, 3.0, 11),
         (16, 47.0, 8.0, NAN, 12),
         (22, 47.0, 8.0, math.inf, 12),
@@ -175,3 +173,52 @@ def test_a_pilot_interrupts_a_mission(make_flight):
     f.command(176, 1, 4, 3)
     f.run(3.0)
     assert np.linalg.norm(f.vehicles.v[0]) < 0.3
+
+
+def test_a_vehicle_asks_again_for_an_item_that_does_not_come(make_flight):
+    """PX4 1.17: every 0.26 s for five seconds, then it gives up without a word."""
+    f = make_flight()
+    f.send(MissionCount(1, 1, 2))
+    f.run(2.0)
+    asked = [m for m in f.heard[0] if isinstance(m, MissionRequest)]
+    assert 6 <= len(asked) <= 8
+    assert {(m.seq, m.target_system) for m in asked} == {(0, 255)}
+    f.run(4.0)
+    f.heard[0].clear()
+    f.run(1.0)
+    assert not [m for m in f.heard[0] if isinstance(m, MissionRequest)]
+
+
+def test_px4_takes_a_place_off_the_earth_and_keeps_a_fence(make_flight):
+    f = make_flight()
+    assert upload(f, [item(0, 16, 500.0, 8.0, 3.0)]) == MissionAck(255, 190, 0)
+    (request,) = f.send(MissionCount(1, 1, 1, 1))
+    assert (request.seq, request.mission_type) == (0, 1)
+    corner = replace(item(0, 5001, 47.0, 8.0, 0.0), mission_type=1)
+    assert f.send(corner) == [MissionAck(255, 190, 0, 1)]
+    assert f.send(MissionRequestList(1, 1, 1)) == [MissionCount(255, 190, 1, 1)]
+    assert f.send(MissionRequest(1, 1, 9, 0)) == [MissionAck(255, 190, 1)]
+
+
+def test_ardupilot_refuses_a_place_off_the_earth(make_flight):
+    f = make_flight(flavour="ardupilot")
+    assert upload(f, [item(0, 16, 500.0, 8.0, 3.0)]) == MissionAck(255, 190, 10)
+
+
+def test_an_old_request_is_answered_with_an_old_item(make_flight):
+    f = make_flight()
+    upload(f, [item(0, 16, 47.0, 8.0, 3.0)])
+    (old,) = f.send(MissionRequest(1, 1, 0, 0, floating=True))
+    assert old.floating
+    assert old.x_deg == 47.0
+
+
+def test_ardupilot_asks_by_the_old_request_each_second(make_flight):
+    """Recorded from ArduCopter 4.7-dev."""
+    f = make_flight(flavour="ardupilot")
+    (first,) = f.send(MissionCount(1, 1, 2))
+    assert first.floating
+    f.run(3.5)
+    asked = [m for m in f.heard[0] if isinstance(m, MissionRequest)]
+    assert len(asked) == 3
+    assert all(m.floating and m.seq == 0 for m in asked)

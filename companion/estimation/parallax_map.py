@@ -1,0 +1,121 @@
+"""Parallax map: what stands around, from points whose distance own motion has shown.
+
+A point counts where another corner was found beside it; a wrong track stands alone. Points that
+stand together become an upright cylinder round them where they fit into one, whatever they belong
+to; a wider shape stays a set of points. Points that are no longer followed are kept for a while.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.perception.parallax import FixedPoints
+from mavlink_bridge.shared.arrays import Vector
+
+_STANDS = 0.4  # m over the ground, above which a point is in the way
+_LEVELS = 2.0  # m above and below the drone; what is farther up or down is not in the way
+_RANGE = 8.0  # m, of points that are taken in; farther ones are poor
+_MEMORY = 12.0  # s that a point which is no longer followed is kept
+_MOST = 250  # points kept, the newest
+_ANEW = 3  # updates: what stands does not move
+_BESIDE = 0.4  # m, level, between points that confirm one another
+_TOGETHER = 0.7  # m, level, between points of one thing
+_WIDEST = 1.7  # m, radius of a thing that is a cylinder
+_SLIMMEST = 0.12  # m, of a cylinder
+_SIGMA = 0.1  # m, 1 σ of the place of a thing that parallax alone shows
+_EXPLAINED = 0.5  # m from a trunk's surface, within which points are the trunk's
+
+
+@dataclass(frozen=True)
+class StandingThings:
+    """What parallax shows: cylinders (k,3) x, y, radius, and points (n,3) of wider shapes; m."""
+
+    cylinders: Vector
+    points: Vector
+
+
+class ParallaxMap:
+    """Remembers standing points in the drone's own ENU frame."""
+
+    def __init__(self) -> None:
+        self._names: NDArray[np.int64] = np.zeros(0, np.int64)
+        self._places: Vector = np.zeros((0, 3))
+        self._seen: Vector = np.zeros(0)
+        self._updates = 0
+        self._standing = StandingThings(np.zeros((0, 3)), np.zeros((0, 3)))
+
+    def update(self, fixed: FixedPoints, p: Vector, time: float, floor: float = 0.0) -> None:
+        """Take in the points of one picture, taken at p (3,) m and `time` [s].
+
+        floor: m, height of the ground.
+        """
+        places = fixed.places
+        near = np.linalg.norm(places - p, axis=1) < _RANGE
+        stands = (places[:, 2] > floor + _STANDS) & (np.abs(places[:, 2] - p[2]) < _LEVELS)
+        # A corner whose place is refined replaces its older place, or leaves.
+        kept = ~np.isin(self._names, fixed.names) & (time - self._seen < _MEMORY)
+        new = near & stands
+        self._updates += 1
+        self._names = np.concatenate([self._names[kept], fixed.names[new]])[-_MOST:]
+        self._places = np.concatenate([self._places[kept], places[new]])[-_MOST:]
+        self._seen = np.concatenate([self._seen[kept], np.full(new.sum(), time)])[-_MOST:]
+
+    def standing(self) -> StandingThings:
+        """Return what stands around, by all points remembered; made anew every few updates."""
+        if self._updates >= _ANEW:
+            self._updates, self._standing = 0, self._grouped()
+        return self._standing
+
+    def _grouped(self) -> StandingThings:
+        level = self._places[:, :2]
+        gaps = np.linalg.norm(level[:, None] - level[None], axis=2)
+        sure = (gaps < _BESIDE).sum(axis=1) > 1  # itself and another
+        cylinders: list[list[float]] = []
+        rest: list[Vector] = []
+        for members in _groups(gaps[np.ix_(sure, sure)] < _TOGETHER):
+            group = self._places[sure][members]
+            (x, y), radius = cv2.minEnclosingCircle(group[:, None, :2].astype(np.float32))
+            if radius <= _WIDEST:
+                cylinders.append([x, y, max(radius, _SLIMMEST)])
+            else:
+                rest.append(group)
+        return StandingThings(
+            np.array(cylinders).reshape(-1, 3),
+            np.concatenate(rest) if rest else np.zeros((0, 3)),
+        )
+
+
+def with_others(cylinders: Vector, others: Vector, p: Vector) -> Vector:
+    """Return cylinders (k,4), and those of others (n,3) that none of them explains.
+
+    Rows of the result: x, y, radius and 1 σ of the place [m], sorted by the distance of the
+    surface from p (3,) m.
+    """
+    if not len(others):
+        return cylinders
+    gaps = np.linalg.norm(others[:, None, :2] - cylinders[None, :, :2], axis=2) - cylinders[:, 2]
+    new = others[(gaps > _EXPLAINED).all(axis=1)]
+    doubt = np.full((len(new), 1), _SIGMA)
+    both = np.concatenate([cylinders, np.hstack([new, doubt])])
+    surface = np.linalg.norm(both[:, :2] - p[:2], axis=1) - both[:, 2]
+    return np.asarray(both[np.argsort(surface, kind="stable")])
+
+
+def _groups(linked: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
+    """Return the connected groups of indices of a symmetric matrix (n,n)."""
+    left = np.ones(len(linked), bool)
+    groups = []
+    while left.any():
+        member = np.zeros(len(linked), bool)
+        edge = np.zeros(len(linked), bool)
+        edge[int(np.argmax(left))] = True
+        while edge.any():
+            member |= edge
+            edge = linked[edge].any(axis=0) & ~member
+        left &= ~member
+        groups.append(np.flatnonzero(member))
+    return groups

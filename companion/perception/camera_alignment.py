@@ -1,0 +1,254 @@
+"""Camera alignment: does the picture turn as the gyro says, in direction, amount and time?
+
+Whenever the drone turns, the rotation between two pictures (`visual_rotation.py`) is compared with
+the rotation of the vehicle's attitude at the capture times, and at times a little earlier and
+later. With φ seen and E expected, both rotation vectors in the camera's frame,
+
+    φ = s (E + δ × E)
+
+has three unknowns worth knowing: the lag of the picture behind its stamp, the scale s (true over
+assumed focal length; negative in a mirrored picture) and the angle δ by which the camera is turned
+against its mount. All are found by recursive least squares for each lag of a grid; the lag with
+the least misfit is the picture's. Too little turning, and nothing is said.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from companion.perception.view import View
+from companion.perception.visual_rotation import Grey, VisualGyro
+from companion.types import Image
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.wire.messages import VehicleState
+
+_LAGS = np.arange(-0.25, 0.3001, 0.05)  # s, picture behind its stamp
+_LEAST_TURN = 0.02  # rad from picture to picture, below which noise is all that there is
+_LONGEST = 0.25  # s between two pictures that are compared
+_LEAST_PAIRS = 4.0
+_SURPRISE, _IN_A_ROW = 0.5, 2  # share of the turn, and turns, from which the camera has moved
+_KEEP = 0.97  # of the evidence, from one pair of pictures to the next
+_FLOOR, _SHARE = 0.002, 0.03  # rad, and share of the turn: errors of attitude and tracking
+_PRIOR = np.array([0.5, 0.5, 0.5, 0.5]) ** -2.0  # information on s − 1 and δ [rad] before any look
+_SIGMAS = 3.0  # a finding differs from none by so many standard deviations
+# A lens that was as configured does not change little by little; the vehicle's attitude may.
+_SETTLED = 2.0
+_SCALE, _ANGLE = 0.06, math.radians(6.0)  # findings smaller than this fly well
+_LAG_FLOOR = 0.007  # s; the parabola through the grid is no better
+_LAG_SIGMA = 0.02  # s; a less certain lag is not used
+_LAG_USED = 0.02  # s; smaller lags are within the stamps' own errors
+_SPARE = (2, 8)  # once all is known, so many pictures of so many are looked at
+_KNOWN = (0.01, 0.02, 0.08)  # 1 σ of lag [s], scale and angles [rad] below which all is known
+_LAG_FLOWN = 0.2  # s; a picture later than this shows what was
+
+StateAt = Callable[[float], VehicleState | None]
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """What the turns so far tell of the camera; a 1 σ is infinite where they do not tell.
+
+    lag: s, of the picture behind its stamp, 0 where too small to matter. scale: true over assumed
+    focal length. tilt: rad, rotation vector (3,) of the camera against its mount, camera frame.
+    sigmas: 1 σ of lag, scale and the angles. contradiction: in words; empty where all is well.
+    """
+
+    lag: float = 0.0
+    scale: float = 1.0
+    tilt: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    sigmas: tuple[float, float, float] = (math.inf, math.inf, math.inf)
+    contradiction: str = ""
+
+
+@dataclass(frozen=True)
+class _Shot:
+    """A picture taken at `time` [s], reduced."""
+
+    time: float
+    grey: Grey
+
+
+@dataclass(frozen=True)
+class _Turn:
+    """A rotation seen between the pictures stamped `start` and `end` [s]."""
+
+    start: float
+    end: float
+    vector: Vector
+    sigma: float
+
+
+class CameraAlignment:
+    """Compares the pictures of one camera with the vehicle's attitude, turn by turn."""
+
+    def __init__(self, view: View) -> None:
+        self._view = view
+        self._gyro = VisualGyro(view.camera)
+        self._before: _Shot | None = None
+        self._frames = 0
+        self._waiting: deque[_Turn] = deque(maxlen=8)
+        self._surprises = 0
+        self.estimate = Alignment()
+        self._forget()
+
+    def _forget(self) -> None:
+        """Start the evidence anew; the estimate stays until there is another."""
+        n = len(_LAGS)
+        self._information = np.zeros((n, 4, 4))
+        self._weighted = np.zeros((n, 4))
+        self._squares = np.zeros(n)
+        self._pairs = 0.0
+        self._surprises = 0
+        self._settled = False
+
+    def update(self, time: float, stamp: float, image: Image, at: StateAt) -> None:
+        """Take in the picture `image` (H,W,3) uint8 BGR, stamped `stamp` [s], at a tick's `time`.
+
+        at: returns the own state at a time [s] of the last second.
+        """
+        # The attitude after a capture is known a little later.
+        while self._waiting and self._waiting[0].end - _LAGS[0] <= time:
+            self._learn(self._waiting.popleft(), at)
+        if self._before is not None and stamp <= self._before.time:
+            return
+        self._frames += 1
+        spare = self._pairs >= _LEAST_PAIRS and self._known
+        if spare and self._frames % _SPARE[1] >= _SPARE[0]:
+            return
+        shot = _Shot(stamp, self._gyro.reduce(image))
+        before, self._before = self._before, shot
+        if before is not None and 0.0 < stamp - before.time < _LONGEST:
+            self._compare(before, shot, at)
+
+    @property
+    def _known(self) -> bool:
+        return (
+            not self._surprises and not self.estimate.contradiction and _sure(self.estimate.sigmas)
+        )
+
+    def _compare(self, before: _Shot, after: _Shot, at: StateAt) -> None:
+        """Measure the rotation between two pictures, where the drone turned around that time."""
+        then, now = at(before.time), at(after.time)
+        if then is None or now is None:
+            return
+        turning = max(float(np.linalg.norm(s.omega)) for s in (then, now))
+        if turning * (after.time - before.time) < _LEAST_TURN:
+            return
+        moved = self._view.to_camera(now, (now.p - then.p)[None])[0]
+        seen = self._gyro.rotation(before.grey, after.grey, moved)
+        if seen is not None:
+            self._waiting.append(_Turn(before.time, after.time, seen.vector, seen.sigma))
+
+    def _learn(self, turn: _Turn, at: StateAt) -> None:
+        """Add a turn to the evidence for each lag."""
+        expected = [self._expected(turn.start - lag, turn.end - lag, at) for lag in _LAGS]
+        if any(e is None for e in expected):
+            return
+        e = np.array(expected)
+        if self._surprising(turn, e):
+            self._forget()
+        sigma = math.hypot(turn.sigma, _FLOOR, _SHARE * float(np.linalg.norm(turn.vector)))
+        rows = np.concatenate([e[:, :, None], -_crosses(e)], axis=2) / sigma
+        off = (turn.vector - e) / sigma
+        self._information = _KEEP * self._information + np.einsum("lij,lik->ljk", rows, rows)
+        self._weighted = _KEEP * self._weighted + np.einsum("lij,li->lj", rows, off)
+        self._squares = _KEEP * self._squares + np.einsum("li,li->l", off, off)
+        self._pairs = _KEEP * self._pairs + 1.0
+        self.estimate = self._estimate()
+
+    def _surprising(self, turn: _Turn, expected: Vector) -> bool:
+        """Return whether turn after turn is far from the estimate: the camera has moved."""
+        known = self._pairs >= _LEAST_PAIRS
+        nearest = expected[int(np.argmin(np.abs(_LAGS - self.estimate.lag)))]
+        error = turn.vector - self.estimate.scale * (
+            nearest + np.cross(self.estimate.tilt, nearest)
+        )
+        self._surprises = (self._surprises + 1) * int(
+            known and float(np.linalg.norm(error)) > _SURPRISE * float(np.linalg.norm(nearest))
+        )
+        return self._surprises >= _IN_A_ROW
+
+    def _expected(self, start: float, end: float, at: StateAt) -> Vector | None:
+        """Return the rotation vector (3,) of the camera from `start` to `end` [s], by attitude."""
+        first, last = at(start), at(end)
+        if first is None or last is None:
+            return None
+        turn = self._view.rotation(first).T @ self._view.rotation(last)
+        return np.asarray(cv2.Rodrigues(turn)[0], float).ravel()
+
+    def _estimate(self) -> Alignment:
+        """Return what the evidence tells."""
+        if self._pairs < _LEAST_PAIRS:
+            return self.estimate
+        information = self._information + np.diag(_PRIOR)
+        solution = np.linalg.solve(information, self._weighted[..., None])[..., 0]
+        misfit = self._squares - np.einsum("lj,lj->l", solution, self._weighted)
+        freedom = 3.0 * self._pairs - 4.0
+        lag, lag_sigma, best = _minimum(misfit, freedom)
+        noise = max(float(misfit[best]) / freedom, 1.0)
+        covariance = np.linalg.inv(information[best]) * noise
+        deviation = np.sqrt(np.diag(covariance))
+        scale = 1.0 + float(solution[best, 0])
+        x, y, z = (float(a) / max(abs(scale), 0.2) for a in solution[best, 1:])
+        sigmas = (lag_sigma, float(deviation[0]), float(deviation[1:].max()))
+        used = lag if abs(lag) > max(_LAG_USED, _SIGMAS * lag_sigma) else 0.0
+        text = _contradiction(
+            scale, np.array([x, y, z]), deviation, _SETTLED if self._settled else 1.0
+        )
+        if not text and lag_sigma < _LAG_SIGMA and lag > _LAG_FLOWN:
+            text = f"pictures show what was {lag:.2f} s before their stamps"
+        sure = _sure(sigmas)
+        if not text and not sure:  # a contradiction ends by evidence, not for want of it
+            text = self.estimate.contradiction
+        self._settled |= sure and not text and sigmas[2] < _ANGLE / _SIGMAS
+        return Alignment(used if lag_sigma < _LAG_SIGMA else 0.0, scale, (x, y, z), sigmas, text)
+
+
+def _sure(sigmas: tuple[float, float, float]) -> bool:
+    return all(s < known for s, known in zip(sigmas, _KNOWN, strict=True))
+
+
+def _contradiction(scale: float, tilt: Vector, deviation: Vector, slack: float) -> str:
+    """Return in words how the picture contradicts the gyro; empty where it does not.
+
+    slack: factor on what is let pass.
+    """
+    if scale < -_SIGMAS * deviation[0]:
+        return "the picture turns against the gyro: mirrored or upside down"
+    if abs(scale - 1.0) > max(slack * _SCALE, _SIGMAS * deviation[0]):
+        return (
+            f"the picture turns {scale:.2f} times as far as the gyro says: the focal length is "
+            f"{scale:.2f} times the configured one"
+        )
+    if (np.abs(tilt) > np.maximum(slack * _ANGLE, _SIGMAS * deviation[1:])).any():
+        angle = math.degrees(float(np.linalg.norm(tilt)))
+        return f"the picture turns about another axis: the camera is {angle:.0f}° off its mount"
+    return ""
+
+
+def _minimum(misfit: Vector, freedom: float) -> tuple[float, float, int]:
+    """Return the lag [s] of least misfit, its 1 σ [s], and the index of the nearest lag tried."""
+    best = int(np.argmin(misfit))
+    if not 0 < best < len(_LAGS) - 1:
+        return float(_LAGS[best]), math.inf, best
+    left, middle, right = misfit[best - 1 : best + 2].tolist()
+    step = float(_LAGS[1] - _LAGS[0])
+    bend = left - 2.0 * middle + right
+    if bend <= 0.0:
+        return float(_LAGS[best]), math.inf, best
+    lag = float(_LAGS[best]) + 0.5 * step * (left - right) / bend
+    noise = max(middle / freedom, 1.0)
+    return lag, math.hypot(_LAG_FLOOR, step * math.sqrt(2.0 * noise / bend)), best
+
+
+def _crosses(vectors: Vector) -> Vector:
+    """Return the matrices (n,3,3) of v × for vectors (n,3)."""
+    x, y, z = vectors.T
+    o = np.zeros_like(x)
+    return np.stack([o, -z, y, z, o, -x, -y, x, o], axis=1).reshape(-1, 3, 3)

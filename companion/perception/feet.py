@@ -1,0 +1,135 @@
+"""Obstacles by the network's classes: where each column of the picture meets the ground.
+
+The probabilities of obstacle and ground are levelled (`panorama`). In each column the foot is the
+row that best parts obstacle above from ground below; its elevation and the altitude give the
+distance, and how softly one class turns into the other gives the foot's doubt. `trunk_fit` makes
+trunks of the columns. Source: Levi et al., "StixelNet", 2015.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.perception.camera import Camera
+from companion.perception.heat_map import Cells
+from companion.perception.panorama import LevelFrame, Panorama
+from companion.perception.trunk_fit import Columns, FootSettings, Mask, find_trunks
+from companion.types import Trunk
+from mavlink_bridge.shared.arrays import Vector
+
+Votes = NDArray[np.int16]
+_SURE = 255
+_LOW = 0.4  # m below the camera that an obstacle's top may be, and still count
+_HIGH_ROWS = 5  # of the panorama above the horizon: an obstacle there stands in the way
+_SOLID = 0.4  # of the rows between these two that an obstacle has to fill
+_BLUR = 0.5  # σ of the foot over the stretch in which the classes are not clear
+
+
+class FootFinder:
+    """Finds obstacles that stand on the ground, in the network's classes.
+
+    clarity: 0…1, mean certainty of the newest picture's classes below the horizon: 1 where each
+    pixel is surely ground, obstacle or neither, 0 where nothing can be told apart.
+    """
+
+    def __init__(self, camera: Camera, settings: FootSettings, shape: tuple[int, int]) -> None:
+        """shape: h, w of the classes."""
+        self._settings = settings
+        step = math.radians(settings.step_deg)
+        self._panorama = Panorama.around_feet(camera.scaled(shape[1], shape[0]), step)
+        elevation = self._panorama.elevation
+        self._horizon = int(np.searchsorted(-elevation, 0.0))
+        self._drop = np.tan(-elevation[self._horizon :])
+        self._above = slice(0, int(np.searchsorted(-elevation, -math.radians(3.0))))
+        self.clarity = 1.0
+
+    def find(self, scene: Cells, gravity_c: Vector, altitude: float) -> list[Trunk]:
+        """Return the obstacles in classes (2,h,w), nearest first, and set `clarity`.
+
+        gravity_c: (3,) unit vector down, camera frame. altitude: m, camera above the ground.
+        """
+        if not altitude > 0.1 or not np.isfinite(gravity_c).all():
+            return []
+        level = LevelFrame.along(gravity_c)
+        cells = np.empty((*scene.shape[1:], 3), np.uint8)
+        np.multiply(scene[0], _SURE, out=cells[..., 0], casting="unsafe")
+        np.multiply(scene[1], _SURE, out=cells[..., 1], casting="unsafe")
+        cells[..., 2] = 0
+        view, seen = self._panorama.resample(cells, level)
+        # Columns become rows: sums down a column then run over adjacent memory.
+        obstacle = np.ascontiguousarray(view[..., 0].T).astype(np.int16)
+        ground = np.ascontiguousarray(view[..., 1].T).astype(np.int16)
+        self.clarity = self._clearness(obstacle, ground, seen.T)
+        columns = self._columns(obstacle, ground, np.ascontiguousarray(seen.T), altitude)
+        return find_trunks(columns, self._settings, altitude, level)
+
+    def _clearness(self, obstacle: Votes, ground: Votes, seen: Mask) -> float:
+        part = np.s_[::2, self._horizon :: 2]
+        a, b, known = obstacle[part], ground[part], seen[part]
+        likeliest = np.maximum(np.maximum(a, b), _SURE - a - b)[known]
+        if not len(likeliest):
+            return 1.0
+        return max(0.0, float(1.5 * likeliest.mean() / _SURE - 0.5))
+
+    def _columns(self, obstacle: Votes, ground: Votes, known: Mask, altitude: float) -> Columns:
+        """Return the columns, each split at the foot of the obstacle in it."""
+        h = self._horizon
+        vote = np.where(known, ground - obstacle, 0)  # > 0: ground
+        below, known_below = vote[:, h:], known[:, h:]
+        rows = np.arange(below.shape[1])
+        # Misfits of a foot at row k, obstacle above and ground below: cumulated votes.
+        running = np.zeros((len(below), below.shape[1] + 1), np.int32)
+        np.cumsum(below, axis=1, dtype=np.int32, out=running[:, 1:])
+        foot_row = np.argmin(running, axis=1)
+        after = (rows >= foot_row[:, None]) & known_below
+        known_after = np.count_nonzero(after, axis=1)
+        ground_after = np.count_nonzero(after & (below > 0), axis=1)
+        t = altitude / np.maximum(self._slope(below, foot_row), 1e-3)
+        t[foot_row == 0] = np.inf
+        high = vote[:, self._above]
+        above = np.count_nonzero(high < -_SURE // 2, axis=1) > 0.5 * np.maximum(
+            np.count_nonzero(known[:, self._above], axis=1), 4
+        )
+        blind = np.count_nonzero(known_below, axis=1) < 6
+        # Without ground in view, an object before the sky may be near.
+        t = np.where(blind & above, 2.0 * self._settings.max_range, t)
+        soft = (np.abs(below) < _SURE // 2) & self._near(rows, foot_row)
+        step = float(self._panorama.elevation[0] - self._panorama.elevation[1])
+        return Columns(
+            self._panorama.azimuth,
+            np.where(self._stands(vote, known, foot_row, t), t, np.inf),
+            (ground_after >= 5) & (ground_after > 0.7 * known_after) & ~blind,
+            ~blind | above,
+            np.zeros(len(t)),
+            _BLUR * step * np.count_nonzero(soft, axis=1),
+        )
+
+    def _slope(self, below: Votes, foot_row: NDArray[np.intp]) -> Vector:
+        """Return the tangent of the foot's angle below the horizon, between the rows' centres."""
+        k = np.clip(foot_row, 1, below.shape[1] - 1)
+        columns = np.arange(len(below))
+        a, b = below[columns, k - 1].astype(float), below[columns, k].astype(float)
+        part = np.clip(-a / np.maximum(b - a, 1.0), 0.0, 1.0)
+        e = self._panorama.elevation[self._horizon :]
+        slope: Vector = np.tan(-(e[0] + (part + k - 1.0) * (e[1] - e[0])))
+        return slope
+
+    def _stands(self, vote: Votes, known: Mask, foot_row: NDArray[np.intp], t: Vector) -> Mask:
+        """Return the columns whose obstacle reaches the height of flight."""
+        h = self._horizon
+        rows = np.arange(vote.shape[1] - h)
+        reach = np.searchsorted(self._drop, _LOW / np.maximum(t, 0.3))
+        band = (rows < np.minimum(reach, foot_row)[:, None]) & known[:, h:]
+        solid = np.count_nonzero(band & (vote[:, h:] < 0), axis=1)
+        solid += np.count_nonzero(vote[:, h - _HIGH_ROWS : h] < 0, axis=1)
+        tall: Mask = solid > _SOLID * np.maximum(np.count_nonzero(band, axis=1), 2)
+        return tall
+
+    @staticmethod
+    def _near(rows: NDArray[np.intp], foot_row: NDArray[np.intp]) -> Mask:
+        """Return the rows (columns, rows) around each foot in which its doubt is counted."""
+        near: Mask = np.abs(rows - foot_row[:, None]) <= 6
+        return near

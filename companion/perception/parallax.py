@@ -1,0 +1,243 @@
+"""Parallax: the distance of corners of the picture, from the drone's own known motion alone.
+
+Corners are followed from picture to picture (Lucas and Kanade), the search beginning where pose and
+depth predict them. Each has a filter of its inverse distance from where it was first seen: metric
+scale comes from the own motion, nothing from colour, shape or size (Forster et al., "SVO",
+ICRA 2014; Civera et al., "Inverse depth parametrization for monocular SLAM", 2008). A corner that
+moves across its epipolar line is no fixed point, and is dropped.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.perception.view import View
+from companion.types import Detection, Image
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.wire.messages import VehicleState
+
+_WIDTH = 320  # px of the reduced picture
+_CORNERS = 120
+_QUALITY, _APART = 0.01, 6  # of a corner against the best one; px between corners
+_LEVEL = 0.4  # sine of the angle from the horizon, within which things stand in the way
+_REFILL = 3  # pictures from one search for new corners to the next
+_LONGEST = 0.35  # s between two pictures in which corners are followed
+_MARGIN = 3.0  # px from the picture's edge
+_PIXEL = 0.35  # px, 1 σ of a followed corner
+_ATTITUDE = 0.004  # rad, 1 σ of the own attitude from picture to picture
+_PRIOR = (0.15, 0.15)  # 1/m, inverse distance of a new corner and its 1 σ
+_GATE = 4.0  # standard deviations beyond which a corner is not the one that was followed
+_LOST = 20.0  # grey levels by which a corner may change
+_NEAREST, _FARTHEST = 0.3, 200.0  # m
+_LEAST_PARALLAX = 0.035  # rad, seen from first to now: less is attitude noise
+_SURE = 0.15  # 1 σ over distance of a point that is reported
+_DRONE = 0.4  # m, radius within which corners belong to a detected neighbour
+
+
+@dataclass(frozen=True)
+class FixedPoints:
+    """Points of the world whose distance is known by parallax.
+
+    places: (n,3) m, own ENU frame. sigmas: (n,) m, along the line of sight. names: (n,) the corner
+    that each is; a corner lost and found again has a new name.
+    """
+
+    places: Vector
+    sigmas: Vector
+    names: NDArray[np.int64]
+
+    @property
+    def rows(self) -> Vector:
+        """(n,5) x, y, z, sigma, name."""
+        return np.column_stack([self.places, self.sigmas, self.names])
+
+    @staticmethod
+    def from_rows(rows: Vector | None) -> FixedPoints:
+        """Return the points of rows (n,5); None: no points."""
+        if rows is None:
+            return FixedPoints.none()
+        return FixedPoints(rows[:, :3], rows[:, 3], rows[:, 4].astype(np.int64))
+
+    @staticmethod
+    def none() -> FixedPoints:
+        """Return no points."""
+        return FixedPoints(np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64))
+
+
+@dataclass(frozen=True)
+class _Corners:
+    """The corners that are followed.
+
+    pixels (n,2). origins (n,3) m, rays (n,3): first look, own ENU frame. inverse (n,) 1/m, and its
+    variance (n,). names (n,).
+    """
+
+    pixels: NDArray[np.float32]
+    origins: Vector
+    rays: Vector
+    inverse: Vector
+    variance: Vector
+    names: NDArray[np.int64]
+
+    def __getitem__(self, kept: NDArray[np.bool_]) -> _Corners:
+        return _Corners(*(getattr(self, f)[kept] for f in self.__dataclass_fields__))
+
+    def __len__(self) -> int:
+        return len(self.inverse)
+
+    @property
+    def places(self) -> Vector:
+        """(n,3) m, own ENU frame."""
+        return self.origins + self.rays / self.inverse[:, None]
+
+
+def _no_corners() -> _Corners:
+    none = np.zeros((0, 3))
+    return _Corners(
+        np.zeros((0, 2), np.float32), none, none, np.zeros(0), np.zeros(0), np.zeros(0, np.int64)
+    )
+
+
+class Parallax:
+    """Follows corners through the pictures of one camera."""
+
+    def __init__(self, view: View) -> None:
+        height = max(round(view.camera.height * _WIDTH / view.camera.width), 1)
+        self._view = view
+        self._camera = view.camera.scaled(_WIDTH, height)
+        self._sigma = float(np.hypot(_PIXEL / self._camera.fx, _ATTITUDE))
+        self._corners = _no_corners()
+        self._before: NDArray[np.uint8] | None = None
+        self._pictures = self._named = 0
+        self._time = -np.inf
+
+    def update(self, image: Image, own: VehicleState, drones: list[Detection]) -> FixedPoints:
+        """Return the points known after the picture `image` (H,W,3) uint8 BGR, taken in `own`.
+
+        drones: the neighbours in the picture; what moves with them is no fixed point.
+        """
+        size = (self._camera.width, self._camera.height)
+        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        grey = np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), np.uint8)
+        rotation = self._view.rotation(own)
+        if own.time - self._time > _LONGEST:
+            self._corners, self._before = _no_corners(), None
+        self._time = own.time
+        if self._before is not None and len(self._corners):
+            self._follow(grey, own.p, rotation)
+            self._drop_drones(own.p, rotation, drones)
+        if self._pictures % _REFILL == 0:
+            self._refill(grey, own.p, rotation)
+        self._pictures += 1
+        self._before = grey
+        return self._known(own.p)
+
+    def _follow(self, grey: NDArray[np.uint8], p: Vector, rotation: Vector) -> None:
+        """Find the corners in the next picture, and refine their distances."""
+        guess = self._camera.project((self._corners.places - p) @ rotation)
+        limits = np.array([self._camera.width, self._camera.height]) - 1 - _MARGIN
+        with np.errstate(invalid="ignore"):
+            inside = np.all((guess > _MARGIN) & (guess < limits), axis=1)
+        c, guess = self._corners[inside], guess[inside].astype(np.float32)
+        if not len(c) or self._before is None:
+            self._corners = c
+            return
+        found, status, change = cv2.calcOpticalFlowPyrLK(
+            self._before,
+            grey,
+            c.pixels[:, None],
+            guess[:, None].copy(),
+            winSize=(11, 11),
+            maxLevel=2,
+            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        )
+        pixels = np.asarray(found, np.float32)[:, 0]
+        kept = (status[:, 0] == 1) & (change[:, 0] < _LOST)
+        rays = self._camera.unproject(pixels.astype(float)) @ rotation.T
+        inverse, variance, fits = refined(
+            c.origins - p, c.rays, rays, c.inverse, c.variance, self._sigma
+        )
+        self._corners = replace(c, pixels=pixels, inverse=inverse, variance=variance)[kept & fits]
+
+    def _drop_drones(self, p: Vector, rotation: Vector, drones: list[Detection]) -> None:
+        rays = self._camera.unproject(self._corners.pixels.astype(float))
+        kept = np.ones(len(rays), bool)
+        for drone in drones:
+            kept &= rays @ drone.direction < np.cos(min(_DRONE / max(drone.range, 0.1), 1.0))
+        self._corners = self._corners[kept]
+
+    def _refill(self, grey: NDArray[np.uint8], p: Vector, rotation: Vector) -> None:
+        """Add corners where none is followed."""
+        wanted = _CORNERS - len(self._corners)
+        if wanted <= 0:
+            return
+        free = np.full(grey.shape, 255, np.uint8)
+        for u, v in self._corners.pixels.round().astype(int).tolist():
+            free[max(v - _APART, 0) : v + _APART + 1, max(u - _APART, 0) : u + _APART + 1] = 0
+        # What stands in the way shows around the horizon; other corners tell of the ground.
+        level = np.abs(self._camera.directions @ rotation[2].astype(np.float32)) < _LEVEL
+        found = []
+        for count, here in ((wanted, level), (min(wanted, _CORNERS // 4), ~level)):
+            mask = np.where(here, free, np.uint8(0))
+            new = cv2.goodFeaturesToTrack(grey, count, _QUALITY, _APART, mask=mask)
+            found += [] if new is None else [np.asarray(new, np.float32)[:, 0]]
+        if not found:
+            return
+        pixels = np.concatenate(found)
+        n, c = len(pixels), self._corners
+        self._corners = _Corners(
+            np.concatenate([c.pixels, pixels]),
+            np.concatenate([c.origins, np.tile(p, (n, 1))]),
+            np.concatenate([c.rays, self._camera.unproject(pixels.astype(float)) @ rotation.T]),
+            np.concatenate([c.inverse, np.full(n, _PRIOR[0])]),
+            np.concatenate([c.variance, np.full(n, _PRIOR[1] ** 2)]),
+            np.concatenate([c.names, self._named + np.arange(n)]),
+        )
+        self._named += n
+
+    def _known(self, p: Vector) -> FixedPoints:
+        """Return the points whose distance is sure, seen from p (3,) m."""
+        c = self._corners
+        if not len(c):
+            return FixedPoints.none()
+        places = c.places
+        lengths = np.linalg.norm(places - p, axis=1)
+        moved = c.origins - p
+        across = np.linalg.norm(np.cross(moved, c.rays), axis=1)
+        parallax = across / np.maximum(lengths, _NEAREST)
+        sigmas = np.sqrt(c.variance) / c.inverse**2
+        sure = (sigmas < _SURE * lengths) & (parallax > _LEAST_PARALLAX)
+        return FixedPoints(places[sure], sigmas[sure], c.names[sure])
+
+
+def refined(
+    moved: Vector, first: Vector, now: Vector, inverse: Vector, variance: Vector, sigma: float
+) -> tuple[Vector, Vector, NDArray[np.bool_]]:
+    """Return inverse distances (n,) [1/m] and variances (n,) after one more look, and which fit.
+
+    moved (n,3): m, from here back to the place of the first look. first, now (n,3): unit rays of
+    the first look and of this one. inverse (n,), variance (n,): before it. sigma: rad, of a ray.
+    """
+    sight = first + inverse[:, None] * moved
+    length = np.linalg.norm(sight, axis=1)
+    sight = sight / length[:, None]
+    slope = (moved - np.einsum("ij,ij->i", moved, sight)[:, None] * sight) / length[:, None]
+    steep = np.linalg.norm(slope, axis=1)
+    line = slope / np.maximum(steep, 1e-9)[:, None]
+    error = now - sight
+    along = np.einsum("ij,ij->i", error, line)
+    rest = error - along[:, None] * line
+    across = np.linalg.norm(rest - np.einsum("ij,ij->i", rest, sight)[:, None] * sight, axis=1)
+    spread = variance * steep**2 + sigma**2
+    fits = (across < _GATE * sigma) & (np.abs(along) < _GATE * np.sqrt(spread))
+    gain = variance * steep / spread
+    low, high = 1.0 / _FARTHEST, 1.0 / _NEAREST
+    return (
+        np.clip(inverse + gain * along, low, high),
+        np.maximum((1.0 - gain * steep) * variance, 1e-8),
+        fits,
+    )

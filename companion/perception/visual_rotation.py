@@ -1,0 +1,114 @@
+"""Visual gyro: the camera's rotation between two pictures, from the pictures alone.
+
+Corners are tracked from picture to picture (Lucas and Kanade). The rotation that explains their
+motion is found by iteratively reweighted least squares. Where the drone moves, a corner also moves
+along a known direction by an unknown amount, which depends on its distance: along that direction
+the corner has little weight (the epipolar constraint for known translation).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.perception.camera import Camera
+from companion.types import Image
+from mavlink_bridge.shared.arrays import Vector
+
+_WIDTH = 160  # px of the reduced picture: subpixel tracking makes 0.05° of it
+_CORNERS = 50
+_QUALITY, _APART = 0.02, 6  # of a corner against the best one; px between corners
+_LEAST = 10  # corners without which there is no rotation
+_PIXEL_SIGMA = 0.3  # px, of a tracked corner
+_DISTANCE = 6.0  # m, typical of corners: its inverse and the inverse's 1 σ are alike
+_STEPS = 5  # of the reweighted least squares
+_DISAGREE = 36.0  # times the expected square error: the points were not tracked
+
+Grey = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class VisualRotation:
+    """A rotation vector (3,) [rad; camera frame of the first picture], and its 1 σ [rad]."""
+
+    vector: Vector
+    sigma: float
+
+
+class VisualGyro:
+    """Measures the rotation from one picture of a camera to another."""
+
+    def __init__(self, camera: Camera) -> None:
+        self._height = max(round(camera.height * _WIDTH / camera.width), 1)
+        self._camera = camera.scaled(_WIDTH, self._height)
+
+    def reduce(self, image: Image) -> Grey:
+        """Return a picture (H,W,3) uint8 BGR as the small grey one that is compared."""
+        small = cv2.resize(image, (_WIDTH, self._height), interpolation=cv2.INTER_AREA)
+        return np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), np.uint8)
+
+    def rotation(self, before: Grey, after: Grey, moved: Vector) -> VisualRotation | None:
+        """Return the rotation from `before` to `after`; None where too little can be tracked.
+
+        moved: (3,) m, own displacement in between, camera frame of `after`.
+        """
+        corners = cv2.goodFeaturesToTrack(before, _CORNERS, _QUALITY, _APART)
+        if corners is None or len(corners) < _LEAST:
+            return None
+        tracked, found, _ = cv2.calcOpticalFlowPyrLK(
+            before,
+            after,
+            corners,
+            np.empty_like(corners),  # no first guess
+            winSize=(11, 11),
+            maxLevel=2,
+        )
+        ok = found[:, 0] == 1
+        if np.count_nonzero(ok) < _LEAST:
+            return None
+        first, second = (self._camera.unproject(c[ok, 0]) for c in (corners, tracked))
+        return fit_rotation(first, second, moved, _PIXEL_SIGMA / self._camera.fx)
+
+
+def fit_rotation(
+    before: Vector, after: Vector, moved: Vector, sigma: float
+) -> VisualRotation | None:
+    """Return the camera's rotation from rays `before` (n,3) and `after` (n,3) of the same points.
+
+    None where most of the points do not agree on one.
+
+    moved: (3,) m, own displacement, camera frame of `after`. sigma: rad, of a ray.
+    """
+    flow = (after @ moved)[:, None] * after - moved  # of a point 1 m away
+    length = np.linalg.norm(flow, axis=1) / _DISTANCE
+    along = flow / np.maximum(length * _DISTANCE, 1e-9)[:, None]
+    across = np.cross(after, along)
+    if length.max() < 1e-6:  # without motion any two directions will do
+        along = np.cross(after, [0.0, 1.0, 1e-3])
+        along /= np.linalg.norm(along, axis=1)[:, None]
+        across = np.cross(after, along)
+    weights = np.stack([1.0 / (sigma**2 + length**2), np.full(len(after), sigma**-2)])
+    rotation, trust = np.eye(3), np.ones(len(after))
+    for _ in range(_STEPS):
+        turned = before @ rotation.T
+        error = after - turned
+        a = np.einsum("ij,ij->i", error, along) - length
+        b = np.einsum("ij,ij->i", error, across)
+        rows = np.concatenate([np.cross(turned, along), np.cross(turned, across)])
+        w = (weights * trust).ravel()
+        information = (rows * w[:, None]).T @ rows + 1e-6 * np.eye(3)
+        step = np.linalg.solve(information, rows.T @ (w * np.concatenate([a, b])))
+        rotation = cv2.Rodrigues(step)[0] @ rotation
+        # Geman and McClure: moving things and wrong matches lose their weight.
+        misfit = (weights[0] * a**2 + weights[1] * b**2) / 2
+        spread = max(float(np.median(misfit)) / np.log(2.0), 1.0)
+        trust = (1.0 + misfit / (4.0 * spread)) ** -2
+    if spread > _DISAGREE:
+        return None
+    variance = float(np.trace(np.linalg.inv(information))) / 3 * spread
+    # The points turn the other way than the camera does.
+    vector = -cv2.Rodrigues(rotation)[0].ravel()
+    return VisualRotation(np.asarray(vector, float), float(np.sqrt(variance)))

@@ -1,0 +1,89 @@
+"""Find MAVLink frames in bytes of which any may be garbage, at a cost that grows with their number.
+
+The search for a first byte runs at the speed of `re`. Length, flags, ids and checksum are looked at
+before anything is decoded, each in a time that does not depend on what the bytes say.
+Source: https://mavlink.io/en/guide/serialization.html.
+"""
+
+from __future__ import annotations
+
+import binascii
+import re
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from mavlink_bridge.wire.dialect.event_message import EventMessage
+from mavlink_bridge.wire.messages import Source
+from mavlink_bridge.wire.signing import SIGNATURE_BYTES
+
+V1, V2 = 0xFE, 0xFD  # first byte of a frame
+SIGNED = 0x01  # MAVLINK_IFLAG_SIGNED, the only flag that is understood
+LONGEST = 255 + 12 + SIGNATURE_BYTES  # bytes of a frame
+HEADER = 10  # bytes in front of the payload, MAVLink 2
+_V1_HEADER = 6
+_CHECKSUM = 2
+_CRC_EXTRA = {number: kind.crc_extra for number, kind in mavlink.mavlink_map.items()}
+_CRC_EXTRA[EventMessage.id] = EventMessage.crc_extra  # of no pymavlink table
+_REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+
+
+@dataclass(frozen=True, slots=True)
+class RawFrame:
+    """One frame whose checksum is right; data: all its bytes, the signature too."""
+
+    source: Source
+    sequence: int
+    message_id: int
+    data: bytes
+
+
+def start_pattern(allow: Collection[tuple[int, int]] | None) -> re.Pattern[bytes]:
+    """Return the pattern of a header that may begin a frame.
+
+    allow: (system, component) of a MAVLink 1 frame, component 0: any; None: all.
+    """
+    if allow is None:
+        v1_ids = b""
+    else:
+        choices = (_byte(s) + (b"." if c == 0 else _byte(c)) for s, c in sorted(allow))
+        v1_ids = b"..(?:" + b"|".join(choices) + b")" if allow else b"(?!)"
+    return re.compile(rb"\xfd.[\x00\x01]|\xfe" + v1_ids, re.DOTALL)
+
+
+def _byte(value: int) -> bytes:
+    return re.escape(bytes([value]))
+
+
+def frame_length(data: bytes | bytearray, start: int) -> int:
+    """Return the number of bytes of the frame whose first three bytes are at `start`."""
+    length = data[start + 1]
+    if data[start] == V1:
+        return length + _V1_HEADER + _CHECKSUM
+    return length + HEADER + _CHECKSUM + (SIGNATURE_BYTES if data[start + 2] & SIGNED else 0)
+
+
+def header(data: bytes | bytearray, start: int) -> tuple[int, int, int, int]:
+    """Return sequence number, system, component and message id of the frame at `start`."""
+    if data[start] == V1:
+        return data[start + 2], data[start + 3], data[start + 4], data[start + 5]
+    number = data[start + 7] | data[start + 8] << 8 | data[start + 9] << 16
+    return data[start + 4], data[start + 5], data[start + 6], number
+
+
+def is_known(message_id: int) -> bool:
+    """Return whether the checksum of this message can be verified."""
+    return message_id in _CRC_EXTRA
+
+
+def checksum_holds(frame: bytes | bytearray, message_id: int) -> bool:
+    """Return whether the checksum of a frame of a known message is right.
+
+    It is CRC-16/MCRF4XX: the CRC of `binascii` over bytes whose bits are in reverse order.
+    """
+    turned = frame.translate(_REVERSED)
+    end = (_V1_HEADER if frame[0] == V1 else HEADER) + frame[1]
+    extra = _REVERSED[_CRC_EXTRA[message_id]]
+    crc = binascii.crc_hqx(bytes(turned[1:end]) + bytes([extra]), 0xFFFF)
+    return crc == turned[end] << 8 | turned[end + 1]

@@ -1,0 +1,158 @@
+"""Rows of the fault matrix about hostile lines and failing software, as in `checks`."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from companion.process.presence import Presence
+from companion.supervision.guard import Reason
+from companion.types import Phase
+from mavlink_bridge.wire.codec import Codec
+from mavlink_bridge.wire.messages import Source
+from mavlink_bridge.wire.signing import Signing
+from tests.closed_loop.matrix.measures import CRUISE, SHORT, flown_with, mode_after
+
+KEY, NOW = bytes(range(32)), 400_000_000_0000
+
+
+def signed(f):
+    """Let vehicle and companion of drone 1 sign, each with its own codec and clock."""
+    c, drone = f.companions[0], f._drones[0]
+    ours, theirs = Signing(KEY, NOW), Signing(KEY, NOW + 77)
+    link = c.config.link
+    c.link.codec = Codec(link.system_id, link.component_id, link.heard(), ours)
+    drone.companion.codec = Codec(link.system_id, 1, signing=theirs)
+    c.presence, c.echoes = Presence(Source(link.system_id, link.component_id), 1), 0
+    before = c.before
+
+    def look(inputs):
+        ours.timestamp += 10_000  # 0.1 s
+        theirs.timestamp += 10_000
+        c.echoes += sum(r.source.component == link.component_id for r in inputs.received)
+        return before(inputs)
+
+    c.before = look
+
+
+def row_26(note):
+    """On a signed line all that was sent is played back, in both directions."""
+    hostile = [
+        {"kind": "link_replay", "amount": 200.0, "at": 3.0},
+        {"kind": "link_reflect", "amount": 1.0, "at": 3.0},
+        {"kind": "link_spoof", "amount": 50.0, "at": 3.0},
+    ]
+    f = flown_with(signed, hostile, **SHORT)
+    c = f.companions[0]
+    counts = c.link.codec.statistics
+    assert counts.replayed > 1000
+    assert counts.unsigned > 100
+    assert c.echoes == 0
+    assert "HOLD" not in [name for t, name in f.modes[0] if t > 5.0]
+    assert f.speed(10.0) > 1.2
+    f.check_always()
+    note("played back and heard", float(c.echoes))
+
+
+def row_27(note):
+    """10 MB/s on the vehicle's own line: each tick's cost, by processor time."""
+    costs = []
+
+    def watch(f):
+        f.companions[0].stopwatch = time.thread_time
+
+    for faults in ([], [{"kind": "link_flood", "amount": 1e7, "at": 6.0}]):
+        f = flown_with(watch, faults, **SHORT)
+        c = f.companions[0]
+        assert f.speed(10.0) > 1.2
+        f.check_always()
+        flown = [s for s, o in zip(c.seconds, c.outs, strict=True) if o.time > 6.5]
+        costs.append(float(np.percentile(flown, 99)))
+    assert c.link.codec.statistics.bad_bytes > 10_000_000
+    assert {o.verdict.reason for _, o in c.ticks(6.5, 10.0)} == {Reason.PLAN}
+    assert costs[1] < costs[0] + 0.1 * c.config.timing.period, costs
+    note("p99 of the tick [s], calm", costs[0])
+    note("p99 of the tick [s], 10 MB/s", costs[1])
+
+
+def row_28(note):
+    """The detector gives NaN, infinite or huge numbers, or raises: as a camera that is blind."""
+    for kind in ("nan", "inf", "huge", "raises"):
+
+        def spoil(f, kind=kind):
+            frontend = f.companions[0].companion._perception
+            detect = frontend._detect
+
+            def wrong(frame, own, fits):
+                if not f._now / 1e3 >= CRUISE:
+                    return detect(frame, own, fits)
+                if kind == "raises":
+                    raise ValueError("cannot convert float NaN to integer")
+                number = {"nan": np.nan, "inf": np.inf, "huge": 1e30}[kind]
+                rows = np.full((2, 6), number)
+                return detect(replace(frame, arrays=frame.arrays | {"neighbours": rows}), own, fits)
+
+            frontend._detect = wrong
+
+        f = flown_with(spoil, [], **(SHORT | {"mission__time_limit": 18.0}))
+        c = f.companions[0]
+        first = [o for _, o in c.ticks(CRUISE + 0.15)]
+        assert all(o.verdict is None or o.verdict.reason is Reason.BLIND for o in first), kind
+        assert f.speed(CRUISE + 1.0) <= 0.5
+        hold = mode_after(f, CRUISE, "HOLD")
+        assert hold <= 5.5
+        f.check_always()
+        note(f"HOLD, {kind}", hold)
+
+
+STAGES = {
+    "vehicle": ("_vehicle", "update"),
+    "see": ("_perception", "see"),
+    "map": ("_obstacles", "update"),
+    "track": ("_neighbours", "update"),
+    "motion": ("_motion", "update"),
+    "guide": ("_guidance", "decide"),
+    "plan": ("_planning", "plan"),
+    "supervise": ("_supervision", "decide"),
+    "guard": ("_supervision._guard", "judge"),
+    "command": ("_actuation", "setpoint"),
+}
+
+
+def row_29(note):
+    """Each stage raises in turn, from some tick on: HOLD, by the guard or without it."""
+    for stage, (path, name) in STAGES.items():
+
+        def spoil(f, path=path, name=name):
+            part = f.companions[0].companion
+            for step in path.split("."):
+                part = getattr(part, step)
+            true = getattr(part, name)
+
+            def wrong(*args, **more):
+                if f._now / 1e3 >= CRUISE:
+                    raise ZeroDivisionError("by zero")
+                return true(*args, **more)
+
+            setattr(part, name, wrong)
+
+        f = flown_with(spoil, [], **SHORT)
+        c = f.companions[0]
+        hold = mode_after(f, CRUISE, "HOLD")
+        assert hold <= 0.25, (stage, hold)  # a tick, its delay, and the autopilot's answer
+        assert "OFFBOARD" not in [m for t, m in f.modes[0] if t > CRUISE + hold]
+        # Without heartbeats the companion cannot see that the vehicle holds; it falls silent.
+        assert c.outs[-1].phase is Phase.PASSIVE or stage == "vehicle", stage
+        assert not c.streamed(CRUISE + 1.5), stage
+        assert "ZeroDivisionError: by zero" in c.outs[-1].failure
+        f.check_always()
+        note(f"HOLD, {stage}", hold)
+
+
+def row_30(note):
+    """A forger of the vehicle's own ids on its own line cannot be told apart unsigned: signed."""
+    f = flown_with(signed, [{"kind": "link_spoof", "amount": 1000.0, "at": 3.0}], **SHORT)
+    assert f.companions[0].link.codec.statistics.unsigned > 5000
+    assert f.speed(10.0) > 1.2
+    f.check_always()
+    note("forged and heard", 0.0)

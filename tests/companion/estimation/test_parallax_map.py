@@ -1,0 +1,75 @@
+"""What stands around, from points known by parallax."""
+
+import numpy as np
+
+from companion.estimation.parallax_map import ParallaxMap, with_others
+from companion.perception.parallax import FixedPoints
+
+HERE = np.array([0.0, 0.0, 2.0])
+
+
+def points(places, first=0):
+    places = np.array(places, float).reshape(-1, 3)
+    n = len(places)
+    return FixedPoints(places, np.full(n, 0.1), np.arange(first, first + n))
+
+
+def trunk(x, y, radius, count=8, first=0):
+    angles = np.linspace(np.pi / 2, 3 * np.pi / 2, count)  # its side towards the drone
+    ring = [
+        [x + radius * np.cos(a), y + radius * np.sin(a), 1.5 + 0.1 * k]
+        for k, a in enumerate(angles)
+    ]
+    return points(ring, first)
+
+
+def after(*looks):
+    seen = ParallaxMap()
+    for n, fixed in enumerate(looks):
+        seen.update(fixed, HERE, 0.1 * n)
+    return seen.standing()
+
+
+def test_points_on_a_trunk_become_a_cylinder():
+    found = after(*[trunk(4.0, 0.5, 0.6)] * 3).cylinders
+    np.testing.assert_allclose(found, [[4.0, 0.5, 0.6]], atol=0.05)
+
+
+def test_a_point_that_stands_alone_does_not_count():
+    assert not len(after(*[points([[4.0, 0.0, 2.0]])] * 3).cylinders)
+
+
+def test_ground_and_far_points_are_not_in_the_way():
+    ground = points([[3.0, 0.1 * k, 0.1] for k in range(9)])
+    far = points([[9.5, 0.1 * k, 2.0] for k in range(9)], first=20)
+    high = points([[3.0, 0.1 * k, 7.0] for k in range(9)], first=40)
+    assert not len(after(ground, far, high).cylinders)
+
+
+def test_a_wall_stays_a_set_of_points():
+    wall = points([[4.0, y, 2.0] for y in np.arange(-3.0, 3.0, 0.3)])
+    found = after(wall, wall, wall)
+    assert not len(found.cylinders)
+    assert len(found.points) == 20
+
+
+def test_a_corner_whose_place_is_refined_moves():
+    found = after(trunk(5.0, 0.0, 0.4), trunk(4.5, 0.0, 0.4), trunk(4.0, 0.0, 0.4)).cylinders
+    assert len(found) == 1
+    assert abs(found[0, 0] - 4.0) < 0.05
+
+
+def test_points_are_forgotten_after_a_while():
+    seen = ParallaxMap()
+    seen.update(trunk(4.0, 0.0, 0.5), HERE, 0.0)
+    for n in range(3):
+        seen.update(FixedPoints.none(), HERE, 13.0 + n)
+    assert not len(seen.standing().cylinders)
+
+
+def test_what_a_known_trunk_explains_is_not_told_twice():
+    known = np.array([[4.0, 0.0, 1.0, 0.05]])
+    others = np.array([[3.2, 0.3, 0.2], [4.0, 2.0, 0.3]])
+    np.testing.assert_array_equal(
+        with_others(known, others, HERE), [[4.0, 0.0, 1.0, 0.05], [4.0, 2.0, 0.3, 0.1]]
+    )

@@ -1,0 +1,112 @@
+"""Pictures of a far textured sphere against the attitude that the vehicle tells."""
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from companion.perception.camera import Camera
+from companion.perception.camera_alignment import CameraAlignment
+from companion.perception.view import View
+from mavlink_bridge.shared.frames import rotation_matrix
+from mavlink_bridge.wire.messages import VehicleState
+
+CAMERA = Camera.equidistant(320, 200, 160.0)
+PERIOD = 0.1
+
+
+def attitude(time):
+    """A drone that looks to and fro, and leans a little."""
+    yaw = 0.8 * np.sin(2 * np.pi * time / 1.8)
+    lean = [0.12 * np.sin(2.3 * time), 0.1 * np.sin(3.1 * time + 1.0)]
+    return Rotation.from_euler("ZYX", [yaw, *lean])
+
+
+def state(time):
+    x, y, z, w = attitude(time).as_quat()
+    omega = (attitude(time - 1e-3).inv() * attitude(time + 1e-3)).as_rotvec() / 2e-3
+    return VehicleState(time, np.zeros(3), np.zeros(3), np.array([w, x, y, z]), omega)
+
+
+def sphere():
+    """A texture (512,1024) of longitude and latitude."""
+    noise = np.random.default_rng(3).uniform(0, 255, (512, 1024)).astype(np.float32)
+    return cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 3.0), None, 0, 255, cv2.NORM_MINMAX)
+
+
+TEXTURE = sphere()
+
+
+def picture(time, camera=CAMERA, mount=None):
+    """What a camera sees of the sphere at `time`, its mount turned by `mount` (3,) rad."""
+    turned = Rotation.from_rotvec([0.0, 0, 0] if mount is None else mount).as_matrix()
+    rays = camera.directions @ turned.T @ rotation_matrix(camera.mount).T
+    rays = rays @ attitude(time).as_matrix().T
+    u = (np.arctan2(rays[..., 1], rays[..., 0]) / (2 * np.pi) + 0.5) * 1023
+    v = (np.arcsin(np.clip(rays[..., 2], -1, 1)) / np.pi + 0.5) * 511
+    grey = cv2.remap(TEXTURE, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
+    return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
+
+
+def estimate(taken, seconds=4.0, alignment=None, start=0.0):
+    alignment = alignment or CameraAlignment(View(CAMERA, needs_foot=False))
+    for n in range(round(seconds / PERIOD)):
+        time = start + n * PERIOD
+        alignment.update(time, time, taken(time), state)
+    return alignment
+
+
+def test_a_camera_as_configured_is_found_so():
+    found = estimate(picture).estimate
+    assert found.contradiction == ""
+    assert found.lag == 0.0
+    assert found.scale == pytest.approx(1.0, abs=0.01)
+    assert np.abs(found.tilt).max() < np.radians(1.0)
+    assert max(found.sigmas) < 0.08
+
+
+@pytest.mark.parametrize("lag", [-0.1, 0.06, 0.1, 0.15])
+def test_the_lag_of_the_stamps_is_found(lag):
+    found = estimate(lambda t: picture(t - lag)).estimate
+    assert found.lag == pytest.approx(lag, abs=0.01)
+    assert found.contradiction == ""
+
+
+@pytest.mark.parametrize(
+    ("taken", "words"),
+    [
+        (lambda t: np.ascontiguousarray(picture(t)[:, ::-1]), "mirrored or upside down"),
+        (lambda t: np.ascontiguousarray(picture(t)[::-1, ::-1]), "mirrored or upside down"),
+        (lambda t: picture(t, Camera.equidistant(320, 200, 145.0)), "the focal length is"),
+        (lambda t: picture(t, Camera.equidistant(320, 200, 178.0)), "the focal length is"),
+        (lambda t: picture(t, mount=[0.0, 0.0, np.radians(10)]), "10° off its mount"),
+        (lambda t: picture(t, mount=[np.radians(10), 0.0, 0.0]), "10° off its mount"),
+        (lambda t: picture(t, mount=[0.0, np.radians(10), 0.0]), "10° off its mount"),
+        (lambda t: picture(t - 0.25), "0.25 s before their stamps"),
+    ],
+)
+def test_a_camera_other_than_configured_is_told(taken, words):
+    assert words in estimate(taken).estimate.contradiction
+
+
+@pytest.mark.parametrize("fov_deg", [145.0, 155.0, 170.0])
+def test_the_focal_length_is_measured(fov_deg):
+    camera = Camera.equidistant(320, 200, fov_deg)
+    found = estimate(lambda t: picture(t, camera)).estimate
+    assert found.scale == pytest.approx(160.0 / fov_deg, abs=0.015)
+
+
+def test_a_camera_that_is_knocked_in_flight_is_noticed_within_three_seconds():
+    alignment = estimate(picture)
+    assert alignment.estimate.contradiction == ""
+    knocked = estimate(lambda t: picture(t, mount=[0.0, 0.0, 0.4]), 3.0, alignment, 4.0)
+    assert "off its mount" in knocked.estimate.contradiction
+
+
+def test_a_drone_that_does_not_turn_learns_nothing():
+    alignment = CameraAlignment(View(CAMERA, needs_foot=False))
+    for n in range(30):
+        own = VehicleState(0.1 * n, *(np.zeros(3),) * 2, np.array([1.0, 0, 0, 0]), np.zeros(3))
+        alignment.update(0.1 * n, 0.1 * n, picture(0.1 * n), lambda t, own=own: own)
+    assert alignment.estimate.sigmas == (np.inf,) * 3
+    assert alignment.estimate.contradiction == ""
