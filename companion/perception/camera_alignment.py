@@ -1,8 +1,8 @@
 """Camera alignment: does the picture turn as the gyro says, in direction, amount and time?
 
 Whenever the drone turns, the rotation between two pictures (`visual_rotation.py`) is compared with
-the rotation of the vehicle's attitude at the capture times, and at times a little earlier and
-later. With φ seen and E expected, both rotation vectors in the camera's frame,
+the sum of the gyro's rates between the capture times, and between times a little earlier and later.
+With φ seen and E expected, both rotation vectors in the camera's frame,
 
     φ = s (E + δ × E)
 
@@ -19,17 +19,18 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from companion.perception.view import View
 from companion.perception.visual_rotation import Grey, VisualGyro
 from companion.types import Image
 from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.wire.messages import VehicleState
 
 _LAGS = np.arange(-0.25, 0.3001, 0.05)  # s, picture behind its stamp
 _LEAST_TURN = 0.02  # rad from picture to picture, below which noise is all that there is
+_STEP = 0.02  # s, of the sum over the gyro's rates
 _LONGEST = 0.25  # s between two pictures that are compared
 _LEAST_PAIRS = 4.0
 _SURPRISE, _IN_A_ROW = 0.5, 2  # share of the turn, and turns, from which the camera has moved
@@ -147,10 +148,9 @@ class CameraAlignment:
 
     def _learn(self, turn: _Turn, at: StateAt) -> None:
         """Add a turn to the evidence for each lag."""
-        expected = [self._expected(turn.start - lag, turn.end - lag, at) for lag in _LAGS]
-        if any(e is None for e in expected):
+        e = self._expected(turn, at)
+        if e is None:
             return
-        e = np.array(expected)
         if self._surprising(turn, e):
             self._forget()
         sigma = math.hypot(turn.sigma, _FLOOR, _SHARE * float(np.linalg.norm(turn.vector)))
@@ -174,13 +174,25 @@ class CameraAlignment:
         )
         return self._surprises >= _IN_A_ROW
 
-    def _expected(self, start: float, end: float, at: StateAt) -> Vector | None:
-        """Return the rotation vector (3,) of the camera from `start` to `end` [s], by attitude."""
-        first, last = at(start), at(end)
-        if first is None or last is None:
+    def _expected(self, turn: _Turn, at: StateAt) -> Vector | None:
+        """Return the camera's rotation vectors (n,3), by the gyro, for each lag of the picture.
+
+        Not by the attitude: the errors of an attitude that GPS corrects do not turn with the drone.
+        """
+        start = turn.start - _LAGS[-1]
+        span = turn.end - turn.start
+        steps = math.ceil((_LAGS[-1] - _LAGS[0] + span) / _STEP)
+        states = [at(start + n * _STEP) for n in range(steps + 1)]
+        rates = [s.omega for s in states if s is not None]
+        if len(rates) < len(states):
             return None
-        turn = self._view.rotation(first).T @ self._view.rotation(last)
-        return np.asarray(cv2.Rodrigues(turn)[0], float).ravel()
+        # The turn is small: rates may be added up.
+        w = np.array(rates) @ rotation_matrix(self._view.mount)
+        sums = np.vstack([np.zeros(3), np.cumsum(0.5 * _STEP * (w[1:] + w[:-1]), axis=0)])
+        times = start + np.arange(len(w)) * _STEP
+        ends = (turn.end - _LAGS, turn.start - _LAGS)
+        late, early = (np.stack([np.interp(t, times, c) for c in sums.T], axis=1) for t in ends)
+        return np.asarray(late - early)
 
     def _estimate(self) -> Alignment:
         """Return what the evidence tells."""

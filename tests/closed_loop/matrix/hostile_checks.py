@@ -83,14 +83,15 @@ def row_28(note):
             frontend = f.companions[0].companion._perception
             detect = frontend._detect
 
-            def wrong(frame, own, fits):
+            def wrong(frame, own, ground, fits):
                 if not f._now / 1e3 >= CRUISE:
-                    return detect(frame, own, fits)
+                    return detect(frame, own, ground, fits=fits)
                 if kind == "raises":
                     raise ValueError("cannot convert float NaN to integer")
                 number = {"nan": np.nan, "inf": np.inf, "huge": 1e30}[kind]
                 rows = np.full((2, 6), number)
-                return detect(replace(frame, arrays=frame.arrays | {"neighbours": rows}), own, fits)
+                spoilt = replace(frame, arrays=frame.arrays | {"neighbours": rows})
+                return detect(spoilt, own, ground, fits=fits)
 
             frontend._detect = wrong
 
