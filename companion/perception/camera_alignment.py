@@ -33,6 +33,8 @@ _LEAST_TURN = 0.02  # rad from picture to picture, below which noise is all that
 _STEP = 0.02  # s, of the sum over the gyro's rates
 _LONGEST = 0.25  # s between two pictures that are compared
 _LEAST_PAIRS = 4.0
+_PAIRS_AGAINST = 8.0  # pairs from which a contradiction is told
+_PARALLAX = 0.1  # rad/m of own way: what near things move, of which the visual gyro leaves a part
 _SURPRISE, _IN_A_ROW = 0.5, 2  # share of the turn, and turns, from which the camera has moved
 _KEEP = 0.97  # of the evidence, from one pair of pictures to the next
 _FLOOR, _SHARE = 0.002, 0.03  # rad, and share of the turn: errors of attitude and tracking
@@ -144,16 +146,17 @@ class CameraAlignment:
         moved = self._view.to_camera(now, (now.p - then.p)[None])[0]
         seen = self._gyro.rotation(before.grey, after.grey, moved)
         if seen is not None:
-            self._waiting.append(_Turn(before.time, after.time, seen.vector, seen.sigma))
+            sigma = math.hypot(seen.sigma, _PARALLAX * float(np.linalg.norm(moved)))
+            self._waiting.append(_Turn(before.time, after.time, seen.vector, sigma))
 
     def _learn(self, turn: _Turn, at: StateAt) -> None:
         """Add a turn to the evidence for each lag."""
         e = self._expected(turn, at)
         if e is None:
             return
-        if self._surprising(turn, e):
-            self._forget()
         sigma = math.hypot(turn.sigma, _FLOOR, _SHARE * float(np.linalg.norm(turn.vector)))
+        if self._surprising(turn, e, sigma):
+            self._forget()
         rows = np.concatenate([e[:, :, None], -_crosses(e)], axis=2) / sigma
         off = (turn.vector - e) / sigma
         self._information = _KEEP * self._information + np.einsum("lij,lik->ljk", rows, rows)
@@ -162,7 +165,7 @@ class CameraAlignment:
         self._pairs = _KEEP * self._pairs + 1.0
         self.estimate = self._estimate()
 
-    def _surprising(self, turn: _Turn, expected: Vector) -> bool:
+    def _surprising(self, turn: _Turn, expected: Vector, sigma: float) -> bool:
         """Return whether turn after turn is far from the estimate: the camera has moved."""
         known = self._pairs >= _LEAST_PAIRS
         nearest = expected[int(np.argmin(np.abs(_LAGS - self.estimate.lag)))]
@@ -170,7 +173,9 @@ class CameraAlignment:
             nearest + np.cross(self.estimate.tilt, nearest)
         )
         self._surprises = (self._surprises + 1) * int(
-            known and float(np.linalg.norm(error)) > _SURPRISE * float(np.linalg.norm(nearest))
+            known
+            and float(np.linalg.norm(error))
+            > max(_SURPRISE * float(np.linalg.norm(nearest)), 2.0 * _SIGMAS * sigma)
         )
         return self._surprises >= _IN_A_ROW
 
@@ -213,7 +218,9 @@ class CameraAlignment:
         text = _contradiction(
             scale, np.array([x, y, z]), deviation, _SETTLED if self._settled else 1.0
         )
-        if not text and lag_sigma < _LAG_SIGMA and lag > _LAG_FLOWN:
+        if self._pairs < _PAIRS_AGAINST:
+            text = self.estimate.contradiction
+        elif not text and lag_sigma < _LAG_SIGMA and lag > _LAG_FLOWN:
             text = f"pictures show what was {lag:.2f} s before their stamps"
         sure = _sure(sigmas)
         if not text and not sure:  # a contradiction ends by evidence, not for want of it
