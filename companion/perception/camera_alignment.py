@@ -121,7 +121,7 @@ class CameraAlignment:
         if self._before is not None and stamp <= self._before.time:
             return
         self._frames += 1
-        spare = self._pairs >= _LEAST_PAIRS and self._known
+        spare = self._pairs >= _PAIRS_AGAINST and self._known
         if spare and self._frames % _SPARE[1] >= _SPARE[0]:
             return
         shot = _Shot(stamp, self._gyro.reduce(image))

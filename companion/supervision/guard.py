@@ -38,6 +38,7 @@ from mavlink_bridge.wire.messages import RateCommand, VehicleState
 FALLBACK_MAX = 2.5
 _LATE_GAIN = 0.7  # of the error, per command: 1 would be dead-beat
 _LATE_BRAKE = 0.25  # of the attitude's gain
+_UNTIL_TURNED = 0.1  # s, from a command until the frame has turned: delay and rate loop
 _UNTIL_ACTING = 0.75  # share of the time between late commands before a command acts
 _LOSSY_HELD = 0.3  # s that a command is in force where half of them are lost
 _TURN_MAX = 0.5  # s; the body rates of the last command are assumed for no longer
@@ -328,9 +329,12 @@ class Guard:
 def brake(own: VehicleState, config: GuardConfig) -> RateCommand:
     """Return the command that brakes: tilt against the velocity, thrust for the height.
 
-    The wanted specific force is −gain·v + g e_z, bounded.
+    The wanted specific force is −gain·v + g e_z, bounded; v is the velocity when the frame can have
+    turned, as its present tilt goes on accelerating it until then.
     """
-    return _towards(_against(own.v, config.brake_gain, config.brake_gain, config), own, config)
+    tilted = GRAVITY * rotation_matrix(own.q_wb)[:, 2]
+    then = own.v + _UNTIL_TURNED * np.array([tilted[0], tilted[1], 0.0])
+    return _towards(_against(then, config.brake_gain, config.brake_gain, config), own, config)
 
 
 def brake_late(own: VehicleState, config: GuardConfig, held: float) -> RateCommand:
