@@ -167,7 +167,7 @@ class CameraAlignment:
 
     def _surprising(self, turn: _Turn, expected: Vector, sigma: float) -> bool:
         """Return whether turn after turn is far from the estimate: the camera has moved."""
-        known = self._pairs >= _LEAST_PAIRS
+        known = self._pairs >= _PAIRS_AGAINST
         nearest = expected[int(np.argmin(np.abs(_LAGS - self.estimate.lag)))]
         error = turn.vector - self.estimate.scale * (
             nearest + np.cross(self.estimate.tilt, nearest)
