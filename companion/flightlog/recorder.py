@@ -98,7 +98,8 @@ class Recorder:
         try:
             self._write_inputs(inputs, tick, packets)
             self._write_tick(inputs, tick, counters, costs)
-            self._end_tick(tick.time, packets)
+            heartbeat = tick.vehicle.heartbeat
+            self._end_tick(tick.time, packets, heartbeat is None or heartbeat.armed)
         except OSError as error:
             self.failed = f"flight log ended: {error}"
 
@@ -153,9 +154,9 @@ class Recorder:
         if inputs.frame is not None and self._wants_image(tick.time, changed):
             self._write_image(inputs.frame)
 
-    def _end_tick(self, time: float, packets: Packets) -> None:
+    def _end_tick(self, time: float, packets: Packets, armed: bool) -> None:
         if self._tlog is not None:
-            self._tlog.write(time, packets)
+            self._tlog.write(time, packets, armed)
         self._count += 1
         if self._count % _TICKS_A_CHUNK == 0:
             self._writer.flush()

@@ -1,7 +1,8 @@
 """MAVLink traffic as a .tlog, the telemetry log that ground stations open.
 
 Before each frame stand eight bytes: microseconds, big-endian. The time is the vehicle's clock, as
-in the flight log.
+in the flight log. While the vehicle is disarmed, streams of its state are thinned to one frame a
+second of each kind; `/inputs` of the flight log has them all.
 """
 
 from __future__ import annotations
@@ -10,8 +11,25 @@ import struct
 from collections.abc import Iterable
 from pathlib import Path
 
+from mavlink_bridge.wire.ids import MessageId
+
 _V1, _V2, _SIGNED = 0xFE, 0xFD, 0x01
 _STAMP = struct.Struct(">Q")
+_THINNED = {
+    MessageId.ATTITUDE,
+    MessageId.ATTITUDE_QUATERNION,
+    MessageId.ATTITUDE_TARGET,
+    MessageId.DISTANCE_SENSOR,
+    MessageId.ESTIMATOR_STATUS,
+    MessageId.EXTENDED_SYS_STATE,
+    MessageId.GLOBAL_POSITION_INT,
+    MessageId.GPS_RAW_INT,
+    MessageId.LOCAL_POSITION_NED,
+    MessageId.ODOMETRY,
+    MessageId.SYS_STATUS,
+    MessageId.TIMESYNC,
+}
+_BETWEEN = 1.0  # s between two frames of a kind, while disarmed
 
 
 class TelemetryLog:
@@ -20,15 +38,26 @@ class TelemetryLog:
     def __init__(self, path: Path) -> None:
         self._file = path.open("wb")
         self._rest = {False: b"", True: b""}
+        self._written: dict[tuple[bool, int], float] = {}  # s, of the latest frame of each kind
 
-    def write(self, time: float, packets: Iterable[tuple[bool, bytes]]) -> None:
+    def write(self, time: float, packets: Iterable[tuple[bool, bytes]], armed: bool = True) -> None:
         """Append the frames of packets (sent by us, bytes), cut anywhere; time: s, of all."""
         stamp = _STAMP.pack(max(round(time * 1e6), 0))
         out = []
         for sent, data in packets:
             whole, self._rest[sent] = frames(self._rest[sent] + data)
-            out += [stamp + frame for frame in whole]
+            kept = whole if armed else [f for f in whole if self._wanted(time, sent, f)]
+            out += [stamp + frame for frame in kept]
         self._file.write(b"".join(out))
+
+    def _wanted(self, time: float, sent: bool, frame: bytes) -> bool:
+        """Return whether a frame is kept while the vehicle is disarmed."""
+        number = frame[5] if frame[0] == _V1 else int.from_bytes(frame[7:10], "little")
+        before = self._written.get((sent, number))
+        if number in _THINNED and before is not None and 0.0 <= time - before < _BETWEEN - 1e-6:
+            return False
+        self._written[sent, number] = time
+        return True
 
     def flush(self) -> None:
         """Hand everything to the system, so that a kill of the process loses nothing."""

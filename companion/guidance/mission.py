@@ -27,6 +27,7 @@ class MissionConfig(StrictModel):
 
     goals: list[list[float]] = Field(
         [],
+        max_length=1000,
         description="[x, y, z] m each, own ENU frame (origin: where the vehicle booted). Without "
         "goals the drone stays where it is, until it is told otherwise.",
     )

@@ -126,7 +126,8 @@ class ClockPace:
                     self._due = math.ceil(now / self._period) * self._period
                 if now >= self._due:
                     return self._tick(now, received)
-                self._link.send(self._requests.due(local))
+                if request := self._requests.due(local):
+                    self._link.send(request)
                 wait = min(clock.local(self._due) - local, _POLL)
             received += self._take_in(wait)
         return None
@@ -180,6 +181,8 @@ class ClockPace:
                     break
         except VideoError:
             self._frames = None
+        if not renew and self._link.endpoint.fileno() not in ready:
+            return []
         received = self._link.receive(renew)
         self._hear_clock(received)
         return received

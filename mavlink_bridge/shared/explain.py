@@ -100,6 +100,8 @@ def _text(model: type[BaseModel], location: Key, error: dict[str, Any]) -> str:
         text = f"must be {error['ctx']['expected']}"
     elif kind.startswith(("greater_than", "less_than")) and bounds:
         text = f"must be {bounds}"
+    elif kind == "too_long" and "actual_length" in error["ctx"]:
+        text = f"must have at most {error['ctx']['max_length']} items"
     elif bounds:
         text += f", {bounds}"
     return text if isinstance(got, dict | list) else f"{text}, got {got!r}"

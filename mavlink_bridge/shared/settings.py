@@ -17,6 +17,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mavlink_bridge.shared.explain import Key, dotted, explain
 
+_LARGEST = 256 << 10  # bytes of a file; YAML is read at 100 kB a second
+
 Model = TypeVar("Model", bound=BaseModel)
 
 
@@ -100,9 +102,11 @@ def load_yaml(path: Path) -> Document:
     """Read one file.
 
     Raises:
-        SettingsError: the file is missing, bad YAML, or a list or scalar at the top.
+        SettingsError: the file is missing, too large, bad YAML, or a list or scalar at the top.
     """
     try:
+        if (size := path.stat().st_size) > _LARGEST:
+            raise SettingsError([f"{path}: must have at most {_LARGEST} bytes, got {size}"])
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"

@@ -6,18 +6,21 @@ dropped.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from mavlink_bridge.wire import framing
 from mavlink_bridge.wire.dialect import FROM_WIRE, TO_WIRE
+from mavlink_bridge.wire.dialect.unpack import unpacked
 from mavlink_bridge.wire.framing import HEADER, LONGEST, SIGNED, V2, RawFrame
 from mavlink_bridge.wire.messages import Message, Received, Source
 from mavlink_bridge.wire.sequence import FrameCount
 from mavlink_bridge.wire.signing import Check, Signing
 
+_COPIES_OF = 128  # newest frames whose messages are kept
 _SENDERS = 64  # most senders whose frames are counted
 _MAGIC = (b"\xfd", b"\xfe")
 _FALSE_STARTS = 16  # most false starts in a datagram: a sender of frames makes next to none
@@ -64,7 +67,6 @@ class Codec:
             raise ValueError(f"MAVLink system id must be 1…255, got {system}")
         self.statistics = CodecStatistics()
         self._mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
-        self._reader = mavlink.MAVLink(None)
         self._allow = None if allow is None else frozenset((a.system, a.component) for a in allow)
         self._start = framing.start_pattern(self._allow)
         self._signing = signing
@@ -75,6 +77,7 @@ class Codec:
             signing.own = (system, component)
         self._buffer = bytearray()
         self._counts: dict[Source, FrameCount] = {}
+        self._newest: dict[bytes, Message] = {}  # by their frames, oldest first
 
     @property
     def signs(self) -> bool:
@@ -150,8 +153,8 @@ class Codec:
             message = None
             if convert is not None:
                 try:
-                    message = convert(self._reader.decode(bytearray(frame.data)))
-                except (mavlink.MAVError, ValueError, TypeError, OverflowError):
+                    message = self._message(frame, convert)
+                except (ValueError, TypeError, OverflowError):
                     self.statistics.bad_frames += 1
                     continue
             self.statistics.received += 1
@@ -159,6 +162,20 @@ class Codec:
             if message is not None:
                 out.append(Received(frame.source, message, *count.take()))
         return out
+
+    def _message(self, frame: RawFrame, convert: Callable[[Any], Message]) -> Message:
+        """Return the message of a frame; a line that repeats what it carried costs next to nothing.
+
+        Raises:
+            ValueError, TypeError, OverflowError: the payload is no such message.
+        """
+        message = self._newest.get(frame.data)
+        if message is None:
+            message = convert(unpacked(frame.message_id, frame.payload))
+            self._newest[frame.data] = message
+            if len(self._newest) > _COPIES_OF:
+                del self._newest[next(iter(self._newest))]
+        return message
 
     def _scan(self, data: bytes | bytearray, whole: bool) -> tuple[list[RawFrame], int]:
         """Return the accepted frames in `data`, and the index of the first byte not looked at.

@@ -38,6 +38,12 @@ class RawFrame:
     message_id: int
     data: bytes
 
+    @property
+    def payload(self) -> bytes:
+        """The payload, as long as it was sent."""
+        start = _V1_HEADER if self.data[0] == V1 else HEADER
+        return self.data[start : start + self.data[1]]
+
 
 def start_pattern(allow: Collection[tuple[int, int]] | None) -> re.Pattern[bytes]:
     """Return the pattern of a header that may begin a frame.

@@ -37,6 +37,9 @@ _GLOBAL_FRAMES = (  # x and y of COMMAND_INT are degrees · 1e7; elsewhere metre
 
 
 _UNKNOWN_VARIANCE = 255  # cm², of DISTANCE_SENSOR
+_SYMMETRIC = np.zeros((6, 6), int)  # index in the upper triangle of each element of a covariance
+_SYMMETRIC[np.triu_indices(6)] = np.arange(21)
+_SYMMETRIC = np.maximum(_SYMMETRIC, _SYMMETRIC.T)
 
 
 def _text(raw: str | bytes) -> str:
@@ -117,10 +120,8 @@ def _odometry(w: Any) -> m.Odometry:
 
 def _covariance(upper: Sequence[float]) -> Vector | None:
     """Return a covariance (6,6) from its upper triangle; None where it is not told or is none."""
-    covariance = np.zeros((6, 6))
-    covariance[np.triu_indices(6)] = upper
-    covariance += np.triu(covariance, 1).T
-    known = np.isfinite(covariance[:3, :3]).all() and (np.diag(covariance) >= 0.0).all()
+    covariance = np.array(upper)[_SYMMETRIC]
+    known = np.isfinite(covariance[:3, :3]).all() and (covariance.diagonal() >= 0.0).all()
     return covariance if known else None
 
 
@@ -271,13 +272,13 @@ def _param_value(w: Any) -> m.ParamValue:
 
 
 def _mission_request(w: Any) -> m.MissionRequest:
-    floating = w.get_type() == "MISSION_REQUEST"
+    floating = w.msgname == "MISSION_REQUEST"
     return m.MissionRequest(w.target_system, w.target_component, w.seq, w.mission_type, floating)
 
 
 def _mission_item(w: Any) -> m.MissionItem:
     x, y = w.x, w.y
-    floating = w.get_type() == "MISSION_ITEM"
+    floating = w.msgname == "MISSION_ITEM"
     if not floating:
         x, y = (math.nan if k == UNSET_COORDINATE else k / 1e7 for k in (w.x, w.y))
     return m.MissionItem(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from mavlink_bridge.wire.messages.protocols import (
     FileTransfer,
@@ -62,8 +63,7 @@ from mavlink_bridge.wire.messages.status import (
 )
 
 
-@dataclass(frozen=True)
-class Source:
+class Source(NamedTuple):
     """Sender of a message: MAVLink system and component id."""
 
     system: int

@@ -26,20 +26,8 @@ from mavlink_bridge.wire.messages import Attitude, Received, Source
 from mavlink_bridge.wire.signing import Signing
 from tests.closed_loop.matrix import checks, inprocess, thrust_checks
 
-# Known to fall short: garbage at 1 MB/s costs a tick 10 to 11 ms at p99, not 10 or less.
-SHORT_OF = {
-    "10": [
-        pytest.mark.xfail(
-            strict=False, reason="garbage costs 10.4 ms a tick at p99, 10 is the limit"
-        )
-    ]
-}
 
-
-@pytest.mark.parametrize(
-    "row",
-    [pytest.param(r, marks=[pytest.mark.row(r), *SHORT_OF.get(r, [])]) for r in checks.ROWS],
-)
+@pytest.mark.parametrize("row", [pytest.param(r, marks=pytest.mark.row(r)) for r in checks.ROWS])
 def test_row(row, note):
     checks.ROWS[row](note)
 

@@ -50,3 +50,20 @@ def test_frames_are_whole_under_any_chunking():
             more, rest = frames(rest + data[at : at + size])
             found += more
         assert found == whole
+
+
+def test_while_disarmed_streams_are_thinned_and_all_else_is_kept(tmp_path):
+    path = tmp_path / "flight.tlog"
+    log = TelemetryLog(path)
+    for n in range(50):  # disarmed for 5 s, then armed for 1 s
+        log.write(n / 10, [(False, datagram(n))], armed=False)
+    for n in range(50, 60):
+        log.write(n / 10, [(False, datagram(n))], armed=True)
+    log.close()
+    reader = mavutil.mavlink_connection(str(path))
+    kinds = []
+    while (message := reader.recv_match()) is not None:
+        kinds.append(message.get_type())
+    reader.close()
+    assert kinds.count("LOCAL_POSITION_NED") == kinds.count("ATTITUDE_QUATERNION") == 5 + 10
+    assert kinds.count("HEARTBEAT") == 60

@@ -116,7 +116,7 @@ def test_another_companion_on_the_link_ends_the_daemon(world, start_daemon):
 
 @pytest.mark.xfail(
     strict=False,
-    reason="5.5 % of a core beside the ticks, 3 % is the limit: more telemetry to read",
+    reason="2.5 to 3.5 % of a core beside the ticks, 3 % is the limit: wakes, fits of the clock",
 )
 def test_the_cost_of_a_waiting_daemon(world, start_daemon):
     daemon = start_daemon(world.config(2))

@@ -2,6 +2,7 @@
 
 import json
 import random
+from pathlib import Path
 
 import pytest
 
@@ -77,6 +78,11 @@ WRONG = [
     ("log: {path: \x00}\n", "3:13", "not YAML: special characters are not allowed"),
     ("nmpc: {N: %s}\n" % ("9" * 5000), "3:11", "not YAML: Exceeds the limit"),
     ("board: {host: 'a b'}\n", "3:9", "board.host: "),
+    (
+        "mission: {goals: [%s]}\n" % ("[1, 2, 2], " * 1001),
+        "3:11",
+        "mission.goals: must have at most",
+    ),
     ("log: {path: 3}\n", "3:7", "log.path: must be text"),
 ]
 
@@ -102,6 +108,15 @@ def test_the_file_as_a_whole(folder, text, place, what):
         load_config(file)
     assert caught.value.problems == [f"{file}:{place}: {what}"] or what in str(caught.value)
     assert len(caught.value.problems) == 1
+
+
+def test_a_file_that_is_too_large_is_refused_before_it_is_read(folder, monkeypatch):
+    file = folder / "one.yaml"
+    file.write_text("fileversion: 2\nmission:\n  goals:\n" + "  - [1.0, 2.0, 2.0]\n" * 100_000)
+    monkeypatch.setattr(Path, "read_text", lambda *a, **k: pytest.fail("read"))
+    with pytest.raises(SettingsError) as caught:
+        load_config(file)
+    assert caught.value.problems == [f"{file}: must have at most 262144 bytes, got 2000033"]
 
 
 def test_all_mistakes_of_all_layers_come_at_once(folder):
