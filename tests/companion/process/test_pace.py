@@ -15,7 +15,6 @@ from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.link import Link
 from mavlink_bridge.wire.messages import (
     Attitude,
-    Command,
     Heartbeat,
     Received,
     Source,
