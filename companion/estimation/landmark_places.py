@@ -115,9 +115,10 @@ class LandmarkPlaces:
         return float(self._mean[i]), float(self._mean[i + 1])
 
     def variance(self, n: int) -> float:
-        """Return the variance of place n along one axis [m²]."""
+        """Return the variance of place n along the axis of its largest doubt [m²]."""
         i = _index(n)
-        return 0.5 * float(self._covariance[i, i] + self._covariance[i + 1, i + 1])
+        a, b = self._covariance[i, i], self._covariance[i + 1, i + 1]
+        return float(0.5 * (a + b) + math.hypot(0.5 * (a - b), self._covariance[i, i + 1]))
 
     def drift(self, here: Place, drift: Drift) -> None:
         """Let the pose drift: a shift, a turn about the drone at `here`, and its tilt."""
