@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -80,8 +80,13 @@ class Run:
             raise RunError(f"{path}: no metrics of a flight: {error}") from error
 
 
-def own_frames(scenario: Scenario) -> list[OwnFrame]:
-    """Return the own frame of each drone."""
+def own_frames(scenario: Scenario, world: Mapping[str, Any]) -> list[OwnFrame]:
+    """Return the own frame of each drone: `frames` of the world, else as the scenario has it."""
+    if told := world.get("frames"):
+        return [
+            OwnFrame(np.array(f["origin"], float), float(f["yaw"]), float(f["boot"]))
+            for f in (told[name] for name in scenarios.drone_names(scenario))
+        ]
     start, yaws = scenarios.starts(scenario), scenarios.frame_yaws(scenario)
     boots = scenarios.boot_ms(scenario)
     return [OwnFrame(o, float(y), b / 1e3) for o, y, b in zip(start, yaws, boots, strict=True)]
