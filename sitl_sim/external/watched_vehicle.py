@@ -52,6 +52,7 @@ class WatchedVehicle:
         self._autopilot: int | None = None
         self._others: set[int] = set()
         self._asked_at = -math.inf
+        self._placed = False  # it has told where it stands: its streams run
 
     def listen(self, timeout: float) -> None:
         """Read what arrives within `timeout` [s]; ask for telemetry where none comes."""
@@ -67,20 +68,23 @@ class WatchedVehicle:
         self.poses.hear(mine)
         if self.poses.known_until != before:
             self.heard_at = now
-        if now - self._asked_at > _ASK:
+        waits = not self._placed or now - self.heard_at > _ASK
+        if waits and now - self._asked_at > _ASK:
             self._asked_at = now
-            self._link.send(self._requests(streams=now - self.heard_at > _ASK))
+            self._link.send(self._requests())
 
-    def _requests(self, streams: bool) -> list[Message]:
-        """Return a sign of life, and requests for the streams where asked for."""
+    def _requests(self) -> list[Message]:
+        """Return a sign of life, for which some vehicles wait, and requests for the streams."""
         rest = (0.0, 0.0, 0.0, 0.0, 0.0)
-        intervals = [
-            Command(
-                int(CommandId.SET_MESSAGE_INTERVAL), (float(m), 1e6 / _RATE, *rest), self.system
-            )
-            for m in _STREAMS
+        return [
+            _HELLO,
+            *(
+                Command(
+                    int(CommandId.SET_MESSAGE_INTERVAL), (float(m), 1e6 / _RATE, *rest), self.system
+                )
+                for m in _STREAMS
+            ),
         ]
-        return [_HELLO, *(intervals if streams else [])]
 
     def await_stand(self, stopped: Callable[[], bool]) -> VehicleState:
         """Wait until the vehicle knows its pose and stands still; return that pose.
@@ -103,6 +107,7 @@ class WatchedVehicle:
                 if first is None or _moved(first, now):
                     first, still_since = now, now.time
                 elif now.time - still_since > _STILL_FOR:
+                    self._placed = True
                     return now
             self._raise_if_hopeless(time.monotonic() - began)
 

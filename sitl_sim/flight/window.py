@@ -2,8 +2,9 @@
 
 The vehicle is PX4's SIH, a Gazebo model, or a real drone on a bench. Its MAVLink tells where it is;
 a camera picture of the scenario's world at that pose goes to its companion, stamped with the
-vehicle's own time. The companion flies the vehicle over a link of its own, which the window neither
-sees nor needs. The truth is the pose that the vehicle reports.
+vehicle's own time. The companion flies the vehicle over a link of its own, which the window does
+not need. The truth is the pose that the vehicle reports, and the velocity with which that pose
+moves: an estimate slides where the reported velocity does not.
 """
 
 from __future__ import annotations
@@ -113,6 +114,8 @@ class Window:
         yaw = heading - euler_from_quaternion(state.q_wb)[2]
         there = LocalFrame(np.zeros(3), yaw, GeoReference()).to_world(state.p)
         self._own = LocalFrame(self._start[0] - np.array(there), yaw, GeoReference())
+        # The first picture takes seconds, as kernels are loaded; nothing must wait for it later.
+        self._sensors.frame(0, 0.0, self._start, state.q_wb[None])
 
     def write_inputs(self, companion: str) -> Path:
         """Write scenario, world and the companion's config; return the path of the config.
@@ -161,7 +164,7 @@ class Window:
         if self._boot is None:
             self._begin(known)
         self._watch_silence()
-        while self._next_instant <= known + _ROUNDING:
+        while self._next_instant + _STEP <= known + _ROUNDING:
             self._record(self._next_instant)
             self._next_instant += _STEP
         self._take_picture(known)
@@ -204,7 +207,11 @@ class Window:
         if state is None or self._boot is None:
             return
         t = round(at - self._boot, 6)
-        bodies = _Bodies(state.p[None], state.v[None], state.q_wb[None])
+        before, after = self._state(at - _STEP), self._state(at + _STEP)
+        v = state.v
+        if before is not None and after is not None:
+            v = (after.p - before.p) / (2.0 * _STEP)
+        bodies = _Bodies(state.p[None], v[None], state.q_wb[None])
         self.truth.record(t, bodies, np.array([self.vehicle.armed]))
         above = float(state.p[2] - self._ground.height(*state.p[:2]))
         gap = float(surface_distance(state.p, self.world)) - self.world["drone_radius"]

@@ -2,8 +2,8 @@
 
 The rules are those of SIM_JSON.cpp: the last whole line counts; a value stands right behind
 `"key":`, a vector is read by sscanf("[%f, %f, %f]"); the clock is the sum of the steps between the
-time stamps, from 0, each cut to whole µs; a step of 0.1 s or more is not taken. Its clock and what it read last are in
-`seen.json`.
+time stamps, from 0, each cut to whole µs; a step of 0.1 s or more is not taken. Its clock and what
+it read last are in `seen.json`.
 """
 
 import json
