@@ -1,10 +1,14 @@
-"""A vehicle that is not ours to fly: only its MAVLink is read, to know where it is."""
+"""A vehicle that is not ours to fly: only its MAVLink is read, to know where it is.
+
+Where a simulator flies it, PX4 tells by HIL_STATE_QUATERNION where it truly is. Its estimate slides
+by metres as its GPS does, and trunks that slid with it would contradict its gyros.
+"""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -12,12 +16,24 @@ from mavlink_bridge.autopilots.registry import ADAPTERS
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.ids import AutopilotId, CommandId, MessageId, SystemState, VehicleType
 from mavlink_bridge.wire.link import Link, open_endpoint
-from mavlink_bridge.wire.messages import Command, Heartbeat, Message, Source, VehicleState
+from mavlink_bridge.wire.messages import (
+    Attitude,
+    Command,
+    Heartbeat,
+    HilState,
+    Message,
+    Source,
+    VehicleState,
+)
 from sitl_sim.external.external_sitl import ExternalError
 from sitl_sim.external.reported_poses import ReportedPoses
+from sitl_sim.external.true_motion import TrueMotion
 
-_RATE = 50.0  # Hz of what is asked for
-_STREAMS = (MessageId.ATTITUDE_QUATERNION, MessageId.LOCAL_POSITION_NED)
+_STREAMS = {  # Hz; attitudes are the clock of what has no stamp
+    MessageId.ATTITUDE_QUATERNION: 100.0,
+    MessageId.LOCAL_POSITION_NED: 50.0,
+    MessageId.HIL_STATE_QUATERNION: 50.0,
+}
 _SECOND_COMPUTER = 192  # MAV_COMP_ID_ONBOARD_COMPUTER2: 191 is the companion's
 # No ground station's: that would keep the failsafe for a lost one from acting.
 _HELLO = Heartbeat(
@@ -35,8 +51,9 @@ _STILL, _STILL_FOR = 0.3, 1.0  # m and m/s within which a vehicle stands, for so
 class WatchedVehicle:
     """One vehicle on a link of its own, which no companion shares.
 
-    poses: where it was. armed: as its HEARTBEAT says. heard_at: CLOCK_MONOTONIC [s] at which the
-    newest pose came.
+    believed: where it believes to have been, in its own frame. poses: where it was, from an origin
+    of their own: the truth where a simulator tells it, else what is believed. armed: as its
+    HEARTBEAT says. heard_at: CLOCK_MONOTONIC [s] at which the newest pose came.
 
     Raises:
         EndpointError: `url` is none of the forms of an endpoint, or cannot be opened.
@@ -45,7 +62,9 @@ class WatchedVehicle:
     def __init__(self, url: str, system: int) -> None:
         """Open the link; system: the vehicle's MAVLink id."""
         self.url, self.system = url, system
-        self.poses = ReportedPoses()
+        self.believed = ReportedPoses()
+        self.poses = self.believed
+        self._truth = TrueMotion()
         self.armed = False
         self.heard_at = -math.inf
         self._link = Link(open_endpoint(url), Codec(system, _SECOND_COMPUTER), Source(system, 1))
@@ -65,13 +84,31 @@ class WatchedVehicle:
             if isinstance(m, Heartbeat):
                 self.armed, self._autopilot = m.armed, m.autopilot
         before = self.poses.known_until
-        self.poses.hear(mine)
+        self._hear_poses(mine)
         if self.poses.known_until != before:
             self.heard_at = now
         waits = not self._placed or now - self.heard_at > _ASK
         if waits and now - self._asked_at > _ASK:
             self._asked_at = now
             self._link.send(self._requests())
+
+    @property
+    def knows_truth(self) -> bool:
+        """Whether a simulator tells where the vehicle truly is."""
+        return self.poses is not self.believed
+
+    def _hear_poses(self, messages: Sequence[Message]) -> None:
+        """Sort what tells of the estimate, and what of the truth, message by message."""
+        for m in messages:
+            self.believed.hear([m])
+            if isinstance(m, HilState) and (self.knows_truth or not self._placed):
+                place = self._truth.hear(m, self.believed.newest)
+                if place is not None:
+                    if not self.knows_truth:
+                        self.poses = ReportedPoses()
+                    self.poses.hear([place])
+            elif self.knows_truth and isinstance(m, Attitude):
+                self.poses.hear([m])
 
     def _requests(self) -> list[Message]:
         """Return a sign of life, for which some vehicles wait, and requests for the streams."""
@@ -80,14 +117,14 @@ class WatchedVehicle:
             _HELLO,
             *(
                 Command(
-                    int(CommandId.SET_MESSAGE_INTERVAL), (float(m), 1e6 / _RATE, *rest), self.system
+                    int(CommandId.SET_MESSAGE_INTERVAL), (float(m), 1e6 / rate, *rest), self.system
                 )
-                for m in _STREAMS
+                for m, rate in _STREAMS.items()
             ),
         ]
 
     def await_stand(self, stopped: Callable[[], bool]) -> VehicleState:
-        """Wait until the vehicle knows its pose and stands still; return that pose.
+        """Wait until the vehicle knows its pose and stands still; return the believed pose.
 
         stopped: whether to give up.
 
@@ -102,7 +139,7 @@ class WatchedVehicle:
             if stopped():
                 raise KeyboardInterrupt
             self.listen(0.05)
-            now = self.poses.at(self.poses.known_until)
+            now = self.believed.at(self.believed.known_until)
             if now is not None and self._autopilot is not None:
                 if first is None or _moved(first, now):
                     first, still_since = now, now.time
@@ -119,7 +156,7 @@ class WatchedVehicle:
                 why = f"heard {others}: --system {others}" if others else self._link.problem
                 raise ExternalError(f"{vehicle} sends no heartbeat; {why or 'nothing is heard'}")
         elif waited > _LOCATED:
-            lacking = " and no ".join(self.poses.lacking)
+            lacking = " and no ".join(self.believed.lacking)
             what = f"tells no {lacking}" if lacking else "does not stand still"
             raise ExternalError(f"{vehicle} {what} after {waited:.0f} s")
 

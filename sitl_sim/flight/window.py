@@ -3,8 +3,8 @@
 The vehicle is PX4's SIH, a Gazebo model, or a real drone on a bench. Its MAVLink tells where it is;
 a camera picture of the scenario's world at that pose goes to its companion, stamped with the
 vehicle's own time. The companion flies the vehicle over a link of its own, which the window does
-not need. The truth is the pose that the vehicle reports, and the velocity with which that pose
-moves: an estimate slides where the reported velocity does not.
+not need. The truth is where a simulator says that the vehicle is, else where the vehicle believes
+to be; its velocity is that with which this place moves.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from sitl_sim.external.watched_vehicle import WatchedVehicle
 from sitl_sim.figures.metrics import AIRBORNE
 from sitl_sim.flight.inputs import write_inputs, write_world
 from sitl_sim.flight.sensors import Sensors
+from sitl_sim.recording.run_folder import OwnFrame
 from sitl_sim.recording.truth import RATE_HZ, Truth
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import companion_config
@@ -88,6 +89,7 @@ class Window:
         self._frames = FrameServer(scenario.wire.host, self.frame_port, _READS)
         self._lead = max(scenario.sensing.latency, LEAD)
         self._own: LocalFrame | None = None  # the vehicle's frame in the world
+        self._seen: LocalFrame | None = None  # the frame of its poses in the world
         self._boot: float | None = None  # s, its clock when the truth began
         self._next_instant = self._next_picture = 0.0  # s, its clock
         self._landed = self._silent = self._touching = False
@@ -112,10 +114,19 @@ class Window:
         state = self.vehicle.await_stand(lambda: self.stopped_by is not None)
         heading = float(scenarios.headings(self.scenario, self._start)[0])
         yaw = heading - euler_from_quaternion(state.q_wb)[2]
-        there = LocalFrame(np.zeros(3), yaw, GeoReference()).to_world(state.p)
-        self._own = LocalFrame(self._start[0] - np.array(there), yaw, GeoReference())
+        self._own = self._standing(state.p, yaw)
+        poses = self.vehicle.poses
+        pose = poses.at(poses.known_until)
+        self._seen = self._own if pose is None else self._standing(pose.p, yaw)
+        if self.vehicle.knows_truth:
+            self.world["targets_by"] = "estimate"
         # The first picture takes seconds, as kernels are loaded; nothing must wait for it later.
         self._sensors.frame(0, 0.0, self._start, state.q_wb[None])
+
+    def _standing(self, p: Vector, yaw: float) -> LocalFrame:
+        """Return the frame, turned by `yaw` [rad], in which the point p (3,) m is the start."""
+        there = LocalFrame(np.zeros(3), yaw, GeoReference()).to_world(p)
+        return LocalFrame(self._start[0] - np.array(there), yaw, GeoReference())
 
     def write_inputs(self, companion: str) -> Path:
         """Write scenario, world and the companion's config; return the path of the config.
@@ -143,10 +154,10 @@ class Window:
 
     def run(self) -> None:
         """Show the world until the companion's mission is over, the vehicle reboots, or `stop`."""
-        started, restarts = time.monotonic(), self.vehicle.poses.restarts
+        started, restarts = time.monotonic(), self.vehicle.believed.restarts
         while self.stopped_by is None and not self._landed:
             self.step(0.02)
-            if self.vehicle.poses.restarts > restarts:
+            if self.vehicle.believed.restarts > restarts:
                 self._say("the vehicle has started anew: its place in the world is lost")
                 break
         self.wall_seconds = time.monotonic() - started
@@ -176,8 +187,8 @@ class Window:
         assert self._own is not None
         self._boot = self._next_instant = math.ceil(now / _PERIOD) * _PERIOD
         self._next_picture = self._boot + _PERIOD - self._lead
-        frame = {"origin": self._own.origin.tolist(), "yaw": self._own.yaw, "boot": self._boot}
-        self.world["frames"] = {self.names[0]: frame}
+        frame = OwnFrame(self._own.origin, self._own.yaw, self._boot)
+        self.world["frames"] = {self.names[0]: frame.as_data()}
         write_world(self.folder, self.world)
 
     def _watch_silence(self) -> None:
@@ -188,15 +199,15 @@ class Window:
 
     def _state(self, at: float) -> VehicleState | None:
         """Return the vehicle's state in the world; None where it was silent around `at` [s]."""
-        own, poses = self._own, self.vehicle.poses
+        frame, poses = self._seen, self.vehicle.poses
         state = poses.at(min(at, poses.known_until))
-        if own is None or state is None:
+        if frame is None or state is None:
             return None
-        turned = LocalFrame(np.zeros(3), own.yaw, GeoReference())
-        turn = np.array([math.cos(own.yaw / 2), 0.0, 0.0, math.sin(own.yaw / 2)])
+        turned = LocalFrame(np.zeros(3), frame.yaw, GeoReference())
+        turn = np.array([math.cos(frame.yaw / 2), 0.0, 0.0, math.sin(frame.yaw / 2)])
         return replace(
             state,
-            p=np.array(own.to_world(state.p)),
+            p=np.array(frame.to_world(state.p)),
             v=np.array(turned.to_world(state.v)),
             q_wb=multiply(turn, state.q_wb),
         )
@@ -212,7 +223,8 @@ class Window:
         if before is not None and after is not None:
             v = (after.p - before.p) / (2.0 * _STEP)
         bodies = _Bodies(state.p[None], v[None], state.q_wb[None])
-        self.truth.record(t, bodies, np.array([self.vehicle.armed]))
+        armed = np.array([self.vehicle.armed])
+        self.truth.record(t, bodies, armed, self._estimate(at, state))
         above = float(state.p[2] - self._ground.height(*state.p[:2]))
         gap = float(surface_distance(state.p, self.world)) - self.world["drone_radius"]
         touching = above > AIRBORNE and gap < 0.0
@@ -220,6 +232,13 @@ class Window:
             self.contacts += 1
             self._say(f"contact {self.contacts} with an obstacle, {t:.1f} s")
         self._touching = touching
+
+    def _estimate(self, at: float, state: VehicleState) -> Vector | None:
+        """Return where the vehicle believed to be (1,3) m, where it truly was is another matter."""
+        if not self.vehicle.knows_truth or self._own is None:
+            return None
+        believed = self.vehicle.believed.at(min(at, self.vehicle.believed.known_until))
+        return state.p[None] if believed is None else np.array([self._own.to_world(believed.p)])
 
     def _take_picture(self, known: float) -> None:
         """Send the newest picture that is due; older ones are lost, as a busy camera's are."""

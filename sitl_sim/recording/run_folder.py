@@ -40,6 +40,10 @@ class OwnFrame:
     yaw: float
     boot: float
 
+    def as_data(self) -> dict[str, Any]:
+        """Return the frame as `frames` of `world.json` has it, by drone name."""
+        return {"origin": [float(a) for a in self.origin], "yaw": self.yaw, "boot": self.boot}
+
     def vectors(self, v: Any) -> Vector:
         """Return vectors (...,3) of the own frame in the world's frame."""
         c, s = np.cos(self.yaw), np.sin(self.yaw)
@@ -81,12 +85,10 @@ class Run:
 
 
 def own_frames(scenario: Scenario, world: Mapping[str, Any]) -> list[OwnFrame]:
-    """Return the own frame of each drone: `frames` of the world, else as the scenario has it."""
+    """Return the own frame of each drone: `frames` of `world.json`, else as the scenario says."""
     if told := world.get("frames"):
-        return [
-            OwnFrame(np.array(f["origin"], float), float(f["yaw"]), float(f["boot"]))
-            for f in (told[name] for name in scenarios.drone_names(scenario))
-        ]
+        frames = [told[name] for name in scenarios.drone_names(scenario)]
+        return [OwnFrame(np.array(f["origin"]), f["yaw"], f["boot"]) for f in frames]
     start, yaws = scenarios.starts(scenario), scenarios.frame_yaws(scenario)
     boots = scenarios.boot_ms(scenario)
     return [OwnFrame(o, float(y), b / 1e3) for o, y, b in zip(start, yaws, boots, strict=True)]
@@ -139,6 +141,8 @@ def load_run(folder: Path) -> Run:
         raise RunError(
             f"{folder}: scenario.yaml has {scenario.drones.count} drones, truth.npz {len(logs)}"
         )
+    if world["frames"] and (missing := set(logs) - set(world["frames"])):
+        raise RunError(f"{folder / 'world.json'}: no frame of {', '.join(sorted(missing))}")
     return Run(folder, scenario, world, truth, logs)
 
 
@@ -159,11 +163,12 @@ def _world(path: Path) -> dict[str, Any]:
             "boxes": [b | {k: _point(b[k]) for k in ("min", "max")} for b in world["boxes"]],
             "targets": {n: [_point(t) for t in ts] for n, ts in world["targets"].items()},
             "target_tolerance": float(world.get("target_tolerance", _TOLERANCE)),
+            "frames": {n: _frame(f) for n, f in world.get("frames", {}).items()},
         }
     except OSError as error:
         raise RunError(f"{path}: cannot be read: {error.strerror}") from error
     except KeyError as error:
-        raise RunError(f"{path}: not a world: an obstacle lacks {error}") from error
+        raise RunError(f"{path}: not a world: an obstacle or a frame lacks {error}") from error
     except (ValueError, TypeError, AttributeError) as error:
         raise RunError(f"{path}: not a world: {error}") from error
 
@@ -179,6 +184,10 @@ def _cylinder(c: dict[str, Any]) -> dict[str, float]:
     height = c.get("height")
     place = {k: float(c[k]) for k in ("x", "y", "radius")}
     return {**c, **place, "height": np.inf if height is None else float(height)}
+
+
+def _frame(f: dict[str, Any]) -> dict[str, Any]:
+    return {"origin": _point(f["origin"]), "yaw": float(f["yaw"]), "boot": float(f["boot"])}
 
 
 def _point(p: Any) -> list[float]:

@@ -8,7 +8,7 @@ from sitl_sim.external.external_sitl import ExternalError
 from sitl_sim.external.hil_sensors import HilSensors
 from sitl_sim.external.px4_hil import Px4Sitl
 from sitl_sim.flight.own_binary import real_parameters
-from sitl_sim.recording.run_folder import log_path, salvage_ticks
+from sitl_sim.recording.run_folder import load_run, log_path, own_frames, salvage_ticks
 from sitl_sim.scenarios.scenario import load
 from sitl_sim.worlds.geodesy import GeoReference, LocalFrame
 
@@ -34,6 +34,12 @@ def test_its_telemetry_reaches_the_companion_in_step(tmp_path, stand_in):
     assert len(ticks) >= 13
     assert all(t["own"]["q"] == pytest.approx([0.7071, 0, 0, 0.7071], abs=1e-3) for t in ticks[2:])
     assert {t["phase"] for t in ticks} <= {"wait", "arm", "takeoff"}
+    run = load_run(out)  # its log is in the autopilot's own time, which began earlier
+    (frame,) = own_frames(run.scenario, run.world)
+    times = [t["time"] - frame.boot for t in ticks]
+    assert frame.boot > 0.05
+    assert min(times) >= 0.0
+    assert max(times) <= 1.5
 
 
 def test_a_program_that_is_no_autopilot_is_one_clear_line(tmp_path, capsys):
