@@ -95,6 +95,12 @@ class ReportedPoses:
             return -math.inf
         return min(self._attitudes[-1].time, self._positions[-1].time)
 
+    @property
+    def flowing(self) -> bool:
+        """Whether both come so often that the pose between two samples is known."""
+        both = (self._attitudes, self._positions)
+        return all(len(s) > 1 and s[-1].time - s[-2].time <= _LONGEST_GAP for s in both)
+
     def at(self, time: float) -> VehicleState | None:
         """Return the pose at `time` [s]; None where no two near samples lie around it."""
         attitudes, positions = _around(self._attitudes, time), _around(self._positions, time)

@@ -87,7 +87,7 @@ class WatchedVehicle:
         self._hear_poses(mine)
         if self.poses.known_until != before:
             self.heard_at = now
-        waits = not self._placed or now - self.heard_at > _ASK
+        waits = not self._placed or not self.poses.flowing or now - self.heard_at > _ASK
         if waits and now - self._asked_at > _ASK:
             self._asked_at = now
             self._link.send(self._requests())
@@ -141,7 +141,7 @@ class WatchedVehicle:
             self.listen(0.05)
             now = self.believed.at(self.believed.known_until)
             if now is not None and self._autopilot is not None:
-                if first is None or _moved(first, now):
+                if first is None or _moved(first, now) or not self.poses.flowing:
                     first, still_since = now, now.time
                 elif now.time - still_since > _STILL_FOR:
                     self._placed = True
@@ -157,7 +157,9 @@ class WatchedVehicle:
                 raise ExternalError(f"{vehicle} sends no heartbeat; {why or 'nothing is heard'}")
         elif waited > _LOCATED:
             lacking = " and no ".join(self.believed.lacking)
-            what = f"tells no {lacking}" if lacking else "does not stand still"
+            what = f"tells no {lacking}" if lacking else "tells its pose too seldom"
+            if self.poses.flowing:
+                what = "does not stand still"
             raise ExternalError(f"{vehicle} {what} after {waited:.0f} s")
 
     @property

@@ -52,6 +52,13 @@ def test_nothing_is_assumed_beyond_the_samples_or_across_a_silence(poses):
     assert poses.at(1.5).p[0] == 1.0
 
 
+def test_a_pose_once_a_second_is_too_seldom(poses):
+    poses.hear([yawed(1.0, 0.0), yawed(1.1, 0.0), placed(1.0, 0.0), placed(2.0, 0.0)])
+    assert not poses.flowing
+    poses.hear([placed(2.1, 0.0)])
+    assert poses.flowing
+
+
 def test_what_is_missing_is_named(poses):
     assert poses.lacking == ["attitude", "position"]
     poses.hear([yawed(1.0, 0.0)])

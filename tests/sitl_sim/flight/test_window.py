@@ -1,6 +1,7 @@
 """The world around a vehicle that reports its pose, here an emulated one behind a UDP port."""
 
 import json
+import socket
 import threading
 import time
 
@@ -11,7 +12,7 @@ import yaml
 from mavlink_bridge.shared.frames import conjugate, multiply, rotation_vector
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.link import Link
-from mavlink_bridge.wire.messages import Heartbeat, HilState, LocalPosition
+from mavlink_bridge.wire.messages import Attitude, Heartbeat, HilState, LocalPosition
 from mavlink_bridge.wire.udp import UdpEndpoint
 from mavlink_bridge.wire.video import Answer, FrameClient
 from sitl_sim.__main__ import main
@@ -34,6 +35,14 @@ SCENARIO = {
     "mission": {"targets": [[3.0, -5.0, 2.0]], "home": False},
     "sensing": {"neighbours": "truth", "obstacles": "map", "width": 64, "height": 64},
 }
+
+
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+SELDOM = [
+    m
+    for t in range(1, 9)
+    for m in (Attitude(t, LEVEL, np.zeros(3)), LocalPosition(t, np.zeros(3), np.zeros(3)))
+]
 
 
 class Vehicle:
@@ -61,7 +70,9 @@ class Vehicle:
 @pytest.fixture
 def shown(make_flight, tmp_path):
     """A vehicle in the air's reach, a window round it, its captures, and what it said."""
-    scenario = Scenario.model_validate(SCENARIO | {"wire": {"frame_port": free_ports(2)}})
+    scenario = Scenario.model_validate(
+        SCENARIO | {"wire": {"frame_port": free_ports(2, socket.SOCK_STREAM)}}
+    )
     port, words = free_ports(1), []
     flight = make_flight(yaw=0.4, origin=[[-7.0, 4.0, 0.0]], yaw_offset=1.1)
     vehicle = Vehicle(flight, port)
@@ -232,6 +243,7 @@ def impatient(monkeypatch):
         (1, [], "vehicle 1 sends no heartbeat; nothing is heard"),
         (3, [Heartbeat(12, 2, False, 0, 3)], "no heartbeat; heard 1: --system 1"),
         (1, [Heartbeat(12, 2, False, 0, 3)], "tells no attitude and no position"),
+        (1, [Heartbeat(12, 2, False, 0, 3), *SELDOM], "tells its pose too seldom"),
     ],
 )
 def test_what_a_vehicle_does_not_send_is_said(system, messages, words):
@@ -263,7 +275,7 @@ def test_a_url_behind_which_no_vehicle_is_found_is_one_clear_line(
     tmp_path, capsys, url, more, words
 ):
     file = tmp_path / "around.yaml"
-    port = free_ports(2)
+    port = free_ports(2, socket.SOCK_STREAM)
     file.write_text(yaml.safe_dump(SCENARIO | {"wire": {"frame_port": port}}))
     out = tmp_path / "run"
     assert main(["window", str(file), "--vehicle", url, "--out", str(out), *more]) == 2
