@@ -74,6 +74,12 @@ def test_a_real_arducopter_does_not_go_on_at_the_last_rates_for_long():
     assert real_parameters(load("forest", own))["GUID_TIMEOUT"] == 1.0
 
 
+def test_a_bridges_line_that_does_not_pass_through_the_simulator_has_no_faults(tmp_path, capsys):
+    pairs = ("drones.count=1", "drones.autopilot=betaflight", "faults=[{kind: link_loss, at: 1}]")
+    assert main(["run", "forest", "--out", str(tmp_path / "run"), *settings(*pairs)]) == 2
+    assert "faults.0.kind: link_loss needs px4 or ardupilot" in capsys.readouterr().err
+
+
 def test_faults_that_only_an_emulated_vehicle_can_have_are_refused(tmp_path, capsys):
     pairs = (
         "drones.count=1",
