@@ -68,7 +68,7 @@ class ArdupilotSitl(ExternalSitl):
                     *("--serial1", f"udpclient:127.0.0.1:{self.links['gcs'].port}"),
                 ]
             )
-        except ExternalError:
+        except BaseException:
             self.close()
             raise
 
