@@ -1,7 +1,11 @@
 """The world around a vehicle that reports its pose, here an emulated one behind a UDP port."""
 
 import json
+import os
+import signal
 import socket
+import subprocess
+import sys
 import threading
 import time
 
@@ -14,7 +18,7 @@ from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.link import Link
 from mavlink_bridge.wire.messages import Attitude, Heartbeat, HilState, LocalPosition
 from mavlink_bridge.wire.udp import UdpEndpoint
-from mavlink_bridge.wire.video import Answer, FrameClient
+from mavlink_bridge.wire.video import Answer, FrameClient, FrameServer
 from sitl_sim.__main__ import main
 from sitl_sim.external import watched_vehicle
 from sitl_sim.external.external_sitl import ExternalError
@@ -24,7 +28,7 @@ from sitl_sim.flight.results import finish
 from sitl_sim.flight.window import open_window
 from sitl_sim.recording.run_folder import own_frames
 from sitl_sim.scenarios.scenario import Scenario
-from tests.wire.served import free_ports
+from tests.wire.served import ROOT, free_ports
 
 START = [3.0, -20.0]
 SCENARIO = {
@@ -206,6 +210,39 @@ def test_contacts_are_counted_one_by_one(shown):
         "contact 1 with an obstacle, 0.0 s",
         "contact 2 with an obstacle, 0.1 s",
     ]
+
+
+def test_it_ends_when_told_to_and_releases_its_ports(shown):
+    place(shown)
+    w = shown.window
+    w.stop(15)
+    w.run()
+    assert not w.shown  # no companion came
+    assert w.simulated_seconds == 0.0
+    assert w.exit_codes() == {"drone1": None}
+    w.close()
+    FrameServer("127.0.0.1", w.frame_port).close()
+
+
+def test_ctrl_c_ends_the_search_for_a_vehicle(tmp_path):
+    file = tmp_path / "around.yaml"
+    file.write_text(yaml.safe_dump(SCENARIO))
+    arguments = ["window", file, "--vehicle", f"udpin:127.0.0.1:{free_ports(1)}"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "sitl_sim", *arguments, "--set", f"wire.frame_port={free_ports(2)}"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    while not list(tmp_path.glob("runs/*/.lock")):
+        assert process.poll() is None
+        time.sleep(0.05)
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    _, told = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert told == "interrupted\n"
 
 
 def test_a_vehicle_that_starts_anew_ends_the_window(shown):
