@@ -1,5 +1,6 @@
 """Tests marked `row(name)` are rows of the fault matrix; `--fault-table FILE` writes what came."""
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,12 @@ HERE = Path(__file__).parent
 _HEAD = HERE / "closed_loop" / "matrix" / "matrix.md"
 _WITHOUT = "| without "  # how a line of the second table begins
 _tests = {}  # of each test that counts, by its name: (outcome, properties)
+
+
+def pytest_sessionstart():
+    """Let Ctrl-C reach the programs under test, also where a job in the background ignores it."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser):

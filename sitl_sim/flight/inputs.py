@@ -30,11 +30,16 @@ def write_inputs(
         raise SettingsError([f"{folder}: no run folder: {error.strerror}"]) from error
     text = yaml.safe_dump(scenario.model_dump(by_alias=True), sort_keys=False)
     (folder / "scenario.yaml").write_text(text, encoding="utf-8")
-    world = {**world}  # where sizes differ, the file has them by name
-    world["drone_radius"] = world.pop("drone_radii", world["drone_radius"])
-    (folder / "world.json").write_text(json.dumps(world, indent=1), encoding="utf-8")
+    write_world(folder, world)
     for name, config in companions.items():
         drone = folder / "drones" / name
         drone.mkdir(parents=True, exist_ok=True)
         text = yaml.safe_dump(config, sort_keys=False)
         (drone / "config.yaml").write_text(text, encoding="utf-8")
+
+
+def write_world(folder: Path, world: Mapping[str, Any]) -> None:
+    """Write `world.json`."""
+    world = {**world}  # where sizes differ, the file has them by name
+    world["drone_radius"] = world.pop("drone_radii", world["drone_radius"])
+    (folder / "world.json").write_text(json.dumps(world, indent=1), encoding="utf-8")

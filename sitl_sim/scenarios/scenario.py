@@ -303,6 +303,7 @@ def fault_schedule(scenario: Scenario) -> fault.Schedule:
     fault.check(
         scenario.faults,
         emulated=not scenario.drones.real,
+        line=not scenario.drones.own_time,
         pixels="camera" in (s.neighbours, s.obstacles),
         reports=s.neighbours == "truth",
     )
