@@ -58,8 +58,8 @@ class Reason(Enum):
     BRAKE = "brake"  # 5: no usable plan for longer
     FENCE = "fence"  # 6
     BLIND = "blind"  # 8
-    ASSUMPTION = "assumption"  # 7 and 9: what the flight assumes does not hold
     PLAN = "plan"  # 10
+    ASSUMPTION = "assumption"  # 7 and 9: what the flight assumes does not hold
 
 
 class Reaction(IntEnum):
