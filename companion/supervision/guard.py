@@ -12,7 +12,7 @@ gives the command:
 | 5 | no usable plan | `shifted_max` times the last, shifted; then brake | LAND: `bad_land` |
 | 6 | outside the fence | brake | LAND beyond `fence_land` |
 | 7 | an assumption is broken (`monitors.py`) | brake, or climb | HOLD, where it is grave |
-| 8 | camera blind | brake to `blind_speed`; hover after `blind_hover` | HOLD: `blind_hold` |
+| 8 | camera blind | brake to `blind_speed`; hover: `blind_hover`, misled | HOLD: `blind_hold` |
 | 9 | an assumption is broken, but not gravely | brake to `blind_speed` | |
 | 10 | else | the plan, clipped | |
 
@@ -199,8 +199,9 @@ class GuardInputs:
     plausible: attitude and position can be those of a flying drone. outside: m beyond the fence
     (< 0: within); outward: m/s across it. blind: s that the camera has had a fault. tick_gap: s
     that the last command was in force; 0: this is the first. packet_loss: share 0…1 of lost
-    telemetry. failure: a stage of this tick failed, in words; empty: none. broken: the gravest
-    assumption that does not hold.
+    telemetry. misled: the camera does not fit, so that what it showed and the plan are wrong.
+    failure: a stage of this tick failed, in words; empty: none. broken: the gravest assumption that
+    does not hold.
     """
 
     time: float
@@ -213,6 +214,7 @@ class GuardInputs:
     blind: float = 0.0
     tick_gap: float = 0.0
     packet_loss: float = 0.0
+    misled: bool = False
     failure: str = ""
     broken: Broken | None = None
 
@@ -349,7 +351,7 @@ class Guard:
             return None
         fast = float(np.linalg.norm(own.v)) > c.blind_speed
         request = AutopilotRequest.HOLD if s.blind > c.blind_hold else AutopilotRequest.NONE
-        if fast or s.blind > c.blind_hover:
+        if fast or s.misled or s.blind > c.blind_hover:
             return self._verdict(brake(own, c), Reason.BLIND, request)
         return self._verdict(self._bounded(plan.u[0]), Reason.BLIND, request)
 

@@ -157,6 +157,7 @@ class Supervision:
                 outside=outside,
                 outward=outward,
                 blind=seen.blind,
+                misled=seen.fault is CameraFault.MISALIGNED,
                 tick_gap=vehicle.tick_gap,
                 packet_loss=vehicle.packet_loss,
                 failure=failure,
