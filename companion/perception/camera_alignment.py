@@ -146,7 +146,9 @@ class CameraAlignment:
         moved = self._view.to_camera(now, (now.p - then.p)[None])[0]
         seen = self._gyro.rotation(before.grey, after.grey, moved)
         if seen is not None:
-            sigma = math.hypot(seen.sigma, _PARALLAX * float(np.linalg.norm(moved)))
+            # Near the ground, as in take-off, all that is seen is near.
+            near = min(max(float(now.p[2]), 0.1), 1.0) ** 2
+            sigma = math.hypot(seen.sigma, _PARALLAX / near * float(np.linalg.norm(moved)))
             self._waiting.append(_Turn(before.time, after.time, seen.vector, sigma))
 
     def _learn(self, turn: _Turn, at: StateAt) -> None:

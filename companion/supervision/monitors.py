@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterable
 
 import numpy as np
 from pydantic import Field
@@ -34,7 +35,7 @@ from companion.types import Phase
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.shared.settings import StrictModel
-from mavlink_bridge.wire.messages import VehicleState
+from mavlink_bridge.wire.messages import Attitude, VehicleState
 
 _SWING_TIME = 3.0  # s in which the swings are counted
 _TURN_TIME = 1.0  # s over which gyro and attitude are compared
@@ -92,7 +93,7 @@ class Monitors:
         self._turns: deque[tuple[float, Vector]] = deque()
         self._offsets: deque[tuple[float, Vector]] = deque()
         self._disturbance: Vector = np.zeros(3)
-        self._before: VehicleState | None = None
+        self._before: Attitude | None = None
 
     def update(
         self, time: float, vehicle: VehicleEstimate, motion: MotionEstimate, phase: Phase
@@ -113,10 +114,10 @@ class Monitors:
             self._doubt(time, vehicle),
             self._low(time, vehicle),
             self._swinging(time, own),
-            self._turning(own),
+            self._turning(vehicle.attitudes),
             self._sliding(time, vehicle.map_offset),
         ]
-        self._before, self._time = own, time
+        self._time = time
         return max((b for b in found if b is not None), key=lambda b: b.reaction, default=None)
 
     def _lasting(self, name: str, time: float, finding: str, *, hold_after: float) -> Broken:
@@ -188,18 +189,20 @@ class Monitors:
             return None
         return Broken(f"swing: {most} times to and fro in {_SWING_TIME:g} s", Reaction.HOLD)
 
-    def _turning(self, own: VehicleState) -> Broken | None:
-        """Compare the attitude's turn with the sum of the rates, over a second."""
-        before, c = self._before, self._config
-        dt = math.inf if before is None else own.time - before.time
-        if before is None or not 0.0 < dt < _LONGEST_GAP:
-            self._turns.clear()
-            return None
-        seen = _turn(rotation_matrix(before.q_wb).T @ rotation_matrix(own.q_wb))
-        self._turns.append((own.time, seen - 0.5 * dt * (before.omega + own.omega)))
-        while own.time - self._turns[0][0] > _TURN_TIME:
-            self._turns.popleft()
-        off = float(np.linalg.norm(np.sum([o for _, o in self._turns], axis=0)))
+    def _turning(self, attitudes: Iterable[Attitude]) -> Broken | None:
+        """Compare the attitude's turn with the sum of the rates, over a second of telemetry."""
+        c = self._config
+        for now in attitudes:
+            before, self._before = self._before, now
+            dt = math.inf if before is None else now.time - before.time
+            if before is None or not 0.0 < dt < _LONGEST_GAP:
+                self._turns.clear()
+                continue
+            seen = _turn(rotation_matrix(before.q_wb).T @ rotation_matrix(now.q_wb))
+            self._turns.append((now.time, seen - 0.5 * dt * (before.omega + now.omega)))
+            while now.time - self._turns[0][0] > _TURN_TIME:
+                self._turns.popleft()
+        off = float(np.linalg.norm(sum((o for _, o in self._turns), start=np.zeros(3))))
         if not off > c.turn:
             return None
         finding = f"gyro: attitude and gyro differ by {math.degrees(off):.0f}° in a second"
