@@ -14,6 +14,8 @@ from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_entry_points import companion_class
 from sitl_sim.scenarios.scenario import Scenario, WireConfig
 
+KEY_FILE = "signing.key"  # beside config.yaml
+
 
 def companion_port(wire: WireConfig, system: int) -> int:
     """Return the UDP port of vehicle `system`'s companion; the ground stations' is left out."""
@@ -59,6 +61,9 @@ def companion_config(scenario: Scenario, i: int, folder: Path, clock: bool) -> d
         },
         "log": {"path": str((folder / "drones" / name / "flight.mcap").resolve())},
     }
+    if s.drones.signing:
+        key = (folder / "drones" / name / KEY_FILE).resolve()
+        config["link"]["signing"] = {"key": str(key)}
     if s.drones.airframes:
         airframe = s.drones.airframe(i)
         config["airframe"] = {
