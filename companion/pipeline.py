@@ -33,7 +33,9 @@ from companion.perception.frontend import Detections, PerceptionFrontend, make_v
 from companion.services.services import Served, Services, Situation, Wish
 from companion.settings.config import CompanionConfig
 from companion.stage_clock import StageClock
+from companion.supervision.guard import Broken
 from companion.supervision.last_resort import LastResort
+from companion.supervision.monitors import Monitors
 from companion.supervision.phases import GiveBack
 from companion.supervision.supervision import Supervised, Supervision
 from companion.tick import Tick, TickInputs
@@ -85,6 +87,7 @@ class Companion:
         self._supervision = Supervision(
             c.guard, c.mission, c.fence, adapter(link.autopilot, link.system_id)
         )
+        self._monitors = Monitors(c.monitors, c.nmpc.v_max)
         own = Source(link.system_id, link.component_id)
         ways = {Wish.HOLD, Wish.LAND}
         if adapter(link.autopilot, link.system_id).rtl():
@@ -158,8 +161,9 @@ class Companion:
             vehicle.map_offset,
         )
         planned = run("plan", Planned(), self._planning.plan, own, reference, motion.prediction)
+        broken = run("watch", None, self._monitors.update, time, vehicle, motion, phase)
         supervised = self._supervise(
-            run, inputs, vehicle, seen, reference, planned, motion, _GIVE_BACK.get(served.wish)
+            run, inputs, vehicle, seen, reference, planned, motion, broken, served.wish
         )
         run("ask", None, self._vehicle.ask, supervised.requests)
         setpoint = run(
@@ -177,7 +181,7 @@ class Companion:
         results = (vehicle, seen, obstacles, tracks, motion, reference, planned, supervised)
         told = supervised.inhibit_reason
         self._failed_late = "" if told else run.failure
-        self._last = Tick(time, *results, served, setpoint, run.taken, run.failure)
+        self._last = Tick(time, *results, served, setpoint, run.taken, run.failure, broken)
         return self._last
 
     def _supervise(
@@ -189,7 +193,8 @@ class Companion:
         reference: Reference | None,
         planned: Planned,
         motion: MotionEstimate,
-        give_back: GiveBack | None,
+        broken: Broken | None,
+        wish: Wish | None,
     ) -> Supervised:
         """Return what supervision decides; where it fails itself, hold is requested."""
         failure = run.failure or self._failed_late
@@ -205,8 +210,9 @@ class Companion:
             motion.hover,
             self_tested=planned.self_tested,
             leave=inputs.leave,
-            give_back=give_back,
+            give_back=None if wish is None else _GIVE_BACK.get(wish),
             failure=failure,
+            broken=broken,
         )
         if supervised is None:
             phase, heartbeat = self._last.supervised.phase, vehicle.heartbeat

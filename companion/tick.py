@@ -14,6 +14,7 @@ from companion.estimation.vehicle_clock import ClockEstimate
 from companion.guidance.guidance import Reference
 from companion.perception.frontend import Detections
 from companion.services.services import Served
+from companion.supervision.guard import Broken
 from companion.supervision.supervision import Supervised
 from companion.types import Track
 from mavlink_bridge.shared.thrust import ThrustMap
@@ -49,7 +50,7 @@ class Tick:
     """The results of all stages of one tick, and how long each took [s].
 
     reference: None before the own state is known. setpoint: None where none goes out. failure: the
-    stage that raised, in words; empty: none did.
+    stage that raised, in words; empty: none did. broken: the gravest assumption that does not hold.
     """
 
     time: float
@@ -69,6 +70,7 @@ class Tick:
     setpoint: RateSetpoint | None = None
     stages: dict[str, float] = field(default_factory=dict)
     failure: str = ""
+    broken: Broken | None = None
 
     @property
     def packets(self) -> list[list[Message]]:

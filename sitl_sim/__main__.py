@@ -18,6 +18,7 @@ from sitl_sim.commands.exit_status import EXIT_BAD_INPUT, EXIT_INTERRUPTED  # no
 COMMANDS = (
     "run",
     "serve",
+    "window",
     "campaign",
     "study",
     "scenarios",

@@ -13,7 +13,8 @@ PARAMETERS = {
     "ardupilot": ("GUID_TIMEOUT", "GUID_OPTIONS", "FS_GCS_ENABLE", "FS_OPTIONS"),
 }
 # Parameter of the time [s] that a vehicle flies on without setpoints, and its upper limit.
-_TIMEOUTS = {"px4": ("COM_OF_LOSS_T", 1.0), "ardupilot": ("GUID_TIMEOUT", 3.0)}
+# ArduCopter goes on at the last rates and thrust: with its default, 3 s, it has struck the ground.
+_TIMEOUTS = {"px4": ("COM_OF_LOSS_T", 1.0), "ardupilot": ("GUID_TIMEOUT", 0.5)}
 _NO_STICKS = 4  # of COM_RC_IN_MODE: manual control is switched off
 _RETURN, _LAND, _HOLD = 3, 4, 5  # of COM_OBL_RC_ACT; below 3 a pilot's sticks
 _MODES = ("position", "altitude", "stabilised")

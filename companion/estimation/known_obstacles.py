@@ -56,7 +56,11 @@ class ObstacleEstimator:
         self._parallax = ParallaxMap()
 
     def update(
-        self, seen: Detections, own: VehicleState | None, doubt: OwnDoubt, ground: float = 0.0
+        self,
+        seen: Detections,
+        own: VehicleState | None,
+        doubt: OwnDoubt,
+        ground: float = 0.0,
     ) -> KnownObstacles:
         """Take in one frame's detections; return what is known around the own state now.
 
@@ -74,6 +78,7 @@ class ObstacleEstimator:
                     self._view.half_view,
                     visibility=lambda places: self._view.visibility(at_capture, places, ranges),
                     drift=doubt.drift(since),
+                    ground=ground,
                 )
             if seen.ranges is not None:
                 self._surfaces.update(seen.ranges, seen.own)

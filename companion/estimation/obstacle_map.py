@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field
 
-from companion.estimation.landmark_places import Drift, LandmarkPlaces
+from companion.estimation.landmark_places import Drift, Foot, LandmarkPlaces, Look
+from companion.model import yaw_of
 from companion.perception.parallax import FixedPoints
 from companion.types import Trunk
 from mavlink_bridge.shared.arrays import Vector
@@ -58,6 +59,7 @@ class ObstacleConfig(StrictModel):
 
 
 _Place = tuple[float, float]
+_BEARING = 0.02  # rad, 1 σ of the direction to a trunk's axis
 _TIMING = 0.01  # s, 1 σ: when a picture was taken; turns a look by as much as the drone turns
 _MATCH, _MATCH_SIGMAS = 0.3, 4.0  # m, and standard deviations: how far looks at a trunk differ
 # A trunk of which only the width shows is another one where it shows this much wider than the known
@@ -101,12 +103,14 @@ class ObstacleMap:
         half_view: float,
         visibility: Callable[[Vector], Vector] = lambda places: np.ones(len(places)),
         drift: Drift = _STILL,
+        ground: float = 0.0,
     ) -> None:
         """Take in the trunks of one frame, seen in state `own`.
 
         q_bc: (4,) camera → body. half_view: half the field of view [rad]. visibility: returns how
         far the frame shows each of places (n,3), as (n,) 0…1. A trunk counts as missed only as far
-        as the frame shows its place. drift: of the own pose since the last frame.
+        as the frame shows its place. drift: of the own pose since the last frame. ground: m, its
+        level in the own frame.
 
         A near thin trunk looks like a thick one far off where its foot is out of the picture, or
         where the picture's edge cuts it: a landmark in that direction stays where it is.
@@ -124,8 +128,8 @@ class ObstacleMap:
                 seen.add(n)
                 continue
             scale = trunk.distance / max(math.hypot(*along), 1e-6)
-            axis = (float(own.p[0]) + along[0] * scale, float(own.p[1]) + along[1] * scale)
-            seen.add(self._fuse(axis, trunk, own, seen))
+            arm = along[0] * scale, along[1] * scale
+            seen.add(self._fuse(arm, trunk, own, float(own.p[2]) - ground, seen))
         seen = self._merge_duplicates(seen)
         forward = (float(r_wc[0, 2]), float(r_wc[1, 2]))
         missed = list(self._missed(seen, own, forward, half_view))
@@ -187,19 +191,33 @@ class ObstacleMap:
                 best, nearest = n, distance
         return best
 
-    def _fuse(self, axis: _Place, trunk: Trunk, own: VehicleState, seen: set[int]) -> int:
-        """Refine the landmark that the trunk is, or add a new one; return its index."""
-        arm = axis[0] - float(own.p[0]), axis[1] - float(own.p[1])
+    def _fuse(
+        self, arm: _Place, trunk: Trunk, own: VehicleState, height: float, seen: set[int]
+    ) -> int:
+        """Refine the landmark that the trunk is, or add a new one; return its index.
+
+        arm: m, from the drone to the trunk's axis. height: m, over ground.
+        """
         turn = float(rotation_matrix(own.q_wb)[2] @ own.omega)
-        variance = trunk.sigma**2 + (_TIMING * turn * math.hypot(*arm)) ** 2
+        variance = trunk.sigma**2 + (_TIMING * turn * trunk.distance) ** 2
+        look = Look(
+            own.p[:2],
+            own.p[:2] + arm,
+            trunk.sigma,
+            math.hypot(_BEARING, _TIMING * turn) * trunk.distance,
+            Foot(yaw_of(own.q_wb), height, trunk.radius),
+        )
+        axis = self._places.corrected(look)
         n = self._match(axis, trunk.radius, variance, seen)
         if n is None:
+            self._places.add(look)
+            n = len(self._landmarks)
             self._landmarks.append(_Landmark(axis, trunk.radius, variance, own.time))
-            self._places.add(axis, variance)
-            return len(self._landmarks) - 1
+            self._refresh()
+            return n
         k = self._landmarks[n]
         k.radius += k.variance / (k.variance + variance) * (trunk.radius - k.radius)
-        self._places.correct(n, axis, variance, self._config.sigma_floor**2)
+        self._places.correct(n, look, self._config.sigma_floor**2)
         self._refresh()
         self._mark_seen(n, own.time)
         return n

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from companion.estimation.velocity_error import VelocityError
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.wire.messages import LocalPosition, Message, Odometry
 
@@ -34,6 +35,8 @@ class OdometryFrame:
         self.offset: Vector = np.zeros(3)
         self.steps = 0
         self._before: LocalPosition | None = None  # in odometry
+        self._told: Vector = np.zeros(3)  # m/s, its velocity as it was reported
+        self._velocity = VelocityError()
         self._excess: Vector = np.zeros(3)  # m of motion within the window that no velocity shows
         self._resets: int | None = None
         self._reset_at = self._local_at = self._slides_until = -math.inf
@@ -50,21 +53,25 @@ class OdometryFrame:
                 self._resets = m.resets
                 if m.time - self._local_at > _SILENT:
                     self._step_free(LocalPosition(m.time, m.p, m.v), velocity_sigma)
-                yield replace(m, p=m.p - self.offset)
+                yield replace(m, p=m.p - self.offset, v=m.v + self._velocity.error)
             else:
                 yield m
 
     def _step_free(self, m: LocalPosition, velocity_sigma: float) -> LocalPosition:
         """Return a position in odometry; what the velocity does not explain moves the offset."""
-        here = replace(m, p=m.p - self.offset)
+        here = replace(m, p=m.p - self.offset, v=m.v + self._velocity.error)
         before = self._before
         dt = math.inf if before is None else m.time - before.time
         if not (np.isfinite(m.p).all() and np.isfinite(m.v).all()) or dt <= 0.0:
             return here
         if before is None or dt > _LONGEST_GAP:
-            self._before, self._excess = here, np.zeros(3)
+            self._before, self._told, self._excess = here, m.v, np.zeros(3)
             return here
-        step = here.p - before.p - 0.5 * dt * (before.v + m.v)
+        unexplained = here.p - before.p - 0.5 * dt * (self._told + m.v)
+        if float(np.linalg.norm(unexplained)) < _GATE:  # else it is a step
+            self._velocity.update(unexplained, dt, velocity_sigma)
+            here = replace(here, v=m.v + self._velocity.error)
+        step = here.p - before.p - 0.5 * dt * (before.v + here.v)
         announced = 0.0 <= m.time - self._reset_at < _ANNOUNCED
         if float(np.linalg.norm(step)) > _UNEXPLAINED and not announced:
             return here  # the own state refuses it; where it lasts, that is a fault
@@ -78,5 +85,6 @@ class OdometryFrame:
                 self.offset = self.offset + self._excess
                 self.steps += 1
                 self._excess = np.zeros(3)
-        self._before = here = replace(m, p=m.p - self.offset)
+        self._before = here = replace(here, p=m.p - self.offset)
+        self._told = m.v
         return here

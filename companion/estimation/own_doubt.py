@@ -40,6 +40,8 @@ class OwnDoubt:
         return Drift(
             self.velocity * math.sqrt(_VELOCITY_TIME) * share,
             self.yaw / math.sqrt(_ATTITUDE_TIME) * share,
+            self.tilt,
+            math.exp(-max(dt, 0.0) / _ATTITUDE_TIME),
         )
 
 

@@ -94,7 +94,8 @@ class Events:
         self._inhibit_reason = supervised.inhibit_reason
         reason = supervised.verdict.reason if supervised.verdict else None
         if reason is not self._reason and Reason.PLAN is not reason is not None:
-            event("guard", logging.WARNING, reason=reason.value, time=tick.time)
+            found = {"why": tick.broken.finding} if tick.broken else {}
+            event("guard", logging.WARNING, reason=reason.value, time=tick.time, **found)
         self._reason = reason
 
     def _watch_clock(self, clock: ClockEstimate | None, time: float) -> None:

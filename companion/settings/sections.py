@@ -23,6 +23,7 @@ from companion.perception.camera_health import CameraHealthConfig
 from companion.perception.config import CameraConfig, SensingConfig
 from companion.settings.renamed import REMOVED, RENAMED
 from companion.supervision.guard import GuardConfig
+from companion.supervision.monitors import MonitorConfig
 from mavlink_bridge.autopilots.registry import AutopilotName
 from mavlink_bridge.shared.settings import (
     Contradiction,
@@ -194,6 +195,7 @@ class CompanionSections(StrictModel):
     nmpc: NmpcConfig = NmpcConfig()
     baselines: BaselinesConfig = BaselinesConfig()
     guard: GuardConfig = GuardConfig()
+    monitors: MonitorConfig = MonitorConfig()
     fence: FenceConfig = FenceConfig()
     log: LogConfig = LogConfig()
     board: BoardConfig = BoardConfig()

@@ -8,11 +8,13 @@ gives the command:
 | 1 | telemetry silent | stop turning, hover thrust | HOLD, LAND, silence: `stale_…` |
 | 2 | attitude or position not plausible | level, hover thrust | LAND |
 | 3 | a stage of the tick failed | brake | HOLD |
-| 4 | ticks late, or setpoints lost | brake gently | as by rules 3 to 7, or HOLD: `lost_hold` |
+| 4 | ticks late, or setpoints lost | brake gently | as by rules 3 to 9, or HOLD: `lost_hold` |
 | 5 | no usable plan | `shifted_max` times the last, shifted; then brake | LAND: `bad_land` |
 | 6 | outside the fence | brake | LAND beyond `fence_land` |
-| 7 | camera blind | brake to `blind_speed`; hover after `blind_hover` | HOLD: `blind_hold` |
-| 8 | else | the plan, clipped | |
+| 7 | an assumption is broken (`monitors.py`) | brake, or climb | HOLD, where it is grave |
+| 8 | camera blind | brake to `blind_speed`; hover: `blind_hover`, misled | HOLD: `blind_hold` |
+| 9 | an assumption is broken, but not gravely | brake to `blind_speed` | |
+| 10 | else | the plan, clipped | |
 
 Braking and levelling are laws in closed form, without any solver.
 """
@@ -21,7 +23,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
-from enum import Enum
+from enum import Enum, IntEnum
 from typing import Self
 
 import numpy as np
@@ -41,6 +43,7 @@ _LATE_BRAKE = 0.25  # of the attitude's gain
 _UNTIL_TURNED = 0.1  # s, from a command until the frame has turned: delay and rate loop
 _UNTIL_ACTING = 0.75  # share of the time between late commands before a command acts
 _LOSSY_HELD = 0.3  # s that a command is in force where half of them are lost
+_CLIMB = 0.5  # m/s, where the ground is too near
 _TURN_MAX = 0.5  # s; the body rates of the last command are assumed for no longer
 
 
@@ -54,8 +57,25 @@ class Reason(Enum):
     SHIFTED_PLAN = "shifted_plan"  # 5: no usable plan
     BRAKE = "brake"  # 5: no usable plan for longer
     FENCE = "fence"  # 6
-    BLIND = "blind"  # 7
-    PLAN = "plan"  # 8
+    BLIND = "blind"  # 8
+    PLAN = "plan"  # 10
+    ASSUMPTION = "assumption"  # 7 and 9: what the flight assumes does not hold
+
+
+class Reaction(IntEnum):
+    """What the drone does where an assumption is broken, weakest first."""
+
+    SLOW = 1  # fly the plan slowly
+    CLIMB = 2  # brake and climb
+    HOLD = 3  # brake and request HOLD
+
+
+@dataclass(frozen=True)
+class Broken:
+    """An assumption that does not hold: what was found, and what the drone does about it."""
+
+    finding: str
+    reaction: Reaction
 
 
 class AutopilotRequest(Enum):
@@ -179,7 +199,9 @@ class GuardInputs:
     plausible: attitude and position can be those of a flying drone. outside: m beyond the fence
     (< 0: within); outward: m/s across it. blind: s that the camera has had a fault. tick_gap: s
     that the last command was in force; 0: this is the first. packet_loss: share 0…1 of lost
-    telemetry. failure: a stage of this tick failed, in words; empty: none.
+    telemetry. misled: the camera does not fit, so that what it showed and the plan are wrong.
+    failure: a stage of this tick failed, in words; empty: none. broken: the gravest assumption that
+    does not hold.
     """
 
     time: float
@@ -192,7 +214,9 @@ class GuardInputs:
     blind: float = 0.0
     tick_gap: float = 0.0
     packet_loss: float = 0.0
+    misled: bool = False
     failure: str = ""
+    broken: Broken | None = None
 
 
 @dataclass(frozen=True)
@@ -230,10 +254,12 @@ class Guard:
         else:
             verdict = (
                 self._outside_fence(s, own)  # rule 6
-                or self._blind(s, own, plan)  # rule 7
-                or self._verdict(self._bounded(plan.u[0]), Reason.PLAN)  # rule 8
+                or self._gravely_broken(s, own)  # rule 7
+                or self._blind(s, own, plan)  # rule 8
+                or self._broken(s, own, plan)  # rule 9
+                or self._verdict(self._bounded(plan.u[0]), Reason.PLAN)  # rule 10
             )
-        # Rule 4 replaces the command of rules 3 to 8 and keeps their request.
+        # Rule 4 replaces the command of the rules after it and keeps their request.
         return self._late(s, own, verdict.request) or verdict
 
     def _known(self, s: GuardInputs) -> VehicleState | None:
@@ -300,14 +326,32 @@ class Guard:
             return self._verdict(brake(own, c), Reason.FENCE)
         return None
 
+    def _gravely_broken(self, s: GuardInputs, own: VehicleState) -> Verdict | None:
+        """Rule 7: brake, or climb, where the flight assumes what does not hold; None elsewhere."""
+        if s.broken is None or s.broken.reaction is Reaction.SLOW:
+            return None
+        if s.broken.reaction is Reaction.CLIMB:
+            sinks = replace(own, v=own.v - np.array([0.0, 0.0, _CLIMB]))
+            return self._verdict(brake(sinks, self._config), Reason.ASSUMPTION)
+        command = brake(own, self._config)
+        return self._verdict(command, Reason.ASSUMPTION, AutopilotRequest.HOLD)
+
+    def _broken(self, s: GuardInputs, own: VehicleState, plan: Plan) -> Verdict | None:
+        """Rule 9: fly slowly where an assumption may not hold; None elsewhere."""
+        if s.broken is None:
+            return None
+        fast = float(np.linalg.norm(own.v)) > self._config.blind_speed
+        command = brake(own, self._config) if fast else self._bounded(plan.u[0])
+        return self._verdict(command, Reason.ASSUMPTION)
+
     def _blind(self, s: GuardInputs, own: VehicleState, plan: Plan) -> Verdict | None:
-        """Rule 7: fly slowly, then hover, while the camera has a fault; None elsewhere."""
+        """Rule 8: fly slowly, then hover, while the camera has a fault; None elsewhere."""
         c = self._config
         if not s.blind > 0.0:
             return None
         fast = float(np.linalg.norm(own.v)) > c.blind_speed
         request = AutopilotRequest.HOLD if s.blind > c.blind_hold else AutopilotRequest.NONE
-        if fast or s.blind > c.blind_hover:
+        if fast or s.misled or s.blind > c.blind_hover:
             return self._verdict(brake(own, c), Reason.BLIND, request)
         return self._verdict(self._bounded(plan.u[0]), Reason.BLIND, request)
 

@@ -15,6 +15,7 @@ from companion.perception.camera_health import CameraFault
 from companion.perception.frontend import Detections
 from companion.supervision.guard import (
     AutopilotRequest,
+    Broken,
     Guard,
     GuardConfig,
     GuardInputs,
@@ -86,13 +87,14 @@ class Supervision:
         leave: bool,
         give_back: GiveBack | None = None,
         failure: str = "",
+        broken: Broken | None = None,
     ) -> Supervised:
         """Return the verdict and the phase at the tick of `time` [s]; one call a tick.
 
         hover: the hover thrust, without which the companion does not take over.
         self_tested: the solver works. leave: control is to be given back to the autopilot.
         give_back: a ground station asks for that, and how. failure: the stage that failed, in
-        words; empty: none.
+        words; empty: none. broken: the gravest assumption that does not hold.
         """
         inhibit_reason = failure or vehicle.inhibit_reason or seen.inhibit_reason
         verdict: Verdict | None = None
@@ -101,7 +103,7 @@ class Supervision:
         if give_back is not None:
             self._phases.release(give_back)
         if self.phase.flying:
-            verdict = self._judge(time, vehicle, seen, plan, failure)
+            verdict = self._judge(time, vehicle, seen, plan, failure, broken)
             if verdict.request is not AutopilotRequest.NONE:
                 holds = verdict.request is AutopilotRequest.HOLD
                 self._phases.release(GiveBack.HOLD if holds else GiveBack.LAND)
@@ -119,7 +121,7 @@ class Supervision:
         if not decision.stream:
             verdict = None
         elif verdict is None:
-            verdict = self._judge(time, vehicle, seen, plan, failure)
+            verdict = self._judge(time, vehicle, seen, plan, failure, broken)
         repeat = vehicle.packet_loss > self._config.lossy
         return Supervised(decision.phase, requests, verdict, repeat, inhibit_reason)
 
@@ -139,6 +141,7 @@ class Supervision:
         seen: Detections,
         plan: Plan | None,
         failure: str,
+        broken: Broken | None,
     ) -> Verdict:
         own = vehicle.state
         outside, outward = -np.inf, 0.0
@@ -154,8 +157,10 @@ class Supervision:
                 outside=outside,
                 outward=outward,
                 blind=seen.blind,
+                misled=seen.fault is CameraFault.MISALIGNED,
                 tick_gap=vehicle.tick_gap,
                 packet_loss=vehicle.packet_loss,
                 failure=failure,
+                broken=broken,
             )
         )

@@ -2,7 +2,8 @@
 
 ArduCopter sends PWM and waits for the motion, one line of JSON, whose time stamp moves its clock.
 Source: libraries/SITL/SIM_JSON.cpp. Its parser looks for `"key":` and reads what follows at once:
-a blank there is an error, and so is a time stamp that does not begin at zero.
+a blank there is an error, and so is a time stamp that does not begin at zero. It cuts each step of
+the time stamps down to whole microseconds, and its clock is their sum.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ _OTHER_PORTS = (5501,)  # on which instance 0 listens, too
 _PWM = struct.Struct("<HHI16H")  # magic, frame rate, frame number, µs of each channel
 _MAGIC = 18458
 _LOW, _RANGE = 1000, 1000  # µs
+# A step of 999.99 µs would count as 999: its clock would lose 0.25 ms each second.
+_STRETCH = 1.0 + 1e-7
 
 
 class ArdupilotSitl(ExternalSitl):
@@ -65,7 +68,7 @@ class ArdupilotSitl(ExternalSitl):
                     *("--serial1", f"udpclient:127.0.0.1:{self.links['gcs'].port}"),
                 ]
             )
-        except ExternalError:
+        except BaseException:
             self.close()
             raise
 
@@ -128,7 +131,7 @@ def motion_line(time: float, i: int, state: State, frame: LocalFrame) -> bytes:
     """Encode the motion of vehicle i at `time` [s]: FRD rates and force, NED place and velocity."""
     rates, force = (flu_frd(*map(float, a[i])) for a in (state.omega, state.specific_force))
     motion = {
-        "timestamp": round(time, 6),
+        "timestamp": time * _STRETCH,
         "imu": {"gyro": rates, "accel_body": force},
         "position": enu_ned(*map(float, frame.point(state.p[i]))),
         "quaternion": quaternion_enu_ned(frame.attitude(state.q[i])),

@@ -12,7 +12,7 @@ import socket
 import subprocess
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -97,15 +97,17 @@ class ExternalSitl(ABC):
         """Wait up to `timeout` [s] for the motor commands of the step; return whether they came."""
 
     def close(self) -> None:
-        """End the process and release the ports."""
-        if self._process is not None:
-            self._process.terminate()
-            with suppress(subprocess.TimeoutExpired):
-                self._process.wait(timeout=_ENDS)
-            self._process.kill()  # ArduCopter waits for the simulator and hears no signal meanwhile
-            self._process.wait()
-        for link in self.links.values():
-            link.close()
+        """End the process and release the ports, also where a signal interrupts that."""
+        with ExitStack() as stack:
+            for link in self.links.values():
+                stack.callback(link.close)
+            if self._process is not None:
+                stack.callback(self._process.wait)
+                # ArduCopter waits for the simulator and hears no signal meanwhile.
+                stack.callback(self._process.kill)
+                self._process.terminate()
+                with suppress(subprocess.TimeoutExpired):
+                    self._process.wait(timeout=_ENDS)
 
     def _set_motors(self, motors: Sequence[float]) -> None:
         """Take motor commands 0…1 in the binary's order."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -207,6 +208,7 @@ class LockstepFleet:
         self._sitls[i].links[link].send(packet)
 
     def close(self) -> None:
-        """End the autopilots."""
-        while self._sitls:
-            self._sitls.pop().close()
+        """End the autopilots: all of them, also where a second signal interrupts that."""
+        with ExitStack() as stack:
+            while self._sitls:
+                stack.callback(self._sitls.pop().close)

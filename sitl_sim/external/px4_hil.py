@@ -58,7 +58,7 @@ class Px4Sitl(ExternalSitl):
         scripts = str(Path(binary).resolve().parent.parent / "etc")
         try:
             self.run([binary, "-d", "-i", str(self.instance), scripts], environment)
-        except ExternalError:
+        except BaseException:
             self.close()
             raise
 

@@ -127,6 +127,8 @@ EMULATED = frozenset(
     }
 )
 """Kinds that only an emulated autopilot can have."""
+LINE = frozenset(kind for kind in KINDS if kind.startswith("link_"))
+"""Kinds that only a line can have that passes through the simulator."""
 PIXELS = frozenset(
     {
         "camera_black",
@@ -247,13 +249,15 @@ def check(
     configs: Sequence[FaultConfig],
     *,
     emulated: bool = True,
+    line: bool = True,
     pixels: bool = True,
     reports: bool = True,
     processes: bool = True,
 ) -> None:
     """Refuse faults that this flight cannot have.
 
-    emulated: its autopilots are emulated. pixels: it has cameras. reports: a perfect detector
+    emulated: its autopilots are emulated. line: their links pass through the simulator. pixels: it
+    has cameras. reports: a perfect detector
     reports neighbours. processes: its companions are processes of their own.
 
     Raises:
@@ -261,6 +265,7 @@ def check(
     """
     needs = [
         (EMULATED, emulated, "needs an emulated autopilot (drones.autopilot)"),
+        (LINE, line, "needs px4 or ardupilot: a bridge speaks to its companion past the simulator"),
         (PIXELS, pixels, "needs a camera (sensing.neighbours or sensing.obstacles: camera)"),
         (REPORTS, reports, "needs sensing.neighbours: truth"),
         (PROCESSES, processes, "needs companions in processes of their own (no --in-process)"),

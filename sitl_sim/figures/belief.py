@@ -41,7 +41,7 @@ class Beliefs:
 
     def __init__(self, run: Run) -> None:
         self._run = run
-        self._frames = own_frames(run.scenario)
+        self._frames = own_frames(run.scenario, run.world)
         self._times = [
             [r["time"] - frame.boot for r in run.logs[name]]
             for name, frame in zip(run.names, self._frames, strict=True)

@@ -85,7 +85,7 @@ def faults(run: Run) -> list[Span]:
 
 def _of_drone(run: Run, i: int, name: str) -> list[Event]:
     """Return changes of phase, target, guard reason and deadline misses in one log."""
-    boot = own_frames(run.scenario)[i].boot
+    boot = own_frames(run.scenario, run.world)[i].boot
     found = []
     for before, now in itertools.pairwise([{}, *run.logs[name]]):
         time = now["time"] - boot

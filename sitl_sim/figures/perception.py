@@ -83,7 +83,7 @@ def score_frames(
 ) -> dict[str, list[FrameScore]]:
     """Score every frame of every drone in flight; by drone name."""
     scorer = _Scorer(scenario, world, truth)
-    frames = own_frames(scenario)
+    frames = own_frames(scenario, world)
     return {
         name: list(scorer.frames(i, frames[i], log)) for i, (name, log) in enumerate(logs.items())
     }

@@ -37,9 +37,7 @@ def write_inputs(
         raise SettingsError([f"{folder}: no run folder: {error.strerror}"]) from error
     text = yaml.safe_dump(scenario.model_dump(by_alias=True), sort_keys=False)
     (folder / "scenario.yaml").write_text(text, encoding="utf-8")
-    world = {**world}  # where sizes differ, the file has them by name
-    world["drone_radius"] = world.pop("drone_radii", world["drone_radius"])
-    (folder / "world.json").write_text(json.dumps(world, indent=1), encoding="utf-8")
+    write_world(folder, world)
     for name, config in companions.items():
         drone = folder / "drones" / name
         drone.mkdir(parents=True, exist_ok=True)
@@ -53,3 +51,10 @@ def _write_key(path: Path, key: bytes) -> None:
     """Write a signing key that only its owner can read: a companion refuses any other."""
     path.touch(0o600)
     path.write_text(key.hex() + "\n", encoding="ascii")
+
+
+def write_world(folder: Path, world: Mapping[str, Any]) -> None:
+    """Write `world.json`."""
+    world = {**world}  # where sizes differ, the file has them by name
+    world["drone_radius"] = world.pop("drone_radii", world["drone_radius"])
+    (folder / "world.json").write_text(json.dumps(world, indent=1), encoding="utf-8")

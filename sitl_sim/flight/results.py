@@ -4,18 +4,37 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 from sitl_sim.figures.metrics import timing
 from sitl_sim.figures.perception import perception, score_frames
 from sitl_sim.figures.report import shortcomings, summarise, write_report
-from sitl_sim.flight.runner import Flight
 from sitl_sim.recording.code_version import commit
 from sitl_sim.recording.run_folder import Run, log_path, salvage_ticks
+from sitl_sim.recording.truth import Truth
+from sitl_sim.scenarios.scenario import Scenario
+
+
+class Flown(Protocol):
+    """What is over: a flight, or what a window has shown."""
+
+    folder: Path
+    names: list[str]
+    scenario: Scenario
+    world: dict[str, Any]
+    truth: Truth
+    wall_seconds: float
+
+    @property
+    def simulated_seconds(self) -> float:
+        """How long it took by the vehicles' clocks [s]."""
+
+    def exit_codes(self) -> dict[str, int | None]:
+        """Return how each companion ended, by drone name."""
 
 
 def finish(
-    flight: Flight,
+    flight: Flown,
     setup_seconds: float,
     report: Literal["always", "on failure"] = "always",
     interrupted: bool = False,

@@ -7,9 +7,10 @@ rendered and companions tick side by side. Real time: the world waits for no com
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +31,11 @@ from sitl_sim.faults.link import FaultyLine, FaultyLink, FaultyTelemetry
 from sitl_sim.faults.world import FaultyWorld
 from sitl_sim.flight.autopilots import switch_on, true_airframes
 from sitl_sim.flight.in_process import LocalFrames, make_pool
-from sitl_sim.flight.inputs import write_inputs
+from sitl_sim.flight.inputs import write_inputs, write_world
 from sitl_sim.flight.sensors import Sensors
 from sitl_sim.flight.signed_lines import VehicleSigning, key_of
 from sitl_sim.flight.vehicle_connection import Capture, VehicleConnection
+from sitl_sim.recording.run_folder import own_frames
 from sitl_sim.recording.truth import Truth
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import check_companions, companion_config, companion_port
@@ -104,8 +106,7 @@ class Flight:
             self.close()
             raise
         if isinstance(self._autopilots, LockstepFleet):
-            for drone, clock_ms in zip(self._drones, self._autopilots.clock_ms, strict=True):
-                drone.boot_ms = clock_ms
+            self._set_clocks(self._autopilots.clock_ms)
         self._faults = FaultyWorld(
             self._schedule,
             self.vehicles,
@@ -162,6 +163,15 @@ class Flight:
         except (OSError, ValueError):
             self.close()
             raise
+
+    def _set_clocks(self, boot_ms: Sequence[int]) -> None:
+        """Take what the vehicles' clocks show now [ms], and note it for those who read the logs."""
+        self.world["frames"] = {}
+        for drone, ms, frame in zip(
+            self._drones, boot_ms, own_frames(self.scenario, {}), strict=True
+        ):
+            drone.boot_ms = ms
+            self.world["frames"][drone.name] = replace(frame, boot=ms / 1e3).as_data()
 
     def _restart_clock(self, i: int) -> None:
         """Let drone i's clock begin at 0 again; its camera stamps by it."""
@@ -233,8 +243,8 @@ class Flight:
         started, speed = time.monotonic(), self.scenario.timing.speed
         if isinstance(self._autopilots, RealFleet):
             self._autopilots.begin(started)
-            for drone in self._drones:  # their clock is CLOCK_MONOTONIC
-                drone.boot_ms = round(started * 1e3)
+            self._set_clocks([round(started * 1e3)] * len(self._drones))  # CLOCK_MONOTONIC
+            write_world(self.folder, self.world)
         earliest = started
         while until_stopped or (self._now < limit and not self._over()):
             if self.stopped_by is not None:

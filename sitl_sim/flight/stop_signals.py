@@ -11,14 +11,20 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
-
-from sitl_sim.flight.runner import Flight
+from typing import Protocol
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
+class Stoppable(Protocol):
+    """A flight, or a window."""
+
+    def stop(self, number: int) -> None:
+        """Stop at the next instant, for the signal of this number."""
+
+
 @contextmanager
-def stop_on_signals(flight: Flight) -> Iterator[None]:
+def stop_on_signals(flight: Stoppable) -> Iterator[None]:
     """Let the first SIGINT or SIGTERM stop the flight; a second one raises KeyboardInterrupt.
 
     Outside the main thread, which alone may handle signals, nothing changes.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -39,6 +39,10 @@ class OwnFrame:
     origin: Vector
     yaw: float
     boot: float
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the frame as `frames` of `world.json` has it, by drone name."""
+        return {"origin": [float(a) for a in self.origin], "yaw": self.yaw, "boot": self.boot}
 
     def vectors(self, v: Any) -> Vector:
         """Return vectors (...,3) of the own frame in the world's frame."""
@@ -80,8 +84,11 @@ class Run:
             raise RunError(f"{path}: no metrics of a flight: {error}") from error
 
 
-def own_frames(scenario: Scenario) -> list[OwnFrame]:
-    """Return the own frame of each drone."""
+def own_frames(scenario: Scenario, world: Mapping[str, Any]) -> list[OwnFrame]:
+    """Return the own frame of each drone: `frames` of `world.json`, else as the scenario says."""
+    if told := world.get("frames"):
+        frames = [told[name] for name in scenarios.drone_names(scenario)]
+        return [OwnFrame(np.array(f["origin"]), f["yaw"], f["boot"]) for f in frames]
     start, yaws = scenarios.starts(scenario), scenarios.frame_yaws(scenario)
     boots = scenarios.boot_ms(scenario)
     return [OwnFrame(o, float(y), b / 1e3) for o, y, b in zip(start, yaws, boots, strict=True)]
@@ -134,6 +141,8 @@ def load_run(folder: Path) -> Run:
         raise RunError(
             f"{folder}: scenario.yaml has {scenario.drones.count} drones, truth.npz {len(logs)}"
         )
+    if world["frames"] and (missing := set(logs) - set(world["frames"])):
+        raise RunError(f"{folder / 'world.json'}: no frame of {', '.join(sorted(missing))}")
     return Run(folder, scenario, world, truth, logs)
 
 
@@ -154,11 +163,12 @@ def _world(path: Path) -> dict[str, Any]:
             "boxes": [b | {k: _point(b[k]) for k in ("min", "max")} for b in world["boxes"]],
             "targets": {n: [_point(t) for t in ts] for n, ts in world["targets"].items()},
             "target_tolerance": float(world.get("target_tolerance", _TOLERANCE)),
+            "frames": {n: _frame(f) for n, f in world.get("frames", {}).items()},
         }
     except OSError as error:
         raise RunError(f"{path}: cannot be read: {error.strerror}") from error
     except KeyError as error:
-        raise RunError(f"{path}: not a world: an obstacle lacks {error}") from error
+        raise RunError(f"{path}: not a world: an obstacle or a frame lacks {error}") from error
     except (ValueError, TypeError, AttributeError) as error:
         raise RunError(f"{path}: not a world: {error}") from error
 
@@ -174,6 +184,10 @@ def _cylinder(c: dict[str, Any]) -> dict[str, float]:
     height = c.get("height")
     place = {k: float(c[k]) for k in ("x", "y", "radius")}
     return {**c, **place, "height": np.inf if height is None else float(height)}
+
+
+def _frame(f: dict[str, Any]) -> dict[str, Any]:
+    return {"origin": _point(f["origin"]), "yaw": float(f["yaw"]), "boot": float(f["boot"])}
 
 
 def _point(p: Any) -> list[float]:

@@ -5,14 +5,27 @@ from __future__ import annotations
 import hashlib
 from collections import deque
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mavlink_bridge.shared.arrays import Vector
-from sitl_sim.vehicles.rigid_body import Vehicles
 
 RATE_HZ = 50
+
+
+class Bodies(Protocol):
+    """Where vehicles are: p, v (n,3) m and m/s, q (n,4)."""
+
+    @property
+    def p(self) -> Vector: ...  # noqa: D102
+
+    @property
+    def v(self) -> Vector: ...  # noqa: D102
+
+    @property
+    def q(self) -> Vector: ...  # noqa: D102
 
 
 class Truth:
@@ -33,7 +46,7 @@ class Truth:
     def record(
         self,
         t: float,
-        vehicles: Vehicles,
+        vehicles: Bodies,
         armed: NDArray[np.bool_],
         estimate: Vector | None = None,
     ) -> None:

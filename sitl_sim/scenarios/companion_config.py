@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from sitl_sim.external.fleet import BRIDGE_DELAY, EXPONENT, HOVER
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_entry_points import companion_class
 from sitl_sim.scenarios.scenario import Scenario, WireConfig
+from sitl_sim.worlds.geodesy import GeoReference, LocalFrame
 
 KEY_FILE = "signing.key"  # beside config.yaml
 
@@ -23,16 +25,23 @@ def companion_port(wire: WireConfig, system: int) -> int:
     return port + (wire.companion_port < wire.gcs_port <= port)
 
 
-def companion_config(scenario: Scenario, i: int, folder: Path, clock: bool) -> dict[str, Any]:
+def companion_config(
+    scenario: Scenario,
+    i: int,
+    folder: Path,
+    clock: bool,
+    link: Mapping[str, Any] | None = None,
+    frame: LocalFrame | None = None,
+) -> dict[str, Any]:
     """Return the config.yaml of drone i's companion; goals are in its own frame.
 
-    folder: run folder, for its log. clock: its ticks are paced by its clock, else by frames.
+    folder: run folder, for its log. clock: its ticks are paced by its clock, else by frames. link,
+    frame: of the vehicle, where they are not as the scenario says.
     """
     s, wire, name = scenario, scenario.wire, scenarios.drone_names(scenario)[i]
-    start, yaws = scenarios.starts(s), scenarios.frame_yaws(s)
-    c, sn = np.cos(-yaws[i]), np.sin(-yaws[i])
-    turn = np.array([[c, -sn, 0.0], [sn, c, 0.0], [0.0, 0.0, 1.0]])
-    goals = [turn @ (np.array(g) - start[i]) for g in scenarios.targets(s, start)[name]]
+    start = scenarios.starts(s)
+    own = frame or LocalFrame(start[i], float(scenarios.frame_yaws(s)[i]), GeoReference())
+    goals = [own.point(np.array(g)) for g in scenarios.targets(s, start)[name]]
     config: dict[str, Any] = {
         "fileversion": 2,
         "name": name,
@@ -40,6 +49,7 @@ def companion_config(scenario: Scenario, i: int, folder: Path, clock: bool) -> d
             "endpoint": f"udpin:{wire.host}:{companion_port(wire, i + 1)}",
             "system_id": i + 1,
             "autopilot": s.drones.autopilot,
+            **(link or {}),
         },
         "camera": {
             "source": f"sim:{wire.host}:{wire.frame_port + i + 1}",

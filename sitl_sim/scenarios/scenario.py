@@ -90,8 +90,8 @@ class DronesConfig(StrictModel):
     parameters: dict[str, float] = Field({}, description="Autopilot parameters at boot.")
     signing: bool = Field(
         False,
-        description="MAVLink 2 signing: the autopilots sign, and refuse what is not signed with the "
-        "flight's key; companions get the key.",
+        description="MAVLink 2 signing: the autopilots sign, and refuse what is not signed with "
+        "the flight's key; companions get the key.",
     )
 
     @model_validator(mode="after")
@@ -309,6 +309,7 @@ def fault_schedule(scenario: Scenario) -> fault.Schedule:
     fault.check(
         scenario.faults,
         emulated=not scenario.drones.real,
+        line=not scenario.drones.own_time,
         pixels="camera" in (s.neighbours, s.obstacles),
         reports=s.neighbours == "truth",
     )

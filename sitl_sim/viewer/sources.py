@@ -95,7 +95,7 @@ class Live:
 
     def __post_init__(self) -> None:
         self.names = drone_names(self.scenario)
-        self._frames = own_frames(self.scenario)
+        self._frames = own_frames(self.scenario, self.world)
         self._followers = [Follower(log_path(self.folder, n), "/tick") for n in self.names]
         self._records: list[dict[str, Any] | None] = [None] * len(self.names)
         start = np.array([f.origin for f in self._frames])

@@ -63,7 +63,7 @@ def log(i, world, miss=0.0, ghost=0.0, turn=0.0, stretch=1.0, slow=0.0):
     turn: rad that detections are off. stretch: of ranges. slow: m/s that tracks are off.
     """
     rng = np.random.default_rng(i)
-    frame, s = own_frames(scenario())[i], scenario()
+    frame, s = own_frames(scenario(), WORLD)[i], scenario()
     half = np.radians(s.sensing.fov_deg) / 2
     own = lambda d: np.asarray(d) @ frame.vectors(np.eye(3)).T  # noqa: E731
     ticks = []

@@ -241,6 +241,18 @@ def _actuators(w: Any) -> m.HilActuators:
     return m.HilActuators(w.time_usec / 1e6, tuple(w.controls), armed)
 
 
+def _hil_state(w: Any) -> m.HilState:
+    return m.HilState(
+        w.time_usec / 1e6,
+        np.array(quaternion_enu_ned(w.attitude_quaternion)),
+        _body_rates(w),
+        w.lat / 1e7,
+        w.lon / 1e7,
+        w.alt / 1e3,
+        _array(*enu_ned(w.vx / 100, w.vy / 100, w.vz / 100)),
+    )
+
+
 def _estimator(w: Any) -> m.EstimatorStatus:
     return m.EstimatorStatus(
         w.time_usec / 1e6,
@@ -357,6 +369,7 @@ FROM_WIRE: dict[int, Callable[[Any], m.Message]] = {
     mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: _distance,
     mavlink.MAVLINK_MSG_ID_GPS_INPUT: _gps_input,
     mavlink.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS: _actuators,
+    mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: _hil_state,
     mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: _estimator,
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: lambda w: m.AutopilotVersion(
         w.capabilities, w.flight_sw_version, w.uid

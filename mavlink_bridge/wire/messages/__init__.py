@@ -31,6 +31,7 @@ from mavlink_bridge.wire.messages.sensors import (
     HilActuators,
     HilGps,
     HilSensor,
+    HilState,
 )
 from mavlink_bridge.wire.messages.setpoints import (
     Command,
@@ -89,6 +90,7 @@ __all__ = [
     "HilActuators",
     "HilGps",
     "HilSensor",
+    "HilState",
     "HomePosition",
     "LocalPosition",
     "Message",

@@ -29,6 +29,7 @@ from mavlink_bridge.wire.messages.sensors import (
     HilActuators,
     HilGps,
     HilSensor,
+    HilState,
 )
 from mavlink_bridge.wire.messages.setpoints import (
     Command,
@@ -93,6 +94,7 @@ Message = (
     | HilSensor
     | HilGps
     | HilActuators
+    | HilState
     | EstimatorStatus
     | AutopilotVersion
     | TimeSync

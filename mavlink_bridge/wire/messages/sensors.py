@@ -98,3 +98,19 @@ class HilActuators:
     time: float
     controls: tuple[float, ...]
     armed: bool
+
+
+@dataclass(frozen=True)
+class HilState:
+    """HIL_STATE_QUATERNION, where a simulated vehicle truly is: degrees, m, v (3,) m/s ENU.
+
+    time: s; 0 where it is not told, as by PX4. q_wb (4,), omega (3,) rad/s FLU.
+    """
+
+    time: float
+    q_wb: Vector
+    omega: Vector
+    latitude_deg: float
+    longitude_deg: float
+    altitude: float
+    v: Vector

@@ -6,7 +6,7 @@ from companion.doctor.finding import Level
 from companion.doctor.silence import examine_silence
 
 PX4 = {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 4.0, "COM_RC_IN_MODE": 1.0, "RTL_RETURN_ALT": 30.0}
-COPTER = {"GUID_TIMEOUT": 3.0, "GUID_OPTIONS": 8.0, "FS_GCS_ENABLE": 0.0, "FS_OPTIONS": 16.0}
+COPTER = {"GUID_TIMEOUT": 0.5, "GUID_OPTIONS": 8.0, "FS_GCS_ENABLE": 0.0, "FS_OPTIONS": 16.0}
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,9 @@ def test_ardupilot_stays_in_guided_mode(changed, words):
     [
         ("px4", "COM_OF_LOSS_T", 1.5, Level.AMBER),
         ("px4", "COM_OF_LOSS_T", 2.5, Level.RED),
-        ("ardupilot", "GUID_TIMEOUT", 7.0, Level.RED),
+        ("ardupilot", "GUID_TIMEOUT", 0.5, Level.GREEN),
+        ("ardupilot", "GUID_TIMEOUT", 0.8, Level.AMBER),
+        ("ardupilot", "GUID_TIMEOUT", 3.0, Level.RED),  # its default
         ("px4", "COM_OF_LOSS_T", None, Level.AMBER),
     ],
 )

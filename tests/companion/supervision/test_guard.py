@@ -119,3 +119,12 @@ def test_a_late_tick_keeps_the_request_of_the_rules_below_it():
     late = {"tick_gap": 0.31, "outside": 1.1}
     verdict = Guard(GuardConfig()).judge(inputs(**late))
     assert (verdict.reason, verdict.request) == (Reason.LATE, AutopilotRequest.LAND)
+
+
+def test_a_plan_that_rests_on_a_camera_which_does_not_fit_is_not_flown():
+    blind = Guard(GuardConfig()).judge(inputs(blind=0.1))
+    assert blind.command.c == pytest.approx(9.81)
+    assert blind.command.omega == pytest.approx([0.1, 0.2, 0.3])
+    misled = Guard(GuardConfig()).judge(inputs(blind=0.1, misled=True))
+    assert misled.reason is Reason.BLIND
+    assert misled.command.omega == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)

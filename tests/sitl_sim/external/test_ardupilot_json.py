@@ -36,7 +36,7 @@ def test_its_parser_takes_our_line():
     line = motion_line(0.001, 0, moving().state, FRAME).decode()
     assert line[0] == line[-1] == "\n"
     read = STAND_IN.parse(line.strip("\n"))
-    assert read["timestamp"] == [0.001]
+    assert read["timestamp"] == pytest.approx([0.001])
     assert read["position"] == pytest.approx([5.0, 3.0, -1.0])  # north, east, down
     assert read["velocity"] == pytest.approx([2.0, 1e-7, -3.0])
     assert read["gyro"] == pytest.approx([0.1, -0.2, -0.3])
@@ -50,6 +50,15 @@ def test_its_parser_refuses_a_blank(tight, loose):
     line = motion_line(0.001, 0, moving().state, FRAME).decode()
     assert tight in line
     assert STAND_IN.parse(line.replace(tight, loose)) is None
+
+
+def test_its_clock_loses_nothing_in_a_long_flight():
+    state, clock_us, before = moving().state, 0, 0.0
+    for k in range(1, 20_001):
+        line = motion_line(0.05 + k * 0.001, 0, state, FRAME)
+        stamp = float(line.split(b'"timestamp":')[1].split(b",")[0])
+        clock_us, before = STAND_IN.ticked(clock_us, before, stamp), stamp
+    assert clock_us == 50_000 + 20_000_000
 
 
 def test_its_clock_is_the_fleets(tmp_path, stand_in):

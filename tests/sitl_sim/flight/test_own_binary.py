@@ -8,7 +8,7 @@ from sitl_sim.external.external_sitl import ExternalError
 from sitl_sim.external.hil_sensors import HilSensors
 from sitl_sim.external.px4_hil import Px4Sitl
 from sitl_sim.flight.own_binary import real_parameters
-from sitl_sim.recording.run_folder import log_path, salvage_ticks
+from sitl_sim.recording.run_folder import load_run, log_path, own_frames, salvage_ticks
 from sitl_sim.scenarios.scenario import load
 from sitl_sim.worlds.geodesy import GeoReference, LocalFrame
 
@@ -34,6 +34,12 @@ def test_its_telemetry_reaches_the_companion_in_step(tmp_path, stand_in):
     assert len(ticks) >= 13
     assert all(t["own"]["q"] == pytest.approx([0.7071, 0, 0, 0.7071], abs=1e-3) for t in ticks[2:])
     assert {t["phase"] for t in ticks} <= {"wait", "arm", "takeoff"}
+    run = load_run(out)  # its log is in the autopilot's own time, which began earlier
+    (frame,) = own_frames(run.scenario, run.world)
+    times = [t["time"] - frame.boot for t in ticks]
+    assert frame.boot > 0.05
+    assert min(times) >= 0.0
+    assert max(times) <= 1.5
 
 
 def test_a_program_that_is_no_autopilot_is_one_clear_line(tmp_path, capsys):
@@ -66,6 +72,12 @@ def test_a_real_arducopter_does_not_go_on_at_the_last_rates_for_long():
     assert real_parameters(flown) == {"GUID_OPTIONS": 8.0, "GUID_TIMEOUT": 0.5}
     own = ["drones.autopilot=ardupilot", "drones.binary=/x", "drones.parameters={GUID_TIMEOUT: 1}"]
     assert real_parameters(load("forest", own))["GUID_TIMEOUT"] == 1.0
+
+
+def test_a_bridges_line_that_does_not_pass_through_the_simulator_has_no_faults(tmp_path, capsys):
+    pairs = ("drones.count=1", "drones.autopilot=betaflight", "faults=[{kind: link_loss, at: 1}]")
+    assert main(["run", "forest", "--out", str(tmp_path / "run"), *settings(*pairs)]) == 2
+    assert "faults.0.kind: link_loss needs px4 or ardupilot" in capsys.readouterr().err
 
 
 def test_faults_that_only_an_emulated_vehicle_can_have_are_refused(tmp_path, capsys):

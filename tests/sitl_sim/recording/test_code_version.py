@@ -1,5 +1,6 @@
 """The commit that is kept with a flight is that of the flown code."""
 
+import importlib
 import re
 import subprocess
 
@@ -37,6 +38,7 @@ def test_the_commit_is_looked_up_before_the_flight(tmp_path, monkeypatch):
     def ask():
         raise Asked
 
+    importlib.import_module("sitl_sim.flight.results")  # else it would take the stand-in for ever
     monkeypatch.setattr(codeversion, "commit", ask)
     monkeypatch.setattr(
         "sitl_sim.flight.runner.Flight.__init__", lambda *a, **k: pytest.fail("flies")

@@ -11,6 +11,8 @@ from sitl_sim.recording.run_folder import load_run, radii
 from sitl_sim.viewer import Page, Replay
 from tests.sitl_sim import flights
 
+FRAME = {"origin": [0.0, 0.0, 0.0], "yaw": 0.0, "boot": 7.0}
+
 
 @pytest.mark.parametrize(
     ("spoil", "words"),
@@ -20,8 +22,13 @@ from tests.sitl_sim import flights
         (lambda d: (d / "world.json").write_text("[]"), "world.json: not a world"),
         (lambda d: (d / "metrics.json").write_text(""), "metrics.json: no metrics of a flight"),
         (lambda d: (d / "metrics.json").write_text("[1]"), "metrics.json: no metrics of a flight"),
-        (lambda d: world(d, cylinders=[{"x": 1.0, "y": 2.0}]), "an obstacle lacks 'radius'"),
-        (lambda d: world(d, boxes=[{"min": [0, 0, 0]}]), "an obstacle lacks 'max'"),
+        (
+            lambda d: world(d, cylinders=[{"x": 1.0, "y": 2.0}]),
+            "an obstacle or a frame lacks 'radius'",
+        ),
+        (lambda d: world(d, frames={"drone1": {"yaw": 0}}), "or a frame lacks 'origin'"),
+        (lambda d: world(d, frames={"drone1": FRAME}), "no frame of drone2, drone3"),
+        (lambda d: world(d, boxes=[{"min": [0, 0, 0]}]), "an obstacle or a frame lacks 'max'"),
         (lambda d: world(d, targets=[[1, 2, 3]]), "world.json: not a world"),
         (lambda d: world(d, targets={"*": [[1, 2]]}), "world.json: not a world"),
         (lambda d: world(d, target_tolerance=[]), "world.json: not a world"),

@@ -2,8 +2,8 @@
 
 The rules are those of SIM_JSON.cpp: the last whole line counts; a value stands right behind
 `"key":`, a vector is read by sscanf("[%f, %f, %f]"); the clock is the sum of the steps between the
-time stamps, from 0; a step of 0.1 s or more is not taken. Its clock and what it read last are in
-`seen.json`.
+time stamps, from 0, each cut to whole µs; a step of 0.1 s or more is not taken. Its clock and what
+it read last are in `seen.json`.
 """
 
 import json
@@ -47,6 +47,12 @@ def parse(line):
     return out if "attitude" in out or "quaternion" in out else None
 
 
+def ticked(clock_us, before, stamp):
+    """The clock [µs] after the next time stamp [s]: `uint64_t += double`."""
+    step = max(stamp - before, 0.0)
+    return int(clock_us + step * 1e6) if step < 0.1 else clock_us
+
+
 def argument(name):
     return sys.argv[sys.argv.index(name) + 1]
 
@@ -68,7 +74,7 @@ if __name__ == "__main__":
     mav.robust_parsing = True
     mine = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     mine.settimeout(1.0)
-    clock = last = 0.0
+    clock_us, last = 0, 0.0
     frame, refused, buffer, asked = 0, 0, "", set()
 
     def send(message):
@@ -92,8 +98,8 @@ if __name__ == "__main__":
             refused += 1
             Path("refused.json").write_text(json.dumps({"refused": refused}))
             continue
-        step, last = read["timestamp"][0] - last, read["timestamp"][0]
-        clock += max(step, 0.0) if step < 0.1 else 0.0
+        clock_us, last = ticked(clock_us, last, read["timestamp"][0]), read["timestamp"][0]
+        clock = clock_us / 1e6
         frame += 1
         if frame % 20 == 0:
             Path("seen.part").write_text(json.dumps({"clock": clock, **read}))

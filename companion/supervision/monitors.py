@@ -1,0 +1,222 @@
+"""Monitors: does what the flight assumes still hold?
+
+Each monitor watches one assumption and says what the drone does where it does not hold:
+
+| monitor | evidence | slow | HOLD |
+|---|---|---|---|
+| speed | faster than `speed_over` × v_max | at once | after `persist` |
+| swing | roll or pitch rate goes to and fro by `swing_rate` | – | after `swings` |
+| model | mean disturbance (drag, wind, thrust) above `disturbance` | at once | after `persist` |
+| delay | from a tick to its effect, longer than `delay_slow`, `delay_hold` | at once | at once |
+| gyro | attitude turns otherwise than the gyro tells, by `turn` in 1 s | – | at once |
+| place | position steps or slides by more than `slide` within 3 s | meanwhile | – |
+| doubt | the autopilot rejects a sensor | meanwhile | – |
+| doubt | velocity less sure than `velocity_doubt` | at once | after `persist` |
+| height | less than `height` over ground | climbs | after 2 × `persist` |
+
+A camera that does not fit (`camera_alignment.py`) is a camera fault, a clock that jumps, stale
+telemetry and a state that cannot be are the guard's first rules.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+from pydantic import Field
+
+from companion.estimation.delay import Delay
+from companion.estimation.motion import MotionEstimate
+from companion.estimation.vehicle import VehicleEstimate
+from companion.supervision.guard import Broken, Reaction
+from companion.types import Phase
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.frames import rotation_matrix
+from mavlink_bridge.shared.settings import StrictModel
+from mavlink_bridge.wire.messages import VehicleState
+
+_SWING_TIME = 3.0  # s in which the swings are counted
+_TURN_TIME = 1.0  # s over which gyro and attitude are compared
+_SLIDE_TIME = 3.0  # s over which the offset of the map is compared
+_LONGEST_GAP = 0.25  # s between two ticks, over which rates are not summed up
+_MEAN_TIME = 2.0  # s over which the disturbance is averaged: gusts and noise pass
+_HEIGHT_SURE = 0.3  # m; a height less sure than this says nothing
+
+
+class MonitorConfig(StrictModel):
+    """Bounds of what is taken for granted."""
+
+    speed_over: float = Field(1.5, gt=1, description="Speed over v_max that is too fast.")
+    swing_rate: float = Field(1.5, gt=0, description="Roll or pitch rate [rad/s] of a swing.")
+    swings: int = Field(8, ge=4, description="Swings to and fro within 3 s that are too many.")
+    disturbance: float = Field(
+        4.0, gt=0, description="Acceleration [m/s²] that the model knows nothing of."
+    )
+    delay_slow: float = Field(
+        0.35, gt=0, description="Delay [s] from a tick to its effect from which to fly slowly."
+    )
+    delay_hold: float = Field(
+        0.5, gt=0, description="Delay [s] from a tick to its effect from which HOLD is requested."
+    )
+    turn: float = Field(
+        0.35, gt=0, description="Angle [rad] between gyro and attitude after a second of turning."
+    )
+    slide: float = Field(
+        1.0, gt=0, description="Way [m] of the position in 3 s that the velocity does not show."
+    )
+    velocity_doubt: float = Field(
+        0.5, gt=0, description="1 σ [m/s] of the velocity above which it is no use."
+    )
+    height: float = Field(0.5, ge=0, description="Least height [m] over ground.")
+    persist: float = Field(
+        1.5, gt=0, description="Time [s] after which a broken assumption asks for HOLD."
+    )
+
+
+class Monitors:
+    """Watches the assumptions of the flight, tick by tick."""
+
+    def __init__(self, config: MonitorConfig, v_max: float) -> None:
+        """v_max: m/s, highest speed of a plan."""
+        self._config = config
+        self._v_max = v_max
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: another flight begins."""
+        self._since: dict[str, float] = {}
+        self._time = -math.inf
+        self._swings: tuple[deque[float], deque[float]] = (deque(), deque())
+        self._sides = [0, 0]
+        self._turns: deque[tuple[float, Vector]] = deque()
+        self._offsets: deque[tuple[float, Vector]] = deque()
+        self._disturbance: Vector = np.zeros(3)
+        self._before: VehicleState | None = None
+
+    def update(
+        self, time: float, vehicle: VehicleEstimate, motion: MotionEstimate, phase: Phase
+    ) -> Broken | None:
+        """Return the gravest broken assumption at the tick of `time` [s]; None: all hold.
+
+        Nothing is watched where the companion does not fly its mission.
+        """
+        own, prediction = vehicle.state, motion.prediction
+        if phase is not Phase.FLY:
+            self.reset()
+        if phase is not Phase.FLY or own is None:
+            return None
+        found = [
+            self._fast(time, own),
+            self._model(time, None if prediction is None else prediction.disturbance),
+            self._late(motion.delay),
+            self._doubt(time, vehicle),
+            self._low(time, vehicle),
+            self._swinging(time, own),
+            self._turning(own),
+            self._sliding(time, vehicle.map_offset),
+        ]
+        self._before, self._time = own, time
+        return max((b for b in found if b is not None), key=lambda b: b.reaction, default=None)
+
+    def _lasting(self, name: str, time: float, finding: str, *, hold_after: float) -> Broken:
+        since = self._since.setdefault(name, time)
+        lasts = time - since >= hold_after - 1e-6
+        return Broken(finding, Reaction.HOLD if lasts else Reaction.SLOW)
+
+    def _fast(self, time: float, own: VehicleState) -> Broken | None:
+        c, speed = self._config, float(np.linalg.norm(own.v))
+        if not speed > c.speed_over * self._v_max:
+            self._since.pop("speed", None)
+            return None
+        finding = f"speed: {speed:.1f} m/s, v_max is {self._v_max:g}"
+        return self._lasting("speed", time, finding, hold_after=c.persist)
+
+    def _model(self, time: float, disturbance: Vector | None) -> Broken | None:
+        c = self._config
+        dt = min(max(time - self._time, 0.0), _LONGEST_GAP)  # s
+        now = np.zeros(3) if disturbance is None else disturbance
+        self._disturbance = self._disturbance + dt / _MEAN_TIME * (now - self._disturbance)
+        size = float(np.linalg.norm(self._disturbance))
+        if not size > c.disturbance:
+            self._since.pop("model", None)
+            return None
+        finding = f"model: {size:.1f} m/s² of acceleration are not explained"
+        return self._lasting("model", time, finding, hold_after=c.persist)
+
+    def _late(self, delay: Delay) -> Broken | None:
+        c = self._config
+        if not delay.value > c.delay_slow:
+            return None
+        reaction = Reaction.HOLD if delay.value > c.delay_hold else Reaction.SLOW
+        return Broken(f"delay: {delay.value:.2f} s from a tick to its effect", reaction)
+
+    def _doubt(self, time: float, vehicle: VehicleEstimate) -> Broken | None:
+        c, doubt = self._config, vehicle.doubt
+        finding = ""
+        if doubt.velocity > c.velocity_doubt:
+            finding = f"doubt: the velocity is sure to {doubt.velocity:.1f} m/s"
+        if not finding:
+            self._since.pop("doubt", None)
+            if doubt.rejects:
+                return Broken("doubt: the autopilot rejects one of its sensors", Reaction.SLOW)
+            return None
+        return self._lasting("doubt", time, finding, hold_after=c.persist)
+
+    def _low(self, time: float, vehicle: VehicleEstimate) -> Broken | None:
+        c, height = self._config, vehicle.height
+        if height is None or height.sigma > _HEIGHT_SURE or not height.value < c.height:
+            self._since.pop("height", None)
+            return None
+        finding = f"height: {height.value:.2f} m over ground"
+        lasting = self._lasting("height", time, finding, hold_after=2.0 * c.persist)
+        return Broken(finding, max(lasting.reaction, Reaction.CLIMB))
+
+    def _swinging(self, time: float, own: VehicleState) -> Broken | None:
+        """Count how often roll and pitch rate go from one side to the other."""
+        c, most = self._config, 0
+        for axis, swings in enumerate(self._swings):
+            rate = float(own.omega[axis])
+            side = 0 if abs(rate) < c.swing_rate else int(math.copysign(1, rate))
+            if side and side == -self._sides[axis]:
+                swings.append(time)
+            self._sides[axis] = side or self._sides[axis]
+            while swings and time - swings[0] > _SWING_TIME:
+                swings.popleft()
+            most = max(most, len(swings))
+        if most < c.swings:
+            return None
+        return Broken(f"swing: {most} times to and fro in {_SWING_TIME:g} s", Reaction.HOLD)
+
+    def _turning(self, own: VehicleState) -> Broken | None:
+        """Compare the attitude's turn with the sum of the rates, over a second."""
+        before, c = self._before, self._config
+        dt = math.inf if before is None else own.time - before.time
+        if before is None or not 0.0 < dt < _LONGEST_GAP:
+            self._turns.clear()
+            return None
+        seen = _turn(rotation_matrix(before.q_wb).T @ rotation_matrix(own.q_wb))
+        self._turns.append((own.time, seen - 0.5 * dt * (before.omega + own.omega)))
+        while own.time - self._turns[0][0] > _TURN_TIME:
+            self._turns.popleft()
+        off = float(np.linalg.norm(np.sum([o for _, o in self._turns], axis=0)))
+        if not off > c.turn:
+            return None
+        finding = f"gyro: attitude and gyro differ by {math.degrees(off):.0f}° in a second"
+        return Broken(finding, Reaction.HOLD)
+
+    def _sliding(self, time: float, offset: Vector) -> Broken | None:
+        self._offsets.append((time, offset))
+        while time - self._offsets[0][0] > _SLIDE_TIME:
+            self._offsets.popleft()
+        way = float(np.linalg.norm(offset - self._offsets[0][1]))
+        if not way > self._config.slide:
+            return None
+        finding = f"place: the position went {way:.1f} m that the velocity does not show"
+        return Broken(finding, Reaction.SLOW)
+
+
+def _turn(r: Vector) -> Vector:
+    """Return the rotation vector (3,) rad of a small rotation r (3,3)."""
+    twice: Vector = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
+    return 0.5 * twice

@@ -1,0 +1,158 @@
+"""Monitors: each assumption that is broken is noticed, and named; a good flight is left alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from companion.estimation.delay import Delay
+from companion.estimation.height import Height
+from companion.estimation.hover_thrust import HoverEstimate
+from companion.estimation.motion import MotionEstimate
+from companion.estimation.own_doubt import OwnDoubt
+from companion.estimation.prediction import Prediction
+from companion.estimation.vehicle import VehicleEstimate
+from companion.supervision.guard import (
+    AutopilotRequest,
+    Broken,
+    Guard,
+    GuardConfig,
+    GuardInputs,
+    Reaction,
+    Reason,
+)
+from companion.supervision.monitors import MonitorConfig, Monitors
+from companion.types import Phase, Plan, PlanStatus
+from mavlink_bridge.shared.constants import GRAVITY
+from mavlink_bridge.shared.frames import integrate
+from mavlink_bridge.shared.thrust import ThrustMap
+from mavlink_bridge.wire.messages import VehicleState
+
+V_MAX = 1.85
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def state(time, v=(1.5, 0.0, 0.0), q=LEVEL, omega=(0.0, 0.0, 0.0)):
+    """The own state 2 m high."""
+    return VehicleState(time, np.array([0.0, 0.0, 2.0]), np.array(v), q, np.array(omega))
+
+
+def motion(delay=0.05, disturbance=(0.3, 0.0, 0.2)):
+    """The estimate of a drone that flies by its model."""
+    prediction = Prediction(np.zeros(10), np.zeros(4), np.array(disturbance), delay)
+    return MotionEstimate(prediction, HoverEstimate(ThrustMap(), 0.01), Delay(delay, 0.003))
+
+
+def watched(seconds, vehicle_at, motion_at=lambda t: motion(), phase=Phase.FLY):
+    """The findings of each tick of a flight: time [s] and what is broken."""
+    monitors, found = Monitors(MonitorConfig(), V_MAX), []
+    for tick in range(round(10 * seconds)):
+        t = 0.1 * tick
+        broken = monitors.update(t, vehicle_at(t), motion_at(t), phase)
+        if broken is not None:
+            found.append((t, broken))
+    return found
+
+
+def weaving(t):
+    """A drone that weaves and sweeps its gaze, whose gyro tells each turn."""
+    q, dt = LEVEL, 0.01
+    for s in np.arange(0.0, t, dt):
+        q = integrate(q, turning(s), dt)
+    return state(t, q=q, omega=turning(t))
+
+
+def turning(t):
+    return np.array([0.9 * np.sin(4.0 * t), 0.9 * np.cos(4.0 * t), 2.0 * np.sin(2.5 * t)])
+
+
+def test_a_lively_flight_breaks_nothing():
+    assert watched(6.0, lambda t: VehicleEstimate(weaving(t), height=Height(2.0, 0.1))) == []
+
+
+def test_nothing_is_watched_before_and_after_the_mission():
+    fast = VehicleEstimate(state(0.0, v=(9.0, 0.0, 0.0)))
+    assert watched(3.0, lambda t: fast, phase=Phase.LAND) == []
+
+
+BROKEN = {
+    "speed": (lambda t: VehicleEstimate(state(t, v=(3.5, 0.0, 0.0))), lambda t: motion()),
+    "model": (
+        lambda t: VehicleEstimate(state(t)),
+        lambda t: motion(disturbance=(6.0, 0.0, 0.0)),
+    ),
+    "delay": (lambda t: VehicleEstimate(state(t)), lambda t: motion(0.3 + 0.1 * t)),
+    "gyro": (
+        lambda t: VehicleEstimate(state(t, omega=(0.0, 0.0, 0.8))),  # and the attitude stands
+        lambda t: motion(),
+    ),
+    "swing": (
+        lambda t: VehicleEstimate(
+            state(t, omega=(2.0 * np.sin(2 * np.pi * 2.0 * t + 0.5), 0.0, 0.0))
+        ),
+        lambda t: motion(),
+    ),
+    "doubt": (
+        lambda t: VehicleEstimate(state(t), doubt=OwnDoubt(velocity=0.8)),
+        lambda t: motion(),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_assumption_is_named_and_ends_in_hold(name):
+    found = watched(5.0, *BROKEN[name])
+    holds = [t for t, b in found if b.reaction is Reaction.HOLD]
+    assert holds
+    assert holds[0] < 4.0
+    assert all(b.finding.startswith(name) for t, b in found if t in holds)
+
+
+def test_a_position_that_slides_slows_the_drone_and_is_forgotten():
+    def sliding(t):
+        way = np.array([min(max(t - 2.0, 0.0), 2.0), 0.0, 0.0])
+        return VehicleEstimate(state(t), map_offset=way)
+
+    found = watched(9.0, sliding)
+    assert {b.reaction for _, b in found} == {Reaction.SLOW}
+    assert found[0][0] == pytest.approx(3.1, abs=0.11)
+    assert found[-1][0] < 7.1
+
+
+def test_a_rejected_sensor_slows_the_drone():
+    found = watched(3.0, lambda t: VehicleEstimate(state(t), doubt=OwnDoubt(rejects=True)))
+    assert {b.reaction for _, b in found} == {Reaction.SLOW}
+
+
+def test_near_the_ground_the_drone_climbs_and_then_holds():
+    def low(t):
+        return VehicleEstimate(state(t), height=Height(0.3, 0.03))
+
+    found = watched(4.0, low)
+    assert found[0][1].reaction is Reaction.CLIMB
+    assert found[-1][1].reaction is Reaction.HOLD
+    unsure = replace(low(0.0), height=Height(0.3, 0.6))
+    assert watched(4.0, lambda t: unsure) == []
+
+
+def judged(reaction, v=(0.0, 0.0, 0.0)):
+    """The guard's verdict where an assumption is broken, with a plan that climbs."""
+    u = np.tile([12.0, 0.0, 0.0, 0.0], (2, 1))
+    plan = Plan(np.zeros((3, 10)), u, PlanStatus.SOLVED, True, 2, 0.001, 0.0, 0, 0, 0, (), 1.0)
+    inputs = GuardInputs(
+        1.0, plan, state(1.0, v=v), age=0.02, tick_gap=0.1, broken=Broken("speed: …", reaction)
+    )
+    return Guard(GuardConfig()).judge(inputs)
+
+
+def test_the_guard_flies_slowly_climbs_or_holds():
+    slow, fast = judged(Reaction.SLOW), judged(Reaction.SLOW, v=(1.5, 0.0, 0.0))
+    assert slow.reason is fast.reason is Reason.ASSUMPTION
+    assert slow.command.c == 12.0
+    assert fast.command.omega[1] < -0.5  # it brakes
+    climb = judged(Reaction.CLIMB)
+    assert climb.command.c > GRAVITY + 1.0
+    assert climb.request is AutopilotRequest.NONE
+    hold = judged(Reaction.HOLD, v=(1.5, 0.0, 0.0))
+    assert hold.request is AutopilotRequest.HOLD
+    assert hold.command.omega[1] < -0.5
