@@ -12,6 +12,7 @@ from pathlib import Path
 from companion.flightlog.recorder import Recorder
 from companion.pipeline import Companion
 from companion.process.session import Session
+from companion.process.signing_keys import open_signing
 from companion.settings.config import load_config
 from companion.tick import TickInputs
 from companion.types import Phase
@@ -28,11 +29,17 @@ class InProcessCompanion:
 
         Raises:
             SettingsError: every mistake of the configuration.
-            OSError: the log cannot be made.
+            OSError: the log cannot be made, or the signing key cannot be used.
         """
         config = load_config(config_file)
         link = config.link
-        self._link = Link(endpoint, Codec(link.system_id, link.component_id, link.heard()))
+        self._timestamps = (
+            open_signing(config.name, link.signing.key, link.signing.link_id)
+            if link.signing
+            else None
+        )
+        signing = self._timestamps.signing if self._timestamps else None
+        self._link = Link(endpoint, Codec(link.system_id, link.component_id, link.heard(), signing))
         self._session = Session(Companion(config, time.perf_counter), self._link, lambda: 0)
         if config.log.path is not None:
             self._session.open_log(Recorder(config, Path(config.log.path)))
@@ -40,6 +47,8 @@ class InProcessCompanion:
     def answer(self, frame: Frame) -> Answer:
         """Tick on a frame and all messages before it; return the answer to the frame's sender."""
         now = frame.time if frame.due is None else frame.due
+        if self._timestamps:
+            self._timestamps.tick(time.perf_counter())
         inputs = TickInputs(now, self._link.receive(), frame)
         tick, _ = self._session.tick(inputs)
         self._session.log(inputs, tick)

@@ -18,7 +18,7 @@ from mavlink_bridge.shared.settings import Contradiction, SettingsError, StrictM
 
 Kind = Literal[
     "link_loss", "link_duplicate", "link_reorder", "link_flip", "link_garbage", "link_foreign",
-    "link_replay", "link_reflect", "link_flood", "link_spoof",
+    "link_replay", "link_reflect", "link_flood", "link_spoof", "link_forge",
     "telemetry_nan", "telemetry_stale", "telemetry_late", "quaternion", "position_lost",
     "position_jump", "position_reset", "rtk_float", "compass", "height_drift",
     "stamps", "clock_jump", "timesync_jump",
@@ -51,10 +51,13 @@ KINDS: dict[str, Meaning] = {
     "link_garbage": Meaning("B/s of garbage, cut and mutated frames to the companion",
                             1e6, 0.0, 1e8),
     "link_foreign": Meaning("heartbeats per second of systems that do not exist", 50, 0, 1e4),
-    "link_replay": Meaning("packets per second that were sent before, either way", 50, 0, 1e4),
+    "link_replay": Meaning("packets per second, each way, that were sent before, either way",
+                           50, 0, 1e4),
     "link_reflect": Meaning("share of the companion's packets that come back to it", 1.0),
     "link_flood": Meaning("B/s of first bytes of frames to the companion", 1e6, 0.0, 1e8),
     "link_spoof": Meaning("heartbeats per second with the vehicle's ids, unsigned", 50, 0, 1e4),
+    "link_forge": Meaning("commands per second to the vehicle, unsigned, to disarm by force",
+                          5, 0, 1e4),
     "telemetry_nan": Meaning("share of attitudes and positions with a NaN or an infinity", 1.0),
     "telemetry_stale": Meaning("attitude and position stop; the heartbeat goes on"),
     "telemetry_late": Meaning("s that attitude and position come late", 0.1, 0.0, 5.0),

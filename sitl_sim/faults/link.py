@@ -10,9 +10,12 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from mavlink_bridge.wire.codec import Codec
+from mavlink_bridge.wire.ids import ComponentId
 from mavlink_bridge.wire.link import Endpoint, Link
 from mavlink_bridge.wire.messages import (
     Attitude,
+    Command,
+    CommandId,
     Heartbeat,
     LocalPosition,
     Message,
@@ -27,6 +30,7 @@ _DATAGRAM = 1400  # bytes of garbage at a time
 _RECORDED = 4096  # packets that a recording keeps
 _HOLD = 0x03040000  # PX4's custom_mode AUTO LOITER, as HEARTBEAT tells it
 _FLIPS = 8  # most bits flipped in a packet
+_FORCE = 21196.0  # param2 of a disarm that is not refused in flight
 _PERIOD = 0.02  # s between two calls of `noise`
 _NOT_NUMBERS = (np.nan, np.inf, -np.inf, 1e-45)  # the last: a denormal as float32 too
 
@@ -39,6 +43,7 @@ class FaultyLine:
     def __init__(self, schedule: Schedule, i: int) -> None:
         self.now = 0.0
         self._schedule, self._i = schedule, i
+        self._attacked = 0.0  # until then the vehicle was attacked
         self._held: list[bytes] = []  # on their way to the companion
         self._seen = b""
         self._recorded: deque[bytes] = deque(maxlen=_RECORDED)  # sent either way
@@ -91,6 +96,22 @@ class FaultyLine:
                 out.append(Codec(self._i + 1, 1).encode([spoof]))
         return out
 
+    def attack_vehicle(self) -> list[bytes]:
+        """Return what an attacker has sent to the vehicle since this was last called."""
+        out: list[bytes] = []
+        since, self._attacked = self.now - self._attacked, self.now
+        if since <= 0.0:
+            return out
+        for fault in self._active("link_replay"):
+            for _ in range(fault.rng.poisson(fault.value * since) if self._recorded else 0):
+                out.append(self._recorded[int(fault.rng.integers(len(self._recorded)))])
+        for fault in self._active("link_forge"):
+            system = self._i + 1
+            disarm = Command(CommandId.COMPONENT_ARM_DISARM, (0.0, _FORCE, *[0.0] * 5), system)
+            for _ in range(fault.rng.poisson(fault.value * since)):
+                out.append(Codec(system, ComponentId.ONBOARD_COMPUTER).encode([disarm]))
+        return out
+
     def _garbage(self, rng: np.random.Generator, size: int) -> bytes:
         """Return random bytes, a truncated frame, or a frame with flipped bits."""
         kind = rng.integers(3)
@@ -127,6 +148,7 @@ class FaultyLink(Link):
         """Yield what the line lets through; all packets that arrived are counted."""
         for data in super().receive_packets():
             yield from self.line.carry(data, to_companion=False)
+        yield from self.line.attack_vehicle()
 
 
 class FaultyTelemetry:

@@ -11,13 +11,20 @@ import yaml
 
 from mavlink_bridge.shared.settings import SettingsError
 from sitl_sim.recording.run_folder import holds_flight
+from sitl_sim.scenarios.companion_config import KEY_FILE
 from sitl_sim.scenarios.scenario import Scenario
 
 
 def write_inputs(
-    folder: Path, scenario: Scenario, world: Mapping[str, Any], companions: Mapping[str, Any]
+    folder: Path,
+    scenario: Scenario,
+    world: Mapping[str, Any],
+    companions: Mapping[str, Any],
+    key: bytes | None = None,
 ) -> None:
     """Write the resolved scenario, the world, and each companion's config by drone name.
+
+    key: with which the companions sign.
 
     Raises:
         SettingsError: the folder holds a flight, or cannot be created.
@@ -36,6 +43,14 @@ def write_inputs(
         drone.mkdir(parents=True, exist_ok=True)
         text = yaml.safe_dump(config, sort_keys=False)
         (drone / "config.yaml").write_text(text, encoding="utf-8")
+        if key is not None:
+            _write_key(drone / KEY_FILE, key)
+
+
+def _write_key(path: Path, key: bytes) -> None:
+    """Write a signing key that only its owner can read: a companion refuses any other."""
+    path.touch(0o600)
+    path.write_text(key.hex() + "\n", encoding="ascii")
 
 
 def write_world(folder: Path, world: Mapping[str, Any]) -> None:

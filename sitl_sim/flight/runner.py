@@ -33,6 +33,7 @@ from sitl_sim.flight.autopilots import switch_on, true_airframes
 from sitl_sim.flight.in_process import LocalFrames, make_pool
 from sitl_sim.flight.inputs import write_inputs, write_world
 from sitl_sim.flight.sensors import Sensors
+from sitl_sim.flight.signed_lines import VehicleSigning, key_of
 from sitl_sim.flight.vehicle_connection import Capture, VehicleConnection
 from sitl_sim.recording.run_folder import own_frames
 from sitl_sim.recording.truth import Truth
@@ -69,6 +70,7 @@ class Flight:
         self.folder = folder
         self._in_process = in_process
         self.names = scenarios.drone_names(scenario)
+        self.key = key_of(scenario.seed) if scenario.drones.signing else None
         self._schedule = scenarios.fault_schedule(scenario)
         faults.check(scenario.faults, processes=not in_process)
         check_companions(scenario, in_process)
@@ -133,16 +135,18 @@ class Flight:
         system = i + 1
         frames, companion, ground = self._wire(system)
         line = FaultyLine(self._schedule, i)
+        signing = VehicleSigning(self.key) if self.key is not None else None
         return VehicleConnection(
             name,
             i,
             boot_ms,
-            FaultyLink(companion, Codec(system, 1), line),
-            Link(ground, Codec(system, 1)),
+            FaultyLink(companion, Codec(system, 1, signing=signing and signing.companion), line),
+            Link(ground, Codec(system, 1, signing=signing and signing.ground)),
             frames,
             line,
             FaultyTelemetry(self._schedule, i),
             FaultyCamera(self._schedule, i),
+            signing,
         )
 
     def _wire(self, system: int) -> tuple[FrameServer | LocalFrames, Endpoint, Endpoint]:
@@ -191,7 +195,7 @@ class Flight:
             SettingsError: the folder holds a flight, or cannot be created.
         """
         companions = {d.name: self.companion_config(d.index) for d in self._drones}
-        write_inputs(self.folder, self.scenario, self.world, companions)
+        write_inputs(self.folder, self.scenario, self.world, companions, self.key)
 
     def companion_config(self, i: int) -> dict[str, Any]:
         """Return the configuration of drone i's companion."""
@@ -330,6 +334,8 @@ class Flight:
         if isinstance(self._autopilots, LockstepFleet):
             drone.relay_telemetry(self._autopilots)
             return
+        if drone.signing is not None:
+            drone.signing.advance()
         messages = self._autopilots.telemetry(drone.index, "companion")
         drone.companion.send(drone.telemetry.alter(self._now / 1e3, messages))
         unheard = not drone.ground.packets_in

@@ -22,6 +22,7 @@ from sitl_sim.external.priority import COMPANION, raise_priority
 from sitl_sim.faults.camera import FaultyCamera
 from sitl_sim.faults.link import FaultyLine, FaultyTelemetry
 from sitl_sim.flight.in_process import LocalFrames
+from sitl_sim.flight.signed_lines import VehicleSigning
 
 Capture = tuple[float, dict[str, NDArray[Any]]]  # capture time [s, vehicle's clock], the arrays
 
@@ -42,6 +43,7 @@ class VehicleConnection:
     line: FaultyLine
     telemetry: FaultyTelemetry
     camera: FaultyCamera
+    signing: VehicleSigning | None = None
     process: subprocess.Popen[bytes] | None = None
     capture: Future[Capture] | None = None  # the frame of the next tick
     delivery: Future[bool] | None = None  # that frame on its way to the companion

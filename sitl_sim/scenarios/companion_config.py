@@ -16,6 +16,8 @@ from sitl_sim.scenarios.companion_entry_points import companion_class
 from sitl_sim.scenarios.scenario import Scenario, WireConfig
 from sitl_sim.worlds.geodesy import GeoReference, LocalFrame
 
+KEY_FILE = "signing.key"  # beside config.yaml
+
 
 def companion_port(wire: WireConfig, system: int) -> int:
     """Return the UDP port of vehicle `system`'s companion; the ground stations' is left out."""
@@ -69,6 +71,9 @@ def companion_config(
         },
         "log": {"path": str((folder / "drones" / name / "flight.mcap").resolve())},
     }
+    if s.drones.signing:
+        key = (folder / "drones" / name / KEY_FILE).resolve()
+        config["link"]["signing"] = {"key": str(key)}
     if s.drones.airframes:
         airframe = s.drones.airframe(i)
         config["airframe"] = {

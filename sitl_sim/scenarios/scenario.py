@@ -88,6 +88,11 @@ class DronesConfig(StrictModel):
         0.0, description="Yaw of each vehicle's own frame in the world: no frame is shared."
     )
     parameters: dict[str, float] = Field({}, description="Autopilot parameters at boot.")
+    signing: bool = Field(
+        False,
+        description="MAVLink 2 signing: the autopilots sign, and refuse what is not signed with "
+        "the flight's key; companions get the key.",
+    )
 
     @model_validator(mode="after")
     def _knows_its_parameters(self) -> Self:
@@ -188,6 +193,7 @@ class Scenario(StrictModel):
             "drones.state": self.drones.state != "mocap",
             "drones.airframes": bool(self.drones.airframes),
             "drones.actual": self.drones.actual != ActualConfig(),
+            "drones.signing": self.drones.signing,
             "wind.turbulence": self.wind.turbulence != "none",
             "air.downwash": self.air.downwash,
             "air.ground_effect": self.air.ground_effect,

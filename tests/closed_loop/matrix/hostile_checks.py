@@ -5,32 +5,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from companion.process.presence import Presence
 from companion.supervision.guard import Reason
 from companion.types import Phase
-from mavlink_bridge.wire.codec import Codec
-from mavlink_bridge.wire.messages import Source
-from mavlink_bridge.wire.signing import Signing
 from tests.closed_loop.matrix.measures import CRUISE, SHORT, flown_with, mode_after
 
-KEY, NOW = bytes(range(32)), 400_000_000_0000
+SIGNED = SHORT | {"drones__signing": True}
 
 
-def signed(f):
-    """Let vehicle and companion of drone 1 sign, each with its own codec and clock."""
-    c, drone = f.companions[0], f._drones[0]
-    ours, theirs = Signing(KEY, NOW), Signing(KEY, NOW + 77)
-    link = c.config.link
-    c.link.codec = Codec(link.system_id, link.component_id, link.heard(), ours)
-    drone.companion.codec = Codec(link.system_id, 1, signing=theirs)
-    c.presence, c.echoes = Presence(Source(link.system_id, link.component_id), 1), 0
-    before = c.before
+def listening(f):
+    """Count the companion's own frames that it hears."""
+    c = f.companions[0]
+    c.echoes, own = 0, c.config.link.component_id
 
     def look(inputs):
-        ours.timestamp += 10_000  # 0.1 s
-        theirs.timestamp += 10_000
-        c.echoes += sum(r.source.component == link.component_id for r in inputs.received)
-        return before(inputs)
+        c.echoes += sum(r.source.component == own for r in inputs.received)
+        return inputs
 
     c.before = look
 
@@ -42,10 +31,12 @@ def row_26(note):
         {"kind": "link_reflect", "amount": 1.0, "at": 3.0},
         {"kind": "link_spoof", "amount": 50.0, "at": 3.0},
     ]
-    f = flown_with(signed, hostile, **SHORT)
+    f = flown_with(listening, hostile, **SIGNED)
     c = f.companions[0]
     counts = c.link.codec.statistics
+    vehicle = f._drones[0].companion.codec.statistics
     assert counts.replayed > 1000
+    assert vehicle.replayed > 500  # its own frames among them are of no such sender
     assert counts.unsigned > 100
     assert c.echoes == 0
     assert "HOLD" not in [name for t, name in f.modes[0] if t > 5.0]
@@ -151,9 +142,15 @@ def row_29(note):
 
 
 def row_30(note):
-    """A forger of the vehicle's own ids on its own line cannot be told apart unsigned: signed."""
-    f = flown_with(signed, [{"kind": "link_spoof", "amount": 1000.0, "at": 3.0}], **SHORT)
+    """A forger uses the vehicle's ids, and commands the vehicle as if it were the companion."""
+    forger = [
+        {"kind": "link_spoof", "amount": 1000.0, "at": 3.0},
+        {"kind": "link_forge", "amount": 50.0, "at": 3.0},
+    ]
+    f = flown_with(listening, forger, **SIGNED)
     assert f.companions[0].link.codec.statistics.unsigned > 5000
+    assert f._drones[0].companion.codec.statistics.unsigned > 200
+    assert f.truth.arrays()["armed"][-1].all()
     assert f.speed(10.0) > 1.2
     f.check_always()
     note("forged and heard", 0.0)

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from companion.pipeline import Companion as OneCompanion
+from companion.process.signing_keys import Timestamps
 from companion.settings.config import CompanionConfig
 from companion.tick import TickInputs
 from companion.types import Phase
@@ -51,12 +52,13 @@ class Companion:
 
     connected = True
 
-    def __init__(self, config, endpoint):
+    def __init__(self, config, endpoint, key=None):
         self.settings, self.endpoint = config, endpoint
         self.config = CompanionConfig.model_validate(config)
         self.companion = OneCompanion(self.config, time.perf_counter)
         link = self.config.link
-        self.link = Link(endpoint, Codec(link.system_id, link.component_id, link.heard()))
+        signing = None if key is None else Timestamps(key, 0, None).signing
+        self.link = Link(endpoint, Codec(link.system_id, link.component_id, link.heard(), signing))
         self.outs, self.seconds, self.times = [], [], []
         self.clock = lambda: 0.0  # of the flight [s]; the vehicle's own may begin anew
         self.stopwatch = lambda: 0.0  # time.thread_time where ticks are to be timed: it costs
@@ -119,7 +121,7 @@ class InProcess(Flight):
         vehicle = MemoryEndpoint()
         config = self.companion_config(system - 1)
         overlay(config, OVERRIDES)
-        self.companions.append(Companion(config, MemoryEndpoint(vehicle)))
+        self.companions.append(Companion(config, MemoryEndpoint(vehicle), self.key))
         self.companions[-1].clock = lambda: self._now / 1e3
         return self.companions[-1], vehicle, MemoryEndpoint()
 
