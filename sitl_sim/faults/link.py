@@ -107,7 +107,9 @@ class FaultyLine:
                 out.append(self._recorded[int(fault.rng.integers(len(self._recorded)))])
         for fault in self._active("link_forge"):
             system = self._i + 1
-            disarm = Command(CommandId.COMPONENT_ARM_DISARM, (0.0, _FORCE, *[0.0] * 5), system)
+            disarm = Command(
+                CommandId.COMPONENT_ARM_DISARM, (0.0, _FORCE, 0.0, 0.0, 0.0, 0.0, 0.0), system
+            )
             for _ in range(fault.rng.poisson(fault.value * since)):
                 out.append(Codec(system, ComponentId.ONBOARD_COMPUTER).encode([disarm]))
         return out

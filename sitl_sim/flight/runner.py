@@ -140,8 +140,10 @@ class Flight:
             name,
             i,
             boot_ms,
-            FaultyLink(companion, Codec(system, 1, signing=signing and signing.companion), line),
-            Link(ground, Codec(system, 1, signing=signing and signing.ground)),
+            FaultyLink(
+                companion, Codec(system, 1, signing=signing.companion if signing else None), line
+            ),
+            Link(ground, Codec(system, 1, signing=signing.ground if signing else None)),
             frames,
             line,
             FaultyTelemetry(self._schedule, i),
