@@ -173,6 +173,7 @@ class Companion:
             time,
             supervised.command,
             motion.thrust_map,
+            motion.delay,
             supervised.in_control,
         )
         reason = supervised.verdict.reason if supervised.verdict else None

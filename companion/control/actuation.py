@@ -1,13 +1,25 @@
-"""Actuation: the guarded command as a setpoint, remembered as the input in flight."""
+"""Actuation: the guarded command as a setpoint, remembered as the input in flight.
+
+Body rates count for as long as the delay of the chain is in doubt before their effect is seen. So
+they are limited until the delay is known: a wrong delay then costs a small swing, by which the
+delay is learnt, where the full rates would tumble the drone.
+"""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from companion.estimation.delay import Delay
 from companion.estimation.input_history import SentInput
 from companion.estimation.motion import MotionEstimator
+from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.thrust import ThrustMap
 from mavlink_bridge.wire.messages import RateCommand, RateSetpoint
+
+_ATTITUDE_DOUBT = 0.02  # rad, 1 σ, of the attitude that a wrong prediction may cost
+_RATE_LOOP = 0.1  # of the delay: a rate loop is not a mere delay
 
 
 class Actuation:
@@ -19,19 +31,33 @@ class Actuation:
         self._motion = motion
 
     def setpoint(
-        self, time: float, command: RateCommand | None, thrust_map: ThrustMap, in_control: bool
+        self,
+        time: float,
+        command: RateCommand | None,
+        thrust_map: ThrustMap,
+        delay: Delay,
+        in_control: bool,
     ) -> RateSetpoint | None:
         """Return the setpoint of the tick of `time` [s]; None where there is no command.
 
-        in_control: whether the vehicle follows the setpoints. Where it does not, what was sent is
-        not what flies, and the inputs are forgotten.
+        delay: from a tick to its effect; what is not known of it limits the rates. in_control:
+        whether the vehicle follows the setpoints. Where it does not, what was sent is not what
+        flies, and the inputs are forgotten.
         """
         setpoint = None
         if command is not None:
             thrust = thrust_map.to_thrust(command.c)
-            setpoint = RateSetpoint(time, command.omega, thrust, self._system_id)
-            u = np.array([command.c, *command.omega])
+            omega = within_doubt(command.omega, delay)
+            setpoint = RateSetpoint(time, omega, thrust, self._system_id)
+            u = np.array([command.c, *omega])
             self._motion.sent(SentInput(time, u, thrust))
         if not in_control:
             self._motion.clear()
         return setpoint
+
+
+def within_doubt(omega: Vector, delay: Delay) -> Vector:
+    """Return body rates (3,) [rad/s], made slower where the delay is too little known for them."""
+    fastest = _ATTITUDE_DOUBT / math.hypot(delay.sigma, _RATE_LOOP * delay.value)
+    rate = float(np.linalg.norm(omega))
+    return omega if rate <= fastest else omega * (fastest / rate)

@@ -76,7 +76,7 @@ def _low_pass(state: Vector, start: Vector, end: Vector, dt: float, tau: float) 
 class DelayEstimator:
     """Estimates the delay from the inputs sent and the body rates that telemetry reports."""
 
-    def __init__(self, prior: float, sigma: float = 0.04) -> None:
+    def __init__(self, prior: float, sigma: float = 0.1) -> None:
         """prior: s, as configured. sigma: s, how far it may be wrong."""
         self._prior = Delay(prior, sigma)
         self.estimate = self._prior

@@ -8,7 +8,7 @@ import numpy as np
 
 from companion.estimation.obstacle_map import ObstacleConfig, ObstacleMap
 from companion.estimation.own_doubt import OwnDoubt
-from companion.estimation.parallax_map import ParallaxMap, with_others
+from companion.estimation.parallax_map import ParallaxMap, doubted, with_others
 from companion.estimation.surface_map import SurfaceConfig, SurfaceMap
 from companion.perception.frontend import Detections
 from companion.perception.view import View
@@ -51,7 +51,8 @@ class ObstacleEstimator:
         """Forget all obstacles: the vehicle's frame has begun anew."""
         trunks, surfaces = self._configs
         self._map = ObstacleMap(trunks)
-        self._looked: float | None = None
+        self._looked: float | None = None  # s, when trunks were looked for last
+        self._pictured: float | None = None  # s, when the last picture was taken
         self._surfaces = SurfaceMap(self._view.camera, surfaces)
         self._parallax = ParallaxMap()
 
@@ -82,8 +83,12 @@ class ObstacleEstimator:
                 )
             if seen.ranges is not None:
                 self._surfaces.update(seen.ranges, seen.own)
-            self._map.see_through(seen.own.p, seen.fixed)
-            self._parallax.update(seen.fixed, seen.own.p, seen.own.time, ground)
+            fixed = doubted(seen.fixed, seen.own.p, doubt.drift(1.0))
+            self._map.see_through(seen.own.p, fixed)
+            pictured = 0.0 if self._pictured is None else seen.own.time - self._pictured
+            self._pictured = seen.own.time
+            drift = doubt.drift(pictured)
+            self._parallax.update(fixed, seen.own.p, seen.own.time, ground, drift)
         occluders = self._map.occluders()
         if own is None:
             return KnownObstacles(occluders=occluders)

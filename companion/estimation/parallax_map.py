@@ -3,17 +3,22 @@
 A point counts where another corner was found beside it; a wrong track stands alone. Points that
 stand together become an upright cylinder round them where they fit into one, whatever they belong
 to; a wider shape stays a set of points. Points that are no longer followed are kept for a while.
+
+The distance comes from the own motion alone, so that it is as uncertain as that: what the own
+velocity and attitude leave in doubt widens a point's σ, and a point whose σ is too large tells
+nothing.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.perception.parallax import FixedPoints
+from companion.estimation.landmark_places import Drift
+from companion.perception.parallax import SURE, FixedPoints
 from mavlink_bridge.shared.arrays import Vector
 
 _STANDS = 0.4  # m over the ground, above which a point is in the way
@@ -26,13 +31,20 @@ _BESIDE = 0.4  # m, level, between points that confirm one another
 _TOGETHER = 0.7  # m, level, between points of one thing
 _WIDEST = 1.7  # m, radius of a thing that is a cylinder
 _SLIMMEST = 0.12  # m, of a cylinder
-_SIGMA = 0.1  # m, 1 σ of the place of a thing that parallax alone shows
+_SIGMA = 0.1  # m, least 1 σ of the place of a thing that parallax alone shows
+_POOR = 0.4  # m, 1 σ of a point that tells nothing any more
 _EXPLAINED = 0.5  # m from a trunk's surface, within which points are the trunk's
+
+
+_STILL = Drift()
 
 
 @dataclass(frozen=True)
 class StandingThings:
-    """What parallax shows: cylinders (k,3) x, y, radius, and points (n,3) of wider shapes; m."""
+    """What parallax shows, in m.
+
+    cylinders: (k,4) x, y, radius, 1 σ of the place. points: (n,3), of wider shapes.
+    """
 
     cylinders: Vector
     points: Vector
@@ -44,24 +56,36 @@ class ParallaxMap:
     def __init__(self) -> None:
         self._names: NDArray[np.int64] = np.zeros(0, np.int64)
         self._places: Vector = np.zeros((0, 3))
+        self._sigmas: Vector = np.zeros(0)
         self._seen: Vector = np.zeros(0)
         self._updates = 0
-        self._standing = StandingThings(np.zeros((0, 3)), np.zeros((0, 3)))
+        self._standing = StandingThings(np.zeros((0, 4)), np.zeros((0, 3)))
 
-    def update(self, fixed: FixedPoints, p: Vector, time: float, floor: float = 0.0) -> None:
+    def update(
+        self,
+        fixed: FixedPoints,
+        p: Vector,
+        time: float,
+        floor: float = 0.0,
+        drift: Drift = _STILL,
+    ) -> None:
         """Take in the points of one picture, taken at p (3,) m and `time` [s].
 
-        floor: m, height of the ground.
+        floor: m, height of the ground. drift: of the own pose since the last picture.
         """
         places = fixed.places
         near = np.linalg.norm(places - p, axis=1) < _RANGE
         stands = (places[:, 2] > floor + _STANDS) & (np.abs(places[:, 2] - p[2]) < _LEVELS)
         # A corner whose place is refined replaces its older place, or leaves.
-        kept = ~np.isin(self._names, fixed.names) & (time - self._seen < _MEMORY)
+        arms = np.linalg.norm(self._places - p, axis=1)
+        self._sigmas = np.sqrt(self._sigmas**2 + drift.position**2 + (drift.yaw * arms) ** 2)
+        known = (time - self._seen < _MEMORY) & (self._sigmas < _POOR)
+        kept = ~np.isin(self._names, fixed.names) & known
         new = near & stands
         self._updates += 1
         self._names = np.concatenate([self._names[kept], fixed.names[new]])[-_MOST:]
         self._places = np.concatenate([self._places[kept], places[new]])[-_MOST:]
+        self._sigmas = np.concatenate([self._sigmas[kept], fixed.sigmas[new]])[-_MOST:]
         self._seen = np.concatenate([self._seen[kept], np.full(new.sum(), time)])[-_MOST:]
 
     def standing(self) -> StandingThings:
@@ -80,17 +104,30 @@ class ParallaxMap:
             group = self._places[sure][members]
             (x, y), radius = cv2.minEnclosingCircle(group[:, None, :2].astype(np.float32))
             if radius <= _WIDEST:
-                cylinders.append([x, y, max(radius, _SLIMMEST)])
+                sigma = float(np.median(self._sigmas[sure][members]))
+                cylinders.append([x, y, max(radius, _SLIMMEST), max(sigma, _SIGMA)])
             else:
                 rest.append(group)
         return StandingThings(
-            np.array(cylinders).reshape(-1, 3),
+            np.array(cylinders).reshape(-1, 4),
             np.concatenate(rest) if rest else np.zeros((0, 3)),
         )
 
 
+def doubted(fixed: FixedPoints, p: Vector, second: Drift) -> FixedPoints:
+    """Return the points seen from p (3,) m with the doubt of the own motion, without poor ones.
+
+    second: how far the pose may drift within a second. It drifts as a random walk does.
+    """
+    lengths = np.linalg.norm(fixed.places - p, axis=1)
+    turn = second.yaw**2 + second.tilt**2 * (1.0 - second.tilt_kept**2)
+    moved = (second.position**2 + turn * lengths**2) * fixed.since
+    sigmas = np.sqrt(fixed.sigmas**2 + moved * (lengths / np.maximum(fixed.bases, 1e-3)) ** 2)
+    return replace(fixed, sigmas=sigmas)[sigmas < SURE * lengths]
+
+
 def with_others(cylinders: Vector, others: Vector, p: Vector) -> Vector:
-    """Return cylinders (k,4), and those of others (n,3) that none of them explains.
+    """Return cylinders (k,4), and those of others (n,4) that none of them explains.
 
     Rows of the result: x, y, radius and 1 σ of the place [m], sorted by the distance of the
     surface from p (3,) m.
@@ -99,8 +136,7 @@ def with_others(cylinders: Vector, others: Vector, p: Vector) -> Vector:
         return cylinders
     gaps = np.linalg.norm(others[:, None, :2] - cylinders[None, :, :2], axis=2) - cylinders[:, 2]
     new = others[(gaps > _EXPLAINED).all(axis=1)]
-    doubt = np.full((len(new), 1), _SIGMA)
-    both = np.concatenate([cylinders, np.hstack([new, doubt])])
+    both = np.concatenate([cylinders, new])
     surface = np.linalg.norm(both[:, :2] - p[:2], axis=1) - both[:, 2]
     return np.asarray(both[np.argsort(surface, kind="stable")])
 

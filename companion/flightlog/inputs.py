@@ -38,7 +38,7 @@ class RecordedInputs:
     drones: list[Detection] = field(default_factory=list)
     trunks: list[Trunk] = field(default_factory=list)
     ranges: Ranges | None = None
-    fixed: Vector = field(default_factory=lambda: np.zeros((0, 5)))
+    fixed: Vector = field(default_factory=lambda: np.zeros((0, 7)))
     leave: bool = False
     shown: bool = True
     latest: float | None = None
@@ -91,7 +91,7 @@ def encode(
         "columns": _COLUMNS,
         "leave": leave,
         "ranges": None if ranges is None else ranges.shape,
-        "fixed": len(seen.fixed.names),
+        "fixed": seen.fixed.rows.shape,
         "shown": shown,
         "latest": latest,
     }
@@ -126,8 +126,10 @@ def decode(data: bytes) -> RecordedInputs:
             size = 2 * shape[0] * shape[1]
             ranges = np.frombuffer(rest[at : at + size], dtype="<f2").reshape(shape)
             at += size
-        size = 8 * 5 * header.get("fixed", 0)
-        fixed = np.frombuffer(rest[at : at + size], dtype="<f8").reshape(-1, 5).copy()
+        shape = header.get("fixed", 0)
+        shape = [shape, 5] if isinstance(shape, int) else shape  # the number of rows alone
+        size = 8 * shape[0] * shape[1]
+        fixed = np.frombuffer(rest[at : at + size], dtype="<f8").reshape(shape).copy()
         at += size
         if at != len(rest):
             raise ValueError(f"{len(rest) - at} bytes too many")

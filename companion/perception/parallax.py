@@ -34,7 +34,7 @@ _GATE = 4.0  # standard deviations beyond which a corner is not the one that was
 _LOST = 20.0  # grey levels by which a corner may change
 _NEAREST, _FARTHEST = 0.3, 200.0  # m
 _LEAST_PARALLAX = 0.035  # rad, seen from first to now: less is attitude noise
-_SURE = 0.15  # 1 σ over distance of a point that is reported
+SURE = 0.15  # 1 σ over distance of a point that counts
 _DRONE = 0.4  # m, radius within which corners belong to a detected neighbour
 
 
@@ -42,30 +42,43 @@ _DRONE = 0.4  # m, radius within which corners belong to a detected neighbour
 class FixedPoints:
     """Points of the world whose distance is known by parallax.
 
-    places: (n,3) m, own ENU frame. sigmas: (n,) m, along the line of sight. names: (n,) the corner
-    that each is; a corner lost and found again has a new name.
+    places: (n,3) m, own ENU frame. sigmas: (n,) m, along the line of sight, were the own motion
+    known without error. names: (n,) the corner that each is; a corner lost and found again has a
+    new name. bases: (n,) m that the drone has moved across the line of sight since the first look.
+    since: (n,) s, since then.
     """
 
     places: Vector
     sigmas: Vector
     names: NDArray[np.int64]
+    bases: Vector
+    since: Vector
+
+    def __getitem__(self, kept: NDArray[np.bool_]) -> FixedPoints:
+        return FixedPoints(*(getattr(self, f)[kept] for f in self.__dataclass_fields__))
 
     @property
     def rows(self) -> Vector:
-        """(n,5) x, y, z, sigma, name."""
-        return np.column_stack([self.places, self.sigmas, self.names])
+        """(n,7) x, y, z, sigma, name, base, since."""
+        return np.column_stack([self.places, self.sigmas, self.names, self.bases, self.since])
 
     @staticmethod
     def from_rows(rows: Vector | None) -> FixedPoints:
-        """Return the points of rows (n,5); None: no points."""
+        """Return the points of rows (n,7); None: no points.
+
+        Older logs have rows (n,5): their own motion counts as known.
+        """
         if rows is None:
             return FixedPoints.none()
-        return FixedPoints(rows[:, :3], rows[:, 3], rows[:, 4].astype(np.int64))
+        if rows.shape[1] == 5:
+            rows = np.hstack([rows, np.tile([1.0, 0.0], (len(rows), 1))])
+        names = rows[:, 4].astype(np.int64)
+        return FixedPoints(rows[:, :3], rows[:, 3], names, rows[:, 5], rows[:, 6])
 
     @staticmethod
     def none() -> FixedPoints:
         """Return no points."""
-        return FixedPoints(np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64))
+        return FixedPoints.from_rows(np.zeros((0, 7)))
 
 
 @dataclass(frozen=True)
@@ -73,7 +86,7 @@ class _Corners:
     """The corners that are followed.
 
     pixels (n,2). origins (n,3) m, rays (n,3): first look, own ENU frame. inverse (n,) 1/m, and its
-    variance (n,). names (n,).
+    variance (n,). names (n,). first (n,): s, time of the first look.
     """
 
     pixels: NDArray[np.float32]
@@ -82,6 +95,7 @@ class _Corners:
     inverse: Vector
     variance: Vector
     names: NDArray[np.int64]
+    first: Vector
 
     def __getitem__(self, kept: NDArray[np.bool_]) -> _Corners:
         return _Corners(*(getattr(self, f)[kept] for f in self.__dataclass_fields__))
@@ -98,7 +112,13 @@ class _Corners:
 def _no_corners() -> _Corners:
     none = np.zeros((0, 3))
     return _Corners(
-        np.zeros((0, 2), np.float32), none, none, np.zeros(0), np.zeros(0), np.zeros(0, np.int64)
+        np.zeros((0, 2), np.float32),
+        none,
+        none,
+        np.zeros(0),
+        np.zeros(0),
+        np.zeros(0, np.int64),
+        np.zeros(0),
     )
 
 
@@ -196,6 +216,7 @@ class Parallax:
             np.concatenate([c.inverse, np.full(n, _PRIOR[0])]),
             np.concatenate([c.variance, np.full(n, _PRIOR[1] ** 2)]),
             np.concatenate([c.names, self._named + np.arange(n)]),
+            np.concatenate([c.first, np.full(n, self._time)]),
         )
         self._named += n
 
@@ -210,8 +231,8 @@ class Parallax:
         across = np.linalg.norm(np.cross(moved, c.rays), axis=1)
         parallax = across / np.maximum(lengths, _NEAREST)
         sigmas = np.sqrt(c.variance) / c.inverse**2
-        sure = (sigmas < _SURE * lengths) & (parallax > _LEAST_PARALLAX)
-        return FixedPoints(places[sure], sigmas[sure], c.names[sure])
+        sure = (sigmas < SURE * lengths) & (parallax > _LEAST_PARALLAX)
+        return FixedPoints(places, sigmas, c.names, across, self._time - c.first)[sure]
 
 
 def refined(

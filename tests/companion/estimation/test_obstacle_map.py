@@ -149,9 +149,8 @@ def test_a_trunk_that_points_are_seen_through_is_forgotten(depth, left):
     known, p = ObstacleMap(ObstacleConfig()), np.array([0.0, 0.0, 2.0])
     for _ in range(8):
         fly(known, 0.0, Trunk(np.array([0.0, 0.0, 1.0]), 4.0, 0.4, 0.1))
-    behind = FixedPoints(
-        np.array([[depth, 0.1, 1.9], [depth, -0.1, 2.2]]), np.full(2, 0.2), np.arange(2)
-    )
+    places = [[depth, 0.1, 1.9, 0.2, 0.0], [depth, -0.1, 2.2, 0.2, 1.0]]
+    behind = FixedPoints.from_rows(np.array(places))
     for _ in range(5):
         known.see_through(p, behind)
     fly(known, -3.0)  # farther than it must be seen from

@@ -2,16 +2,18 @@
 
 import numpy as np
 
-from companion.estimation.parallax_map import ParallaxMap, with_others
+from companion.estimation.landmark_places import Drift
+from companion.estimation.parallax_map import ParallaxMap, doubted, with_others
 from companion.perception.parallax import FixedPoints
 
 HERE = np.array([0.0, 0.0, 2.0])
 
 
-def points(places, first=0):
+def points(places, first=0, base=1.0, since=1.0):
     places = np.array(places, float).reshape(-1, 3)
     n = len(places)
-    return FixedPoints(places, np.full(n, 0.1), np.arange(first, first + n))
+    names = np.arange(first, first + n)
+    return FixedPoints(places, np.full(n, 0.1), names, np.full(n, base), np.full(n, since))
 
 
 def trunk(x, y, radius, count=8, first=0):
@@ -32,7 +34,7 @@ def after(*looks):
 
 def test_points_on_a_trunk_become_a_cylinder():
     found = after(*[trunk(4.0, 0.5, 0.6)] * 3).cylinders
-    np.testing.assert_allclose(found, [[4.0, 0.5, 0.6]], atol=0.05)
+    np.testing.assert_allclose(found, [[4.0, 0.5, 0.6, 0.1]], atol=0.05)
 
 
 def test_a_point_that_stands_alone_does_not_count():
@@ -69,7 +71,30 @@ def test_points_are_forgotten_after_a_while():
 
 def test_what_a_known_trunk_explains_is_not_told_twice():
     known = np.array([[4.0, 0.0, 1.0, 0.05]])
-    others = np.array([[3.2, 0.3, 0.2], [4.0, 2.0, 0.3]])
+    others = np.array([[3.2, 0.3, 0.2, 0.1], [4.0, 2.0, 0.3, 0.1]])
     np.testing.assert_array_equal(
         with_others(known, others, HERE), [[4.0, 0.0, 1.0, 0.05], [4.0, 2.0, 0.3, 0.1]]
     )
+
+
+def test_a_doubtful_own_motion_makes_points_doubtful():
+    """With 0.3 m/√s of drift, a base of 1 m after 1 s leaves 30 % of each distance in doubt."""
+    near = points([[1.0, 0.0, 2.0], [4.0, 0.0, 2.0]])
+    assert len(doubted(near, HERE, Drift(position=0.05)).names) == 2
+    assert not len(doubted(near, HERE, Drift(position=0.3)).names)
+    longer = points([[4.0, 0.0, 2.0]], base=4.0)
+    kept = doubted(longer, HERE, Drift(position=0.3))
+    np.testing.assert_allclose(kept.sigmas, np.hypot(0.1, 0.3), rtol=1e-6)
+    turned = doubted(points([[4.0, 0.0, 2.0]]), HERE, Drift(yaw=0.02))
+    np.testing.assert_allclose(turned.sigmas, np.hypot(0.1, 0.02 * 16), rtol=1e-6)
+
+
+def test_points_that_drift_has_made_poor_are_forgotten():
+    seen = ParallaxMap()
+    seen.update(trunk(4.0, 0.0, 0.5), HERE, 0.0)
+    sigmas = []
+    for n in range(1, 9):
+        seen.update(FixedPoints.none(), HERE, 0.1 * n, drift=Drift(position=0.15))
+        sigmas += seen.standing().cylinders[:, 3].tolist()
+    assert sigmas[0] < sigmas[-1] < 0.45
+    assert not len(seen.standing().cylinders)
