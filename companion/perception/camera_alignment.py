@@ -35,6 +35,7 @@ _LONGEST = 0.25  # s between two pictures that are compared
 _LEAST_PAIRS = 4.0
 _PAIRS_AGAINST = 8.0  # pairs from which a contradiction is told
 _PARALLAX = 0.1  # rad/m of own way: what near things move, of which the visual gyro leaves a part
+_LOW = 0.5  # m over the ground, below which nearly all that is seen is near
 _SURPRISE, _IN_A_ROW = 0.5, 2  # share of the turn, and turns, from which the camera has moved
 _KEEP = 0.97  # of the evidence, from one pair of pictures to the next
 _FLOOR, _SHARE = 0.002, 0.03  # rad, and share of the turn: errors of attitude and tracking
@@ -110,10 +111,13 @@ class CameraAlignment:
         self._surprises = 0
         self._settled = False
 
-    def update(self, time: float, stamp: float, image: Image, at: StateAt) -> None:
+    def update(
+        self, time: float, stamp: float, image: Image, at: StateAt, ground: float = 0.0
+    ) -> None:
         """Take in the picture `image` (H,W,3) uint8 BGR, stamped `stamp` [s], at a tick's `time`.
 
-        at: returns the own state at a time [s] of the last second.
+        at: returns the own state at a time [s] of the last second. ground: m, its level in the own
+        frame.
         """
         # The attitude after a capture is known a little later.
         while self._waiting and self._waiting[0].end - _LAGS[0] <= time:
@@ -127,7 +131,7 @@ class CameraAlignment:
         shot = _Shot(stamp, self._gyro.reduce(image))
         before, self._before = self._before, shot
         if before is not None and 0.0 < stamp - before.time < _LONGEST:
-            self._compare(before, shot, at)
+            self._compare(before, shot, at, ground)
 
     @property
     def _known(self) -> bool:
@@ -135,10 +139,13 @@ class CameraAlignment:
             not self._surprises and not self.estimate.contradiction and _sure(self.estimate.sigmas)
         )
 
-    def _compare(self, before: _Shot, after: _Shot, at: StateAt) -> None:
+    def _compare(self, before: _Shot, after: _Shot, at: StateAt, ground: float) -> None:
         """Measure the rotation between two pictures, where the drone turned around that time."""
         then, now = at(before.time), at(after.time)
         if then is None or now is None:
+            return
+        height = float(now.p[2]) - ground
+        if height < _LOW:
             return
         turning = max(float(np.linalg.norm(s.omega)) for s in (then, now))
         if turning * (after.time - before.time) < _LEAST_TURN:
@@ -147,7 +154,7 @@ class CameraAlignment:
         seen = self._gyro.rotation(before.grey, after.grey, moved)
         if seen is not None:
             # Near the ground, as in take-off, all that is seen is near.
-            near = min(max(float(now.p[2]), 0.1), 1.0) ** 2
+            near = min(height, 1.0) ** 2
             sigma = math.hypot(seen.sigma, _PARALLAX / near * float(np.linalg.norm(moved)))
             self._waiting.append(_Turn(before.time, after.time, seen.vector, sigma))
 

@@ -129,7 +129,7 @@ class PerceptionFrontend:
             frame = replace(frame, time=min(captured, max(time, frame.time)))
         fault = self._health.check(time, frame, not misfit, not wrong, horizon)
         if stamped is not None and "image" in stamped.arrays and fault in _COMPARED:
-            self._alignment.update(time, stamped.time, stamped.arrays["image"], at)
+            self._alignment.update(time, stamped.time, stamped.arrays["image"], at, ground)
         new = frame is not None and frame.time > self._newest and self._health.usable
         found = Detections()
         if new and frame is not None and (own := at(captured)) is not None:

@@ -13,6 +13,7 @@ from mavlink_bridge.wire.messages import VehicleState
 
 CAMERA = Camera.equidistant(320, 200, 160.0)
 PERIOD = 0.1
+HERE = np.array([0.0, 0.0, 2.0])
 
 
 def attitude(time):
@@ -25,7 +26,7 @@ def attitude(time):
 def state(time):
     x, y, z, w = attitude(time).as_quat()
     omega = (attitude(time - 1e-3).inv() * attitude(time + 1e-3)).as_rotvec() / 2e-3
-    return VehicleState(time, np.zeros(3), np.zeros(3), np.array([w, x, y, z]), omega)
+    return VehicleState(time, HERE, np.zeros(3), np.array([w, x, y, z]), omega)
 
 
 def sphere():
@@ -48,11 +49,11 @@ def picture(time, camera=CAMERA, mount=None):
     return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
 
 
-def estimate(taken, seconds=4.0, alignment=None, start=0.0):
+def estimate(taken, seconds=4.0, alignment=None, start=0.0, ground=0.0):
     alignment = alignment or CameraAlignment(View(CAMERA, needs_foot=False))
     for n in range(round(seconds / PERIOD)):
         time = start + n * PERIOD
-        alignment.update(time, time, taken(time), state)
+        alignment.update(time, time, taken(time), state, ground)
     return alignment
 
 
@@ -103,10 +104,17 @@ def test_a_camera_that_is_knocked_in_flight_is_noticed_within_three_seconds():
     assert "off its mount" in knocked.estimate.contradiction
 
 
+def test_pictures_from_near_the_ground_tell_nothing():
+    wide = Camera.equidistant(320, 200, 145.0)
+    found = estimate(lambda t: picture(t, wide), ground=1.7).estimate
+    assert found.sigmas == (np.inf,) * 3
+    assert found.contradiction == ""
+
+
 def test_a_drone_that_does_not_turn_learns_nothing():
     alignment = CameraAlignment(View(CAMERA, needs_foot=False))
     for n in range(30):
-        own = VehicleState(0.1 * n, *(np.zeros(3),) * 2, np.array([1.0, 0, 0, 0]), np.zeros(3))
+        own = VehicleState(0.1 * n, HERE, np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3))
         alignment.update(0.1 * n, 0.1 * n, picture(0.1 * n), lambda t, own=own: own)
     assert alignment.estimate.sigmas == (np.inf,) * 3
     assert alignment.estimate.contradiction == ""
