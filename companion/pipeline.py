@@ -159,6 +159,7 @@ class Companion:
             seen.fault,
             phase,
             vehicle.map_offset,
+            motion.delay,
         )
         planned = run("plan", Planned(), self._planning.plan, own, reference, motion.prediction)
         broken = run("watch", None, self._monitors.update, time, vehicle, motion, phase)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from companion.estimation.delay import Delay
 from companion.estimation.known_obstacles import KnownObstacles
 from companion.estimation.surface_map import SurfaceConfig
 from companion.guidance.corridor import corridor_planes, free_heading
@@ -19,6 +20,7 @@ from companion.guidance.right_of_way import RightOfWayConfig, blocks_way, pass_o
 from companion.guidance.speed_limits import (
     SpeedLimitConfig,
     headway_speed,
+    reaction_speed,
     relative_speed_limit,
     visibility_speed,
 )
@@ -29,6 +31,7 @@ from companion.types import Obstacles, Phase, Track
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.wire.messages import VehicleState
 
+_AT_ONCE = Delay(0.0, 0.0)
 _NO_OFFSET = np.zeros(3)
 
 
@@ -114,11 +117,13 @@ class Guidance:
         fault: CameraFault,
         phase: Phase,
         map_offset: Vector = _NO_OFFSET,
+        delay: Delay = _AT_ONCE,
     ) -> Reference | None:
         """Return the reference for the own state now; None where that is not known.
 
         phase: of the tick before. Without control of the vehicle the reference is to stay.
         map_offset: (3,) m, place on the map, where the goals are, less that of the own state.
+        delay: from a command to its effect.
         """
         if own is None:
             return None
@@ -130,7 +135,9 @@ class Guidance:
         near = rated_neighbours(own, tracks, s.d_ref, s.threat)
         critical = near[: s.threat.critical]
         yaw = self._look(own, tracks, critical, to_aim, mine)
-        speed, limit = self._speed(own, tracks, to_aim, fault)
+        reaction = reaction_speed(s.speed_limits, delay)
+        v_max = s.v_max * min(1.0, reaction / s.cruise)
+        speed, limit = self._speed(own, tracks, to_aim, fault, reaction)
         target = pass_on_right(own, tracks, known.cylinders, aim, s.right_of_way)
         if not np.array_equal(target, aim):
             route = (*route, "right of way")
@@ -143,7 +150,7 @@ class Guidance:
             yaw=yaw,
             speed=speed,
             speed_limit=limit,
-            v_max=relative_speed_limit(own, tracks, speed, s.v_max, s.speed_limits),
+            v_max=relative_speed_limit(own, tracks, speed, v_max, s.speed_limits),
             near=near,
             critical=critical,
             # Cohesion is with the critical neighbours that fly the same way: at its distance no
@@ -190,9 +197,17 @@ class Guidance:
         return self._gaze.update(own.time, own.v, to_aim, yaw_now, lost, close)
 
     def _speed(
-        self, own: VehicleState, tracks: Sequence[Track], to_aim: Vector, fault: CameraFault
+        self,
+        own: VehicleState,
+        tracks: Sequence[Track],
+        to_aim: Vector,
+        fault: CameraFault,
+        reaction: float,
     ) -> tuple[float, str]:
-        """Return the cruise speed [m/s] and the name of the limit that it obeys."""
+        """Return the cruise speed [m/s] and the name of the limit that it obeys.
+
+        reaction: m/s, the limit by the delay.
+        """
         s = self._settings
         visible = visibility_speed(s.speed_limits, yaw_of(own.q_wb), to_aim)
         limits = {
@@ -201,6 +216,7 @@ class Guidance:
             "headway": headway_speed(
                 own, tracks, to_aim, s.cruise, s.speed_limits, s.right_of_way, s.threat.range_max
             ),
+            "reaction": reaction,
         }
         if fault is not CameraFault.NONE:
             limits["camera"] = s.blind_speed

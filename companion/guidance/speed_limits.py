@@ -1,11 +1,12 @@
 """Speed limits: how fast the drone may fly, given what it sees and its neighbours.
 
-Three limits hold at once; the lowest counts:
+Four limits hold at once; the lowest counts:
 
 | limit | bounds | reason |
 |---|---|---|
 | visibility | cruise speed | the drone does not fly where it does not look |
 | headway | cruise speed | the room behind the neighbour ahead lasts for `headway` seconds |
+| reaction | cruise speed and v_max | a command acts before the drone is `reaction_way` farther |
 | relative speed | v_max of (32) | a drone that dodges fast only hits the next neighbour |
 """
 
@@ -18,6 +19,7 @@ from typing import Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from companion.estimation.delay import Delay
 from companion.guidance.gaze import wrap
 from companion.guidance.right_of_way import AHEAD_COSINE, RightOfWayConfig, same_level
 from companion.types import Track
@@ -47,6 +49,9 @@ class SpeedLimitConfig(StrictModel):
         description="Speed [m/s] above a neighbour's own that is allowed at `clearance` from it. "
         "A drone that dodges faster hits the next neighbour, which cannot see it come.",
     )
+    reaction_way: float = Field(
+        0.3, gt=0, description="Way [m] flown until a command acts, the delay's doubt included."
+    )
     full_view: float = Field(
         0.7, gt=0, description="Off the line of sight by at most this [rad]: full speed."
     )
@@ -74,6 +79,11 @@ def visibility_speed(config: SpeedLimitConfig, yaw: float, to_goal: Vector) -> f
     off = abs(wrap(math.atan2(to_goal[1], to_goal[0]) - yaw))
     share = (config.no_view - off) / (config.no_view - config.full_view)
     return min(max(share, config.no_view_share), 1.0)
+
+
+def reaction_speed(config: SpeedLimitConfig, delay: Delay) -> float:
+    """Return the speed [m/s] at which a command acts in time: within `reaction_way`."""
+    return config.reaction_way / (delay.value + 2.0 * delay.sigma)
 
 
 def headway_speed(

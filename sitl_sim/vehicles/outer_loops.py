@@ -22,6 +22,7 @@ Floats = NDArray[np.float64]
 OUTER_PERIOD = 0.01  # s
 I_LIMIT_XY, I_LIMIT_Z = 3.0, 5.0  # m/s², limits of the velocity loop's I term
 UP_LIMIT, DOWN_LIMIT = 8.0, 5.0  # m/s², vertical acceleration
+FOLLOW = 0.5  # s, in which the I term follows a pilot's thrust
 RATE_LIMIT, YAW_RATE_LIMIT = 3.5, 1.5  # rad/s
 
 
@@ -109,17 +110,31 @@ def _turn_to(i: int, sp: Setpoints, q: Floats, k_tilt: float, k_yaw: float) -> N
 
 
 @njit(cache=True)
+def _follow_thrust(i: int, sp: Setpoints, q: Floats, dt: float) -> None:
+    """Let the I term follow the thrust that a pilot gives, so that the next mode begins smoothly.
+
+    Autopilots begin so: ArduCopter's AC_PosControl::relax_z_controller sets the I term to the
+    throttle in flight.
+    """
+    upright = 1.0 - 2.0 * (q[i, 1] * q[i, 1] + q[i, 2] * q[i, 2])
+    lift = GRAVITY * (sp.thrust[i] / sp.hover[i] * max(upright, 0.5) - 1.0)
+    lift = min(max(lift, -I_LIMIT_Z), I_LIMIT_Z)
+    sp.integral[i, 0] = sp.integral[i, 1] = 0.0
+    sp.integral[i, 2] += (lift - sp.integral[i, 2]) * dt / FOLLOW
+
+
+@njit(cache=True)
 def outer_loop(i: int, sp: Setpoints, p: Floats, v: Floats, q: Floats, dt: float) -> None:
     """Compute sp.omega[i] and sp.thrust[i] from the estimates p (n,3), v (n,3), q (n,4)."""
     control = sp.control[i]
-    if control <= RATES:
-        # An old integral must not make the next mode begin with a jump.
+    if control <= IDLE:
         sp.integral[i] = 0.0
         return
     k_p, k_pz, k_v, k_vz, k_i, k_iz, k_tilt, k_yaw, tilt_max = sp.gains[i]
-    if control == ATTITUDE:
-        sp.integral[i] = 0.0
-        _turn_to(i, sp, q, k_tilt, k_yaw)
+    if control in (RATES, ATTITUDE):
+        _follow_thrust(i, sp, q, dt)
+        if control == ATTITUDE:
+            _turn_to(i, sp, q, k_tilt, k_yaw)
         return
 
     # Position → velocity, as fast as allowed.

@@ -5,10 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from companion.estimation.delay import Delay
 from companion.guidance.right_of_way import RightOfWayConfig
 from companion.guidance.speed_limits import (
     SpeedLimitConfig,
     headway_speed,
+    reaction_speed,
     relative_speed_limit,
     visibility_speed,
 )
@@ -64,3 +66,10 @@ def test_the_drone_flies_slowly_where_it_does_not_look():
     assert visibility_speed(c, 0.0, FAR) == 1.0
     assert visibility_speed(c, math.pi, FAR) == c.no_view_share
     assert c.no_view_share < visibility_speed(c, 1.0, FAR) < 1.0
+
+
+def test_a_command_acts_before_the_drone_is_far():
+    """1.65 m/s and more with the delay of a board, less where it is long or in doubt."""
+    assert reaction_speed(CONFIG, Delay(0.06, 0.003)) > 4.0
+    assert math.isclose(reaction_speed(CONFIG, Delay(0.3, 0.005)), 0.3 / 0.31)
+    assert math.isclose(reaction_speed(CONFIG, Delay(0.06, 0.1)), 0.3 / 0.26)
