@@ -33,6 +33,7 @@ from mavlink_bridge.shared.settings import SettingsError
 from sitl_sim.commands.extras import require, require_controller
 from sitl_sim.recording.run_folder import Run, load_run, salvage_ticks
 from sitl_sim.recording.run_folder import log_path as _log_path
+from sitl_sim.recording.tables import truth_columns
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.scenario import Scenario
 
@@ -106,20 +107,7 @@ class FlightResult:
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return the truth as columns of T·N rows: t, drone, x, y, z, vx, …, qw, …, armed."""
-        n, steps = len(self.names), len(self.t)
-        rows: dict[str, NDArray[Any]] = {
-            "t": np.repeat(self.t, n),
-            "drone": np.tile(np.array(self.names), steps),
-        }
-        for array, keys in (
-            (self.position, ("x", "y", "z")),
-            (self.velocity, ("vx", "vy", "vz")),
-            (self.attitude, ("qw", "qx", "qy", "qz")),
-        ):
-            flat = array.reshape(steps * n, -1)
-            rows.update({key: flat[:, i] for i, key in enumerate(keys)})
-        rows["armed"] = self.truth["armed"].reshape(-1)
-        return rows
+        return truth_columns(self.truth)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return `columns` as a data frame; needs pandas."""
