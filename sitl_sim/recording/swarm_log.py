@@ -59,7 +59,7 @@ def write_swarm_log(run: Run, path: Path) -> Path:
         _Truth(writer, run).write(frames)
         for name, frame in frames.items():
             _copy(writer, log_path(run.folder, name), name, frame)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
     unfinished.rename(path)
     return path
 
@@ -99,7 +99,8 @@ def _copy(writer: Writer, path: Path, name: str, frame: OwnFrame) -> None:
 
 
 def _register(writer: Writer, schema: Any) -> int:
-    return writer.register_schema(schema.name, schema.encoding, schema.data)
+    number: int = writer.register_schema(schema.name, schema.encoding, schema.data)
+    return number
 
 
 def _placed(kind: type[Message], data: bytes, name: str, shift: int) -> bytes:

@@ -96,6 +96,10 @@ class WorldConfig(StrictModel):
         description="How the world looks: plain, random, or a name of docs/scenarios.md.",
     )
     missions: str | None = Field(None, description="missions: the JSON file that holds them.")
+    obstacles: str | None = Field(
+        None,
+        description="CSV or GeoJSON file of trunks, beside those made or listed.",
+    )
     cylinders: list[Cylinder] = Field([])
     boxes: list[Box] = Field([])
 
