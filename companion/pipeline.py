@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion.control.actuation import Actuation
-from companion.control.baselines import make_planner
+from companion.control.baselines import ControllerSetup, make_planner
 from companion.control.formulation import Formulation
 from companion.control.planning import Planned, Planning
 from companion.estimation.delay import Delay
@@ -62,7 +62,10 @@ class Companion:
         """
         c = config.for_controller()
         link, airframe = c.link, c.airframe
-        planner = make_planner(c.controller, c.nmpc, c.baselines, c.right_of_way.level, stopwatch)
+        setup = ControllerSetup(
+            c.nmpc, c.baselines, c.right_of_way.level, stopwatch, c.controller_options
+        )
+        planner = make_planner(c.controller, setup)
         formulation = Formulation(c.nmpc, c.fence, c.reciprocity)
         view = make_view(c.camera, c.sensing)
         self._stopwatch = stopwatch

@@ -1,6 +1,24 @@
-"""The simulated world, and vehicles that communicate by MAVLink."""
+"""The simulated world, and vehicles that communicate by MAVLink.
+
+For notebooks and scripts: `from sitl_sim import fly, load, campaign` (`sitl_sim.api`).
+"""
 
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sitl_sim.api import CampaignResult, FlightResult, campaign, fly, load
+
+__all__ = ["CampaignResult", "FlightResult", "campaign", "fly", "load"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import the public functions where they are first asked for: the package stays light."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from sitl_sim import api
+
+    return getattr(api, name)
 
 
 def drop_stale_kernels(package: Path, *others: Path) -> None:

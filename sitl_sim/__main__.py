@@ -23,6 +23,8 @@ COMMANDS = (
     "study",
     "scenarios",
     "report",
+    "export",
+    "schema",
     "frames",
     "faults",
     "soak",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -76,7 +77,8 @@ def examine(path: Path, overrides: list[str]) -> Iterator[Finding]:
 
 
 def _print(finding: Finding) -> None:
-    colour, plain = (_COLOUR[finding.level.value], "\033[0m") if sys.stdout.isatty() else ("", "")
+    colourful = sys.stdout.isatty() and not os.environ.get("NO_COLOR")  # https://no-color.org
+    colour, plain = (_COLOUR[finding.level.value], "\033[0m") if colourful else ("", "")
     print(f"{colour}{finding.level.value:<5}{plain}  {finding.name:<14}  {finding.text}")
     if finding.todo:
         print(f"{'':<23}→ {finding.todo}", flush=True)

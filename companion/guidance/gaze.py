@@ -10,20 +10,35 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from companion.types import Track
 from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.parts import PartKind
 from mavlink_bridge.shared.settings import StrictModel
 
 _RIM = 0.2  # rad beyond `half_view` that the picture still shows, though badly
 
 
-class GazeConfig(StrictModel):
-    """The sweep of eq. (7)."""
+GAZES = PartKind(
+    "gaze",
+    "swarm_companion.gazes",
+    {"sweep": "companion.guidance.gaze:Gaze"},
+    (frozenset({"look_round", "update", "follow"}),),
+)
 
+
+class GazeConfig(StrictModel):
+    """The sweep of eq. (7), or a gaze of the user."""
+
+    kind: Annotated[str, AfterValidator(GAZES.check)] = Field(
+        "sweep",
+        description="sweep: eq. (7); your own by the name of its entry point, or module:Class.",
+    )
+    options: dict[str, Any] = Field({}, description="For your own gaze, which reads them.")
     mean: float = Field(0.0, description="μ [rad].")
     sigma: float = Field(0.6, ge=0, description="σ [rad]; 0, where μ is 0, switches the sweep off.")
     limit: float = Field(
@@ -148,6 +163,16 @@ class Gaze:
             self._side = math.copysign(1.0, lost[0])
             amplitude = max(amplitude, abs(lost[0]) - c.half_view)
         return self._side * min(max(amplitude, -c.limit), c.limit)
+
+
+def make_gaze(config: GazeConfig) -> Gaze:
+    """Return the gaze that `gaze.kind` names; a user's has the members of `Gaze`.
+
+    Raises:
+        PartError: a user's gaze that cannot be used.
+    """
+    made: Gaze = GAZES.load(config.kind)(config)
+    return made
 
 
 def bearing(p: Vector, track: Track) -> float:

@@ -13,7 +13,7 @@ from companion.estimation.surface_map import SurfaceConfig
 from companion.guidance.corridor import corridor_planes, free_heading
 from companion.guidance.detour import Detour
 from companion.guidance.fence import FenceConfig
-from companion.guidance.gaze import Gaze, GazeConfig, bearing, nearest_bearing
+from companion.guidance.gaze import GazeConfig, bearing, make_gaze, nearest_bearing
 from companion.guidance.landing import Landing
 from companion.guidance.mission import Mission, MissionConfig, MissionProgress
 from companion.guidance.right_of_way import RightOfWayConfig, blocks_way, pass_on_right
@@ -100,7 +100,7 @@ class Guidance:
         """Forget what is tied to the vehicle's clock and place; the mission goes on."""
         s = self._settings
         self._detour = Detour(s.fence.sides())
-        self._gaze = Gaze(s.gaze)
+        self._gaze = make_gaze(s.gaze)
         self._landing = Landing(s.mission, s.d_agent, turns=s.gaze.survey > 0.0)
 
     def set_goals(self, goals: Sequence[Vector]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 
@@ -12,7 +12,16 @@ from companion.perception.depth import DepthConfig
 from companion.perception.heat_map import HeatMapConfig, NetworkConfig
 from companion.perception.trunk_fit import FootSettings, TrunkSettings
 from companion.perception.yolo import YoloConfig
+from mavlink_bridge.shared.parts import PartKind
 from mavlink_bridge.shared.settings import StrictModel
+
+_PACKAGED = "companion.perception.detectors"
+DETECTORS = PartKind(
+    "detector",
+    "swarm_companion.detectors",
+    {name: f"{_PACKAGED}:{name}" for name in ("color", "cnn", "network", "yolo")},
+    (frozenset({"detect"}),),
+)
 
 SOURCE_FORMS = (
     "sim:HOST:PORT, device:N, device:/dev/NAME, rtsp://ADDRESS, gst:PIPELINE or file:PATH"
@@ -61,11 +70,13 @@ class SensingConfig(StrictModel):
         description="camera: trunks by their colours; network: by the packaged network; depth: by "
         "a depth camera; map: for studies.",
     )
-    detector: Literal["color", "cnn", "network", "yolo"] = Field(
+    detector: Annotated[str, AfterValidator(DETECTORS.check)] = Field(
         "color",
         description="color: drones with a marker; network: the packaged network, drones as they "
-        "are; cnn: the one before; yolo: a network of your own.",
+        "are; cnn: the one before; yolo: a network of your own; your own detector by the name of "
+        "its entry point, or module:Class.",
     )
+    detector_options: dict[str, Any] = Field({}, description="Passed to your own detector.")
     model: str | None = Field(
         None,
         description="ONNX file, relative to this one: for yolo, or a cnn or network trained anew.",

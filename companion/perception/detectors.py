@@ -1,15 +1,39 @@
-"""The detectors of drones, by their names in the configuration."""
+"""The detectors of drones by name, packaged and of users: `sensing.detector` of a drone's file.
+
+A detector is called with a `DetectorSetup`; its `detect` returns the drones in a picture.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from companion.perception.ball import ColorDetector, Detector
 from companion.perception.camera import Camera
-from companion.perception.config import SensingConfig
+from companion.perception.config import DETECTORS, SensingConfig
 from companion.perception.networks import ModelError
 
-__all__ = ["Detector", "ModelError", "make_detector"]
+__all__ = ["Detector", "DetectorSetup", "ModelError", "make_detector"]
+
+
+@dataclass(frozen=True)
+class DetectorSetup:
+    """What a detector is made from.
+
+    camera: of the pictures; `unproject` turns pixels into directions. sensing: the
+    whole section of the drone's file. options: `sensing.detector_options`, as written.
+    """
+
+    camera: Camera
+    sensing: SensingConfig
+    options: Mapping[str, Any]
+
+    @property
+    def model(self) -> Path | None:
+        """The file that `sensing.model` names."""
+        return Path(self.sensing.model) if self.sensing.model else None
 
 
 def make_detector(camera: Camera, sensing: SensingConfig) -> Detector:
@@ -17,19 +41,35 @@ def make_detector(camera: Camera, sensing: SensingConfig) -> Detector:
 
     Raises:
         ModelError: a model file that cannot be used.
+        PartError: a user's detector that cannot be used.
     """
-    model = Path(sensing.model) if sensing.model else None
-    if sensing.detector == "network":
-        from companion.perception.network_search import NetworkSearch
+    setup = DetectorSetup(camera, sensing, sensing.detector_options)
+    made: Detector = DETECTORS.load(sensing.detector)(setup)
+    return made
 
-        return NetworkSearch(camera, sensing)
-    if sensing.detector == "cnn":
-        from companion.perception.cnn import PACKAGED, CnnDetector
 
-        return CnnDetector(camera, sensing.cnn, model or PACKAGED)
-    if sensing.detector == "yolo":
-        from companion.perception.yolo import YoloDetector
+def color(setup: DetectorSetup) -> Detector:
+    """Return the detector of colour markers."""
+    return ColorDetector(setup.camera, setup.sensing.color)
 
-        assert model is not None  # the configuration demands it
-        return YoloDetector(camera, sensing.yolo, model)
-    return ColorDetector(camera, sensing.color)
+
+def network(setup: DetectorSetup) -> Detector:
+    """Return the packaged network that finds drones and obstacles."""
+    from companion.perception.network_search import NetworkSearch
+
+    return NetworkSearch(setup.camera, setup.sensing)
+
+
+def cnn(setup: DetectorSetup) -> Detector:
+    """Return the packaged network that finds drones alone."""
+    from companion.perception.cnn import PACKAGED, CnnDetector
+
+    return CnnDetector(setup.camera, setup.sensing.cnn, setup.model or PACKAGED)
+
+
+def yolo(setup: DetectorSetup) -> Detector:
+    """Return the detector of the user's YOLO network."""
+    from companion.perception.yolo import YoloDetector
+
+    assert setup.model is not None  # the configuration demands it
+    return YoloDetector(setup.camera, setup.sensing.yolo, setup.model)

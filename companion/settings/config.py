@@ -11,6 +11,7 @@ from typing import Any, Self
 
 from pydantic import model_validator
 
+from companion.control.baselines import gives_velocity
 from companion.guidance.guidance import GuidanceSettings
 from companion.settings.consistency import contradictions
 from companion.settings.sections import CompanionSections
@@ -41,13 +42,15 @@ class CompanionConfig(CompanionSections):
 
         single-horizon: cohesion and distances over all of N, the conventional NMPC. The velocity
         rules get every neighbour in view and the goal as it is, without right of way and without
-        reciprocity: they have their own.
+        reciprocity: they have their own. A user's planner gets what the NMPC gets.
         """
         if self.controller == "nmpc":
             return self
         if self.controller == "single-horizon":
             whole = {"M": self.nmpc.N, "M_constraint": self.nmpc.N}
             return self.model_copy(update={"nmpc": self.nmpc.model_copy(update=whole)})
+        if not gives_velocity(self.controller):
+            return self
         changes = {
             "nmpc": {"neighbours": _NEIGHBOURS},
             "threat": {"critical": _NEIGHBOURS},

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from companion.control.baselines.config import BaselinesConfig, Controller
+from companion.control.baselines import CONTROLLERS
+from companion.control.baselines.config import BaselinesConfig
 from companion.control.nmpc import NmpcConfig
 from companion.estimation.obstacle_map import ObstacleConfig
 from companion.estimation.surface_map import SurfaceConfig
@@ -189,9 +190,12 @@ class CompanionSections(StrictModel):
     speed_limits: SpeedLimitConfig = SpeedLimitConfig()
     gaze: GazeConfig = GazeConfig()
     mission: MissionConfig = MissionConfig()
-    controller: Controller = Field(
-        "nmpc", description="The planner: the NMPC, or for studies a rule to compare it with."
+    controller: Annotated[str, AfterValidator(CONTROLLERS.check)] = Field(
+        "nmpc",
+        description="The planner: nmpc; to compare with, single-horizon, reynolds, vasarhelyi, "
+        "potential-field or orca; your own by the name of its entry point, or module:Class.",
     )
+    controller_options: dict[str, Any] = Field({}, description="Passed to your own controller.")
     nmpc: NmpcConfig = NmpcConfig()
     baselines: BaselinesConfig = BaselinesConfig()
     guard: GuardConfig = GuardConfig()

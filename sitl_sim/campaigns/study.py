@@ -6,13 +6,22 @@ page in Markdown with a table and a plot, made from the campaigns' summaries alo
 
 from __future__ import annotations
 
+import itertools
+import json
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
+from typing import Any, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from mavlink_bridge.shared.settings import SettingsError, StrictModel, load_yaml, validate
+from mavlink_bridge.shared.settings import (
+    Contradiction,
+    SettingsError,
+    StrictModel,
+    load_yaml,
+    validate,
+)
 from sitl_sim.campaigns.campaign import Campaign
 
 
@@ -22,7 +31,34 @@ class Study(StrictModel):
     title: str
     scenarios: list[str] = Field(min_length=1)
     set: list[str] = Field([], description="path.to.key=value, for all.")
-    cases: dict[str, list[str]] = Field(min_length=1, description="The same, for each case.")
+    cases: dict[str, list[str]] = Field({}, description="The same, for each case.")
+    grid: dict[str, list[Any]] = Field(
+        {}, description="path.to.key: [values]; every combination is a case, of each of `cases`."
+    )
+
+    @model_validator(mode="after")
+    def _has_cases(self) -> Self:
+        if empty := [key for key, values in self.grid.items() if not values]:
+            raise Contradiction((f"grid.{empty[0]}",), "needs at least one value")
+        if not self.cases and not self.grid:
+            raise Contradiction(("cases",), "a study has cases, a grid, or both")
+        return self
+
+    def expanded(self) -> Study:
+        """Return the study with the grid's combinations as cases."""
+        if not self.grid:
+            return self
+        short = {key: key.rpartition(".")[2] for key in self.grid}
+        if len(set(short.values())) < len(short):
+            short = {key: key for key in self.grid}
+        cases = {}
+        for name, changes in (self.cases or {"": []}).items():
+            for values in itertools.product(*self.grid.values()):
+                chosen = dict(zip(self.grid, values, strict=True))
+                label = ", ".join(f"{short[k]}={_text(v)}" for k, v in chosen.items())
+                more = [f"{k}={json.dumps(v, ensure_ascii=False)}" for k, v in chosen.items()]
+                cases[f"{name}, {label}" if name else label] = [*changes, *more]
+        return self.model_copy(update={"cases": cases, "grid": {}})
 
 
 @dataclass(frozen=True)
@@ -32,6 +68,10 @@ class Cell:
     scenario: str
     case: str
     campaign: Campaign
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
 def names() -> list[str]:
@@ -55,7 +95,7 @@ def load(name: str) -> Study:
     else:
         known = ", ".join(names())
         raise SettingsError([f"no study {name!r}; valid: {known}, or a .yaml file"])
-    return validate(Study, load_yaml(path), str(path))
+    return validate(Study, load_yaml(path), str(path)).expanded()
 
 
 def cells(study: Study, folder: Path, runs: int, first_seed: int, in_process: bool) -> list[Cell]:

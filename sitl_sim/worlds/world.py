@@ -6,11 +6,19 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.distance import to_cylinder
+from mavlink_bridge.shared.parts import PartKind
 from mavlink_bridge.shared.settings import StrictModel
+
+_PACKAGED = ("forest", "thicket", "tunnel", "missions", "empty")
+GENERATORS = PartKind(
+    "generator",
+    "swarm_companion.worlds",
+    {name: f"sitl_sim.worlds.generators:{name}" for name in _PACKAGED},
+)
 
 Point2 = Annotated[list[float], Field(min_length=2, max_length=2)]  # [x, y] m
 Point3 = Annotated[list[float], Field(min_length=3, max_length=3)]  # [x, y, z] m
@@ -35,7 +43,12 @@ class Box(StrictModel):
 class WorldConfig(StrictModel):
     """A generator with its parameters, explicit shapes, or both."""
 
-    generator: Literal["forest", "thicket", "tunnel", "missions", "empty"] = "empty"
+    generator: Annotated[str, AfterValidator(GENERATORS.check)] = Field(
+        "empty",
+        description="forest, thicket, tunnel, missions, empty; your own by the name of its entry "
+        "point, or module:function.",
+    )
+    options: dict[str, Any] = Field({}, description="For your own generator, which reads them.")
     rows: int = Field(7, ge=1, le=100, description="forest: trunks along y.")
     columns: int = Field(7, ge=1, le=100, description="forest: trunks along x.")
     spacing: float = Field(7.0, gt=0, description="forest: centre to centre [m].")
@@ -83,6 +96,10 @@ class WorldConfig(StrictModel):
         description="How the world looks: plain, random, or a name of docs/scenarios.md.",
     )
     missions: str | None = Field(None, description="missions: the JSON file that holds them.")
+    obstacles: str | None = Field(
+        None,
+        description="CSV or GeoJSON file of trunks, beside those made or listed.",
+    )
     cylinders: list[Cylinder] = Field([])
     boxes: list[Box] = Field([])
 

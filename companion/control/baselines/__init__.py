@@ -1,15 +1,26 @@
-"""Controllers to compare the NMPC with: the same instance in, a plan out."""
+"""Controllers to compare the NMPC with, and those of users: the same instance in, a plan out."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Protocol
 
-from companion.control.baselines.config import BaselinesConfig, Controller
-from companion.control.nmpc import Instance, Nmpc, NmpcConfig
+from companion.control.baselines.config import BaselinesConfig
+from companion.control.baselines.controllers import (
+    CONTROLLERS,
+    ControllerSetup,
+    gives_velocity,
+)
+from companion.control.nmpc import Instance
 from companion.types import Plan
 
-__all__ = ["BaselinesConfig", "Controller", "Planner", "make_planner"]
+__all__ = [
+    "CONTROLLERS",
+    "BaselinesConfig",
+    "ControllerSetup",
+    "Planner",
+    "gives_velocity",
+    "make_planner",
+]
 
 
 class Planner(Protocol):
@@ -24,26 +35,16 @@ class Planner(Protocol):
         ...
 
 
-def make_planner(
-    controller: Controller,
-    nmpc: NmpcConfig,
-    baselines: BaselinesConfig,
-    level: float,
-    stopwatch: Callable[[], float],
-) -> Planner:
-    """Return the planner of this name; nmpc as `CompanionConfig.for_controller` has it.
+def make_planner(controller: str, setup: ControllerSetup) -> Planner:
+    """Return the planner of this name; the setup is that of `CompanionConfig.for_controller`.
 
-    level: m; a neighbour farther above or below blocks no way. stopwatch: s, for solve times.
+    Raises:
+        PartError, SettingsError: the controller cannot be used.
     """
-    if controller in ("nmpc", "single-horizon"):
-        return Nmpc(nmpc, stopwatch)
+    made = CONTROLLERS.load(controller)(setup)
+    if hasattr(made, "solve"):
+        planner: Planner = made
+        return planner
     from companion.control.baselines.planner import VelocityPlanner
-    from companion.control.baselines.rules import make_rule
 
-    return VelocityPlanner(
-        make_rule(controller, baselines, flocking=nmpc.w_short > 0.0),
-        nmpc,
-        baselines.tracking,
-        level,
-        stopwatch,
-    )
+    return VelocityPlanner(made, setup.nmpc, setup.baselines.tracking, setup.level, setup.stopwatch)

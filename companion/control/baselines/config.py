@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 from pydantic import Field
 
 from mavlink_bridge.shared.settings import StrictModel
-
-Controller = Literal["nmpc", "single-horizon", "reynolds", "vasarhelyi", "potential-field", "orca"]
 
 
 class TrackingConfig(StrictModel):

@@ -12,15 +12,12 @@ from typing import Protocol
 import numpy as np
 
 from companion.control.baselines.config import (
-    BaselinesConfig,
-    Controller,
     PotentialFieldConfig,
     ReynoldsConfig,
     VasarhelyiConfig,
 )
 from companion.control.baselines.surroundings import Surroundings
 from mavlink_bridge.shared.arrays import Vector
-from mavlink_bridge.shared.settings import SettingsError
 
 _NEAREST = 0.05  # m: repulsion grows no further
 
@@ -31,27 +28,6 @@ class Rule(Protocol):
     def velocity(self, around: Surroundings) -> Vector:
         """Return the velocity (2,) m/s to fly next, not yet bounded."""
         ...
-
-
-def make_rule(controller: Controller, config: BaselinesConfig, flocking: bool) -> Rule:
-    """Return the rule of this name. flocking: whether the drones stay together.
-
-    Raises:
-        SettingsError: a package that the rule needs is missing.
-    """
-    if controller == "orca":
-        try:
-            from companion.control.baselines.orca import Orca
-        except ImportError:
-            why = "controller: orca needs pyrvo: pip install 'swarm-companion[studies]'"
-            raise SettingsError([why]) from None
-        return Orca(config.orca)
-    rules: dict[str, Rule] = {
-        "reynolds": Reynolds(config.reynolds, flocking),
-        "vasarhelyi": Vasarhelyi(config.vasarhelyi),
-        "potential-field": PotentialField(config.potential_field, config.radius),
-    }
-    return rules[controller]
 
 
 class Reynolds:

@@ -6,10 +6,10 @@ import sys
 import numpy as np
 import pytest
 
-from companion.control.baselines import make_planner
+from companion.control.baselines import ControllerSetup, make_planner
 from companion.control.baselines.config import BaselinesConfig
 from companion.control.baselines.planner import tracking_command
-from companion.control.baselines.rules import braking_curve, make_rule
+from companion.control.baselines.rules import Reynolds, braking_curve
 from companion.control.baselines.surroundings import Surroundings
 from companion.control.nmpc import Neighbour, make_instance
 from companion.model import predict
@@ -22,8 +22,8 @@ RULES = ("reynolds", "vasarhelyi", "potential-field", "orca")
 def planner(controller, **changes):
     config = CompanionConfig(controller=controller, **changes).for_controller()
     c = config
-    planner = make_planner(c.controller, c.nmpc, c.baselines, c.right_of_way.level, lambda: 0.0)
-    return planner, c.nmpc
+    setup = ControllerSetup(c.nmpc, c.baselines, c.right_of_way.level, lambda: 0.0, {})
+    return make_planner(c.controller, setup), c.nmpc
 
 
 def instance(config, v=(0.0, 0.0, 0.0), **scene):
@@ -87,9 +87,7 @@ def test_floor_and_ceiling_are_no_walls(controller):
 def test_reynolds_rests_where_cohesion_and_separation_balance():
     c = BaselinesConfig().reynolds
     rest = math.sqrt(c.separation / c.cohesion)
-    rules = {
-        flocking: make_rule("reynolds", BaselinesConfig(), flocking) for flocking in (True, False)
-    }
+    rules = {flocking: Reynolds(BaselinesConfig().reynolds, flocking) for flocking in (True, False)}
     _, config = planner("reynolds")
 
     def pull(distance, flocking):

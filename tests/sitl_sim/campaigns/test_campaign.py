@@ -168,7 +168,7 @@ def test_a_worker_that_dies_takes_no_other_flight_with_it(scenario, tmp_path):
     [
         (["--set", "drones.cuont=1"], "drones.cuont: unknown key"),
         (["--scheduler", "tcp://127.0.0.1:1"], "--scheduler tcp://127.0.0.1:1"),
-        (["--controller", "foo"], ": controller: must be 'nmpc', "),
+        (["--controller", "foo"], ": controller: no controller 'foo'; valid: nmpc, "),
         (["--set", "companion.nmpc.typo=1"], ": nmpc.typo: unknown key"),
         (["--set", "drones.parameters.FOO=1"], "px4 has no such parameter; valid: BAT1_CAP"),
         (["--set", "drones.autopilot=betaflight"], "no --in-process"),
