@@ -1,7 +1,8 @@
 """`sitl-sim serve`: the world and its vehicles alone, until told to stop.
 
 Neither the mission's time limit nor a landed swarm ends it. SIGTERM ends it in order with exit
-status 0, Ctrl-C just so with status 130. Truth, metrics and report of the last ten minutes are written.
+status 0, Ctrl-C just so with status 130. Truth, metrics and report of the last ten minutes are
+written.
 """
 
 from __future__ import annotations
