@@ -1,7 +1,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup sitl test test-long faults fuzz renew-flight lint bench clean
+.PHONY: setup sitl test test-long faults fuzz renew-flight lint bench reproducible clean
 
 setup: .venv/.ready
 
@@ -43,6 +43,19 @@ fuzz: setup
 # After a wanted change of behaviour: tests/replay/flight.mcap as today's code flies it.
 renew-flight: setup
 	$(BIN)/python -m pytest tests/replay --renew-flight
+
+# Two builds of the committed state, in two folders: fails where their wheels differ by a byte.
+reproducible: setup
+	rm -rf build/reproducible
+	for n in 1 2; do \
+	    git clone --quiet . build/reproducible/$$n && \
+	    SOURCE_DATE_EPOCH=$$(git log -1 --format=%ct) \
+	    $(BIN)/python -m build --wheel --outdir build/reproducible/out$$n build/reproducible/$$n \
+	        > build/reproducible/log$$n || exit 1; \
+	    sleep 2; \
+	done
+	cmp build/reproducible/out1/*.whl build/reproducible/out2/*.whl
+	cd build/reproducible/out1 && sha256sum *.whl
 
 clean:
 	rm -rf .venv build dist runs

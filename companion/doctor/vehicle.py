@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from companion.doctor.finding import Finding, Level, either, rated
+from companion.doctor.signing import ANSWERS, examine_open, examine_unsigned, sign
 from companion.doctor.silence import PARAMETERS, examine_silence
 from companion.estimation.vehicle_clock import VehicleClock
 from companion.process.time_requests import TimeRequests
@@ -96,7 +97,12 @@ def _on_the_link(config: CompanionConfig, hover_known: bool) -> Iterator[Finding
         todo = f"is the daemon running? systemctl stop companion@{config.name}"
         yield Finding("link", Level.RED, str(error), todo)
         return
+    unsigned: Finding | None = None
     try:
+        if config.link.signing is not None:
+            unsigned = examine_unsigned(config, link)
+            if unsigned.level is Level.GREEN:  # else unsigned requests are answered
+                sign(config, link)
         started = time.monotonic()
         heard = _listen(link, config)
     finally:
@@ -106,6 +112,10 @@ def _on_the_link(config: CompanionConfig, hover_known: bool) -> Iterator[Finding
         text = f"no heartbeat of system {config.link.system_id} on {config.link.endpoint}"
         yield Finding("link", Level.RED, text, todo)
         return
+    if unsigned is None and any(heard.of(kind) for kind in ANSWERS):
+        unsigned = examine_open(config)
+    if unsigned is not None:
+        yield unsigned
     yield _identity(config, heard)
     yield from _telemetry(heard, started + _SETTLE)
     yield from _clock(heard.clock)

@@ -6,15 +6,16 @@
 | `/inputs` | the exact inputs of the tick, from which a replay starts (`inputs.py`) |
 | `/pose` `/tf` `/scene` `/events` `/image` | Foxglove's types, for any viewer (`foxglove.py`) |
 
-Chunks end every half second, so that a kill at any instant loses less than that. A tick is recorded
-after its messages were sent. A log with `{time}` in its name never replaces an older one: boards
-without a battery-backed clock start at the same second every day.
+Chunks end every half second, so that a kill in flight loses less than that; one of a drone that
+waits loses up to ten seconds (`idle.py`). A tick is recorded after its messages were sent. A log
+with `{time}` in its name never replaces an older one: boards without a battery-backed clock start
+at the same second every day.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -32,6 +33,7 @@ from orjson import dumps
 from companion.flightlog import foxglove as scene
 from companion.flightlog import inputs as recorded
 from companion.flightlog import record as records
+from companion.flightlog.idle import IdleTicks
 from companion.flightlog.mcap_writer import McapWriter
 from companion.flightlog.tlog import TelemetryLog
 from companion.perception.camera_health import CameraFault
@@ -41,6 +43,7 @@ from companion.types import Image
 from mavlink_bridge.wire.video import Frame
 
 Packets = Sequence[tuple[bool, bytes]]  # (sent by us, datagram)
+_Entry = tuple[int, int, bytes, int]  # channel, time [ns], message, number of the tick
 CONFIG = "config"  # name of the metadata record of the drone's configuration
 _CHUNK = 256 * 1000  # bytes, most that one chunk holds
 _TICKS_A_CHUNK = 5
@@ -79,6 +82,8 @@ class Recorder:
         self._count = 0
         self._state: dict[str, str] = {}
         self._image_time = -np.inf
+        self._idle: IdleTicks[_Entry] = IdleTicks()
+        self._entries: list[_Entry] = []  # of the tick under way
 
     def write(
         self,
@@ -98,8 +103,7 @@ class Recorder:
         try:
             self._write_inputs(inputs, tick, packets)
             self._write_tick(inputs, tick, counters, costs)
-            heartbeat = tick.vehicle.heartbeat
-            self._end_tick(tick.time, packets, heartbeat is None or heartbeat.armed)
+            self._end_tick(tick, packets)
         except OSError as error:
             self.failed = f"flight log ended: {error}"
 
@@ -107,6 +111,7 @@ class Recorder:
         """Write the index, without which readers refuse the file, and close it."""
         try:
             if self.failed is None:
+                self._append(self._idle.rest())
                 self._writer.finish()
             if self._tlog is not None:
                 self._tlog.close()
@@ -154,9 +159,13 @@ class Recorder:
         if inputs.frame is not None and self._wants_image(tick.time, changed):
             self._write_image(inputs.frame)
 
-    def _end_tick(self, time: float, packets: Packets, armed: bool) -> None:
+    def _end_tick(self, tick: Tick, packets: Packets) -> None:
+        entries, self._entries = self._entries, []
+        self._append(self._idle.due(tick, entries))
         if self._tlog is not None:
-            self._tlog.write(time, packets, armed)
+            heartbeat = tick.vehicle.heartbeat
+            armed = heartbeat is None or heartbeat.armed
+            self._tlog.write(tick.time, packets, armed, self._idle.asleep)
         self._count += 1
         if self._count % _TICKS_A_CHUNK == 0:
             self._writer.flush()
@@ -167,7 +176,11 @@ class Recorder:
         self._add(topic, time, message.SerializeToString())
 
     def _add(self, topic: str, time: float, data: bytes) -> None:
-        self._writer.add_message(self._channels[topic], round(time * 1e9), data, self._count)
+        self._entries.append((self._channels[topic], round(time * 1e9), data, self._count))
+
+    def _append(self, entries: Iterable[_Entry]) -> None:
+        for entry in entries:
+            self._writer.add_message(*entry)
 
     def _write_events(self, tick: Tick) -> bool:
         """Log each change of phase, guard reason or goal; return whether there was any."""

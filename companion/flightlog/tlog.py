@@ -2,7 +2,7 @@
 
 Before each frame stand eight bytes: microseconds, big-endian. The time is the vehicle's clock, as
 in the flight log. While the vehicle is disarmed, streams of its state are thinned to one frame a
-second of each kind; `/inputs` of the flight log has them all.
+second of each kind, and while nothing happens to one in ten seconds of every kind that is streamed.
 """
 
 from __future__ import annotations
@@ -29,7 +29,18 @@ _THINNED = {
     MessageId.SYS_STATUS,
     MessageId.TIMESYNC,
 }
-_BETWEEN = 1.0  # s between two frames of a kind, while disarmed
+_STREAMED = _THINNED | {
+    MessageId.BATTERY_STATUS,
+    MessageId.HEARTBEAT,
+    MessageId.HOME_POSITION,
+    MessageId.MISSION_CURRENT,
+    MessageId.NAMED_VALUE_FLOAT,
+    MessageId.NAMED_VALUE_INT,
+    MessageId.PING,
+    MessageId.SYSTEM_TIME,
+}
+_DISARMED, _IDLE = 1.0, 10.0  # s between two frames of a kind
+_KINDS = 512  # most kinds that are remembered
 
 
 class TelemetryLog:
@@ -38,25 +49,43 @@ class TelemetryLog:
     def __init__(self, path: Path) -> None:
         self._file = path.open("wb")
         self._rest = {False: b"", True: b""}
-        self._written: dict[tuple[bool, int], float] = {}  # s, of the latest frame of each kind
+        self._written: dict[
+            tuple[bool, int | bytes], float
+        ] = {}  # s, of the latest frame of each kind
 
-    def write(self, time: float, packets: Iterable[tuple[bool, bytes]], armed: bool = True) -> None:
+    def write(
+        self,
+        time: float,
+        packets: Iterable[tuple[bool, bytes]],
+        armed: bool = True,
+        idle: bool = False,
+    ) -> None:
         """Append the frames of packets (sent by us, bytes), cut anywhere; time: s, of all."""
         stamp = _STAMP.pack(max(round(time * 1e6), 0))
         out = []
         for sent, data in packets:
             whole, self._rest[sent] = frames(self._rest[sent] + data)
-            kept = whole if armed else [f for f in whole if self._wanted(time, sent, f)]
-            out += [stamp + frame for frame in kept]
+            if not armed or idle:
+                whole = [f for f in whole if self._wanted(time, sent, f, idle)]
+            out += [stamp + frame for frame in whole]
         self._file.write(b"".join(out))
 
-    def _wanted(self, time: float, sent: bool, frame: bytes) -> bool:
-        """Return whether a frame is kept while the vehicle is disarmed."""
+    def _wanted(self, time: float, sent: bool, frame: bytes, idle: bool) -> bool:
+        """Return whether a frame is kept while the vehicle is disarmed.
+
+        While it is idle, a message that is repeated word for word is a stream, too.
+        """
         number = frame[5] if frame[0] == _V1 else int.from_bytes(frame[7:10], "little")
-        before = self._written.get((sent, number))
-        if number in _THINNED and before is not None and 0.0 <= time - before < _BETWEEN - 1e-6:
+        streams, between = (_STREAMED, _IDLE) if idle else (_THINNED, _DISARMED)
+        if not idle and number not in streams:
+            return True
+        kind = number if number in streams else _words(frame)
+        before = self._written.get((sent, kind))
+        if before is not None and 0.0 <= time - before < between - 1e-6:
             return False
-        self._written[sent, number] = time
+        if len(self._written) >= _KINDS:
+            self._written.clear()
+        self._written[sent, kind] = time
         return True
 
     def flush(self) -> None:
@@ -66,6 +95,12 @@ class TelemetryLog:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+
+def _words(frame: bytes) -> bytes:
+    """Return what a frame says: ids and payload, without its sequence number and signature."""
+    start = 3 if frame[0] == _V1 else 5
+    return frame[start : (6 if frame[0] == _V1 else 10) + frame[1]]
 
 
 def frames(data: bytes) -> tuple[list[bytes], bytes]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 
 from companion.estimation.vehicle_clock import ClockEstimate
 from companion.perception.camera_health import CameraFault
@@ -13,6 +14,9 @@ from companion.types import Phase
 from mavlink_bridge.wire.codec import CodecStatistics
 from mavlink_bridge.wire.messages import StatusText
 
+_CAUSES = ("foreign", "unsigned", "replayed", "strange")  # why a frame is refused
+_SILENT = 60.0  # s without a refusal, after which the next one is news
+_COUNTS_AFTER = 600.0  # s between lines while refusals go on
 _RATE_OFF = 0.005  # by which a vehicle's clock may run faster or slower without a word
 _MISMATCH = 0.1  # of the acceleration expected, as a share, that is worth a line
 _WARNING = 4  # MAV_SEVERITY up to this is a warning
@@ -29,7 +33,8 @@ class Events:
         self._inhibit_reason = ""
         self._problem = ""
         self._address = ""
-        self._refused, self._refused_at = 0, -1e9
+        self._refused: dict[str, tuple[int, float]] = {}  # count, and time of the last, by cause
+        self._refused_told, self._refused_at = 0, -math.inf
         self._ahead, self._ahead_at = 0, -1e9
         self._weak = False  # the thrust gives another acceleration than expected
         self._clock: tuple[int, bool] = (0, False)  # jumps, whether the rate is off
@@ -48,20 +53,22 @@ class Events:
         self._address = address
 
     def refused(self, counts: CodecStatistics, now: float) -> None:
-        """Log that messages were refused, and why: at most one line a second."""
-        refused = counts.foreign + counts.unsigned + counts.replayed + counts.strange
-        if refused > self._refused and now - self._refused_at >= 1.0:
-            new = refused - self._refused
-            event(
-                "refused",
-                logging.WARNING,
-                frames=new,
-                foreign=counts.foreign,
-                unsigned=counts.unsigned,
-                replayed=counts.replayed,
-                strange=counts.strange,
-            )
-            self._refused, self._refused_at = refused, now
+        """Log that messages were refused: each cause at once, then all counts at a low rate.
+
+        A cause that has been silent is news again. now: s.
+        """
+        causes = {name: getattr(counts, name) for name in _CAUSES}
+        news = False
+        for name, count in causes.items():
+            before, at = self._refused.get(name, (0, -math.inf))
+            if count > before:
+                news |= now - at >= _SILENT
+                self._refused[name] = count, now
+        due = sum(causes.values()) > self._refused_told and now - self._refused_at >= _COUNTS_AFTER
+        if news or due:
+            total = sum(causes.values())
+            event("refused", logging.WARNING, frames=total - self._refused_told, **causes)
+            self._refused_told, self._refused_at = total, now
 
     def tick(self, inputs: TickInputs, tick: Tick) -> None:
         """Log what changed since the tick before."""

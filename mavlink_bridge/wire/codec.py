@@ -23,6 +23,7 @@ from mavlink_bridge.wire.signing import Check, Signing
 _COPIES_OF = 128  # newest frames whose messages are kept
 _SENDERS = 64  # most senders whose frames are counted
 _MAGIC = (b"\xfd", b"\xfe")
+_NEXT = 16  # frames on, of which a few are lost, the next frame of a sender may be
 _FALSE_STARTS = 16  # most false starts in a datagram: a sender of frames makes next to none
 
 
@@ -30,9 +31,9 @@ _FALSE_STARTS = 16  # most false starts in a datagram: a sender of frames makes 
 class CodecStatistics:
     """Counts of frames and bytes since the codec was made.
 
-    unsigned: frames refused for their signature. replayed: signed with the key, but not new.
-    strange: frames of the vehicle from another address than its own. dropped: bytes of a flood that
-    were not looked at.
+    unknown: accepted frames of messages that this project does not know. unsigned: frames refused
+    for their signature. replayed: signed with the key, but not new. strange: frames of the vehicle
+    from another address than its own. dropped: bytes of a flood that were not looked at.
     """
 
     received: int = 0
@@ -77,6 +78,7 @@ class Codec:
             signing.own = (system, component)
         self._buffer = bytearray()
         self._counts: dict[Source, FrameCount] = {}
+        self._numbers: dict[Source, int] = {}  # of each sender's last frame
         self._newest: dict[bytes, Message] = {}  # by their frames, oldest first
 
     @property
@@ -126,7 +128,7 @@ class Codec:
         self._buffer.clear()
 
     def stream_frames(self, data: bytes) -> list[RawFrame]:
-        """Return the accepted frames that `data` completes, oldest first."""
+        """Return the accepted frames that `data` completes, oldest first; unknown ones, too."""
         buffer = self._buffer
         buffer += data
         found, start = self._scan(buffer, whole=False)
@@ -149,6 +151,9 @@ class Codec:
         first = used[left_out - 1] + 1 if left_out else 0
         for n, frame in enumerate(frames):
             count = self._count(frame.source)
+            if not frame.verified:
+                count.unknown += 1
+                continue
             convert = FROM_WIRE.get(frame.message_id) if n >= first else None
             message = None
             if convert is not None:
@@ -201,6 +206,7 @@ class Codec:
             if self._judge(data, start, length, found):
                 start += length
             else:
+                s.bad_bytes += 1
                 false_starts, start = false_starts + 1, start + 1
         s.bad_bytes += len(data) - start
         return found, len(data)
@@ -222,12 +228,7 @@ class Codec:
         sequence, system, component, message_id = framing.header(data, start)
         s, end = self.statistics, start + length
         if not framing.is_known(message_id):
-            s.unknown += 1
-            source = Source(system, component)
-            if source in self._counts:
-                self._counts[source].unknown += 1
-            # Its checksum says nothing; where another frame or the end follows, it is one.
-            return end == len(data) or data[end : end + 1] in _MAGIC
+            return self._judge_unknown(data, start, end, found)
         frame = bytes(data[start:end])
         if not framing.checksum_holds(frame, message_id):
             s.bad_frames += 1
@@ -235,7 +236,31 @@ class Codec:
         if not self._allowed(system, component):
             s.foreign += 1
         elif self._signed(frame, system, component):
-            found.append(RawFrame(Source(system, component), sequence, message_id, frame))
+            source = Source(system, component)
+            found.append(RawFrame(source, sequence, message_id, frame))
+            if source in self._numbers or len(self._numbers) < _SENDERS:
+                self._numbers[source] = sequence
+        return True
+
+    def _judge_unknown(
+        self, data: bytes | bytearray, start: int, end: int, found: list[RawFrame]
+    ) -> bool:
+        """Append the frame of another dialect that begins at `start`; return whether it is one.
+
+        Its checksum says nothing. Where another frame or the end follows it, it is a frame; so it
+        is where its number follows the last one of a sender that is heard.
+        """
+        sequence, system, component, message_id = framing.header(data, start)
+        source = Source(system, component)
+        step = (sequence - self._numbers.get(source, sequence)) % 256
+        if not (end == len(data) or data[end : end + 1] in _MAGIC or 0 < step <= _NEXT):
+            return False
+        frame = bytes(data[start:end])
+        if not self._allowed(system, component):
+            self.statistics.foreign += 1
+        elif self._signed(frame, system, component):
+            self.statistics.unknown += 1
+            found.append(RawFrame(source, sequence, message_id, frame))
         return True
 
     def _count(self, source: Source) -> FrameCount:

@@ -31,12 +31,17 @@ _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 @dataclass(frozen=True, slots=True)
 class RawFrame:
-    """One frame whose checksum is right; data: all its bytes, the signature too."""
+    """One frame whose checksum is right, or cannot be known; data: all bytes, signature too."""
 
     source: Source
     sequence: int
     message_id: int
     data: bytes
+
+    @property
+    def verified(self) -> bool:
+        """Whether the checksum is known and right."""
+        return is_known(self.message_id)
 
     @property
     def payload(self) -> bytes:

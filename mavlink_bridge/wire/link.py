@@ -169,6 +169,10 @@ class Link:
         frames = self.codec.frames(data) if self._whole else self.codec.stream_frames(data)
         if place is None or not frames:
             return frames
+        if place != self._pinned:  # what has no checksum that holds makes no address known
+            frames = [f for f in frames if f.verified]
+            if not frames:
+                return []
         self._note_sender(place, frames)
         assert isinstance(self.endpoint, UdpEndpoint)
         if self._vehicle is None:

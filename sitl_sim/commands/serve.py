@@ -1,7 +1,8 @@
 """`sitl-sim serve`: the world and its vehicles alone, until told to stop.
 
 Neither the mission's time limit nor a landed swarm ends it. SIGTERM ends it in order with exit
-status 0, Ctrl-C just so with status 130. Truth, metrics and report of the last hour are written.
+status 0, Ctrl-C just so with status 130. Truth, metrics and report of the last ten minutes are
+written.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from sitl_sim.commands.extras import require
 from sitl_sim.commands.open_flight import add_flight_arguments, open_flight
 
 HELP = "the world alone, until told to stop; companions connect themselves"
-_TRUTH_SECONDS = 3600.0  # of truth that are kept: memory must not grow for days
+_TRUTH_SECONDS = 600.0  # of truth that are kept: memory must not grow
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

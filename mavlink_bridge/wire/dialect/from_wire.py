@@ -93,16 +93,17 @@ def _local_position(w: Any) -> m.LocalPosition:
 
 
 def _odometry(w: Any) -> m.Odometry:
-    """Convert ODOMETRY, whose velocity is along the axes of the body or of the world."""
+    """Convert ODOMETRY, whose velocity is along the axes of the body or of the world.
+
+    A velocity that is not finite, or turned by an attitude that is not, is NaN.
+    """
     q = np.array(quaternion_enu_ned(w.q))
     known = w.frame_id in _NED_FRAMES and w.child_frame_id in (*_NED_FRAMES, *_BODY_FRAMES)
     p = _array(*enu_ned(w.x, w.y, w.z)) if known else np.full(3, math.nan)
-    if w.child_frame_id in _BODY_FRAMES:
-        v = rotation_matrix(q) @ _array(*flu_frd(w.vx, w.vy, w.vz))
-    else:
-        v = _array(*enu_ned(w.vx, w.vy, w.vz))
+    turn = _ENU_OF_NWU if w.child_frame_id not in _BODY_FRAMES else _rotation(q)
+    along = _array(*flu_frd(w.vx, w.vy, w.vz))
+    v = turn @ along if np.isfinite(along).all() else np.full(3, math.nan)
     pose = _sigmas(w.pose_covariance)
-    turn = rotation_matrix(q) if w.child_frame_id in _BODY_FRAMES else _ENU_OF_NWU
     return m.Odometry(
         w.time_usec / 1e6,
         p,
@@ -116,6 +117,11 @@ def _odometry(w: Any) -> m.Odometry:
         estimator=w.estimator_type,
         quality=w.quality,
     )
+
+
+def _rotation(q: Vector) -> Vector:
+    """Return the rotation matrix of a quaternion; NaN where it is not finite."""
+    return rotation_matrix(q) if np.isfinite(q).all() else np.full((3, 3), math.nan)
 
 
 def _covariance(upper: Sequence[float]) -> Vector | None:
@@ -134,7 +140,7 @@ def _sigmas(upper: Sequence[float]) -> Vector | None:
 def _velocity_sigma(upper: Sequence[float], turn: Vector) -> Vector | None:
     """Return the standard deviations (3,) m/s, ENU; turn: FLU axes of the message → ENU."""
     covariance = _covariance(upper)
-    if covariance is None:
+    if covariance is None or np.isnan(turn).any():
         return None
     turn = turn @ _FLIP
     turned = turn @ covariance[:3, :3] @ turn.T

@@ -42,6 +42,20 @@ def test_daemons_that_stay_up_are_restarted(board):
     assert launched(board / "root") == "version 2.0"
 
 
+def test_a_rollback_restarts_the_daemons_with_the_release_before(board):
+    bundle = bundle_of(board, small_wheel(board / "2", "2.0"))
+    asked = fake_systemctl(board, WAITING)
+    Board(board / "root", Report(False), asked).install(bundle)
+    (board / "asked").unlink()
+    Board(board / "root", Report(False), asked).rollback(bundle)
+    assert launched(board / "root") == "version 1.0"
+    restarts = [s for s in (board / "asked").read_text().splitlines() if "restart" in s]
+    assert restarts == [
+        "restart --no-block companion@alpha.service",
+        "restart --no-block companion@beta.service",
+    ]
+
+
 def test_a_daemon_that_does_not_start_brings_everything_back(board):
     for file in files_of(board):
         file.write_text(file.read_text() + "nmpc: {speed: 1.0}\n")

@@ -2,6 +2,7 @@
 
 import math
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -92,6 +93,32 @@ def test_a_setpoint_that_is_not_finite_is_ignored(bad):
     b.setpoint = RateSetpoint(0.0, np.array([bad, 0, 0]), 0.5, 1)
     b.run(0.5)
     assert b.bridge.mode == "hold"
+
+
+@pytest.mark.parametrize(
+    ("system", "component", "mode"),
+    [(1, 1, "offboard"), (0, 1, "offboard"), (1, 0, "offboard"), (2, 1, "hold"), (1, 154, "hold")],
+)
+def test_setpoints_for_another_vehicle_or_component_are_ignored(system, component, mode):
+    b = Bench()
+    b.fly()
+    b.setpoint = RateSetpoint(0.0, np.radians([40.0, 0.0, 0.0]), 0.5, system, component)
+    b.run(0.5)
+    assert b.bridge.mode == mode
+    assert (b.rc[0] == 1550) == (mode == "offboard")
+
+
+def test_commands_for_another_vehicle_are_neither_obeyed_nor_answered():
+    b = Bench()
+    arm = b.adapter.arm()
+    b.messages.clear()
+    b.send([replace(m, target_system=2) for m in arm])
+    b.run(1.0)
+    assert not b.fc.armed
+    assert not [m for m in b.messages if isinstance(m, CommandAck)]
+    b.send(arm)
+    b.run(1.2)
+    assert b.fc.armed
 
 
 def test_offboard_needs_a_stream_of_setpoints():
