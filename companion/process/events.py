@@ -96,14 +96,20 @@ class Events:
             told = {"reason": why} if why else {}
             event("camera", level, fault=fault.value, time=tick.time, **told)
         self._fault = fault
-        if supervised.inhibit_reason != self._inhibit_reason and supervised.inhibit_reason:
-            event("inhibited", logging.WARNING, reason=supervised.inhibit_reason)
-        self._inhibit_reason = supervised.inhibit_reason
+        self._watch_inhibition(supervised.inhibit_reason)
         reason = supervised.verdict.reason if supervised.verdict else None
         if reason is not self._reason and Reason.PLAN is not reason is not None:
             found = {"why": tick.broken.finding} if tick.broken else {}
             event("guard", logging.WARNING, reason=reason.value, time=tick.time, **found)
         self._reason = reason
+
+    def _watch_inhibition(self, reason: str) -> None:
+        """Log why the vehicle is not to be flown, and that the reason has gone."""
+        if reason and reason != self._inhibit_reason:
+            event("inhibited", logging.WARNING, reason=reason)
+        elif self._inhibit_reason and not reason:
+            event("no longer inhibited", reason=self._inhibit_reason)
+        self._inhibit_reason = reason
 
     def _watch_clock(self, clock: ClockEstimate | None, time: float) -> None:
         """Log that the vehicle's clock has jumped, or begins to run at another rate than ours."""

@@ -178,6 +178,14 @@ class PhaseMachine:
             self.phase = Phase.ENGAGE
 
     @property
+    def waits_for_pilot(self) -> bool:
+        """Whether the vehicle has flown in offboard since before this companion started.
+
+        It stays so until a pilot changes the mode.
+        """
+        return self.phase is Phase.WAIT and self._armed_by_pilot and self._found_in_offboard
+
+    @property
     def _auto(self) -> bool:
         """Whether to arm, take off and take control without being told."""
         return self._config.auto and not self._armed_by_pilot

@@ -26,6 +26,10 @@ from companion.types import Phase, Plan
 from mavlink_bridge.autopilots.registry import Autopilot
 from mavlink_bridge.wire.messages import Message, RateCommand
 
+_FOUND_FLYING = (
+    "it flew in offboard before this companion started: a pilot must choose another mode"
+)
+
 
 @dataclass(frozen=True)
 class Supervised:
@@ -117,6 +121,8 @@ class Supervision:
         )
         if self._phases.waits_for_thrust and not inhibit_reason:
             inhibit_reason = hover.unknown_reason
+        if self._phases.waits_for_pilot and not inhibit_reason:
+            inhibit_reason = _FOUND_FLYING
         requests = list(decision.requests)
         if not decision.stream:
             verdict = None

@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 from companion.guidance.mission import MissionConfig
+from companion.pipeline import Companion
+from companion.process.events import Events
+from companion.settings.config import CompanionConfig
 from companion.supervision.phases import PhaseMachine
+from companion.tick import TickInputs
 from companion.types import Phase
 from mavlink_bridge.autopilots.answers import Answers
 from mavlink_bridge.autopilots.px4 import Px4
@@ -14,7 +18,7 @@ from sitl_sim.vehicles.airframe import Airframe
 from sitl_sim.vehicles.emulated import Autopilots
 from sitl_sim.vehicles.rigid_body import Vehicles
 
-COMPANION = Source(1, 191)
+COMPANION, AUTOPILOT = Source(1, 191), Source(1, 1)
 HOVER = Airframe().hover_thrust
 
 
@@ -75,3 +79,40 @@ def test_without_hold_first_px4_refuses_the_second_mission_and_says_why(monkeypa
     assert second.phases.phase is Phase.ARM
     assert "arm: temporarily rejected" in second.refusals
     assert "arming denied: no setpoints for offboard" in second.refusals
+
+
+def test_a_companion_restarted_in_flight_tells_what_it_waits_for(monkeypatch):
+    """An ArduCopter stays in guided when its companion dies, and answers the next companion."""
+    told = []
+    monkeypatch.setattr(
+        "companion.process.events.event", lambda name, *level, **fields: told.append((name, fields))
+    )
+    body, options = Vehicles(Airframe(), [[0, 0, 0]], 0.0), {"GUID_OPTIONS": 8}
+    vehicle = Autopilots(body, [1], "ardupilot", parameters=options)
+    first = Mission("ardupilot", vehicle)
+    while first.phases.phase is not Phase.FLY:
+        first.tick()
+    link = {"autopilot": "ardupilot"}
+    config = CompanionConfig.model_validate({"name": "drone1", "link": link})
+    second, events, reasons, answers = Companion(config, lambda: 0.0), Events(), [], []
+    for _ in range(30):
+        vehicle.advance(round(vehicle.t + 0.1, 3))
+        heard = answers + vehicle.telemetry(0, "companion")
+        inputs = TickInputs(vehicle.t, [Received(AUTOPILOT, m) for m in heard], None)
+        tick = second.tick(inputs)
+        events.tick(inputs, tick)
+        reasons.append(tick.supervised.inhibit_reason)
+        answers = []
+        for message in tick.supervised.requests:
+            answers += vehicle.receive(0, Received(COMPANION, message), "companion")
+    assert any("waiting for parameter GUID_OPTIONS" in r for r in reasons)
+    assert "flew in offboard before this companion started" in reasons[-1]
+    assert told[-1] == ("inhibited", {"reason": reasons[-1]})
+    for message in first.autopilot.hold():  # the pilot's choice
+        vehicle.receive(0, Received(Source(255, 190), message), "gcs")
+    for _ in range(15):
+        vehicle.advance(round(vehicle.t + 0.1, 3))
+        heard = vehicle.telemetry(0, "companion")
+        inputs = TickInputs(vehicle.t, [Received(AUTOPILOT, m) for m in heard], None)
+        events.tick(inputs, second.tick(inputs))
+    assert told[-1] == ("no longer inhibited", {"reason": reasons[-1]})
