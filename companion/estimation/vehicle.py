@@ -15,6 +15,7 @@ from companion.estimation.odometry_frame import OdometryFrame
 from companion.estimation.own_doubt import OwnDoubt, OwnDoubtEstimator
 from companion.estimation.own_state import OwnState
 from companion.estimation.prediction import StatePredictor
+from companion.estimation.velocity_lag import Lag, VelocityLag
 from companion.types import Phase
 from mavlink_bridge.autopilots.answers import Answers
 from mavlink_bridge.autopilots.registry import Identity
@@ -30,6 +31,7 @@ from mavlink_bridge.wire.messages import (
 )
 
 _UNREPORTED = OwnDoubt()
+_NO_LAG = VelocityLag().lag
 _MODE_KNOWN = 1.0  # s without news for which the last mode is believed: a HEARTBEAT's period
 _CLOCK_BACK = 1.0  # s; a vehicle whose clock goes back by more has started anew
 
@@ -48,6 +50,7 @@ class VehicleEstimate:
     what the autopilot refused since the tick before, in words. attitudes: those that came since the
     tick before, in order of time. doubt: of the state. map_offset: (3,) m, position on the map less
     that of the state, see `odometry_frame.py`. height: over ground; None before a state is known.
+    lag: of the reported position and velocity, which the state makes up for.
     """
 
     state: VehicleState | None = None
@@ -66,6 +69,7 @@ class VehicleEstimate:
     doubt: OwnDoubt = _UNREPORTED
     height: Height | None = None
     map_offset: Vector = field(default_factory=lambda: np.zeros(3))
+    lag: Lag = _NO_LAG
 
     def without_news(self, gap: float) -> VehicleEstimate:
         """Return this estimate `gap` [s] later, where no new one can be had.
@@ -101,6 +105,7 @@ class VehicleEstimator:
         self._doubt = OwnDoubtEstimator()
         self._height = HeightEstimator()
         self._frame = OdometryFrame()
+        self._lag = VelocityLag()
         self._flown_by: StatePredictor | None = None
         self._thrust = AutopilotThrustReader(identity)
         self._link = LinkQuality(silence)
@@ -131,7 +136,9 @@ class VehicleEstimator:
         gap = time - self._time if np.isfinite(self._time) else 0.0
         self._time = time
         self._flown_by = predictor if phase.flying and not rebooted else None
-        state = self._state(time)
+        told = self._state(time)
+        self._lag.update(told, phase.flying)
+        state = None if told is None else self._lag.lag.made_up(told)
         looks = [m for m in messages if isinstance(m, DistanceSensor)]
         return VehicleEstimate(
             state=state,
@@ -150,6 +157,7 @@ class VehicleEstimator:
             doubt=doubt,
             height=None if state is None else self._height.update(state, looks),
             map_offset=self._frame.offset,
+            lag=self._lag.lag,
         )
 
     def at(self, time: float) -> VehicleState | None:
@@ -157,6 +165,11 @@ class VehicleEstimator:
 
         What telemetry has not told yet is by the model, where the inputs were ours.
         """
+        told = self._told(time)
+        return None if told is None else self._lag.lag.made_up(told)
+
+    def _told(self, time: float) -> VehicleState | None:
+        """Return the state at a `time` [s] as telemetry tells it, its lag included."""
         age = self._own.age(time)
         known = self._own.at(time - age) if age > 0.0 and np.isfinite(age) else None
         if known is None or self._flown_by is None:
@@ -178,8 +191,11 @@ class VehicleEstimator:
             self._thrust.reset()
             self._frame = OdometryFrame()
             self._height.reset()
+            self._lag.reset()
         return rebooted
 
     def _state(self, time: float) -> VehicleState | None:
         """Return the state now; by the model where telemetry is late and the inputs were ours."""
-        return self._own.at(time) if self._own.age(time) <= self._predict_after else self.at(time)
+        return (
+            self._own.at(time) if self._own.age(time) <= self._predict_after else self._told(time)
+        )

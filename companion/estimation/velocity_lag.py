@@ -1,0 +1,116 @@
+"""Lag of the reported position and velocity behind the motion, measured against the attitude.
+
+An estimator with a GPS whose delay it does not know reports a velocity that follows slowly:
+
+    v_told = v − L a_slow,    p_told = p − L v_slow,
+
+with the lag L and the low-passed acceleration and velocity: over shorter times it believes its
+inertial sensors. The attitude is not late, and the tilt tells the acceleration along the ground.
+From one tick to the next, on each axis,
+
+    Δv_told − a dt = −L Δa_slow − d v dt + b dt,
+
+with the drag d, and b for wind and for an error of the tilt. Recursive least squares find all four.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.constants import GRAVITY
+from mavlink_bridge.shared.frames import rotation_matrix
+from mavlink_bridge.wire.messages import VehicleState
+
+_SLOW = 0.5  # s of the low-pass: an estimator believes its accelerometer about so long
+_MEMORY = 20.0  # s
+_NOISE = 0.04  # m/s, least 1 σ of a change of velocity from tick to tick
+_PRIOR = np.array([0.1, 0.3, 0.5, 0.5])  # 1 σ of L [s], d [1/s] and b [m/s²]
+_DRIFT = np.array([0.002, 0.0, 0.1, 0.1])  # of the same, a root second
+_LONGEST_GAP = 0.25  # s between two states that still belong together
+_LIFT = (0.3, 2.0)  # shares of g; with another lift the tilt does not tell the acceleration
+_SURE = 2.5  # standard deviations from none, from which a lag is believed
+_HARMLESS, _MOST = 0.03, 0.3  # s
+
+
+@dataclass(frozen=True)
+class Lag:
+    """Lag of position and velocity [s], 1 σ [s]; what they miss: m and m/s, each (3,)."""
+
+    value: float
+    sigma: float
+    position: Vector
+    velocity: Vector
+
+    def made_up(self, state: VehicleState) -> VehicleState:
+        """Return a state of about now without the lag."""
+        if self.value == 0.0:
+            return state
+        return replace(state, p=state.p + self.position, v=state.v + self.velocity)
+
+
+class VelocityLag:
+    """Estimates the lag; one `update` a tick."""
+
+    def __init__(self) -> None:
+        self._x: Vector = np.zeros(4)  # L, d, b east and north
+        self._p: Vector = np.diag(_PRIOR**2)
+        self._noise = _NOISE**2
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the motion; what was learnt stays."""
+        self._before: VehicleState | None = None
+        self._acceleration: Vector = np.zeros(3)  # low-passed
+        self._velocity: Vector = np.zeros(3)
+
+    @property
+    def lag(self) -> Lag:
+        """The present estimate; a lag that may be none, or does no harm, is none."""
+        value, sigma = float(self._x[0]), math.sqrt(self._p[0, 0])
+        if value < max(_SURE * sigma, _HARMLESS):
+            value = 0.0
+        value = min(value, _MOST)
+        return Lag(value, sigma, value * self._velocity, value * self._acceleration)
+
+    def update(self, own: VehicleState | None, flying: bool) -> Lag:
+        """Take in the state as the autopilot tells it; flying: it is carried by its rotors."""
+        before, self._before = self._before, own
+        if own is None or before is None or not 0.0 < own.time - before.time < _LONGEST_GAP:
+            self.reset()
+            self._before = own
+            return self.lag
+        dt = own.time - before.time
+        told = (own.v - before.v) / dt
+        axis = rotation_matrix(before.q_wb)[:, 2] + rotation_matrix(own.q_wb)[:, 2]
+        axis = axis / float(np.linalg.norm(axis))
+        lift = (GRAVITY + float(told[2])) / max(float(axis[2]), 0.3)
+        if not flying or not _LIFT[0] < lift / GRAVITY < _LIFT[1]:
+            self.reset()
+            self._before = own
+            return self.lag
+        a = np.array([lift * axis[0], lift * axis[1], told[2]])
+        share = 1.0 - math.exp(-dt / _SLOW)
+        slower = share * (a - self._acceleration)
+        self._acceleration = self._acceleration + slower
+        self._velocity = self._velocity + share * (own.v - self._velocity)
+        self._learn((told - a)[:2] * dt, slower[:2], own.v[:2], dt)
+        return self.lag
+
+    def _learn(self, missing: Vector, slower: Vector, v: Vector, dt: float) -> None:
+        """Take in what the tilt does not explain of a change of velocity (2,) m/s."""
+        self._p = self._p * math.exp(dt / _MEMORY) + np.diag(_DRIFT**2) * dt
+        self._p = np.minimum(self._p, np.diag(_PRIOR**2).max())
+        for k in range(2):
+            row = np.array([-slower[k], -v[k] * dt, dt * (k == 0), dt * (k == 1)])
+            error = float(missing[k] - row @ self._x)
+            self._noise += dt / _MEMORY * (error**2 - self._noise)
+            noise = max(self._noise, _NOISE**2)
+            gain = self._p @ row / (float(row @ self._p @ row) + noise)
+            bound = 3.0 * math.sqrt(float(row @ self._p @ row) + noise)
+            self._x = self._x + gain * min(max(error, -bound), bound)
+            p = self._p - np.outer(gain, row @ self._p)
+            self._p = 0.5 * (p + p.T)

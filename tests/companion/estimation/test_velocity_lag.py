@@ -1,0 +1,68 @@
+"""The lag of a reported velocity, from motions whose truth is known."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from companion.estimation.velocity_lag import VelocityLag
+from mavlink_bridge.shared.constants import GRAVITY
+from mavlink_bridge.wire.messages import VehicleState
+
+DT = 0.1
+
+
+def flight(lag, seconds=30.0, drag=0.2, noise=0.03, tilt=0.0, seed=1):
+    """Yield states as told and the true velocities (3,) of a drone that goes to and fro."""
+    rng = np.random.default_rng(seed)
+    phases = rng.uniform(0, 2 * np.pi, (2, 4))
+    v, p, slow_v, slow_a = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    lift = np.array([0.0, 0.0, GRAVITY])
+    for n in range(round(seconds / 0.01)):
+        t = 0.01 * n
+        rotors = np.zeros(3)
+        rotors[:2] = [
+            sum(np.sin(w * t + f) for w, f in zip((0.7, 1.3, 2.1, 3.7), row, strict=True))
+            for row in phases
+        ]
+        a = rotors - drag * v
+        v, p = v + 0.01 * a, p + 0.01 * v
+        slow_a = slow_a + 0.02 * (a - slow_a)  # a low-pass of 0.5 s
+        slow_v = slow_v + 0.02 * (v - slow_v)
+        if n % 10:
+            continue
+        up = (rotors + lift) / np.linalg.norm(rotors + lift)
+        turn, _ = Rotation.align_vectors([up], [[0, 0, 1.0]])
+        x, y, z, w = (Rotation.from_rotvec([tilt, 0, 0]) * turn).as_quat()
+        told = v - lag * slow_a + noise * rng.normal(size=3)
+        yield VehicleState(t, p - lag * slow_v, told, np.array([w, x, y, z]), np.zeros(3)), v
+
+
+@pytest.mark.parametrize("lag", [0.08, 0.14, 0.2])
+@pytest.mark.parametrize("tilt", [0.0, 0.02])
+def test_the_lag_is_found_and_made_up_for(lag, tilt):
+    estimator, told, corrected = VelocityLag(), [], []
+    for own, v in flight(lag, tilt=tilt):
+        found = estimator.update(own, flying=True)
+        if own.time > 10.0:
+            told.append(own.v - v)
+            corrected.append(found.made_up(own).v - v)
+    assert found.value == pytest.approx(lag, abs=0.03)
+    assert abs(found.value - lag) < 3.0 * found.sigma
+    rms = [np.sqrt(np.mean(np.array(e)[:, :2] ** 2)) for e in (told, corrected)]
+    assert rms[1] < 0.8 * rms[0]
+
+
+def test_a_velocity_without_lag_stays_as_it_is():
+    estimator = VelocityLag()
+    for own, _ in flight(0.0, drag=0.4):
+        found = estimator.update(own, flying=True)
+        assert found.value == 0.0
+        assert found.made_up(own) is own
+
+
+def test_on_the_ground_nothing_is_learnt():
+    estimator = VelocityLag()
+    for own, _ in flight(0.2, seconds=10.0):
+        found = estimator.update(own, flying=False)
+    assert found.value == 0.0
+    assert found.sigma == pytest.approx(0.1)
