@@ -129,6 +129,9 @@ def _motion(record: dict[str, Any]) -> str:
     if "delay" in record:
         value, sigma = record["delay"]
         texts.append(f"delay {value * 1e3:.0f} ± {sigma * 1e3:.0f} ms")
+    if record.get("velocity_lag", [0.0])[0]:
+        value, sigma = record["velocity_lag"]
+        texts.append(f"velocity late by {value * 1e3:.0f} ± {sigma * 1e3:.0f} ms")
     if record.get("height"):
         value, sigma = record["height"]
         texts.append(f"over ground {value:.1f} ± {sigma:.1f} m")
