@@ -18,7 +18,7 @@ from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.thrust import ThrustMap
 from mavlink_bridge.wire.messages import RateCommand, RateSetpoint
 
-_ATTITUDE_DOUBT = 0.025  # rad, of the tilt that a wrong prediction may cost
+_ATTITUDE_DOUBT = 0.03  # rad, of the tilt that a wrong prediction may cost
 _SIGMAS = 3.0  # of the delay's doubt
 _RATE_LOOP = 0.1  # of the delay: a rate loop is not a mere delay
 _YAW = 3.0  # times faster: the yaw tilts no thrust

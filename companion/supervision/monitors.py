@@ -38,6 +38,7 @@ from mavlink_bridge.shared.settings import StrictModel
 from mavlink_bridge.wire.messages import Attitude, VehicleState
 
 _SWING_TIME = 3.0  # s in which the swings are counted
+_SPREADS = 2.0  # of what sparse samples leave open of a turn
 _TURN_TIME = 1.0  # s over which gyro and attitude are compared
 _SLIDE_TIME = 3.0  # s over which the offset of the map is compared
 _LONGEST_GAP = 0.25  # s between two ticks, over which rates are not summed up
@@ -90,7 +91,7 @@ class Monitors:
         self._time = -math.inf
         self._swings: tuple[deque[float], deque[float]] = (deque(), deque())
         self._sides = [0, 0]
-        self._turns: deque[tuple[float, Vector]] = deque()
+        self._turns: deque[tuple[float, Vector, float]] = deque()
         self._offsets: deque[tuple[float, Vector]] = deque()
         self._disturbance: Vector = np.zeros(3)
         self._before: Attitude | None = None
@@ -199,11 +200,14 @@ class Monitors:
                 self._turns.clear()
                 continue
             seen = _turn(rotation_matrix(before.q_wb).T @ rotation_matrix(now.q_wb))
-            self._turns.append((now.time, seen - 0.5 * dt * (before.omega + now.omega)))
+            # When the rate changed between two samples is not known.
+            spread = 0.5 * dt * float(np.linalg.norm(now.omega - before.omega))
+            self._turns.append((now.time, seen - 0.5 * dt * (before.omega + now.omega), spread))
             while now.time - self._turns[0][0] > _TURN_TIME:
                 self._turns.popleft()
-        off = float(np.linalg.norm(sum((o for _, o in self._turns), start=np.zeros(3))))
-        if not off > c.turn:
+        off = float(np.linalg.norm(sum((o for _, o, _ in self._turns), start=np.zeros(3))))
+        between = math.sqrt(sum(s * s for _, _, s in self._turns))
+        if not off > c.turn + _SPREADS * between:
             return None
         finding = f"gyro: attitude and gyro differ by {math.degrees(off):.0f}° in a second"
         return Broken(finding, Reaction.HOLD)
