@@ -1,7 +1,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup sitl test test-long faults fuzz renew-flight lint bench reproducible clean
+.PHONY: setup sitl test test-long faults fuzz renew-flight dialect lint bench reproducible clean
 
 setup: .venv/.ready
 
@@ -43,6 +43,12 @@ fuzz: setup
 # After a wanted change of behaviour: tests/replay/flight.mcap as today's code flies it.
 renew-flight: setup
 	$(BIN)/python -m pytest tests/replay --renew-flight
+
+# The MAVLink messages as pymavlink's own generator writes them; the package needs no pymavlink.
+dialect: setup
+	$(BIN)/python -m pymavlink.tools.mavgen --lang Python3 --wire-protocol 2.0 --no-validate \
+	    -o mavlink_bridge/wire/dialect/common.py \
+	    $$($(BIN)/python -c 'import pymavlink; print(pymavlink.__path__[0])')/dialects/v20/common.xml
 
 # Two builds of the committed state, in two folders: fails where their wheels differ by a byte.
 reproducible: setup

@@ -23,6 +23,7 @@ def run(options: argparse.Namespace) -> int:
 
     import cv2
 
+    from companion.commands.extras import missing_extra
     from companion.perception.camera import CalibrationError
     from companion.perception.detectors import ModelError
     from companion.process import journal
@@ -45,6 +46,12 @@ def run(options: argparse.Namespace) -> int:
         daemon = Daemon(config)
     except (CalibrationError, ModelError) as error:
         journal.event("cannot start", logging.ERROR, reason=error)
+        return EXIT_BAD_CONFIG
+    except ModuleNotFoundError as error:
+        line = missing_extra(error)
+        if line is None:
+            raise
+        journal.event("cannot start", logging.ERROR, reason=line)
         return EXIT_BAD_CONFIG
     except (EndpointError, VideoError, OSError) as error:
         journal.event("cannot start", logging.ERROR, reason=error)

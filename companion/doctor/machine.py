@@ -26,7 +26,7 @@ from mavlink_bridge.wire.link import parse_endpoint
 from mavlink_bridge.wire.messages import VehicleState
 from mavlink_bridge.wire.video import Frame
 
-LIBRARIES = ("numpy", "casadi", "opencv-python-headless", "pymavlink", "scipy")
+LIBRARIES = ("numpy", "casadi", "opencv-python-headless", "pydantic")
 _SOLVES, _FRAMES = 100, 10
 _LOG_PER_HOUR = 200e6  # bytes, flight log and .tlog
 _GOVERNOR = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
@@ -49,8 +49,13 @@ def _software() -> Finding:
 
 def _speed(config: CompanionConfig) -> Iterator[Finding]:
     """Measure a tick: recorded instances through the solver, noise through the detectors."""
-    nmpc = Nmpc(config.nmpc, time.perf_counter)
     todo = "install gcc: the first start compiles the solver's kernel, once"
+    try:
+        nmpc = Nmpc(config.nmpc, time.perf_counter)
+    except ModuleNotFoundError as error:
+        text = f"no C compiler, and {error.name} is not installed"
+        yield Finding("solver", Level.RED, text, todo)
+        return
     yield either("solver", nmpc.backend == "compiled", nmpc.backend, todo, Level.AMBER)
     instances = [i for run in load(stored(), config.nmpc) for i in run.instances][:_SOLVES]
     solve = float(np.percentile([nmpc.solve(i).solve_time for i in instances], 99))

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
-import onnxruntime as ort
 
 from companion.perception.exposure import exposure_gain
 from companion.perception.heat_map import CHANNELS, HEIGHT, STRIDE, WIDTH, Cells
@@ -39,6 +39,20 @@ class Look:
     scene: Cells
 
 
+def _runtime() -> Any:
+    """Return ONNX Runtime.
+
+    Raises:
+        ModelError: it is not installed; it takes 80 MB, for this network alone.
+    """
+    try:
+        import onnxruntime
+    except ModuleNotFoundError as error:
+        advice = "pip install 'swarm-companion[eyes]'"
+        raise ModelError(f"not installed: {error.name}; {advice}") from error
+    return onnxruntime
+
+
 class Eyes:
     """Runs the network on a camera's pictures.
 
@@ -49,6 +63,7 @@ class Eyes:
     def __init__(self, model: Path = PACKAGED) -> None:
         if not model.is_file():
             raise ModelError(f"{model}: no such model file")
+        ort = _runtime()
         options = ort.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         try:

@@ -10,10 +10,9 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pymavlink.dialects.v20 import common as mavlink
-
 from mavlink_bridge.wire import framing
 from mavlink_bridge.wire.dialect import FROM_WIRE, TO_WIRE
+from mavlink_bridge.wire.dialect import common as mavlink
 from mavlink_bridge.wire.dialect.unpack import unpacked
 from mavlink_bridge.wire.framing import HEADER, LONGEST, SIGNED, V2, RawFrame
 from mavlink_bridge.wire.messages import Message, Received, Source

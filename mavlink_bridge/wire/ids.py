@@ -132,7 +132,7 @@ class ParameterType(IntEnum):
 
 
 class ParameterError(IntEnum):
-    """MAV_PARAM_ERROR of a PARAM_ERROR; the last is newer than pymavlink's dialect."""
+    """MAV_PARAM_ERROR of a PARAM_ERROR; the last is newer than the generated dialect."""
 
     DOES_NOT_EXIST = 1
     VALUE_OUT_OF_RANGE = 2

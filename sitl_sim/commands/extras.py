@@ -9,7 +9,9 @@ from mavlink_bridge.shared.settings import SettingsError
 _DISTRIBUTION = "swarm-companion"
 EXTRAS = {
     "numba": "sim",
+    "onnxruntime": "eyes",
     "plotly": "sim",
+    "scipy": "sim",
     "tqdm": "sim",
     "matplotlib": "studies",
     "pyrvo": "studies",

@@ -2,7 +2,8 @@
 
 It is used where there is a C compiler, and kept in the user's cache by the hash of its source. It
 is never required: every failure gives None, and the solver goes on with CasADi's virtual machine
-and PIQP. The weights are arguments, so drones that differ only in weights share a library.
+and PIQP, where that is installed (extra `piqp`). The weights are arguments, so drones that differ
+only in weights share a library.
 """
 
 from __future__ import annotations

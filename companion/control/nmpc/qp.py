@@ -107,7 +107,7 @@ class Matrix:
     """A CSC matrix of fixed structure, refilled from a source array."""
 
     def __init__(self, shape: tuple[int, int], entries: list[Entries]) -> None:
-        from scipy import sparse  # 50 MB, for boards without a C compiler alone
+        from scipy import sparse
 
         rows, columns, sources = (np.concatenate(part) for part in zip(*entries, strict=True))
         keys = columns * shape[0] + rows
@@ -127,7 +127,7 @@ class Program:
     """The quadratic program: its structure is built once, its numbers are filled in place."""
 
     def __init__(self, config: NmpcConfig, stage: Stage) -> None:
-        import piqp
+        import piqp  # with scipy 150 MB, for machines without a C compiler alone
 
         self.config = config
         N = config.N

@@ -1,7 +1,7 @@
-"""EVENT (410), which pymavlink's dialect leaves out as work in progress, and PX4 sends.
+"""EVENT (410), which the generated dialect leaves out as work in progress, and PX4 sends.
 
-Source: https://mavlink.io/en/messages/common.html#EVENT. Importing this module teaches pymavlink
-the message.
+Source: https://mavlink.io/en/messages/common.html#EVENT. Importing this module teaches the
+generated dialect the message.
 """
 
 from __future__ import annotations
@@ -9,13 +9,13 @@ from __future__ import annotations
 import struct
 from typing import Any, ClassVar
 
-from pymavlink.dialects.v20 import common as mavlink
+from mavlink_bridge.wire.dialect import common as mavlink
 
 _ARGUMENTS = 40  # bytes
 
 
-class EventMessage(mavlink.MAVLink_message):  # type: ignore[misc]  # pymavlink has no types
-    """EVENT in the form that pymavlink packs and parses; `event_id` is the field `id`."""
+class EventMessage(mavlink.MAVLink_message):  # type: ignore[misc]  # generated, read without types
+    """EVENT in the form of the generated messages; `event_id` is the field `id`."""
 
     id = 410
     msgname = "EVENT"

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from pymavlink.dialects.v20 import common as mavlink
 
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.frames import (
@@ -19,6 +18,7 @@ from mavlink_bridge.shared.frames import (
     rotation_matrix,
 )
 from mavlink_bridge.wire import messages as m
+from mavlink_bridge.wire.dialect import common as mavlink
 from mavlink_bridge.wire.dialect.event_message import EventMessage
 from mavlink_bridge.wire.dialect.units import (
     UNKNOWN_HEADING,

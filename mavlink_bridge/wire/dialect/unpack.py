@@ -1,7 +1,7 @@
-"""Fields of a frame by name, in a third of the time that pymavlink's own `decode` takes.
+"""Fields of a frame by name, in a third of the time that the dialect's own `decode` takes.
 
 The checksum and the signature of the frame are checked before, in `framing` and `signing`. Formats
-and names are those of pymavlink's message classes.
+and names are those of the generated message classes.
 Source: https://mavlink.io/en/guide/serialization.html.
 """
 
@@ -12,7 +12,7 @@ from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
-from pymavlink.dialects.v20 import common as mavlink
+from mavlink_bridge.wire.dialect import common as mavlink
 
 
 @cache

@@ -1,6 +1,7 @@
 """What all commands of `companion` share: help, extras that are missing, Ctrl-C."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -56,6 +57,37 @@ def test_a_missing_extra_is_one_line_with_the_pip_command(tmp_path):
     done = in_a_base_install("sys.exit(main(sys.argv[1:]))", *fleet)
     assert done.returncode == 2
     assert done.stderr == "not installed: mavsdk; pip install 'swarm-companion[fleet]'\n"
+
+
+def test_a_base_install_flies_and_without_a_compiler_names_the_extra(tmp_path):
+    (drone,) = write_drones(tmp_path / "drones", ["one"])
+    solver = """
+import os
+from companion.control.nmpc import Nmpc, NmpcConfig
+print(Nmpc(NmpcConfig()).backend)
+os.environ["PATH"], os.environ["CC"] = "/nowhere", ""
+import companion.process.daemon
+companion.process.daemon.Daemon = lambda config: Nmpc(config.nmpc)  # without camera and vehicle
+sys.exit(main(["run", sys.argv[1]]))
+"""
+    done = in_a_base_install(solver, drone)
+    if shutil.which("gcc") or shutil.which("cc"):
+        assert done.stdout == "compiled\n"
+    assert done.returncode == 78  # systemd leaves it
+    assert (
+        "not installed: piqp; pip install 'swarm-companion[piqp]', or a C compiler" in done.stderr
+    )
+    assert "Traceback" not in done.stderr
+
+
+def test_the_packaged_network_names_its_extra(tmp_path):
+    (drone,) = write_drones(tmp_path / "drones", ["one"], "sensing: {obstacles: network}\n")
+    done = in_a_base_install("sys.exit(main(['check', sys.argv[1]]))", drone)
+    assert done.returncode == 1
+    assert (
+        "not installed: onnxruntime; pip install 'swarm-companion[eyes]'"
+        in done.stdout + done.stderr
+    )
 
 
 @pytest.mark.parametrize(("module", "extra"), EXTRAS.items())
