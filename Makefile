@@ -1,7 +1,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup sitl test test-long faults fuzz renew-flight dialect lint bench reproducible clean
+.PHONY: setup sitl test test-long faults mutants fuzz renew-flight dialect lint bench reproducible clean
 
 setup: .venv/.ready
 
@@ -35,6 +35,13 @@ test-long: setup
 # The fault matrix, all rows, rows without their mechanisms, and the tables (docs/faults.md).
 faults: setup
 	$(BIN)/python -m pytest tests -m "row or mutation" --cache-clear --fault-table=docs/faults.md
+
+# A sample of mutants of each wing, by seed: COUNT=40 SEED=1. Goes on where it was stopped.
+COUNT ?= 40
+SEED ?= 1
+mutants: setup
+	$(BIN)/pip install --quiet -e '.[mutants]'
+	$(BIN)/python tests/mutants.py --count $(COUNT) --seed $(SEED)
 
 # A million mutated frames of MAVLink and as many of MSP.
 fuzz: setup

@@ -234,7 +234,7 @@ class PhaseMachine:
     def _way(self, how: GiveBack) -> list[Message]:
         a = self._autopilot
         ways = {GiveBack.HOLD: a.hold, GiveBack.RETURN: a.rtl, GiveBack.LAND: a.land}
-        return ways[how]()
+        return ways[how]() or a.hold()  # not every autopilot can return
 
     def _is_up(self, mode: str, own: VehicleState) -> bool:
         """Return whether the take-off is over."""
