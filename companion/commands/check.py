@@ -66,10 +66,13 @@ def _unfit_files(config: CompanionConfig) -> list[str]:
     """Return the problems of the calibration and the model that a drone names."""
     from companion.perception.camera import CalibrationError
     from companion.perception.detectors import ModelError, make_detector
+    from companion.perception.eyes import Eyes
     from companion.perception.view import load_camera
 
     try:
         make_detector(load_camera(config.camera), config.sensing)
+        if config.sensing.uses_network:
+            Eyes()
     except (CalibrationError, ModelError) as error:
         return [str(error)]
     return []
