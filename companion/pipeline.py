@@ -75,7 +75,9 @@ class Companion:
             silence=c.guard.stale_silent,
             predict_after=c.guard.stale_predict,
         )
-        self._perception = PerceptionFrontend(view, c.sensing, c.camera_health)
+        self._perception = PerceptionFrontend(
+            view, c.sensing, c.camera_health, c.camera.lag, measuring=c.mission.commission
+        )
         self._obstacles = ObstacleEstimator(view, c.obstacles, c.surfaces)
         self._neighbours = NeighbourEstimator(view, c.tracker)
         prior = ThrustMap(airframe.hover_thrust, airframe.exponent)
@@ -84,6 +86,7 @@ class Companion:
             airframe.hover_doubt,
             c.timing.delay,
             curve_known=airframe.thrust_exponent is not None,
+            drag=airframe.drag,
         )
         self._guidance = Guidance(c.guidance())
         self._planning = Planning(c.nmpc, planner, formulation)

@@ -1,4 +1,4 @@
-"""`companion calibrate`: the calibration file of a fisheye from pictures of a chessboard."""
+"""`companion calibrate`: a drone's camera, thrust and delay from a flight; a lens from a board."""
 
 from __future__ import annotations
 
@@ -8,35 +8,69 @@ import re
 import sys
 from pathlib import Path
 
-HELP = "calibrate a fisheye from pictures of a chessboard"
+HELP = "configure a drone from a commissioning flight, or a fisheye from pictures of a chessboard"
+EXIT_REFUSED = 1  # something cannot be told from this flight
 EXIT_BAD_INPUT = 2
 _REACH = 0.7  # of the half diagonal; beyond the corners found, the lens is extrapolated
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this command."""
-    parser.add_argument("pictures", type=Path, nargs="+", metavar="PICTURE")
     parser.add_argument(
+        "files",
+        type=Path,
+        nargs="+",
+        metavar="FLIGHT.mcap | PICTURE",
+        help="the log of one flight with mission.commission, or pictures of a chessboard",
+    )
+    flight = parser.add_argument_group("from a flight")
+    flight.add_argument(
+        "--write",
+        type=Path,
+        metavar="DRONE.yaml",
+        help="change the drone's file; without it the keys are printed",
+    )
+    board = parser.add_argument_group("from a chessboard")
+    board.add_argument(
         "--board",
         type=_board,
         default=(9, 6),
         metavar="COLUMNSxROWS",
         help="inner corners of the board (9x6)",
     )
-    parser.add_argument(
+    board.add_argument(
         "--square", type=float, default=0.025, metavar="METRES", help="side of a square (0.025)"
     )
-    parser.add_argument("--out", type=Path, default=Path("camera.yaml"), metavar="FILE")
+    board.add_argument("--out", type=Path, default=Path("camera.yaml"), metavar="FILE")
     parser.add_argument("--json", action="store_true", help="for machines")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Calibrate, write the file, and print how well it fits."""
+    """Calibrate by what is given."""
+    logs = [file for file in options.files if file.suffix == ".mcap"]
+    if not logs:
+        if options.write is not None:
+            return _bad("--write: takes a flight (FLIGHT.mcap), not pictures")
+        return _from_board(options)
+    if len(options.files) > 1:
+        return _bad("one flight at a time, or pictures alone")
+    from companion.commands.calibrate_flight import from_flight
+
+    return from_flight(logs[0], options.write, machine=options.json)
+
+
+def _bad(problem: object) -> int:
+    print(problem, file=sys.stderr)
+    return EXIT_BAD_INPUT
+
+
+def _from_board(options: argparse.Namespace) -> int:
+    """Calibrate a lens, write the file, and print how well it fits."""
     from companion.perception.camera import CalibrationError
     from companion.perception.chessboard import calibrate
 
     try:
-        made = calibrate(options.pictures, options.board, options.square)
+        made = calibrate(options.files, options.board, options.square)
         made.camera.save(options.out)
     except (CalibrationError, OSError) as error:
         print(error, file=sys.stderr)

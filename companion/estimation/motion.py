@@ -36,9 +36,15 @@ class MotionEstimator:
     """Learns from the inputs sent and the motion that they caused."""
 
     def __init__(
-        self, prior: ThrustMap, doubt: float, delay: float, curve_known: bool = False
+        self,
+        prior: ThrustMap,
+        doubt: float,
+        delay: float,
+        curve_known: bool = False,
+        drag: float = 0.0,
     ) -> None:
-        """prior, doubt, curve_known: as for `HoverThrust`. delay: s, as configured."""
+        """prior, doubt, curve_known: as for `HoverThrust`. delay: s; drag: 1/s; as configured."""
+        self._drag = drag
         self._history = InputHistory(delay)
         self._delay = DelayEstimator(delay)
         self._hover_thrust = HoverThrust(prior, doubt, self._history, curve_known)
@@ -48,7 +54,7 @@ class MotionEstimator:
         """Forget what is tied to the vehicle's clock; hover thrust and delay are kept."""
         self.clear()
         self._hover_thrust.reset()
-        self.predictor = StatePredictor(self._history)
+        self.predictor = StatePredictor(self._history, self._drag)
 
     def update(
         self,

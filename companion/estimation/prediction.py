@@ -38,8 +38,10 @@ class Prediction:
 class StatePredictor:
     """Carries the own state over the delay, and observes the disturbance (3,) m/s²."""
 
-    def __init__(self, history: InputHistory) -> None:
+    def __init__(self, history: InputHistory, drag: float = 0.0) -> None:
+        """drag: 1/s, along the ground; the disturbance is then what it does not explain."""
         self.disturbance: Vector = np.zeros(3)
+        self._drag = np.array([drag, drag, 0.0])
         self._history = history
         self._before: tuple[float, Vector, int] | None = None  # time, state, epoch of the inputs
 
@@ -50,7 +52,8 @@ class StatePredictor:
         """
         self.observe(own)
         delay = self._history.delay
-        return Prediction(self.ahead(own), self._history.u_last, self.disturbance, delay)
+        outside = self._outside(own.v)
+        return Prediction(self.ahead(own), self._history.u_last, outside, delay)
 
     def observe(self, own: VehicleState) -> None:
         """Correct the disturbance by the error of the last tick's prediction."""
@@ -81,10 +84,14 @@ class StatePredictor:
             if acts >= end:
                 break
             if acts > start:
-                x = predict(x, u, acts - start, self.disturbance)
+                x = predict(x, u, acts - start, self._outside(x[3:6]))
                 start = acts
             u = sent.u
-        return predict(x, u, end - start, self.disturbance)
+        return predict(x, u, end - start, self._outside(x[3:6]))
+
+    def _outside(self, v: Vector) -> Vector:
+        """Return the acceleration (3,) m/s², drag and disturbance, at a velocity (3,) m/s."""
+        return self.disturbance - self._drag * v if self._drag.any() else self.disturbance
 
 
 def state_vector(own: VehicleState) -> Vector:

@@ -4,6 +4,7 @@
 |---|---|
 | `/tick` | JSON: the results of all stages of the tick (`record.py`) |
 | `/inputs` | the exact inputs of the tick, from which a replay starts (`inputs.py`) |
+| `/corners` | corners followed from picture to picture, where wanted (`corners.py`) |
 | `/pose` `/tf` `/scene` `/events` `/image` | Foxglove's types, for any viewer (`foxglove.py`) |
 
 Chunks end every half second, so that a kill in flight loses less than that; one of a drone that
@@ -30,6 +31,7 @@ from google.protobuf.message import Message
 from mcap_protobuf.schema import build_file_descriptor_set
 from orjson import dumps
 
+from companion.flightlog import corners as pairs
 from companion.flightlog import foxglove as scene
 from companion.flightlog import inputs as recorded
 from companion.flightlog import record as records
@@ -37,9 +39,11 @@ from companion.flightlog.idle import IdleTicks
 from companion.flightlog.mcap_writer import McapWriter
 from companion.flightlog.tlog import TelemetryLog
 from companion.perception.camera_health import CameraFault
+from companion.perception.corner_pairs import CornerFollower
+from companion.perception.view import load_camera
 from companion.settings.config import CompanionConfig
 from companion.tick import Tick, TickInputs
-from companion.types import Image
+from companion.types import Image, Phase
 from mavlink_bridge.wire.video import Frame
 
 Packets = Sequence[tuple[bool, bytes]]  # (sent by us, datagram)
@@ -77,6 +81,13 @@ class Recorder:
         self._tlog = TelemetryLog(self.path.with_suffix(".tlog")) if config.log.tlog else None
         self._writer = McapWriter(self._file, self.path.parent, _CHUNK)
         self._writer.add_metadata(CONFIG, _configuration(config))
+        self._follower: CornerFollower | None = None
+        if config.log.corners or config.mission.commission:
+            self._follower = CornerFollower(config.camera.width, config.camera.height)
+            self._shape = (config.camera.height, config.camera.width, 3)
+            unturned = config.camera.model_copy(update={"mount_deg": [0.0, 0.0, 0.0]})
+            lens = dumps(load_camera(unturned).as_data()).decode()
+            self._writer.add_metadata(pairs.CAMERA, {"calibration": lens})
         self._channels = self._register()
         self._file.flush()
         self._count = 0
@@ -127,6 +138,10 @@ class Recorder:
             "/tick": self._writer.register_channel("/tick", "json", tick, tags),
             "/inputs": self._writer.register_channel("/inputs", "swarm-inputs", 0, tags),
         }
+        if self._follower is not None:
+            channels[pairs.TOPIC] = self._writer.register_channel(
+                pairs.TOPIC, "swarm-corners", 0, tags
+            )
         for topic, kind in _PROTOBUF.items():
             types = build_file_descriptor_set(kind).SerializeToString()
             schema = self._writer.register_schema(kind.DESCRIPTOR.full_name, "protobuf", types)
@@ -156,6 +171,7 @@ class Recorder:
             obstacles = self._count % _TICKS_A_MAP == 0
             self._put("/scene", tick.time, scene.scene(tick, obstacles))
         changed = self._write_events(tick)
+        self._write_corners(inputs.frame, tick)
         if inputs.frame is not None and self._wants_image(tick.time, changed):
             self._write_image(inputs.frame)
 
@@ -195,6 +211,16 @@ class Recorder:
             self._put("/events", tick.time, scene.event(tick.time, self._name, text))
         self._state |= state
         return bool(changed)
+
+    def _write_corners(self, frame: Frame | None, tick: Tick) -> None:
+        """Log where the corners of the last picture are now, while the companion flies."""
+        image: Image | None = None if frame is None else frame.arrays.get("image")
+        if self._follower is None or frame is None or image is None:
+            return
+        if tick.supervised.phase is Phase.FLY and image.shape == self._shape:
+            found = self._follower.update(frame.time, image)
+            if found is not None:
+                self._add(pairs.TOPIC, tick.time, pairs.encode(found))
 
     def _wants_image(self, time: float, changed: bool) -> bool:
         if self._images == "none" or (self._images == "event" and not changed):

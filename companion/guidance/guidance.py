@@ -10,6 +10,7 @@ import numpy as np
 from companion.estimation.delay import Delay
 from companion.estimation.known_obstacles import KnownObstacles
 from companion.estimation.surface_map import SurfaceConfig
+from companion.guidance.commissioning import Commissioning
 from companion.guidance.corridor import corridor_planes, free_heading
 from companion.guidance.detour import Detour
 from companion.guidance.fence import FenceConfig
@@ -93,7 +94,8 @@ class Guidance:
 
     def __init__(self, settings: GuidanceSettings) -> None:
         self._settings = settings
-        self._mission = Mission(settings.mission)
+        self._commissioning = Commissioning() if settings.mission.commission else None
+        self._mission = self._commissioning or Mission(settings.mission)
         self.reset()
 
     def reset(self) -> None:
@@ -104,8 +106,13 @@ class Guidance:
         self._landing = Landing(s.mission, s.d_agent, turns=s.gaze.survey > 0.0)
 
     def set_goals(self, goals: Sequence[Vector]) -> None:
-        """Fly to these goals (3,) m from now on, the first of them first."""
+        """Fly to these goals (3,) m from now on, the first of them first.
+
+        Not in a commissioning flight: it does not look where it flies.
+        """
         s = self._settings
+        if self._commissioning is not None:
+            return
         self._mission = Mission(s.mission, goals)
         self._landing = Landing(s.mission, s.d_agent, turns=s.gaze.survey > 0.0)
 
@@ -192,6 +199,8 @@ class Guidance:
         yaw_now = yaw_of(own.q_wb)
         if not mine:
             return self._gaze.follow(own.time, yaw_now)
+        if self._commissioning is not None:
+            return self._commissioning.yaw(own.time)
         lost = [bearing(own.p, t) for t, _ in critical if t.lost]
         close = nearest_bearing(own.p, tracks, self._settings.gaze)
         return self._gaze.update(own.time, own.v, to_aim, yaw_now, lost, close)
@@ -212,7 +221,7 @@ class Guidance:
         visible = visibility_speed(s.speed_limits, yaw_of(own.q_wb), to_aim)
         limits = {
             "cruise": s.cruise,
-            "visibility": s.cruise * visible,
+            "visibility": s.cruise * (visible if self._commissioning is None else 1.0),
             "headway": headway_speed(
                 own, tracks, to_aim, s.cruise, s.speed_limits, s.right_of_way, s.threat.range_max
             ),

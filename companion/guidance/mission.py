@@ -56,6 +56,11 @@ class MissionConfig(StrictModel):
         description="Time [s] to hold where the flight began before setting out, so that drones "
         "whose ways cross need not all be there at once.",
     )
+    commission: bool = Field(
+        False,
+        description="Instead of the goals: move on the spot for 30 s, in free air, for `companion "
+        "calibrate`. The camera is not looked at, but logged.",
+    )
     auto: bool = Field(
         False, description="Arm, take off, fly and land without being told; else wait for a pilot."
     )

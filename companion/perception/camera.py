@@ -8,6 +8,7 @@ camera model and calibration method for conventional, wide-angle, and fish-eye l
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -17,6 +18,7 @@ import yaml
 from numpy.typing import NDArray
 
 from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.frames import multiply, quaternion_from_euler
 
 # Camera → body for a camera that looks along +x_B: x_C = −y_B, y_C = −z_B, z_C = x_B.
 FORWARD = (0.5, -0.5, 0.5, -0.5)
@@ -74,6 +76,15 @@ class Camera:
             data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
         except (OSError, yaml.YAMLError, ValueError) as error:  # no text, or a 31st of June
             raise CalibrationError(f"{path}: cannot read calibration: {error}") from error
+        return Camera.from_data(data, str(path))
+
+    @staticmethod
+    def from_data(data: object, path: str = "calibration") -> Camera:
+        """Return the camera of the plain data of such a file; path: its name, for messages.
+
+        Raises:
+            CalibrationError: as `load`.
+        """
         valid = f"valid keys: {', '.join(KEYS)}, mount"
         if not isinstance(data, dict):
             raise CalibrationError(f"{path}: expected a mapping; {valid}")
@@ -123,6 +134,18 @@ class Camera:
             "lies inside the picture: calibrate again, with the board near the edges, too"
         )
 
+    def turned(self, mount_deg: Sequence[float]) -> Camera:
+        """Return the same camera, turned on its mount by roll, pitch, yaw [°].
+
+        Roll is clockwise as the camera sees, pitch up, yaw to the left; in the body frame (FLU)
+        pitch up is a negative angle about the axis to the left.
+        """
+        if not any(mount_deg):
+            return self
+        roll, pitch, yaw = np.radians(mount_deg)
+        turn = quaternion_from_euler(float(roll), float(-pitch), float(yaw))
+        return replace(self, mount=multiply(turn, self.mount))
+
     def scaled(self, width: int, height: int) -> Camera:
         """Return the same view at another image size (width, height px)."""
         su, sv = width / self.width, height / self.height
@@ -136,15 +159,19 @@ class Camera:
             cy=(self.cy + 0.5) * sv - 0.5,
         )
 
-    def save(self, path: str | Path) -> None:
-        """Write the calibration that `load` reads."""
+    def as_data(self) -> dict[str, object]:
+        """Return the calibration as plain data, by the keys that `load` reads."""
         numbers = (self.width, self.height, self.fx, self.fy, self.cx, self.cy, *self.k)
         data: dict[str, object] = {
             key: value if isinstance(value, int) else float(value)
             for key, value in zip(KEYS, numbers, strict=True)
         }
-        data["mount"] = [float(value) for value in self.mount]
-        Path(path).write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
+        return data | {"mount": [float(value) for value in self.mount]}
+
+    def save(self, path: str | Path) -> None:
+        """Write the calibration that `load` reads."""
+        text = yaml.safe_dump(self.as_data(), sort_keys=False)
+        Path(path).write_text(text, encoding="utf-8")
 
     def project(self, points_c: Vector) -> Vector:
         """Return the pixels (n,2) of points (n,3) m, camera frame; NaN beyond `max_angle`."""

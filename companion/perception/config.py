@@ -43,6 +43,9 @@ def check_source(source: str) -> str:
     return source
 
 
+Angle = Annotated[float, Field(ge=-180, le=180)]
+
+
 class CameraConfig(StrictModel):
     """Where frames come from and how the lens images."""
 
@@ -51,6 +54,20 @@ class CameraConfig(StrictModel):
     )
     latency: float = Field(
         0.03, ge=0, le=0.5, description="s from exposure to arrival, where a camera does not say."
+    )
+    lag: float = Field(
+        0.0,
+        ge=-0.3,
+        le=0.3,
+        description="s by which pictures are older than their stamps say (below 0: younger); the "
+        "rest is measured in flight.",
+    )
+    mount_deg: list[Angle] = Field(
+        [0.0, 0.0, 0.0],
+        min_length=3,
+        max_length=3,
+        description="Roll, pitch, yaw [°] by which the camera is turned from straight ahead, or "
+        "from the calibration's mount: clockwise, up, to the left.",
     )
     width: int = Field(640, ge=64, le=4096, description="px.")
     height: int = Field(400, ge=64, le=4096, description="px.")

@@ -75,8 +75,22 @@ class PerceptionFrontend:
         CalibrationError, ModelError: a file that cannot be used.
     """
 
-    def __init__(self, view: View, sensing: SensingConfig, health: CameraHealthConfig) -> None:
+    def __init__(
+        self,
+        view: View,
+        sensing: SensingConfig,
+        health: CameraHealthConfig,
+        lag: float = 0.0,
+        measuring: bool = False,
+    ) -> None:
+        """Load the detectors.
+
+        lag: s, configured, of pictures behind their stamps. measuring: mount and lens are what this
+        flight is to find: they are no fault, and nothing is looked for in the pictures.
+        """
         self._view = view
+        self._lag = lag
+        self._measuring = measuring
         self._sensing = sensing
         self._health_config = health
         self._arrays = {_ARRAYS[sensing.neighbours], _ARRAYS[sensing.obstacles]}
@@ -119,9 +133,11 @@ class PerceptionFrontend:
         ground: m, the ground's level in the own frame.
         horizon: s, the latest that the vehicle's clock can show; None: `time`.
         """
+        if frame is not None and self._lag:
+            frame = replace(frame, time=frame.time - self._lag)
         misfit = self._misfit(frame)
         alignment = self._alignment.estimate
-        wrong = alignment.contradiction
+        wrong = "" if self._measuring else alignment.contradiction
         stamped = frame
         captured = -np.inf if frame is None else frame.time - alignment.lag
         if frame is not None and alignment.lag:
@@ -161,6 +177,8 @@ class PerceptionFrontend:
 
     def _detect(self, frame: Frame, own: VehicleState, ground: float, *, fits: bool) -> Detections:
         """Return the detections in `frame`, taken in state `own`; a misfit image shows nothing."""
+        if self._measuring:
+            return Detections(frame.time, own)
         image = frame.arrays.get("image") if fits else None
         drones: list[Detection] = []
         network = self._network if image is not None else None

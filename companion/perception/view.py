@@ -22,14 +22,14 @@ def load_camera(config: CameraConfig) -> Camera:
     """
     size = (config.width, config.height)
     if config.calibration is None:
-        return Camera.equidistant(*size, config.fov_deg)
+        return Camera.equidistant(*size, config.fov_deg).turned(config.mount_deg)
     camera = Camera.load(config.calibration)
     if (camera.width, camera.height) != size:
         raise CalibrationError(
             f"{config.calibration}: made at {camera.width}×{camera.height}, but camera.width and "
             f"camera.height say {config.width}×{config.height}: calibrate at that size"
         )
-    return camera
+    return camera.turned(config.mount_deg)
 
 
 class View:

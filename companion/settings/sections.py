@@ -58,6 +58,13 @@ class AirframeConfig(StrictModel):
         description="Doubt of hover_thrust, one sigma, as a share of it. Above 0.05 the companion "
         "takes over only after the vehicle's ATTITUDE_TARGET has told it more.",
     )
+    drag: float = Field(
+        0.0,
+        ge=0,
+        le=2,
+        description="Deceleration along the ground by the air, per speed [1/s]; 0: what drag there "
+        "is counts as wind.",
+    )
     thrust_exponent: float | None = Field(
         None,
         ge=0.5,
@@ -157,6 +164,11 @@ class LogConfig(StrictModel):
     path: str | None = Field(None, description="MCAP file; null: no log.")
     tlog: bool = Field(
         True, description="Whether to write the MAVLink traffic beside it, as .tlog."
+    )
+    corners: bool = Field(
+        False,
+        description="Corners followed from picture to picture, for `companion calibrate`; always "
+        "with mission.commission.",
     )
     images: Literal["none", "periodic", "event"] = Field(
         "none", description="Camera pictures: one per second, or when phase, guard or goal changes."

@@ -381,7 +381,8 @@ class Flight:
     def _capture(
         self, drone: VehicleConnection, now: float, stamp: float, p: Vector, q: Vector
     ) -> Capture:
-        return drone.camera.alter(now, stamp, self.sensors.frame(drone.index, stamp, p, q))
+        arrays = self.sensors.frame(drone.index, stamp, p, q)
+        return drone.camera.alter(now, stamp + self.sensors.stamp_error(drone.index), arrays)
 
     def _send_frame(self, drone: VehicleConnection) -> None:
         """Deliver the frame that was captured for this instant; its tick falls due."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.frames import multiply
 from sitl_sim.scenarios.scenario import Scenario
 from sitl_sim.scenarios.sensing import lens_of
 from sitl_sim.sensors import perfect_detector as detector
@@ -25,45 +26,59 @@ class Sensors:
         self._walls = detector.WallRanges(self._occluders, s.width, s.height, s.fov_deg)
         half = np.radians(s.fov_deg) / 2
         self._view = (half, half * s.height / s.width)
-        self._renderer: Pictures | None = None
+        self._cameras = s.actual.drawn(scenario.drones.count, scenario.seed)
+        self._renderers: dict[float, Pictures] = {}  # by the factor on the focal length
         if "camera" in (s.neighbours, s.obstacles) or s.obstacles == "depth":
-            self._renderer = make_renderer(
-                world, scenario.world.look, scenario.drones.look, scenario.seed, lens_of(s)
-            )
+            for factor in {c.focal for c in self._cameras}:
+                self._renderers[factor] = make_renderer(
+                    world,
+                    scenario.world.look,
+                    scenario.drones.look,
+                    scenario.seed,
+                    lens_of(s).zoomed(factor),
+                )
 
     @property
     def renders(self) -> bool:
         """Whether a picture or a depth image has to be rendered."""
-        return self._renderer is not None
+        return bool(self._renderers)
+
+    def stamp_error(self, i: int) -> float:
+        """Return by how much [s] the stamps of drone i's camera are after the capture."""
+        return self._cameras[i].stamp
 
     def frame(self, i: int, stamp: float, p: Vector, q: Vector) -> dict[str, NDArray[Any]]:
         """Return the arrays of drone i's frame, named as in `mavlink_bridge.wire.video`.
 
         stamp: capture time [s] on the drone's clock. p: (n,3) m and q: (n,4) of all drones, world.
         """
-        s = self._sensing
+        s, camera = self._sensing, self._cameras[i]
+        renderer = self._renderers.get(camera.focal)
+        looks = multiply(q[i], camera.turn)  # where the drone's nose would be, were it the camera's
         others = np.delete(np.arange(len(p)), i)
         arrays: dict[str, NDArray[Any]] = {}
         seed = round(stamp * 1e3) * 64 + i
-        if self._renderer is not None and "camera" in (s.neighbours, s.obstacles):
-            arrays["image"] = self._renderer.render(
+        if renderer is not None and "camera" in (s.neighbours, s.obstacles):
+            arrays["image"] = renderer.render(
                 p[i],
-                q[i],
+                looks,
                 p[others],
                 q[others],
                 frame_seed=seed,
                 drones_id=[int(o) for o in others],
             )
-        if self._renderer is not None and s.obstacles == "depth":
+        if renderer is not None and s.obstacles == "depth":
             height = round(s.depth.width * s.height / s.width)
-            depth = self._renderer.depth(p[i], q[i], p[others], q[others], s.depth.width, height)
+            depth = renderer.depth(p[i], looks, p[others], q[others], s.depth.width, height)
             arrays["depth"] = measured(depth, s.depth.range, s.depth.noise, seed)
         if s.neighbours == "truth":
             arrays["neighbours"] = detector.neighbours(
-                p[i], q[i], p[others], self._occluders, self._view, s.range_max
+                p[i], looks, p[others], self._occluders, self._view, s.range_max
             )
         if s.obstacles == "map":
-            arrays["trunks"] = detector.trunks(p[i], q[i], self._occluders, self._view, s.range_max)
+            arrays["trunks"] = detector.trunks(
+                p[i], looks, self._occluders, self._view, s.range_max
+            )
             if self._occluders.boxes:
-                arrays["ranges"] = self._walls(p[i], q[i], s.range_max)
+                arrays["ranges"] = self._walls(p[i], looks, s.range_max)
         return arrays

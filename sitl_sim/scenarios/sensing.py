@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from dataclasses import dataclass
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
 
-from mavlink_bridge.shared.settings import SettingsError, StrictModel
+from mavlink_bridge.shared.frames import quaternion_from_euler
+from mavlink_bridge.shared.settings import Contradiction, SettingsError, StrictModel
 from sitl_sim.sensors.fisheye import Lens
 
 
@@ -18,6 +22,71 @@ class DepthConfig(StrictModel):
     noise: float = Field(
         0.01, ge=0, le=0.5, description="1 σ as a share of the distance; stereo has 1–2 % at 4 m."
     )
+
+
+Span = float | Annotated[list[float], Field(min_length=2, max_length=2)]
+
+
+class ActualCameraConfig(StrictModel):
+    """How the cameras truly differ from what the companions are told; nobody is.
+
+    [least, most]: each drone draws its own.
+    """
+
+    roll_deg: Span = Field(0.0, description="Turned about its axis, clockwise as it sees [°].")
+    pitch_deg: Span = Field(0.0, description="Looks up [°].")
+    yaw_deg: Span = Field(0.0, description="Looks to the left [°].")
+    focal: Span = Field(1.0, description="Factor on the focal length.")
+    stamp: Span = Field(0.0, description="s by which stamps are after the capture.")
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        for key in type(self).model_fields:
+            low, high = _ends(getattr(self, key))
+            least, most = _LIMITS[key]
+            if not least <= low <= high <= most:
+                text = f"takes {least:g}…{most:g}, or [least, most] in it"
+                raise Contradiction((key,), text)
+        return self
+
+    def drawn(self, count: int, seed: int) -> list[ActualCamera]:
+        """Return each drone's camera; the seed draws what is drawn."""
+        columns = {}
+        for purpose, key in enumerate(type(self).model_fields):
+            rng = np.random.default_rng([seed, 0xCA, purpose])
+            columns[key] = rng.uniform(*_ends(getattr(self, key)), count)
+        return [ActualCamera(**{k: float(v[i]) for k, v in columns.items()}) for i in range(count)]
+
+
+@dataclass(frozen=True)
+class ActualCamera:
+    """One drone's true camera, in the units of `ActualCameraConfig`."""
+
+    roll_deg: float
+    pitch_deg: float
+    yaw_deg: float
+    focal: float
+    stamp: float
+
+    @property
+    def turn(self) -> NDArray[np.float64]:
+        """Quaternion (4,), body as the camera is mounted → body."""
+        roll, pitch, yaw = np.radians([self.roll_deg, -self.pitch_deg, self.yaw_deg])
+        return quaternion_from_euler(float(roll), float(pitch), float(yaw))
+
+
+_LIMITS = {
+    "roll_deg": (-45.0, 45.0),
+    "pitch_deg": (-45.0, 45.0),
+    "yaw_deg": (-45.0, 45.0),
+    "focal": (0.5, 2.0),
+    "stamp": (-0.3, 0.3),
+}
+
+
+def _ends(span: float | list[float]) -> tuple[float, float]:
+    """Return the least and the largest value."""
+    return (span[0], span[1]) if isinstance(span, list) else (span, span)
 
 
 class SensingConfig(StrictModel):
@@ -37,6 +106,9 @@ class SensingConfig(StrictModel):
         "pictures are rendered meanwhile.",
     )
     depth: DepthConfig = DepthConfig()
+    actual: ActualCameraConfig = Field(
+        ActualCameraConfig(), description="How the cameras truly are; no companion is told."
+    )
     calibration: str | None = Field(
         None,
         description="Calibration file of all cameras, read by the simulator and by each "

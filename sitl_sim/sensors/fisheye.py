@@ -68,6 +68,16 @@ class Lens:
         made = (fx * su, fy * sv, (cx + 0.5) * su - 0.5, (cy + 0.5) * sv - 0.5, *k)
         return Lens(width, height, self.fov_deg, made)
 
+    def zoomed(self, factor: float) -> Lens:
+        """Return the lens with `factor` times the focal length, and the picture's size."""
+        if factor == 1.0:
+            return self
+        if self.calibration is None:
+            return replace(self, fov_deg=self.fov_deg / factor)
+        fx, fy, *rest = self.calibration
+        made = (fx * factor, fy * factor, *rest)
+        return replace(self, fov_deg=self.fov_deg / factor, calibration=made)
+
     @property
     def f(self) -> float:
         """Focal length [px/rad]; the largest anywhere in the picture where it varies."""
