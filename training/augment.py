@@ -16,6 +16,9 @@ from training.data import DRONE, FAR, GROUND, OBSTACLE, OTHER
 Picture = NDArray[np.uint8]
 _SIDE = 512  # px of a mottled texture
 _NOISE = 1 << 21
+# Of gain, gamma and tint (σ of the logarithm). The rendered looks vary already: what is then made
+# much brighter, harder or noisier shows drones that nobody can see, and teaches to guess.
+_LIGHT = 0.15
 
 
 class Strange:
@@ -48,34 +51,34 @@ class Strange:
         """Return the picture in other light, through another lens and sensor."""
         values = np.arange(256, dtype=np.float32) / 255
         table = np.empty((1, 256, 3), np.uint8)
-        gamma, gain = np.exp(rng.normal(0, 0.3)), np.exp(rng.normal(0, 0.3))
-        tint = np.exp(rng.normal(0, rng.choice([0.03, 0.2]), 3))
-        low = float(rng.uniform(-0.1, 0.25)) if rng.random() < 0.3 else 0.0  # haze, black level
+        gamma, gain = np.exp(rng.normal(0, _LIGHT)), np.exp(rng.normal(0, _LIGHT))
+        tint = np.exp(rng.normal(0, rng.choice([0.03, _LIGHT]), 3))
+        low = float(rng.uniform(-0.1, 0.2)) if rng.random() < 0.15 else 0.0  # haze, black level
         for c in range(3):
             table[0, :, c] = np.clip(
                 255 * (low + (1 - max(low, 0)) * gain * tint[c] * values**gamma), 0, 255
             )
         image = cv2.LUT(image, table)  # type: ignore[assignment]
-        if rng.random() < 0.25:
+        if rng.random() < 0.1:
             image = _rotated_hue(rng, image)
-        if rng.random() < 0.1:
+        if rng.random() < 0.05:
             image = np.ascontiguousarray(image[..., rng.permutation(3)])
-        if rng.random() < 0.1:
+        if rng.random() < 0.05:
             image = cv2.cvtColor(  # type: ignore[assignment]
                 cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR
             )
         chance = rng.random()
-        if chance < 0.3:
-            image = cv2.GaussianBlur(image, (0, 0), float(rng.uniform(0.3, 1.3)))  # type: ignore[assignment]
-        elif chance < 0.42:
+        if chance < 0.15:
+            image = cv2.GaussianBlur(image, (0, 0), float(rng.uniform(0.3, 0.9)))  # type: ignore[assignment]
+        elif chance < 0.2:
             image = cv2.filter2D(image, -1, _smear(rng))  # type: ignore[assignment]
-        if rng.random() < 0.7:
+        if rng.random() < 0.4:
             size = image.size
             at = int(rng.integers(_NOISE - size))
-            sigma = float(rng.exponential(4.0))
+            sigma = float(rng.exponential(3.0))
             noise = self._noise[at : at + size].reshape(image.shape)
             image = np.clip(image + sigma * noise, 0, 255).astype(np.uint8)
-        if rng.random() < 0.2:
+        if rng.random() < 0.1:
             quality = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(25, 90))]
             packed = cv2.imencode(".jpg", image, quality)[1]
             image = cv2.imdecode(packed, cv2.IMREAD_COLOR)  # type: ignore[assignment]

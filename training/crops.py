@@ -16,7 +16,9 @@ from training.shapes import drawn_drone
 from training.videos import CutOut
 
 CROP = (192, 256)  # px, height and width
-_REAL = 0.3  # share of crops that are photographs
+_REAL = 0.2  # share of crops that are photographs
+_PASTED = (0, 0, 0, 0, 1, 1, 2)  # objects added to a crop, each as likely
+_REPAINTED = 0.2  # share of rendered crops
 
 
 class Batch(NamedTuple):
@@ -60,9 +62,9 @@ class Crops:
             shard, real = self.rendered[rng.integers(len(self.rendered))], False
         image, rows, classes = _cut(rng, shard)
         unclear = bool(classes[0, 0] == UNCLEAR)
-        if not real and not unclear and rng.random() < 0.3:
+        if not real and not unclear and rng.random() < _REPAINTED:
             image = self._strange.repaint(rng, image, classes)
-        for _ in range(0 if unclear else int(rng.choice([0, 0, 1, 1, 2]))):
+        for _ in range(0 if unclear else int(rng.choice(_PASTED))):
             self._paste(rng, image, rows, classes)
         image = self._strange.light(rng, image)
         gain = exposure_gain(image) * float(np.exp(rng.normal(0, 0.12))) / 255
@@ -116,12 +118,33 @@ class Crops:
         ):
             return
         part = image[y : y + h, x : x + w]
-        a = opacity[..., None]
-        part[:] = np.clip(part * (1 - a) + a * picture, 0, 255).astype(np.uint8)
+        part[:] = _laid_over(rng, part, picture, opacity)
         if classes[0, 0] != OPEN:
             classes[y : y + h, x : x + w][opacity > 0.4] = DRONE
         if drone:
             rows[free[0]] = u, v, size, 1.0 if size >= SMALLEST else 0.0
+
+
+def _laid_over(
+    rng: np.random.Generator,
+    part: NDArray[np.uint8],
+    picture: NDArray[np.uint8],
+    opacity: NDArray[np.float32],
+) -> NDArray[np.uint8]:
+    """Return the part (h,w,3) with a picture over it, as grainy and soft as the part itself.
+
+    Without this, whatever is sharper or cleaner than its surroundings would look like a drone.
+    """
+    grain = part.astype(np.float32) - cv2.blur(part, (3, 3))
+    sigma = float(np.median(np.abs(grain))) * 1.5
+    if rng.random() < 0.6:
+        soft = float(rng.uniform(0.4, 1.1))
+        weighed = cv2.GaussianBlur(picture * opacity[..., None], (0, 0), soft)
+        opacity = cv2.GaussianBlur(opacity, (0, 0), soft)  # type: ignore[assignment]
+        picture = weighed / np.maximum(opacity, 1e-3)[..., None]  # type: ignore[assignment]
+    a = opacity[..., None]
+    noisy = picture + sigma * rng.standard_normal(part.shape, np.float32)
+    return np.clip(part * (1 - a) + a * noisy, 0, 255).astype(np.uint8)
 
 
 def _cut(

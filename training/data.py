@@ -23,9 +23,10 @@ from sitl_sim.sensors.looks.shapes import Seen
 SHARD = 250  # pictures
 KNOWN = 11.5  # m; farther drones are left open
 VISIBLE = 0.35  # share; drones that show less are left open
-SMALLEST = 1.6  # px, radius; smaller drones are left open
+SMALLEST = 3.0  # px, radius; smaller drones are left open: at 13 m one of 0.2 m has 3.5 px
 LENS = Lens(640, 400)
-MOST = 12  # drones in a picture
+MOST = 16  # drones in a picture
+CROWD = 14  # of them, where a picture shows many
 U, V, SIZE, WANTED = range(4)  # columns of a label; WANTED: 1 yes, 0 left open, −1 no drone
 # Classes of pixels. FAR: an obstacle that does not matter yet. OPEN: not labelled. UNCLEAR: shows
 # nothing that could tell.
@@ -50,10 +51,12 @@ def load(folder: Path, name: str) -> Shard:
 
 
 def save(folder: Path, name: str, shard: Shard) -> None:
-    """Write a shard; its last file is complete only when all are."""
+    """Write a shard; where its last file is there, all are, and complete."""
     folder.mkdir(parents=True, exist_ok=True)
     for part, values in zip(Shard._fields, shard, strict=True):
-        np.save(folder / f"{name}.{part}.npy", values)
+        whole = folder / f"{name}.{part}.npy"
+        np.save(new := whole.with_suffix(".new.npy"), values)
+        new.replace(whole)
 
 
 def rendered_shard(folder: Path, seed: int) -> Shard:
@@ -107,4 +110,6 @@ def _pictures(seed: int, blind: bool) -> Iterator[Labelled]:
     names = unreadable() if blind else ["random"]
     each = -(-SHARD // len(names))
     for n, name in enumerate(names):
-        yield from islice(stream(_SEED + 16 * seed + n, name, kind), min(each, SHARD - n * each))
+        yield from islice(
+            stream(_SEED + 16 * seed + n, name, kind, crowd=CROWD), min(each, SHARD - n * each)
+        )

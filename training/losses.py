@@ -19,13 +19,17 @@ def drone_targets(labels: Tensor, height: int, width: int) -> tuple[Tensor, Tens
     heat: 0…1; −1 where it is left open. Offsets [cells] and size are those of the nearest drone.
     """
     n, m = labels.shape[:2]
-    row, column = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
+    row, column = torch.meshgrid(
+        torch.arange(height, device=labels.device),
+        torch.arange(width, device=labels.device),
+        indexing="ij",
+    )
     u = (labels[..., U] + 0.5) / STRIDE - 0.5
     v = (labels[..., V] + 0.5) / STRIDE - 0.5
     du = u[..., None, None] - column
     dv = v[..., None, None] - row
     sized = labels[..., SIZE] > 0
-    size = torch.where(sized, labels[..., SIZE].clamp(min=0.5), torch.tensor(_UNSIZED))
+    size = torch.where(sized, labels[..., SIZE].clamp(min=0.5), _UNSIZED)
     spread = (0.13 * size / STRIDE).clamp(min=0.55)[..., None, None]
     # The cell that holds the centre has full heat.
     near = (du**2 + dv**2).sqrt()
@@ -33,12 +37,12 @@ def drone_targets(labels: Tensor, height: int, width: int) -> tuple[Tensor, Tens
     here = (labels[..., WANTED] == 1)[..., None, None]
     open_ = (labels[..., WANTED] == 0)[..., None, None] & (near < 1.5 + 2 * spread)
     heat = (bump * here).amax(dim=1)
-    heat = torch.where(open_.any(dim=1) & (heat < 0.5), torch.tensor(-1.0), heat)
+    heat = torch.where(open_.any(dim=1) & (heat < 0.5), -1.0, heat)
     best = (bump * here).argmax(dim=1, keepdim=True)
     known = sized.float()[..., None, None].expand(n, m, height, width)
     pick = [du, dv, size.log()[..., None, None].expand(n, m, height, width), known]
     nearest = [x.gather(1, best)[:, 0] for x in pick]
-    weight = torch.where(heat > 0.4, heat, torch.tensor(0.0))
+    weight = torch.where(heat > 0.4, heat, 0.0)
     return heat, torch.stack([*nearest[:3], weight, weight * nearest[3]], dim=1)
 
 

@@ -12,12 +12,13 @@ import copy
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import interpolate, pixel_shuffle
+from torch.nn.functional import interpolate, pixel_shuffle, relu
 
 STRIDE, SCENE_STRIDE = 8, 4  # px of the picture per cell
 CHANNELS = 5  # heat (logit), offset u and v [cells], log size [px], log scale of its error
 CLASSES = 3  # logits: obstacle, ground, other (sky, drones)
 WIDTHS = (16, 32, 48, 64)
+_PREFIX = "network."  # of the weights' names in a file
 
 
 def _conv(inputs: int, outputs: int, size: int, stride: int = 1, groups: int = 1) -> nn.Sequential:
@@ -30,6 +31,20 @@ def _halve(inputs: int, outputs: int) -> nn.Sequential:
     """Return a depth-wise convolution to half the size."""
     spatial = nn.Conv2d(inputs, inputs, 3, 2, 1, groups=inputs)
     return nn.Sequential(spatial, _conv(inputs, outputs, 1))
+
+
+class _Refine(nn.Module):
+    """A residual block of one dense convolution; it changes nothing before it is trained."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.conv = nn.Conv2d(channels, channels, 3, 1, 1, bias=False)
+        self.norm = nn.BatchNorm2d(channels)
+        nn.init.zeros_(self.norm.weight)
+
+    def forward(self, cells: Tensor) -> Tensor:
+        refined: Tensor = cells + self.norm(self.conv(relu(cells)))
+        return refined
 
 
 class _Wide(nn.Module):
@@ -53,10 +68,11 @@ class Network(nn.Module):
         fine = 12
         self.stem = nn.Sequential(_conv(3, a // 2, 3, 2), _conv(a // 2, a, 3, 2))
         self.eighth = nn.Sequential(_halve(a, b), _conv(b, b, 3))
-        self.sixteenth = nn.Sequential(_halve(b, c), _conv(c, c, 3))
+        self.sixteenth = nn.Sequential(_halve(b, c), _conv(c, c, 3), _Refine(c))
         self.last = nn.Sequential(_halve(c, d), _conv(d, d, 3), _Wide(d), _Wide(d))
         self.up_last, self.up_sixteenth = nn.Conv2d(d, c, 1), nn.Conv2d(c, b, 1)
         self.merge = nn.Sequential(nn.Conv2d(c, c, 3, 1, 1, groups=c), nn.ReLU(), _conv(c, c, 1))
+        self.refine = _Refine(b)
         self.drones = nn.Sequential(_conv(b, b, 3), nn.Conv2d(b, CHANNELS, 1))
         self.coarse, self.fine = nn.Conv2d(b, 4 * fine, 1), nn.Conv2d(a, fine, 1)
         self.scene = nn.Sequential(
@@ -75,6 +91,7 @@ class Network(nn.Module):
         wide = self.up_last(self.last(sixteenth))
         sixteenth = self.merge(sixteenth + interpolate(wide, size=sixteenth.shape[2:]))
         eighth = eighth + interpolate(self.up_sixteenth(sixteenth), size=eighth.shape[2:])
+        eighth = self.refine(eighth)
         scene = self.scene(pixel_shuffle(self.coarse(eighth), 2) + self.fine(quarter))
         return self.drones(eighth), scene
 
@@ -93,7 +110,10 @@ class _Flown(nn.Module):
 
 
 def export(network: Network, path: str, width: int, height: int) -> None:
-    """Write the network as ONNX: `picture` (1,3,h,w) → `drones`, `scene`; width, height: px."""
+    """Write the network as ONNX: `picture` (1,3,h,w) → `drones`, `scene`; width, height: px.
+
+    Weights keep their names and normalisations, so that training can go on from the file (`load`).
+    """
     torch.onnx.export(
         _Flown(network).eval(),
         (torch.zeros(1, 3, height, width),),
@@ -102,4 +122,24 @@ def export(network: Network, path: str, width: int, height: int) -> None:
         opset_version=13,
         input_names=["picture"],
         output_names=["drones", "scene"],
+        training=torch.onnx.TrainingMode.PRESERVE,
+        do_constant_folding=False,
     )
+
+
+def load(path: str) -> dict[str, Tensor]:
+    """Return the weights of a network that `export` wrote, by their names in `Network`.
+
+    Raises:
+        KeyError: a file with other weights; the message names those that are missing.
+    """
+    import onnx
+
+    held = {
+        each.name.removeprefix(_PREFIX): torch.from_numpy(onnx.numpy_helper.to_array(each).copy())
+        for each in onnx.load(path).graph.initializer
+    }
+    wanted = [name for name in Network().state_dict() if "num_batches" not in name]
+    if missing := [name for name in wanted if name not in held]:
+        raise KeyError(f"{path}: not this network's weights; missing: {', '.join(missing[:3])}")
+    return {name: held[name] for name in wanted}

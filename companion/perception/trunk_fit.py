@@ -26,6 +26,8 @@ from mavlink_bridge.shared.settings import Contradiction, StrictModel
 
 Mask = NDArray[np.bool_]
 CUT_WIDTH = 1.35  # typical true over visible width of a trunk cut by the picture's edge
+# Obstacles stand anywhere: of those nearer than t, half are nearer than t/√2, with this σ over t.
+_MEDIAN, _SPREAD = math.sqrt(0.5), 0.236
 TRIED = np.geomspace(16.0, 1.02, 48)  # distances to the axis, in radii
 EDGE = 9.0  # grey levels, contrast of an upright edge that parts two trunks
 
@@ -46,7 +48,7 @@ class TrunkSettings(StrictModel):
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
-        if not self.min_radius <= self.radius <= self.max_radius:
+        if self.radius and not self.min_radius <= self.radius <= self.max_radius:
             raise Contradiction(
                 ("radius", "min_radius", "max_radius"),
                 f"radius, {self.radius:g}, must lie between min_radius, {self.min_radius:g}, and "
@@ -61,6 +63,11 @@ class FootSettings(TrunkSettings):
     step_deg: float = Field(0.75, ge=0.2, le=3, description="Pixel of the level panorama.")
     min_width_deg: float = Field(1.2, gt=0, description="Narrower objects are no obstacles.")
     min_radius: float = Field(0.05, gt=0, description="Thinner objects [m] are no obstacles.")
+    radius: float = Field(
+        0.0,
+        ge=0,
+        description="Assumed [m] where the foot does not show; 0: unknown.",
+    )
 
 
 @dataclass(frozen=True)
@@ -110,7 +117,9 @@ def _fit(
         return None
     free_low, free_high = _free(columns, first, -1), _free(columns, last, 1)
     free = (free_low, free_high)
-    if all(free) and foot.any():
+    if not s.radius:
+        axis, sine = (low + high) / 2, math.sin(min((high - low) / 2, 1.3))
+    elif all(free) and foot.any():
         axis, sine = (low + high) / 2, math.sin(min((high - low) / 2, 1.45))
     else:
         axis, sine = _assumed(t, az, foot, (low, high), free, s.radius)
@@ -127,6 +136,10 @@ def _fit(
         blur = float(np.median(columns.blur[first : last + 1][use]))
         noise = math.hypot(s.attitude_sigma, step / math.sqrt(use.sum()), blur)
         sigma = math.hypot(0.02 * distance, tilt * noise)
+    elif not s.radius:
+        surface, sigma = within(float(t.min()), sine, s)
+        radius = surface * sine / (1.0 - sine)
+        distance = surface + radius
     else:
         # The foot is out of the picture: the width and the assumed radius give the distance.
         distance = s.radius / max(sine, 1e-3)
@@ -137,6 +150,16 @@ def _fit(
     if not s.min_radius <= radius <= s.max_radius or distance - radius > s.max_range:
         return None
     return Trunk(level.direction(float(axis)), distance, radius, sigma, assumed)
+
+
+def within(bound: float, sine: float, s: TrunkSettings) -> tuple[float, float]:
+    """Return the distance [m] and σ of the surface of an obstacle whose foot is within `bound` [m].
+
+    sine: of half its angular width. The foot lies below the picture, so that only the place where
+    the obstacle leaves the picture bounds the distance; and so does the largest radius.
+    """
+    bound = min(bound, s.max_radius * (1.0 / max(sine, 1e-3) - 1.0))
+    return _MEDIAN * bound, _SPREAD * bound + 0.05
 
 
 def _runs(columns: Columns, max_range: float) -> list[tuple[int, int]]:

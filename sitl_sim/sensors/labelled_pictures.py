@@ -7,20 +7,22 @@ for labelled in stream(seed=1): ...
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.frames import quaternion_from_euler
 from sitl_sim.sensors.drones import Look
-from sitl_sim.sensors.fisheye import Lens
+from sitl_sim.sensors.fisheye import R_BC, Lens, rotation
 from sitl_sim.sensors.looks import bodies, look
 from sitl_sim.sensors.looks.renderer import LookRenderer
 from sitl_sim.sensors.scenes import RADIUS, Scene, varied_scenes
 from sitl_sim.worlds.ground import Ground
 
 PER_WORLD = 25  # pictures
+PER_CROWDED_WORLD = 50  # building a world takes as long as 40 pictures of it
 SIZES = (0.05, 0.3)  # m, radius to the propeller tips of mixed drones
 _BODIES = 12  # in one world
 
@@ -99,6 +101,47 @@ def _imaged(offsets: Vector, radii: Vector, lens: Lens) -> tuple[Vector, Vector]
     return pixel, size
 
 
+def _crowded(rng: np.random.Generator, scene: Scene, lens: Lens, count: int, reach: float) -> Scene:
+    """Return the scene with up to `count` other drones, spread over the view, none before another.
+
+    Half of them are near the horizon, where neighbours fly.
+    """
+    to_world = (rotation(scene.q) @ R_BC).T
+    ground = Ground(scene.world)
+    offsets: list[Vector] = []
+    pixels, sizes = np.zeros((0, 2)), np.zeros(0)
+    for n in range(3 * count):
+        away = float(np.exp(rng.uniform(np.log(0.5), np.log(reach))))
+        if n % 2:
+            away = float(rng.uniform(0.5, reach))
+            yaw, up = rng.uniform(-np.pi, np.pi), rng.normal(0, 0.15)
+            ray = np.array([np.cos(yaw) * np.cos(up), np.sin(yaw) * np.cos(up), np.sin(up)])
+            ray = ray @ to_world.T
+        else:
+            ray = lens.rays[:, rng.integers(lens.height), rng.integers(lens.width)].astype(float)
+        pixel, size = _imaged(away * ray[None], np.full(1, RADIUS), lens)
+        inside = (pixel[0] > 0).all() and (pixel[0] < [lens.width - 1, lens.height - 1]).all()
+        apart = (np.linalg.norm(pixels - pixel, axis=1) > 1.1 * (sizes + size)).all()
+        place = scene.p + away * ray @ to_world
+        over = place[2] - ground.height(place[0], place[1]) > 1.2 * RADIUS
+        if inside and apart and over and len(offsets) < count:
+            offsets.append(place)
+            pixels, sizes = np.vstack([pixels, pixel]), np.append(sizes, size)
+    m = len(offsets)
+    tilts = np.radians(rng.uniform(-25, 25, (m, 2)))
+    attitudes = [
+        quaternion_from_euler(roll, pitch, rng.uniform(-np.pi, np.pi)) for roll, pitch in tilts
+    ]
+    return replace(
+        scene,
+        drones=np.array(offsets).reshape(-1, 3),
+        attitudes=np.array(attitudes).reshape(-1, 4),
+        velocities=np.zeros((m, 3)),
+        ids=rng.integers(0, _BODIES, m),
+        visible=np.ones(m),
+    )
+
+
 def drawn_bodies(
     kind: str, rng: np.random.Generator, radius: float = RADIUS, count: int = _BODIES
 ) -> list[bodies.Body | Look]:
@@ -128,11 +171,14 @@ def stream(
     lens: Lens | None = None,
     reach: float = 13.0,
     tilt_deg: float = 35.0,
+    crowd: int = 0,
 ) -> Iterator[Labelled]:
     """Yield labelled pictures without an end; each PER_WORLD are of one world and one look.
 
-    name: of the look. drones: as `drawn_bodies`. reach: m, of the farthest drone.
+    name: of the look. drones: as `drawn_bodies`. reach: m, of the farthest drone. crowd: drones
+    that two pictures of three show, spread over the view; 0: no such pictures.
     """
+    each = PER_CROWDED_WORLD if crowd else PER_WORLD
     lens = lens or Lens(640, 400)
     rng = np.random.default_rng([seed, 85])
     while True:
@@ -140,9 +186,11 @@ def stream(
         made = drawn_bodies(drones, rng)
         radii = np.array([b.radius if isinstance(b, bodies.Body) else RADIUS for b in made])
         renderer: LookRenderer | None = None
-        for k, scene in enumerate(varied_scenes(PER_WORLD, own, lens, tilt_deg, reach)):
+        for k, scene in enumerate(varied_scenes(each, own, lens, tilt_deg, reach)):
             if renderer is None:
                 renderer = LookRenderer(scene.world, look.draw(name, own), lens, own, made)
-            moved = Scene(**{**scene.__dict__, "ids": scene.ids + k})
+            moved = replace(scene, ids=scene.ids + k)
+            if crowd and k % 3:
+                moved = _crowded(rng, scene, lens, crowd, reach)
             strangers = int(rng.integers(1, 5)) if rng.random() < 0.4 else 0
             yield render_labelled(renderer, moved, own + k, radii, strangers=strangers)
