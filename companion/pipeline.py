@@ -30,7 +30,7 @@ from companion.estimation.neighbours import NeighbourEstimator
 from companion.estimation.vehicle import VehicleEstimate, VehicleEstimator
 from companion.guidance.guidance import Guidance, Reference
 from companion.perception.frontend import Detections, PerceptionFrontend, make_view
-from companion.services.services import Served, Services, Situation, Wish
+from companion.services.services import Served, Services, Situation, Wish, nearest
 from companion.settings.config import CompanionConfig
 from companion.stage_clock import StageClock
 from companion.supervision.guard import Broken
@@ -184,7 +184,17 @@ class Companion:
             supervised.in_control,
         )
         reason = supervised.verdict.reason if supervised.verdict else None
-        self._before = Situation(supervised.phase, reason, len(tracks))
+        self._before = Situation(
+            supervised.phase,
+            reason,
+            len(tracks),
+            seen.fault,
+            nearest(own, tracks),
+            motion.hover.doubt,
+            vehicle.packet_loss,
+            -1 if reference is None else reference.progress.index,
+            supervised.inhibit_reason or (broken.finding if broken else ""),
+        )
         self._services.took(sum(run.taken.values()))
         results = (vehicle, seen, obstacles, tracks, motion, reference, planned, supervised)
         told = supervised.inhibit_reason
@@ -219,6 +229,7 @@ class Companion:
             self_tested=planned.self_tested,
             leave=inputs.leave,
             give_back=None if wish is None else _GIVE_BACK.get(wish),
+            resume=wish is Wish.RESUME,
             failure=failure,
             broken=broken,
         )

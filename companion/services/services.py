@@ -15,10 +15,11 @@ from importlib.metadata import PackageNotFoundError, version
 import numpy as np
 
 from companion.guidance.fence import FenceConfig
+from companion.perception.camera_health import CameraFault
 from companion.perception.config import CameraConfig
 from companion.services.goals import MISSION_MESSAGES, GoalServer
 from companion.supervision.guard import Reason
-from companion.types import Phase
+from companion.types import Phase, Track
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.wire.ids import (
     AutopilotId,
@@ -26,6 +27,7 @@ from mavlink_bridge.wire.ids import (
     CommandId,
     CommandResult,
     MessageId,
+    Severity,
     SystemState,
     VehicleType,
 )
@@ -41,6 +43,8 @@ from mavlink_bridge.wire.messages import (
     Ping,
     Received,
     Source,
+    StatusText,
+    VehicleState,
 )
 
 _PERIOD = 0.99  # s between heartbeats, and between figures: a tick may come a little early
@@ -49,6 +53,9 @@ _NAN = float("nan")
 _UNIQUE = 0x5357_0000  # plus the system id
 PHASES = list(Phase)  # their places are the numbers of the figure `phase`
 REASONS = list(Reason)  # likewise of `guard`; -1: no command
+FAULTS = list(CameraFault)  # likewise of `camera`
+_SAID_AGAIN = 10.0  # s between two STATUSTEXTs of the same words
+_TEXT = 50  # bytes of one STATUSTEXT
 
 
 class Wish(Enum):
@@ -58,6 +65,7 @@ class Wish(Enum):
     HOLD = "hold"
     RETURN = "return"
     LAND = "land"
+    RESUME = "resume"  # stand by again for a vehicle that was given back
 
 
 _WISHES = {
@@ -65,18 +73,29 @@ _WISHES = {
     CommandId.NAV_RETURN_TO_LAUNCH: Wish.RETURN,
     CommandId.NAV_LAND: Wish.LAND,
 }
+_PAUSE, _CONTINUE = 0.0, 1.0  # param1 of DO_PAUSE_CONTINUE
+_UNRESUMABLE = (Phase.ARM, Phase.TAKEOFF, Phase.LAND)
 
 
 @dataclass(frozen=True)
 class Situation:
     """What the services tell of the tick before.
 
-    reason: of the guard's command; None: none went out. neighbours: how many are tracked.
+    reason: of the guard's command; None: none went out. neighbours: how many are tracked; nearest:
+    m, the distance to the nearest, infinite without any. hover_doubt: 1 σ as a share of the hover
+    thrust. packet_loss: share of the telemetry. goal: index of the present one; -1: none. words:
+    why the companion does not take over, or what it found wrong; empty: all is well.
     """
 
     phase: Phase
     reason: Reason | None = None
     neighbours: int = 0
+    camera: CameraFault = CameraFault.NONE
+    nearest: float = np.inf
+    hover_doubt: float = 0.0
+    packet_loss: float = 0.0
+    goal: int = -1
+    words: str = ""
 
 
 @dataclass(frozen=True)
@@ -104,7 +123,9 @@ class Services:
         self._fence = fence
         self._goals = GoalServer(goals, self._out_of_bounds)
         self._home: HomePosition | None = None
-        self._beat_at = self._figures_at = -np.inf
+        self._beat_at = self._figures_at = self._said_at = -np.inf
+        self._told = Situation(Phase.WAIT)  # by the last figures
+        self._said, self._texts = "", 0
         self._times: deque[float] = deque(maxlen=_TICKS)
         self._time = 0.0
         self._messages: dict[int, Callable[[], Message]] = {
@@ -114,7 +135,7 @@ class Services:
 
     def reset(self) -> None:
         """Forget what hangs on the vehicle's clock and place: it has started anew."""
-        self._beat_at = self._figures_at = -np.inf
+        self._beat_at = self._figures_at = self._said_at = -np.inf
         self._home = None
 
     def took(self, seconds: float) -> None:
@@ -164,39 +185,66 @@ class Services:
             result = CommandResult.DENIED if make is None else CommandResult.ACCEPTED
             messages = [] if make is None else [make()]
         elif m.command in _WISHES:
-            result = self._may(m, phase)
-            wish = _WISHES[CommandId(m.command)] if result == CommandResult.ACCEPTED else wish
+            result, asked = self._may(m, phase)
+            wish = asked if result == CommandResult.ACCEPTED else wish
         ack = CommandAck(m.command, result, sender.system, sender.component)
         return [ack, *messages], wish
 
-    def _may(self, m: Command, phase: Phase) -> CommandResult:
-        """Return whether a wish is met: only for a vehicle that this companion flies.
+    def _may(self, m: Command, phase: Phase) -> tuple[CommandResult, Wish]:
+        """Return whether a wish is met, and which: only for a vehicle that this companion flies.
 
-        To go on after a pause is denied: control that was given back is never retaken unasked by
-        the pilot, who chooses the mode.
+        To go on after a pause is to stand by: the vehicle is retaken only by a change of its mode,
+        which the pilot or the ground station makes. Asked twice, as where the answer is lost, it
+        is granted twice.
         """
-        if m.command == CommandId.DO_PAUSE_CONTINUE and m.params[0] != 0.0:
-            return CommandResult.DENIED
-        if _WISHES[CommandId(m.command)] not in self._wishes:
-            return CommandResult.UNSUPPORTED
-        return CommandResult.ACCEPTED if phase.on_mission else CommandResult.TEMPORARILY_REJECTED
+        wish = _WISHES[CommandId(m.command)]
+        refused, granted = CommandResult.TEMPORARILY_REJECTED, CommandResult.ACCEPTED
+        if wish is Wish.HOLD and m.params[0] == _CONTINUE:
+            return refused if phase in _UNRESUMABLE else granted, Wish.RESUME
+        if wish is Wish.HOLD and m.params[0] != _PAUSE:
+            return CommandResult.DENIED, wish
+        if wish not in self._wishes:
+            return CommandResult.UNSUPPORTED, wish
+        return granted if phase.on_mission else refused, wish
 
     def _unasked(self, time: float, now: Situation) -> list[Message]:
-        """Return heartbeat and figures where they are due."""
+        """Return heartbeat, figures and words where they are due; a new phase is told at once."""
         due: list[Message] = []
-        if time - self._beat_at >= _PERIOD:
+        changed = now.phase is not self._told.phase
+        if changed or time - self._beat_at >= _PERIOD:
             self._beat_at = time
             due.append(heartbeat(now))
-        if time - self._figures_at >= _PERIOD:
-            self._figures_at = time
-            slow = float(np.percentile(self._times, 99)) * 1e3 if self._times else 0.0
-            due += [
-                NamedValue(time, "phase", PHASES.index(now.phase)),
-                NamedValue(time, "guard", -1 if now.reason is None else REASONS.index(now.reason)),
-                NamedValue(time, "tick_p99", slow),
-                NamedValue(time, "neighbours", now.neighbours),
-            ]
+        if changed or time - self._figures_at >= _PERIOD:
+            self._figures_at, self._told = time, now
+            due += self._figures(time, now)
+        if now.words and (now.words != self._said or time - self._said_at >= _SAID_AGAIN):
+            if time - self._said_at >= _PERIOD:  # words with a number in them change each tick
+                self._said, self._said_at = now.words, time
+                due += self._texted(now.words)
         return due
+
+    def _figures(self, time: float, now: Situation) -> list[Message]:
+        slow = float(np.percentile(self._times, 99)) * 1e3 if self._times else 0.0
+        figures: dict[str, float | int] = {
+            "phase": PHASES.index(now.phase),
+            "guard": -1 if now.reason is None else REASONS.index(now.reason),
+            "tick_p99": slow,
+            "neighbours": now.neighbours,
+            "nearest": float(now.nearest) if np.isfinite(now.nearest) else -1.0,
+            "camera": FAULTS.index(now.camera),
+            "goal": now.goal,
+            "hover_sd": float(now.hover_doubt),
+            "loss": float(now.packet_loss),
+        }
+        return [NamedValue(time, name, value) for name, value in figures.items()]
+
+    def _texted(self, words: str) -> list[Message]:
+        """Return STATUSTEXTs of 50 bytes each that together hold the words."""
+        data = words.replace("±", "+-").encode("ascii", "replace")
+        pieces = [data[i : i + _TEXT].decode() for i in range(0, len(data), _TEXT)]
+        self._texts = self._texts % 0xFFFF + 1
+        number = self._texts if len(pieces) > 1 else 0
+        return [StatusText(Severity.WARNING, p, number, n) for n, p in enumerate(pieces)]
 
     def _out_of_bounds(self, goal: Vector) -> str:
         beyond, _ = self._fence.across(goal, np.zeros(3))
@@ -213,6 +261,13 @@ class Services:
     def _version(self) -> AutopilotVersion:
         capabilities = Capability.MISSION_INT | Capability.MISSION_FLOAT | Capability.MAVLINK2
         return AutopilotVersion(int(capabilities), _release(), _UNIQUE + self._own.system)
+
+
+def nearest(own: VehicleState | None, tracks: Sequence[Track]) -> float:
+    """Return the distance [m] to the nearest track; infinite where there is none, or no own."""
+    if own is None:
+        return np.inf
+    return min((float(np.linalg.norm(t.p - own.p)) for t in tracks), default=np.inf)
 
 
 def heartbeat(now: Situation) -> Heartbeat:

@@ -1,7 +1,8 @@
 """Phases: from power-up to landing, when to arm, take off, take control, and give it back.
 
 Only HEARTBEAT tells what the vehicle does. A pilot's mode change always wins: from the request to
-arm until the landing, a mode that was not asked for makes the companion passive for the rest.
+arm until the landing, a mode that was not asked for makes the companion passive, until it is told
+to resume.
 """
 
 from __future__ import annotations
@@ -68,6 +69,18 @@ class PhaseMachine:
         """Give control back, then end the stream; of several ways the last in `GiveBack` wins."""
         self._releasing = True
         self._giving = max(self._giving, how)
+
+    def resume(self) -> None:
+        """Wait for the pilot again, passive or landed before: as a companion that starts anew.
+
+        It then arms nothing, and takes over only in a change to offboard that it sees begin.
+        """
+        if self.phase not in (Phase.PASSIVE, Phase.DONE):
+            return
+        self.phase = Phase.WAIT
+        self._releasing, self._heard, self._armed_by_pilot = False, False, True
+        self._giving = self._given = GiveBack.HOLD
+        self._requested_at = _NEVER
 
     def rebooted(self) -> None:
         """Give up control of an autopilot that started anew; forget what was requested of it."""

@@ -90,6 +90,7 @@ class Supervision:
         self_tested: bool,
         leave: bool,
         give_back: GiveBack | None = None,
+        resume: bool = False,
         failure: str = "",
         broken: Broken | None = None,
     ) -> Supervised:
@@ -97,11 +98,14 @@ class Supervision:
 
         hover: the hover thrust, without which the companion does not take over.
         self_tested: the solver works. leave: control is to be given back to the autopilot.
-        give_back: a ground station asks for that, and how. failure: the stage that failed, in
+        give_back: a ground station asks for that, and how. resume: it asks the companion to stand
+        by for the vehicle again. failure: the stage that failed, in
         words; empty: none. broken: the gravest assumption that does not hold.
         """
         inhibit_reason = failure or vehicle.inhibit_reason or seen.inhibit_reason
         verdict: Verdict | None = None
+        if resume:
+            self._phases.resume()
         if leave:
             self._phases.release()
         if give_back is not None:

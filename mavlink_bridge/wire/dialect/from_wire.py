@@ -366,7 +366,9 @@ FROM_WIRE: dict[int, Callable[[Any], m.Message]] = {
     mavlink.MAVLINK_MSG_ID_SET_MODE: lambda w: m.SetMode(
         w.target_system, w.base_mode, w.custom_mode
     ),
-    mavlink.MAVLINK_MSG_ID_STATUSTEXT: lambda w: m.StatusText(w.severity, _text(w.text)),
+    mavlink.MAVLINK_MSG_ID_STATUSTEXT: lambda w: m.StatusText(
+        w.severity, _text(w.text), w.id, w.chunk_seq
+    ),
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: _system_status,
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: _battery,
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: lambda w: m.ExtendedSystemState(w.landed_state),

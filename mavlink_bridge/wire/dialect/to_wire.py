@@ -427,7 +427,9 @@ TO_WIRE: dict[type, Callable[[Any], Any]] = {
     m.HilSensor: _hil_sensor,
     m.HilGps: _hil_gps,
     m.AutopilotVersion: _autopilot_version,
-    m.StatusText: lambda s: mavlink.MAVLink_statustext_message(s.severity, s.text.encode()[:50]),
+    m.StatusText: lambda s: mavlink.MAVLink_statustext_message(
+        s.severity, s.text.encode()[:50], s.number, s.chunk
+    ),
     m.ParamValue: lambda p: mavlink.MAVLink_param_value_message(
         p.name.encode(), p.value, p.param_type, p.count, p.index
     ),

@@ -19,10 +19,15 @@ class Heartbeat:
 
 @dataclass(frozen=True)
 class StatusText:
-    """STATUSTEXT; severity as in syslog (0 emergency … 7 debug)."""
+    """STATUSTEXT; severity as in syslog (0 emergency … 7 debug).
+
+    A text of more than 50 bytes comes in chunks with one `number`, not 0; chunk: which.
+    """
 
     severity: int
     text: str
+    number: int = 0
+    chunk: int = 0
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ class Drone:
                 "camera": {"width": 64, "height": 64},
                 "gaze": {"survey": 0.0},
                 "fence": {"east": [-20, 20], "north": [-20, 20]},
-                "airframe": {"hover_doubt": 0.05},
+                "airframe": {"hover_doubt": 0.04},
             }
         )
         self.companion, self.k = Companion(config, lambda: 0.0), 0
@@ -85,6 +85,36 @@ def test_control_is_given_back_as_asked_and_the_stream_ends_with_the_mode(number
     assert (tick.supervised.phase, tick.setpoint) == (Phase.PASSIVE, None)
     tick = drone.tick(mode, Command(number, (0.0,) * 7, 1, 191))
     assert replies(tick, CommandAck) == [CommandAck(number, 1, 255, 190)]
+
+
+CONTINUE = Command(193, (1.0, *(0.0,) * 6), 1, 191)
+
+
+def test_a_companion_told_to_resume_flies_on_once_the_mode_is_changed_again():
+    """Its mission goes on where it was; the companion itself asks for nothing."""
+    drone = Drone()
+    drone.tick("hold")
+    assert [drone.tick("hold").supervised.phase for _ in range(5)] == [Phase.PASSIVE] * 5
+    tick = drone.tick("hold", CONTINUE)
+    assert replies(tick, CommandAck) == [CommandAck(193, 0, 255, 190)]
+    ticks = [drone.tick("hold") for _ in range(15)]
+    assert ticks[-1].supervised.phase is Phase.ENGAGE
+    assert ticks[-1].setpoint is not None  # which the vehicle ignores in hold
+    asked = [m for t in (tick, *ticks) for m in t.supervised.requests]
+    assert not [m for m in asked if isinstance(m, Command) and m.command != 511]
+    tick = [drone.tick("offboard") for _ in range(3)][-1]
+    assert tick.supervised.phase is Phase.FLY
+    np.testing.assert_allclose(tick.reference.progress.goal, [4.5, 0.0, 2.0])
+
+
+def test_a_vehicle_that_is_in_offboard_without_it_is_not_retaken():
+    drone = Drone()
+    drone.tick("hold")
+    drone.tick("offboard")  # another program's
+    drone.tick("offboard", CONTINUE)
+    ticks = [drone.tick("offboard") for _ in range(15)]
+    assert {(t.supervised.phase, t.setpoint) for t in ticks} == {(Phase.WAIT, None)}
+    assert "a pilot must choose another mode" in ticks[-1].supervised.inhibit_reason
 
 
 def test_a_vehicle_disarmed_in_flight_is_let_go_in_that_tick():

@@ -31,10 +31,17 @@ class Ground:
         self.mine = mavlink.MAVLink(None, *GROUND)
         self.time = 100.0
         self.wish, self.goals = Wish.NONE, None
+        self.phase = Phase.WAIT
         self.unasked = self.exchange()
 
-    def exchange(self, *messages, now=WAIT, after=0.1, home=None):
-        """Send pymavlink's messages, tick once, and return the replies as pymavlink reads them."""
+    def exchange(self, *messages, now=WAIT, after=0.1, home=None, settled=True):
+        """Send pymavlink's messages, tick once, and return the replies as pymavlink reads them.
+
+        settled: what a new phase makes the companion tell unasked came a tick before.
+        """
+        if settled and now.phase is not self.phase:
+            self.services.update(self.time, [], now)
+        self.phase = now.phase
         self.time += after
         received = []
         for m in messages:
@@ -89,13 +96,31 @@ def test_figures_once_a_second():
         ground.services.took(0.05 if k == 7 else 0.004)
     told = [m for _ in range(20) for m in ground.exchange(now=FLY)]
     figures = [m for m in told if m.get_type().startswith("NAMED_VALUE")]
-    assert len(figures) == 2 * 4
+    assert len(figures) == 2 * 9
     values = {m.name: m.value for m in figures}
     assert values["phase"] == 4
     assert values["guard"] == 8  # Reason.PLAN: LATE came before it
     assert values["neighbours"] == 3
     assert values["tick_p99"] == pytest.approx(4.46, abs=0.01)  # ms
     assert all(m.get_type() == "NAMED_VALUE_INT" for m in figures if m.name == "phase")
+
+
+def test_a_new_phase_is_told_at_once():
+    ground = Ground()
+    ground.exchange(now=FLY)
+    told = ground.exchange(now=Situation(Phase.PASSIVE), after=0.1, settled=False)
+    assert [m.system_status for m in told if m.get_type() == "HEARTBEAT"] == [3]
+    assert [m.value for m in told if getattr(m, "name", "") == "phase"] == [7]
+
+
+def test_long_words_come_in_chunks_and_again_while_they_hold():
+    words = "it flew in offboard before this companion started: a pilot must choose another mode"
+    ground = Ground()
+    now = Situation(Phase.WAIT, words=words)
+    told = [m for _ in range(105) for m in ground.exchange(now=now)]
+    texts = [m for m in told if m.get_type() == "STATUSTEXT"]
+    assert [(m.id, m.chunk_seq) for m in texts] == [(1, 0), (1, 1), (2, 0), (2, 1)]
+    assert texts[0].text + texts[1].text == words
 
 
 def test_uploaded_items_become_goals_in_the_drones_own_frame():
@@ -180,13 +205,23 @@ def test_hold_return_and_land_by_command(number, params, wish):
 
 def test_to_go_on_and_what_the_autopilot_cannot_do_are_refused():
     ground = Ground(wishes=frozenset({Wish.HOLD, Wish.LAND}))
-    (ack,) = ground.exchange(command(193, 1), now=FLY)
+    (ack,) = ground.exchange(command(193, 0.5), now=FLY)
     assert ack.result == 2
+    (ack,) = ground.exchange(command(193, 1), now=Situation(Phase.LAND))
+    assert ack.result == 1
     (ack,) = ground.exchange(command(20), now=FLY)
     assert ack.result == 3
     (ack,) = ground.exchange(command(400, 1), now=FLY)
     assert ack.result == 3
     assert ground.wish is Wish.NONE
+
+
+@pytest.mark.parametrize("phase", [Phase.PASSIVE, Phase.DONE, Phase.WAIT, Phase.FLY])
+def test_resume_is_granted_as_often_as_it_is_asked(phase):
+    ground = Ground()
+    for _ in range(2):
+        (ack,) = ground.exchange(command(193, 1), now=Situation(phase))
+        assert (ack.result, ground.wish) == (0, Wish.RESUME)
 
 
 def test_camera_and_version_on_request():

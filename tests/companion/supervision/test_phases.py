@@ -98,6 +98,28 @@ def test_control_is_given_back(adapter, modes):
     assert flown.tick("offboard", height=3.0).phase is Phase.PASSIVE
 
 
+@pytest.mark.parametrize(("adapter", "modes"), ALL)
+def test_a_companion_that_resumes_neither_arms_nor_takes_off(adapter, modes):
+    """Though `mission.auto` lets it do both when it starts."""
+    flown = Flown(adapter, modes, auto=True)
+    flown.until(Phase.FLY)
+    flown.tick("land", height=1.0)
+    flown.phases.resume()
+    up = [flown.tick("land", height=1.0) for _ in range(15)]
+    down = [flown.tick(adapter.mode_after_takeoff, armed=False) for _ in range(35)]
+    assert {d.phase for d in up + down} == {Phase.WAIT}
+    asked = [m for d in up + down for m in d.requests]
+    assert [m for m in asked if m not in adapter.request_streams()] == []
+
+
+def test_a_companion_that_flies_goes_on_when_told_to_resume():
+    flown = Flown(Px4(1), PX4, auto=True)
+    flown.until(Phase.FLY)
+    flown.phases.release()
+    flown.phases.resume()  # control is being given back: that goes on
+    assert flown.tick("offboard", height=2.0).requests == Px4(1).hold()
+
+
 def test_a_companion_without_control_gives_nothing_back():
     flown = Flown(Px4(1), PX4)
     flown.tick("offboard", armed=False)
