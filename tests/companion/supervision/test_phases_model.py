@@ -49,6 +49,7 @@ class Checked:
     def __init__(self, adapter, auto, land):
         self.machine = PhaseMachine(MissionConfig(auto=auto, land=land), adapter)
         self.adapter, self.auto, self.now = adapter, auto, 0.0
+        self.resumed = False  # from then on it is as without `auto`
         self.arms = {adapter.arm()[-1]}  # of several messages the last one arms
         self.climbs, self.engages = {adapter.takeoff(2.0)[-1]}, set(adapter.offboard())
 
@@ -66,7 +67,7 @@ class Checked:
         streamed = min(round(self.now - m._engaged_at, 1), 0.3)
         return (
             m.phase, due, answer, streamed, m._ground, m._releasing, m._giving, m._given,
-            m._heard, m._found_in_offboard, m._armed_by_pilot, m._takeoff_seen,
+            m._heard, m._found_in_offboard, m._armed_by_pilot, m._takeoff_seen, self.resumed,
         )  # fmt: skip
 
     def tick(self, told):
@@ -76,6 +77,9 @@ class Checked:
         before = m.phase
         if told.release == "reboot":
             m.rebooted()
+        elif told.release == "resume":
+            self.resumed |= before in (Phase.PASSIVE, Phase.DONE)
+            m.resume()
         elif told.release is not None:
             m.release(told.release)
         heartbeat = None
@@ -94,7 +98,12 @@ class Checked:
             assert not d.stream, told  # never a stream in passive
         if told.release == "reboot":
             assert before is Phase.WAIT or d.phase is Phase.PASSIVE, told
-        if before in (Phase.PASSIVE, Phase.DONE):
+        if self.resumed:
+            assert not asked & (self.arms | self.climbs | self.engages), told
+        if before in (Phase.PASSIVE, Phase.DONE) and told.release == "resume":
+            assert d.phase in (before, Phase.WAIT, Phase.ENGAGE), told
+            assert d.phase is not Phase.ENGAGE or told.armed, told
+        elif before in (Phase.PASSIVE, Phase.DONE):
             assert d.phase in (before, Phase.PASSIVE), told  # control is never taken again
             assert not asked, told
         if d.stream:
@@ -185,7 +194,7 @@ def checked(name, auto, land, gaps, releases, modes, flags):
 def coarse(name, auto, land=True):
     """A search that takes seconds: half a second a tick."""
     modes = ("hold", "takeoff", "offboard", "land", "other")
-    releases = (None, GiveBack.HOLD, GiveBack.LAND, "reboot")
+    releases = (None, GiveBack.HOLD, GiveBack.LAND, "reboot", "resume")
     return checked(name, auto, land, (0.5,), releases, modes, FEW)
 
 
@@ -206,7 +215,7 @@ def test_every_state_has_a_way_out_and_no_step_does_what_must_not_be(name, auto,
 @pytest.mark.parametrize("name", ADAPTERS)
 def test_the_same_with_ticks_of_each_length_and_every_way_back(name, auto, land, capsys):
     modes = ("hold", "takeoff", "offboard", "land", "rtl", "other")
-    releases = (None, *GiveBack, "reboot")
+    releases = (None, *GiveBack, "reboot", "resume")
     found = checked(name, auto, land, (0.1, 1.0), releases, modes, EVERY)
     assert found.transitions > 100_000
     with capsys.disabled():
