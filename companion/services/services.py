@@ -217,10 +217,11 @@ class Services:
         if changed or time - self._figures_at >= _PERIOD:
             self._figures_at, self._told = time, now
             due += self._figures(time, now)
-        if now.words and (now.words != self._said or time - self._said_at >= _SAID_AGAIN):
-            if time - self._said_at >= _PERIOD:  # words with a number in them change each tick
-                self._said, self._said_at = now.words, time
-                due += self._texted(now.words)
+        # New words wait, too: where they hold a number, they change each tick.
+        wait = _SAID_AGAIN if now.words == self._said else _PERIOD
+        if now.words and time - self._said_at >= wait:
+            self._said, self._said_at = now.words, time
+            due += self._texted(now.words)
         return due
 
     def _figures(self, time: float, now: Situation) -> list[Message]:
