@@ -21,6 +21,7 @@ COMMANDS = (
     "window",
     "campaign",
     "study",
+    "commissioning",
     "scenarios",
     "report",
     "export",

@@ -21,6 +21,7 @@ NEEDS = {
     "campaign orca": (["campaign", "forest", "--controller", "orca"], "studies"),
     "campaign --scheduler": (["campaign", "forest", "--scheduler", "tcp://h:1"], "cluster"),
     "study": (["study", "horizon"], "studies"),
+    "commissioning": (["commissioning"], "sim"),
     "scenarios --plans": (["scenarios", "--plans", "plans"], "studies"),
     "report": (["report", "run"], "sim"),
     "frames": (["frames", "frames"], "sim"),
