@@ -106,13 +106,14 @@ def _of_camera(fit: CameraFit | None, turned: Vector) -> list[Finding]:
     if fit is None:
         why = "too few pictures could be compared: is there anything to see?"
         return [_refused(name, why) for name in _CAMERA]
-    why = ""
     if fit.explained < _EXPLAINED:
         why = (
             f"only {fit.explained:.0%} of what was followed moves as the gyro says: a mirrored or "
             "loose camera, another lens, or other things that move"
         )
-    elif abs(fit.values[3]) > _LAG:
+        return [_refused(name, why) for name in _CAMERA]
+    why = ""
+    if abs(fit.values[3]) > _LAG:
         why = f"the pictures' lag is beyond {_LAG:g} s, where nothing was tried"
     elif not _FOCAL[0] < fit.values[4] < _FOCAL[1]:
         why = f"the focal length would be {fit.values[4]:.2f} times the configured one"
@@ -170,12 +171,13 @@ def _judged(
     """
     kind = _KINDS[name]
     off = abs(float(halves[1] - halves[0]))
-    sigma = math.hypot(sigma, kind.floor, off / 2.0 if steady else 0.0)
-    if not why and off > kind.apart:
-        said = " and ".join(f"{h:.3g}" for h in halves)
-        why = f"the halves of the flight disagree: {said} {kind.unit}".rstrip()
-    if not why and not sigma <= kind.sure:
-        why = f"known to ±{sigma:.2g} {kind.unit}".rstrip() + f" only{more}"
+    own = math.hypot(sigma, kind.floor)
+    sigma = math.hypot(own, off / 2.0) if steady else own
+    both = " and ".join(f"{h:.3g}" for h in halves) + f" {kind.unit}".rstrip()
+    if not own <= kind.sure:  # first: what is not determined may be anything
+        why = f"known to ±{own:.2g} {kind.unit}".rstrip() + f" only{more}"
+    elif not why and (off > kind.apart or not sigma <= kind.sure):
+        why = f"the halves of the flight disagree: {both}"
     return Finding(name, value, sigma, kind.unit, why)
 
 

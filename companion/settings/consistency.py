@@ -19,6 +19,12 @@ def contradictions(config: CompanionSections) -> Iterator[Contradiction]:
     yield from _distances(config)
     yield from _ticks(config)
     yield from _input_bounds(config)
+    if config.mission.commission and config.log.path is None:
+        yield Contradiction(
+            ("mission.commission", "log.path"),
+            "commission: a flight without log.path tells nothing: `companion run --commission "
+            "FLIGHT.mcap` sets both",
+        )
 
 
 def _sources(config: CompanionSections) -> Iterator[Contradiction]:
