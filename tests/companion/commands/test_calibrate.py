@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 
 from companion.__main__ import main
+from companion.flightlog.recorder import Recorder
 from companion.perception.camera import Camera
+from tests.companion.ticks import config, tick
 
 TRUE = Camera(640, 400, 231.0, 229.5, 322.4, 196.8, np.array([0.03, -0.012, 0.004, -0.0006]))
 BOARD, SQUARE = (9, 6), 0.1
@@ -67,3 +69,19 @@ def test_too_few_boards_and_no_pictures_are_told(folder, tmp_path, capsys):
     with pytest.raises(SystemExit):
         main(["calibrate", *pictures, "--board", "9by6"])
     assert "COLUMNSxROWS" in capsys.readouterr().err
+
+
+def test_a_log_without_corners_and_mixed_files_are_told(folder, tmp_path, capsys):
+    log = tmp_path / "flight.mcap"
+    recorder = Recorder(config(log), log)
+    for n in range(3):
+        recorder.write(*tick(n), [], {}, {})
+    recorder.close()
+    assert main(["calibrate", str(log)]) == 2
+    assert "holds no corners: fly with mission.commission" in capsys.readouterr().err
+    assert main(["calibrate", str(log), str(log)]) == 2
+    assert "one flight at a time" in capsys.readouterr().err
+    assert main(["calibrate", str(tmp_path / "none.mcap")]) == 2
+    assert "none.mcap" in capsys.readouterr().err
+    assert main(["calibrate", str(folder / "00.png"), "--write", "drone.yaml"]) == 2
+    assert "takes a flight" in capsys.readouterr().err

@@ -1,21 +1,10 @@
 """What a flight tells is found; what it cannot tell is refused, with the reason."""
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from companion.commissioning.findings import changes, find
-
-_spec = importlib.util.spec_from_file_location(
-    "made_flight", Path(__file__).with_name("made_flight.py")
-)
-_module = importlib.util.module_from_spec(_spec)
-sys.modules["made_flight"] = _module
-_spec.loader.exec_module(_module)
-made_flight = _module.made_flight
+from tests.companion.commissioning.made_flight import made_flight
 
 CAMERA = ["mount roll", "mount pitch", "mount yaw", "picture lag", "focal scale"]
 

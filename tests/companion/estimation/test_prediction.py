@@ -15,9 +15,9 @@ DELAY = 0.06
 class Predictor(StatePredictor):
     """A predictor with a history of its own."""
 
-    def __init__(self, delay):
+    def __init__(self, delay, drag=0.0):
         self.history = InputHistory(delay)
-        super().__init__(self.history)
+        super().__init__(self.history, drag)
 
     def sent(self, time, u):
         self.history.add(SentInput(time, u, 0.0))
@@ -78,3 +78,20 @@ def test_no_disturbance_is_learnt_while_the_autopilot_flies_by_itself():
         f.observe(vehicle(0.1 * k, x))
         x = predict(x, HOVER, 0.1, np.array([1.0, 0.0, 0.0]))
     assert np.array_equal(f.disturbance, np.zeros(3))
+
+
+def test_drag_that_is_known_is_no_disturbance():
+    """A gust of drag changes with the speed at once, and so does the prediction."""
+    f, x, drag = Predictor(DELAY, drag=0.3), rest(), 0.3
+    x[3:6] = 1.5, -0.5, 0.4
+    f.sent(-0.1, HOVER)
+    for k in range(100):
+        f.observe(vehicle(0.1 * k, x))
+        f.sent(0.1 * k, HOVER)
+        for _ in range(10):
+            x = predict(x, HOVER, 0.01, -drag * np.array([x[3], x[4], 0.0]))
+        x[3:6] = np.roll(x[3:6], 1) if k == 50 else x[3:6]
+    assert f.disturbance == pytest.approx([0.0, 0.0, 0.0], abs=0.02)
+    told = f.update(vehicle(10.0, x))
+    assert told.disturbance[:2] == pytest.approx(-drag * x[3:5], abs=0.02)
+    assert told.disturbance[2] == pytest.approx(0.0, abs=0.02)

@@ -12,10 +12,11 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from companion.__main__ import main
+from companion.flightlog import corners
 from companion.flightlog.reader import read_log, recover
 from companion.flightlog.recorder import Recorder
 from companion.types import Phase
-from mavlink_bridge.shared.mcap_file import Follower, LogError
+from mavlink_bridge.shared.mcap_file import Follower, LogError, read_messages, read_metadata
 from tests.companion.ticks import COSTS, config, tick
 
 PACKETS = [(False, bytes.fromhex("fd0900000101010000000000000002035104032a2b")), (True, b"abc")]
@@ -247,3 +248,25 @@ def test_the_schema_names_what_a_tick_holds(whole):
         schemas = {c.topic: s for s, c, _ in make_reader(file).iter_messages()}
     named = set(json.loads(schemas["/tick"].data)["properties"])
     assert named == {*read_log(whole).ticks[0]}
+
+
+def test_corners_are_logged_while_the_companion_flies(tmp_path):
+    path = tmp_path / "flight.mcap"
+    scene = np.random.default_rng(2).integers(0, 255, (20, 35, 3), np.uint8)
+    scene = cv2.resize(scene, (700, 400), interpolation=cv2.INTER_CUBIC)
+    pictures = [np.ascontiguousarray(scene[:, 3 * n : 3 * n + 640]) for n in range(8)]
+    phases = [Phase.TAKEOFF] * 3 + [Phase.FLY] * 5
+    ticks = [
+        tick(n, phase, image) for n, (phase, image) in enumerate(zip(phases, pictures, strict=True))
+    ]
+    write(path, ticks, corners=True).close()
+    pairs = [corners.decode(m.data) for _, m in read_messages(path, [corners.TOPIC])]
+    assert [(p.before, p.after) for p in pairs] == [(0.3, 0.4), (0.4, 0.5), (0.5, 0.6), (0.6, 0.7)]
+    moved = np.concatenate([p.pixels[:, 2:] - p.pixels[:, :2] for p in pairs])
+    np.testing.assert_allclose(np.median(moved, axis=0), [-3.0, 0.0], atol=0.1)
+    lens = json.loads(read_metadata(path)[corners.CAMERA]["calibration"])
+    assert (lens["width"], lens["height"]) == (640, 400)
+    assert len(read_log(path).ticks) == 8
+    write(path, ticks).close()
+    assert corners.CAMERA not in read_metadata(path)
+    assert not read_messages(path, [corners.TOPIC])

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -81,3 +82,51 @@ def test_impossible_detections_are_dropped():
     found = perception.see(0.1, frame, at)
     assert [d.range for d in found.drones] == [3.0]
     assert [t.radius for t in found.trunks] == [1.0]
+
+
+def test_a_configured_lag_dates_the_picture_and_its_state_back():
+    config = CompanionConfig.model_validate({"camera": {"lag": 0.08}})
+    view = make_view(config.camera, config.sensing)
+    perception = PerceptionFrontend(view, config.sensing, config.camera_health, config.camera.lag)
+    asked = []
+
+    def told(time):
+        asked.append(time)
+        return at(time)
+
+    found = perception.see(0.5, Frame(0.5, {"image": PICTURE}), told)
+    assert found.own.time == pytest.approx(0.42)
+    assert 0.42 in [pytest.approx(t) for t in asked]
+
+
+def test_a_measuring_flight_looks_for_nothing_and_forgives_its_mount():
+    config = CompanionConfig()
+    view = make_view(config.camera, config.sensing)
+    rng = np.random.default_rng(1)
+    scene = cv2.GaussianBlur(rng.integers(0, 255, (400, 2000, 3), np.uint8), (0, 0), 3)
+
+    def picture(time):  # pans to the left, as a mirrored camera that is turned to the left
+        left = round(60 * time * 4)
+        return np.ascontiguousarray(scene[:, left : left + 640])
+
+    def turning(time):
+        own = state([0.0, 0.0, 2.0])
+        return replace(own, time=time, omega=np.array([0.0, 0.0, 1.0]))
+
+    def last(measuring):
+        perception = PerceptionFrontend(
+            view, config.sensing, config.camera_health, measuring=measuring
+        )
+        for n in range(40):
+            time = 0.1 * n
+            frame = Frame(time, {"image": picture(time)})
+            found = perception.see(time + 0.02, frame, turning)
+        return found
+
+    assert last(measuring=False).fault is CameraFault.MISALIGNED
+    found = last(measuring=True)
+    assert found.fault is CameraFault.NONE
+    assert found.inhibit_reason == ""
+    assert found.started
+    assert not found.searched
+    assert not found.drones

@@ -42,3 +42,28 @@ def test_a_camera_on_its_side_shows_less_beside():
     view = View(dataclasses.replace(CAMERA, mount=mount), needs_foot=False)
     aside = 4.0 * np.array([np.cos(1.05), np.sin(1.05), 0.0])  # 60° off; 50° are in the picture
     assert view.visibility(OWN, (OWN.p + aside)[None], None)[0] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("mount_deg", "body"),
+    [
+        ([0, 0, 20], [np.cos(np.radians(20)), np.sin(np.radians(20)), 0]),  # to the left
+        ([0, 15, 0], [np.cos(np.radians(15)), 0, np.sin(np.radians(15))]),  # up
+        ([30, 0, 0], [1, 0, 0]),
+    ],
+)
+def test_a_camera_turned_on_its_mount_sees_its_axis_in_the_middle(mount_deg, body):
+    config = CameraConfig(mount_deg=[float(a) for a in mount_deg])
+    camera = load_camera(config)
+    view = View(camera, needs_foot=False)
+    pixel = camera.project(view.to_camera(OWN, np.array([body])))[0]
+    np.testing.assert_allclose(pixel, [319.5, 199.5], atol=1e-6)
+
+
+def test_in_a_camera_rolled_clockwise_the_world_turns_the_other_way():
+    """What is to the left comes down."""
+    camera = load_camera(CameraConfig(mount_deg=[30.0, 0.0, 0.0]))
+    left = View(camera, needs_foot=False).to_camera(OWN, np.array([[1.0, 0.5, 0.0]]))
+    u, v = camera.project(left)[0]
+    assert u < 300.0
+    assert v > 230.0
