@@ -1,5 +1,7 @@
 """A commissioning flight made up from numbers: its telemetry, its corners and its ticks."""
 
+import itertools
+
 import numpy as np
 
 from companion.commissioning.attitude_curve import AttitudeCurve
@@ -71,7 +73,7 @@ def _moved(axes, c, drag):
         a = lift[k - 1] - drag * np.array([1.0, 1.0, 0.0]) * v[k - 1]
         v[k] = v[k - 1] + DT * a
         p[k] = p[k - 1] + DT * v[k]
-    return p + [0.0, 0.0, 3.0 - p[:, 2].min()], v
+    return p + np.array([0.0, 0.0, 3.0 - p[:, 2].min()]), v
 
 
 def _attitudes(t, q):
@@ -88,7 +90,7 @@ def _pairs(t, q, p, rng, mount, later, lag, focal, mirrored, noise):
     points = np.stack([far * np.cos(angles), far * np.sin(angles), rng.uniform(0, 6, 400)], axis=1)
     lens = Camera.equidistant(640, 400, 160.0 / focal)
     times = np.arange(1.0, SECONDS - 1.0, TICK)
-    for before, after in zip(times, times[1:], strict=False):
+    for before, after in itertools.pairwise(times):
         seen = []
         for time in (before, after):
             k = round(time / DT)
