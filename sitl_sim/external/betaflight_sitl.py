@@ -12,9 +12,7 @@ import importlib.util
 import socket
 import struct
 import subprocess
-import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -22,22 +20,17 @@ from numpy.typing import NDArray
 
 from mavlink_bridge.betaflight import msp
 from mavlink_bridge.betaflight.msp import MspDecoder
-from mavlink_bridge.shared.frames import flu_frd, quaternion_enu_ned
+from sitl_sim.external.betaflight_link import simulator_link
+from sitl_sim.external.betaflight_relay import Relay
 from sitl_sim.external.external_sitl import ExternalError
 from sitl_sim.external.namespace import Host, Namespace
-from sitl_sim.external.priority import AUTOPILOT, BRIDGE, raise_priority
+from sitl_sim.external.priority import AUTOPILOT, raise_priority
 from sitl_sim.vehicles.rigid_body import State
 from sitl_sim.worlds.geodesy import LocalFrame
 
 _MSP, _MOTORS, _MOTION = ("127.0.0.1", 5761), ("127.0.0.1", 9002), ("127.0.0.1", 9003)
-_MOTION_PACKET = struct.Struct("<d3d3d4d3d3dd")
 _MOTOR_PACKET = struct.Struct("<4f")
-_MOTOR_ORDER = [3, 0, 1, 2]  # indices of motors 1…4 in the packet
-# Betaflight scales its clock by time stamps against arrivals: on a loaded machine jitter would make
-# that clock race and its receiver time out. Constant stamps leave it at real time.
-_NO_TIME = 0.0
 _BOOT, _ATTEMPTS = 15.0, 3  # s
-_NEWEST_API = (1, 47)  # MSP API of Betaflight 4.6 and 2025.12
 _STICKS_DOWN = [1500, 1500, 1000, 1500] + [1000] * 12
 _TIMEOUT = 10.0  # s for the process to listen and to answer a line
 
@@ -98,19 +91,6 @@ def binary() -> Path:
     return found[-1]
 
 
-def check_version(api: tuple[int, int]) -> None:
-    """Refuse a Betaflight whose simulator link differs; api: of its MSP.
-
-    Raises:
-        BetaflightError: motor order, sign of the yaw gyro or barometer are others there.
-    """
-    if api > _NEWEST_API:
-        raise BetaflightError(
-            f"Betaflight with MSP API {api[0]}.{api[1]}: its simulator link has another motor "
-            f"order and other signs; flown are those up to {_NEWEST_API[0]}.{_NEWEST_API[1]} (4.6)"
-        )
-
-
 class BetaflightSitl:
     """One process with its namespace and sockets. `exchange` is called some 500 times a second.
 
@@ -154,7 +134,7 @@ class BetaflightSitl:
         raise BetaflightError(f"Betaflight SITL does not come up; see {self._folder}/output.log")
 
     def _boots(self) -> bool:
-        decoder, end, known = MspDecoder(), time.monotonic() + _BOOT, False
+        decoder, end = MspDecoder(), time.monotonic() + _BOOT
         try:
             line = self._connect()
         except BetaflightError:
@@ -163,15 +143,11 @@ class BetaflightSitl:
             line.settimeout(1.0)
             while time.monotonic() < end:
                 try:
-                    asked = [msp.Msp.STATUS_EX, *([] if known else [msp.Msp.API_VERSION])]
-                    line.sendall(msp.raw_rc(_STICKS_DOWN) + b"".join(map(msp.encode, asked)))
+                    line.sendall(msp.raw_rc(_STICKS_DOWN) + msp.encode(msp.Msp.STATUS_EX))
                     for reply in decoder.decode(line.recv(4096)):
-                        if reply.command == msp.Msp.API_VERSION and len(reply.payload) > 2:
-                            check_version((reply.payload[1], reply.payload[2]))
-                            known = True
                         if reply.command == msp.Msp.STATUS_EX:
                             reasons = msp.arming_reasons(msp.status(reply.payload).arming_disabled)
-                            if known and not {"BOOTGRACE", "CALIB"} & set(reasons):
+                            if not {"BOOTGRACE", "CALIB"} & set(reasons):
                                 return True
                 except (TimeoutError, msp.MspError):
                     continue  # on a busy machine its MSP gives no answer, or an empty one
@@ -192,14 +168,15 @@ class BetaflightSitl:
 
     def exchange(self, i: int, state: State, frame: LocalFrame) -> NDArray[np.float64]:
         """Send the motion of vehicle i now; return its newest motor commands (4,) 0…1."""
-        self._motion.sendto(motion_packet(i, state, frame), _MOTION)
+        self._motion.sendto(self._link.motion_packet(i, state, frame), _MOTION)
         while True:
             try:
                 data = self._motors.recv(256)
             except BlockingIOError:
                 return self.command
             if len(data) == _MOTOR_PACKET.size:
-                self.command = np.clip(np.array(_MOTOR_PACKET.unpack(data))[_MOTOR_ORDER], 0, 1)
+                values = np.array(_MOTOR_PACKET.unpack(data))
+                self.command = np.clip(values[list(self._link.motor_order)], 0, 1)
 
     def close(self) -> None:
         """End the process."""
@@ -217,7 +194,8 @@ class BetaflightSitl:
         for attempt in range(1, _ATTEMPTS + 1):
             try:
                 with self._come_up() as line:
-                    _set_up(line, lines)
+                    self._link = simulator_link(_api_version(line))
+                    _set_up(line, [*self._link.settings, *lines])
                 self._process.wait(timeout=_TIMEOUT)  # `save` ends it
                 return
             except (BetaflightError, subprocess.TimeoutExpired):
@@ -269,6 +247,23 @@ class BetaflightSitl:
                 return line
 
 
+def _api_version(line: socket.socket) -> tuple[int, int]:
+    """Return the MSP API of the process at the other end, before its CLI is entered."""
+    decoder, end = MspDecoder(), time.monotonic() + _TIMEOUT
+    line.settimeout(1.0)
+    while time.monotonic() < end:
+        try:
+            line.sendall(msp.encode(msp.Msp.API_VERSION))
+            for reply in decoder.decode(line.recv(4096)):
+                if reply.command == msp.Msp.API_VERSION and len(reply.payload) > 2:
+                    return reply.payload[1], reply.payload[2]
+        except (TimeoutError, msp.MspError):
+            continue  # on a busy machine its MSP gives no answer, or an empty one
+        except OSError as error:
+            raise BetaflightError(f"Betaflight SITL hung up: {error}") from error
+    raise BetaflightError("Betaflight SITL does not tell the version of its MSP")
+
+
 def _set_up(line: socket.socket, lines: list[str]) -> None:
     """Enter the settings into the CLI and save them, which ends the process."""
     line.settimeout(_TIMEOUT)
@@ -318,79 +313,3 @@ def _check_free() -> None:
             s.bind(_MSP)
         except OSError as error:
             raise BetaflightError(f"TCP {_MSP[1]}: {error.strerror}; another SITL?") from error
-
-
-def motion_packet(i: int, state: State, frame: LocalFrame) -> bytes:
-    """Encode the motion of vehicle i for Betaflight's simulator link.
-
-    Rates FRD [rad/s], specific force FLU with its sign changed [m/s²], attitude FRD → NED,
-    longitude and latitude [deg], altitude [m], velocity ENU [m/s], pressure [Pa].
-    """
-    omega = flu_frd(*(float(a) for a in state.omega[i]))
-    force = -state.specific_force[i]
-    q = quaternion_enu_ned(frame.attitude(state.q[i]))
-    latitude, longitude, altitude = frame.to_geo(state.p[i])
-    v = frame.vector(state.v[i])
-    pressure = 101325.0 * (1.0 - 2.25577e-5 * altitude) ** 5.25588
-    return _MOTION_PACKET.pack(
-        _NO_TIME, *omega, *force, *q, longitude, latitude, altitude, *v, pressure
-    )
-
-
-class Relay:
-    """A port of the host that leads into a namespace; each client gets its own connection."""
-
-    def __init__(self, connect: Callable[[], socket.socket]) -> None:
-        self._connect = connect
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self._lines: list[socket.socket] = []
-        self._pumps: list[threading.Thread] = []
-        self._acceptor = threading.Thread(target=self._accept, daemon=True)
-        self._acceptor.start()
-
-    @property
-    def port(self) -> int:
-        """The port number."""
-        return int(self._listener.getsockname()[1])
-
-    def close(self) -> None:
-        """Close all connections, and end all threads."""
-        _wake(self._listener)  # without this, the thread would stay in accept()
-        self._acceptor.join()
-        self._listener.close()
-        for line in self._lines:
-            _wake(line)
-        for pump in self._pumps:
-            pump.join()
-        for line in self._lines:
-            line.close()
-
-    def _accept(self) -> None:
-        raise_priority(BRIDGE)
-        while True:
-            try:
-                caller, _ = self._listener.accept()
-                self._lines.append(caller)
-                line = self._connect()
-            except (OSError, BetaflightError):
-                return
-            self._lines.append(line)
-            for a, b in ((caller, line), (line, caller)):
-                a.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                self._pumps.append(threading.Thread(target=_pump, args=(a, b), daemon=True))
-                self._pumps[-1].start()
-
-
-def _pump(source: socket.socket, sink: socket.socket) -> None:
-    """Copy bytes from one end to the other, until either is closed."""
-    with contextlib.suppress(OSError):
-        while data := source.recv(4096):
-            sink.sendall(data)
-    for end in (source, sink):
-        _wake(end)
-
-
-def _wake(line: socket.socket) -> None:
-    """Shut a socket down, so that a thread which waits on it goes on."""
-    with contextlib.suppress(OSError):
-        line.shutdown(socket.SHUT_RDWR)
