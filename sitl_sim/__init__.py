@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sitl_sim.api import CampaignResult, FlightResult, campaign, fly, load
+    from sitl_sim.api import CampaignResult, FlightResult, campaign, fly, load, load_flight
 
-__all__ = ["CampaignResult", "FlightResult", "campaign", "fly", "load"]
+__all__ = ["CampaignResult", "FlightResult", "campaign", "fly", "load", "load_flight"]
 
 
 def __getattr__(name: str) -> Any:

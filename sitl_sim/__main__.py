@@ -25,6 +25,8 @@ COMMANDS = (
     "scenarios",
     "report",
     "export",
+    "figures",
+    "video",
     "schema",
     "frames",
     "faults",

@@ -1,10 +1,11 @@
 """The simulator from Python: load a scenario, fly it, fly it many times.
 
-    from sitl_sim import campaign, fly, load
+    from sitl_sim import campaign, fly, load, load_flight
 
     flight = fly("tunnel", seed=7)
     print(flight.ok, flight.metrics["min_agent_distance_m"])
     p = flight.position                      # (T, N, 3) m, world frame (ENU)
+    again = load_flight(flight.folder)
     many = campaign("tunnel", runs=30)
     print(many.success_rate, many.interval)
 
@@ -174,6 +175,16 @@ def load(
         SettingsError: every mistake with its place, or the valid names.
     """
     return scenarios.load(str(scenario), _overrides(seed, drones, controller, changes))
+
+
+def load_flight(folder: str | Path) -> FlightResult:
+    """Return a recorded flight: a run folder, from Python or from the command line.
+
+    Raises:
+        RunError: the folder holds no whole flight.
+    """
+    run = load_run(Path(folder))
+    return FlightResult(run.folder, run.metrics)
 
 
 def fly(

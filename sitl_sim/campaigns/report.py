@@ -14,7 +14,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from sitl_sim.figures.metrics import wilson
-from sitl_sim.figures.page import draw, page
+from sitl_sim.figures.page import PLOTLY, draw, page, share_plotly
 from sitl_sim.recording.run_folder import RunError
 
 _COLUMNS = {
@@ -77,15 +77,19 @@ def make_campaign_report(
     broken = not_flown or {}
     good, tried = sum(e.metrics["ok"] for e in entries), len(entries) + len(broken)
     low, high = wilson(good, tried)
+    kind = "good" if good == tried else "bad"
     verdict = (
-        f"<p><b>{good} of {tried}</b> runs succeeded: {good / tried:.1%}, "
-        f"95 % interval {low:.1%} to {high:.1%} (Wilson)."
+        f"<p class='verdict {kind}'><b>{good} of {tried}</b> <span>flights reached all targets and "
+        f"touched nothing: {good / tried:.1%}, 95 % interval {low:.1%} to {high:.1%} "
+        "(Wilson).</span>"
     )
     why = "".join(f"<p class=bad>Seed {s} not flown: {html.escape(w)}" for s, w in broken.items())
     runs = _table(folder, entries) + why
-    sections = [("Runs", runs), ("Over all runs", draw(histograms(entries)))]
+    sections = [("Over all flights", draw(histograms(entries))), ("Flights", runs)]
     path = folder / "campaign.html"
-    path.write_text(page(f"campaign {folder.name}", verdict, sections), encoding="utf-8")
+    share_plotly(folder)
+    text = page(f"campaign {folder.name}", verdict, sections, PLOTLY)
+    path.write_text(text, encoding="utf-8")
     return path
 
 
@@ -127,9 +131,9 @@ def _table(folder: Path, entries: list[Entry]) -> str:
         name = html.escape(e.name, quote=True)
         cells = "".join(f"<td>{_cell(key, e.metrics.get(key))}" for key in _COLUMNS)
         there = (folder / e.name / "report.html").exists()
-        title = f"<a href='{name}/report.html'>{name}</a>" if there else name
-        rows.append(f"<tr><td>{title}{cells}")
-    return f"<table><tr><th>run{head}{''.join(rows)}</table>"
+        link = f"{name}/report.html" if there else f"{name}/"
+        rows.append(f"<tr><td><a href='{link}'>{name}</a>{cells}")
+    return f"<div class=wide><table><tr><th>run{head}{''.join(rows)}</table></div>"
 
 
 def _cell(key: str, value: Any) -> str:

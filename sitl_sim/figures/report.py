@@ -12,16 +12,23 @@ from sitl_sim.figures import belief_figures
 from sitl_sim.figures import curves as figures
 from sitl_sim.figures.belief import Beliefs
 from sitl_sim.figures.collision import collision
-from sitl_sim.figures.events import Collision, Event, collisions, events
+from sitl_sim.figures.events import Collision, collisions, events
 from sitl_sim.figures.metrics import safety, sanity, timing
-from sitl_sim.figures.page import draw, page
+from sitl_sim.figures.page import PLOTLY, draw, page
+from sitl_sim.figures.panel import panel
 from sitl_sim.figures.perception import FrameScore, perception, score_frames
+from sitl_sim.figures.verdict import head
 from sitl_sim.recording.run_folder import Run
 
 _COLLISIONS = 8
 # Ended from outside: at the end of a flight, or by a test of a lost companion.
 _ENDED = {0, -signal.SIGTERM, -signal.SIGINT, -signal.SIGKILL}
 _LEFT_OUT = ("per_drone", "stage_ms", "perception")
+_NETWORK = (
+    "<p class=hint>An arrow leads from a drone to where it believes a critical neighbour is; the "
+    "wider, the greater the threat. Brown: obstacles."
+)
+_PLANS = "<p class=hint>Lines: what each companion planned at that time, in its drone's colour."
 
 
 def summarise(
@@ -64,34 +71,48 @@ def make_report(run: Run) -> Path:
     return write_report(run, run.metrics | summarise(run, scores, exits, interrupted), scores)
 
 
-def write_report(run: Run, summary: dict[str, Any], scores: dict[str, list[FrameScore]]) -> Path:
-    """Write `report.html` from figures that are computed already."""
+def write_report(
+    run: Run,
+    summary: dict[str, Any],
+    scores: dict[str, list[FrameScore]],
+    of_campaign: bool = False,
+) -> Path:
+    """Write `report.html` from figures that are computed already.
+
+    of_campaign: a page of 0.3 MB, without pictures; plotly's script is in the folder above.
+    """
     s = run.scenario
     title = f"{s.name}, seed {s.seed}, {s.drones.count} drones"
     path = run.folder / "report.html"
-    text = page(title, _verdict(summary), _sections(run, summary, scores))
+    sections = _sections(run, summary, scores, not of_campaign)
+    shared = f"../{PLOTLY}" if of_campaign else None
+    text = page(title, head(summary, run.world["drone_radius"]), sections, shared)
     path.write_text(text, encoding="utf-8")
     return path
 
 
 def _sections(
-    run: Run, summary: dict[str, Any], scores: dict[str, list[FrameScore]]
+    run: Run, summary: dict[str, Any], scores: dict[str, list[FrameScore]], with_pictures: bool
 ) -> Iterator[tuple[str, str]]:
     """Yield heading and content of each part of the page."""
     beliefs, happened = Beliefs(run), events(run)
-    yield "Summary", _table(summary)
-    yield "From above", draw(figures.top_view(run))
+    yield "Flight", panel(run, beliefs, happened, with_pictures)
     if crashes := collisions(run):
         yield "Ten seconds before each collision", _collisions(run, beliefs, crashes)
     yield "Trajectories", draw(figures.trajectories(run))
-    yield "Distances and speed, mean ± std and least", draw(figures.curves(run))
     if times := belief_figures.chosen_times(run):
-        yield "Network of critical neighbours", draw(belief_figures.network(run, beliefs, times))
-        yield "Predicted trajectories", draw(belief_figures.plans(run, beliefs, times))
-    yield "Solve and tick times", draw(belief_figures.times(run))
+        yield (
+            "Network of critical neighbours",
+            draw(belief_figures.network(run, beliefs, times)) + _NETWORK,
+        )
+        yield "Predicted trajectories", draw(belief_figures.plans(run, beliefs, times)) + _PLANS
     if any(scores.values()):
         yield "Perception against truth", draw(belief_figures.perception(scores))
-    yield "Events", draw(belief_figures.timeline(run, happened)) + _list(happened)
+    yield "Solve and tick times", draw(belief_figures.times(run))
+    yield (
+        "All figures",
+        f"<details><summary>keys of metrics.json</summary>{_table(summary)}</details>",
+    )
 
 
 def _collisions(run: Run, beliefs: Beliefs, crashes: list[Collision]) -> str:
@@ -104,46 +125,11 @@ def _collisions(run: Run, beliefs: Beliefs, crashes: list[Collision]) -> str:
     return "".join(parts)
 
 
-def _verdict(summary: dict[str, Any]) -> str:
-    if summary["ok"]:
-        return "<p class=good><b>OK</b>: all targets reached, nothing touched."
-    return "<p class=bad><b>FALLS SHORT</b>: " + html.escape("; ".join(shortcomings(summary)))
-
-
-def shortcomings(s: dict[str, Any]) -> Iterator[str]:
-    """Yield the reasons why a flight with these metrics fell short."""
-    if s.get("interrupted"):
-        yield "interrupted"
-    if not s["mission_complete"]:
-        late = [n for n, r in s["targets_reached"].items() if len(set(r.split("/"))) > 1]
-        yield "targets missed by " + ", ".join(late)
-    if s["agent_collisions"]:
-        yield f"{s['agent_collisions']} pair(s) of drones collided"
-    if s["obstacle_collisions"]:
-        yield f"{s['obstacle_collisions']} drone(s) hit an obstacle"
-    if s.get("ground_strikes"):
-        yield f"{s['ground_strikes']} drone(s) struck the ground"
-    if s["never_flew"]:
-        yield "never flew: " + ", ".join(s["never_flew"])
-    for name, code in s.get("companion_errors", {}).items():
-        yield f"{name}'s companion ended with an error, exit {code}"
-    yield from s["faults_in_truth"]
-
-
 def _table(summary: dict[str, Any]) -> str:
     flat = {k: v for k, v in summary.items() if k not in _LEFT_OUT}
     flat |= {f"perception: {k}": v for k, v in summary["perception"].items()}
     rows = (f"<tr><td>{html.escape(k)}<td>{html.escape(_text(v))}" for k, v in flat.items())
     return f"<table>{''.join(rows)}</table>"
-
-
-def _list(happened: list[Event]) -> str:
-    rows = (
-        f"<tr><td>{e.time:.1f} s<td>{html.escape(e.drone)}<td>{html.escape(e.text)}"
-        for e in happened
-    )
-    table = f"<table>{''.join(rows)}</table>"
-    return f"<details><summary>{len(happened)} events</summary>{table}</details>"
 
 
 def _text(value: Any) -> str:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 from sitl_sim.figures.metrics import timing
 from sitl_sim.figures.perception import perception, score_frames
-from sitl_sim.figures.report import shortcomings, summarise, write_report
+from sitl_sim.figures.report import summarise, write_report
+from sitl_sim.figures.verdict import shortcomings
 from sitl_sim.recording.code_version import commit
 from sitl_sim.recording.run_folder import Run, log_path, salvage_ticks
 from sitl_sim.recording.truth import Truth
@@ -36,11 +37,12 @@ class Flown(Protocol):
 def finish(
     flight: Flown,
     setup_seconds: float,
-    report: Literal["always", "on failure"] = "always",
     interrupted: bool = False,
+    of_campaign: bool = False,
 ) -> dict[str, Any]:
-    """Write truth.npz, metrics.json and report.html (5 MB); return the metrics.
+    """Write truth.npz, metrics.json and report.html; return the metrics.
 
+    of_campaign: the page is small, and shares plotly's script with the campaign's other pages.
     interrupted: the flight was stopped before its end, so it is never OK.
     """
     folder = flight.folder
@@ -67,8 +69,7 @@ def finish(
         for n in flight.names
     }
     (folder / "metrics.json").write_text(json.dumps(metrics, indent=1), encoding="utf-8")
-    if report == "always" or not metrics["ok"]:
-        write_report(run, metrics, scores)
+    write_report(run, metrics, scores, of_campaign)
     return metrics
 
 

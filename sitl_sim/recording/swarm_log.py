@@ -4,7 +4,8 @@
 |---|---|
 | `/NAME/…` | every topic of that drone's log, at the time since the flight began |
 | `/truth/tf`, `/truth/NAME/pose` | where each drone truly was: frame `NAME/true` in `world` |
-| `/truth/scene` | the obstacles of the world |
+| `/truth/scene`, `/truth/obstacles` | the obstacles of the world: shapes, and as points |
+| `/truth/NAME/camera`, `/NAME/annotations` | pictures, and what the companion found in them |
 
 Frames: `world` → `NAME/map` (the drone's own frame) → `NAME` (where it believes to be). Bodies of
 `/tick` and `/inputs` are as in the drone's log: by its own clock, in its own frame.
@@ -21,7 +22,10 @@ from typing import Any
 import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
 from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.message import Message
@@ -30,6 +34,7 @@ from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from mavlink_bridge.shared.mcap_file import check_whole
+from sitl_sim.recording.camera_topics import write_cameras
 from sitl_sim.recording.run_folder import OwnFrame, Run, log_path, own_frames
 
 WORLD = "world"
@@ -56,7 +61,9 @@ def write_swarm_log(run: Run, path: Path) -> Path:
         writer = Writer(file, compression=CompressionType.ZSTD)
         writer.start(profile="", library=f"swarm-companion {version('swarm-companion')}")
         writer.add_metadata("flight", _about(run))
-        _Truth(writer, run).write(frames)
+        truth = _Truth(writer, run)
+        truth.write(frames)
+        write_cameras(truth.put, run, frames)
         for name, frame in frames.items():
             _copy(writer, log_path(run.folder, name), name, frame)
         writer.finish()  # type: ignore[no-untyped-call]
@@ -122,7 +129,11 @@ def _placed(kind: type[Message], data: bytes, name: str, shift: int) -> bytes:
 
 def _stamped(message: Any) -> list[Any]:
     """Return the parts of a message that have a time: its entities, else the message itself."""
-    return list(message.entities) if isinstance(message, SceneUpdate) else [message]
+    if isinstance(message, SceneUpdate):
+        return list(message.entities)
+    if isinstance(message, ImageAnnotations):
+        return [message, *message.circles, *message.texts]
+    return [message]
 
 
 class _Truth:
@@ -137,21 +148,23 @@ class _Truth:
         """Write own frames, obstacles and true poses."""
         for name, frame in frames.items():
             turn = [np.cos(frame.yaw / 2), 0.0, 0.0, np.sin(frame.yaw / 2)]
-            self._put("/truth/tf", 0.0, _transform(f"{name}/map", frame.origin, turn))
-        self._put("/truth/scene", 0.0, _obstacles(self._run.world))
+            self.put("/truth/tf", 0.0, _transform(f"{name}/map", frame.origin, turn))
+        self.put("/truth/scene", 0.0, _obstacles(self._run.world))
+        self.put("/truth/obstacles", 0.0, _cloud(self._run.world))
         truth = self._run.truth
         for k in range(0, len(truth["t"]), _TRUTH_EVERY):
             t = float(truth["t"][k])
             for i, name in enumerate(self._run.names):
                 p, q = truth["position"][k, i], truth["attitude"][k, i]
                 transform = _transform(f"{name}/true", p, q)
-                self._put("/truth/tf", t, transform)
+                self.put("/truth/tf", t, transform)
                 pose = PoseInFrame(frame_id=WORLD)
                 pose.pose.position.CopyFrom(_point(p))
                 pose.pose.orientation.CopyFrom(transform.rotation)
-                self._put(f"/truth/{name}/pose", t, pose)
+                self.put(f"/truth/{name}/pose", t, pose)
 
-    def _put(self, topic: str, t: float, message: Any) -> None:
+    def put(self, topic: str, t: float, message: Any) -> None:
+        """Write a message at a time [s] since the flight began."""
         kind = type(message)
         if topic not in self._channels:
             types = build_file_descriptor_set(kind).SerializeToString()
@@ -191,6 +204,23 @@ def _obstacles(world: dict[str, Any]) -> SceneUpdate:
         if shape == "cylinders":
             solid.bottom_scale = solid.top_scale = 1.0
     return scene
+
+
+def _cloud(world: dict[str, Any]) -> PointCloud:
+    """Return points on the obstacles' surfaces, for viewers that do not draw shapes."""
+    x, y = np.meshgrid(np.arange(-1, 1.01, 0.1), np.arange(-1, 1.01, 0.1))
+    face = np.stack([x.ravel(), y.ravel()], axis=1) / 2
+    angle, height = (a.ravel() for a in np.meshgrid(np.arange(0, 2 * np.pi, 0.2), np.arange(21)))
+    rim = np.stack([np.cos(angle) / 2, np.sin(angle) / 2, height / 20 - 0.5], axis=1)
+    sides = [np.insert(face, axis, side, axis=1) for axis in range(3) for side in (-0.5, 0.5)]
+    unit = {"cylinders": rim, "cubes": np.vstack(sides)}
+    parts = [unit[shape] * size + middle for shape, size, middle in _shapes(world)]
+    points = np.concatenate([*parts, np.zeros((0, 3))]).astype("<f4")
+    cloud = PointCloud(frame_id=WORLD, point_stride=12, data=points.tobytes())
+    cloud.pose.orientation.w = 1.0
+    for n, name in enumerate("xyz"):
+        cloud.fields.add(name=name, offset=4 * n, type=PackedElementField.FLOAT32)
+    return cloud
 
 
 def _shapes(world: dict[str, Any]) -> Iterator[tuple[str, list[float], list[float]]]:

@@ -103,6 +103,16 @@ class Lens:
         inverse: Float64 = np.interp(radius, grown, theta)
         return inverse
 
+    def project(self, directions: Float64) -> Float64:
+        """Return the pixels (n,2) of directions (n,3) in the camera frame."""
+        x, y, z = np.asarray(directions, float).reshape(-1, 3).T
+        across = np.hypot(x, y)
+        theta = np.arctan2(across, z)
+        radius = theta if self.calibration is None else self._radius(theta)
+        fx, fy, cx, cy = self.numbers[:4]
+        scale = radius / np.maximum(across, 1e-9)
+        return np.stack([cx + fx * scale * x, cy + fy * scale * y], axis=1)
+
     def _radius(self, theta: Float64) -> Float64:
         k1, k2, k3, k4 = self.numbers[4:]
         t2 = theta * theta

@@ -11,7 +11,7 @@ import viser
 
 from mavlink_bridge.shared.frames import euler_from_quaternion
 from sitl_sim.figures.belief import Belief
-from sitl_sim.viewer.picture import Pictures
+from sitl_sim.figures.camera_pictures import Pictures
 from sitl_sim.viewer.scene import Scene
 from sitl_sim.viewer.sources import Moment, Source
 
@@ -152,7 +152,7 @@ class Page:
         self.state.content = _describe(beliefs[i])
         wall, wanted = time.monotonic(), (now.time, self.camera.value)
         if wanted != self._shown and wall - self._picture_time >= _PICTURE_PERIOD:
-            self.picture.image = self._pictures.take(now, i, beliefs[i])
+            self.picture.image = self._pictures.take(now.p, now.q, i, beliefs[i])[..., ::-1]
             self._picture_time, self._shown = wall, wanted
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mavlink_bridge.shared.arrays import Vector
 from sitl_sim.figures.belief import Belief
-from sitl_sim.figures.curves import colours, shared_targets
+from sitl_sim.figures.curves import colours, rgb, shared_targets
 from sitl_sim.scenarios.scenario import Scenario
 from sitl_sim.viewer import meshes
 from sitl_sim.viewer.sources import Moment
@@ -30,7 +30,7 @@ class Scene:
         self.layers = dict.fromkeys(
             ("fields of view", "plans", "threats", "tracks", "trails"), True
         )
-        self.colours = np.array([_rgb(c) for c in colours(len(names))], np.uint8)
+        self.colours = np.array([rgb(c) for c in colours(len(names))], np.uint8)
         self._surroundings(world)
         n = len(names)
         q, p = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.zeros((n, 3))
@@ -172,10 +172,3 @@ _NONE = np.zeros((0, 2, 3))
 def _segments(paths: Vector) -> NDArray[np.float64]:
     """Return paths (N,K,3) as segments (N,K-1,2,3)."""
     return np.stack([paths[:, :-1], paths[:, 1:]], axis=2)
-
-
-def _rgb(colour: str) -> tuple[int, ...]:
-    """Return `#rrggbb` or `rgb(r, g, b)` as numbers 0…255."""
-    if colour.startswith("#"):
-        return tuple(bytes.fromhex(colour[1:]))
-    return tuple(int(float(part)) for part in colour[4:-1].split(","))

@@ -2,6 +2,8 @@
 
 import json
 import math
+import os
+import shutil
 import sys
 from pathlib import Path
 
@@ -14,6 +16,9 @@ from sitl_sim.vehicles.emulated import Autopilots
 from sitl_sim.vehicles.rigid_body import Vehicles
 
 GCS = Source(255, 190)
+CHROMIUM = os.environ.get("CHROMIUM") or next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+)
 STAND_INS = Path(__file__).parent / "external" / "stand_ins"
 
 
@@ -112,3 +117,23 @@ def stand_in(tmp_path):
         return str(binary)
 
     return make
+
+
+@pytest.fixture
+def browser():
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine (apt install chromium, or set CHROMIUM)")
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as p:
+        chromium = p.chromium.launch(
+            executable_path=CHROMIUM,
+            args=[
+                "--no-sandbox",
+                "--use-angle=swiftshader",
+                "--enable-unsafe-swiftshader",
+                "--ignore-gpu-blocklist",
+            ],
+        )
+        yield chromium
+        chromium.close()

@@ -36,10 +36,12 @@ def test_all_runs_on_one_page(tmp_path, capsys):
     path = tmp_path / "campaign" / "campaign.html"
     assert capsys.readouterr().out.strip() == str(path)
     page = path.read_text()
-    assert "<b>7 of 8</b> runs succeeded: 87.5%, 95 % interval 52.9% to 97.8%" in page
+    assert "<b>7 of 8</b> <span>flights reached all targets" in page
+    assert "87.5%, 95 % interval 52.9% to 97.8%" in page
+    assert (tmp_path / "campaign" / "plotly.min.js").stat().st_size > 1e6
     assert page.count("<b class=good>OK</b>") == 7
     assert "<a href='forest-3/report.html'>forest-3</a>" in page
-    assert "forest-1/report.html" not in page
+    assert "<a href='forest-1/'>forest-1</a>" in page
 
 
 def test_an_infinite_distance_of_an_earlier_version_is_none(tmp_path):

@@ -22,7 +22,7 @@ def test_a_companion_that_raises_is_lost_and_the_flight_falls_short(tmp_path, mo
         f.write_inputs()
         f.launch()
         f.run()
-    metrics = finish(f, 0.0, report="on failure")
+    metrics = finish(f, 0.0)
     assert metrics["companion_errors"] == {"drone1": 1}
     assert not metrics["ok"]
     assert "drone1's companion ended with an error, exit 1" in table(metrics, tmp_path)

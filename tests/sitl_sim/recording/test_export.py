@@ -2,11 +2,17 @@
 
 import csv
 import json
+import re
+import subprocess
+import sys
 from importlib.metadata import version
 
+import cv2
 import numpy as np
 import pytest
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from mcap.reader import make_reader
@@ -94,6 +100,74 @@ def test_the_truth_is_in_the_log(swarm, flight):
     (trunk,) = scene.entities[0].cylinders
     assert (trunk.pose.position.x, trunk.pose.position.z) == (5.0, 3.0)
     assert (trunk.size.x, trunk.size.z) == (1.0, 6.0)
+
+
+def test_what_a_camera_showed_and_what_was_found_in_it_meet_at_one_instant(swarm, flight):
+    messages, _ = swarm
+    marks = {
+        t: ImageAnnotations.FromString(d) for k, t, d in messages if k == "/drone1/annotations"
+    }
+    pictures = [
+        (t, CompressedImage.FromString(d)) for k, t, d in messages if k == "/truth/drone1/camera"
+    ]
+    assert len(pictures) > 10
+    found = 0
+    for time, picture in pictures:
+        image = cv2.imdecode(np.frombuffer(picture.data, np.uint8), cv2.IMREAD_COLOR)
+        assert image.shape == (400, 640, 3)
+        for ring in marks[time].circles:  # the same instant, or viewers show none
+            if ring.outline_color.g == 1.0:  # a drone: the magenta ball is in its ring
+                u, v, r = round(ring.position.x), round(ring.position.y), 5
+                patch = image[max(v - r, 0) : v + r, max(u - r, 0) : u + r].astype(int)
+                found += bool((patch[..., [0, 2]].min(axis=-1) - patch[..., 1] > 60).any())
+    assert found > 3
+
+
+def test_the_layout_for_foxglove_names_topics_of_the_log_and_its_own_panels(swarm, flight):
+    topics = {topic for topic, _, _ in swarm[0]}
+    layout = json.loads((flight.folder / "swarm.foxglove.json").read_text())
+    panels = layout["configById"]
+    assert set(_leaves(layout["layout"])) == set(panels)
+    named = set(panels["3D!swarm"]["topics"])
+    named |= {p["value"].rpartition(".")[0] for p in panels["Plot!speeds"]["paths"]}
+    image = panels["Image!camera"]["imageMode"]
+    named |= {image["imageTopic"], *image["annotations"], panels["RosOut!events"]["topicToRender"]}
+    assert named <= topics
+
+
+def _leaves(node):
+    if isinstance(node, str):
+        return [node]
+    return [*_leaves(node["first"]), *_leaves(node["second"])]
+
+
+def test_rerun_opens_the_log_with_its_blueprint(flight, tmp_path):
+    """Rerun's own program finds no fault in what was written, and reads it back."""
+    pytest.importorskip("rerun", reason="rerun-sdk is not installed; .ci/run installs it")
+    out = tmp_path / "swarm.rrd"
+    assert main(["export", str(flight.folder), "--to", "rerun", "--out", str(out)]) == 0
+    assert "without error" in _rerun("verify", out)
+    said = _rerun("print", out)
+    for entity, drawn in {
+        "/truth/obstacles": "Points3D:positions",
+        "/truth/drone2/pose": "InstancePoses3D:translations",
+        "/truth/tf": "Transform3D:parent_frame",
+        "/drone1/tf": "Transform3D:child_frame",
+        "/drone2/pose": "InstancePoses3D:translations",
+        "/drone1/events": "TextLog:text",
+        "/truth/drone1/camera": "EncodedImage:blob",
+    }.items():
+        assert re.search(rf" - {entity} - data columns: .*{drawn}", said), entity
+    assert re.search(r"Blueprint,\s+\"swarm-companion\"", said)
+    assert re.search(r"Recording,\s+\"swarm-companion\"", said)
+
+
+def _rerun(*arguments):
+    done = subprocess.run(
+        [sys.executable, "-m", "rerun", "rrd", *map(str, arguments)],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return done.stdout + done.stderr
 
 
 def test_tables_hold_every_instant_of_every_drone(flight, tmp_path):

@@ -1,7 +1,5 @@
 """The page draws truth and logs: checked on its objects, and in a browser."""
 
-import os
-import shutil
 import socket
 import time
 
@@ -13,9 +11,6 @@ from sitl_sim.recording.run_folder import load_run
 from sitl_sim.viewer import Live, Page, Replay
 from tests.sitl_sim import flights
 
-CHROMIUM = os.environ.get("CHROMIUM") or next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
-)
 SIZE = {"width": 1000, "height": 700}
 
 
@@ -109,26 +104,6 @@ def test_twenty_drones_five_minutes_are_drawn_in_time(run):
 def test_a_missing_folder_is_an_error(command, tmp_path, capsys):
     assert main([command, str(tmp_path / "nowhere")]) == 2
     assert "no such run folder" in capsys.readouterr().err
-
-
-@pytest.fixture
-def browser():
-    if CHROMIUM is None:
-        pytest.skip("no Chromium on this machine (apt install chromium, or set CHROMIUM)")
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as p:
-        chromium = p.chromium.launch(
-            executable_path=CHROMIUM,
-            args=[
-                "--no-sandbox",
-                "--use-angle=swiftshader",
-                "--enable-unsafe-swiftshader",
-                "--ignore-gpu-blocklist",
-            ],
-        )
-        yield chromium
-        chromium.close()
 
 
 def test_in_a_browser_without_a_network(run, page, browser):
