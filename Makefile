@@ -1,7 +1,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup sitl test test-long faults mutants fuzz renew-flight dialect lint bench reproducible clean
+.PHONY: setup sitl test test-long faults mutants fuzz renew-flight dialect lock lint bench reproducible clean
 
 setup: .venv/.ready
 
@@ -56,6 +56,17 @@ dialect: setup
 	$(BIN)/python -m pymavlink.tools.mavgen --lang Python3 --wire-protocol 2.0 --no-validate \
 	    -o mavlink_bridge/wire/dialect/common.py \
 	    $$($(BIN)/python -c 'import pymavlink; print(pymavlink.__path__[0])')/dialects/v20/common.xml
+
+# What boards install, with hashes: companion/board/locks.
+lock: setup
+	$(PYTHON) -m venv build/lock
+	build/lock/bin/pip install --quiet uv
+	cd companion/board/locks && for extra in base eyes; do \
+	    $(CURDIR)/build/lock/bin/uv pip compile --quiet --upgrade --universal --python-version 3.11 \
+	        --generate-hashes --no-emit-index-url --no-header --no-annotate \
+	        $$([ $$extra = base ] || echo --extra $$extra) \
+	        $(CURDIR)/pyproject.toml --output-file $$extra.txt || exit 1; \
+	done
 
 # Two builds of the committed state, in two folders: fails where their wheels differ by a byte.
 reproducible: setup

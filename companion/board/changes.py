@@ -8,7 +8,20 @@ from __future__ import annotations
 import hashlib
 import os
 import subprocess
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+from . import journal
+from .journal import Journal
+
+
+@dataclass(frozen=True)
+class User:
+    """A user of the board, by number."""
+
+    uid: int
+    gid: int
 
 
 class InstallError(Exception):
@@ -36,61 +49,50 @@ class Report:
 
 
 class Changes:
-    """Changes files and links, and can undo all of it."""
+    """Changes files and links below `root`, and can undo all of it, even after a loss of power."""
 
-    def __init__(self) -> None:
-        self._before: list[tuple[Path, bytes | None, int, str | None]] = []
+    def __init__(self, root: Path) -> None:
+        self._journal = Journal(root)
 
     def write(self, path: Path, data: bytes, mode: int = 0o644) -> None:
         """Replace a file in one step."""
-        self._remember(path)
+        self._journal.record(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(f".{path.name}.part")
-        part.write_bytes(data)
-        part.chmod(mode)
-        part.replace(path)
+        journal.write(path, data, mode)
 
     def link(self, path: Path, target: str) -> None:
         """Point a link elsewhere in one step."""
-        self._remember(path)
+        self._journal.record(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(f".{path.name}.part")
-        part.unlink(missing_ok=True)
-        part.symlink_to(target)
-        part.replace(path)
+        journal.link(path, target)
 
-    def undo(self) -> None:
-        """Put everything back, last first."""
-        for path, data, mode, target in reversed(self._before):
-            path.unlink(missing_ok=True)
-            if target is not None:
-                path.symlink_to(target)
-            elif data is not None:
-                path.write_bytes(data)
-                path.chmod(mode)
-        self._before.clear()
+    def undo(self) -> int:
+        """Put everything back, last first; return how much that was."""
+        return self._journal.put_back()
 
-    def _remember(self, path: Path) -> None:
-        target = str(path.readlink()) if path.is_symlink() else None
-        there = target is None and path.exists()
-        data, mode = (path.read_bytes(), path.stat().st_mode & 0o7777) if there else (None, 0)
-        self._before.append((path, data, mode, target))
+    def keep(self) -> None:
+        """Let everything stay as it is now."""
+        self._journal.close()
 
 
-def run(command: list[str]) -> str:
-    """Return the standard output of a command.
+def run(command: list[str], user: User | None = None) -> str:
+    """Return the standard output of a command; user: who runs it, None: this process's user.
 
     Raises:
         InstallError: the command failed; with the end of its output.
     """
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
+    rights: dict[str, Any] = {}
+    if user is not None:
+        environment |= {"HOME": "/nonexistent", "PIP_NO_CACHE_DIR": "1"}
+        rights = {"user": user.uid, "group": user.gid, "extra_groups": []}
     done = subprocess.run(
-        command, capture_output=True, text=True, errors="replace", env=environment
+        command, capture_output=True, text=True, errors="replace", env=environment, **rights
     )
     if done.returncode:
         said = (done.stderr or done.stdout).strip().splitlines()[-3:]
         raise InstallError(f"{Path(command[0]).name} {' '.join(command[1:4])}: {' | '.join(said)}")
-    return done.stdout
+    return str(done.stdout)
 
 
 def link_target(link: Path, whole: bool = False) -> str | None:

@@ -4,7 +4,8 @@
 
 Releases lie side by side, and `current` is a link: an upgrade that fails changes nothing, the old
 release goes on running, and the one before stays for `--rollback`. Configuration that was edited on
-the board is kept. The last line printed is the report, as JSON.
+the board is kept. What a loss of power leaves half done is put back at the next start of the board
+(`journal.py`). The last line printed is the report, as JSON.
 """
 
 from __future__ import annotations
@@ -21,26 +22,39 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from .changes import Changes, InstallError, Report, link_target, sha256
+from . import journal
+from .account import installing_user
+from .changes import Changes, InstallError, Report, User, link_target, sha256
+from .journal import HOME, JOURNAL, LOCK
 from .release import check_configurations, make_release
 from .services import Services
 
-HOME = "opt/swarm-companion"
 CONFIG = "etc/swarm-companion"
+SIGNERS = f"{CONFIG}/signers"
 WANTS = "etc/systemd/system/swarm.target.wants"
+# Written before all else, and never put back: what puts the rest back.
+RECOVERY = (f"{HOME}/recover.py", "etc/systemd/system/swarm-recover.service")
+RECOVERY_LINK = "etc/systemd/system/sysinit.target.wants/swarm-recover.service"
 Plan = dict[str, Any]  # plan.json of a bundle
 
 
 class Board:
     """A board's file system below `root`, and its services."""
 
-    def __init__(self, root: Path, report: Report, systemctl: list[str] | None) -> None:
-        """systemctl: the command, or None where no systemd runs there (images, tests)."""
+    def __init__(
+        self, root: Path, report: Report, systemctl: list[str] | None, user: User | None = None
+    ) -> None:
+        """Take charge of a board.
+
+        systemctl: the command, or None where no systemd runs there (images, tests). user: who runs
+        what packages bring; None: this process's user.
+        """
         self.root = root
+        self._user = user
         self.home = root / HOME
         self.report = report
         self._services = Services(root, report, systemctl)
-        self._changes = Changes()
+        self._changes = Changes(root)
         self._switched = False
 
     def install(self, bundle: Path) -> None:
@@ -52,6 +66,7 @@ class Board:
         plan = _plan(bundle)
         self._services.refuse_while_armed()
         with self._locked():
+            self._recover()
             self._make_release(bundle, plan)
             self._services.refuse_while_armed()  # that took a minute
             with self._all_or_nothing():
@@ -69,12 +84,19 @@ class Board:
         """
         plan = _plan(bundle)
         self._services.refuse_while_armed()
-        previous = link_target(self.home / "previous")
-        if previous is None:
-            raise InstallError("there is no release before this one")
-        with self._locked(), self._all_or_nothing():
-            self._switch(previous)
-            self._restart(plan["drones"])
+        with self._locked():
+            self._recover()
+            previous = link_target(self.home / "previous")
+            if previous is None:
+                raise InstallError("there is no release before this one")
+            with self._all_or_nothing():
+                self._switch(previous)
+                self._restart(plan["drones"])
+
+    def _recover(self) -> None:
+        """Put back what a deployment before this one left half done."""
+        if (self.root / JOURNAL).exists() and self.report.add("recover", "was cut short"):
+            self._changes.undo()
 
     def _make_release(self, bundle: Path, plan: Plan) -> None:
         """Make a virtual environment at its final path, and let it check all configurations."""
@@ -83,11 +105,14 @@ class Board:
         if self.report.add("release", plan["release"], not complete.exists()):
             shutil.rmtree(release, ignore_errors=True)
             try:
-                make_release(release, bundle, self.home / "current")
+                lock = bundle / "locks" / plan["lock"]
+                current = self.home / "current"
+                make_release(release, bundle, lock, current, self.report, self._user)
                 self._check_bundle(release, bundle)
             except BaseException:
                 shutil.rmtree(release, ignore_errors=True)
                 raise
+            os.sync()  # thousands of files; from here on the release is believed
             complete.touch()
         elif complete.exists():
             self._check_bundle(release, bundle)
@@ -106,7 +131,7 @@ class Board:
             InstallError: it refuses one, or two drones claim the same thing.
         """
         try:
-            check_configurations(release, [f / f"{f.name}.yaml" for f in folders])
+            check_configurations(release, [f / f"{f.name}.yaml" for f in folders], self._user)
         except InstallError as error:
             for folder in self._installed():
                 if str(folder) in str(error):
@@ -120,8 +145,11 @@ class Board:
 
     def _put_files(self, bundle: Path) -> None:
         """Write units, rule and launchers, which are ours, and configuration, unless edited."""
+        self._put_recovery(bundle / "owned")
         for source in sorted(p for p in (bundle / "owned").rglob("*") if p.is_file()):
             relative = source.relative_to(bundle / "owned")
+            if str(relative) in RECOVERY:
+                continue
             path, data = self.root / relative, source.read_bytes()
             differs = not path.exists() or path.read_bytes() != data
             if self.report.add("file", f"/{relative}", differs):
@@ -131,6 +159,23 @@ class Board:
             self._put_config(source, source.relative_to(bundle / "config"), known)
         if not self.report.dry_run:
             self._changes.write(self.home / "config.json", json.dumps(known, indent=1).encode())
+        signers = bundle / "signers"
+        absent = signers.exists() and not (self.root / SIGNERS).exists()
+        if absent and self.report.add("signers", f"/{SIGNERS}: it takes their releases alone"):
+            self._changes.write(self.root / SIGNERS, signers.read_bytes())
+
+    def _put_recovery(self, owned: Path) -> None:
+        """Write what puts a deployment back that is cut short, and let it start with the board."""
+        for relative in RECOVERY:
+            path, data = self.root / relative, (owned / relative).read_bytes()
+            differs = not path.exists() or path.read_bytes() != data
+            if self.report.add("file", f"/{relative}", differs):
+                path.parent.mkdir(parents=True, exist_ok=True)
+                journal.write(path, data)
+        start, target = self.root / RECOVERY_LINK, "../swarm-recover.service"
+        if self.report.add("enable", start.name, link_target(start, whole=True) != target):
+            start.parent.mkdir(parents=True, exist_ok=True)
+            journal.link(start, target)
 
     def _put_config(self, source: Path, relative: Path, known: dict[str, str]) -> None:
         """Replace a file as it was deployed; lay the new one beside a file that was edited."""
@@ -214,6 +259,7 @@ class Board:
             self._changes.undo()
             self._services.restart_anew()
             raise
+        self._changes.keep()
 
     @contextlib.contextmanager
     def _locked(self) -> Iterator[None]:
@@ -222,7 +268,7 @@ class Board:
             yield
             return
         self.home.mkdir(parents=True, exist_ok=True)
-        with (self.home / ".lock").open("w") as lock:
+        with (self.root / LOCK).open("w") as lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
@@ -259,11 +305,12 @@ def main(arguments: list[str] | None = None) -> int:
     started = time.monotonic()
     report = Report(options.dry_run)
     live = options.root == Path("/") and Path("/run/systemd/system").is_dir()
-    board = Board(options.root, report, ["systemctl"] if live else None)
     error = None
     try:
         if sys.version_info < (3, 11):  # noqa: UP036  (the board's Python, not this one)
             raise InstallError(f"python3 is {sys.version.split()[0]}, 3.11 is needed")
+        user = installing_user(options.root, options.bundle, options.dry_run)
+        board = Board(options.root, report, ["systemctl"] if live else None, user)
         (board.rollback if options.rollback else board.install)(options.bundle)
     except (InstallError, OSError, ValueError) as problem:
         error = str(problem)

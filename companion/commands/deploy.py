@@ -20,13 +20,14 @@ HELP = "install or upgrade drones on their boards"
 EXIT_FAILED, EXIT_BAD_INPUT = 1, 2
 RESERVED = ("airframes", "bridge", "bridges", "default")  # files in each drone's folder
 SSH = "ssh -o BatchMode=yes -o ConnectTimeout=10"
+ARCHITECTURES = ("aarch64", "x86_64")
 Drones = list[tuple[Path, "CompanionConfig"]]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this command."""
     parser.add_argument(
-        "config", type=Path, nargs="+", help="files of drones; default.yaml is passed over"
+        "config", type=Path, nargs="*", help="files of drones; default.yaml is passed over"
     )
     parser.add_argument("--root", type=Path, metavar="DIR", help="install below DIR: an image")
     parser.add_argument("--host", metavar="USER@HOST", help="default: board.host of each drone")
@@ -47,6 +48,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="DIR",
         help="wheels of all dependencies, for boards without internet",
+    )
+    parser.add_argument(
+        "--release", type=Path, metavar="FILE", help="made by --make-release; needs --signers"
+    )
+    parser.add_argument(
+        "--signers",
+        type=Path,
+        metavar="FILE",
+        help="whose releases you trust; a board without such a file gets it, and takes no others",
+    )
+    parser.add_argument(
+        "--sign", type=Path, metavar="KEY", help="sign what is built here with this ssh key"
+    )
+    parser.add_argument(
+        "--make-release", type=Path, metavar="FILE", help="make a release file, and deploy nothing"
+    )
+    parser.add_argument(
+        "--make-wheelhouse",
+        choices=ARCHITECTURES,
+        help="fetch the wheels of all dependencies into --wheelhouse, and deploy nothing",
+    )
+    parser.add_argument(
+        "--python",
+        default="3.11",
+        metavar="VERSION",
+        help="the boards' Python, for --make-wheelhouse (3.11)",
     )
     parser.add_argument(
         "--rsh", type=_command, default=SSH, metavar="COMMAND", help=f"default: {SSH}"
@@ -70,10 +97,12 @@ def _command(text: str) -> list[str]:
 
 def run(options: argparse.Namespace) -> int:
     """Install on every board at once, and print a table of the results."""
-    from companion.board.bundle import BundleError
+    from companion.board.release_file import BundleError
     from mavlink_bridge.shared.settings import SettingsError
 
     try:
+        if options.make_wheelhouse or options.make_release:
+            return _make(options)
         boards = _boards(options)
         outcomes = _deploy(options, boards)
     except (SettingsError, BundleError, OSError) as error:
@@ -136,17 +165,24 @@ def _unfit(drone: Drone, options: argparse.Namespace) -> list[str]:
 def _deploy(
     options: argparse.Namespace, boards: dict[str | None, Drones]
 ) -> dict[str | None, Outcome]:
-    from companion.board.bundle import build_wheel, make_bundle
+    from companion.board.bundle import make_bundle
+    from companion.board.release_file import BundleError, unpack
     from companion.board.transport import install_here, install_over_ssh
 
+    if options.release and not options.signers:
+        raise BundleError("--release needs --signers: a file of the keys that you trust")
     flags = ["--dry-run"] * options.dry_run + ["--rollback"] * options.rollback
 
     with tempfile.TemporaryDirectory() as folder:
-        wheel = options.wheel or build_wheel(Path(folder))
+        made = Path(folder) / "release"
+        if options.release:
+            unpack(options.release, made, options.signers)
+        else:
+            _fill(options, made)
 
         def one(host: str | None) -> Outcome:
             place = Path(tempfile.mkdtemp(dir=folder))
-            bundle = make_bundle(place, boards[host], wheel, options.wheelhouse)
+            bundle = make_bundle(place, boards[host], made, options.signers)
             if host is None:
                 return install_here(bundle, ["--root", str(options.root.resolve()), *flags])
             arguments = ["--root", str(options.remote_root), *flags]
@@ -158,6 +194,35 @@ def _deploy(
         except KeyboardInterrupt:
             text = "a board that was being installed may go on; deploy again"
             raise KeyboardInterrupt(text) from None
+
+
+def _fill(options: argparse.Namespace, folder: Path) -> None:
+    """Make the release of this checkout, or of --wheel, and sign it where that is asked for."""
+    from companion.board.release_file import build_wheel, fill_release, sign
+
+    with tempfile.TemporaryDirectory() as built:
+        wheel = options.wheel or build_wheel(Path(built))
+        fill_release(folder, wheel, options.wheelhouse)
+    if options.sign:
+        sign(folder, options.sign)
+
+
+def _make(options: argparse.Namespace) -> int:
+    """Make a wheelhouse or a release file."""
+    from companion.board.release_file import pack
+    from companion.board.wheelhouse import fetch
+
+    if options.make_wheelhouse:
+        folder = options.wheelhouse or Path(f"wheels-{options.make_wheelhouse}")
+        count = fetch(folder, options.make_wheelhouse, options.python)
+        print(f"{folder}: {count} wheels; deploy with --wheelhouse {folder}")
+        return 0
+    with tempfile.TemporaryDirectory() as folder:
+        _fill(options, Path(folder))
+        pack(Path(folder), options.make_release)
+    signed = "signed" if options.sign else "not signed: no --sign"
+    print(f"{options.make_release}: {signed}")
+    return 0
 
 
 def _print(rows: list[tuple[str, str, Outcome]], dry_run: bool) -> None:

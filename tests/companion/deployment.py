@@ -112,6 +112,7 @@ def small_wheel(folder, version, check=0):
     files = {
         "companion/__init__.py": "",
         "companion/__main__.py": f"import sys\nprint('version {version}')\nsys.exit({check})\n",
+        "companion/board/locks/base.txt": "",
         f"{info}/METADATA": f"Metadata-Version: 2.1\nName: swarm-companion\nVersion: {version}\n",
         f"{info}/WHEEL": "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\n"
         "Tag: py3-none-any\n",

@@ -41,20 +41,20 @@ def library(stage: Stage, config: NmpcConfig) -> ctypes.CDLL | None:
     if compiler is None or config.N > MAX_STAGES or len(stage.margin.rows) > MAX_ROWS:
         return None
     try:
-        source = _source(stage)
-        key = "\n".join([source, *FLAGS, compiler, _processor()])
+        code = source(stage)
+        key = "\n".join([code, *FLAGS, compiler, _processor()])
         path = _cache() / f"nmpc-{hashlib.sha256(key.encode()).hexdigest()[:20]}.so"
         with _lock(path.parent):
             if path.exists():
                 with contextlib.suppress(OSError):  # cut short by a full disk: compiled again
                     return ctypes.CDLL(str(path))
-            _compile(compiler, source, path)
+            _compile(compiler, code, path)
             return ctypes.CDLL(str(path))
     except (OSError, RuntimeError, subprocess.SubprocessError):  # Runtime: the user has no home
         return None
 
 
-def _source(stage: Stage) -> str:
+def source(stage: Stage) -> str:
     """Return the whole source: CasADi's stage functions, then the kernel."""
     generator = ca.CodeGenerator("stages", {"with_header": False})
     generator.add(stage.linearise)

@@ -14,6 +14,7 @@ from tests.closed_loop.matrix import (
     camera_checks,
     hostile_checks,
     link_checks,
+    power_checks,
     thrust_checks,
 )
 from tests.closed_loop.matrix.inprocess import fly
@@ -341,6 +342,7 @@ ROWS = {
         *vars(hostile_checks).items(),
         *vars(thrust_checks).items(),
         *vars(camera_checks).items(),
+        *vars(power_checks).items(),
         *globals().items(),
     ]
     if name.startswith("row_")

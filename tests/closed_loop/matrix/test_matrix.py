@@ -24,9 +24,10 @@ from mavlink_bridge.wire import allowance, codec, framing
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.messages import Attitude, Received, Source
 from mavlink_bridge.wire.signing import Signing
-from tests.closed_loop.matrix import checks, inprocess, thrust_checks
+from tests.closed_loop.matrix import checks, inprocess, power_checks, thrust_checks
 
 
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("row", [pytest.param(r, marks=pytest.mark.row(r)) for r in checks.ROWS])
 def test_row(row, note):
     checks.ROWS[row](note)
@@ -46,6 +47,13 @@ def test_a_skewed_clock_is_followed(skew, monkeypatch, note):
         worst = max(worst, abs(follower._clock.estimate.vehicle(now) - stamp))
     assert worst < 0.001
     note("s off at 200 ppm, in 10 minutes", worst)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.row("42")
+def test_power_is_lost_at_every_step(note):
+    power_checks.row_42(note, stride=1)
 
 
 def overridden(**sections):
@@ -140,6 +148,9 @@ WITHOUT = {
     "29: the boundary round each stage": catch_nothing,
     "29: the guard's answer to a failure": lambda p: p.setattr(
         Guard, "judge", _deaf_to_failures(Guard.judge)
+    ),
+    "42: the journal, read at the start": lambda p: p.setattr(
+        power_checks, "recover", lambda root: None
     ),
     "30: signatures": lambda p: p.setattr(Codec, "_signed", lambda *a: True),
     "21: the brake outside the fence": overridden(guard={"fence_drift": 1e9}),

@@ -8,7 +8,7 @@ def test_files_that_are_put_back_are_as_they_were(tmp_path):
     for file, mode in ((launcher, 0o755), (key, 0o600)):
         file.write_bytes(b"old")
         file.chmod(mode)
-    changes = Changes()
+    changes = Changes(tmp_path)
     for file in (launcher, key, new):
         changes.write(file, b"new")
     changes.link(key, "elsewhere")

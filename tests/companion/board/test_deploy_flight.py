@@ -15,7 +15,7 @@ from tests.companion.deployment import contents
 
 SOURCE = Path(__file__).parents[3]
 DEPLOYED = "opt/swarm-companion"
-SIZE_MAX = 960e6  # bytes, 120e6 of them ONNX Runtime
+SIZE_MAX = 450e6  # bytes
 
 
 @pytest.fixture(scope="module")
@@ -106,4 +106,4 @@ def test_deployed_flown_upgraded_rolled_back(wheel, world, start_daemon, tmp_pat
     assert {k: v for k, v in kept.items() if k not in links} == {
         k: v for k, v in before.items() if k not in links
     }
-    shutil.rmtree(root)  # 900 MB that pytest would keep
+    shutil.rmtree(root)  # 360 MB that pytest would keep

@@ -10,6 +10,7 @@ import pytest
 from companion.board.bundle import make_bundle
 from companion.board.changes import InstallError, Report
 from companion.board.installer import Board
+from companion.board.release_file import fill_release
 from companion.settings.config import load_config
 from tests.companion.deployment import (
     contents,
@@ -26,7 +27,7 @@ WAITING = "ActiveState=activating\nStatusText=waiting for camera frame"
 def bundle_of(board, wheel, count=2):
     drones = [(f, load_config(f)) for f in files_of(board)[:count]]
     (board / "bundle").mkdir()
-    return make_bundle(board / "bundle", drones, wheel)
+    return make_bundle(board / "bundle", drones, fill_release(board / "release", wheel))
 
 
 def test_daemons_that_stay_up_are_restarted(board):
