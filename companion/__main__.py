@@ -22,6 +22,8 @@ COMMANDS = (
     "doctor",
     "calibrate",
     "fleet",
+    "ground",
+    "debrief",
     "replay",
     "bench",
     "log",

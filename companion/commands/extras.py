@@ -4,6 +4,7 @@ from __future__ import annotations
 
 EXTRAS = {
     "mavsdk": "fleet",
+    "tornado": "ground",
     "onnxruntime": "eyes",
     "piqp": "piqp",
     "pyrvo": "studies",

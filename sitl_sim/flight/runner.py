@@ -107,6 +107,9 @@ class Flight:
             raise
         if isinstance(self._autopilots, LockstepFleet):
             self._set_clocks(self._autopilots.clock_ms)
+        elif isinstance(self._autopilots, Autopilots):  # real ones pass messages on themselves
+            for drone in self._drones:
+                drone.route()
         self._faults = FaultyWorld(
             self._schedule,
             self.vehicles,

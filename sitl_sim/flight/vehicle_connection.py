@@ -13,6 +13,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from mavlink_bridge.wire.codec import Codec
+from mavlink_bridge.wire.ids import ComponentId
 from mavlink_bridge.wire.link import Link
 from mavlink_bridge.wire.memory import MemoryEndpoint
 from mavlink_bridge.wire.messages import Received
@@ -114,6 +116,26 @@ class VehicleConnection:
         self.companion.send_packets(fleet.packets(self.index, "companion"))
         self.ground.send_packets(fleet.packets(self.index, "gcs"))
 
+    def route(self) -> None:
+        """Pass messages on between companion and ground stations, as a router on the board does.
+
+        The companion is sent what names it, and a ground station that speaks what is not for the
+        autopilot alone.
+        """
+        reader = Codec(255, ComponentId.AUTOPILOT1)
+
+        def to_ground(sent: bool, data: bytes) -> None:
+            if sent or not self.ground.packets_in:
+                return
+            if any(t != ComponentId.AUTOPILOT1 for t in _targets(reader, data)):
+                self.ground.send_packets([data])
+
+        def to_companion(sent: bool, data: bytes) -> None:
+            if not sent and max(_targets(reader, data), default=0) > ComponentId.AUTOPILOT1:
+                self.companion.send_packets([data])
+
+        self.companion.tap, self.ground.tap = to_ground, to_companion
+
     def drop_companion(self) -> None:
         """Stop waiting for a companion that does not answer; it is sent no more frames."""
         self.companion_lost = True
@@ -141,3 +163,9 @@ class VehicleConnection:
 
     def _runs(self) -> bool:
         return self.process is not None and self.process.poll() is None
+
+
+def _targets(reader: Codec, data: bytes) -> list[int]:
+    """Return the component that each message of a packet is for; 0: all."""
+    messages = [r.message for r in reader.decode_datagram(data)]
+    return [int(getattr(m, "target_component", 0)) for m in messages]
