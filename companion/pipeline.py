@@ -142,6 +142,7 @@ class Companion:
             ground,
             inputs.horizon,
         )
+        run("height", None, self._vehicle.see_ground, seen.own, seen.fixed)
         obstacles = run(
             "map", last.obstacles, self._obstacles.update, seen, own, vehicle.doubt, ground
         )
@@ -166,6 +167,7 @@ class Companion:
             phase,
             vehicle.map_offset,
             motion.delay,
+            vehicle.height,
         )
         planned = run("plan", Planned(), self._planning.plan, own, reference, motion.prediction)
         broken = run("watch", None, self._monitors.update, time, vehicle, motion, phase)

@@ -39,7 +39,12 @@ class Formulation:
         """
         offset = reference.map_offset
         planes = [
-            _off_map(self._fence.altitude_planes(reference.aim[2] + offset[2]), offset),
+            _off_map(
+                self._fence.altitude_planes(
+                    reference.aim[2] + offset[2], reference.floor + offset[2]
+                ),
+                offset,
+            ),
             reference.obstacles.planes,
             _off_map(self._fence.near(own.p + offset, self._nmpc.d_obstacle_safety), offset),
         ]

@@ -1,8 +1,9 @@
-"""Height over ground, from a rangefinder that looks down and the own vertical position.
+"""Height over ground: a rangefinder that looks down, the ground's parallax, the own altitude.
 
 The level of the ground below is a random walk: it changes with the way flown (a slope), and seems
-to change with the drift of the own height. Without a rangefinder the ground is where the own frame
-has its zero, and the doubt grows with every second and metre.
+to change with the drift of the own height. A rangefinder measures it. So do the points of the
+ground that the camera sees pass by: their distance by parallax needs no height, only the own
+motion (`parallax.py`). Where neither tells, the doubt grows with every second and metre.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.estimation.own_doubt import OwnDoubt
+from companion.perception.parallax import FixedPoints
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.wire.ids import SensorRotation
@@ -20,12 +23,17 @@ from mavlink_bridge.wire.messages import DistanceSensor, VehicleState
 
 _SIGMA = 0.1  # m, of the ground's level where the own frame began
 _SLOPE = 0.1  # m of level per √m flown: a slope of 10° within 3 m
-_DRIFT = 0.02  # m per √s: the own height drifts
+_DRIFT = 0.02  # m per √s: the own height drifts at least so fast
+_WANDER_TIME = 40.0  # s in which a height wanders by what its estimator doubts
 _SENSOR = 0.03  # m, where the rangefinder does not tell its error
 _TILT_MIN = 0.8  # cosine of the angle beyond which the beam looks aside
 _GATE = 5.0  # standard deviations; a look farther off is a bush or a neighbour below
 _INSIST = 5  # such looks in a row are the ground: a step
 _NO_ECHO = 1  # quality of a look without an echo
+_STEEP = 0.3  # sine of the angle below the horizon; flatter sight lines say little of the level
+_MOVES = 0.4  # m/s; slower, the pictures say little
+_POINTS = 8  # points of the ground that make a look
+_LASTS = 0.7  # s for which the error of the own velocity lasts, and so that of all such looks
 
 
 @dataclass(frozen=True)
@@ -47,13 +55,20 @@ class HeightEstimator:
         """Forget the ground: the own frame has begun anew."""
         self._level, self._variance = 0.0, _SIGMA**2  # m and m², in the own frame
         self._before: tuple[float, Vector] | None = None
-        self._refused = 0
+        self._refused: dict[str, int] = {}  # looks in a row that were refused, by what looked
+        self._pictured = -math.inf  # s, of the last look of the camera
 
-    def update(self, own: VehicleState, looks: Iterable[DistanceSensor]) -> Height:
-        """Return the height in state `own`, after the looks since the last tick."""
+    def update(
+        self, own: VehicleState, looks: Iterable[DistanceSensor], doubt: float = 0.0
+    ) -> Height:
+        """Return the height in state `own`, after the looks since the last tick.
+
+        doubt: m, 1 σ of the own height as its estimator tells.
+        """
         if self._before is not None:
             dt, way = own.time - self._before[0], np.linalg.norm((own.p - self._before[1])[:2])
-            self._variance += _DRIFT**2 * max(dt, 0.0) + _SLOPE**2 * float(way)
+            drift = max(_DRIFT**2, 2.0 * doubt**2 / _WANDER_TIME)  # m²/s
+            self._variance += drift * max(dt, 0.0) + _SLOPE**2 * float(way)
         self._before = own.time, own.p
         for look in looks:
             self._look(own, look)
@@ -61,20 +76,51 @@ class HeightEstimator:
         return Height(value, math.sqrt(self._variance), self._level)
 
     def _look(self, own: VehicleState, look: DistanceSensor) -> None:
-        """Correct the level by one look."""
+        """Correct the level by one look of a rangefinder."""
         upright = float(rotation_matrix(own.q_wb)[2, 2])
         heard = look.minimum < look.distance < look.maximum and look.quality != _NO_ECHO
         if look.orientation != SensorRotation.DOWN or not heard or upright < _TILT_MIN:
             return
         z = float(own.p[2] + own.v[2] * (look.time - own.time))
-        off = z - look.distance * upright - self._level
-        noise = max(look.sigma, _SENSOR) ** 2
-        if off * off > _GATE**2 * (self._variance + noise):
-            self._refused += 1
-            if self._refused < _INSIST:
+        self._correct("range", z - look.distance * upright, max(look.sigma, _SENSOR))
+
+    def see(self, own: VehicleState, fixed: FixedPoints, doubt: OwnDoubt) -> None:
+        """Take in the points of a picture taken in state `own`; most of those below are ground.
+
+        doubt: of the own state. A wrong speed scales all distances, a wrong tilt moves all levels
+        alike: neither grows less by more points, the tilt's not even by more pictures.
+        """
+        rays = fixed.places - own.p
+        lengths = np.maximum(np.linalg.norm(rays, axis=1), 1e-6)
+        below = rays[:, 2] < -_STEEP * lengths
+        speed = float(np.linalg.norm(own.v))
+        if np.count_nonzero(below) < _POINTS or speed < _MOVES:
+            return
+        level = float(np.median(fixed.places[below, 2]))
+        away = float(np.median(np.hypot(rays[below, 0], rays[below, 1])))  # m
+        spread = float(np.median((fixed.sigmas / lengths)[below]))
+        once = math.hypot(spread, doubt.velocity / speed) * (float(own.p[2]) - level)
+        least = doubt.tilt * away
+        dt = min(max(own.time - self._pictured, 0.02), _LASTS)
+        self._pictured = own.time
+        often = once * math.sqrt(2.0 * _LASTS / dt)
+        self._correct("picture", level, often, math.hypot(once, least), least)
+
+    def _correct(
+        self, by: str, level: float, sigma: float, alone: float | None = None, least: float = 0.0
+    ) -> None:
+        """Correct the level [m] by a look with 1 σ [m].
+
+        alone: m, 1 σ of this look by itself, where looks share an error. least: m, 1 σ that any
+        number of looks leaves.
+        """
+        off, noise = level - self._level, sigma**2
+        if off * off > _GATE**2 * (self._variance + (alone or sigma) ** 2):
+            self._refused[by] = self._refused.get(by, 0) + 1
+            if self._refused[by] < _INSIST:
                 return
             self._variance = off * off
-        self._refused = 0
+        self._refused[by] = 0
         gain = self._variance / (self._variance + noise)
         self._level += gain * off
-        self._variance *= 1.0 - gain
+        self._variance = max((1.0 - gain) * self._variance, min(self._variance, least**2))

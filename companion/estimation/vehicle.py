@@ -16,6 +16,7 @@ from companion.estimation.own_doubt import OwnDoubt, OwnDoubtEstimator
 from companion.estimation.own_state import OwnState
 from companion.estimation.prediction import StatePredictor
 from companion.estimation.velocity_lag import Lag, VelocityLag
+from companion.perception.parallax import FixedPoints
 from companion.types import Phase
 from mavlink_bridge.autopilots.answers import Answers
 from mavlink_bridge.autopilots.registry import Identity
@@ -155,7 +156,7 @@ class VehicleEstimator:
             refusals=tuple(self._answers.refusals(messages)),
             attitudes=tuple(self._own.new_attitudes),
             doubt=doubt,
-            height=None if state is None else self._height.update(state, looks),
+            height=None if state is None else self._height.update(state, looks, doubt.height),
             map_offset=self._frame.offset,
             lag=self._lag.lag,
         )
@@ -175,6 +176,11 @@ class VehicleEstimator:
         if known is None or self._flown_by is None:
             return self._own.at(time)
         return self._flown_by.carried(known, time)
+
+    def see_ground(self, own: VehicleState | None, fixed: FixedPoints) -> None:
+        """Let the points of a picture, taken in state `own`, correct the height over ground."""
+        if own is not None:
+            self._height.see(own, fixed, self._doubt.doubt)
 
     def ask(self, requests: Sequence[Message]) -> None:
         """Note what this tick asks of the autopilot, for the words of a refusal."""

@@ -7,16 +7,22 @@ from typing import Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from companion.estimation.height import Height
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import Contradiction, StrictModel
 
+_SURE = 0.2  # m, 1 σ of the height over ground, up to which altitude_min has room for it
+_DOUBT_MAX = 0.5  # m; no more is added for a ground that nobody knows
+_ROOM = 0.3  # m that stays between floor and ceiling
 _REACH = 6.0  # m, farther than a plan gets in its 2 s at any speed
 
 
 class FenceConfig(StrictModel):
     """Limits of the own place [m; own ENU frame]; planes of the NMPC."""
 
-    altitude_min: float = Field(0.8, description="Lowest altitude [m] of a plan in flight.")
+    altitude_min: float = Field(
+        0.8, description="Least height [m] over ground of a plan in flight, and of a goal."
+    )
     altitude_max: float = Field(5.0, gt=1, description="Highest altitude [m].")
     altitude_band: float = Field(
         1.0,
@@ -73,8 +79,21 @@ class FenceConfig(StrictModel):
         worst = int(np.argmax(beyond))
         return float(beyond[worst]), float(planes[worst, :3] @ v)
 
-    def altitude_planes(self, goal_altitude: float) -> Vector:
-        """Return the band around the goal's height [m] inside the fence, as (2,4) half-spaces."""
+    def floor(self, height: Height | None) -> float:
+        """Return the lowest z [m] of a plan over the ground that `height` tells.
+
+        A ground that is less sure than usual is kept farther below.
+        """
+        if height is None:
+            return self.altitude_min
+        return height.ground + self.altitude_min + min(max(height.sigma - _SURE, 0.0), _DOUBT_MAX)
+
+    def altitude_planes(self, goal_altitude: float, floor: float) -> Vector:
+        """Return the band around the goal's height [m] above the floor [m], as (2,4) half-spaces.
+
+        Where the floor is near the ceiling, the floor counts.
+        """
         top = min(self.altitude_max, goal_altitude + self.altitude_band)
-        bottom = max(self.altitude_min, goal_altitude - self.altitude_band)
+        bottom = max(floor, goal_altitude - self.altitude_band)
+        top = max(top, bottom + _ROOM)
         return np.array([[0, 0, 1, top], [0, 0, -1, -bottom]], dtype=float)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from companion.estimation.delay import Delay
+from companion.estimation.height import Height
 from companion.estimation.known_obstacles import KnownObstacles
 from companion.estimation.surface_map import SurfaceConfig
 from companion.guidance.commissioning import Commissioning
@@ -70,7 +71,7 @@ class Reference:
     neighbours in range with their threat, worst first; critical: the first few of them. cohesive:
     ids of the critical ones that fly the same way. obstacles: what stands around. land: whether the
     mission is complete and the drone may come down. map_offset: (3,) m, place on the map, where
-    goals and fence are, less that of the own state.
+    goals and fence are, less that of the own state. floor: m, the lowest z of a plan.
     """
 
     progress: MissionProgress
@@ -87,6 +88,7 @@ class Reference:
     obstacles: Obstacles
     land: bool
     map_offset: Vector = field(default_factory=lambda: _NO_OFFSET)
+    floor: float = -np.inf
 
 
 class Guidance:
@@ -125,18 +127,22 @@ class Guidance:
         phase: Phase,
         map_offset: Vector = _NO_OFFSET,
         delay: Delay = _AT_ONCE,
+        height: Height | None = None,
     ) -> Reference | None:
         """Return the reference for the own state now; None where that is not known.
 
         phase: of the tick before. Without control of the vehicle the reference is to stay.
         map_offset: (3,) m, place on the map, where the goals are, less that of the own state.
-        delay: from a command to its effect.
+        delay: from a command to its effect. height: over ground; None: the own frame's zero is it.
         """
         if own is None:
             return None
         s = self._settings
         mine = phase.on_mission
-        progress = self._progress(own, map_offset) if mine else MissionProgress(own.p, 0, False)
+        floor = s.fence.floor(height)
+        progress = MissionProgress(own.p, 0, False)
+        if mine:
+            progress = self._progress(own, map_offset, floor)
         aim, route = self._route(own, progress.goal, known)
         to_aim = aim - own.p
         near = rated_neighbours(own, tracks, s.d_ref, s.threat)
@@ -166,14 +172,15 @@ class Guidance:
                 t.id for t, _ in critical if not blocks_way(own, t, aim, s.right_of_way)
             ),
             map_offset=map_offset,
+            floor=floor,
             obstacles=Obstacles(known.cylinders, planes, known.points, known.sigmas),
             land=self._land(own, tracks, progress.complete and phase.flying),
         )
 
-    def _progress(self, own: VehicleState, map_offset: Vector) -> MissionProgress:
+    def _progress(self, own: VehicleState, map_offset: Vector, floor: float) -> MissionProgress:
         """Return the mission's progress; its goals are on the map, the one returned is not."""
         on_map = replace(own, p=own.p + map_offset)
-        progress = self._mission.update(on_map, self._gaze.surveyed)
+        progress = self._mission.update(on_map, self._gaze.surveyed, floor + float(map_offset[2]))
         return replace(progress, goal=progress.goal - map_offset)
 
     def _route(

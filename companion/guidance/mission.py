@@ -113,14 +113,19 @@ class Mission:
         self._near = False
         self._turn = 0.0  # +1: left, -1: right at the present goal; 0: not known yet
         self._start: VehicleState | None = None
+        self._floor = -math.inf  # m
 
-    def update(self, own: VehicleState, surveyed: bool = True) -> MissionProgress:
+    def update(
+        self, own: VehicleState, surveyed: bool = True, floor: float = -math.inf
+    ) -> MissionProgress:
         """Advance past the goals that are done; return the progress from the own state.
 
-        Until the drone has looked round (`surveyed`) and waited, and without goals for ever, it
+        floor: m, the lowest z that may be flown now; a goal below it is flown to, and reached, at
+        that height. Until the drone has looked round (`surveyed`) and waited, and without goals for ever, it
         holds where the first update found it.
         """
         self._start = self._start or own
+        self._floor = floor
         # A vehicle's clock that begins anew, after a reboot, must not make the wait endless.
         waits = 0.0 <= own.time - self._start.time < self._config.wait
         if not self._goals or waits or not (surveyed or self._complete):
@@ -140,7 +145,7 @@ class Mission:
 
     def _done(self, own: VehicleState) -> bool:
         """Return whether the present goal is reached, or passed where others follow."""
-        c, goal = self._config, self._goals[self._index]
+        c, goal = self._config, self._goal
         distance = float(np.linalg.norm(goal - own.p))
         if self._last:
             slow = float(np.linalg.norm(own.v)) <= c.final_speed
@@ -157,9 +162,15 @@ class Mission:
         aim = goal if self._last else self._roundabout().aim(p)
         return np.array([aim[0], aim[1], goal[2]])
 
+    @property
+    def _goal(self) -> Vector:
+        """The present goal (3,) m, no lower than may be flown."""
+        x, y, z = self._goals[self._index]
+        return np.array([x, y, max(z, self._floor)])
+
     def _goal_on_level(self, p: Vector) -> Vector:
         """Return the goal (3,) m, raised to the drone's level until p (3,) m is near it."""
-        goal = self._goals[self._index]
+        goal = self._goal
         distance = math.hypot(goal[0] - p[0], goal[1] - p[1])
         share = (distance - _LEVEL_FROM) / (_LEVEL_FULL - _LEVEL_FROM)
         level = self._config.level * min(max(share, 0.0), 1.0)

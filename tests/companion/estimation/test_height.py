@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from companion.estimation.height import HeightEstimator
+from companion.estimation.own_doubt import OwnDoubt
+from companion.perception.parallax import FixedPoints
 from mavlink_bridge.wire.messages import DistanceSensor, VehicleState
 
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
@@ -53,3 +55,49 @@ def test_a_tilted_beam_measures_the_height():
     roll = np.array([np.cos(0.2), np.sin(0.2), 0.0, 0.0])
     errors, _ = fly(HeightEstimator(), lambda x: 0.0, q=roll)
     assert np.abs(errors).max() < 0.1
+
+
+def ground_points(rng, p, ground, trunks=0.2, n=60):
+    """Points that parallax shows around p: ground at depressions of 20 to 60°, some on trunks."""
+    azimuth, depression = rng.uniform(-1.2, 1.2, n), rng.uniform(0.35, 1.05, n)
+    length = (p[2] - ground) / np.sin(depression)
+    length *= np.where(rng.random(n) < trunks, rng.uniform(0.4, 0.9, n), 1.0)
+    length *= 1.0 + rng.normal(0.0, 0.06, n)
+    flat = np.cos(depression)
+    rays = np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), -np.sin(depression)])
+    rows = np.zeros((n, 7))
+    rows[:, :3], rows[:, 3] = p + length[:, None] * rays, 0.06 * length
+    return FixedPoints.from_rows(rows)
+
+
+def fly_by_pictures(ground, seconds=60.0, drift=0.0, speed=1.5, doubt=None):
+    """Fly without a rangefinder; return errors and doubts [m] after five seconds."""
+    rng, estimator, found = np.random.default_rng(5), HeightEstimator(), []
+    doubt = doubt or OwnDoubt(velocity=0.08, tilt=0.006, height=0.1)
+    for k in range(round(10 * seconds)):
+        t = 0.1 * k
+        p, v = np.array([speed * t, 0.0, 2.0 + drift * t]), np.array([speed, 0.0, drift])
+        own, level = VehicleState(t, p, v, LEVEL, np.zeros(3)), ground(speed * t) + drift * t
+        h = estimator.update(own, [], doubt.height)
+        found.append((h.value - (p[2] - level), h.sigma))
+        estimator.see(own, ground_points(rng, p, level), doubt)
+    return np.array(found[50:]).T
+
+
+def test_without_a_rangefinder_the_parallax_of_the_ground_tells_a_drift_of_the_height():
+    errors, sigmas = fly_by_pictures(lambda x: 0.0, drift=1.0 / 60.0)
+    assert np.abs(errors).max() < 0.25
+    assert 0.05 < sigmas.max() < 0.3
+
+
+def test_without_a_rangefinder_the_parallax_of_the_ground_tells_a_slope():
+    errors, sigmas = fly_by_pictures(lambda x: 0.5 * np.sin(0.2 * x))  # up to 6°
+    assert np.sqrt(np.mean(errors**2)) < 0.2
+    assert np.mean((errors / sigmas) ** 2) < 3.0
+
+
+def test_pictures_of_a_drone_that_does_not_move_say_nothing():
+    doubt = OwnDoubt(height=0.5)
+    errors, sigmas = fly_by_pictures(lambda x: 0.0, drift=1.0 / 60.0, speed=0.0, doubt=doubt)
+    assert errors[-1] == pytest.approx(1.0, abs=0.05)
+    assert sigmas[-1] > 0.5

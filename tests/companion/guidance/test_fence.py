@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from companion.estimation.height import Height
 from companion.guidance.fence import FenceConfig
 from mavlink_bridge.shared.settings import SettingsError, parse_yaml, validate
 
@@ -27,3 +28,20 @@ def test_a_side_that_is_crossed_lets_the_drone_go_no_farther():
     assert east[3] == pytest.approx(5.7 + 0.6)
     assert north[3] == 5.0
     assert fence.across(np.array([5.7, 4.8, 2.0]), np.zeros(3))[0] == pytest.approx(0.7)
+
+
+def test_the_floor_follows_the_ground_and_its_doubt():
+    fence = FenceConfig(altitude_min=0.8)
+    assert fence.floor(None) == 0.8
+    assert fence.floor(Height(1.5, 0.05, ground=0.5)) == pytest.approx(1.3)
+    assert fence.floor(Height(1.5, 0.4, ground=0.5)) == pytest.approx(1.5)
+    assert fence.floor(Height(1.5, 9.0, ground=0.5)) == pytest.approx(1.8)
+    assert fence.floor(Height(5.0, 0.05, ground=-3.0)) == pytest.approx(-2.2)
+
+
+def test_plans_stay_in_a_band_around_the_goal_above_the_floor():
+    fence = FenceConfig(altitude_max=5.0, altitude_band=1.0)
+    assert fence.altitude_planes(2.0, 0.8)[:, 3].tolist() == [3.0, -1.0]
+    assert fence.altitude_planes(2.0, 1.6)[:, 3].tolist() == [3.0, -1.6]
+    top, bottom = fence.altitude_planes(2.0, 6.0)[:, 3] * [1.0, -1.0]
+    assert top > bottom == 6.0  # hills as high as the fence: the ground counts

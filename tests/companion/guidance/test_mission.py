@@ -127,3 +127,10 @@ def test_a_goal_on_the_way_is_passed_on_the_drones_level(level):
 
 def test_the_least_room_round_the_island_is_enough():
     assert MissionConfig(goals=[[0, 0, 2], [9, 0, 2]], tolerance=1.0, island=0.9).island == 0.9
+
+
+def test_a_goal_that_lies_too_low_is_reached_at_the_floor():
+    mission = Mission(MissionConfig(goals=[[5.0, 0.0, 1.0]]))
+    assert mission.update(at([0.0, 0.0, 2.0]), floor=1.8).goal.tolist() == [5.0, 0.0, 1.8]
+    assert not mission.update(at([5.0, 0.0, 1.0]), floor=1.8).complete
+    assert mission.update(at([5.0, 0.0, 1.8]), floor=1.8).complete
