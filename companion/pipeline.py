@@ -28,6 +28,7 @@ from companion.estimation.known_obstacles import ObstacleEstimator
 from companion.estimation.motion import MotionEstimate, MotionEstimator
 from companion.estimation.neighbours import NeighbourEstimator
 from companion.estimation.vehicle import VehicleEstimate, VehicleEstimator
+from companion.guidance.goals import resolved
 from companion.guidance.guidance import Guidance, Reference
 from companion.perception.frontend import Detections, PerceptionFrontend, make_view
 from companion.services.services import Served, Services, Situation, Wish, nearest
@@ -98,7 +99,7 @@ class Companion:
         ways = {Wish.HOLD, Wish.LAND}
         if adapter(link.autopilot, link.system_id).rtl():
             ways.add(Wish.RETURN)
-        goals = [np.array(g, dtype=float) for g in c.mission.goals]
+        goals = [g.p for g in resolved(c.mission.goals, None) or []]
         self._services = Services(own, c.camera, c.fence, goals, frozenset(ways))
         self._before = Situation(Phase.WAIT)  # of the last tick, as the services tell it
         self._last_resort = LastResort(adapter(link.autopilot, link.system_id))
@@ -168,6 +169,7 @@ class Companion:
             vehicle.map_offset,
             motion.delay,
             vehicle.height,
+            vehicle.home,
         )
         planned = run("plan", Planned(), self._planning.plan, own, reference, motion.prediction)
         broken = run("watch", None, self._monitors.update, time, vehicle, motion, phase)

@@ -25,6 +25,7 @@ from mavlink_bridge.wire.messages import (
     Attitude,
     DistanceSensor,
     Heartbeat,
+    HomePosition,
     Message,
     Received,
     Source,
@@ -51,7 +52,8 @@ class VehicleEstimate:
     what the autopilot refused since the tick before, in words. attitudes: those that came since the
     tick before, in order of time. doubt: of the state. map_offset: (3,) m, position on the map less
     that of the state, see `odometry_frame.py`. height: over ground; None before a state is known.
-    lag: of the reported position and velocity, which the state makes up for.
+    lag: of the reported position and velocity, which the state makes up for. home: where the
+    vehicle took off, as it tells; None: it has not told.
     """
 
     state: VehicleState | None = None
@@ -71,6 +73,7 @@ class VehicleEstimate:
     height: Height | None = None
     map_offset: Vector = field(default_factory=lambda: np.zeros(3))
     lag: Lag = _NO_LAG
+    home: HomePosition | None = None
 
     def without_news(self, gap: float) -> VehicleEstimate:
         """Return this estimate `gap` [s] later, where no new one can be had.
@@ -107,6 +110,7 @@ class VehicleEstimator:
         self._height = HeightEstimator()
         self._frame = OdometryFrame()
         self._lag = VelocityLag()
+        self._home: HomePosition | None = None
         self._flown_by: StatePredictor | None = None
         self._thrust = AutopilotThrustReader(identity)
         self._link = LinkQuality(silence)
@@ -140,6 +144,9 @@ class VehicleEstimator:
         told = self._state(time)
         self._lag.update(told, phase.flying)
         state = None if told is None else self._lag.lag.made_up(told)
+        for m in messages:
+            if isinstance(m, HomePosition) and not _same(m, self._home):
+                self._home = m
         looks = [m for m in messages if isinstance(m, DistanceSensor)]
         return VehicleEstimate(
             state=state,
@@ -159,6 +166,7 @@ class VehicleEstimator:
             height=None if state is None else self._height.update(state, looks, doubt.height),
             map_offset=self._frame.offset,
             lag=self._lag.lag,
+            home=self._home,
         )
 
     def at(self, time: float) -> VehicleState | None:
@@ -197,6 +205,7 @@ class VehicleEstimator:
             self._thrust.reset()
             self._frame = OdometryFrame()
             self._height.reset()
+            self._home = None
             self._lag.reset()
         return rebooted
 
@@ -205,3 +214,11 @@ class VehicleEstimator:
         return (
             self._own.at(time) if self._own.age(time) <= self._predict_after else self._told(time)
         )
+
+
+def _same(a: HomePosition, b: HomePosition | None) -> bool:
+    """Return whether two messages tell the same home; one that comes again is no new one."""
+    if b is None:
+        return False
+    earth = (a.latitude_deg, a.longitude_deg, a.altitude)
+    return earth == (b.latitude_deg, b.longitude_deg, b.altitude) and np.array_equal(a.p, b.p)

@@ -16,8 +16,10 @@ from companion.guidance.corridor import corridor_planes, free_heading
 from companion.guidance.detour import Detour
 from companion.guidance.fence import FenceConfig
 from companion.guidance.gaze import GazeConfig, bearing, make_gaze, nearest_bearing
+from companion.guidance.goals import Goal, resolved
 from companion.guidance.landing import Landing
 from companion.guidance.mission import Mission, MissionConfig, MissionProgress
+from companion.guidance.opening import OpeningFinder
 from companion.guidance.right_of_way import RightOfWayConfig, blocks_way, pass_on_right
 from companion.guidance.speed_limits import (
     SpeedLimitConfig,
@@ -31,7 +33,7 @@ from companion.model import yaw_of
 from companion.perception.camera_health import CameraFault
 from companion.types import Obstacles, Phase, Track
 from mavlink_bridge.shared.arrays import Vector
-from mavlink_bridge.wire.messages import VehicleState
+from mavlink_bridge.wire.messages import HomePosition, VehicleState
 
 _AT_ONCE = Delay(0.0, 0.0)
 _NO_OFFSET = np.zeros(3)
@@ -72,6 +74,7 @@ class Reference:
     ids of the critical ones that fly the same way. obstacles: what stands around. land: whether the
     mission is complete and the drone may come down. map_offset: (3,) m, place on the map, where
     goals and fence are, less that of the own state. floor: m, the lowest z of a plan.
+    inhibit_reason: why these goals cannot be flown to; empty: they can.
     """
 
     progress: MissionProgress
@@ -89,6 +92,7 @@ class Reference:
     land: bool
     map_offset: Vector = field(default_factory=lambda: _NO_OFFSET)
     floor: float = -np.inf
+    inhibit_reason: str = ""
 
 
 class Guidance:
@@ -97,7 +101,10 @@ class Guidance:
     def __init__(self, settings: GuidanceSettings) -> None:
         self._settings = settings
         self._commissioning = Commissioning() if settings.mission.commission else None
-        self._mission = self._commissioning or Mission(settings.mission)
+        # Whether goals of the configuration wait for the vehicle's home, or move with it.
+        self._by_home = not all(g.on_map for g in settings.mission.goals)
+        self._home: HomePosition | None = None
+        self._take_goals(None)
         self.reset()
 
     def reset(self) -> None:
@@ -112,10 +119,28 @@ class Guidance:
 
         Not in a commissioning flight: it does not look where it flies.
         """
-        s = self._settings
         if self._commissioning is not None:
             return
-        self._mission = Mission(s.mission, goals)
+        self._by_home, self._inhibit_reason = False, ""
+        self._begin([Goal(g) for g in goals])
+
+    def _take_goals(self, home: HomePosition | None) -> None:
+        """Take the configured goals, those that are told from `home` too."""
+        s = self._settings
+        self._home, self._inhibit_reason = home, ""
+        goals = resolved(s.mission.goals, home)
+        if goals is None:
+            self._inhibit_reason = "mission.goals: the vehicle has not told its home position yet"
+        for n, goal in enumerate(goals or []):
+            beyond, _ = s.fence.across(goal.p, np.zeros(3))
+            if beyond > 0.0:
+                self._inhibit_reason = f"mission.goals.{n} is {beyond:.1f} m outside the fence"
+        self._begin(goals or [])
+
+    def _begin(self, goals: Sequence[Goal]) -> None:
+        """Set out to the first of `goals`."""
+        s = self._settings
+        self._mission, self._opening = Mission(s.mission, goals), OpeningFinder()
         self._landing = Landing(s.mission, s.d_agent, turns=s.gaze.survey > 0.0)
 
     def decide(
@@ -128,21 +153,25 @@ class Guidance:
         map_offset: Vector = _NO_OFFSET,
         delay: Delay = _AT_ONCE,
         height: Height | None = None,
+        home: HomePosition | None = None,
     ) -> Reference | None:
         """Return the reference for the own state now; None where that is not known.
 
         phase: of the tick before. Without control of the vehicle the reference is to stay.
         map_offset: (3,) m, place on the map, where the goals are, less that of the own state.
         delay: from a command to its effect. height: over ground; None: the own frame's zero is it.
+        home: of the vehicle, from which goals may be told; None: not known.
         """
         if own is None:
             return None
+        if self._by_home and home is not self._home and not phase.on_mission:
+            self._take_goals(home)
         s = self._settings
         mine = phase.on_mission
         floor = s.fence.floor(height)
         progress = MissionProgress(own.p, 0, False)
         if mine:
-            progress = self._progress(own, map_offset, floor)
+            progress = self._progress(own, map_offset, floor, known.points)
         aim, route = self._route(own, progress.goal, known)
         to_aim = aim - own.p
         near = rated_neighbours(own, tracks, s.d_ref, s.threat)
@@ -173,13 +202,25 @@ class Guidance:
             ),
             map_offset=map_offset,
             floor=floor,
+            inhibit_reason=self._inhibit_reason,
             obstacles=Obstacles(known.cylinders, planes, known.points, known.sigmas),
             land=self._land(own, tracks, progress.complete and phase.flying),
         )
 
-    def _progress(self, own: VehicleState, map_offset: Vector, floor: float) -> MissionProgress:
-        """Return the mission's progress; its goals are on the map, the one returned is not."""
+    def _progress(
+        self, own: VehicleState, map_offset: Vector, floor: float, points: Vector
+    ) -> MissionProgress:
+        """Return the mission's progress; its goals are on the map, the one returned is not.
+
+        points: (n,3) m, on surfaces, among which an opening is looked for.
+        """
         on_map = replace(own, p=own.p + map_offset)
+        if self._commissioning is not None:
+            progress = self._commissioning.update(on_map, self._gaze.surveyed)
+            return replace(progress, goal=progress.goal - map_offset)
+        if (opening := self._mission.opening(on_map.p)) is not None:
+            goal, way = opening
+            self._mission.shift = self._opening.update(own.p, goal - map_offset, way, points)
         progress = self._mission.update(on_map, self._gaze.surveyed, floor + float(map_offset[2]))
         return replace(progress, goal=progress.goal - map_offset)
 

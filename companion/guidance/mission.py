@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from companion.guidance.goals import Goal, GoalConfig, resolved
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import Contradiction, StrictModel
 from mavlink_bridge.wire.messages import VehicleState
@@ -25,11 +26,12 @@ _LEAVING = 0.35  # rad before the place where the way leaves the island: the nex
 class MissionConfig(StrictModel):
     """The goals, and how they are flown."""
 
-    goals: list[list[float]] = Field(
+    goals: list[GoalConfig] = Field(
         [],
         max_length=1000,
-        description="[x, y, z] m each, own ENU frame (origin: where the vehicle booted). Without "
-        "goals the drone stays where it is, until it is told otherwise.",
+        description="[x, y, z] m each, own ENU frame (origin: where the vehicle booted); or "
+        "{home: [east, north, up]}, {latitude, longitude, height}; {place: …, opening: true}. "
+        "Without goals the drone stays where it is, until it is told otherwise.",
     )
     tolerance: float = Field(1.0, gt=0, description="A goal is reached within this [m].")
     island: float = Field(
@@ -102,12 +104,18 @@ class MissionProgress:
 
 
 class Mission:
-    """Leads through the goals, one after another, and holds the last."""
+    """Leads through the goals, one after another, and holds the last.
 
-    def __init__(self, config: MissionConfig, goals: Sequence[Vector] | None = None) -> None:
-        """Start at the first of `goals` (3,) m; None: those of the configuration."""
+    shift: (3,) m, by which the present goal, an opening, has been corrected by what is seen.
+    """
+
+    def __init__(self, config: MissionConfig, goals: Sequence[Goal] | None = None) -> None:
+        """Start at the first of `goals`; None: those of the configuration, as far as known."""
         self._config = config
-        self._goals = [np.array(g, dtype=float) for g in (config.goals if goals is None else goals)]
+        given = resolved(config.goals, None) or [] if goals is None else list(goals)
+        self._goals = [g.p for g in given]
+        self._openings = [g.opening for g in given]
+        self.shift: Vector = np.zeros(3)
         self._index = 0
         self._complete = False
         self._near = False
@@ -121,8 +129,8 @@ class Mission:
         """Advance past the goals that are done; return the progress from the own state.
 
         floor: m, the lowest z that may be flown now; a goal below it is flown to, and reached, at
-        that height. Until the drone has looked round (`surveyed`) and waited, and without goals for ever, it
-        holds where the first update found it.
+        that height. Until the drone has looked round (`surveyed`) and waited, and without goals for
+        ever, it holds where the first update found it.
         """
         self._start = self._start or own
         self._floor = floor
@@ -133,11 +141,27 @@ class Mission:
         while not self._complete and self._done(own):
             self._near = False
             self._turn = 0.0
+            self.shift = np.zeros(3)
             if self._index + 1 < len(self._goals):
                 self._index += 1
             else:
                 self._complete = True
         return MissionProgress(self._aim(own.p), self._index, self._complete)
+
+    def opening(self, p: Vector) -> tuple[Vector, Vector] | None:
+        """Return place (3,) m and way (2,) of the present goal if it is an opening; else None.
+
+        The way leads there from the goal before; to the first, from where the mission began, or
+        from p (3,) m before it has begun.
+        """
+        if not self._goals or not self._openings[self._index]:
+            return None
+        goal = self._goals[self._index]
+        start = p if self._start is None else self._start.p
+        before = self._goals[self._index - 1] if self._index else start
+        way = goal[:2] - before[:2]
+        length = float(np.linalg.norm(way))
+        return None if length < 1e-3 else (goal, way / length)
 
     @property
     def _last(self) -> bool:
@@ -151,21 +175,27 @@ class Mission:
             slow = float(np.linalg.norm(own.v)) <= c.final_speed
             return distance <= c.final_tolerance and slow
         self._near |= float(np.linalg.norm(self._goal_on_level(own.p) - own.p)) <= c.tolerance
+        if (opening := self.opening(own.p)) is not None:
+            return self._near and float((own.p - goal)[:2] @ opening[1]) > 0.0
         if self._turn == 0.0:
             before = self._goals[self._index - 1] if self._index else own.p
             self._turn = turn_side(before, goal, self._goals[self._index + 1])
         return self._near and self._roundabout().passed(own.p)
 
     def _aim(self, p: Vector) -> Vector:
-        """Return where to fly (3,) m on the drone's level: to the last goal, or round any other."""
+        """Return where to fly (3,) m on the drone's level.
+
+        To the last goal, through an opening, or round any other.
+        """
         goal = self._goal_on_level(p)
-        aim = goal if self._last else self._roundabout().aim(p)
+        straight = self._last or self._openings[self._index]
+        aim = goal if straight else self._roundabout().aim(p)
         return np.array([aim[0], aim[1], goal[2]])
 
     @property
     def _goal(self) -> Vector:
         """The present goal (3,) m, no lower than may be flown."""
-        x, y, z = self._goals[self._index]
+        x, y, z = self._goals[self._index] + self.shift
         return np.array([x, y, max(z, self._floor)])
 
     def _goal_on_level(self, p: Vector) -> Vector:
@@ -179,9 +209,7 @@ class Mission:
     def _roundabout(self) -> Roundabout:
         """Return the way round the present goal to the following one."""
         radius = self._config.island * self._config.tolerance
-        return Roundabout(
-            self._goals[self._index], radius, self._goals[self._index + 1], self._turn
-        )
+        return Roundabout(self._goal, radius, self._goals[self._index + 1], self._turn)
 
 
 def turn_side(before: Vector, goal: Vector, following: Vector) -> float:

@@ -12,6 +12,7 @@ from enum import IntEnum
 
 import numpy as np
 
+from companion.guidance.goals import on_earth
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.wire.messages import (
     HomePosition,
@@ -27,7 +28,6 @@ from mavlink_bridge.wire.messages import (
 
 GOALS_MOST = 200
 _RETRY, _TRIES = 0.5, 6  # s between requests for one item, and how many there are
-_EARTH = 6371000.0  # m, of PX4's own projection
 _WAYPOINT = 16  # MAV_CMD_NAV_WAYPOINT
 _METRES = 1e3  # the wire's units of a local item: 1e-4 m, and 1e-7 where it is read as degrees
 
@@ -78,12 +78,8 @@ def place(item: MissionItem, home: HomePosition | None) -> Vector | None:
         return p if item.frame == Frame.LOCAL_ENU else np.array([p[1], p[0], -p[2]])
     if item.frame not in set(Frame) or home is None:
         return None
-    north = math.radians(x - home.latitude_deg) * _EARTH
-    east = math.radians(y - home.longitude_deg) * _EARTH
-    east *= math.cos(math.radians(home.latitude_deg))
     above_home = item.frame in (Frame.GLOBAL_RELATIVE_ALT, Frame.GLOBAL_RELATIVE_ALT_INT)
-    up = z if above_home else z - home.altitude
-    return np.array([east, north, up]) + home.p
+    return on_earth(x, y, z if above_home else z - home.altitude, home)
 
 
 @dataclass

@@ -93,11 +93,10 @@ def _goals(config: CompanionSections) -> Iterator[Contradiction]:
     """Check that each goal is within reach, given the fence and the distance kept to it."""
     fence, mission, apart = config.fence, config.mission, config.nmpc.d_obstacle_safety
     low, high = "fence.altitude_min", "fence.altitude_max"
-    for n, goal in enumerate(mission.goals):
-        key = f"mission.goals.{n}"
-        if len(goal) != 3:
-            yield Contradiction((key,), f"must be [x, y, z], got {goal}")
-            return
+    for n, given in enumerate(mission.goals):
+        key, goal = f"mission.goals.{n}", given.place
+        if goal is None:  # its place is known, and checked, once the vehicle tells its home
+            continue
         for what, height in ("goal", goal[2]), ("way to it", goal[2] + mission.level):
             if not fence.altitude_min <= height <= fence.altitude_max:
                 yield Contradiction(

@@ -103,6 +103,8 @@ class Supervision:
         words; empty: none. broken: the gravest assumption that does not hold.
         """
         inhibit_reason = failure or vehicle.inhibit_reason or seen.inhibit_reason
+        if reference is not None:
+            inhibit_reason = inhibit_reason or reference.inhibit_reason
         verdict: Verdict | None = None
         if resume:
             self._phases.resume()

@@ -24,6 +24,7 @@ _STREAMS: dict[int, float | None] = {
     MessageId.GPS_RAW_INT: 2.0,
     MessageId.GLOBAL_POSITION_INT: 5.0,
     MessageId.EXTENDED_SYS_STATE: 2.0,
+    MessageId.HOME_POSITION: 0.5,
 }
 
 

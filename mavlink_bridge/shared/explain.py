@@ -55,12 +55,17 @@ def explain(
 
 
 def _location(places: Mapping[Key, str], error: dict[str, Any]) -> Key:
-    """Return the key path of the mistake, without the parts that pydantic adds for unions."""
-    location: Key = tuple(error["loc"])
+    """Return the key path of the mistake as the file has it.
+
+    Parts that the file does not hold are left out: names of a union's types, keys of a short form.
+    """
+    whole: Key = tuple(error["loc"])
     if error["type"] in ("missing", "extra_forbidden"):
-        return location
-    while location and location not in places:
-        location = location[:-1]
+        return whole
+    location: Key = ()
+    for part in whole:
+        if (*location, part) in places:
+            location = (*location, part)
     keys: tuple[str, ...] = getattr(error.get("ctx", {}).get("error"), "keys", ())
     paths = [(*location, *_path(key)) for key in keys]
     return next((p for p in paths if p in places), paths[0] if paths else location)

@@ -1,0 +1,85 @@
+"""Openings are found where they are seen, not where a coordinate says."""
+
+import numpy as np
+import pytest
+
+from companion.guidance.goals import Goal
+from companion.guidance.mission import Mission, MissionConfig
+from companion.guidance.opening import OpeningFinder, middle
+from mavlink_bridge.wire.messages import VehicleState
+
+NORTH = np.array([0.0, 1.0])
+
+
+def wall(centre=(0.0, 2.0), size=(2.0, 2.0), y=0.0, depth=0.0, step=0.2, seed=1):
+    """Points of a wall 8 m × 4 m at y, with an opening, and of its sides as deep as `depth`."""
+    rng = np.random.default_rng(seed)
+    x, z = np.meshgrid(np.arange(-4.0, 4.01, step), np.arange(0.0, 4.01, step))
+    x, z = x.ravel(), z.ravel()
+    half = np.array(size) / 2
+    inside = (np.abs(x - centre[0]) < half[0]) & (np.abs(z - centre[1]) < half[1])
+    face = np.column_stack([x, np.full_like(x, y), z])[~inside]
+    sides = [
+        (centre[0] + s * half[0], d, centre[1] + u)
+        for s in (-1, 1)
+        for d in np.arange(y, y + depth, step)
+        for u in np.arange(-half[1], half[1] + 0.01, step)
+    ]
+    points = np.concatenate([face, np.array(sides).reshape(-1, 3)])
+    return points + rng.normal(0.0, 0.03, points.shape)
+
+
+@pytest.mark.parametrize("off", [(0.0, 0.0), (1.0, 0.4), (-1.2, -0.5), (0.6, -0.6)])
+def test_the_middle_of_an_opening_is_found_though_the_goal_is_beside_it(off):
+    goal = np.array([off[0], 1.0, 2.0 + off[1]])
+    seen = middle(goal - [0.0, 4.0, 0.0], goal, NORTH, wall(depth=1.5))
+    assert goal + seen == pytest.approx([0.0, 1.0, 2.0], abs=0.15)
+
+
+def test_the_way_may_lead_anywhere():
+    turn = np.array([[0.6, 0.8], [-0.8, 0.6]])
+    points = wall(depth=1.0)
+    points[:, :2] = points[:, :2] @ turn.T
+    goal = np.array([*(turn @ [0.8, 1.0]), 2.0])
+    seen = middle(goal - [*(4.0 * turn @ NORTH), 0.0], goal, turn @ NORTH, points)
+    assert (goal + seen)[:2] == pytest.approx(turn @ [0.0, 1.0], abs=0.15)
+
+
+def test_where_nothing_has_been_seen_there_is_no_opening():
+    goal = np.array([0.5, 1.0, 2.0])
+    assert middle(goal - [0, 4, 0], goal, NORTH, np.zeros((0, 3))) is None
+    closed = wall(size=(0.1, 0.1))
+    assert middle(goal - [0, 4, 0], goal, NORTH, closed) is None
+    half = wall()[wall()[:, 0] < 0.0]  # its right side is out of view
+    assert middle(goal - [0, 4, 0], goal, NORTH, half) is None
+
+
+def test_a_gap_too_narrow_is_none():
+    goal = np.array([0.3, 1.0, 2.0])
+    assert middle(goal - [0, 4, 0], goal, NORTH, wall(size=(0.8, 0.8))) is None
+
+
+def test_looks_are_averaged():
+    finder, goal = OpeningFinder(), np.array([0.8, 1.0, 2.0])
+    found = [finder.update(goal - [0, 4, 0], goal, NORTH, wall(seed=k)) for k in range(20)]
+    assert np.std([f[0] for f in found[5:]]) < 0.05
+    assert goal + found[-1] == pytest.approx([0.0, 1.0, 2.0], abs=0.12)
+
+
+def test_a_mission_flies_through_an_opening_and_past_its_goal():
+    mission = Mission(
+        MissionConfig(tolerance=1.5),
+        [Goal(np.array([1.0, 1.0, 2.0]), opening=True), Goal(np.array([0.0, 9.0, 2.0]))],
+    )
+
+    def at(p):
+        return VehicleState(0.0, np.array(p), np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3))
+
+    start = at([1.0, -6.0, 2.0])
+    goal, way = mission.opening(start.p)
+    assert (goal.tolist(), way.tolist()) == ([1.0, 1.0, 2.0], [0.0, 1.0])
+    mission.shift = np.array([-1.0, 0.0, 0.0])
+    assert mission.update(start).goal.tolist() == [0.0, 1.0, 2.0]  # no roundabout in a wall
+    assert mission.update(at([0.0, 0.5, 2.0])).index == 0  # near, but not through
+    assert mission.update(at([0.0, 1.1, 2.0])).index == 1
+    assert mission.shift.tolist() == [0.0, 0.0, 0.0]
