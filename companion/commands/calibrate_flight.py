@@ -67,25 +67,35 @@ def _lens(flight: CommissioningFlight, findings: list[Finding], write: Path | No
 
 
 def _write(path: Path, wanted: Mapping[tuple[str, str], Value]) -> str:
-    """Change the file, if it is still valid then; return the difference.
+    """Change the drone's file, if it is still valid then; return the difference.
+
+    A Betaflight's bridge passes thrust on as throttle: its file gets the hover thrust, too.
 
     Raises:
         SettingsError: the file has mistakes, before or after.
     """
-    from companion.settings.config import load_config
+    from companion.settings.config import bridge_of, load_config
     from companion.settings.edit import edited
 
     load_config(path)
-    before = path.read_text(encoding="utf-8")
-    after = edited(before, wanted)
-    path.write_text(after, encoding="utf-8")
+    changes = {path: dict(wanted)}
+    hover, bridge = wanted.get(("airframe", "hover_thrust")), bridge_of(path)
+    if hover is not None and bridge.exists():
+        changes[bridge] = {("throttle", "hover"): hover}
+    before = {file: file.read_text(encoding="utf-8") for file in changes}
+    after = {file: edited(before[file], changes[file]) for file in changes}
+    difference = []
     try:
+        for file, text in after.items():
+            file.write_text(text, encoding="utf-8")
+            old, new = (t.splitlines(keepends=True) for t in (before[file], text))
+            difference += difflib.unified_diff(old, new, str(file), str(file), n=0)
         load_config(path)
     except BaseException:
-        path.write_text(before, encoding="utf-8")
+        for file, text in before.items():
+            file.write_text(text, encoding="utf-8")
         raise
-    old, new = (text.splitlines(keepends=True) for text in (before, after))
-    return "".join(difflib.unified_diff(old, new, str(path), str(path), n=0))
+    return "".join(difference)
 
 
 def _told(wanted: Mapping[tuple[str, str], Value], write: Path | None, difference: str) -> str:

@@ -155,6 +155,11 @@ def _unfit(drone: Drone, options: argparse.Namespace) -> list[str]:
             f"{drone.place('mission.auto')}: mission.auto: the drone would arm and take "
             "off whenever its board starts; set false, or give --allow-auto"
         )
+    if drone.config.mission.commission:
+        problems.append(
+            f"{drone.place('mission.commission')}: mission.commission: the drone would not look "
+            "where it flies; set false: `companion run --commission` is for one flight"
+        )
     if not (options.root or options.host or drone.config.board.host):
         problems.append(
             f"{drone.place('board.host')}: board.host: is missing; or give --host or --root"

@@ -38,7 +38,7 @@ _DISTANCE = 6.0  # m, typical of corners: its inverse and the inverse's 1 σ are
 _NEAR = 0.1  # share of the parallax by which the own way is not known
 _BLOCK = 1.0  # s for which errors may be alike
 _EXPLAINED = 2.0  # px of a picture 320 px wide, by which an explained corner may miss
-_LEAST_PAIRS = 60  # pictures
+_LEAST_PAIRS, _LEAST_CORNERS = 60, 600  # pictures, and corners in all of them
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def fit_camera(
     (n,) s and velocities (n,3) m/s, world.
     """
     corners = _Corners(camera, curve, velocity, pairs)
-    if corners.pairs < _LEAST_PAIRS:
+    if corners.pairs < _LEAST_PAIRS or len(corners.times) < _LEAST_CORNERS:
         return None
     first = np.concatenate([start, np.zeros(3)])
     values = _started(corners.thinned(_THINNED), first)

@@ -184,6 +184,11 @@ def test_a_board_with_an_armed_drone_is_left_alone(board, capsys):
     ("more", "arguments", "what"),
     [
         ("mission: {auto: true}\n", ["--root", "/x"], ":5:11: mission.auto: the drone would arm"),
+        (
+            "mission: {commission: true}\nlog: {path: x.mcap}\n",
+            ["--root", "/x"],
+            ":5:11: mission.commission: the drone would not look",
+        ),
         ("", [], ": board.host: is missing; or give --host or --root"),
         ("link: {system_id: 0}\n", ["--root", "/x"], ":5:1: link: stands twice"),
     ],

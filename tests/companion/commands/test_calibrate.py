@@ -5,8 +5,11 @@ import numpy as np
 import pytest
 
 from companion.__main__ import main
+from companion.commands.calibrate_flight import _write
 from companion.flightlog.recorder import Recorder
 from companion.perception.camera import Camera
+from companion.settings.config import bridge_of
+from mavlink_bridge.shared.settings import SettingsError
 from tests.companion.ticks import config, tick
 
 TRUE = Camera(640, 400, 231.0, 229.5, 322.4, 196.8, np.array([0.03, -0.012, 0.004, -0.0006]))
@@ -85,3 +88,17 @@ def test_a_log_without_corners_and_mixed_files_are_told(folder, tmp_path, capsys
     assert "none.mcap" in capsys.readouterr().err
     assert main(["calibrate", str(folder / "00.png"), "--write", "drone.yaml"]) == 2
     assert "takes a flight" in capsys.readouterr().err
+
+
+def test_a_betaflights_bridge_gets_the_hover_thrust_and_a_bad_change_is_undone(tmp_path):
+    drones = tmp_path / "drones"
+    assert main(["config", "examples", "--copy", str(drones)]) == 0
+    file = drones / "drone3.yaml"
+    changes = {("airframe", "hover_thrust"): 0.5123, ("camera", "lag"): 0.01}
+    shown = _write(file, changes)
+    assert shown.count("0.5123") == 2
+    assert main(["check", *(str(p) for p in drones.glob("*.yaml"))]) == 0
+    before = file.read_text(), bridge_of(file).read_text()
+    with pytest.raises(SettingsError, match=r"camera\.lag"):
+        _write(file, changes | {("camera", "lag"): 3.0, ("airframe", "hover_thrust"): 0.4})
+    assert (file.read_text(), bridge_of(file).read_text()) == before

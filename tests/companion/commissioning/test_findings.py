@@ -1,5 +1,7 @@
 """What a flight tells is found; what it cannot tell is refused, with the reason."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -62,3 +64,12 @@ def test_a_mirrored_picture_is_refused():
     told = found(made_flight(mirrored=True))
     assert all("moves as the gyro says" in told[name].refusal for name in CAMERA)
     assert told["hover thrust"].told
+
+
+def test_pictures_in_which_there_is_nothing_to_follow_tell_nothing():
+    flight = made_flight()
+    bare = [replace(p, pixels=p.pixels[:1]) for p in flight.pairs]
+    for pairs in (bare, [], flight.pairs[:20]):
+        told = found(replace(flight, pairs=pairs))
+        assert all("is there anything to see?" in told[name].refusal for name in CAMERA)
+        assert told["hover thrust"].told
