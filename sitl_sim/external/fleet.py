@@ -29,7 +29,7 @@ from mavlink_bridge.wire.messages import GpsInput, Message, Received
 from mavlink_bridge.wire.udp import UdpEndpoint
 from sitl_sim.external.betaflight_sitl import BetaflightError, BetaflightSitl
 from sitl_sim.external.namespace import Host, Namespace
-from sitl_sim.external.priority import BRIDGE, PHYSICS, raise_priority, reset_priority
+from sitl_sim.external.priority import BRIDGE, PHYSICS, WORLD, raise_priority, reset_priority
 from sitl_sim.vehicles.rigid_body import State, Vehicles
 from sitl_sim.worlds.geodesy import GeoReference, LocalFrame
 
@@ -99,7 +99,7 @@ class RealFleet:
         self._physics = threading.Thread(target=self._spin, daemon=True)
         self.longest_pause = 0.0
         sys.setswitchinterval(0.0005)  # the physics must not wait for the rest of the process
-        raise_priority(PHYSICS)  # this thread shares the interpreter with the physics
+        raise_priority(WORLD)  # this thread shares the interpreter with the physics
         try:
             for folder in folders:
                 network = Namespace() if len(folders) > 1 else Host()
@@ -218,6 +218,7 @@ class RealFleet:
 
     def _spin(self) -> None:
         """Step the physics and exchange with the autopilots at 500 Hz, until closed."""
+        raise_priority(PHYSICS)
         gps_at = 0.0
         while not self._stop.is_set():
             now = time.monotonic() - self._begun

@@ -95,6 +95,8 @@ class Flight:
         boot_ms = scenarios.boot_ms(scenario)
         self.sensors = Sensors(scenario, self.world)
         self._real_time = real_time or scenario.drones.own_time
+        if self._real_time:
+            self.sensors.warm_up(self.vehicles.p, self.vehicles.q)
         self._drones: list[VehicleConnection] = []
         for i, name in enumerate(self.names):
             self._drones.append(self._connect(i, name, boot_ms[i]))

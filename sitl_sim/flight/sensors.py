@@ -47,6 +47,15 @@ class Sensors:
         """Return by how much [s] the stamps of drone i's camera are after the capture."""
         return self._cameras[i].stamp
 
+    def warm_up(self, p: Vector, q: Vector) -> None:
+        """Deliver a frame of each drone to nobody; p: (n,3) m and q: (n,4) of all drones, world.
+
+        The first one loads compiled kernels for seconds: in real time the world would lag behind
+        its autopilots by as much, and companions would wait for a picture of their present.
+        """
+        for i in range(len(p)):
+            self.frame(i, 0.0, p, q)
+
     def frame(self, i: int, stamp: float, p: Vector, q: Vector) -> dict[str, NDArray[Any]]:
         """Return the arrays of drone i's frame, named as in `mavlink_bridge.wire.video`.
 

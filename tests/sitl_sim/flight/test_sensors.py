@@ -6,6 +6,7 @@ import pytest
 from companion.perception.camera import Camera
 from mavlink_bridge.shared.frames import quaternion_from_euler, rotation_matrix
 from mavlink_bridge.shared.settings import SettingsError
+from sitl_sim.flight.runner import Flight
 from sitl_sim.flight.sensors import Sensors
 from sitl_sim.scenarios import scenario as scenarios
 
@@ -50,3 +51,19 @@ def test_a_perfect_detector_and_depth_look_through_the_true_camera():
 def test_what_no_camera_can_be_is_refused():
     with pytest.raises(SettingsError, match=r"sensing.actual.focal: takes 0.5…2, or"):
         scenarios.load("commission", ["sensing.actual.focal=[0.9, 3]"])
+
+
+def test_kernels_are_loaded_before_an_autopilot_with_its_own_time_starts(monkeypatch, tmp_path):
+    """Loaded in flight, they had the world lag behind by seconds; with two drones, by minutes."""
+    frames = []
+
+    def switch_on(*arguments):
+        raise RuntimeError(f"started after {frames}")
+
+    monkeypatch.setattr("sitl_sim.flight.runner.switch_on", switch_on)
+    monkeypatch.setattr(Sensors, "frame", lambda self, i, *a: frames.append(i))
+    own = {"drones.count": 2, "drones.autopilot": "betaflight", "wire.companion_port": 26540}
+    ports = {"wire.gcs_port": 26550, "wire.frame_port": 26560}
+    s = scenarios.load("forest", [f"{k}={v}" for k, v in {**own, **ports}.items()])
+    with pytest.raises(RuntimeError, match=r"started after \[0, 1\]"):
+        Flight(s, tmp_path)
