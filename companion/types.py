@@ -53,7 +53,7 @@ class Track:
     """A neighbour as the tracker knows it, in the drone's own world frame (ENU).
 
     p: (3,) m. v: (3,) m/s. P: (6,6) covariance of (p, v). age: s since the track began. unseen: s
-    since the last detection.
+    since the last detection. scale: its size over the one that the detector assumes.
     """
 
     id: int
@@ -62,6 +62,7 @@ class Track:
     P: Vector
     age: float
     unseen: float
+    scale: float = 1.0
 
     @property
     def lost(self) -> bool:

@@ -3,7 +3,8 @@
 Each neighbour has a constant-velocity Kalman filter; all filters are kept as arrays. Detections
 are associated by Mahalanobis distance (Hungarian method). A track is confirmed after two looks. It
 ends when the neighbour should be in plain view and is not seen, or when its covariance is so large
-that the memory says nothing any more.
+that the memory says nothing any more. Where neighbours differ in size, the size is part of the
+track (`track_size`).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from companion.estimation import track_size
 from companion.estimation.assignment import assign
 from companion.types import Detection, Track
 from mavlink_bridge.shared.arrays import Vector
@@ -76,6 +78,13 @@ class TrackerConfig(StrictModel):
         description="A neighbour flies along where its velocity differs by less [m/s] from the "
         "own one.",
     )
+    size_sigma: float = Field(
+        0.0,
+        ge=0,
+        le=0.6,
+        description="Std of a neighbour's size, as a share of the one that the detector assumes; "
+        "0: all are of that size, 0.4: of any from half to twice.",
+    )
 
 
 _FADE_AFTER = 0.15  # s unseen in the frames that came: more than a tick
@@ -85,15 +94,20 @@ _IDENTITY = np.eye(3)
 
 
 class Tracker:
-    """Tracks neighbours as arrays: mean (n,6) of p, v; covariance (n,6,6); ids, births, looks."""
+    """Tracks neighbours as arrays: mean (n,6) of p, v; covariance (n,6,6); ids, births, looks.
+
+    Where sizes are unknown, mean (n,7) and covariance (n,7,7) are as in `track_size`.
+    """
 
     def __init__(self, config: TrackerConfig) -> None:
         self._config = config
         self._time: float | None = None
         self._looked = -np.inf
         self._next_id = 1
-        self._mean: Vector = np.zeros((0, 6))
-        self._covariance: Vector = np.zeros((0, 6, 6))
+        self._sized = config.size_sigma > 0.0
+        states = track_size.STATES if self._sized else 6
+        self._mean: Vector = np.zeros((0, states))
+        self._covariance: Vector = np.zeros((0, states, states))
         self._ids = np.zeros(0, dtype=int)
         self._born: Vector = np.zeros(0)
         self._seen: Vector = np.zeros(0)
@@ -120,22 +134,22 @@ class Tracker:
         self._looked = time
         z, r = self._measurements(detections, own, q_bc)
         clear = np.array([d.sigma_range <= self._config.clear * d.range for d in detections], bool)
-        assigned = self._associate(z, r, clear)
+        assigned = self._associate(z, r, clear, own.p)
         if in_view is not None:
             self._misses += np.asarray(in_view, bool)
         if assigned:
             track, looks = (np.array(ids) for ids in zip(*assigned, strict=True))
-            self._correct(track, z[looks], r[looks])
+            self._correct(track, z[looks], r[looks], own.p)
             self._seen[track] = time
             self._hits[track] += clear[looks]
             self._misses[track] = 0
-            off = np.linalg.norm(self._mean[track, 3:] - own.v, axis=1)
+            off = np.linalg.norm(self._velocities[track] - own.v, axis=1)
             self._along[track] = off < self._config.along
         self._own_velocity = own.v
         fresh = sorted(set(range(len(z))) - {d for _, d in assigned})
         self._end_tracks(time)
         for detection in fresh:
-            self._start_track(time, z[detection], r[detection], bool(clear[detection]))
+            self._start_track(time, z[detection], r[detection], bool(clear[detection]), own.p)
         self._last = (time, self._mean.copy(), self._covariance.copy())
 
     def predict(self, time: float) -> None:
@@ -146,14 +160,23 @@ class Tracker:
         self._rewind(time)
         dt = 0.0 if self._time is None else time - self._time
         self._time = time
-        self._mean[:, :3] += dt * self._mean[:, 3:]
+        before = self._mean.copy()
+        self._mean[:, :3] += dt * self._mean[:, 3:6]
         if dt <= 0.0 or not len(self._ids):
             return
         # A neighbour abeam in formation keeps the own velocity, or it would fall back in memory.
         fading = time - min(time - self._looked, _FRAME_AGE_MAX) - self._seen > _FADE_AFTER
         keep = np.where(fading, np.exp(-self._config.damping * dt), 1.0)[:, None]
         to = np.where(self._along[:, None], self._own_velocity, 0.0)
-        self._mean[:, 3:] = to + keep * (self._mean[:, 3:] - to)
+        if self._sized:
+            c = self._config
+            self._covariance = track_size.grow(
+                before, self._covariance, dt, keep[:, 0], to, c.acceleration
+            )
+            to = to * self._mean[:, 6:]
+        self._mean[:, 3:6] = to + keep * (self._mean[:, 3:6] - to)
+        if self._sized:
+            return
         # F P F' + Q by blocks: a of positions, b of both, d of velocities
         c, keep = self._covariance, keep[..., None]
         q = self._config.acceleration**2 * _IDENTITY
@@ -179,14 +202,18 @@ class Tracker:
     def tracks(self) -> list[Track]:
         """Return the confirmed tracks, oldest first."""
         time = self._time or 0.0
+        mean, covariance = self._mean, self._covariance
+        if self._sized:
+            mean, covariance = track_size.in_world(mean, covariance)
         return [
             Track(
                 id=int(self._ids[n]),
-                p=self._mean[n, :3].copy(),
-                v=self._mean[n, 3:].copy(),
-                P=self._covariance[n].copy(),
+                p=mean[n, :3].copy(),
+                v=mean[n, 3:].copy(),
+                P=covariance[n].copy(),
                 age=time - self._born[n],
                 unseen=time - self._seen[n],
+                scale=1.0 / float(self._mean[n, 6]) if self._sized else 1.0,
             )
             for n in range(len(self._ids))
             if self._hits[n] >= self._config.hits_to_confirm
@@ -194,7 +221,12 @@ class Tracker:
 
     def positions(self) -> Vector:
         """Return the positions (n,3) m of all tracks, unconfirmed ones too."""
-        return self._mean[:, :3].copy()
+        return self._mean[:, :3] / self._mean[:, 6:] if self._sized else self._mean[:, :3].copy()
+
+    @property
+    def _velocities(self) -> Vector:
+        """(n,3) m/s of all tracks."""
+        return self._mean[:, 3:6] / self._mean[:, 6:] if self._sized else self._mean[:, 3:]
 
     @property
     def _stale(self) -> NDArray[np.bool_]:
@@ -218,7 +250,21 @@ class Tracker:
         covariance = (along - across)[:, None, None] * outer + across[:, None, None] * np.eye(3)
         return own.p + rays * ranges[:, None], covariance
 
-    def _associate(self, z: Vector, r: Vector, clear: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    def _expected(self, here: Vector) -> tuple[Vector, Vector, Vector]:
+        """Return where detections from here (3,) show the tracks.
+
+        That place (n,3), its covariance with the states (n,3,k) and with itself (n,3,3).
+        """
+        c = self._covariance
+        if not self._sized:
+            return self._mean[:, :3], c[:, :3, :], c[:, :3, :3]
+        at, slope = track_size.seen_from(self._mean, here)
+        across = slope @ c
+        return at, across, across @ slope.T
+
+    def _associate(
+        self, z: Vector, r: Vector, clear: NDArray[np.bool_], here: Vector
+    ) -> list[tuple[int, int]]:
         """Return the (track, detection) pairs within the gate of least total distance.
 
         A look that is not clear says little of the range, a stale track little of the bearing: the
@@ -226,8 +272,9 @@ class Tracker:
         """
         if not len(z) or not len(self._ids):
             return []
-        s = self._covariance[:, None, :3, :3] + r[None]
-        residual = z[None] - self._mean[:, None, :3]
+        at, _, spread = self._expected(here)
+        s = spread[:, None] + r[None]
+        residual = z[None] - at[:, None]
         solved = np.linalg.solve(s, residual[..., None])[..., 0]
         # log det S keeps a track of large covariance from taking the detection of a sure track
         cost = np.einsum("tdi,tdi->td", residual, solved)
@@ -236,26 +283,34 @@ class Tracker:
         score = np.where(fits, score, 1e3)
         return [pair for pair in assign(score) if score[pair] < 1e3]
 
-    def _correct(self, n: NDArray[np.int_], z: Vector, r: Vector) -> None:
+    def _correct(self, n: NDArray[np.int_], z: Vector, r: Vector, here: Vector) -> None:
         """Correct tracks n (k,) by positions z (k,3) of covariance r (k,3,3), in Joseph's form."""
         p = self._covariance[n]
-        k = np.linalg.solve(p[:, :3, :3] + r, p[:, :3, :]).transpose(0, 2, 1)
-        self._mean[n] += (k @ (z - self._mean[n, :3])[..., None])[..., 0]
-        speed = np.linalg.norm(self._mean[n, 3:], axis=1)[:, None]
-        self._mean[n, 3:] *= np.minimum(1.0, self._config.speed_max / np.maximum(speed, 1e-9))
-        a = np.tile(np.eye(6), (len(n), 1, 1))
+        at, across, spread = (part[n] for part in self._expected(here))
+        k = np.linalg.solve(spread + r, across).transpose(0, 2, 1)
+        self._mean[n] += (k @ (z - at)[..., None])[..., 0]
+        if self._sized:
+            self._mean[n] = track_size.bounded(self._mean[n])
+        speed = np.linalg.norm(self._velocities[n], axis=1)[:, None]
+        self._mean[n, 3:6] *= np.minimum(1.0, self._config.speed_max / np.maximum(speed, 1e-9))
+        a = np.tile(np.eye(p.shape[1]), (len(n), 1, 1))
         a[:, :, :3] -= k
+        if self._sized:
+            a[:, :, 6] += k @ here
         corrected = a @ p @ a.transpose(0, 2, 1) + k @ r @ k.transpose(0, 2, 1)
         # Without this, rounding errors grow from update to update until a variance is negative.
         self._covariance[n] = 0.5 * (corrected + corrected.transpose(0, 2, 1))
 
-    def _start_track(self, time: float, z: Vector, r: Vector, clear: bool) -> None:
-        """Start a track at rest at z (3,) of covariance r (3,3)."""
-        covariance = np.zeros((1, 6, 6))
-        covariance[0, :3, :3] = r
-        covariance[0, 3:, 3:] = np.eye(3) * self._config.velocity_birth**2
-        self._mean = np.vstack([self._mean, np.concatenate([z, np.zeros(3)])[None]])
-        self._covariance = np.concatenate([self._covariance, covariance])
+    def _start_track(self, time: float, z: Vector, r: Vector, clear: bool, here: Vector) -> None:
+        """Start a track at rest at z (3,) of covariance r (3,3), seen from here (3,)."""
+        c = self._config
+        mean, covariance = np.concatenate([z, np.zeros(3)]), np.zeros((6, 6))
+        covariance[:3, :3] = r
+        covariance[3:, 3:] = np.eye(3) * c.velocity_birth**2
+        if self._sized:
+            mean, covariance = track_size.birth(z, r, here, c.velocity_birth, c.size_sigma)
+        self._mean = np.vstack([self._mean, mean[None]])
+        self._covariance = np.concatenate([self._covariance, covariance[None]])
         self._ids = np.append(self._ids, self._next_id)
         self._born = np.append(self._born, time)
         self._seen = np.append(self._seen, time)
@@ -268,6 +323,8 @@ class Tracker:
         """Drop the tracks that are too old, missed too often, or too uncertain."""
         c = self._config
         sigma = np.sqrt(np.trace(self._covariance[:, :3, :3], axis1=1, axis2=2))
+        if self._sized:
+            sigma = track_size.sigma_of_known_size(self._mean, self._covariance)
         looks = np.maximum(self._hits, 1)
         life = np.minimum(c.life_per_look * looks, c.unseen_max)
         young = (time - self._seen <= life) & (self._misses < np.minimum(looks, c.misses_to_drop))
