@@ -169,10 +169,8 @@ class Tracker:
         keep = np.where(fading, np.exp(-self._config.damping * dt), 1.0)[:, None]
         to = np.where(self._along[:, None], self._own_velocity, 0.0)
         if self._sized:
-            c = self._config
-            self._covariance = track_size.grow(
-                before, self._covariance, dt, keep[:, 0], to, c.acceleration
-            )
+            sigma = self._config.acceleration
+            self._covariance = track_size.grow(before, self._covariance, dt, keep[:, 0], to, sigma)
             to = to * self._mean[:, 6:]
         self._mean[:, 3:6] = to + keep * (self._mean[:, 3:6] - to)
         if self._sized:

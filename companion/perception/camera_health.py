@@ -56,8 +56,8 @@ class CameraHealthConfig(StrictModel):
         0.5,
         ge=0,
         le=1,
-        description="Pictures below this are unclear: how surely the network tells obstacle, "
-        "ground and the rest apart, from 0 (not at all) to 1. Only with sensing.obstacles network.",
+        description="Pictures below this are unclear: how surely obstacle, ground and the rest are "
+        "told apart, from 0 (not at all) to 1. With sensing.obstacles network or camera.",
     )
 
 
@@ -105,7 +105,7 @@ class CameraHealth:
         """Judge again, once the newest frame has been searched.
 
         sound: what the detectors found is made of possible numbers. clarity: 0…1, how surely the
-        network tells what the picture shows.
+        picture tells obstacle, ground and the rest apart.
         """
         unclear = CameraFault.UNCLEAR if clarity < self._config.clarity else CameraFault.NONE
         self._content = unclear if sound else CameraFault.SENSELESS

@@ -48,8 +48,8 @@ class Detections:
     is a depth image. fixed: points known by parallax. fault: of the camera; blind: s that it has
     lasted. started: whether any frame has been looked at. inhibit_reason: why the frames cannot be
     flown by; empty where they can. alignment: how the pictures turn, against the gyro. problem: of
-    the detectors; empty where there is none. clarity: 0…1, how surely the network tells obstacle,
-    ground and the rest apart; 1 where it is not asked.
+    the detectors; empty where there is none. clarity: 0…1, how surely obstacle, ground and the
+    rest are told apart; 1 where no picture is asked.
     """
 
     time: float = 0.0
@@ -225,8 +225,16 @@ class PerceptionFrontend:
             ranges,
             fixed,
             problem=problem,
-            clarity=1.0 if network is None else network.clarity,
+            clarity=self._clarity(image),
         )
+
+    def _clarity(self, image: Image | None) -> float:
+        """Return how surely obstacles and ground are told apart; 1 where no picture is asked."""
+        if image is None:
+            return 1.0
+        if self._sensing.obstacles == "camera":
+            return self._trunks.clarity
+        return 1.0 if self._network is None else self._network.clarity
 
     def _fixed(
         self, frame: Frame, image: Image | None, own: VehicleState, drones: list[Detection]

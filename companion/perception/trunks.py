@@ -15,22 +15,34 @@ from numpy.typing import NDArray
 
 from companion.perception.camera import Camera
 from companion.perception.panorama import LevelFrame, Panorama
+from companion.perception.separation import Separation, score
 from companion.perception.trunk_fit import Columns, Mask, TrunkSettings, find_trunks
 from companion.types import Image, Trunk
 from mavlink_bridge.shared.arrays import Vector
 
+_LOW = 0.8  # m; from lower, while it takes off or lands, a drone sees too little of the ground
+
 
 class TrunkDetector:
-    """Finds vertical trunks by their ground contact and edges."""
+    """Finds vertical trunks by their ground contact and edges.
+
+    clarity: 0…1, how well bark and ground separate by colour in the last pictures (`separation`).
+    """
 
     def __init__(self, camera: Camera, settings: TrunkSettings | None = None) -> None:
         self.settings = settings or TrunkSettings()
         self._panorama = Panorama.around_feet(camera, math.radians(self.settings.step_deg))
+        self._separation = Separation()
         elevation = self._panorama.elevation
         self._horizon = int(np.searchsorted(-elevation, 0.0))
         # Above the far tree line and below the nearest crowns the background of a trunk is the sky.
         above = (elevation > math.radians(6.0)) & (elevation < math.radians(13.0))
         self._above = slice(int(np.argmax(above)), int(np.argmax(above) + above.sum()))
+
+    @property
+    def clarity(self) -> float:
+        """Return the clarity."""
+        return self._separation.clarity
 
     def detect(self, image: Image, gravity_c: Vector, altitude: float) -> list[Trunk]:
         """Return the trunks in image (H,W,3) uint8 BGR, nearest first.
@@ -55,13 +67,17 @@ class TrunkDetector:
         warmth = np.asarray(cv2.divide(cv2.subtract(high, blue), high, scale=255.0), np.uint8)
         below, known_below = np.ascontiguousarray(warmth[:, h:]), known[:, h:]
         stands, above = self._stands(high, warmth, known)
-        threshold = self._threshold(below, known_below, warmth, known, above)
+        typical, bark, tall = self._typical(below, known_below), *self._bark(warmth, known, above)
+        threshold = self._threshold(typical, bark, above)
         ground = (below > threshold[:, None]) & known_below
         vote = 2 * ground.view(np.int8) - known_below.astype(np.int8)
         # Misfits of a foot at row k, bark above and ground below: cumulated votes and a constant.
         running = np.zeros((vote.shape[0], vote.shape[1] + 1), np.int16)
         np.cumsum(vote, axis=1, dtype=np.int16, out=running[:, 1:])
         foot_row = np.argmin(running, axis=1)
+        if altitude > _LOW:
+            step = float(self._panorama.azimuth[1] - self._panorama.azimuth[0])
+            self._separation.follow(score(typical, ground, known_below, foot_row, bark, tall, step))
         rows = np.arange(vote.shape[1])
         after = rows >= foot_row[:, None]
         ground_below = np.count_nonzero(ground & after, axis=1)
@@ -83,19 +99,28 @@ class TrunkDetector:
             np.zeros_like(t),
         )
 
-    def _threshold(
-        self, below: Image, known_below: Mask, warmth: Image, known: Mask, above: Mask
-    ) -> Vector:
+    @staticmethod
+    def _typical(below: Image, known_below: Mask) -> float | None:
+        """Return the saturation (of 255) of this frame's ground; None where too little shows."""
+        part = np.s_[::4, below.shape[1] // 3 :: 3]
+        sample = below[part][known_below[part]]
+        # A high percentile: a near trunk may fill more than half of the lower picture.
+        return float(np.percentile(sample, 75)) if sample.size > 50 else None
+
+    def _bark(self, warmth: Image, known: Mask, above: Mask) -> tuple[Vector, Mask]:
+        """Return the saturation of what stands before the sky, by column, and where it is known."""
+        ok = known[:, self._above]
+        rows = ok.sum(axis=1)
+        bark: Vector = np.where(ok, warmth[:, self._above], 0).sum(axis=1) / np.maximum(rows, 1)
+        return bark, above & (rows >= 8)
+
+    def _threshold(self, typical: float | None, bark: Vector, above: Mask) -> Vector:
         """Return per column the saturation (of 255) that tells ground from bark.
 
         It follows from the ground of this frame, and from the bark before the sky in the column.
         """
-        sample = below[::4, below.shape[1] // 3 :: 3][known_below[::4, below.shape[1] // 3 :: 3]]
-        # A high percentile: a near trunk may fill more than half of the lower picture.
-        typical = float(np.percentile(sample, 75)) if sample.size > 50 else 128.0
+        typical = 128.0 if typical is None else typical
         common = min(max(self.settings.ground_share * typical, 78.0), 96.0)
-        ok = known[:, self._above]
-        bark = np.where(ok, warmth[:, self._above], 0).sum(axis=1) / np.maximum(ok.sum(axis=1), 1)
         own = np.minimum(bark + 0.35 * (typical - bark), 0.85 * typical)
         return np.where(above, np.maximum(own, common), common)
 

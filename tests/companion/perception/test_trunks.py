@@ -18,12 +18,12 @@ def gravity(pitch_deg, roll_deg):
     return np.array([np.sin(r) * down[1], np.cos(r) * down[1], down[2]])
 
 
-def picture(trunks, down, altitude, camera=CAMERA):
+def picture(trunks, down, altitude, camera=CAMERA, ground_colour=GROUND, bark=BARK):
     """Flat-coloured trunks (forward, right, radius) on flat ground under flat sky."""
     level = LevelFrame.along(down)
     rays = camera.directions.reshape(-1, 3).astype(float)
     f, r, d = rays @ level.forward, rays @ level.right, rays @ level.down
-    image = np.where((d > 0)[:, None], GROUND, SKY)
+    image = np.where((d > 0)[:, None], ground_colour, SKY)
     ground = np.where(d > 1e-6, altitude / np.maximum(d, 1e-6), np.inf)
     best = ground
     for x, y, radius in trunks:
@@ -32,7 +32,7 @@ def picture(trunks, down, altitude, camera=CAMERA):
         t = np.where(root > 0, (b - np.sqrt(np.maximum(root, 0))) / np.maximum(a, 1e-9), np.inf)
         hit = (t > 0) & (t < best)
         best = np.where(hit, t, best)
-        image = np.where(hit[:, None], BARK, image)
+        image = np.where(hit[:, None], bark, image)
     image = image.reshape(camera.height, camera.width, 3)
     noise = np.random.default_rng(0).normal(0, 2, image.shape)
     return np.clip(image + noise, 0, 255).astype(np.uint8)
@@ -110,3 +110,42 @@ def test_the_panorama_has_each_direction_at_its_azimuth_and_elevation():
     assert panorama.azimuth[cols].mean() == pytest.approx(azimuth, abs=0.005)
     assert panorama.elevation[rows].mean() == pytest.approx(elevation, abs=0.005)
     assert seen[rows, cols].all()
+
+
+ASPHALT, SNOW = [106.0, 104, 104], [238.0, 232, 228]
+BROWN, COLD = [50.0, 78, 120], np.array([1.35, 1.0, 0.74])
+STAND = [(3.0, 0.3, 0.5), (6.0, -3.0, 0.8), (9.0, 4.0, 1.0)]
+
+
+def clarity(looks, altitude=2.0, **colours):
+    """Clarity after so many looks at three trunks, from attitudes as in flight."""
+    detector = TrunkDetector(CAMERA)
+    for n in range(looks):
+        down = gravity(8 * np.sin(n), 8 * np.cos(n))
+        detector.detect(picture(STAND, down, altitude, **colours), down, altitude)
+    return detector.clarity
+
+
+def test_bark_on_litter_is_clear():
+    assert clarity(12) > 0.85
+
+
+@pytest.mark.parametrize(
+    "colours",
+    [
+        {"ground_colour": ASPHALT},
+        {"ground_colour": SNOW},
+        {"bark": BROWN},
+        {"ground_colour": GROUND * COLD, "bark": BARK * COLD},
+        {"ground_colour": SKY, "bark": SKY},
+    ],
+    ids=["asphalt", "snow", "brown bark", "cold white balance", "fog"],
+)
+def test_colours_that_do_not_part_trunks_from_ground_are_unclear(colours):
+    """Below 0.5 the camera has a fault. Some of these trunks are found, some are not."""
+    assert clarity(12, **colours) < 0.3
+    assert clarity(2, **colours) > 0.5, "two pictures are no reason to stop"
+
+
+def test_from_close_to_the_ground_nothing_is_said():
+    assert clarity(12, altitude=0.4, ground_colour=ASPHALT) == 1.0

@@ -1,0 +1,80 @@
+"""Whether a picture tells trunks from ground by colour at all: eyes that know when they do not see.
+
+Trunks are found because bark is less warm than the ground (`trunks`). Five things must hold where
+that is so; each gives 0…1, ½ at its limit, and a picture's score is their product.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavlink_bridge.shared.arrays import Vector
+
+_FEW = 4  # columns; fewer do not show what bark looks like
+_FOLLOW = (
+    0.15  # share of each picture in the clarity: 4 bad ones in a row make a clear view unclear
+)
+# Warmth (of 255) that typical ground has. Asphalt and snow have 20 to 40, litter 110 to 145.
+_GROUND = (85.0, 115.0)
+_SHARE = 0.4  # twice the least share of the view below the horizon that must be ground
+_GAP = 70.0  # twice the least warmth by which ground exceeds the bark that stands before the sky
+_MISFITS = 0.08  # twice the largest share of pixels on the wrong side of the feet
+# Twice the widest object that may stand before the sky and have no bark below the horizon: a trunk
+# so wide is so near that its foot lies lower. Where there is one, its bark was taken for ground.
+_FOOTLESS = np.radians(5.0)
+
+
+class Separation:
+    """Follows how well obstacles and ground separate; clarity: 0…1, over the last pictures."""
+
+    def __init__(self) -> None:
+        self.clarity = 1.0
+
+    def follow(self, score: float | None) -> None:
+        """Take in the score of a picture; None: it does not tell."""
+        if score is not None:
+            self.clarity += _FOLLOW * (score - self.clarity)
+
+
+def score(
+    typical: float | None,
+    ground: NDArray[np.bool_],
+    known: NDArray[np.bool_],
+    foot_row: NDArray[np.intp],
+    bark: Vector,
+    above: NDArray[np.bool_],
+    step: float,
+) -> float | None:
+    """Return how well obstacles and ground separate in a picture, 0…1; None where nothing tells.
+
+    typical: warmth of the ground in it. ground, known: (columns,rows) below the horizon.
+    foot_row: (columns,). bark: (columns,) warmth of what stands before the sky in columns `above`.
+    step: rad, width of a column.
+    """
+    count = int(np.count_nonzero(known))
+    if typical is None or not count:
+        return None
+    after = np.arange(ground.shape[1]) >= foot_row[:, None]
+    misfits = np.count_nonzero(known & (ground != after)) / count
+    share = np.count_nonzero(ground) / count
+    gap = _GAP
+    if np.count_nonzero(above) >= _FEW:
+        gap = typical - float(np.percentile(bark[above], 75))
+    near = known[:, :12]
+    footless = above & (foot_row <= 2) & (np.count_nonzero(near, axis=1) >= 8)
+    low, high = _GROUND
+    parts = (
+        (typical - low) / (high - low),
+        share / _SHARE,
+        gap / _GAP,
+        1.0 - misfits / _MISFITS,
+        1.0 - _longest(footless) * step / _FOOTLESS,
+    )
+    return float(np.prod(np.clip(parts, 0.0, 1.0)))
+
+
+def _longest(mask: NDArray[np.bool_]) -> int:
+    """Return the length of the longest run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return int((edges[1::2] - edges[::2]).max()) if len(edges) else 0
