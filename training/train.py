@@ -1,7 +1,8 @@
 """Train the packaged network and write it as ONNX.
 
     nice -n 19 python -m training.train --work DIR [--videos DIR] [--shards N] [--steps K]
-        [--minutes M] [--device cpu|cuda] [--workers W] [--batch B] [--anew] [--out FILE]
+        [--minutes M] [--device cpu|cuda] [--workers W] [--batch B] [--rate R] [--anew]
+        [--out FILE]
 
 Training goes on from the packaged network (--anew: from random weights). The work folder keeps
 pictures and the checkpoint: the same command goes on where it was ended. Data and weights hang on
@@ -33,7 +34,6 @@ from training.losses import drone_loss, drone_targets, scene_loss
 from training.network import Network, export, load
 from training.videos import cut_outs, real_shard
 
-RATE = 1.5e-3  # of AdamW, at its highest
 _TEXT_EVERY = 100  # steps
 SAVE_EVERY = 250  # steps
 SEED = 6
@@ -42,12 +42,13 @@ SEED = 6
 class Training:
     """The network, its average over the last weights, and the optimiser: one checkpoint."""
 
-    def __init__(self, steps: int, device: str) -> None:
+    def __init__(self, steps: int, rate: float, device: str) -> None:
+        """rate: of AdamW, at its highest."""
         torch.manual_seed(5)
-        self.steps, self.device = steps, device
+        self.steps, self.rate, self.device = steps, rate, device
         self.network = Network().to(device, memory_format=torch.channels_last)
         self.average = copy.deepcopy(self.network)
-        self.optimiser = torch.optim.AdamW(self.network.parameters(), lr=RATE, weight_decay=1e-4)
+        self.optimiser = torch.optim.AdamW(self.network.parameters(), lr=rate, weight_decay=1e-4)
         self.step = 0
 
     def advance(self, batch: Batch) -> Tensor:
@@ -55,7 +56,7 @@ class Training:
         self.step += 1
         share = min(self.step / self.steps, 1.0)
         falling = 0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * share))
-        self.optimiser.param_groups[0]["lr"] = RATE * min(1.0, self.step / 300) * falling
+        self.optimiser.param_groups[0]["lr"] = self.rate * min(1.0, self.step / 300) * falling
         pictures, gains, labels, classes = (torch.from_numpy(x).to(self.device) for x in batch)
         lit = (pictures * gains[:, None, None, None]).permute(0, 3, 1, 2)  # channels last in memory
         drones, scene = self.network(lit)
@@ -127,12 +128,13 @@ def main() -> None:
     parser.add_argument("--device", choices=["cpu", "cuda"], default="cpu")
     parser.add_argument("--workers", type=int, default=0, help="processes for pictures (0)")
     parser.add_argument("--batch", type=int, default=16, help="crops in a step (16)")
+    parser.add_argument("--rate", type=float, default=2e-3, help="of learning, at its highest")
     parser.add_argument("--anew", action="store_true", help="from random weights")
     parser.add_argument("--out", type=Path, default=PACKAGED)
     options = parser.parse_args()
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
-    training = Training(options.steps, options.device)
+    training = Training(options.steps, options.rate, options.device)
     checkpoint = options.work / "checkpoint.pt"
     if checkpoint.exists():
         training.load(checkpoint)
