@@ -121,12 +121,13 @@ def _measure(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
     if isinstance(detector, CnnDetector | YoloDetector):
         network = detector.network
         compared["forward_pass"] = lambda _: network.forward()
-    find = TrunkDetector(camera).detect
+    finder: TrunkDetector | NetworkSearch = TrunkDetector(camera)
+    find = finder.detect
     if isinstance(detector, NetworkSearch):
-        find = detector.find
+        finder, find = detector, detector.find
     figures = measure(camera, frames, detector, compared, find)
     result = {"detector": options.detector, **figures}
-    if looks := by_look(camera, frames, detector, find):
+    if looks := by_look(camera, frames, detector, find, lambda: finder.clarity):
         result["looks"] = looks
     whole = result["time_ms"]["detect_track"]
     if whole is not None:
