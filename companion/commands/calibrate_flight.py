@@ -84,7 +84,7 @@ def _write(path: Path, wanted: Mapping[tuple[str, str], Value]) -> str:
         changes[bridge] = {("throttle", "hover"): hover}
     before = {file: file.read_text(encoding="utf-8") for file in changes}
     after = {file: edited(before[file], changes[file]) for file in changes}
-    difference = []
+    difference: list[str] = []
     try:
         for file, text in after.items():
             file.write_text(text, encoding="utf-8")
