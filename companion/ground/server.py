@@ -75,8 +75,14 @@ class GroundServer:
             OSError: the port cannot be bound.
         """
         sockets = bind_sockets(port, host)
-        HTTPServer(self._application).add_sockets(sockets)
+        self._http = HTTPServer(self._application)
+        self._http.add_sockets(sockets)
         return int(sockets[0].getsockname()[1])
+
+    async def close(self) -> None:
+        """Release the port, and end the connections."""
+        self._http.stop()
+        await self._http.close_all_connections()
 
     async def run(self) -> None:
         """Follow the fleet and show it, for ever."""

@@ -5,7 +5,7 @@ const NAMES = {
   arm: "Arm", takeoff: "Take off", start: "Start: hand over to the companions", hold: "Hold",
   resume: "Resume the mission", goals: "New goals", return: "Return", land: "Land",
 };
-const SILENT = 1000;  // ms without a state, after which this page says that it is blind
+const SILENT = 2000;  // ms without a state, after which this page says that it is blind
 const SAID = 300;  // lines that are kept
 const $ = id => document.getElementById(id);
 const map = new FleetMap($("map"));
