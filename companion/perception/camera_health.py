@@ -1,8 +1,9 @@
-"""Camera health: dead, frozen, black, saturated, late and misfit pictures.
+"""Camera health: dead, frozen, black, saturated, unclear, late and misfit pictures.
 
 A picture is judged by one pixel in 64. A real sensor's noise never gives the same picture twice,
-and no scene is all black or all white. A picture with a fault is not searched, so that a thing
-that is not seen in it does not count as gone.
+and no scene is all black or all white. In fog, at night or before one colour, the means of
+neighbouring squares are all alike, whatever the noise. A picture with a fault is not searched, so
+that a thing that is not seen in it does not count as gone.
 """
 
 from __future__ import annotations
@@ -11,15 +12,18 @@ from collections.abc import Iterable
 from enum import Enum
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from companion.types import Image
 from mavlink_bridge.shared.settings import StrictModel
 from mavlink_bridge.wire.video import Frame
 
 _STEP = 8  # px between the pixels that are looked at, each way
 _PERCENT = 0.01
+_CLEAREST = 98.0  # percentile of the steps between neighbouring squares: a few edges are enough
 _RANGES = 0.05  # share of a depth image that must be known; 0 and NaN are not
 _DEAD = 3  # times as late as late: no frame comes any more
 _AHEAD = 0.1  # s that a stamp may be later than the vehicle's clock: the lag is measured
@@ -38,7 +42,7 @@ class CameraFault(Enum):
     AHEAD = "ahead"  # stamped in the future: nothing says when it was taken
     MISFIT = "misfit"  # not of the size that the calibration is for
     MISALIGNED = "misaligned"  # it turns otherwise than the gyro says
-    UNCLEAR = "unclear"  # obstacle, ground and the rest cannot be told apart in it
+    UNCLEAR = "unclear"  # nothing can be told apart in it: fog, night, one colour
     SENSELESS = "senseless"  # what is found in it is no number, or the detector fails
 
 
@@ -51,6 +55,13 @@ class CameraHealthConfig(StrictModel):
     black: float = Field(4.0, ge=0, le=255, description="Brightest percent below this: black.")
     saturated: float = Field(
         251.0, ge=0, le=255, description="Darkest percent above this: saturated."
+    )
+    contrast: float = Field(
+        8.0,
+        ge=0,
+        le=255,
+        description="Contrast of the means of 8×8 px below this: unclear. In fog, at night and "
+        "before one colour it is 1 to 2, in what can be seen 47 and more.",
     )
     clarity: float = Field(
         0.5,
@@ -146,4 +157,20 @@ class CameraHealth:
             return CameraFault.BLACK
         if np.count_nonzero(few <= self._config.saturated) < _PERCENT * few.size:
             return CameraFault.SATURATED
-        return CameraFault.FROZEN if same else CameraFault.NONE
+        if same:
+            return CameraFault.FROZEN
+        clear = contrast(image) >= self._config.contrast
+        return CameraFault.NONE if clear else CameraFault.UNCLEAR
+
+
+def contrast(image: Image) -> float:
+    """Return how far [0…255] neighbouring squares of an image (H,W,3) uint8 differ in any colour.
+
+    It is that of the few clearest edges, of the means of squares: noise hardly shows in them.
+    """
+    height, width = image.shape[0] // _STEP, image.shape[1] // _STEP
+    if min(height, width) < 2:
+        return 255.0
+    small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA).astype(np.int16)
+    steps = [np.abs(np.diff(small, axis=axis)).max(axis=2).ravel() for axis in (0, 1)]
+    return float(np.percentile(np.concatenate(steps), _CLEAREST))

@@ -22,6 +22,7 @@ _TURNS = {
 }
 _FOV = np.radians(160.0)  # over the width of an ideal fisheye
 _GHOST_RANGE = (1.5, 8.0)  # m
+_NOISE = 2.0  # of 255, of the sensor behind a fogged lens
 
 
 class FaultyCamera:
@@ -54,7 +55,10 @@ class FaultyCamera:
             if self._at(now, kind) and "image" in arrays:
                 arrays = arrays | {"image": np.full_like(arrays["image"], level)}
         if "image" in arrays:
-            arrays = arrays | {"image": self._mismounted(now, arrays["image"])}
+            image = self._mismounted(now, arrays["image"])
+            for fault in self._at(now, "camera_fog"):
+                image = _fogged(image, fault.value, fault.rng)
+            arrays = arrays | {"image": image}
         for fault in self._at(now, "camera_misdated"):
             stamp += fault.value
         return stamp, arrays
@@ -96,6 +100,16 @@ def _ghost(rng: np.random.Generator) -> NDArray[np.float64]:
     angle = rng.uniform(-1.0, 1.0)
     ray = [np.sin(angle), 0.0, np.cos(angle)]
     return np.array([*ray, rng.uniform(*_GHOST_RANGE), 0.005, 0.03])
+
+
+def _fogged(image: Picture, lost: float, rng: np.random.Generator) -> Picture:
+    """Return the picture (h,w,3) behind a lens fogged up: a share `lost` of its contrast is gone.
+
+    The sensor's own noise stays.
+    """
+    grey = image.mean(axis=(0, 1))
+    noise = rng.normal(0.0, _NOISE, image.shape)
+    return np.clip(grey + (1.0 - lost) * (image - grey) + noise, 0, 255).astype(np.uint8)
 
 
 def _seen_by(image: Picture, turn: NDArray[np.float64], focal: float) -> Picture:

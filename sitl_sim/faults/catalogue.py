@@ -23,6 +23,7 @@ Kind = Literal[
     "position_jump", "position_reset", "rtk_float", "compass", "height_drift",
     "stamps", "clock_jump", "timesync_jump",
     "camera_dead", "camera_frozen", "camera_black", "camera_saturated", "camera_late",
+    "camera_fog",
     "camera_mirrored", "camera_upside_down", "camera_rolled", "camera_pitched", "camera_yawed",
     "camera_scaled", "camera_misdated",
     "missed", "ghosts", "swaps", "range_bias",
@@ -76,6 +77,7 @@ KINDS: dict[str, Meaning] = {
     "camera_frozen": Meaning("the same picture again and again"),
     "camera_black": Meaning("black pictures"),
     "camera_saturated": Meaning("white pictures"),
+    "camera_fog": Meaning("share of the contrast that is lost: a lens that fogs up", 0.98),
     "camera_mirrored": Meaning("pictures with left and right exchanged"),
     "camera_upside_down": Meaning("pictures turned by 180°"),
     "camera_rolled": Meaning("° by which the camera is turned about its axis", 10.0, -45.0, 45.0),
@@ -133,6 +135,7 @@ PIXELS = frozenset(
     {
         "camera_black",
         "camera_saturated",
+        "camera_fog",
         "camera_mirrored",
         "camera_upside_down",
         "camera_rolled",

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mavlink_bridge.wire.ids import ComponentId
+from mavlink_bridge.wire.ids import ComponentId, MessageId
 from mavlink_bridge.wire.messages import Message, Received
 from sitl_sim.vehicles.air import AirModel, Surroundings, set_planes
 from sitl_sim.vehicles.airframe import Airframe, RateGains
@@ -132,7 +132,13 @@ class Autopilots:
         flavour, frame = self._flavours[i], self._frames[i]
         builders = BUILDERS | (QUIRKS if flavour.sticks else {})
         overrides = self._overrides[i]
-        more = {"companion": flavour.doubt_streams} if self._doubtful else {}
+        doubts = flavour.doubt_streams
+        if not self._doubtful:  # a rangefinder tells what it measures in any case
+            fitted = self._shared.rangefinder.fitted[i]
+            doubts = {
+                k: hz for k, hz in doubts.items() if fitted and k == MessageId.DISTANCE_SENSOR
+            }
+        more = {"companion": doubts} if doubts else {}
         return Unit(i, system, flavour, frame, boot_offset, self._shared, overrides, builders, more)
 
     @property

@@ -58,6 +58,7 @@ class Mission:
         return self.phases.phase is Phase.DONE and self.flew > 20
 
 
+@pytest.mark.row("41")
 @pytest.mark.parametrize(("name", "options"), [("px4", {}), ("ardupilot", {"GUID_OPTIONS": 8})])
 def test_a_second_mission_flies_after_the_first_has_landed(name, options):
     vehicle = Autopilots(Vehicles(Airframe(), [[0, 0, 0]], 0.0), [1], name, parameters=options)

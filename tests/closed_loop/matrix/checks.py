@@ -16,6 +16,7 @@ from tests.closed_loop.matrix import (
     link_checks,
     power_checks,
     thrust_checks,
+    world_checks,
 )
 from tests.closed_loop.matrix.inprocess import fly
 from tests.closed_loop.matrix.measures import (
@@ -24,6 +25,7 @@ from tests.closed_loop.matrix.measures import (
     asked,
     first_with,
     flown_with,
+    last_target,
     mode_after,
     nan_between,
     seconds_until,
@@ -235,7 +237,7 @@ def row_16(note):
     assert set(apart["targets_reached"].values()) == {"2/2"}
     for figures in (together, apart):
         assert figures["obstacle_collisions"] == figures["agent_collisions"] == 0
-    note("complete", None)
+    note("last drone at its target [s]", last_target(f))
 
 
 def row_17(note):
@@ -254,16 +256,21 @@ def row_17(note):
             for k in (1, 2)
         ]
         assert min(g.min() for g in gaps) > 0.5, (kind, [g.min() for g in gaps])
+        assert f.speed(9.5, 0) < 0.3 or kind != "stop"
+        assert truth["position"][-1, 0, 2] < 0.3 or kind != "kill"
+        assert all(f.moved(k, 9.0) > 1.0 for k in (1, 2)), kind  # the others fly on
         note(f"least distance [m], {kind}", min(float(g.min()) for g in gaps))
 
 
 def row_18(note):
-    plain = fly(**SHORT)
+    plain, apart = fly(**SHORT), 0.0
     for kind, amount in (("clock_jump", 3600.0), ("clock_jump", -3600.0), ("timesync_jump", 0.5)):
         f = fly([{"kind": kind, "amount": amount, "at": 6.0}], **SHORT)
-        same = f.truth.arrays()["position"] == plain.truth.arrays()["position"]
-        assert same.all(), kind
-    note("same truth, byte for byte", None)
+        p, q = f.truth.arrays()["position"], plain.truth.arrays()["position"]
+        assert (p == q).all(), kind
+        apart = max(apart, float(np.abs(p - q).max()))
+        assert f.speed(10.0) > 1.2  # and that is a flight
+    note("most that the way differs [m]", apart)
 
 
 def row_19(note):
@@ -318,6 +325,7 @@ def row_21(note):
 
 
 def row_22(note):
+    plain = fly(mission__time_limit=26.0).truth.arrays()
     for fault in (
         {"kind": "battery", "amount": 0.05, "at": 7.0},
         {"kind": "motor", "amount": 0.8, "at": 7.0},
@@ -327,12 +335,17 @@ def row_22(note):
         {"kind": "gyro_bias", "amount": 0.05},
     ):
         f = fly([fault], mission__time_limit=26.0)
-        figures = f.figures()
-        landed = f.truth.arrays()["position"][-1, 0, 2] < 0.3
-        assert figures["targets_reached"]["drone1"] == "1/1" or landed, fault
+        figures, truth = f.figures(), f.truth.arrays()
+        landed = truth["position"][-1, 0, 2] < 0.3
+        there = figures["targets_reached"]["drone1"] == "1/1"
+        assert there or landed, fault
         assert figures["obstacle_collisions"] == 0, fault
+        assert truth["velocity"][:, 0, 2].min() > -1.5, fault  # it does not fall
+        assert (truth["position"][-1] != plain["position"][-1]).any(), fault  # and is disturbed
         f.check_always()
-    note("complete or landed", None)
+        amount = f"{fault['kind']} {fault['amount']:g}"
+        note(f"at its target [s], {amount}" if there else f"landed, {amount}",
+             last_target(f) if there else None)  # fmt: skip
 
 
 ROWS = {
@@ -343,6 +356,7 @@ ROWS = {
         *vars(thrust_checks).items(),
         *vars(camera_checks).items(),
         *vars(power_checks).items(),
+        *vars(world_checks).items(),
         *globals().items(),
     ]
     if name.startswith("row_")

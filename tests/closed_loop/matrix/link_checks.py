@@ -15,6 +15,7 @@ from tests.closed_loop.matrix.measures import (
     SHORT,
     first_with,
     flown_with,
+    last_target,
     mode_after,
     modes_from,
 )
@@ -61,6 +62,7 @@ def row_9(note):
         assert f.figures()["targets_reached"]["drone1"] == "1/1", (kind, amount)
         assert f.figures()["obstacle_collisions"] == 0
         f.check_always()
+        note(f"at its target [s], {kind.removeprefix('link_')} {amount:.0%}", last_target(f))
     f = fly([{"kind": "link_loss", "amount": 0.5, "at": CRUISE}], count=2, mission__time_limit=24.0)
     assert f.figures()["obstacle_collisions"] == f.figures()["agent_collisions"] == 0
     f.check_always()
@@ -71,7 +73,7 @@ def row_9(note):
             o.verdict is None or o.verdict.reason is not Reason.PLAN for _, o in c.ticks(noticed)
         ), noticed
         assert noticed < CRUISE + 1.5
-    note("complete to 20 %, safe at 50 %", None)
+    note("most tilt at 50 % [°]", max(f.most_tilt(CRUISE, i) for i in range(2)))
     note("HOLD at 50 %", mode_after(f, CRUISE, "HOLD"))
 
 

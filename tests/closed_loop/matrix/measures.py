@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sitl_sim.figures.metrics import reached_in_order
 from tests.closed_loop.matrix.inprocess import fly
 
 CRUISE = 8.0  # s, in full flight
@@ -43,6 +44,16 @@ def seconds_until(flight, since, holds, i=0):
         if t >= since and holds(v, p):
             return float(t) - since
     raise AssertionError("never")
+
+
+def last_target(flight):
+    """Flight time [s] at which the last drone has reached the last of its targets."""
+    truth, world = flight.truth.arrays(), flight.world
+    return max(
+        float(truth["t"][reached_in_order(truth["position"][:, i], world["targets"][name],
+                                          world["target_tolerance"])[-1]])
+        for i, name in enumerate(flight.names)
+    )  # fmt: skip
 
 
 def mode_after(flight, since, mode, i=0):

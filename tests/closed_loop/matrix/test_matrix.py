@@ -9,9 +9,12 @@ import pytest
 from pydantic import ValidationError
 
 from companion.estimation import own_state, vehicle
+from companion.estimation.delay import Delay, DelayEstimator
+from companion.estimation.height import HeightEstimator
 from companion.estimation.hover_thrust import HoverEstimate, HoverThrust
 from companion.estimation.own_state import OwnState
 from companion.estimation.tracker import Tracker
+from companion.perception import camera_health
 from companion.perception.camera_alignment import CameraAlignment
 from companion.perception.camera_health import CameraHealth
 from companion.process import pace
@@ -152,6 +155,14 @@ WITHOUT = {
     "42: the journal, read at the start": lambda p: p.setattr(
         power_checks, "recover", lambda root: None
     ),
+    "33_in_flight: the contrast of pictures": lambda p: p.setattr(
+        camera_health, "contrast", lambda image: 255.0
+    ),
+    "34: the height over ground": lambda p: p.setattr(HeightEstimator, "_look", lambda *a: None),
+    "37: the delay's estimate": lambda p: p.setattr(
+        DelayEstimator, "_best", lambda self: Delay(0.1, 0.0)
+    ),
+    "41: the pilot's last word": ignore_the_pilot,
     "30: signatures": lambda p: p.setattr(Codec, "_signed", lambda *a: True),
     "21: the brake outside the fence": overridden(guard={"fence_drift": 1e9}),
     "21: the landing far outside the fence": overridden(guard={"fence_land": 1e9}),

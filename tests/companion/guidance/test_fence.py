@@ -30,6 +30,7 @@ def test_a_side_that_is_crossed_lets_the_drone_go_no_farther():
     assert fence.across(np.array([5.7, 4.8, 2.0]), np.zeros(3))[0] == pytest.approx(0.7)
 
 
+@pytest.mark.row("34")
 def test_the_floor_follows_the_ground_and_its_doubt():
     fence = FenceConfig(altitude_min=0.8)
     assert fence.floor(None) == 0.8

@@ -67,3 +67,22 @@ def test_a_stamp_in_the_future_is_a_fault_until_the_next_frame():
     assert health.blind(10.2) > 0.0
     assert health.check(10.3, Frame(10.27, {"image": picture(3)})) is CameraFault.NONE
     assert health.check(10.6, Frame(10.27, {"image": picture(3)})) is CameraFault.LATE
+
+
+def test_a_picture_in_which_nothing_can_be_told_apart_is_unclear():
+    rng = np.random.default_rng(1)
+
+    def seen(picture, noise):
+        noisy = np.clip(picture + rng.normal(0.0, noise, (400, 640, 3)), 0, 255).astype(np.uint8)
+        health = CameraHealth(CameraHealthConfig())
+        fault = health.check(0.0, Frame(0.0, {"image": noisy}))
+        assert health.usable is (fault is CameraFault.NONE)
+        return fault
+
+    trunk = np.full((400, 640, 3), 90.0)
+    trunk[:, 300:340] = 60.0  # one trunk before one colour is enough
+    slope = np.linspace(60.0, 120.0, 400)[:, None, None] * np.ones((1, 640, 3))
+    for noise in (0.5, 3.0, 10.0):
+        assert seen(np.full((400, 640, 3), 128.0), noise) is CameraFault.UNCLEAR
+        assert seen(slope, noise) is CameraFault.UNCLEAR  # fog, brighter above
+        assert seen(trunk, noise) is CameraFault.NONE

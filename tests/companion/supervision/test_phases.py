@@ -288,6 +288,7 @@ def test_a_companion_that_starts_in_flight_takes_nothing_unasked(auto):
     assert tick(9.1, "land", armed=False).phase is not Phase.ARM
 
 
+@pytest.mark.row("41")
 @pytest.mark.parametrize(("adapter", "modes"), ALL)
 @pytest.mark.parametrize("phase", [Phase.ENGAGE, Phase.FLY])
 def test_a_vehicle_disarmed_in_flight_is_let_go_in_that_tick(adapter, modes, phase):

@@ -32,6 +32,7 @@ def test_events_have_the_numbers_of_px4(name, number):
     assert event_number(name) == number
 
 
+@pytest.mark.row("41")
 def test_a_refusal_names_what_was_asked_and_the_result(px4):
     assert px4.refusals([CommandAck(400, 1, 6, 191)]) == ["arm: temporarily rejected"]
     assert px4.refusals([CommandAck(176, 1, 6, 191)]) == ["mode offboard: temporarily rejected"]
@@ -56,6 +57,7 @@ def check(name, modes):
     return Event(1.0, event_number(name), 1, 3, modes.to_bytes(4, "little").ljust(40, b"\0"))
 
 
+@pytest.mark.row("41")
 def test_a_denied_arming_names_the_checks_that_fail_in_this_mode(px4):
     """PX4 reports its checks when they change, and only the fact when it denies."""
     summary = Event(1.0, 0x01A893E0, 1, 8, bytes(40))

@@ -29,6 +29,8 @@ def test_camera_faults(schedule):
     assert all((image == frozen[0]).all() for image in frozen)
     assert {int(a["image"].max()) for _, a in frames(schedule, "camera_black")} == {0}
     assert {int(a["image"].min()) for _, a in frames(schedule, "camera_saturated")} == {255}
+    fogged = frames(schedule, "camera_fog", amount=0.98)
+    assert all(1.0 < np.std(a["image"], axis=(0, 1)).max() < 5.0 for _, a in fogged)  # its noise
     late = [stamp for stamp, _ in frames(schedule, "camera_late", amount=0.2)]
     assert late[5] == pytest.approx(10.3)
     assert all(len(a["neighbours"]) == 0 for _, a in frames(schedule, "missed", amount=1.0))
