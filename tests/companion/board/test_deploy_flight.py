@@ -12,6 +12,7 @@ import pytest
 
 from companion.__main__ import main
 from tests.companion.deployment import contents
+from tests.companion.patience import PATIENCE
 
 SOURCE = Path(__file__).parents[3]
 DEPLOYED = "opt/swarm-companion"
@@ -87,7 +88,7 @@ def test_deployed_flown_upgraded_rolled_back(wheel, world, start_daemon, tmp_pat
         for i in (1, 2)
     ]
     for daemon in daemons:
-        assert daemon.listen(30.0, until="READY=1"), daemon.log()
+        assert daemon.listen(PATIENCE, until="READY=1"), daemon.log()
     for daemon in daemons:
         daemon.until_phase("fly", 40.0)
 
@@ -97,7 +98,7 @@ def test_deployed_flown_upgraded_rolled_back(wheel, world, start_daemon, tmp_pat
     assert upgraded(root)
     for daemon in daemons:
         daemon.process.send_signal(signal.SIGTERM)
-        assert daemon.process.wait(3.0) == 0, daemon.log()
+        assert daemon.process.wait(PATIENCE) == 0, daemon.log()
     before = contents(root)
     assert main([*arguments, "--wheel", str(newer), "--rollback"]) == 0
     assert not upgraded(root)

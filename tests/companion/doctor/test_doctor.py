@@ -11,6 +11,10 @@ from companion.doctor.finding import rated
 from companion.process.vehicle_lock import VehicleLock
 from companion.settings.config import CompanionConfig, load_config
 from tests.companion.deployment import free_ports
+from tests.companion.patience import PATIENCE
+
+# What a machine that runs other things beside this test may lack, by wall time.
+BY_LOAD = {"speed", "frame rate", "attitude rate", "position rate", "clock"}
 
 
 def by_name(findings):
@@ -19,13 +23,15 @@ def by_name(findings):
 
 def test_a_good_board(world, capsys):
     config = world.config(1, more="airframe: {hover_thrust: 0.33}\n")
-    assert main(["doctor", "--json", str(config), "--set", f"log.path={world.folder}/a.mcap"]) == 0
+    status = main(["doctor", "--json", str(config), "--set", f"log.path={world.folder}/a.mcap"])
     report = json.loads(capsys.readouterr().out)
     levels = {f["name"]: f["level"] for f in report["findings"]}
     for name in ("config", "software", "log", "vehicle", "silence", "hover thrust"):
         assert levels[name] == "green", report
-    for name in ("speed", "frame rate", "attitude rate", "position rate", "clock"):
-        assert levels[name] != "red", report  # of a machine that runs other tests beside
+    red = {name for name, level in levels.items() if level == "red"}
+    assert red <= BY_LOAD, report
+    assert levels.keys() >= BY_LOAD, report
+    assert status == (1 if red else 0)
     assert all(f["todo"] for f in report["findings"] if f["level"] != "green")
 
 
@@ -49,7 +55,7 @@ def test_a_vehicle_that_is_not_there(world):
 def test_a_port_that_a_daemon_holds(world, start_daemon):
     file = world.config(2)
     daemon = start_daemon(file)
-    assert daemon.listen(20.0, until="READY=1"), daemon.log()
+    assert daemon.listen(PATIENCE, until="READY=1"), daemon.log()
     (finding,) = vehicle.examine(load_config(file), hover_known=True)
     assert finding.level is Level.RED
     assert "systemctl stop companion@drone2" in finding.todo

@@ -11,6 +11,7 @@ from companion.__main__ import main
 from companion.ground import fleet as commands
 from companion.settings.config import CompanionConfig
 from tests.companion.deployment import write_drones
+from tests.companion.patience import PATIENCE
 
 
 @pytest.fixture
@@ -47,7 +48,7 @@ def fleet(world, tmp_path, capfd):
 
 def test_arm_take_off_start_hold_land(fleet, start_daemon):
     companion = start_daemon(fleet.drones / "drone1.yaml")
-    assert companion.listen(20.0, until="READY=1"), companion.log()
+    assert companion.listen(PATIENCE, until="READY=1"), companion.log()
     companion.until_phase("wait", 2.0)  # told a moment after READY
 
     both = ("--only", "drone1", "drone2")

@@ -13,6 +13,7 @@ from mavlink_bridge.autopilots.px4 import Px4
 from mavlink_bridge.autopilots.px4_events import event_number
 from mavlink_bridge.wire.messages import Command, CommandId, Event, Heartbeat
 from tests.companion.deployment import free_ports
+from tests.companion.patience import PATIENCE
 from tests.companion.relay import Relay
 
 PARAMETERS = {"COM_OF_LOSS_T": 0.5}  # of the emulated vehicles
@@ -46,7 +47,7 @@ def flown(world, start_daemon):
         config = world.config(i, auto=True)
         config.write_text(config.read_text().replace(f":{world.companion_port + i}", f":{port}"))
         daemon = start_daemon(config, command=command)
-        assert daemon.listen(30.0, until="READY=1"), daemon.log()
+        assert daemon.listen(PATIENCE, until="READY=1"), daemon.log()
         daemon.until_phase("fly", 40.0)
         daemon.listen(1.0)
         return daemon, relays[-1], config
@@ -66,7 +67,7 @@ def test_the_vehicle_misses_a_killed_daemon_and_a_new_one_is_passive(flown, star
     assert missed - killed <= 0.6
     again = start_daemon(config)
     assert relay.setpoints(killed + 0.1) == []
-    assert again.listen(30.0, until="READY=1"), again.log()
+    assert again.listen(PATIENCE, until="READY=1"), again.log()
     ready = time.monotonic() - again.started
     fields = Path(f"/proc/{again.process.pid}/stat").read_text().rpartition(")")[2].split()
     busy = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
@@ -125,4 +126,4 @@ def end_as_the_unit_says(daemon):
         daemon.listen(abort)  # returns when it has ended
     if daemon.process.poll() is None:
         daemon.process.kill()
-    daemon.process.wait(5.0)
+    daemon.process.wait(PATIENCE)

@@ -23,6 +23,7 @@ from mavlink_bridge.wire.messages import (
 )
 from mavlink_bridge.wire.udp import UdpEndpoint
 from mavlink_bridge.wire.video import Frame
+from tests.companion.patience import PATIENCE
 
 AUTOPILOT = "ardupilot"  # of the emulated vehicles
 LEVEL = np.array([1.0, 0, 0, 0])
@@ -82,7 +83,7 @@ def test_an_emulated_ardupilot_starts_on_the_clock(world, start_daemon):
         config.read_text().replace("system_id: 1", f"system_id: 1, autopilot: {AUTOPILOT}")
     )
     daemon = start_daemon(config)
-    assert daemon.listen(20.0, until="READY=1"), daemon.log()
+    assert daemon.listen(PATIENCE, until="READY=1"), daemon.log()
 
 
 VEHICLE = Source(1, 1)

@@ -1,0 +1,98 @@
+"""Fly for a long time on a signed line that five senders attack, and say what came of it.
+
+    python tests/benchmarks/hostile_hour.py --seconds 3600
+
+10 MB/s of first bytes of frames and of garbage, recorded packets played back both ways, the
+companion's own packets reflected, heartbeats and commands forged. Ticks are timed by processor
+time, against a calm flight of the same drone. Exit status 1 where a bound is broken.
+"""
+
+import argparse
+import gc
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+from companion.supervision.guard import Reason
+from tests.closed_loop.matrix.hostile_checks import listening
+from tests.closed_loop.matrix.inprocess import fly
+
+BEGINS = 6.0  # s, when the attack begins
+CALM = 60.0  # s of the calm flight
+SENDERS = [
+    {"kind": "link_flood", "amount": 6e6},
+    {"kind": "link_garbage", "amount": 4e6},
+    {"kind": "link_replay", "amount": 500.0},
+    {"kind": "link_spoof", "amount": 500.0},
+    {"kind": "link_forge", "amount": 50.0},
+    {"kind": "link_reflect", "amount": 1.0},
+]
+
+
+def flight(seconds, faults):
+    """Fly to and fro for so long; ticks are timed."""
+
+    def watch(f):
+        listening(f)
+        f.companions[0].stopwatch = time.thread_time
+
+    there_and_back = [[12.0, 0.0, 2.0], [0.0, 0.0, 2.0]]
+    return fly(
+        [fault | {"at": BEGINS} for fault in faults],
+        at={0.0: watch},
+        world={},
+        drones__signing=True,
+        mission__targets=(there_and_back * 450)[: 2 + int(seconds / 8)],
+        mission__time_limit=seconds,
+    )
+
+
+def costs(f):
+    """Processor time [s] of the ticks under attack."""
+    c = f.companions[0]
+    return np.array([s for s, at in zip(c.seconds, c.times, strict=True) if at > BEGINS + 0.5])
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=3600.0)
+    seconds = parser.parse_args().seconds
+    gc.freeze()
+    calm = costs(flight(min(seconds, CALM), []))
+    f = flight(seconds, SENDERS)
+    under, c = costs(f), f.companions[0]
+    ours, theirs = c.link.codec.statistics, f._drones[0].companion.codec.statistics
+    period = c.config.timing.period
+    more = float(np.percentile(under, 99) - np.percentile(calm, 99))
+    reasons = {o.verdict.reason.value for o in c.outs if o.verdict and o.time > BEGINS}
+    modes = {name for t, name in f.modes[0] if t > BEGINS}
+    heard = max(ours.received - theirs.sent, 0) + max(theirs.received - ours.sent, 0)
+    print(
+        f"{seconds:g} s, {len(under)} ticks; calm p99 {np.percentile(calm, 99) * 1e3:.1f} ms, "
+        f"attacked p99 {np.percentile(under, 99) * 1e3:.1f} ms, most {under.max() * 1e3:.1f} ms"
+    )
+    print(
+        f"refused: {ours.unsigned} unsigned, {ours.replayed} replayed, {ours.bad_bytes} bytes; "
+        f"by the vehicle: {theirs.unsigned} unsigned, {theirs.replayed} replayed"
+    )
+    print(f"heard and not sent: {heard}; own frames heard: {c.echoes}; reasons {sorted(reasons)}; "
+          f"other modes: {sorted(modes)}")  # fmt: skip
+    bounds = {
+        "p99 + 10 % of the period": more <= 0.1 * period,
+        "nothing forged or replayed is heard": heard == 0,
+        "nothing reflected is heard": c.echoes == 0,
+        "no HOLD": not modes & {"HOLD", "LAND"},
+        "only plans": reasons == {Reason.PLAN.value},
+        "it was attacked": ours.bad_bytes > 5e6 * (seconds - BEGINS) and ours.replayed > 0,
+    }
+    for what, holds in bounds.items():
+        print(f"{'holds ' if holds else 'BROKEN'} {what}")
+    return 0 if all(bounds.values()) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
