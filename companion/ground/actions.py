@@ -233,7 +233,7 @@ class Action:
             self.ok = not u.result
             self.result = (u.result and f"refused: {u.result}") or f"done: {len(u.goals)} goals"
             if self.ok:
-                self.drone.goals = u.goals
+                self.drone.uploaded = u.goals
 
     def _state(self) -> str:
         """Return the drone's state, and its own words since the action began."""

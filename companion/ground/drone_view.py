@@ -10,6 +10,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
+from companion.guidance.goals import resolved
 from companion.services.services import FAULTS, PHASES, REASONS
 from companion.settings.config import CompanionConfig
 from companion.types import Phase
@@ -75,7 +76,8 @@ class DroneView:
     def __init__(self, config: CompanionConfig) -> None:
         self.config = config
         self.autopilot = adapter(config.link.autopilot, config.link.system_id)
-        self.goals = [list(map(float, g)) for g in config.mission.goals]
+        self.uploaded: list[list[float]] | None = None  # goals that the companion took from here
+        self._home: HomePosition | None = None
         self.heard_at = self.companion_at = -math.inf
         self.armed: bool | None = None
         self.mode = ""
@@ -117,6 +119,14 @@ class DroneView:
         return phase
 
     @property
+    def goals(self) -> list[list[float]]:
+        """The goals (n,3) m in the own ENU frame; none before the home that they need is known."""
+        if self.uploaded is not None:
+            return self.uploaded
+        goals = resolved(self.config.mission.goals, self._home) or []
+        return [[float(v) for v in goal.p] for goal in goals]
+
+    @property
     def in_air(self) -> bool:
         """Whether the vehicle says that it is off the ground."""
         return self.landed_state > _ON_GROUND
@@ -148,6 +158,7 @@ class DroneView:
         elif isinstance(m, LocalPosition):
             self.local = (float(m.p[0]), float(m.p[1]), float(m.p[2]))
         elif isinstance(m, HomePosition):
+            self._home = m
             self.origin = moved((m.latitude_deg, m.longitude_deg), -float(m.p[0]), -float(m.p[1]))
         elif isinstance(m, SystemStatus | BatteryStatus):
             self.battery = (m.voltage, m.remaining)
