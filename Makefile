@@ -1,7 +1,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup sitl test test-long faults mutants fuzz renew-flight dialect lock lint bench reproducible clean
+.PHONY: setup sitl test test-long faults mutants fuzz renew-flight dialect lock sbom release lint bench reproducible clean
 
 setup: .venv/.ready
 
@@ -68,18 +68,32 @@ lock: setup
 	        $(CURDIR)/pyproject.toml --output-file $$extra.txt || exit 1; \
 	done
 
-# Two builds of the committed state, in two folders: fails where their wheels differ by a byte.
+# The bill of materials of what boards install (CycloneDX); the generator validates it.
+sbom: setup
+	mkdir -p dist
+	$(BIN)/cyclonedx-py requirements companion/board/locks/eyes.txt --pyproject pyproject.toml \
+	    --output-reproducible --spec-version 1.6 --validate --output-file dist/sbom.cdx.json
+
+# A release to publish: `make release KEY=~/.ssh/release` (docs/deploy.md).
+release: setup sbom
+	$(BIN)/companion deploy --make-release dist/swarm-companion.tar $(if $(KEY),--sign $(KEY))
+	cd dist && sha256sum swarm-companion.tar sbom.cdx.json > SHA256SUMS
+
+# Two builds of the committed state, in two folders: fails where wheel or release differ by a byte.
 reproducible: setup
 	rm -rf build/reproducible
 	for n in 1 2; do \
 	    git clone --quiet . build/reproducible/$$n && \
 	    SOURCE_DATE_EPOCH=$$(git log -1 --format=%ct) \
 	    $(BIN)/python -m build --wheel --outdir build/reproducible/out$$n build/reproducible/$$n \
-	        > build/reproducible/log$$n || exit 1; \
+	        > build/reproducible/log$$n && \
+	    (cd build/reproducible/$$n && $(CURDIR)/$(BIN)/python -m companion deploy \
+	        --wheel ../out$$n/*.whl --make-release ../out$$n/release.tar) || exit 1; \
 	    sleep 2; \
 	done
 	cmp build/reproducible/out1/*.whl build/reproducible/out2/*.whl
-	cd build/reproducible/out1 && sha256sum *.whl
+	cmp build/reproducible/out1/release.tar build/reproducible/out2/release.tar
+	cd build/reproducible/out1 && sha256sum *.whl release.tar
 
 clean:
 	rm -rf .venv build dist runs

@@ -44,8 +44,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _run(arguments: list[str] | None) -> int:
     from companion.commands.extras import missing_extra
+    from mavlink_bridge.shared.completion import complete
 
-    options = _parser().parse_args(arguments)
+    options = complete(_parser()).parse_args(arguments)
     try:
         return int(options.run(options))
     except ModuleNotFoundError as error:

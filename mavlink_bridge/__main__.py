@@ -24,7 +24,9 @@ exit status:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run `mavlink-bridge` and return its exit status, as `--help` lists them."""
-    options = _parser().parse_args(arguments)
+    from mavlink_bridge.shared.completion import complete
+
+    options = complete(_parser()).parse_args(arguments)
     try:
         return _betaflight(options)
     except KeyboardInterrupt:

@@ -46,9 +46,10 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _run(arguments: list[str] | None) -> int:
+    from mavlink_bridge.shared.completion import complete
     from sitl_sim.commands.extras import missing_extra
 
-    options = _parser().parse_args(arguments)
+    options = complete(_parser()).parse_args(arguments)
     try:
         return int(options.run(options))
     except _bad_input() as error:
