@@ -121,10 +121,11 @@ def _measure(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
     if isinstance(detector, CnnDetector | YoloDetector):
         network = detector.network
         compared["forward_pass"] = lambda _: network.forward()
-    finder: TrunkDetector | NetworkSearch = TrunkDetector(camera)
-    find = finder.detect
+    trunks = TrunkDetector(camera)
+    finder: TrunkDetector | NetworkSearch = trunks
+    find = trunks.detect
     if isinstance(detector, NetworkSearch):
-        finder, find = detector, detector.find
+        find, finder = detector.find, detector
     figures = measure(camera, frames, detector, compared, find)
     result = {"detector": options.detector, **figures}
     if looks := by_look(camera, frames, detector, find, lambda: finder.clarity):
