@@ -34,8 +34,8 @@ _ARRAYS = {
     "truth": "neighbours",
     "map": "trunks",
 }
-# Faults of pictures that can still be compared with the gyro.
-_COMPARED = (CameraFault.NONE, CameraFault.LATE, CameraFault.MISALIGNED)
+# Faults of pictures that can still be compared with the gyro: corners need no clear colours.
+_COMPARED = (CameraFault.NONE, CameraFault.LATE, CameraFault.MISALIGNED, CameraFault.UNCLEAR)
 _LENGTHS = (1e-6, 1e4)  # m; distances, radii and standard deviations lie between
 
 
