@@ -57,6 +57,10 @@ def test_a_missing_extra_is_one_line_with_the_pip_command(tmp_path):
     done = in_a_base_install("sys.exit(main(sys.argv[1:]))", *fleet)
     assert done.returncode == 2
     assert done.stderr == "not installed: mavsdk; pip install 'swarm-companion[fleet]'\n"
+    ground = ["ground", "--drones", tmp_path / "drones"]
+    done = in_a_base_install("sys.exit(main(sys.argv[1:]))", *ground)
+    assert done.returncode == 2
+    assert done.stderr == "not installed: tornado; pip install 'swarm-companion[ground]'\n"
 
 
 def test_a_base_install_flies_and_without_a_compiler_names_the_extra(tmp_path):
