@@ -1,7 +1,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup sitl test test-long faults mutants fuzz renew-flight dialect lock sbom release lint bench reproducible clean
+.PHONY: setup sitl test test-long faults mutants fuzz renew-flight dialect lock sbom release docs lint bench reproducible clean
 
 setup: .venv/.ready
 
@@ -16,6 +16,11 @@ setup: .venv/.ready
 
 sitl: setup
 	$(BIN)/sitl-sim run forest
+
+# The site, in build/site; fails on a broken link.
+docs: setup
+	$(BIN)/pip install --quiet -e '.[docs]'
+	$(BIN)/python docs/build_site.py
 
 lint: setup
 	$(BIN)/ruff check .

@@ -19,6 +19,7 @@ def add_port_argument(parser: argparse.ArgumentParser) -> None:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the run folder and the port."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="run folder")
+    parser.add_argument("--time", type=float, metavar="S", help="shown first (take-off)")
     add_port_argument(parser)
 
 
@@ -34,7 +35,7 @@ def run(options: argparse.Namespace) -> int:
     recorded = load_run(options.folder)
     from sitl_sim.viewer import Page, Replay
 
-    page = Page(Replay(recorded), port=options.port)
+    page = Page(Replay(recorded), port=options.port, time=options.time)
     print(f"{page.url}  (Ctrl-C ends it)", flush=True)
     try:
         page.run()

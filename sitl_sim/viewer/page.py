@@ -12,6 +12,7 @@ import viser
 from mavlink_bridge.shared.frames import euler_from_quaternion
 from sitl_sim.figures.belief import Belief
 from sitl_sim.figures.camera_pictures import Pictures
+from sitl_sim.figures.events import Event
 from sitl_sim.viewer.scene import Scene
 from sitl_sim.viewer.sources import Moment, Source
 
@@ -19,13 +20,16 @@ _RATE = 20.0  # Hz, of the scene
 _PICTURE_PERIOD = 0.25  # s
 _STEP = 0.1  # s
 _SPEEDS = ("0.25", "0.5", "1", "2", "4")
-_NO_DRONE = "no drone"
+_NO_DRONE, _NO_EVENT = "no drone", "go to …"
 
 
 class Page:
     """A web server with one flight on it; every browser that connects sees the same moment."""
 
-    def __init__(self, source: Source, host: str = "127.0.0.1", port: int = 8080) -> None:
+    def __init__(
+        self, source: Source, host: str = "127.0.0.1", port: int = 8080, time: float | None = None
+    ) -> None:
+        """Serve; time: shown first [s], else when the first drone is in the air."""
         self._source = source
         self.server = viser.ViserServer(host, port, label=source.scenario.name, verbose=False)
         self.scene = Scene(self.server, source.scenario, source.world, source.names)
@@ -36,7 +40,7 @@ class Page:
         self._lock = threading.RLock()
         self._controls()
         self.server.on_client_connect(self._on_connect)
-        self.show(0.0)
+        self._seek(self._in_the_air() if time is None else time)
 
     @property
     def url(self) -> str:
@@ -84,7 +88,13 @@ class Page:
         gui, names, replay = self.server.gui, tuple(self._source.names), not self._source.live
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
         end = max(self._source.duration, _STEP)
-        self.slider = gui.add_slider("time [s]", 0.0, end, _STEP, 0.0, disabled=not replay)
+        happened = self._source.events()
+        marks = tuple({round(e.time, 1): "" for e in happened if 0 < e.time < end}.items())
+        self.slider = gui.add_slider(
+            "time [s]", 0.0, end, _STEP, 0.0, marks=marks or None, disabled=not replay
+        )
+        self._times = {_line(e): e.time for e in happened}
+        self.event = gui.add_dropdown("event", (_NO_EVENT, *self._times), visible=replay)
         self.play = gui.add_checkbox("play", False, visible=replay)
         self.speed = gui.add_dropdown("speed", _SPEEDS, initial_value="1", visible=replay)
         self.follow = gui.add_dropdown("follow", (_NO_DRONE, *names))
@@ -96,6 +106,7 @@ class Page:
         self.picture = gui.add_image(blank, label="camera", format="jpeg")
         self.state = gui.add_markdown("")
         self.slider.on_update(self._on_seek)
+        self.event.on_update(self._on_event)
         self.camera.on_update(lambda _: self._redraw())
         self.follow.on_update(lambda _: self._redraw())
 
@@ -113,14 +124,35 @@ class Page:
         if event.client is not None:
             self.show(event.target.value)
 
+    def _on_event(self, event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
+        """Go to the event that a person chose."""
+        if event.client is not None and event.target.value in self._times:
+            self._seek(self._times[event.target.value])
+
+    def _seek(self, moment: float) -> None:
+        moment = min(max(moment, 0.0), self._source.duration)
+        _set(self.slider, moment)
+        self.show(moment)
+
+    def _in_the_air(self) -> float:
+        """Return the first time [s] at which a drone flies; 0 where none does."""
+        started = [e.time for e in self._source.events() if e.kind == "phase" and e.text == "fly"]
+        return min(started, default=0.0)
+
     def _redraw(self) -> None:
         self.show(self.slider.value)
 
     def _on_connect(self, client: viser.ClientHandle) -> None:
-        p = self._source.moment(0.0).p.mean(axis=0)
+        """Look at the drones from behind, from so far that all are in the picture."""
+        now = self._source.moment(self.slider.value)
+        middle = now.p.mean(axis=0)
+        far = 5.0 + 1.5 * float(np.linalg.norm(now.p - middle, axis=1).max())
+        yaws = np.array([euler_from_quaternion(q)[2] for q in now.q])
+        behind = np.array([-np.cos(yaws).mean(), -np.sin(yaws).mean(), 0.7])
+        behind /= np.linalg.norm(behind)
         client.camera.up_direction = (0.0, 0.0, 1.0)
-        client.camera.position = p + np.array([0.0, -9.0, 7.0])
-        client.camera.look_at = p + np.array([0.0, 4.0, 0.0])
+        client.camera.position = middle + far * behind
+        client.camera.look_at = middle
 
     def _advance(self, seconds: float) -> None:
         moment = self.slider.value + seconds
@@ -159,6 +191,10 @@ class Page:
 def _set(handle: viser.GuiInputHandle[Any], value: object) -> None:
     """Change a control."""
     handle.value = value  # type: ignore[misc]  # viser hides its setter from type checkers
+
+
+def _line(event: Event) -> str:
+    return f"{event.time:.1f} s  {event.drone}: {event.text}"
 
 
 def _describe(belief: Belief | None) -> str:

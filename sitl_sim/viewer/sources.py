@@ -12,6 +12,7 @@ import orjson
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.mcap_file import Follower
 from sitl_sim.figures.belief import Belief, Beliefs, belief_of
+from sitl_sim.figures.events import Event, events
 from sitl_sim.recording.run_folder import Run, log_path, own_frames
 from sitl_sim.scenarios.scenario import Scenario, drone_names
 
@@ -39,6 +40,10 @@ class Source(Protocol):
         """Time up to which the flight can be shown [s]."""
         ...
 
+    def events(self) -> list[Event]:
+        """Return what has happened, in order of time."""
+        ...
+
     def moment(self, time: float) -> Moment:
         """Return the truth at a time [s]."""
         ...
@@ -61,6 +66,11 @@ class Replay:
         self._t = run.truth["t"]
         self._p, self._q = (run.truth[k].astype(float) for k in ("position", "attitude"))
         self._beliefs = Beliefs(run)
+        self._events = events(run)
+
+    def events(self) -> list[Event]:
+        """Return all events of the flight."""
+        return self._events
 
     @property
     def duration(self) -> float:
@@ -110,6 +120,10 @@ class Live:
         if round(time / 0.04) % round(_TRAIL_STEP / 0.04) == 0:
             self._path = [*self._path[-round(_TRAIL / _TRAIL_STEP) :], p.copy()]
         self._now = Moment(time, p.copy(), q.copy(), np.stack([*self._path, p], axis=1))
+
+    def events(self) -> list[Event]:
+        """Return none: they are told when the flight is over."""
+        return []
 
     @property
     def duration(self) -> float:

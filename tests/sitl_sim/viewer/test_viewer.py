@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from sitl_sim.__main__ import main
+from sitl_sim.figures.events import events
 from sitl_sim.recording.run_folder import load_run
 from sitl_sim.viewer import Live, Page, Replay
 from tests.sitl_sim import flights
@@ -53,6 +54,26 @@ def test_the_scene_agrees_with_truth_and_logs(run, page):
     np.testing.assert_allclose(page.scene.tracks.points, p[1:], atol=0.11)  # of drone 1
     assert "**fly**" in page.state.content
     assert page.picture.image.std() > 10  # something is in the picture
+
+
+def test_the_page_begins_when_the_drones_fly_and_leads_to_every_event(run, page):
+    times = [e.time for e in events(run)]
+    assert page.slider.value == pytest.approx(min(e.time for e in events(run) if e.text == "fly"))
+    assert list(page._times.values()) == times
+    marked = [mark.value for mark in page.slider._impl.props._marks]
+    assert marked == sorted({round(t, 1) for t in times if 0 < t < page.slider.max})
+    page._seek(9.0)
+    np.testing.assert_allclose(page.scene.drones.batched_positions, truth_at(run, 9.0), atol=1e-5)
+
+
+def test_a_page_can_begin_at_a_time(run):
+    page = Page(Replay(run), port=free_port(), time=7.0)
+    try:
+        assert page.slider.value == 7.0
+        at = page.scene.drones.batched_positions
+        np.testing.assert_allclose(at, truth_at(run, 7.0), atol=1e-5)
+    finally:
+        page.close()
 
 
 def test_a_layer_switched_off_stays_off(page):
@@ -115,6 +136,9 @@ def test_in_a_browser_without_a_network(run, page, browser):
     tab.goto(page.url)
     tab.wait_for_selector("canvas")
     until(lambda: len(page.server.get_clients()) == 1, tab)
+    (client,) = page.server.get_clients().values()
+    begun = truth_at(run, page.slider.value).mean(axis=0)
+    until(lambda: np.allclose(client.camera.look_at, begun, atol=0.1), tab)  # at the drones
 
     seek(tab, 8.0)
     until(lambda: page.slider.value == 8.0, tab)
