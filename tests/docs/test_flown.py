@@ -6,7 +6,7 @@ import pytest
 
 from tests.docs.tutorial import ROOT, follow
 
-pytestmark = pytest.mark.timeout(1800)  # flights, on a loaded machine
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]  # nine flights
 TUTORIALS = ROOT / "docs" / "tutorials"
 
 

@@ -79,7 +79,11 @@ def follow(page: Path, folder: Path) -> str:
     finally:
         if followed.poll() is None:  # the test ran out of time
             os.killpg(followed.pid, signal.SIGINT)
-            followed.wait(20)
+            try:
+                followed.communicate(timeout=20)
+            except subprocess.TimeoutExpired:
+                os.killpg(followed.pid, signal.SIGKILL)
+                followed.communicate()
     assert followed.returncode == 0, said[-4000:]
     return said
 
