@@ -34,11 +34,13 @@ from companion.perception.frontend import Detections, PerceptionFrontend, make_v
 from companion.services.services import Served, Services, Situation, Wish, nearest
 from companion.settings.config import CompanionConfig
 from companion.stage_clock import StageClock
+from companion.supervision.certify import Certifier
 from companion.supervision.guard import Broken
 from companion.supervision.last_resort import LastResort
 from companion.supervision.monitors import Monitors
 from companion.supervision.phases import GiveBack
 from companion.supervision.supervision import Supervised, Supervision
+from companion.supervision.surroundings import Surroundings, SurroundingsEstimator
 from companion.tick import Tick, TickInputs
 from companion.types import Phase
 from mavlink_bridge.autopilots.registry import Identity, adapter
@@ -92,8 +94,13 @@ class Companion:
         self._guidance = Guidance(c.guidance())
         self._planning = Planning(c.nmpc, planner, formulation)
         self._supervision = Supervision(
-            c.guard, c.mission, c.fence, adapter(link.autopilot, link.system_id)
+            c.guard,
+            c.mission,
+            c.fence,
+            adapter(link.autopilot, link.system_id),
+            Certifier(c.certificate, c.guard, airframe.radius),
         )
+        self._surroundings = SurroundingsEstimator(c.certificate, c.fence, view)
         self._monitors = Monitors(c.monitors, c.nmpc.v_max)
         own = Source(link.system_id, link.component_id)
         ways = {Wish.HOLD, Wish.LAND}
@@ -173,8 +180,29 @@ class Companion:
         )
         planned = run("plan", Planned(), self._planning.plan, own, reference, motion.prediction)
         broken = run("watch", None, self._monitors.update, time, vehicle, motion, phase)
+        surroundings = run(
+            "look round",
+            None,
+            self._surroundings.update,
+            time,
+            own,
+            seen,
+            obstacles,
+            tracks,
+            vehicle.map_offset,
+            phase,
+        )
         supervised = self._supervise(
-            run, inputs, vehicle, seen, reference, planned, motion, broken, served.wish
+            run,
+            inputs,
+            vehicle,
+            seen,
+            reference,
+            planned,
+            motion,
+            surroundings,
+            broken,
+            served.wish,
         )
         run("ask", None, self._vehicle.ask, supervised.requests)
         setpoint = run(
@@ -203,7 +231,8 @@ class Companion:
         results = (vehicle, seen, obstacles, tracks, motion, reference, planned, supervised)
         told = supervised.inhibit_reason
         self._failed_late = "" if told else run.failure
-        self._last = Tick(time, *results, served, setpoint, run.taken, run.failure, broken)
+        limits = () if surroundings is None else surroundings.broken
+        self._last = Tick(time, *results, served, setpoint, run.taken, run.failure, broken, limits)
         return self._last
 
     def _supervise(
@@ -215,6 +244,7 @@ class Companion:
         reference: Reference | None,
         planned: Planned,
         motion: MotionEstimate,
+        surroundings: Surroundings | None,
         broken: Broken | None,
         wish: Wish | None,
     ) -> Supervised:
@@ -229,7 +259,8 @@ class Companion:
             seen,
             reference,
             planned.plan,
-            motion.hover,
+            motion,
+            surroundings,
             self_tested=planned.self_tested,
             leave=inputs.leave,
             give_back=None if wish is None else _GIVE_BACK.get(wish),
@@ -256,6 +287,7 @@ class Companion:
             self._neighbours,
             self._motion,
             self._guidance,
+            self._surroundings,
             self._supervision,
             self._services,
         ):

@@ -51,6 +51,7 @@ class Tick:
 
     reference: None before the own state is known. setpoint: None where none goes out. failure: the
     stage that raised, in words; empty: none did. broken: the gravest assumption that does not hold.
+    beyond: bounds of the certificate that neighbours or obstacles broke, in words.
     """
 
     time: float
@@ -71,6 +72,7 @@ class Tick:
     stages: dict[str, float] = field(default_factory=dict)
     failure: str = ""
     broken: Broken | None = None
+    beyond: tuple[str, ...] = ()
 
     @property
     def packets(self) -> list[list[Message]]:

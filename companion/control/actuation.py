@@ -7,21 +7,13 @@ delay is learnt, where the full rates would tumble the drone.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from companion.estimation.delay import Delay
+from companion.estimation.delay import Delay, within_doubt
 from companion.estimation.input_history import SentInput
 from companion.estimation.motion import MotionEstimator
-from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.thrust import ThrustMap
 from mavlink_bridge.wire.messages import RateCommand, RateSetpoint
-
-_ATTITUDE_DOUBT = 0.03  # rad, of the tilt that a wrong prediction may cost
-_SIGMAS = 3.0  # of the delay's doubt
-_RATE_LOOP = 0.1  # of the delay: a rate loop is not a mere delay
-_YAW = 3.0  # times faster: the yaw tilts no thrust
 
 
 class Actuation:
@@ -56,13 +48,3 @@ class Actuation:
         if not in_control:
             self._motion.clear()
         return setpoint
-
-
-def within_doubt(omega: Vector, delay: Delay) -> Vector:
-    """Return body rates (3,) [rad/s], made slower where the delay is too little known for them."""
-    doubt = math.hypot(_SIGMAS * delay.sigma, _RATE_LOOP * delay.value)
-    fastest = _ATTITUDE_DOUBT / max(doubt, 1e-3)
-    tilting = float(np.linalg.norm(omega[:2]))
-    share = min(1.0, fastest / max(tilting, 1e-9))
-    yaw = float(np.clip(omega[2], -_YAW * fastest, _YAW * fastest))
-    return np.array([*(share * omega[:2]), yaw])

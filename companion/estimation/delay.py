@@ -34,6 +34,10 @@ _SIGMA_RATE = 0.03  # rad/s, least error of filtered rates: rate loop, gyro, vib
 _SIGMA_MIN = 0.003  # s: the delay of a real chain jitters
 _SETTLED = 3.0 * _LOW  # s until the filters have forgotten their start
 _LONGEST_GAP = 0.15  # s without telemetry, over which the rates are not known
+_ATTITUDE_DOUBT = 0.03  # rad, of the tilt that a wrong prediction may cost
+_SIGMAS = 3.0  # of the delay's doubt
+_RATE_LOOP = 0.1  # of the delay: a rate loop is not a mere delay
+_YAW = 3.0  # times faster: the yaw tilts no thrust
 
 
 @dataclass(frozen=True)
@@ -161,3 +165,13 @@ class DelayEstimator:
         off = min(max(0.5 * (left - right) / bend, -1.0), 1.0)
         sigma = math.hypot(_STEP * math.sqrt(2.0 / bend), _SIGMA_MIN)
         return Delay(float(_DELAYS[n] + off * _STEP), min(sigma, self._prior.sigma))
+
+
+def within_doubt(omega: Vector, delay: Delay) -> Vector:
+    """Return body rates (3,) [rad/s], made slower where the delay is too little known for them."""
+    doubt = math.hypot(_SIGMAS * delay.sigma, _RATE_LOOP * delay.value)
+    fastest = _ATTITUDE_DOUBT / max(doubt, 1e-3)
+    tilting = float(np.linalg.norm(omega[:2]))
+    share = min(1.0, fastest / max(tilting, 1e-9))
+    yaw = float(np.clip(omega[2], -_YAW * fastest, _YAW * fastest))
+    return np.array([*(share * omega[:2]), yaw])

@@ -36,6 +36,7 @@ SCHEMA = {
         "camera": {"type": "string"},
         "alignment": {"type": "object"},
         "broken": {"type": "string"},
+        "certificate": {"type": "object"},
         "clarity": {"type": "number"},
         "refusals": {"type": "array"},
         "own": {"type": "object"},
@@ -211,7 +212,16 @@ def _commanded(tick: Tick) -> dict[str, Any]:
         "reason": v.reason.value,
         "bad_ticks": v.bad_ticks,
     }
-    return {"command": command}
+    return {"command": command, "certificate": _certificate(tick)}
+
+
+def _certificate(tick: Tick) -> dict[str, Any]:
+    """Return what flew with which certificate, the room left over [m] and what is there."""
+    c = tick.supervised.certified
+    if c is None:
+        return {}
+    found = {"flown": c.flown.value, "margin": _number(c.margin), "cause": c.cause}
+    return found | {"beyond": list(tick.beyond)}
 
 
 def _alignment(a: Alignment) -> dict[str, Any]:

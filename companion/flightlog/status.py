@@ -60,6 +60,7 @@ class Status:
             f"{'not running, last' if age > _STALE else 'running,'} tick at {r['time']:.1f} s",
             f"phase    {r['phase']}, target {r.get('goal', {}).get('index', 0) + 1}",
             f"guard    {command.get('reason', '-')}, {command.get('bad_ticks', 0)} bad ticks",
+            f"proof    {_certificate(r.get('certificate'))}",
             f"solver   {_solver(r.get('solver'))}",
             f"stages   {stages} ms",
             f"tracks   {len(r['tracks'])}, {len(r['critical'])} critical, nearest "
@@ -115,6 +116,14 @@ def _clock(clock: dict[str, Any] | None) -> str:
     rate = "rate not measured" if doubt is None else f"rate {clock['rate']:.4f} ±{doubt:.4f}"
     by = "" if clock["bounded"] else " (TIMESYNC is not answered)"
     return f"{rate}, ±{clock['doubt_ms']:.0f} ms{by}, {clock['jumps']} jumps"
+
+
+def _certificate(found: dict[str, Any] | None) -> str:
+    """Return what flies with which certificate; a log of before has none."""
+    if not found:
+        return "-"
+    text = f"{found['flown']}, {found['margin']:+.2f} m to {found['cause']}"
+    return "; ".join([text, *found["beyond"]])
 
 
 def _solver(solver: dict[str, Any] | None) -> str:

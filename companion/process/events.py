@@ -99,7 +99,10 @@ class Events:
         self._watch_inhibition(supervised.inhibit_reason)
         reason = supervised.verdict.reason if supervised.verdict else None
         if reason is not self._reason and Reason.PLAN is not reason is not None:
-            found = {"why": tick.broken.finding} if tick.broken else {}
+            why = tick.broken.finding if tick.broken else ""
+            if reason is Reason.UNCERTIFIED and supervised.certified is not None:
+                why = "; ".join([supervised.certified.cause, *tick.beyond])
+            found = {"why": why} if why else {}
             event("guard", logging.WARNING, reason=reason.value, time=tick.time, **found)
         self._reason = reason
 

@@ -23,6 +23,7 @@ from companion.guidance.threat import ThreatConfig
 from companion.perception.camera_health import CameraHealthConfig
 from companion.perception.config import CameraConfig, SensingConfig
 from companion.settings.renamed import REMOVED, RENAMED
+from companion.supervision.certify import CertificateConfig
 from companion.supervision.guard import GuardConfig
 from companion.supervision.monitors import MonitorConfig
 from mavlink_bridge.autopilots.registry import AutopilotName
@@ -212,6 +213,7 @@ class CompanionSections(StrictModel):
     baselines: BaselinesConfig = BaselinesConfig()
     guard: GuardConfig = GuardConfig()
     monitors: MonitorConfig = MonitorConfig()
+    certificate: CertificateConfig = CertificateConfig()
     fence: FenceConfig = FenceConfig()
     log: LogConfig = LogConfig()
     board: BoardConfig = BoardConfig()

@@ -1,7 +1,7 @@
 """Guard: the last check before the wire; any input, NaN included, gives a finite, bounded command.
 
-`Guard.judge` is total and is the only source of commands. Of these rules the first that applies
-gives the command:
+`Guard.judge` is total. Of these rules the first that applies gives the command; the last one, which
+supervision applies to it, may replace what comes from a plan:
 
 | rule | what | command | request |
 |---|---|---|---|
@@ -15,6 +15,7 @@ gives the command:
 | 8 | camera blind | brake to `blind_speed`; hover: `blind_hover`, misled | HOLD: `blind_hold` |
 | 9 | an assumption is broken, but not gravely | brake to `blind_speed` | |
 | 10 | else | the plan, clipped | |
+| 11 | the plan has no certificate (`certify.py`) | a way that has, or keeps most room | |
 
 Braking and levelling are laws in closed form, without any solver.
 """
@@ -60,6 +61,7 @@ class Reason(Enum):
     BLIND = "blind"  # 8
     PLAN = "plan"  # 10
     ASSUMPTION = "assumption"  # 7 and 9: what the flight assumes does not hold
+    UNCERTIFIED = "uncertified"  # 11: what rules 5, 8, 9, 10 want has no certificate
 
 
 class Reaction(IntEnum):

@@ -2,30 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from companion.estimation.hover_thrust import HoverEstimate
+from companion.estimation.motion import MotionEstimate
 from companion.estimation.vehicle import VehicleEstimate
 from companion.guidance.fence import FenceConfig
 from companion.guidance.guidance import Reference
 from companion.guidance.mission import MissionConfig
 from companion.perception.camera_health import CameraFault
 from companion.perception.frontend import Detections
+from companion.supervision.certify import Certified, Certifier
 from companion.supervision.guard import (
     AutopilotRequest,
     Broken,
     Guard,
     GuardConfig,
     GuardInputs,
+    Reason,
     Verdict,
 )
 from companion.supervision.phases import GiveBack, PhaseMachine
+from companion.supervision.surroundings import Surroundings
 from companion.types import Phase, Plan
 from mavlink_bridge.autopilots.registry import Autopilot
 from mavlink_bridge.wire.messages import Message, RateCommand
 
+# Commands that come from a plan. The others brake or level already, for reasons that come first.
+_PLANNED = (Reason.PLAN, Reason.SHIFTED_PLAN, Reason.BLIND, Reason.ASSUMPTION)
 _FOUND_FLYING = (
     "it flew in offboard before this companion started: a pilot must choose another mode"
 )
@@ -37,7 +42,8 @@ class Supervised:
 
     requests: messages to the autopilot. verdict: the
     guarded command; None where no setpoint is to go out. repeat: the link loses packets, so that a
-    setpoint is sent three times.
+    setpoint is sent three times. certified: the certificate of the command, None where none is
+    asked for: without a command, or without a state.
     """
 
     phase: Phase = Phase.WAIT
@@ -45,6 +51,7 @@ class Supervised:
     verdict: Verdict | None = None
     repeat: bool = False
     inhibit_reason: str = ""
+    certified: Certified | None = None
 
     @property
     def command(self) -> RateCommand | None:
@@ -62,12 +69,18 @@ class Supervision:
     """The guard and the phase machine, and what passes between them."""
 
     def __init__(
-        self, guard: GuardConfig, mission: MissionConfig, fence: FenceConfig, autopilot: Autopilot
+        self,
+        guard: GuardConfig,
+        mission: MissionConfig,
+        fence: FenceConfig,
+        autopilot: Autopilot,
+        certifier: Certifier,
     ) -> None:
         self._config = guard
         self._fence = fence
         self._guard = Guard(guard)
         self._phases = PhaseMachine(mission, autopilot)
+        self._certifier = certifier
 
     @property
     def phase(self) -> Phase:
@@ -77,6 +90,7 @@ class Supervision:
     def reset(self) -> None:
         """Give control up: the vehicle has started anew, and nothing on it is ours."""
         self._phases.rebooted()
+        self._certifier.reset()
 
     def decide(
         self,
@@ -85,7 +99,8 @@ class Supervision:
         seen: Detections,
         reference: Reference | None,
         plan: Plan | None,
-        hover: HoverEstimate,
+        motion: MotionEstimate,
+        surroundings: Surroundings | None = None,
         *,
         self_tested: bool,
         leave: bool,
@@ -96,7 +111,8 @@ class Supervision:
     ) -> Supervised:
         """Return the verdict and the phase at the tick of `time` [s]; one call a tick.
 
-        hover: the hover thrust, without which the companion does not take over.
+        motion: the hover thrust, without which the companion does not take over, and the state
+        from which the command acts. surroundings: what the command must keep clear of.
         self_tested: the solver works. leave: control is to be given back to the autopilot.
         give_back: a ground station asks for that, and how. resume: it asks the companion to stand
         by for the vehicle again. failure: the stage that failed, in
@@ -123,10 +139,10 @@ class Supervision:
             vehicle.state,
             ready=self_tested and not inhibit_reason and self._fit_to_fly(vehicle, seen),
             complete=reference is not None and reference.land,
-            known=hover.known,
+            known=motion.hover.known,
         )
         if self._phases.waits_for_thrust and not inhibit_reason:
-            inhibit_reason = hover.unknown_reason
+            inhibit_reason = motion.hover.unknown_reason
         if self._phases.waits_for_pilot and not inhibit_reason:
             inhibit_reason = _FOUND_FLYING
         requests = list(decision.requests)
@@ -135,7 +151,25 @@ class Supervision:
         elif verdict is None:
             verdict = self._judge(time, vehicle, seen, plan, failure, broken)
         repeat = vehicle.packet_loss > self._config.lossy
-        return Supervised(decision.phase, requests, verdict, repeat, inhibit_reason)
+        verdict, certified = self._certified(verdict, motion, surroundings)
+        return Supervised(decision.phase, requests, verdict, repeat, inhibit_reason, certified)
+
+    def _certified(
+        self,
+        verdict: Verdict | None,
+        motion: MotionEstimate,
+        surroundings: Surroundings | None,
+    ) -> tuple[Verdict | None, Certified | None]:
+        """Return the verdict, of which a plan's command flies only with a certificate; and that."""
+        prediction = motion.prediction
+        if verdict is None or prediction is None or surroundings is None:
+            return verdict, None
+        certified = self._certifier.certify(
+            verdict.command, prediction, surroundings.scene, motion.delay
+        )
+        if certified.instead is None or verdict.reason not in _PLANNED:
+            return verdict, certified
+        return replace(verdict, command=certified.instead, reason=Reason.UNCERTIFIED), certified
 
     def _fit_to_fly(self, vehicle: VehicleEstimate, seen: Detections) -> bool:
         """Return whether what is known of vehicle and camera is new and can be true."""

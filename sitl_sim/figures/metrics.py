@@ -8,6 +8,7 @@ mean alignment of all pairs' velocities, (N - groups)/(N - 1) with the groups co
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -226,6 +227,27 @@ def timing(logs: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
         "deadline_misses": misses,
         "deadline_miss_rate": misses / max(len(ticks), 1),
         "bad_solves": sum(not r["solver"]["usable"] for r in ticks if "solver" in r),
+    }
+
+
+def certificates(logs: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
+    """Return the share of ticks on the mission whose command flew with a certificate, and the rest.
+
+    refused: ticks whose plan had none, by what was in its way. beyond: ticks in which a neighbour
+    or an obstacle broke a bound. None where the logs hold no certificates.
+    """
+    found = [
+        r["certificate"]
+        for log in logs.values()
+        for r in log
+        if r["phase"] == "fly" and r.get("certificate")
+    ]
+    refused = Counter(c["cause"] for c in found if c["flown"] != "command")
+    certified = sum(c["flown"] != "none" for c in found)
+    return {
+        "certified_share": certified / len(found) if found else None,
+        "plans_refused": dict(refused),
+        "bounds_broken_ticks": sum(bool(c["beyond"]) for c in found),
     }
 
 

@@ -13,7 +13,7 @@ from sitl_sim.figures import curves as figures
 from sitl_sim.figures.belief import Beliefs
 from sitl_sim.figures.collision import collision
 from sitl_sim.figures.events import Collision, collisions, events
-from sitl_sim.figures.metrics import safety, sanity, timing
+from sitl_sim.figures.metrics import certificates, safety, sanity, timing
 from sitl_sim.figures.page import PLOTLY, draw, page
 from sitl_sim.figures.panel import panel
 from sitl_sim.figures.perception import FrameScore, perception, score_frames
@@ -42,7 +42,7 @@ def summarise(
     exits: how each companion ended, as `Flight.exit_codes` returns it. interrupted: the flight
     was stopped before its end.
     """
-    summary = safety(run.truth, run.world, run.names) | timing(run.logs)
+    summary = safety(run.truth, run.world, run.names) | timing(run.logs) | certificates(run.logs)
     summary["interrupted"] = interrupted
     summary["perception"] = perception(scores)
     summary["faults_in_truth"] = sanity(run.truth)

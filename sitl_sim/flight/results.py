@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any, Protocol
 
-from sitl_sim.figures.metrics import timing
+from sitl_sim.figures.metrics import certificates, timing
 from sitl_sim.figures.perception import perception, score_frames
 from sitl_sim.figures.report import summarise, write_report
 from sitl_sim.figures.verdict import shortcomings
@@ -64,6 +64,7 @@ def finish(
             "targets": metrics["targets_reached"][n],
             "companion_exit": codes[n],
             **timing({n: logs[n]}),
+            **certificates({n: logs[n]}),
             "perception": perception({n: scores[n]}),
         }
         for n in flight.names
@@ -89,6 +90,7 @@ def table(m: dict[str, Any], folder: Path) -> str:
         ("speed while moving", f"{m['mean_speed_m_s']:.2f} ± {m['std_speed_m_s']:.2f} m/s"),
         ("order / union / connectivity", " / ".join(_number(v, 2) for v in flocking)),
         ("recall / precision to 8 m", " / ".join(_number(v, 3) for v in detection)),
+        ("certified ticks, plans refused", _certified(m)),
         ("solve, p50 / p99 / max", _milliseconds(m["solve_ms"])),
         ("tick, p50 / p99 / max", _milliseconds(m["tick_ms"])),
         ("deadline misses", f"{m['deadline_misses']} ({m['deadline_miss_rate']:.2%})"),
@@ -100,6 +102,12 @@ def table(m: dict[str, Any], folder: Path) -> str:
     ]
     width = max(len(k) for k, _ in rows)
     return "\n".join(f"{k:<{width}}  {v}" for k, v in rows)
+
+
+def _certified(m: dict[str, Any]) -> str:
+    refused = sum(m["plans_refused"].values())
+    share = m["certified_share"]
+    return "–" if share is None else f"{share:.2%}, {refused}"
 
 
 def _number(value: float | None, digits: int) -> str:

@@ -11,6 +11,7 @@ from companion.supervision.guard import AutopilotRequest, Reason
 from companion.types import Phase
 from mavlink_bridge.wire.messages import Heartbeat
 from tests.closed_loop.matrix import (
+    attack_checks,
     camera_checks,
     hostile_checks,
     link_checks,
@@ -357,6 +358,7 @@ ROWS = {
         *vars(camera_checks).items(),
         *vars(power_checks).items(),
         *vars(world_checks).items(),
+        *vars(attack_checks).items(),
         *globals().items(),
     ]
     if name.startswith("row_")

@@ -44,7 +44,8 @@ class Outcome:
         self.own, self.heartbeat = tick.vehicle.state, tick.vehicle.heartbeat
         self.fault, self.alignment = tick.seen.fault, tick.seen.alignment
         self.messages = tick.packets[0]
-        self.failure = tick.failure
+        self.failure, self.beyond = tick.failure, tick.beyond
+        self.certified = tick.supervised.certified
 
 
 class Companion:

@@ -19,6 +19,7 @@ from companion.perception.camera_alignment import CameraAlignment
 from companion.perception.camera_health import CameraHealth
 from companion.process import pace
 from companion.stage_clock import StageClock
+from companion.supervision.certify import Certifier
 from companion.supervision.guard import AutopilotRequest, Guard
 from companion.supervision.phases import PhaseMachine
 from companion.types import Phase
@@ -27,7 +28,7 @@ from mavlink_bridge.wire import allowance, codec, framing
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.messages import Attitude, Received, Source
 from mavlink_bridge.wire.signing import Signing
-from tests.closed_loop.matrix import checks, inprocess, power_checks, thrust_checks
+from tests.closed_loop.matrix import attack_checks, checks, inprocess, power_checks, thrust_checks
 
 
 @pytest.mark.timeout(900)
@@ -137,6 +138,7 @@ WITHOUT = {
         CameraAlignment, "update", lambda *a: None
     ),
     "17: neighbours": lambda p: p.setattr(Tracker, "tracks", lambda *a: []),
+    "39_trunk: the certificate": lambda p: p.setattr(Certifier, "certify", attack_checks.believe),
     "19: the law for late ticks": overridden(guard={"late": 1e9}),
     "31: the refusal of stamps of the future": lambda p: p.setattr(
         own_state, "STAMP_AHEAD", math.inf

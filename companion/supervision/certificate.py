@@ -1,0 +1,198 @@
+"""Certificate: an independent check that a command leaves the drone a safe way to stop.
+
+A command comes with trajectories that begin with it and end at rest. One is accepted where it is
+what the drone can fly, and where it keeps clear, until the drone is at rest, of all that is known
+and of all that the bounds allow of what is not known. docs/certificate.md states what follows.
+
+The check has its own geometry and model, and uses numpy alone: it repeats no error of planner,
+solver or generator. It never raises; what is not a number, or does not fit together, is refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[Any]
+
+G = 9.80665  # m/s²
+DT = 0.1  # s between samples of a trajectory
+CAUSES = ("neighbour", "remembered", "obstacle", "surface", "fence", "unseen", "motion", "numbers")
+_PLACE, _SPEED = 0.02, 0.15  # m, m/s that samples may differ from the own model
+_ROUNDING = 0.05  # m/s² and rad/s
+_FAR = 1e3  # m: nothing is farther
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """See `CertificateConfig`. standing: what is at rest counts, too; no need to end at rest."""
+
+    radius: float
+    neighbour_radius: float
+    neighbour_acceleration: float
+    neighbour_speed: float
+    sigmas: float
+    obstacle_sigmas: float
+    unseen_speed: float
+    unseen_way: float
+    track: float
+    track_rate: float
+    rest: float
+    fence_over: float
+    c_max: float
+    omega_max: float
+    standing: bool = False
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What has to be kept clear of, at the time of the prediction; metres, own ENU frame.
+
+    neighbours (n,10): p, v, position variance, covariance of both, velocity variance along one
+    axis, and the time unseen [s]; 0: in sight. cylinders (k,6): x, y, radius, σ, velocity x, y.
+    points (m,3). planes (h,4): n·p <= b. free (s,): how far it is known to be free, in s equal
+    sectors from the drone, the first one centred on east, counted anticlockwise.
+    """
+
+    neighbours: Vector
+    cylinders: Vector
+    points: Vector
+    planes: Vector
+    free: Vector
+
+
+@dataclass(frozen=True)
+class Trajectories:
+    """n candidates. u (n,4): c, omega, the first command of each, for `DT`; p, v (n,T,3)."""
+
+    u: Vector
+    p: Vector
+    v: Vector
+
+
+@dataclass(frozen=True)
+class Findings:
+    """margin (n,): m left over at the tightest place, < 0: refused; cause (n,): what is there."""
+
+    margin: Vector
+    cause: tuple[str, ...]
+
+
+def check(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, bounds: Bounds) -> Findings:
+    """Return how well trajectories from x0 (10,) p, v, q_wb hold; wind: (3,) m/s², unexplained."""
+    n = len(way.p) if np.ndim(way.p) else 0
+    try:
+        with np.errstate(all="ignore"):
+            sane = all(np.isfinite(a).all() for a in (x0, wind, *vars(scene).values()))
+            sane = sane and way.p.shape == way.v.shape and way.u.shape == (n, 4)
+            margins = _margins(way, x0, wind, scene, bounds)
+            good = np.isfinite(margins).all(axis=1) & sane
+            for a in (way.u, way.p, way.v):
+                good &= np.isfinite(a).reshape(n, -1).all(axis=1)
+    except (ValueError, TypeError, IndexError, AttributeError):  # shapes that do not fit
+        return Findings(np.full(n, -_FAR), (CAUSES[-1],) * n)
+    worst = np.where(good, margins.argmin(axis=1), len(CAUSES) - 1)
+    least = np.where(good, margins.min(axis=1), -_FAR)
+    return Findings(least, tuple(CAUSES[k] for k in worst))
+
+
+def _margins(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, b: Bounds) -> Vector:
+    """Return the margin (n,7) m by cause; the last is -_FAR where the drone cannot fly it."""
+    p, t = way.p, DT * np.arange(way.p.shape[1])
+    fast: Vector = (_length(way.v) > b.rest) | b.standing
+    later: Vector = np.cumsum(fast[:, ::-1], axis=1)[:, ::-1] > 0  # not yet at rest for good
+    moving, tube = later[:, :-1], b.track + b.track_rate * t[1:]  # by steps
+    sides = scene.planes[:, :3]  # a drone that is farther out than it may be goes no farther
+    limits = np.maximum(scene.planes[:, 3] + b.fence_over, sides @ x0[:3])
+    columns = [
+        *_neighbours(p, t, moving, tube, scene.neighbours, b),
+        *_obstacles(p, t, moving, tube, scene, b),
+        (limits - p @ sides.T)[:, 1:].min(axis=(1, 2), initial=_FAR),
+        _unseen(p, t, moving, scene.free, b),
+        np.where(_flyable(way, x0, wind, b), _FAR, -_FAR),
+    ]
+    margins: Vector = np.minimum(np.stack(columns, axis=1), _FAR)
+    return margins
+
+
+def _neighbours(
+    p: Vector, t: Vector, moving: Vector, tube: Vector, rows: Vector, b: Bounds
+) -> tuple[Vector, Vector]:
+    """Return the margins (n,) to what neighbours in sight, and remembered ones, can reach."""
+    gap = _apart(p[:, None] - (rows[:, None, :3] + rows[:, None, 3:6] * t[:, None]))  # (n,k,T-1)
+    touch, later = b.radius + b.neighbour_radius + tube, t[1:]
+    spread = rows[:, 6:7] + 2.0 * later * rows[:, 7:8] + later**2 * rows[:, 8:9]
+    fastest = b.neighbour_speed + _length(rows[:, 3:6])[:, None]
+    reach = np.minimum(0.5 * b.neighbour_acceleration * later**2, fastest * later)
+    room = gap - touch - reach - b.sigmas * np.sqrt(np.maximum(spread, 0.0))
+    # A remembered one has not touched the drone so far, so that it is where the drone is not.
+    away = np.maximum(_length(rows[:, :3] - p[0, 0])[:, None] - b.unseen_way, 0.0)
+    claim = np.minimum(touch + b.unseen_speed * rows[:, 9:10], away) + b.unseen_speed * later
+    seen = rows[:, 9] <= 0.0
+    return _least(room[:, seen], moving), _least((gap - claim)[:, ~seen], moving)
+
+
+def _obstacles(
+    p: Vector, t: Vector, moving: Vector, tube: Vector, scene: Scene, b: Bounds
+) -> tuple[Vector, Vector]:
+    """Return the margins (n,) to upright cylinders, some of which move, and to surface points."""
+    rows, near = scene.cylinders, scene.points
+    centre = rows[:, None, :2] + rows[:, None, 4:6] * t[1:, None]
+    gap = _length(p[:, None, 1:, :2] - centre) - rows[:, 2:3] - b.obstacle_sigmas * rows[:, 3:4]
+    near = near[_length(near - p[0, 0]) < _length(p - p[:1, :1]).max() + b.radius + tube[-1]]
+    square = (p**2).sum(axis=2)[:, 1:, None] + (near**2).sum(axis=1) - 2.0 * p[:, 1:] @ near.T
+    closest = np.sqrt(np.maximum(square.min(axis=2, initial=_FAR**2), 0.0))[:, None]
+    return _least(gap - b.radius - tube, moving), _least(closest - b.radius - tube, moving)
+
+
+def _unseen(p: Vector, t: Vector, moving: Vector, free: Vector, b: Bounds) -> Vector:
+    """Return how far (n,) the drone stays from space that it has not looked at lately."""
+    off = p[:, 1:, :2] - p[:1, :1, :2]
+    sector = np.round(np.arctan2(off[..., 1], off[..., 0]) * len(free) / (2.0 * np.pi))
+    known = free[sector.astype(int) % len(free)] - b.unseen_speed * t[1:]
+    way = _length(off)
+    room = np.where(way < b.unseen_way, _FAR, known - way - b.radius - b.neighbour_radius)
+    return _least(room[:, None], moving)
+
+
+def _flyable(way: Trajectories, x0: Vector, wind: Vector, b: Bounds) -> Vector:
+    """Return which trajectories (n,) begin with their command and stay within thrust and rates."""
+    p, v, u, q = way.p, way.v, way.u, x0[6:10] / _length(x0[6:10])
+    weight, half = np.array([0.0, 0.0, G]) - wind, 0.5 * DT * u[:, 1:4]
+    axis = np.stack([half[:, 1], -half[:, 0], np.ones(len(u))], axis=1)  # of the thrust, body
+    twice = 2.0 * np.cross(q[1:], axis)
+    axis = axis + q[0] * twice + np.cross(q[1:], twice)  # world
+    then = x0[3:6] + DT * (u[:, :1] * axis / _length(axis)[:, None] - weight)
+    good = _length(p[:, 0] - x0[:3]) + _length(v[:, 0] - x0[3:6]) < _ROUNDING
+    good &= _length(v[:, 1] - then) < _SPEED
+    good &= (_length(np.diff(p, axis=1) - 0.5 * DT * (v[:, 1:] + v[:, :-1])) < _PLACE).all(axis=1)
+    good &= (np.abs(u[:, 1:4]) <= b.omega_max + _ROUNDING).all(axis=1) & (u[:, 0] <= b.c_max)
+    force = np.diff(v, axis=1) / DT + weight  # per mass, that the propellers have to give
+    size = _length(force)
+    along = force / size[..., None]
+    turn = np.arccos(np.clip((along[:, 1:] * along[:, :-1]).sum(axis=2), -1.0, 1.0))
+    good &= (turn <= np.sqrt(2.0) * b.omega_max * DT + _ROUNDING).all(axis=1)
+    good &= (size <= b.c_max + _ROUNDING).all(axis=1)
+    return good & ((_length(v[:, -1]) <= b.rest) | b.standing)
+
+
+def _apart(offsets: Vector) -> Vector:
+    """Return the least distance from 0 (...,T-1) on each step between offsets (...,T,d)."""
+    a, d = offsets[..., :-1, :], np.diff(offsets, axis=-2)
+    s = np.clip(-(a * d).sum(axis=-1) / np.maximum((d * d).sum(axis=-1), 1e-12), 0.0, 1.0)
+    return _length(a + s[..., None] * d)
+
+
+def _length(a: Vector) -> Vector:
+    size: Vector = np.sqrt((a * a).sum(axis=-1))
+    return size
+
+
+def _least(room: Vector, moving: Vector) -> Vector:
+    """Return the least room (n,) of room (n,k,T-1) while the drone moves."""
+    counted = np.where(moving[:, None], room, _FAR)
+    least: Vector = counted.min(axis=(1, 2), initial=_FAR)
+    return least

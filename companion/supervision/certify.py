@@ -1,0 +1,234 @@
+"""Certify: the way to stop that comes with a command, and what flies where there is none.
+
+At each tick the command is accepted with the first way after it that the checker
+(`certificate.py`) accepts. Where it accepts none, the way that was accepted last is flown on, from
+the present state; where that does not hold any more, another one that does; where none does, the
+one that keeps the most room. The last means that a bound is broken, or was never known to hold.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+from pydantic import Field
+
+from companion.estimation.delay import Delay, within_doubt
+from companion.estimation.prediction import Prediction
+from companion.supervision.certificate import DT, Bounds, Scene, check
+from companion.supervision.evasion import STRAIGHT, Law, Ways, aside, simulate
+from companion.supervision.guard import GuardConfig
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.settings import StrictModel
+from mavlink_bridge.wire.messages import RateCommand
+
+_SIDE = 1.2, 0.5  # m/s, s: a step aside
+_FAR_SIDE = 1.8, 0.8  # from what comes fast
+_ANYWHERE = 1e3  # m
+_SPEED_TUBE = 0.1  # m/s that the drone may be faster than on its way
+_GAIN = 0.1  # m of room that an evasion must save before it replaces a plan that holds
+
+
+class CertificateConfig(StrictModel):
+    """Bounds that the certificate relies on, each with its reason."""
+
+    neighbour_radius: float = Field(
+        0.2, gt=0, description="Radius [m] of the sphere around a neighbour: as of the own drone."
+    )
+    neighbour_acceleration: float = Field(
+        2.0,
+        ge=0,
+        description="Most acceleration [m/s²] of a neighbour off its course: what a neighbour's "
+        "NMPC uses in ordinary flight.",
+    )
+    neighbour_speed: float = Field(
+        3.0, gt=0, description="Highest speed [m/s] of a neighbour: as of a track."
+    )
+    sigmas: float = Field(2.0, ge=0, description="σ of a neighbour's place that are kept clear.")
+    obstacle_sigmas: float = Field(2.0, ge=0, description="σ of an obstacle's place likewise.")
+    unseen_speed: float = Field(
+        0.3,
+        ge=0,
+        description="Speed [m/s] at which a drone that is not seen may come nearer: no drone flies "
+        "faster where it does not look (nmpc.v_blind, and its swing), and one that looks has a "
+        "certificate of its own.",
+    )
+    unseen_way: float = Field(
+        0.3, ge=0, description="Way [m] into space not looked at that is nothing: hovering drifts."
+    )
+    seen_range: float = Field(
+        5.0, gt=0, description="Distance [m] up to which a look would have shown a drone."
+    )
+    track: float = Field(
+        0.06, ge=0, description="How far [m] the drone may be beside its way at its beginning."
+    )
+    track_rate: float = Field(
+        0.06, ge=0, description="How much farther [m/s] beside its way with time."
+    )
+    rest: float = Field(
+        0.3, gt=0.15, description="Speed [m/s] below which the drone counts as at rest."
+    )
+    fence_over: float = Field(
+        0.5, ge=0, description="How far [m] a way may lead over the fence: half of fence_land."
+    )
+
+
+class Flown(Enum):
+    """What flies, with which certificate."""
+
+    COMMAND = "command"  # the guard's command, which is accepted
+    WAY = "way"  # a way to stop that is accepted, instead of the command
+    NONE = "none"  # nothing is accepted; where it may, the way with the most room flies
+
+
+@dataclass(frozen=True)
+class Certified:
+    """What came of one tick's command.
+
+    margin: m left over at the tightest place of the best way after the command; < 0: it is refused.
+    cause: what is at that place. instead: what flies where the command is refused.
+    """
+
+    flown: Flown
+    margin: float
+    cause: str
+    instead: RateCommand | None = None
+
+
+@dataclass(frozen=True)
+class _Try:
+    """A way that was tried: its first command, and what it leaves over [m] moving and standing."""
+
+    way: Ways
+    command: RateCommand
+    margin: float
+    cause: str
+    course: float
+
+    @property
+    def room(self) -> float:
+        """What it leaves over [m], moving and standing."""
+        return min(self.margin, self.course)
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """What the better of two has more of: what holds comes first, then the courses count."""
+        return self.margin >= 0.0, self.course
+
+
+def _carried(scene: Scene, dt: float) -> Scene:
+    """Return the scene `dt` [s] later: what has a course has moved on."""
+    neighbours, cylinders = scene.neighbours.copy(), scene.cylinders.copy()
+    neighbours[:, :3] += dt * neighbours[:, 3:6]
+    cylinders[:, :2] += dt * cylinders[:, 4:6]
+    return replace(scene, neighbours=neighbours, cylinders=cylinders)
+
+
+class Certifier:
+    """Finds ways to stop, and remembers the one that was accepted last."""
+
+    def __init__(self, config: CertificateConfig, guard: GuardConfig, radius: float) -> None:
+        """radius: m, of the own drone."""
+        self._guard = guard
+        given = config.model_dump(exclude={"seen_range"})
+        self._bounds = Bounds(
+            radius=radius, standing=False, c_max=guard.c_max, omega_max=guard.omega_max, **given
+        )
+        self._bounds = replace(self._bounds, rest=config.rest - _SPEED_TUBE)
+        # Where the drone stops, neighbours count by their course. A plan may lead there as long as
+        # a way out is left after it.
+        # A way that was accepted is flown on within its tube, which deviations may have used up.
+        self._continued = replace(
+            self._bounds,
+            track=0.0,
+            rest=config.rest,
+            sigmas=0.5 * config.sigmas,
+            obstacle_sigmas=0.5 * config.obstacle_sigmas,
+            unseen_way=2.0 * config.unseen_way,
+        )
+        self._courses = replace(self._bounds, neighbour_acceleration=0.0, standing=True)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the way that was accepted last."""
+        self._last: Ways | None = None
+
+    def certify(
+        self,
+        command: RateCommand,
+        prediction: Prediction,
+        scene: Scene,
+        delay: Delay,
+    ) -> Certified:
+        """Return whether the command may fly, and what else may.
+
+        prediction: of the state at which it takes effect. delay: limits the body rates.
+        """
+        law, v = self._law(delay), prediction.x0[3:6]
+        sides = aside(v, *_SIDE).then(aside(v, *_FAR_SIDE))
+        scene = _carried(scene, prediction.delay)
+        first = np.array([command.c, *within_doubt(command.omega, delay)])
+        after = self._tried(STRAIGHT, first, prediction, scene, law)
+        if after[0].room < 0.0:
+            after += self._tried(sides, first, prediction, scene, law)
+        safe = max(after, key=lambda way: way.margin)
+        leaves = max(way.course for way in after)
+        if safe.margin >= 0.0 and leaves >= 0.0:
+            self._last = max(after, key=lambda way: way.room).way if safe.room < 0.0 else safe.way
+            return Certified(Flown.COMMAND, safe.margin, safe.cause)
+        now = self._tried(STRAIGHT.then(sides), None, prediction, scene, law)
+        if safe.margin >= 0.0:
+            best = max(now, key=lambda way: way.course)
+            if best.course < leaves + _GAIN:
+                self._last = safe.way
+                return Certified(Flown.COMMAND, safe.margin, safe.cause)
+            return self._fly(best, safe.margin, "course")
+        last = self._going_on(prediction, scene, law)
+        held = [way for way in last if way.margin >= 0.0]
+        best = max(held or now, key=lambda way: way.rank)
+        return self._fly(best, safe.margin, safe.cause)
+
+    def _going_on(self, prediction: Prediction, scene: Scene, law: Law) -> list[_Try]:
+        """Return what the way leaves over that was accepted last; nothing where none was."""
+        if self._last is None:
+            return []
+        return self._tried(self._last, None, prediction, scene, law, self._continued)
+
+    def _fly(self, best: _Try, margin: float, cause: str) -> Certified:
+        """Return that a way is flown instead of the command."""
+        self._last = best.way.later(DT)
+        flown = Flown.WAY if best.margin >= 0.0 else Flown.NONE
+        return Certified(flown, margin, cause, best.command)
+
+    def _tried(
+        self,
+        ways: Ways,
+        first: Vector | None,
+        prediction: Prediction,
+        scene: Scene,
+        law: Law,
+        bounds: Bounds | None = None,
+    ) -> list[_Try]:
+        """Return what the ways leave over, flown after the command `first` (4,) or at once."""
+        x0, wind = prediction.x0, prediction.disturbance
+        flown = simulate(x0, ways, wind, law, first)
+        found = check(flown, x0, wind, scene, bounds or self._bounds)
+        # Space not looked at counts for what is accepted, not for what is better than contact.
+        looked = replace(scene, free=np.full(len(scene.free), _ANYWHERE))
+        course = check(flown, x0, wind, looked, self._courses).margin
+        return [
+            _Try(
+                ways.one(k),
+                RateCommand(flown.u[k, 1:4], float(flown.u[k, 0])),
+                float(found.margin[k]),
+                found.cause[k],
+                float(course[k]),
+            )
+            for k in range(len(ways))
+        ]
+
+    def _law(self, delay: Delay) -> Law:
+        g = self._guard
+        fastest = within_doubt(np.array([g.omega_max, 0.0, 0.0]), delay)[0]
+        return Law(g.brake_gain, g.brake_max, g.attitude_gain, fastest, g.c_min, g.c_max)

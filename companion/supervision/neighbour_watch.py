@@ -1,0 +1,94 @@
+"""Neighbour watch: do neighbours keep to the bounds that the certificate assumes?
+
+Half a second of each track is remembered. What a track could have reached from there within the
+bounds is known; a track that is elsewhere has broken them. Its mean speed over that time counts
+where a track's own speed, which is limited, tells less.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from companion.types import Track
+from mavlink_bridge.shared.arrays import Vector
+
+_WINDOW = 0.5  # s that are remembered
+_LEAST = 0.25  # s over which speeds are compared: two looks are noise
+_SIGMAS = 3.0  # of the places, beyond which a bound counts as broken
+_LATELY = 0.15  # s; a neighbour unseen for longer is where memory puts it
+_FASTER = 0.5  # m/s by which the mean speed must be above the track's to count
+
+
+@dataclass(frozen=True)
+class Watched:
+    """tracks: with speeds that count; broken: the bounds that neighbours broke, in words."""
+
+    tracks: list[Track]
+    broken: tuple[str, ...] = ()
+
+
+class NeighbourWatch:
+    """Remembers where tracks were."""
+
+    def __init__(self, acceleration: float, speed: float) -> None:
+        """acceleration: m/s², speed: m/s, the bounds."""
+        self._acceleration, self._speed = acceleration, speed
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all tracks."""
+        self._past: dict[int, deque[tuple[float, Track]]] = {}
+
+    def update(self, time: float, tracks: Sequence[Track]) -> Watched:
+        """Return the tracks at the tick of `time` [s], and the bounds that they have broken."""
+        self._past = {t.id: self._past.get(t.id, deque()) for t in tracks}
+        watched, broken = [], []
+        for t in tracks:
+            past = self._past[t.id]
+            if t.unseen > _LATELY:
+                past.clear()
+                watched.append(t)
+                continue
+            past.append((time, t))
+            while time - past[0][0] > _WINDOW + 1e-6:
+                past.popleft()
+            then, before = past[0]
+            watched.append(t)
+            if time - then < _LEAST:
+                continue
+            mean, doubt = _mean_velocity(before, t, time - then)
+            if found := self._finding(before, t, time - then, mean, doubt):
+                broken.append(found)
+            if np.linalg.norm(mean) - _SIGMAS * doubt > np.linalg.norm(t.v) + _FASTER:
+                watched[-1] = replace(t, v=mean)
+        return Watched(watched, tuple(broken))
+
+    def _finding(self, before: Track, t: Track, dt: float, mean: Vector, doubt: float) -> str:
+        """Return the bound that a track has broken within `dt` [s], in words; empty: none."""
+        speed = float(np.linalg.norm(mean))
+        if speed - _SIGMAS * doubt > self._speed:
+            return f"neighbour {t.id}: {speed:.1f} m/s, {self._speed:g} m/s are assumed"
+        off = float(np.linalg.norm(t.p - before.p - before.v * dt))
+        spread = _SIGMAS * math.hypot(_sigma(before, dt), _sigma(t, 0.0))
+        more = 2.0 * (off - spread) / dt**2
+        if more > self._acceleration:
+            bound = f"{self._acceleration:g} m/s² are assumed"
+            return f"neighbour {t.id}: {more:.1f} m/s² off its course, {bound}"
+        return ""
+
+
+def _mean_velocity(before: Track, t: Track, dt: float) -> tuple[Vector, float]:
+    """Return the mean velocity (3,) m/s over `dt` [s], and its doubt [m/s]."""
+    return (t.p - before.p) / dt, math.hypot(_sigma(before, 0.0), _sigma(t, 0.0)) / dt
+
+
+def _sigma(t: Track, later: float) -> float:
+    """Return 1 σ [m] of a track's place along one axis, `later` [s] on."""
+    blocks = ((0, 0), (0, 3), (3, 3))
+    a, b, d = (float(np.trace(t.P[i : i + 3, j : j + 3])) / 3.0 for i, j in blocks)
+    return math.sqrt(max(a + 2.0 * later * b + later * later * d, 0.0))

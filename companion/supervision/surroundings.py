@@ -1,0 +1,105 @@
+"""Surroundings: what the certificate has to keep clear of, from what one tick knows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from companion.estimation.known_obstacles import KnownObstacles
+from companion.estimation.seen_space import SECTORS, SeenSpace
+from companion.guidance.fence import FenceConfig
+from companion.perception.camera_health import CameraFault
+from companion.perception.frontend import Detections
+from companion.perception.view import View
+from companion.supervision.certificate import Scene
+from companion.supervision.certify import CertificateConfig
+from companion.supervision.neighbour_watch import NeighbourWatch
+from companion.supervision.obstacle_watch import ObstacleWatch
+from companion.types import Phase, Track
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.wire.messages import VehicleState
+
+
+def _nothing() -> Scene:
+    none = np.zeros((0, 3))
+    return Scene(np.zeros((0, 10)), np.zeros((0, 6)), none, np.zeros((0, 4)), np.zeros(SECTORS))
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """scene: at the own state, not yet carried to the prediction. broken: bounds, in words."""
+
+    scene: Scene = field(default_factory=_nothing)
+    broken: tuple[str, ...] = ()
+
+
+class SurroundingsEstimator:
+    """Puts together what is seen, remembered, and not seen."""
+
+    def __init__(self, config: CertificateConfig, fence: FenceConfig, view: View) -> None:
+        self._config, self._fence, self._view = config, fence, view
+        self._space = SeenSpace(view, config.seen_range)
+        self._trunks = ObstacleWatch(view.mount)
+        self._watch = NeighbourWatch(config.neighbour_acceleration, config.neighbour_speed)
+
+    def reset(self) -> None:
+        """Forget all: the vehicle's frame has begun anew."""
+        self._space.reset()
+        self._watch.reset()
+        self._trunks.reset()
+
+    def update(
+        self,
+        time: float,
+        own: VehicleState | None,
+        seen: Detections,
+        known: KnownObstacles,
+        tracks: list[Track],
+        map_offset: Vector,
+        phase: Phase,
+    ) -> Surroundings:
+        """Return what is around `own` at the tick of `time` [s]; nothing where own is not known."""
+        if own is None:
+            return Surroundings()
+        looked = seen.own if seen.fault is CameraFault.NONE else None
+        free = self._space.update(own, looked, known, self._config.unseen_speed)
+        watched, moving = self._watch.update(time, tracks), self._trunks.update(time, seen)
+        planes = self._fence.planes()
+        if phase is Phase.FLY:
+            planes = np.vstack([planes, [0.0, 0.0, -1.0, -self._fence.altitude_min]])
+        planes[:, 3] -= planes[:, :3] @ map_offset
+        places = np.array([t.p for t in watched.tracks]).reshape(-1, 3)
+        hidden = known.hidden(own.p, places)
+        shown = self._view.shows(own, places)
+        away = [not v or h for v, h in zip(shown, hidden, strict=True)]
+        rows = neighbour_rows(watched.tracks, away)
+        cylinders = np.vstack([_cylinder_rows(known), moving.cylinders])
+        scene = Scene(rows, cylinders, known.points, planes, free)
+        return Surroundings(scene, watched.broken + moving.broken)
+
+
+def neighbour_rows(tracks: list[Track], away: list[bool]) -> Vector:
+    """Return the tracks (n,10) as the checker takes them.
+
+    away: whether each is out of view. One that is lost in plain view may be anywhere that it can
+    reach; one out of view is remembered.
+    """
+    blocks = ((0, 0), (0, 3), (3, 3))
+    rows = [
+        [
+            *t.p,
+            *t.v,
+            *(float(np.trace(t.P[i : i + 3, j : j + 3])) / 3.0 for i, j in blocks),
+            t.unseen if t.lost and out else 0.0,
+        ]
+        for t, out in zip(tracks, away, strict=True)
+    ]
+    return np.array(rows, float).reshape(-1, 10)
+
+
+def _cylinder_rows(known: KnownObstacles) -> Vector:
+    """Return the trunks (k,6) as the checker takes them: at rest."""
+    k = len(known.cylinders)
+    sigmas = known.sigmas if len(known.sigmas) == k else np.zeros(k)
+    return np.column_stack([known.cylinders, sigmas, np.zeros((k, 2))])

@@ -1,0 +1,37 @@
+"""The certificate alone keeps a drone clear that looks at nothing; see adversary.py."""
+
+import numpy as np
+import pytest
+
+from companion.supervision import certify
+from companion.supervision.certificate import CAUSES, Findings
+from tests.closed_loop import adversary
+
+
+def contacts(counts, how=""):
+    return {k: n for k, n in counts.items() if k.startswith(f"contact: {how}")}
+
+
+def test_a_certified_drone_that_moves_touches_nothing():
+    counts = adversary.fly(900, seed=2901)
+    assert contacts(counts, "moving, certified") == {}
+    assert counts["moving"] > 400
+    assert counts["flown: way"] > 20  # the planner needs it
+    assert counts["flown: none"] < 0.1 * counts["ticks"]
+
+
+def test_without_the_checker_it_does(monkeypatch):
+    def blind(way, *args):
+        n = len(way.p)
+        return Findings(np.ones(n), (CAUSES[0],) * n)
+
+    monkeypatch.setattr(certify, "check", blind)
+    counts = adversary.fly(900, seed=2901)
+    assert contacts(counts, "moving, certified") != {}
+
+
+@pytest.mark.slow
+def test_nor_in_forty_thousand_ticks():
+    counts = adversary.fly(40_000, seed=2902)
+    assert contacts(counts, "moving, certified") == {}
+    assert contacts(counts, "moving, uncertified, neighbour") == {}

@@ -1,0 +1,225 @@
+"""The checker: what it accepts is safe by a simulation of its own, and all else is refused."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.supervision.certificate import CAUSES, DT, Bounds, Scene, Trajectories, check
+from companion.supervision.certify import CertificateConfig
+from companion.supervision.evasion import STRAIGHT, Law, aside, simulate
+from companion.supervision.guard import GuardConfig
+
+GUARD = GuardConfig()
+LAW = Law(GUARD.brake_gain, GUARD.brake_max, GUARD.attitude_gain, 3.0, 2.0, 20.0)
+BOUNDS = Bounds(
+    radius=0.2,
+    c_max=20.0,
+    omega_max=3.0,
+    **CertificateConfig().model_dump(exclude={"seen_range"}),
+)
+CALM = np.zeros(3)
+EMPTY = Scene(
+    np.zeros((0, 10)), np.zeros((0, 6)), np.zeros((0, 3)), np.zeros((0, 4)), np.full(36, 5.0)
+)
+
+
+def state(speed=1.6, q=(1.0, 0.0, 0.0, 0.0)):
+    """At 2 m height, flying east."""
+    return np.array([0.0, 0.0, 2.0, speed, 0.0, 0.0, *q])
+
+
+def neighbour(p, v=(0.0, 0.0, 0.0), unseen=0.0):
+    return np.array([[*p, *v, 0.001, 0.0, 0.01, unseen]], float)
+
+
+def braking(speed=1.6):
+    return simulate(state(speed), STRAIGHT, CALM, LAW, None)
+
+
+def verdict(scene=EMPTY, way=None, x0=None, bounds=BOUNDS):
+    found = check(way or braking(), state() if x0 is None else x0, CALM, scene, bounds)
+    return found.margin[0] >= 0.0, found.cause[0]
+
+
+def test_braking_in_the_open_is_accepted():
+    assert verdict()[0]
+
+
+@pytest.mark.parametrize(
+    ("scene", "cause"),
+    [
+        ({"neighbours": neighbour((0.8, 0.0, 2.0))}, "neighbour"),
+        ({"neighbours": neighbour((2.0, 0.0, 2.0), (-2.0, 0.0, 0.0))}, "neighbour"),
+        ({"neighbours": neighbour((0.0, -1.2, 2.0), (0.0, 2.0, 0.0))}, "neighbour"),
+        ({"neighbours": neighbour((0.9, 0.0, 2.0), unseen=2.0)}, "remembered"),
+        ({"cylinders": np.array([[1.0, 0.0, 0.5, 0.0, 0.0, 0.0]])}, "obstacle"),
+        ({"cylinders": np.array([[1.6, 0.0, 0.5, 0.0, -1.5, 0.0]])}, "obstacle"),
+        ({"points": np.array([[0.5, 0.1, 2.0]])}, "surface"),
+        ({"planes": np.array([[1.0, 0.0, 0.0, -0.2]])}, "fence"),
+        ({"free": np.zeros(36)}, "unseen"),
+    ],
+)
+def test_what_stands_or_may_come_in_the_way_refuses(scene, cause):
+    assert verdict(replace(EMPTY, **scene)) == (False, cause)
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        {"neighbours": neighbour((1.6, 0.0, 2.0))},
+        {"neighbours": neighbour((0.0, -1.2, 2.0))},
+        {"neighbours": neighbour((2.0, 0.0, 2.0), (2.0, 0.0, 0.0))},
+        {"cylinders": np.array([[1.4, 0.0, 0.5, 0.0, 0.0, 0.0]])},
+        {"points": np.array([[0.9, 0.1, 2.0]])},
+        {"planes": np.array([[1.0, 0.0, 0.0, 0.2]])},
+        {"free": np.where(np.arange(36) < 1, 5.0, 0.0)},
+    ],
+)
+def test_what_keeps_out_of_the_way_does_not(scene):
+    assert verdict(replace(EMPTY, **scene))[0]
+
+
+def test_a_drone_that_stands_is_not_to_blame():
+    near = replace(EMPTY, neighbours=neighbour((0.7, 0.0, 2.0), (-2.0, 0.0, 0.0)))
+    hover = simulate(state(0.0), STRAIGHT, CALM, LAW, None)
+    assert verdict(near, hover, state(0.0))[0]
+    standing = replace(BOUNDS, standing=True)
+    assert verdict(near, hover, state(0.0), standing) == (False, "neighbour")
+
+
+def _changed(way, name, change):
+    arrays = {f.name: getattr(way, f.name).copy() for f in fields(Trajectories)}
+    arrays[name] = change(arrays[name])
+    return Trajectories(**arrays)
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("p", lambda p: p + np.array([0.2, 0.0, 0.0])),  # begins elsewhere
+        ("v", lambda v: v + np.array([0.3, 0.0, 0.0])),  # begins faster
+        ("p", lambda p: np.concatenate([p[:, :3], p[:, 3:] + [0.0, 0.1, 0.0]], axis=1)),  # jumps
+        ("p", lambda p: p[:, :4]),  # shapes differ
+        ("u", lambda u: u * [1.0, 1.0, 0.0, 1.0] + [8.0, 0.0, 0.0, 0.0]),  # another command
+        ("u", lambda u: u + np.array([0.0, 9.0, 0.0, 0.0])),  # faster than the rate loop
+        ("u", lambda u: u[:, :3]),
+        ("v", lambda v: v.astype(object)),
+        ("v", lambda v: None),
+    ],
+)
+def test_a_trajectory_that_cannot_be_flown_is_refused(name, change):
+    accepted, cause = verdict(way=_changed(braking(), name, change))
+    assert not accepted
+    assert cause in ("motion", "numbers")
+
+
+def test_a_trajectory_that_does_not_end_at_rest_is_refused():
+    way = braking()
+    cut = Trajectories(way.u, way.p[:, :4], way.v[:, :4])
+    assert verdict(way=cut) == (False, "motion")
+
+
+def test_braking_harder_than_the_thrust_allows_is_refused():
+    way = braking()
+    v = way.v.copy()
+    v[:, 2:] = 0.0
+    p = np.concatenate(
+        [way.p[:, :1], way.p[:, :1] + np.cumsum(0.5 * DT * (v[:, 1:] + v[:, :-1]), axis=1)], axis=1
+    )
+    assert verdict(way=Trajectories(way.u, p, v)) == (False, "motion")
+
+
+WHERE = st.sampled_from(["u", "p", "v", "x0", "wind", *(f.name for f in fields(Scene))])
+
+
+@given(WHERE, st.sampled_from([np.nan, np.inf, -np.inf]), st.integers(0, 10_000))
+def test_what_is_not_a_number_is_never_accepted(where, value, place):
+    scene = replace(
+        EMPTY,
+        neighbours=neighbour((9.0, 9.0, 2.0)),
+        cylinders=np.array([[9.0, 9.0, 0.5, 0.0, 0.0, 0.0]]),
+        points=np.array([[9.0, 9.0, 9.0]]),
+        planes=np.array([[0.0, 0.0, 1.0, 9.0]]),
+    )
+    way, x0, wind = braking(), state(), np.zeros(3)
+    assert check(way, x0, wind, scene, BOUNDS).margin[0] >= 0.0
+    holder = way if where in ("u", "p", "v") else scene
+    array = {"x0": x0, "wind": wind}.get(where)
+    array = getattr(holder, where) if array is None else array
+    array.reshape(-1)[place % array.size] = value
+    found = check(way, x0, wind, scene, BOUNDS)
+    EMPTY.free[:] = 5.0
+    assert found.margin[0] < 0.0
+    assert np.isfinite(found.margin).all()
+
+
+@given(st.lists(st.floats(width=64), min_size=60, max_size=60), st.integers(0, 3))
+def test_any_numbers_give_a_finite_answer(values, count):
+    numbers = np.array(values)
+    with np.errstate(all="ignore"):
+        scene = Scene(
+            numbers[: 10 * count].reshape(-1, 10),
+            numbers[:12].reshape(-1, 6),
+            numbers[:9].reshape(-1, 3),
+            numbers[:8].reshape(-1, 4),
+            numbers[:36],
+        )
+        way = Trajectories(numbers[:8].reshape(2, 4), *numbers[:48].reshape(2, 2, 4, 3))
+        found = check(way, numbers[:10], numbers[:3], scene, BOUNDS)
+    assert np.isfinite(found.margin).all()
+    assert set(found.cause) <= set(CAUSES)
+
+
+def test_no_neighbour_within_the_bounds_can_touch_an_accepted_way():
+    """Ten neighbours each, that accelerate as they like within the bounds: none is touched."""
+    rng = np.random.default_rng(77)
+    accepted = 0
+    for _ in range(400):
+        x0 = state(rng.uniform(0.3, 1.8))
+        side = aside(x0[3:6], 1.2, 0.5)
+        ways = STRAIGHT.then(side)
+        rows = np.concatenate(
+            [
+                neighbour(rng.uniform(-2.5, 2.5, 3) * [1, 1, 0.3] + [0, 0, 2], rng.normal(size=3))
+                for _ in range(2)
+            ]
+        )
+        rows[:, 6:9] = 0.0
+        way = simulate(x0, ways, CALM, LAW, None)
+        found = check(way, x0, CALM, replace(EMPTY, neighbours=rows), BOUNDS)
+        for k in np.flatnonzero(found.margin >= 0.0):
+            accepted += 1
+            for row in rows:
+                assert _least_gap(way.p[k], way.v[k], row, rng) > 0.4
+    assert accepted > 300
+
+
+def _least_gap(p, v, row, rng, steps=10):
+    """The least distance while the drone moves, from a neighbour that attacks in its own way."""
+    q, u, least = row[:3].copy(), row[3:6].copy(), np.inf
+    push = rng.normal(size=3)
+    for k in range(len(p) - 1):
+        for s in np.arange(steps) / steps:
+            own = p[k] + s * (p[k + 1] - p[k])
+            if np.linalg.norm(v[k]) <= BOUNDS.rest:
+                return least
+            least = min(least, float(np.linalg.norm(own - q)))
+            push = own - q if rng.random() < 0.5 else push
+            a = BOUNDS.neighbour_acceleration * push / np.linalg.norm(push)
+            dt = DT / steps
+            q, u = q + dt * u + 0.5 * dt * dt * a, u + dt * a
+    return least
+
+
+def test_the_family_ends_at_rest_and_is_what_the_checker_takes_for_flyable():
+    sides = aside(np.array([1.0, 0.0, 0.0]), 1.8, 0.8)
+    way = simulate(state(1.85), STRAIGHT.then(sides), CALM, LAW, None)
+    assert (check(way, state(1.85), CALM, EMPTY, BOUNDS).margin >= 0.0).all()
+
+
+def test_straight_braking_ends_at_rest_where_the_delay_slows_the_rates():
+    way = simulate(state(1.85), STRAIGHT, CALM, replace(LAW, omega_max=1.0), None)
+    assert verdict(way=way, x0=state(1.85))[0]

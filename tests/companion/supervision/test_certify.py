@@ -1,0 +1,109 @@
+"""The certifier: what flies where a command has no way to stop."""
+
+import numpy as np
+import pytest
+
+from companion.estimation.delay import Delay
+from companion.estimation.prediction import Prediction
+from companion.supervision.certificate import Scene
+from companion.supervision.certify import CertificateConfig, Certifier, Flown
+from companion.supervision.guard import GuardConfig
+from companion.supervision.neighbour_watch import NeighbourWatch
+from companion.types import Track
+from mavlink_bridge.shared.constants import GRAVITY
+from mavlink_bridge.wire.messages import RateCommand
+
+HOVER = RateCommand(np.zeros(3), GRAVITY)
+KNOWN = Delay(0.05, 0.003)
+
+
+def certifier():
+    return Certifier(CertificateConfig(), GuardConfig(), 0.2)
+
+
+def moving(speed):
+    x0 = np.array([0.0, 0.0, 2.0, speed, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    return Prediction(x0, np.array([GRAVITY, 0.0, 0.0, 0.0]), np.zeros(3), 0.0)
+
+
+def scene(*neighbours, free=5.0):
+    rows = np.array([[*p, *v, 1e-4, 0.0, 1e-3, 0.0] for p, v in neighbours]).reshape(-1, 10)
+    none = np.zeros((0, 3))
+    return Scene(rows, np.zeros((0, 6)), none, np.zeros((0, 4)), np.full(36, free))
+
+
+def test_a_command_with_room_ahead_flies():
+    assert certifier().certify(HOVER, moving(1.6), scene(), KNOWN).flown is Flown.COMMAND
+
+
+def test_without_room_the_way_that_was_accepted_last_is_flown_on():
+    c = certifier()
+    at = ((1.4, 0.0, 2.0), (0.0, 0.0, 0.0))
+    assert c.certify(HOVER, moving(1.2), scene(at), KNOWN).flown is Flown.COMMAND
+    pushed = RateCommand(np.array([0.0, 3.0, 0.0]), GRAVITY)
+    found = c.certify(pushed, moving(1.45), scene(at), KNOWN)
+    assert found.flown is Flown.WAY
+    assert found.margin < 0.0
+    assert found.cause == "neighbour"
+    assert found.instead.omega[1] < -1.0  # it pitches up, to brake
+    assert abs(found.instead.omega).max() <= 3.0
+
+
+def test_where_nothing_holds_the_way_with_most_room_flies():
+    between = [((0.9, 0.25, 2.0), (-2.0, 0.0, 0.0))]
+    found = certifier().certify(HOVER, moving(1.6), scene(*between), KNOWN)
+    assert found.flown is Flown.NONE
+    assert found.instead.omega[1] < 0.0
+
+
+def test_a_hovering_drone_leaves_the_course_of_a_fast_neighbour_at_the_last_chance():
+    c, flown = certifier(), []
+    for k in range(16):
+        x = 7.5 - 0.5 * k
+        found = c.certify(HOVER, moving(0.0), scene(((x, 0.0, 2.0), (-5.0, 0.0, 0.0))), KNOWN)
+        flown.append(found.flown)
+        if found.flown is not Flown.COMMAND:
+            break
+    assert flown[0] is Flown.COMMAND  # early there is room for the plan to evade by itself
+    assert flown[-1] is not Flown.COMMAND
+    assert found.cause == "course"
+    assert 2.0 < x < 6.0
+    assert np.linalg.norm(found.instead.omega) > 1.0 or found.instead.c != pytest.approx(GRAVITY)
+
+
+def test_space_not_looked_at_is_not_flown_into():
+    found = certifier().certify(HOVER, moving(1.6), scene(free=0.0), KNOWN)
+    assert found.flown is not Flown.COMMAND
+    assert found.cause == "unseen"
+    assert certifier().certify(HOVER, moving(0.3), scene(free=0.0), KNOWN).flown is Flown.COMMAND
+
+
+def tracked(t, p, v):
+    return Track(3, np.array(p, float), np.array(v, float), np.eye(6) * 1e-4, t, 0.0)
+
+
+def watched(path, v):
+    """What the watch says of a neighbour on a path, of which the tracker tells the velocity v."""
+    watch = NeighbourWatch(acceleration=2.0, speed=3.0)
+    for t in 0.1 * np.arange(8):
+        last = watch.update(t, [tracked(t, path(t), v(t))])
+    return last
+
+
+def test_a_neighbour_within_the_bounds_is_not_reported():
+    assert (
+        watched(lambda t: (1.5 * t + 0.9 * t * t, 0, 2), lambda t: (1.5 + 1.8 * t, 0, 0)).broken
+        == ()
+    )
+
+
+def test_a_neighbour_faster_than_the_bound_is_named_and_its_speed_is_measured():
+    found = watched(lambda t: (5.0 * t, 0, 2), lambda t: (3.0, 0, 0))
+    assert found.broken == ("neighbour 3: 5.0 m/s, 3 m/s are assumed",)
+    assert found.tracks[0].v == pytest.approx([5.0, 0, 0])
+
+
+def test_a_neighbour_that_swerves_harder_than_the_bound_is_named():
+    found = watched(lambda t: (0, 3.0 * t * t, 2), lambda t: (0, 6.0 * t, 0))
+    assert len(found.broken) == 1
+    assert "m/s² off its course, 2 m/s² are assumed" in found.broken[0]
