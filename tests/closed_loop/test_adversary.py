@@ -8,6 +8,9 @@ from companion.supervision.certificate import CAUSES, Findings
 from tests.closed_loop import adversary
 
 
+pytestmark = pytest.mark.timeout(3600)  # about 15 s of processor time, on a busy machine as well
+
+
 def contacts(counts, how=""):
     return {k: n for k, n in counts.items() if k.startswith(f"contact: {how}")}
 
