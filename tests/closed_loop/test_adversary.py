@@ -7,7 +7,6 @@ from companion.supervision import certify
 from companion.supervision.certificate import CAUSES, Findings
 from tests.closed_loop import adversary
 
-
 pytestmark = pytest.mark.timeout(3600)  # about 15 s of processor time, on a busy machine as well
 
 
