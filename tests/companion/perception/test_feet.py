@@ -86,3 +86,18 @@ def test_no_altitude_or_attitude_shows_nothing():
     scene = classes(gravity(), 4.0, 0.0, 0.5)
     assert finder.find(scene, gravity(), np.nan) == []
     assert finder.find(scene, np.full(3, np.nan), HEIGHT) == []
+
+
+@pytest.mark.parametrize(("pitch", "distance"), [(0.0, 1.4), (-20.0, 2.2), (-20.0, 3.0)])
+@pytest.mark.parametrize("radius", [0.12, 0.5])
+def test_a_trunk_whose_foot_is_out_of_the_picture_is_near_and_its_distance_doubtful(
+    pitch, distance, radius
+):
+    """Nothing is known of its radius: only the place where it leaves the picture bounds it."""
+    down = gravity(pitch)
+    (trunk,), _ = find(classes(down, distance, 0.2, radius), down)
+    surface = np.hypot(distance, 0.2) - radius
+    assert trunk.assumed
+    assert abs(trunk.distance - trunk.radius - surface) < 2.5 * trunk.sigma
+    assert 0.15 * surface < trunk.sigma < 0.6 * surface
+    assert trunk.radius < 2.0 * radius + 0.1
