@@ -67,8 +67,10 @@ class GoalConfig(StrictModel):
             return None
         if self.home is not None:
             return np.array(self.home, dtype=float) + home.p
-        earth = (self.latitude, self.longitude, self.height)
-        return on_earth(*(float(e or 0.0) for e in earth), home)
+        latitude, longitude, height = (
+            float(e or 0.0) for e in (self.latitude, self.longitude, self.height)
+        )
+        return on_earth(latitude, longitude, height, home)
 
     @classmethod
     def __get_pydantic_json_schema__(

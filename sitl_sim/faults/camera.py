@@ -109,7 +109,8 @@ def _fogged(image: Picture, lost: float, rng: np.random.Generator) -> Picture:
     """
     grey = image.mean(axis=(0, 1))
     noise = rng.normal(0.0, _NOISE, image.shape)
-    return np.clip(grey + (1.0 - lost) * (image - grey) + noise, 0, 255).astype(np.uint8)
+    fogged = grey + (1.0 - lost) * (image - grey) + noise
+    return np.asarray(np.clip(fogged, 0, 255), np.uint8)
 
 
 def _seen_by(image: Picture, turn: NDArray[np.float64], focal: float) -> Picture:
