@@ -169,7 +169,11 @@ function ask(action, names) {
 
 function element(tag, words) { const e = document.createElement(tag); e.textContent = words; return e; }
 function text(e, words) { if (e.textContent !== words) e.textContent = words; }
-function unit(value, digits, name) { return value === null ? "–" : `${value.toFixed(digits)} ${name}`; }
+function unit(value, digits, name) {
+  if (value === null) return "–";
+  const shown = value.toFixed(digits);
+  return `${Number(shown) === 0 ? shown.replace("-", "") : shown} ${name}`;
+}
 
 for (const b of document.querySelectorAll("[data-do]")) b.addEventListener("click", () => confirmed(b.dataset.do));
 $("yes").addEventListener("click", event => {
