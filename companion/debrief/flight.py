@@ -215,5 +215,10 @@ def _estimates(ticks: list[dict[str, Any]]) -> dict[str, str]:
     return out
 
 
-def _with_sigma(value: list[float], scale: float, unit: str) -> str:
+def _with_sigma(value: list[float | None], scale: float, unit: str) -> str:
+    """Return a value with its doubt; the log has null where a number is not finite."""
+    if value[0] is None:
+        return "unknown"
+    if value[1] is None:
+        return f"{value[0] * scale:.3g} {unit}, no doubt known"
     return f"{value[0] * scale:.3g} ±{value[1] * scale:.2g} {unit}"

@@ -38,9 +38,13 @@ def row(f: Flight) -> dict[str, str]:
         "goals": f"{f.goals[0]} of {f.goals[1]}",
         "closest drone": closest,
         "closest trunk": trunk,
-        "guard": "plan only" if f.quiet else f"{len(interventions(f))} interventions",
+        "guard": "plan only" if f.quiet else _counted(len(interventions(f))),
         "tick p99": "–" if tick is None else f"{tick[1]:.1f} ms",
     }
+
+
+def _counted(n: int) -> str:
+    return f"{n} intervention" + "s" * (n != 1)
 
 
 def interventions(f: Flight) -> list[Event]:

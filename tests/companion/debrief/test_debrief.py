@@ -63,6 +63,23 @@ def test_a_log_that_breaks_off_tells_what_it_holds(tmp_path):
     assert 1.0 < part.seconds < whole.seconds
 
 
+def test_an_estimate_that_is_not_known_is_told_so(tmp_path):
+    """A log has null where a number is not finite: the lag of a camera that was never turned."""
+    (record,) = [json.loads(m.data) for m in salvage(LOG, "/tick")[-1:]]
+    record["alignment"] |= {"lag": None, "sigmas": [None] * 5}
+    record["delay"][1] = None
+    log = tmp_path / "log.mcap"
+    with log.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("/tick", "json", 0)
+        writer.add_message(channel, 0, json.dumps(record).encode(), 0)
+        writer.finish()
+    estimates = read_flight(log).estimates
+    assert estimates["camera lag"] == "unknown"
+    assert "no doubt known" in estimates["delay"]
+
+
 def test_the_command_writes_a_table_a_page_and_json(tmp_path, capsys):
     page = tmp_path / "page.html"
     assert main(["debrief", str(LOG), "--html", str(page)]) == 0
