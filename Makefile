@@ -1,7 +1,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup sitl test test-long faults mutants fuzz renew-flight dialect lock sbom release docs lint bench reproducible clean
+.PHONY: setup sitl test test-long faults mutants coverage fuzz renew-flight dialect lock sbom release docs lint bench reproducible clean
 
 setup: .venv/.ready
 
@@ -47,6 +47,11 @@ SEED ?= 1
 mutants: setup
 	$(BIN)/pip install --quiet -e '.[mutants]'
 	$(BIN)/python tests/mutants.py --count $(COUNT) --seed $(SEED)
+
+# Lines that no unit test reaches, by wing, against the bounds in tests/coverage_gate.py.
+coverage: setup
+	$(BIN)/pip install --quiet -e '.[mutants]'
+	$(BIN)/python tests/coverage_gate.py
 
 # A million mutated frames of MAVLink and as many of MSP.
 fuzz: setup
