@@ -39,6 +39,8 @@ LINK_LOST = 1.5  # s without any message of a vehicle
 COMPANION_LOST = 2.5  # s: it sends at 1 Hz
 _TRAIL_PERIOD, _TRAIL = 1.0, 600  # s between the places of a trail, and how many are kept
 _WORDS = 30  # that are kept
+_UNFINISHED = 8  # texts of several chunks whose ends are waited for
+_CHUNK, _CHUNKS = 50, 10  # bytes of a full chunk, and the most of one text
 _EARTH = 6371000.0  # m, as in `companion.services.goals`
 _ON_GROUND = 1
 _FIXES = ("no GPS", "no fix", "2D", "3D", "DGPS", "RTK float", "RTK fixed")
@@ -202,14 +204,15 @@ class DroneView:
         text = m.text.rstrip("\0")
         if m.number:
             key = (who, m.number)
+            if len(self._chunks) > _UNFINISHED:
+                self._chunks.clear()  # their ends came lost
             parts = self._chunks.setdefault(key, [])
             if m.chunk != len(parts):  # one came lost: what is there is told
                 parts.append("…")
             parts.append(text)
-            if len(text) == 50 and len(parts) < 10:
+            if len(text) == _CHUNK and len(parts) < _CHUNKS:
                 return
             text = "".join(self._chunks.pop(key))
-            self._chunks.clear()
         self.say(now, who, m.severity, text)
 
     def snapshot(self, now: float) -> dict[str, Any]:

@@ -240,9 +240,10 @@ class Services:
         return [NamedValue(time, name, value) for name, value in figures.items()]
 
     def _texted(self, words: str) -> list[Message]:
-        """Return STATUSTEXTs of 50 bytes each that together hold the words."""
+        """Return STATUSTEXTs of 50 bytes each that together hold the words; the last is shorter."""
         data = words.replace("±", "+-").encode("ascii", "replace")
-        pieces = [data[i : i + _TEXT].decode() for i in range(0, len(data), _TEXT)]
+        # A text that fills its last chunk ends with an empty one: else the receiver waits for more.
+        pieces = [data[i : i + _TEXT].decode() for i in range(0, len(data) + 1, _TEXT)]
         self._texts = self._texts % 0xFFFF + 1
         number = self._texts if len(pieces) > 1 else 0
         return [StatusText(Severity.WARNING, p, number, n) for n, p in enumerate(pieces)]

@@ -177,6 +177,13 @@ def test_long_words_are_put_together_and_named():
     assert [(w.who, w.text) for w in view.words] == [("companion", words)]
 
 
+def test_texts_whose_ends_come_lost_are_not_kept_for_ever():
+    view = DroneView(config())
+    for n in range(1, 1000):
+        view.hear(1.0, Received(Source(1, 191), StatusText(4, "x" * 50, n, 0)))
+    assert len(view._chunks) < 20
+
+
 def test_goals_and_vehicles_lie_on_one_map_though_each_frame_is_its_own():
     world = Emulated(2)
     for _ in range(200):

@@ -113,6 +113,15 @@ def test_a_new_phase_is_told_at_once():
     assert [m.value for m in told if getattr(m, "name", "") == "phase"] == [7]
 
 
+@pytest.mark.parametrize(("length", "chunks"), [(49, 1), (50, 2), (100, 3), (101, 3)])
+def test_the_last_chunk_of_words_is_never_full(length, chunks):
+    ground = Ground()
+    told = ground.exchange(now=Situation(Phase.WAIT, words="x" * length), after=2.0)
+    texts = [m.text for m in told if m.get_type() == "STATUSTEXT"]
+    assert (len(texts), "".join(texts)) == (chunks, "x" * length)
+    assert len(texts[-1]) < 50
+
+
 def test_long_words_come_in_chunks_and_again_while_they_hold():
     words = "it flew in offboard before this companion started: a pilot must choose another mode"
     ground = Ground()
