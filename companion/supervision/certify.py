@@ -33,6 +33,11 @@ _GAIN = 0.1  # m of room that an evasion must save before it replaces a plan tha
 class CertificateConfig(StrictModel):
     """Bounds that the certificate relies on, each with its reason."""
 
+    enforce: bool = Field(
+        True,
+        description="Fly the way to stop where a plan's command has no certificate; false: the "
+        "certificate is only judged, logged and counted.",
+    )
     neighbour_radius: float = Field(
         0.2, gt=0, description="Radius [m] of the sphere around a neighbour: as of the own drone."
     )
@@ -131,7 +136,8 @@ class Certifier:
     def __init__(self, config: CertificateConfig, guard: GuardConfig, radius: float) -> None:
         """radius: m, of the own drone."""
         self._guard = guard
-        given = config.model_dump(exclude={"seen_range"})
+        self._enforce = config.enforce
+        given = config.model_dump(exclude={"seen_range", "enforce"})
         self._bounds = Bounds(
             radius=radius, standing=False, c_max=guard.c_max, omega_max=guard.omega_max, **given
         )
@@ -197,6 +203,9 @@ class Certifier:
 
     def _fly(self, best: _Try, margin: float, cause: str) -> Certified:
         """Return that a way is flown instead of the command."""
+        if not self._enforce:
+            self._last = None
+            return Certified(Flown.NONE, margin, cause)
         self._last = best.way.later(DT)
         flown = Flown.WAY if best.margin >= 0.0 else Flown.NONE
         return Certified(flown, margin, cause, best.command)

@@ -107,3 +107,11 @@ def test_a_neighbour_that_swerves_harder_than_the_bound_is_named():
     found = watched(lambda t: (0, 3.0 * t * t, 2), lambda t: (0, 6.0 * t, 0))
     assert len(found.broken) == 1
     assert "m/s² off its course, 2 m/s² are assumed" in found.broken[0]
+
+
+def test_a_certificate_that_is_not_enforced_is_only_judged():
+    watching = Certifier(CertificateConfig(enforce=False), GuardConfig(), 0.2)
+    at = ((0.9, 0.25, 2.0), (-2.0, 0.0, 0.0))
+    found = watching.certify(HOVER, moving(1.6), scene(at), KNOWN)
+    assert (found.flown, found.instead) == (Flown.NONE, None)
+    assert found.margin < 0.0
