@@ -251,7 +251,7 @@ class Episode:
 
 def fly(ticks, seed, config=None, guard=None):
     """Fly episodes of this many ticks in all; return counts."""
-    config, guard = config or CertificateConfig(), guard or GuardConfig()
+    config, guard = config or CertificateConfig(enforce=True), guard or GuardConfig()
     camera = CameraConfig()
     view = View(load_camera(camera), needs_foot=False)
     counts, number = Counter(), 0

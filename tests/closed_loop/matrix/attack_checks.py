@@ -20,7 +20,10 @@ def row_39_trunk(note):
     """A trunk comes towards the drone at 1.5 m/s, and goes on."""
     trunk = {"x": 24.0, "y": 0.2, "radius": 0.4}
     speed, begin = 1.5, 5.0
-    f = InProcess(scenario(world={"cylinders": [trunk]}, mission__time_limit=18.0))
+    enforced = {"certificate": {"enforce": True}}
+    f = InProcess(
+        scenario(world={"cylinders": [trunk]}, mission__time_limit=18.0, companion=enforced)
+    )
     rows = f.sensors._occluders.cylinders
 
     def move(t):

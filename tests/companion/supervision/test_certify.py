@@ -18,7 +18,7 @@ KNOWN = Delay(0.05, 0.003)
 
 
 def certifier():
-    return Certifier(CertificateConfig(), GuardConfig(), 0.2)
+    return Certifier(CertificateConfig(enforce=True), GuardConfig(), 0.2)
 
 
 def moving(speed):
