@@ -143,6 +143,20 @@ def test_a_file_more_or_less_is_refused(made, tmp_path, capsys):
     assert len(capsys.readouterr().err.splitlines()) == 1
 
 
+@pytest.mark.parametrize("kind", ["link", "name"])
+def test_an_archive_writes_nothing_elsewhere(made, tmp_path, kind):
+    _, _, _, signers, _ = made
+    forged = tmp_path / "in/forged.tar"
+    forged.parent.mkdir()
+    with tarfile.open(forged, "w") as archive:
+        item = tarfile.TarInfo("board" if kind == "link" else "../outside")
+        item.type, item.linkname = (tarfile.SYMTYPE if kind == "link" else tarfile.REGTYPE), "/etc"
+        archive.addfile(item)
+    with pytest.raises(BundleError, match="is no plain file of a release"):
+        unpack(forged, tmp_path / "in/folder", signers)
+    assert not (tmp_path / "in/outside").exists()
+
+
 def test_a_release_that_is_not_signed_or_not_asked_about_is_refused(made, tmp_path, capsys):
     _, wheel, _, signers, release = made
     drones = write_drones(tmp_path / "drones", ["alpha"])
