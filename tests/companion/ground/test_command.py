@@ -1,6 +1,7 @@
 """`companion ground` before anything is served: files of the router, the folder, the extra."""
 
 import configparser
+import os
 import socket
 
 import pytest
@@ -71,8 +72,13 @@ def test_logs_of_a_board_come_through_its_shell(tmp_path, monkeypatch):
     board.mkdir(parents=True)
     monkeypatch.setattr("companion.board.logs.SERVICE_LOGS", str(tmp_path / "board"))
     shell = tmp_path / "ssh"
-    shell.write_text('#!/bin/sh\n[ "$1" = pi@one ] || exit 9\nshift\nid() { echo 0; }\neval "$*"\n')
-    shell.chmod(0o755)
+    shell.write_text('#!/bin/sh\n[ "$1" = pi@one ] || exit 9\nshift\neval "$*"\n')
+    sudo = tmp_path / "bin/sudo"  # whoever runs this test
+    sudo.parent.mkdir()
+    sudo.write_text('#!/bin/sh\n[ "$1" = -n ] && shift\nexec "$@"\n')
+    for program in (shell, sudo):
+        program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{sudo.parent}:{os.environ['PATH']}")
     for name in ("a b.mcap", "a b.tlog", "state.json"):
         (board / name).write_text(name)
     drone = CompanionConfig.model_validate({"name": "one", "board": {"host": "pi@one"}})
