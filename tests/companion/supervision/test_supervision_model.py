@@ -7,13 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from companion.estimation.delay import Delay
 from companion.estimation.hover_thrust import HoverEstimate
+from companion.estimation.motion import MotionEstimate
 from companion.estimation.vehicle import VehicleEstimate
 from companion.guidance.fence import FenceConfig
 from companion.guidance.mission import MissionConfig
 from companion.perception.camera_health import CameraFault
 from companion.perception.frontend import Detections
 from companion.supervision import supervision as module
+from companion.supervision.certify import CertificateConfig, Certifier
 from companion.supervision.guard import AutopilotRequest, Broken, GuardConfig, Reaction
 from companion.supervision.phases import GiveBack
 from companion.supervision.supervision import Supervision
@@ -28,7 +31,7 @@ from tests.companion.supervision.test_phases_model import Checked as CheckedPhas
 
 DT = 0.5
 ADAPTER = Px4(1)
-HOVER = HoverEstimate(ThrustMap(), 0.01)
+MOTION = MotionEstimate(None, HoverEstimate(ThrustMap(), 0.01), Delay(0.05, 0.003))
 SEEN = Detections(started=True)
 FINE = {"plan": "good", "vehicle": {}, "seen": SEEN, "more": {}}
 # What befalls a tick: (plan, vehicle, detections, more).
@@ -60,7 +63,13 @@ class Both:
 
     def __init__(self, auto):
         fence, mission = FenceConfig(), MissionConfig(auto=auto)
-        self.supervision = Supervision(GuardConfig(), mission, fence, ADAPTER)
+        self.supervision = Supervision(
+            GuardConfig(),
+            mission,
+            fence,
+            ADAPTER,
+            Certifier(CertificateConfig(), GuardConfig(), 0.2),
+        )
         self.now = 0.0
 
     def __copy__(self):
@@ -94,7 +103,7 @@ class Both:
         )  # fmt: skip
         before = self.supervision.phase
         s = self.supervision.decide(
-            self.now, vehicle, told["seen"], None, PLANS[told["plan"]], HOVER,
+            self.now, vehicle, told["seen"], None, PLANS[told["plan"]], MOTION,
             **{"self_tested": True, "leave": False} | told["more"],
         )  # fmt: skip
         self.check(event, mode, armed, before, vehicle, s)

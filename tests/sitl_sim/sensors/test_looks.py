@@ -204,7 +204,9 @@ def test_flown_bodies_are_of_one_kind_or_mixed():
 
 
 def test_unknown_names_are_errors_that_list_the_choices(tmp_path):
-    with pytest.raises(SettingsError, match=r"world\.look: no look 'swamp'; valid: plain, litter"):
+    with pytest.raises(
+        SettingsError, match=r"world\.look: no look 'swamp'; valid: plain, clearing"
+    ):
         read("forest", ["world.look=swamp"])
     with pytest.raises(SettingsError, match=r"drones\.look"):
         read("forest", ["drones.look=bare"])  # plain knows balls only
