@@ -82,6 +82,7 @@ class Both:
     def key(self):
         guard, phases = self.supervision._guard, object.__new__(CheckedPhases)
         phases.machine, phases.now = self.supervision._phases, self.now
+        phases.resumed = False  # nobody asks for that here
         memory = CheckedGuard(
             guard,
             self.now,
