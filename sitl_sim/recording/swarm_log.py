@@ -217,6 +217,7 @@ def _cloud(world: dict[str, Any]) -> PointCloud:
     parts = [unit[shape] * size + middle for shape, size, middle in _shapes(world)]
     points = np.concatenate([*parts, np.zeros((0, 3))]).astype("<f4")
     cloud = PointCloud(frame_id=WORLD, point_stride=12, data=points.tobytes())
+    cloud.pose.position.SetInParent()  # viewers read a position left out as missing, not as zero
     cloud.pose.orientation.w = 1.0
     for n, name in enumerate("xyz"):
         cloud.fields.add(name=name, offset=4 * n, type=PackedElementField.FLOAT32)

@@ -13,7 +13,6 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from pymavlink.dialects.v20 import common as mavlink
 
 from companion.flightlog.reader import read_log, recover
 from companion.flightlog.replay import replay
@@ -31,6 +30,7 @@ from mavlink_bridge.shared.settings import SettingsError, assignments
 from mavlink_bridge.shared.thrust import ThrustMap
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.dialect import FROM_WIRE
+from mavlink_bridge.wire.dialect import common as mavlink
 from mavlink_bridge.wire.messages import RateSetpoint, Source
 from mavlink_bridge.wire.signing import Signing
 from mavlink_bridge.wire.video import Frame, FrameClient, FrameServer, RecordStream, VideoError
