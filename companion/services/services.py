@@ -36,6 +36,7 @@ from mavlink_bridge.wire.messages import (
     CameraInformation,
     Command,
     CommandAck,
+    ComponentInformation,
     Heartbeat,
     HomePosition,
     Message,
@@ -51,6 +52,7 @@ _PERIOD = 0.99  # s between heartbeats, and between figures: a tick may come a l
 _TICKS = 100  # whose times the figure tick_p99 is of
 _NAN = float("nan")
 _UNIQUE = 0x5357_0000  # plus the system id
+_CAPABILITIES = int(Capability.MISSION_INT | Capability.MISSION_FLOAT | Capability.MAVLINK2)
 PHASES = list(Phase)  # their places are the numbers of the figure `phase`
 REASONS = list(Reason)  # likewise of `guard`; -1: no command
 FAULTS = list(CameraFault)  # likewise of `camera`
@@ -131,6 +133,7 @@ class Services:
         self._messages: dict[int, Callable[[], Message]] = {
             MessageId.CAMERA_INFORMATION: self._camera_information,
             MessageId.AUTOPILOT_VERSION: self._version,
+            MessageId.COMPONENT_INFORMATION_BASIC: self._component_information,
         }
 
     def reset(self) -> None:
@@ -261,8 +264,11 @@ class Services:
         )
 
     def _version(self) -> AutopilotVersion:
-        capabilities = Capability.MISSION_INT | Capability.MISSION_FLOAT | Capability.MAVLINK2
-        return AutopilotVersion(int(capabilities), _release(), _UNIQUE + self._own.system)
+        return AutopilotVersion(_CAPABILITIES, _packed(_release()), _UNIQUE + self._own.system)
+
+    def _component_information(self) -> ComponentInformation:
+        names = ("swarm-companion", "companion", _release(), str(_UNIQUE + self._own.system))
+        return ComponentInformation(self._time, _CAPABILITIES, *names)
 
 
 def nearest(own: VehicleState | None, tracks: Sequence[Track]) -> float:
@@ -282,11 +288,16 @@ def heartbeat(now: Situation) -> Heartbeat:
     return Heartbeat(AutopilotId.INVALID, kind, False, 0, state)
 
 
-def _release() -> int:
-    """Return the version of this software as AUTOPILOT_VERSION has it: a byte for each part."""
+def _release() -> str:
+    """Return the version of this software; empty where it is not installed."""
     try:
-        parts = version("swarm-companion").split(".")[:3]
+        return version("swarm-companion")
     except PackageNotFoundError:
-        parts = []
+        return ""
+
+
+def _packed(release: str) -> int:
+    """Return a version as AUTOPILOT_VERSION has it: a byte for each part."""
+    parts = release.split(".")[:3]
     numbers = [int(p) if p.isdecimal() else 0 for p in (*parts, "0", "0", "0")][:3]
     return numbers[0] << 24 | numbers[1] << 16 | numbers[2] << 8 | 0xFF

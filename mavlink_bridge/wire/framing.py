@@ -13,7 +13,6 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from mavlink_bridge.wire.dialect import common as mavlink
-from mavlink_bridge.wire.dialect.event_message import EventMessage
 from mavlink_bridge.wire.messages import Source
 from mavlink_bridge.wire.signing import SIGNATURE_BYTES
 
@@ -24,7 +23,6 @@ HEADER = 10  # bytes in front of the payload, MAVLink 2
 _V1_HEADER = 6
 _CHECKSUM = 2
 _CRC_EXTRA = {number: kind.crc_extra for number, kind in mavlink.mavlink_map.items()}
-_CRC_EXTRA[EventMessage.id] = EventMessage.crc_extra  # of no generated table
 _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 

@@ -36,6 +36,7 @@ class MessageId(IntEnum):
     NAMED_VALUE_INT = 252
     CAMERA_INFORMATION = 259
     ODOMETRY = 331
+    COMPONENT_INFORMATION_BASIC = 396
 
 
 class CommandId(IntEnum):

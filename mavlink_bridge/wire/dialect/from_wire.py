@@ -19,8 +19,8 @@ from mavlink_bridge.shared.frames import (
 )
 from mavlink_bridge.wire import messages as m
 from mavlink_bridge.wire.dialect import common as mavlink
-from mavlink_bridge.wire.dialect.event_message import EventMessage
 from mavlink_bridge.wire.dialect.units import UNKNOWN_HEADING, UNSET_COORDINATE
+from mavlink_bridge.wire.dialect.unlisted import ComponentInformationBasicMessage, EventMessage
 
 _FLIP = np.diag([1.0, -1.0, -1.0])  # FRD ↔ FLU, NED ↔ north-west-up
 _ENU_OF_NWU = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # NWU → ENU
@@ -331,6 +331,17 @@ def _event(w: Any) -> m.Event:
     return m.Event(w.event_time_boot_ms / 1e3, w.event_id, w.sequence, severity, bytes(w.arguments))
 
 
+def _component_information(w: Any) -> m.ComponentInformation:
+    return m.ComponentInformation(
+        w.time_boot_ms / 1e3,
+        w.capabilities,
+        *(
+            name.decode("utf-8", "replace")
+            for name in (w.vendor_name, w.model_name, w.software_version, w.serial_number)
+        ),
+    )
+
+
 def _camera_information(w: Any) -> m.CameraInformation:
     return m.CameraInformation(
         w.time_boot_ms / 1e3,
@@ -398,6 +409,7 @@ FROM_WIRE: dict[int, Callable[[Any], m.Message]] = {
     EventMessage.id: _event,
     mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: _named_value,
     mavlink.MAVLINK_MSG_ID_NAMED_VALUE_INT: _named_value,
+    ComponentInformationBasicMessage.id: _component_information,
     mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION: _camera_information,
     mavlink.MAVLINK_MSG_ID_PING: lambda w: m.Ping(
         w.time_usec / 1e6, w.seq, w.target_system, w.target_component

@@ -19,7 +19,6 @@ from mavlink_bridge.shared.frames import (
 )
 from mavlink_bridge.wire import messages as m
 from mavlink_bridge.wire.dialect import common as mavlink
-from mavlink_bridge.wire.dialect.event_message import EventMessage
 from mavlink_bridge.wire.dialect.units import (
     UNKNOWN_HEADING,
     clipped,
@@ -28,6 +27,7 @@ from mavlink_bridge.wire.dialect.units import (
     int16,
     milliseconds,
 )
+from mavlink_bridge.wire.dialect.unlisted import ComponentInformationBasicMessage, EventMessage
 
 _IDENTITY = (1.0, 0.0, 0.0, 0.0)
 _MAVLINK_2 = 3  # mavlink_version of a HEARTBEAT
@@ -383,6 +383,19 @@ def _named_value(v: m.NamedValue) -> Any:
     return mavlink.MAVLink_named_value_float_message(time, name, v.value)
 
 
+def _component_information(c: m.ComponentInformation) -> Any:
+    return ComponentInformationBasicMessage(
+        capabilities=c.capabilities,
+        time_boot_ms=milliseconds(c.time),
+        time_manufacture_s=0,  # not known
+        vendor_name=c.vendor.encode()[:31],  # each ends with a zero
+        model_name=c.model.encode()[:31],
+        software_version=c.software.encode()[:23],
+        hardware_version=b"",
+        serial_number=c.serial.encode()[:31],
+    )
+
+
 def _camera_information(c: m.CameraInformation) -> Any:
     return mavlink.MAVLink_camera_information_message(
         time_boot_ms=milliseconds(c.time),
@@ -461,9 +474,16 @@ TO_WIRE: dict[type, Callable[[Any], Any]] = {
         p.target_system, p.target_component, p.name.encode(), p.index, p.error
     ),
     m.Event: lambda e: EventMessage(
-        0, 0, e.event_id, milliseconds(e.time), e.sequence, 0xF0 | e.severity, e.arguments
+        event_id=e.event_id,
+        event_time_boot_ms=milliseconds(e.time),
+        sequence=e.sequence,
+        destination_component=0,
+        destination_system=0,
+        log_levels=0xF0 | e.severity,
+        arguments=e.arguments,
     ),
     m.NamedValue: _named_value,
+    m.ComponentInformation: _component_information,
     m.CameraInformation: _camera_information,
     m.Ping: lambda p: mavlink.MAVLink_ping_message(
         round(p.time * 1e6), p.sequence, p.target_system, p.target_component

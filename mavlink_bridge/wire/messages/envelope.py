@@ -52,6 +52,7 @@ from mavlink_bridge.wire.messages.status import (
     AutopilotVersion,
     BatteryStatus,
     CameraInformation,
+    ComponentInformation,
     Event,
     ExtendedSystemState,
     Heartbeat,
@@ -118,6 +119,7 @@ Message = (
     | Event
     | NamedValue
     | CameraInformation
+    | ComponentInformation
     | Ping
 )
 

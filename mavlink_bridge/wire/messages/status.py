@@ -54,6 +54,18 @@ class NamedValue:
 
 
 @dataclass(frozen=True)
+class ComponentInformation:
+    """COMPONENT_INFORMATION_BASIC: what a component is; capabilities as in AUTOPILOT_VERSION."""
+
+    time: float
+    capabilities: int
+    vendor: str
+    model: str
+    software: str
+    serial: str
+
+
+@dataclass(frozen=True)
 class CameraInformation:
     """CAMERA_INFORMATION: lens and picture of a camera.
 

@@ -1,6 +1,7 @@
 """The companion as a component, with pymavlink as the ground station at the other end."""
 
 import math
+from importlib.metadata import version
 
 import numpy as np
 import pytest
@@ -12,7 +13,14 @@ from companion.services.services import Services, Situation, Wish
 from companion.supervision.guard import Reason
 from companion.types import Phase
 from mavlink_bridge.wire.codec import Codec
-from mavlink_bridge.wire.messages import HomePosition, Received, Source
+from mavlink_bridge.wire.messages import (
+    Command,
+    CommandAck,
+    ComponentInformation,
+    HomePosition,
+    Received,
+    Source,
+)
 
 WAIT, FLY = Situation(Phase.WAIT), Situation(Phase.FLY, Reason.PLAN, 3)
 ALL = frozenset({Wish.HOLD, Wish.LAND, Wish.RETURN})
@@ -243,6 +251,18 @@ def test_camera_and_version_on_request():
     assert (ack.result, told.uid) == (0, 0x53570007)
     (ack,) = ground.exchange(command(512, 30))
     assert ack.result == 2
+
+
+def test_what_it_is_on_request():
+    """pymavlink does not know the message; the product's own codec reads it."""
+    services = Ground().services
+    ask = Command(512, (396.0, *[0.0] * 6), 7, 191)
+    served = services.update(101.0, [Received(Source(255, 190), ask)], WAIT)
+    heard = [r.message for r in Codec(255, 190).decode(Codec(7, 191).encode(served.messages))]
+    assert [m.result for m in heard if isinstance(m, CommandAck)] == [0]
+    (told,) = [m for m in heard if isinstance(m, ComponentInformation)]
+    assert (told.vendor, told.model, told.serial) == ("swarm-companion", "companion", "1398210567")
+    assert told.software == version("swarm-companion")
 
 
 def test_messages_to_others_are_left_to_them():

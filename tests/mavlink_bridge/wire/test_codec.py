@@ -76,6 +76,7 @@ EXAMPLES = [
     m.Event(2.0, 0x0102089D, 7, 2, bytes([0, 64, 0, 0, 20]).ljust(40, b"\0")),
     m.NamedValue(2.0, "tick_p99", 12.5),
     m.NamedValue(2.0, "phase", 4),
+    m.ComponentInformation(2.0, 8196, "swarm", "companion", "0.1.0", "1398210561"),
     m.CameraInformation(2.0, "swarm", "forward", 2.1, 3.6, 2.7, 640, 400, 1),
     m.Ping(2.0, 5, 1, 191),
     m.MissionRequest(1, 1, 2, 0, floating=True),

@@ -30,6 +30,7 @@ RENAMED = {
 }
 # In https://mavlink.io/en/messages/common.html and not yet in pymavlink's dialect.
 NEWER = {
+    "MAVLINK_MSG_ID_COMPONENT_INFORMATION_BASIC": 396,
     "MAV_PARAM_ERROR_TYPE_UNSUPPORTED": 6,
     "MAV_PARAM_ERROR_TYPE_MISMATCH": 7,
     "MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME": 9,
