@@ -2,7 +2,7 @@
 
 `read` takes the controller's answers, `receive` the companion's messages, `cycle` returns the
 output to both. Watchdog: when setpoints stop, the sticks go level at once. Where a pilot has a
-receiver, the bridge then releases the sticks to the pilot; otherwise it holds, then lands.
+receiver, the bridge then releases the sticks to the pilot; otherwise it waits, holds, then lands.
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ from mavlink_bridge.autopilots.betaflight import MODES, PILOT
 from mavlink_bridge.betaflight import msp
 from mavlink_bridge.betaflight.coarse_state import CoarseState
 from mavlink_bridge.betaflight.controller import Controller
-from mavlink_bridge.betaflight.fix_source import INPUT, FixSource
+from mavlink_bridge.betaflight.fix_source import FixSource
 from mavlink_bridge.betaflight.msp import Reply
 from mavlink_bridge.betaflight.polling import Answer, read_answer
 from mavlink_bridge.betaflight.position_hold import PositionHold
+from mavlink_bridge.betaflight.setpoint_watch import SetpointWatch, Silence
 from mavlink_bridge.betaflight.times import BridgeTimes
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.thrust import ThrustMap
@@ -30,7 +31,6 @@ from mavlink_bridge.wire.ids import (
     CommandId,
     CommandResult,
     ComponentId,
-    GpsFix,
     MessageId,
     ModeFlag,
     Severity,
@@ -54,7 +54,6 @@ from mavlink_bridge.wire.messages import (
     TimeSync,
 )
 
-_SPEED_MAX = 100.0  # m/s; a faster GPS velocity is an error
 _FORCE_DISARM = 21196.0  # parameter 2 of COMPONENT_ARM_DISARM
 _IDLE = 1100.0  # µs of throttle; above it the vehicle may lift off
 _LANDED_TIME, _LANDED_HEIGHT = 2.0, 1.0  # s of idle throttle below this height [m]: landed
@@ -69,11 +68,6 @@ class Output:
 
     rc: bytes = b""
     messages: list[Message] = field(default_factory=list)
-
-
-def _credible(v: Vector | None) -> bool:
-    """Return whether a vehicle can have this velocity [m/s]; True for None."""
-    return v is None or bool((np.abs(v) <= _SPEED_MAX).all())  # False for NaN
 
 
 class BetaflightBridge:
@@ -101,15 +95,13 @@ class BetaflightBridge:
         self._armed_at = self._throttle_at = -math.inf
         self._arm_switch = False
         self._arm_requested_at: float | None = None
-        self._arming_flags = 0
-        self._override = controller.only_receiver
-        self._setpoint: RateSetpoint | None = None
-        self._setpoint_at = -math.inf
-        self._setpoints_lost_at: float | None = None
+        self._arming_flags, self._override = 0, controller.only_receiver
+        self._setpoints = SetpointWatch(self._times.setpoint, self._times.lost)
+        self._setpoints_lost_at: float | None = None  # the last one's time, while none come
         self._answered_at = self._cycled_at = -math.inf
         self._heartbeat_at = self._target_at = -math.inf
         self._thrust = 0.0  # of the last RC frame
-        self._announced = ("", False)
+        self._announced = ("", False, True)
         self._last_fix: tuple[float, ...] = ()
         self._fixes = FixSource(self._times.fix)
         self._battery = (0.0, 0.0)
@@ -216,9 +208,8 @@ class BetaflightBridge:
             result = self._command(time, m)
             source = received.source
             self._outbox.append(CommandAck(m.command, result, source.system, source.component))
-        elif isinstance(m, GpsInput) and m.fix_type >= GpsFix.FIX_3D and _credible(m.v):
-            if self._fixes.uses(time, INPUT):
-                self._state.gps(m.latitude_deg, m.longitude_deg, m.v, age=0.0)
+        elif isinstance(m, GpsInput) and self._fixes.uses_input(time, m):
+            self._state.gps(m.latitude_deg, m.longitude_deg, m.v, age=0.0)
         elif isinstance(m, TimeSync) and m.tc1 == 0:
             self._outbox.append(TimeSync(round(time * 1e9), m.ts1))
 
@@ -231,7 +222,7 @@ class BetaflightBridge:
         finite = bool(np.isfinite(m.omega).all()) and math.isfinite(m.thrust)
         by_rates = m.type_mask == AttitudeTargetMask.ATTITUDE_IGNORE
         if by_rates and finite and self._is_addressed(m):
-            self._setpoint, self._setpoint_at = m, time
+            self._setpoints.take(time, m)
 
     def _command(self, time: float, m: Command) -> int:
         """Carry out a command; return the MAV_RESULT."""
@@ -240,8 +231,8 @@ class BetaflightBridge:
                 return self._arm(time)
             return self._disarm(force=m.params[1] == _FORCE_DISARM)
         if m.command == CommandId.REQUEST_MESSAGE and m.params[0] == MessageId.AUTOPILOT_VERSION:
-            capabilities = Capability.SET_ATTITUDE_TARGET | Capability.MAVLINK2
-            self._outbox.append(AutopilotVersion(capabilities, self._version(), self._system))
+            able = Capability.SET_ATTITUDE_TARGET | Capability.MAVLINK2
+            self._outbox.append(AutopilotVersion(able, self._controller.sw_version, self._system))
             return CommandResult.ACCEPTED
         if m.command == CommandId.NAV_TAKEOFF:
             return self._take_off(time, m.params[6])
@@ -253,10 +244,6 @@ class BetaflightBridge:
         if mode not in ("hold", "land", "offboard"):
             return CommandResult.DENIED
         return self._change_mode(time, mode)
-
-    def _version(self) -> int:
-        major, minor, patch = (int(n) for n in self._controller.version.split("."))
-        return major << 24 | minor << 16 | patch << 8 | 0xFF
 
     def _arm(self, time: float) -> int:
         flags = self._blocking_flags()
@@ -296,7 +283,7 @@ class BetaflightBridge:
     def _change_mode(self, time: float, mode: str) -> int:
         if self._refused_by_pilot():
             return CommandResult.TEMPORARILY_REJECTED
-        if mode == "offboard" and time - self._setpoint_at > self._times.setpoint:
+        if mode == "offboard" and self._setpoints.silence(time) is not Silence.NONE:
             self._send_text(Severity.ERROR, "Offboard refused: no setpoints")
             return CommandResult.TEMPORARILY_REJECTED
         if mode != self.mode:
@@ -326,7 +313,7 @@ class BetaflightBridge:
         self._cycled_at = time
         self._end_modes(time)
         out = Output(self._rc_frame(time, dt))
-        now = (self.mode, self.armed)
+        now = (self.mode, self.armed, self._setpoints_lost_at is None)
         if time - self._heartbeat_at >= self._times.heartbeat or now != self._announced:
             self._heartbeat_at, self._announced = time, now
             self._outbox += [self._heartbeat(time), BatteryStatus(*self._battery, -0.01)]
@@ -339,29 +326,39 @@ class BetaflightBridge:
     def _end_modes(self, time: float) -> None:
         """End a mode that is complete, or whose setpoints stopped."""
         state = self._state.at(time, need_fix=False)
-        if self.mode == "offboard" and time - self._setpoint_at > self._times.setpoint:
-            self._send_text(Severity.ERROR, "Setpoints stopped: level")
-            self._enter("hold")
-            self._hold.hold_here()
-            self._setpoints_lost_at = self._setpoint_at
+        if self.mode == "offboard":
+            self._follow_setpoints(time)
         elif self.mode == "takeoff" and state is not None and self._hold.height_reached(state):
             self._enter("hold")
         elif self.mode == "land" and self.armed and self._hold.landed:
             self._arm_switch = False
         if self._setpoints_lost_at is None or not self.armed:
             return
-        if self._controller.only_receiver:
-            if time - self._setpoints_lost_at > self._times.land:
-                self._change_mode(time, "land")
-        elif time - self._setpoints_lost_at > self._times.release:
+        missing = time - self._setpoints_lost_at
+        if self._controller.only_receiver and missing > self._times.land:
+            self._change_mode(time, "land")
+        elif not self._controller.only_receiver and missing > self._times.release:
             self._send_text(Severity.ERROR, "Released to the pilot")
             self._enter("pilot")
+
+    def _follow_setpoints(self, time: float) -> None:
+        """Hold level while setpoints are late; end offboard when they do not come back."""
+        silence = self._setpoints.silence(time)
+        if silence is Silence.NONE:
+            self._setpoints_lost_at = None
+            return
+        if self._setpoints_lost_at is None:
+            self._send_text(Severity.ERROR, "Setpoints stopped: level")
+            self._hold.hold_here()
+        if silence is Silence.LONG:
+            self._enter("hold")
+        self._setpoints_lost_at = self._setpoints.at
 
     def _rc_frame(self, time: float, dt: float) -> bytes:
         """Return the RC frame, empty where the pilot flies."""
         if self.mode == "pilot":
             return b""
-        setpoint = self._setpoint
+        setpoint = self._setpoints.newest if self._setpoints_lost_at is None else None
         if self.armed and self.mode == "offboard" and setpoint is not None:
             self._lifted = True
             sticks = np.array(self._controller.rate_sticks(setpoint.omega))

@@ -60,6 +60,12 @@ class Controller:
     override_bit: int | None
     only_receiver: bool
 
+    @property
+    def sw_version(self) -> int:
+        """The version as AUTOPILOT_VERSION has it: a byte for each part, and a release's mark."""
+        major, minor, patch = (int(n) for n in self.version.split("."))
+        return major << 24 | minor << 16 | patch << 8 | 0xFF
+
     def channels(self, sticks: Vector, thrust: float, armed: bool, level: bool) -> list[int]:
         """Return the RC channels [µs]; NaN gives a neutral stick and no throttle.
 

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import math
 
-from mavlink_bridge.betaflight.msp import RawGps
+import numpy as np
 
-BOARD, INPUT = "the board's receiver", "GPS_INPUT"
+from mavlink_bridge.betaflight.msp import RawGps
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.wire.ids import GpsFix
+from mavlink_bridge.wire.messages import GpsInput
+
+_BOARD, _INPUT = "the board's receiver", "GPS_INPUT"
+_SPEED_MAX = 100.0  # m/s; a faster GPS velocity is an error
 
 
 class FixSource:
@@ -17,15 +23,24 @@ class FixSource:
         self._silent = silent
         self._name, self._at = "", -math.inf
 
-    def uses(self, time: float, name: str) -> bool:
+    def _uses(self, time: float, name: str) -> bool:
         """Return whether a fix that this source gives at `time` [s] is to be used."""
         if name != self._name and time - self._at <= self._silent:
             return False
         self._name, self._at = name, time
         return True
 
+    def uses_input(self, time: float, fix: GpsInput) -> bool:
+        """Return the same of GPS_INPUT."""
+        return fix.fix_type >= GpsFix.FIX_3D and _credible(fix.v) and self._uses(time, _INPUT)
+
     def uses_board(self, time: float, gps: RawGps | None) -> bool:
         """Return the same of the board's; without a receiver it may report a fix at 0, 0."""
         if gps is None or not gps.fix or not (gps.latitude_deg or gps.longitude_deg):
             return False
-        return self.uses(time, BOARD)
+        return self._uses(time, _BOARD)
+
+
+def _credible(v: Vector | None) -> bool:
+    """Return whether a vehicle can have this velocity [m/s]; True for None."""
+    return v is None or bool((np.abs(v) <= _SPEED_MAX).all())  # False for NaN

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 class BridgeTimes:
     """Delays of the bridge [s].
 
-    setpoint: silence that ends offboard. release: from the last setpoint to the last RC frame where
+    setpoint: silence after which the sticks go level. lost: silence that ends offboard; a companion
+    that is back sooner flies on. release: from the last setpoint to the last RC frame where
     a pilot has a receiver; Betaflight holds that frame for 0.3 s more. land: from the last setpoint
     to landing where there is no pilot. arm: wait for the controller to arm. settle: no take-off so
     soon after arming, when Betaflight zeroes its height. silent: without answers the controller
@@ -18,6 +19,7 @@ class BridgeTimes:
     """
 
     setpoint: float = 0.2
+    lost: float = 1.0
     release: float = 0.3
     land: float = 5.0
     arm: float = 1.5
