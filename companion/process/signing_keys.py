@@ -103,7 +103,8 @@ class Timestamps:
             return
         margin = round(_SAVE_EVERY * TICKS)
         self.signing.timestamp = max(self.signing.timestamp, before + margin)
-        self.signing.streams.update(streams)
+        for stream, newest in streams.items():
+            self.signing.note(stream, newest)
 
 
 def timestamps_path(name: str, environment: Mapping[str, str]) -> Path | None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from enum import Enum
+from typing import NamedTuple
 
 from mavlink_bridge.wire.udp import Address
 
@@ -12,6 +14,26 @@ _READ_BYTES = 4 << 20  # most bytes read in one tick
 _KEPT_PACKETS, _KEPT_BYTES = 256, 64 << 10  # most that are decoded; a vehicle sends about 10 kB
 _MESSAGES = 300  # most messages made of them
 _SHARE_OF_STRANGERS = 8  # other addresses than the vehicle's have one eighth of it
+_DOUBTFUL_PACKETS, _DOUBTFUL_BYTES = 32, 8 << 10  # that do not begin with an accepted frame
+
+
+class Claim(Enum):
+    """What the first frame of a packet is."""
+
+    ACCEPTED = "accepted: its checksum is right, and with signing its signature"
+    GARBAGE = "not whole, or with a wrong checksum"
+    FOREIGN = "of a sender that is not heard"
+    UNSIGNED = "not signed with the key"
+    OLD = "signed, and not new"
+
+
+class Packet(NamedTuple):
+    """A packet that has arrived; number: of its arrival. place: its address, None: not known."""
+
+    number: int
+    data: bytes
+    place: Address | None
+    claim: Claim
 
 
 @dataclass
@@ -22,6 +44,8 @@ class Allowance:
     bytes: int = _READ_BYTES
     messages: int = _MESSAGES
     of_strangers: int = _MESSAGES // _SHARE_OF_STRANGERS
+    doubtful_packets: int = _DOUBTFUL_PACKETS
+    doubtful_bytes: int = _DOUBTFUL_BYTES
 
     @property
     def spent(self) -> bool:
@@ -33,41 +57,55 @@ class Allowance:
         self.packets -= 1
         self.bytes -= size
 
+    def take_doubtful(self, size: int) -> bool:
+        """Return whether a packet that does not begin with an accepted frame is looked through.
+
+        One of its frames may be good. On a line that flips bits such packets are few; an
+        attacker's are many, and cost no more than these few.
+        """
+        if self.doubtful_packets <= 0 or self.doubtful_bytes <= 0:
+            return False
+        self.doubtful_packets -= 1
+        self.doubtful_bytes -= size
+        return True
+
 
 @dataclass
 class Newest:
-    """The newest packets, with their addresses, within a number and a size.
+    """The newest packets within a number and a size.
 
-    dropped: bytes of the older ones. strange: they come from another address than the vehicle's,
-    and are fewer.
+    by_address: of too many it is not the oldest that goes, but the oldest of the address that sent
+    most: one that floods starves itself.
     """
 
-    strange: bool = False
-    dropped: int = 0
-    packets: deque[tuple[bytes, Address | None]] = field(default_factory=deque)
+    share: int = 1  # has one in so many of what is decoded
+    by_address: bool = False
+    packets: deque[Packet] = field(default_factory=deque)
     _size: int = 0
 
-    def add(self, packet: bytes, place: Address | None) -> None:
-        """Keep a packet from `place`, and drop the oldest where that is too much.
+    @classmethod
+    def of_strangers(cls) -> Newest:
+        """Keep packets of other addresses than the vehicle's."""
+        return cls(_SHARE_OF_STRANGERS, by_address=True)
 
-        Of strangers it is the oldest of the address that sent most: one that floods starves itself.
-        """
-        share = _SHARE_OF_STRANGERS if self.strange else 1
-        self.packets.append((packet, place))
-        self._size += len(packet)
+    def add(self, packet: Packet) -> list[Packet]:
+        """Keep a packet; return those that are too many with it."""
+        self.packets.append(packet)
+        self._size += len(packet.data)
+        dropped = []
         while len(self.packets) > 1 and (
-            len(self.packets) > _KEPT_PACKETS // share or self._size > _KEPT_BYTES // share
+            len(self.packets) > _KEPT_PACKETS // self.share or self._size > _KEPT_BYTES // self.share
         ):
-            index = self._oldest_of_the_loudest() if self.strange else 0
-            old = len(self.packets[index][0])
+            index = self._oldest_of_the_loudest() if self.by_address else 0
+            dropped.append(self.packets[index])
+            self._size -= len(dropped[-1].data)
             del self.packets[index]
-            self._size -= old
-            self.dropped += old
+        return dropped
 
     def _oldest_of_the_loudest(self) -> int:
         """Return the index of the oldest packet of the address from which most bytes are kept."""
         sizes: dict[Address | None, int] = {}
-        for packet, place in self.packets:
-            sizes[place] = sizes.get(place, 0) + len(packet)
+        for packet in self.packets:
+            sizes[packet.place] = sizes.get(packet.place, 0) + len(packet.data)
         loudest = max(sizes, key=lambda place: sizes[place])
-        return next(n for n, (_, place) in enumerate(self.packets) if place == loudest)
+        return next(n for n, packet in enumerate(self.packets) if packet.place == loudest)

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from mavlink_bridge.wire import framing
+from mavlink_bridge.wire.allowance import Claim, Packet
 from mavlink_bridge.wire.dialect import FROM_WIRE, TO_WIRE
 from mavlink_bridge.wire.dialect import common as mavlink
 from mavlink_bridge.wire.dialect.unpack import unpacked
-from mavlink_bridge.wire.framing import HEADER, LONGEST, SIGNED, V2, RawFrame
+from mavlink_bridge.wire.framing import HEADER, SIGNED, V2, RawFrame
 from mavlink_bridge.wire.messages import Message, Received, Source
 from mavlink_bridge.wire.sequence import FrameCount
 from mavlink_bridge.wire.signing import Check, Signing
@@ -104,22 +105,45 @@ class Codec:
         """Return the messages that `data` completes, in any chunking; garbage is counted."""
         return self.read(self.stream_frames(data))
 
-    def plausible(self, data: bytes) -> bool:
-        """Return whether a frame of an accepted sender may begin among the first bytes."""
-        found = self._start.search(data, 0, LONGEST)
-        while found is not None:
-            start = found.start()
-            if len(data) - start < HEADER or self._allowed(*framing.header(data, start)[1:3]):
-                return True
-            found = None if start else self._start.search(data, 1, LONGEST)
-        return False
+    def claim(self, data: bytes) -> Claim:
+        """Return what the first frame of a datagram is: an accepted one, or why not.
 
-    def refuse(self, data: bytes) -> None:
-        """Count a datagram that is not plausible: of a foreign sender, or garbage."""
-        if self._start.match(data) and len(data) >= HEADER:
-            self.statistics.foreign += 1
-        else:
-            self.statistics.bad_bytes += len(data)
+        What costs least is looked at first, and nothing behind that frame; no timestamp is noted.
+        """
+        if len(data) < HEADER or self._start.match(data) is None:
+            return Claim.GARBAGE
+        length = framing.frame_length(data, 0)
+        if length > len(data):
+            return Claim.GARBAGE
+        _, system, component, message_id = framing.header(data, 0)
+        if not self._allowed(system, component):
+            return Claim.FOREIGN
+        frame, signing = data[:length], self._signing
+        if signing is not None:
+            if frame[0] != V2 or not frame[2] & SIGNED:
+                return Claim.UNSIGNED
+            if not signing.may_be_new(frame, system, component):
+                return Claim.OLD
+        if framing.is_known(message_id) and not framing.checksum_holds(frame, message_id):
+            return Claim.GARBAGE
+        if signing is not None and not signing.preview(frame, system, component):
+            return Claim.UNSIGNED
+        return Claim.ACCEPTED
+
+    def refuse(self, packet: Packet) -> None:
+        """Count a packet that is not decoded, as what its first frame is."""
+        counts = self.statistics
+        match packet.claim:
+            case Claim.ACCEPTED:
+                counts.dropped += len(packet.data)
+            case Claim.GARBAGE:
+                counts.bad_bytes += len(packet.data)
+            case Claim.FOREIGN:
+                counts.foreign += 1
+            case Claim.UNSIGNED:
+                counts.unsigned += 1
+            case Claim.OLD:
+                counts.replayed += 1
 
     def restart(self) -> None:
         """Forget the incomplete frame of a stream: what would complete it is lost."""

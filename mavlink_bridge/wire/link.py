@@ -6,13 +6,14 @@ sender, `udpout:HOST:PORT` sends first, `tcp:HOST:PORT` connects, `serial:DEVICE
 
 from __future__ import annotations
 
+import heapq
 import select
 import time
 from collections.abc import Callable, Iterable, Iterator
 from math import inf
 from typing import Protocol
 
-from mavlink_bridge.wire.allowance import Allowance, Newest
+from mavlink_bridge.wire.allowance import Allowance, Claim, Newest, Packet
 from mavlink_bridge.wire.bytestream import BAUD_RATES, ByteStream, SerialEndpoint, TcpEndpoint
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.framing import RawFrame
@@ -226,14 +227,14 @@ class Link:
     def receive(self, renew: bool = True) -> list[Received]:
         """Return the messages that have arrived, oldest first; never block.
 
-        A flood costs a bounded time: so much is read, and the newest of what may hold frames of
-        accepted senders is decoded. renew: begin a new allowance, as once a tick.
+        A flood costs a bounded time: so much is read, and the newest of what begins with an accepted
+        frame is decoded. renew: begin a new allowance, as once a tick.
         """
         if renew:
             self._allowance = Allowance()
         near: list[RawFrame] = []
         far: list[RawFrame] = []  # from other addresses than the vehicle's
-        for data, place in self._arrived(strangers=renew):
+        for _, data, place, _ in self._arrived(strangers=renew):
             frames = self._frames(data, place)
             if self.tap is not None and (frames or not self._whole):
                 self.tap(False, data)
@@ -251,14 +252,18 @@ class Link:
         """Return whether an address is another than the vehicle's."""
         return self._vehicle is not None and place is not None and place != self._pinned
 
-    def _arrived(self, strangers: bool) -> list[tuple[bytes, Address | None]]:
-        """Return the newest packets that may hold frames, with the addresses they came from.
+    def _arrived(self, strangers: bool) -> list[Packet]:
+        """Return the newest packets that may hold frames, the vehicle's last.
 
-        strangers: read the packets of other addresses than the vehicle's, too.
+        A packet that begins with an accepted frame is displaced by later ones of its kind alone:
+        what was cut, forged or played back has a share of its own. strangers: read the packets of
+        other addresses than the vehicle's, too.
         """
-        udp, counts = self.endpoint, self.codec.statistics
-        near, far = Newest(), Newest(strange=True)
+        udp = self.endpoint
+        near, far = Newest(), Newest.of_strangers()
+        doubtful: list[Packet] = []
         packets = udp.receive(strangers) if isinstance(udp, UdpEndpoint) else udp.receive()
+        number = 0
         while not self._allowance.spent and (data := next(packets, None)) is not None:
             self._allowance.take(len(data))
             place = udp.sender if isinstance(udp, UdpEndpoint) else None
@@ -266,14 +271,25 @@ class Link:
             if not strange:
                 self.packets_in += 1
                 self._pinned_heard = time.monotonic()
-            if self._whole and not self.codec.plausible(data):
-                self.codec.refuse(data)
-                continue
-            (far if strange else near).add(data, place)
-        counts.dropped += near.dropped + far.dropped
-        if near.dropped and not self._whole:
-            self.codec.restart()
-        return [*far.packets, *near.packets]
+            number += 1
+            claim = self.codec.claim(data) if self._whole else Claim.ACCEPTED
+            packet = Packet(number, data, place, claim)
+            if strange and claim not in (Claim.GARBAGE, Claim.FOREIGN):
+                self._drop(far.add(packet))
+            elif claim is Claim.ACCEPTED:
+                self._drop(near.add(packet))
+            elif not strange and self._allowance.take_doubtful(len(data)):
+                doubtful.append(packet)
+            else:
+                self.codec.refuse(packet)
+        return [*far.packets, *heapq.merge(doubtful, near.packets)]
+
+    def _drop(self, packets: list[Packet]) -> None:
+        """Count packets that are not decoded."""
+        for packet in packets:
+            self.codec.refuse(packet)
+            if not self._whole:
+                self.codec.restart()
 
     def receive_packets(self) -> Iterator[bytes]:
         """Yield the packets that have arrived, as they are: for an end that passes them on."""

@@ -55,6 +55,8 @@ class Signing:
     link_id: int = 0
     streams: dict[Stream, int] = field(default_factory=dict)
     own: tuple[int, int] | None = None
+    _latest: dict[tuple[int, int], int] = field(default_factory=dict, repr=False)  # of any link
+    _previewed: dict[Stream, int] = field(default_factory=dict, repr=False)
     _sent: deque[int] = field(default_factory=deque, repr=False)
     _sent_set: set[int] = field(default_factory=set, repr=False)
     _sent_until: int | None = None  # this timestamp and all before it may have been sent
@@ -62,6 +64,8 @@ class Signing:
     def __post_init__(self) -> None:
         if len(self.key) != KEY_BYTES:
             raise ValueError(f"a signing key has {KEY_BYTES} bytes, got {len(self.key)}")
+        for stream, timestamp in self.streams.items():
+            self.note(stream, timestamp)
 
     def advance(self, unix_time: float) -> None:
         """Set the time to `unix_time` [s]; a clock that goes back is ignored."""
@@ -82,19 +86,45 @@ class Signing:
 
     def check(self, frame: bytes, system: int, component: int) -> Check:
         """Return whether a signed frame has the key's signature and is new; note its timestamp."""
-        signature = hashlib.sha256(self.key + frame[:-6]).digest()[:6]
-        if not hmac.compare_digest(signature, frame[-6:]):
+        if not self._has_signature(frame):
             return Check.FORGED
-        stream = (frame[-SIGNATURE_BYTES], system, component)
-        timestamp = int.from_bytes(frame[-12:-6], "little")
+        stream, timestamp = _stamp(frame, system, component)
         if stream not in self.streams and len(self.streams) >= _STREAMS:
             return Check.OLD
         if timestamp <= self._newest(stream) or self._was_sent(timestamp, stream[1:]):
             return Check.OLD
-        self.streams[stream] = timestamp
+        self.note(stream, timestamp)
         # A peer whose clock is ahead then accepts our next frame.
         self.timestamp = min(max(self.timestamp, timestamp), LAST)
         return Check.GOOD
+
+    def may_be_new(self, frame: bytes, system: int, component: int) -> bool:
+        """Return whether the timestamp of the first frame of a packet is new; costs no hash.
+
+        It is newer than what `check` has noted, and than the first frames already previewed: what
+        is played back at once is not new either.
+        """
+        stream, timestamp = _stamp(frame, system, component)
+        if timestamp <= self._previewed.get(stream, 0) or timestamp <= self.streams.get(stream, 0):
+            return False
+        return timestamp > self._newest(stream) and not self._was_sent(timestamp, stream[1:])
+
+    def preview(self, frame: bytes, system: int, component: int) -> bool:
+        """Return whether a frame that may be new has the key's signature; `check` still says so."""
+        if not self._has_signature(frame):
+            return False
+        stream, timestamp = _stamp(frame, system, component)
+        self._previewed[stream] = timestamp
+        return True
+
+    def note(self, stream: Stream, timestamp: int) -> None:
+        """Note the newest timestamp of a stream: frames must exceed it from now on."""
+        self.streams[stream] = timestamp
+        self._latest[stream[1:]] = max(self._latest.get(stream[1:], 0), timestamp)
+
+    def _has_signature(self, frame: bytes) -> bool:
+        signature = hashlib.sha256(self.key + frame[:-6]).digest()[:6]
+        return hmac.compare_digest(signature, frame[-6:])
 
     def _newest(self, stream: Stream) -> int:
         """Return the timestamp that a frame of this stream must exceed.
@@ -103,8 +133,7 @@ class Signing:
         this much newer frames have come.
         """
         newest = self.streams.get(stream, self.timestamp - _NEW_STREAM)
-        others = [t for s, t in self.streams.items() if s[1:] == stream[1:]]
-        return max(newest, max(others, default=0) - _LINKS_APART)
+        return max(newest, self._latest.get(stream[1:], 0) - _LINKS_APART)
 
     def _was_sent(self, timestamp: int, sender: tuple[int, int]) -> bool:
         """Return whether this end has sent such a frame, now or before it was started."""
@@ -112,3 +141,9 @@ class Signing:
             return False
         until = self.timestamp if self._sent_until is None else self._sent_until
         return timestamp <= until or timestamp in self._sent_set
+
+
+def _stamp(frame: bytes, system: int, component: int) -> tuple[Stream, int]:
+    """Return the stream and the timestamp of a signed frame."""
+    stream = frame[-SIGNATURE_BYTES], system, component
+    return stream, int.from_bytes(frame[-12:-6], "little")
