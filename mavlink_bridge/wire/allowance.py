@@ -94,7 +94,8 @@ class Newest:
         self._size += len(packet.data)
         dropped = []
         while len(self.packets) > 1 and (
-            len(self.packets) > _KEPT_PACKETS // self.share or self._size > _KEPT_BYTES // self.share
+            len(self.packets) > _KEPT_PACKETS // self.share
+            or self._size > _KEPT_BYTES // self.share
         ):
             index = self._oldest_of_the_loudest() if self.by_address else 0
             dropped.append(self.packets[index])

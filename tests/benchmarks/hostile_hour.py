@@ -2,14 +2,11 @@
 
     python tests/benchmarks/hostile_hour.py --seconds 3600
 
-10 MB/s of first bytes of frames, frames of other systems, recorded packets played back both ways,
-the companion's own packets reflected, heartbeats and commands forged, all on the vehicle's own
-line. Ticks are timed by processor time, against a calm flight of the same drone. Exit status 1
-where a bound is broken.
-
-Left out: cut and mutated frames with the vehicle's ids (`link_garbage`), of which one line bears
-1 MB/s (row 10). At 4 MB/s they displace half of its telemetry, which ends in HOLD; over UDP, from
-addresses of their own, they displace none (test_hostile.py).
+10 MB/s in 17,000 packets a second, all on the vehicle's own line: first bytes of frames; random
+bytes, cut and mutated copies of the companion's own packets; recorded packets played back both
+ways; small packets of other systems; heartbeats and commands forged, and the companion's own
+packets reflected. Ticks are timed by processor time, against a calm flight of the same drone. Exit
+status 1 where a bound is broken.
 """
 
 import argparse
@@ -29,9 +26,10 @@ from tests.closed_loop.matrix.inprocess import fly
 BEGINS = 6.0  # s, when the attack begins
 CALM = 60.0  # s of the calm flight
 SENDERS = [
-    {"kind": "link_flood", "amount": 1e7},
-    {"kind": "link_foreign", "amount": 500.0},
-    {"kind": "link_replay", "amount": 500.0},
+    {"kind": "link_flood", "amount": 3.8e6},
+    {"kind": "link_garbage", "amount": 4e6},
+    {"kind": "link_replay", "amount": 2500.0},
+    {"kind": "link_foreign", "amount": 1000.0},
     {"kind": "link_spoof", "amount": 500.0},
     {"kind": "link_forge", "amount": 50.0},
     {"kind": "link_reflect", "amount": 1.0},
@@ -43,7 +41,17 @@ def flight(seconds, faults):
 
     def watch(f):
         listening(f)
-        f.companions[0].stopwatch = time.thread_time
+        c = f.companions[0]
+        c.stopwatch = time.thread_time
+        c.packets, c.bytes, arrived = 0, 0, c.endpoint.receive
+
+        def counted():
+            for data in arrived():
+                c.packets += 1
+                c.bytes += len(data)
+                yield data
+
+        c.endpoint.receive = counted
 
     there_and_back = [[12.0, 0.0, 2.0], [0.0, 0.0, 2.0]]
     return fly(
@@ -81,6 +89,8 @@ def main():
         f"{seconds:g} s, {len(under)} ticks; calm p99 {np.percentile(calm, 99) * 1e3:.1f} ms, "
         f"attacked p99 {np.percentile(under, 99) * 1e3:.1f} ms, most {under.max() * 1e3:.1f} ms"
     )
+    attacked = seconds - BEGINS
+    print(f"{c.bytes / attacked / 1e6:.1f} MB/s in {c.packets / attacked:.0f} packets a second")
     print(
         f"refused: {ours.unsigned} unsigned, {ours.replayed} replayed, {ours.bad_bytes} bytes; "
         f"by the vehicle: {theirs.unsigned} unsigned, {theirs.replayed} replayed"
@@ -93,7 +103,7 @@ def main():
         "nothing reflected is heard": c.echoes == 0,
         "no HOLD": not modes & {"HOLD", "LAND"},
         "only plans": reasons == {Reason.PLAN.value},
-        "it was attacked": ours.bad_bytes > 5e6 * (seconds - BEGINS) and ours.replayed > 0,
+        "it was attacked": c.bytes > 9e6 * attacked and ours.replayed > 1000 * attacked,
     }
     for what, holds in bounds.items():
         print(f"{'holds ' if holds else 'BROKEN'} {what}")

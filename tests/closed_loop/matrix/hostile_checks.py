@@ -46,12 +46,20 @@ def row_26(note):
 
 
 def row_27(note):
-    """10 MB/s on the vehicle's own line: each tick's cost, by processor time."""
+    """10 MB/s on the vehicle's own line: each tick's cost, by processor time.
+
+    Then, on a signed line, 4 MB/s of bytes that look like the vehicle's frames: cut, mutated.
+    """
     costs = []
 
     def watch(f):
         f.companions[0].stopwatch = time.thread_time
 
+    cut = flown_with(listening, [{"kind": "link_garbage", "amount": 4e6, "at": 6.0}], **SIGNED)
+    assert cut.companions[0].link.codec.statistics.replayed > 1000
+    assert {o.verdict.reason for _, o in cut.companions[0].ticks(6.5, 10.0)} == {Reason.PLAN}
+    assert cut.companions[0].echoes == 0
+    cut.check_always()
     for faults in ([], [{"kind": "link_flood", "amount": 1e7, "at": 6.0}]):
         f = flown_with(watch, faults, **SHORT)
         c = f.companions[0]
