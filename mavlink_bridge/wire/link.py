@@ -227,8 +227,8 @@ class Link:
     def receive(self, renew: bool = True) -> list[Received]:
         """Return the messages that have arrived, oldest first; never block.
 
-        A flood costs a bounded time: so much is read, and the newest of what begins with an accepted
-        frame is decoded. renew: begin a new allowance, as once a tick.
+        A flood costs a bounded time: so much is read, and the newest of what begins with an
+        accepted frame is decoded. renew: begin a new allowance, as once a tick.
         """
         if renew:
             self._allowance = Allowance()
