@@ -1,7 +1,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup sitl test test-long faults mutants coverage fuzz renew-flight dialect lock sbom release docs lint bench reproducible clean
+.PHONY: setup sitl test test-long faults mutants coverage fuzz renew-flight dialect lock kernels sbom release docs lint bench reproducible clean
 
 setup: .venv/.ready
 
@@ -78,6 +78,10 @@ lock: setup
 	        $(CURDIR)/pyproject.toml --output-file $$extra.txt || exit 1; \
 	done
 
+# The solver's kernels for x86_64 and aarch64, into the package: boards then need no compiler.
+kernels: setup
+	$(BIN)/python -m companion.control.nmpc.build_kernels
+
 # The bill of materials of what boards install (CycloneDX); the generator validates it.
 sbom: setup
 	mkdir -p dist
@@ -85,7 +89,7 @@ sbom: setup
 	    --output-reproducible --spec-version 1.6 --validate --output-file dist/sbom.cdx.json
 
 # A release to publish: `make release KEY=~/.ssh/release` (docs/deploy.md).
-release: setup sbom
+release: setup sbom kernels
 	$(BIN)/companion deploy --make-release dist/swarm-companion.tar $(if $(KEY),--sign $(KEY))
 	cd dist && sha256sum swarm-companion.tar sbom.cdx.json > SHA256SUMS
 

@@ -116,6 +116,11 @@ class Companion:
         self._last = Tick(-np.inf, motion=MotionEstimate(None, hover, Delay(c.timing.delay, 0.0)))
         self._failed_late = ""  # a failure that supervision has not been told of
 
+    @property
+    def solver(self) -> str:
+        """What solves the NMPC's programmes (`Planning.backend`)."""
+        return self._planning.backend
+
     def tick(self, inputs: TickInputs) -> Tick:
         """Decide once. The same inputs in the same order give the same results.
 

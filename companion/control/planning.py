@@ -39,6 +39,11 @@ class Planning:
         self._formulation = formulation
         self._self_tested = False
 
+    @property
+    def backend(self) -> str:
+        """What solves the NMPC's programmes: `compiled`, or `piqp`; empty: another controller."""
+        return str(getattr(self._planner, "backend", ""))
+
     def plan(
         self,
         own: VehicleState | None,

@@ -49,7 +49,7 @@ def _software() -> Finding:
 
 def _speed(config: CompanionConfig) -> Iterator[Finding]:
     """Measure a tick: recorded instances through the solver, noise through the detectors."""
-    todo = "install gcc: the first start compiles the solver's kernel, once"
+    todo = "install gcc (the first start compiles the solver's kernel, once), or a released wheel"
     try:
         nmpc = Nmpc(config.nmpc, time.perf_counter)
     except ModuleNotFoundError as error:

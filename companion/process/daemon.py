@@ -72,8 +72,9 @@ class Daemon:
         me = Source(link.system_id, link.component_id)
         self._presence = Presence(me, 1 + secrets.randbelow((1 << 32) - 1))
         self._pace = _make_pace(config, self._link, self._frames, self._presence)
+        companion = Companion(config, time.perf_counter)
         self._session = Session(
-            Companion(config, time.perf_counter),
+            companion,
             self._link,
             lambda: self._pace.misses,
             self._presence,
@@ -91,7 +92,10 @@ class Daemon:
             endpoint=link.endpoint,
             camera=config.camera.source,
             log=self._session.recorder and self._session.recorder.path,
+            solver=companion.solver,
         )
+        if companion.solver == "piqp":
+            event("slow solver", logging.WARNING, why="no C compiler, and no kernel of this size")
 
     def run(self) -> bool:
         """Tick until a signal stops the daemon, or the sender of the frames hangs up.

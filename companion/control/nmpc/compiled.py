@@ -1,9 +1,10 @@
 """The compiled path: the kernel in C and CasADi's generated stage functions as one shared library.
 
-It is used where there is a C compiler, and kept in the user's cache by the hash of its source. It
-is never required: every failure gives None, and the solver goes on with CasADi's virtual machine
-and PIQP, where that is installed (extra `piqp`). The weights are arguments, so drones that differ
-only in weights share a library.
+A wheel brings it compiled for the default sizes of the problem (`prebuilt.py`). Else it is used
+where there is a C compiler, and kept in the user's cache by the hash of its source. It is never
+required: every failure gives None, and the solver goes on with CasADi's virtual machine and PIQP,
+where that is installed (extra `piqp`). The weights are arguments, so drones that differ only in
+weights share a library.
 """
 
 from __future__ import annotations
@@ -23,26 +24,31 @@ from pathlib import Path
 
 import casadi as ca
 
+from companion.control.nmpc import prebuilt
 from companion.control.nmpc.config import NmpcConfig
-from companion.control.nmpc.kernel import FILES, MAX_ROWS, MAX_STAGES, SIZES
+from companion.control.nmpc.kernel import FILES, MAX_ROWS, MAX_STAGES
 from companion.control.nmpc.problem import Stage
 
-# No -ffast-math: the order of operations is the same on every run.
-FLAGS = (
-    *("-O3", "-march=native", "-fno-math-errno", "-fPIC", "-shared"),
-    *(f"-D{name}={size}" for name, size in SIZES.items()),
-)
-COMPILE_TIME = 600  # s: an idle machine takes three, a loaded one many times that
+_OPTIONS = ("-march=native",)
+_COMPILE_TIME = 600  # s: an idle machine takes three, a loaded one many times that
 
 
 def library(stage: Stage, config: NmpcConfig) -> ctypes.CDLL | None:
-    """Return the library of these stage functions: cached, freshly compiled, or None."""
+    """Return the library of these stage functions: the wheel's, cached, fresh, or None."""
+    if config.N > MAX_STAGES or len(stage.margin.rows) > MAX_ROWS:
+        return None
+    code = source(stage)
+    found = prebuilt.load(code)
+    return found if found is not None else _compiled_here(code)
+
+
+def _compiled_here(code: str) -> ctypes.CDLL | None:
+    """Return the library that this machine's compiler makes, from the cache where it is there."""
     compiler = shutil.which(os.environ.get("CC", "")) or shutil.which("gcc") or shutil.which("cc")
-    if compiler is None or config.N > MAX_STAGES or len(stage.margin.rows) > MAX_ROWS:
+    if compiler is None:
         return None
     try:
-        code = source(stage)
-        key = "\n".join([code, *FLAGS, compiler, _processor()])
+        key = "\n".join([code, *prebuilt.FLAGS, *_OPTIONS, compiler, _processor()])
         path = _cache() / f"nmpc-{hashlib.sha256(key.encode()).hexdigest()[:20]}.so"
         with _lock(path.parent):
             if path.exists():
@@ -61,6 +67,16 @@ def source(stage: Stage) -> str:
     generator.add(stage.evaluate)
     package = resources.files("companion.control.nmpc")
     return "\n".join([generator.dump(), *(package.joinpath(k).read_text() for k in FILES)])
+
+
+def compile_kernel(compiler: str, options: tuple[str, ...], source: Path, built: Path) -> None:
+    """Compile a kernel.
+
+    Raises:
+        OSError, SubprocessError: there is no such compiler, or it fails.
+    """
+    command = [compiler, *prebuilt.FLAGS, *options, "-o", str(built), str(source), "-lm"]
+    subprocess.run(command, check=True, capture_output=True, timeout=_COMPILE_TIME)
 
 
 def _processor() -> str:
@@ -95,6 +111,5 @@ def _compile(compiler: str, source: str, path: Path) -> None:
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         code, built = Path(folder) / "nmpc.c", Path(folder) / "nmpc.so"
         code.write_text(source)
-        command = [compiler, *FLAGS, "-o", str(built), str(code), "-lm"]
-        subprocess.run(command, check=True, capture_output=True, timeout=COMPILE_TIME)
+        compile_kernel(compiler, _OPTIONS, code, built)
         built.replace(path)

@@ -9,8 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from companion.control.nmpc import Nmpc, NmpcConfig, compiled
+from companion.control.nmpc import Nmpc, NmpcConfig, compiled, prebuilt
 from tests.companion.control.nmpc.scenes import CONFIG, random_scene
+
+
+@pytest.fixture(autouse=True)
+def no_kernels_of_a_wheel(tmp_path, monkeypatch):
+    monkeypatch.setattr(prebuilt, "FOLDER", tmp_path / "none")
 
 
 @pytest.fixture
@@ -70,7 +75,7 @@ def test_processes_that_start_together_compile_once(cache):
     needs_compiler()
     start = (
         "from companion.control.nmpc import Nmpc, NmpcConfig;"
-        "print(Nmpc(NmpcConfig(N=6, M_constraint=6)).backend)"
+        "print(Nmpc(NmpcConfig(cylinders=5)).backend)"
     )
     calls = cache.parent / "calls"
     wrapper = cache.parent / "cc"

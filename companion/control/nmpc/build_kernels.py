@@ -1,0 +1,57 @@
+"""Builds the kernels that a wheel brings (`prebuilt.py`): `make kernels`."""
+
+from __future__ import annotations
+
+import platform
+import shutil
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from companion.control.nmpc.compiled import compile_kernel, source
+from companion.control.nmpc.config import NmpcConfig
+from companion.control.nmpc.prebuilt import FOLDER, LEVELS, file_name
+from companion.control.nmpc.problem import build_stage
+
+
+def build(folder: Path, machines: Sequence[str]) -> Iterator[Path]:
+    """Build the kernels of the default problem for some kinds of processor; yield each file.
+
+    Raises:
+        FileNotFoundError: a compiler is missing; the error names it.
+        SubprocessError: it fails.
+    """
+    problem = source(build_stage(NmpcConfig()))
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    code = folder / "nmpc.c"
+    code.write_text(problem)
+    for machine in machines:
+        compiler = "gcc" if machine == platform.machine() else f"{machine}-linux-gnu-gcc"
+        if shutil.which(compiler) is None:
+            raise FileNotFoundError(f"{compiler} is not installed (Debian: {_package(machine)})")
+        for level in LEVELS[machine]:
+            built = folder / file_name(machine, level, problem)
+            compile_kernel(compiler, level.options, code, built)
+            yield built
+    code.unlink()
+
+
+def main() -> int:
+    """Build all kernels into the package; 0, or 2 with what is missing."""
+    try:
+        for built in build(FOLDER, tuple(LEVELS)):
+            print(f"{built.name}  {built.stat().st_size // 1024} kB")
+    except FileNotFoundError as error:
+        print(f"make kernels: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _package(machine: str) -> str:
+    name = machine.replace("_", "-")
+    return "gcc" if machine == platform.machine() else f"gcc-{name}-linux-gnu"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
