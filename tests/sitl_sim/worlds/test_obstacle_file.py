@@ -77,5 +77,5 @@ def test_what_is_no_survey_is_told(tmp_path):
     with pytest.raises(SettingsError, match=r"world.obstacles: .*cannot be read: No such file"):
         read_obstacles(tmp_path / "none.csv")
     (tmp_path / "trees.txt").touch()
-    with pytest.raises(SettingsError, match=r"must end in .csv or .geojson"):
+    with pytest.raises(SettingsError, match=r"must end in .csv, .geojson, .pcd or .ply"):
         read_obstacles(tmp_path / "trees.txt")
