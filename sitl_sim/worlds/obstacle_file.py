@@ -36,14 +36,19 @@ def with_file(world: WorldConfig) -> WorldConfig:
         return world
     path = Path(world.obstacles)
     if path.suffix.lower() not in SUFFIXES:
-        shapes = {"cylinders": [*world.cylinders, *read_obstacles(path)]}
-        return world.model_copy(update={"obstacles": None, **shapes})
+        trunks = [*world.cylinders, *read_obstacles(path)]
+        return world.model_copy(update={"obstacles": None, "cylinders": trunks})
     points = read_points(path)
     from sitl_sim.worlds.cloud_obstacles import obstacles_of  # scipy: not for every flight
 
-    trunks, boxes = obstacles_of(points, world)
-    shapes = {"cylinders": [*world.cylinders, *trunks], "boxes": [*world.boxes, *boxes]}
-    return world.model_copy(update={"obstacles": None, **shapes})
+    found, boxes = obstacles_of(points, world)
+    return world.model_copy(
+        update={
+            "obstacles": None,
+            "cylinders": [*world.cylinders, *found],
+            "boxes": [*world.boxes, *boxes],
+        }
+    )
 
 
 def read_obstacles(path: Path) -> list[Cylinder]:

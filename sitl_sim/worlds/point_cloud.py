@@ -52,7 +52,7 @@ def read_points(path: Path) -> Vector:
 
 
 def _pcd(path: Path) -> Vector:
-    from pypcd4 import PointCloud
+    from pypcd4.pypcd4 import PointCloud
 
     cloud = PointCloud.from_path(path)
     missing = [field for field in "xyz" if field not in cloud.fields]
