@@ -117,17 +117,23 @@ BROWN, COLD = [50.0, 78, 120], np.array([1.35, 1.0, 0.74])
 STAND = [(3.0, 0.3, 0.5), (6.0, -3.0, 0.8), (9.0, 4.0, 1.0)]
 
 
-def clarity(looks, altitude=2.0, **colours):
-    """Clarity after so many looks at three trunks, from attitudes as in flight."""
+def clarity(looks, altitude=2.0, stand=STAND, **colours):
+    """Clarity after so many looks at trunks, from attitudes as in flight."""
     detector = TrunkDetector(CAMERA)
     for n in range(looks):
         down = gravity(8 * np.sin(n), 8 * np.cos(n))
-        detector.detect(picture(STAND, down, altitude, **colours), down, altitude)
+        detector.detect(picture(stand, down, altitude, **colours), down, altitude)
     return detector.clarity
 
 
 def test_bark_on_litter_is_clear():
     assert clarity(12) > 0.85
+
+
+def test_beside_a_warm_trunk_in_its_shade_it_is_clear():
+    """A drone that passed such a trunk at 0.6 m was told that it saw nothing, and stayed there."""
+    beside = [(0.9, 1.3, 1.0), *STAND]
+    assert clarity(12, stand=beside, ground_colour=[64, 85, 112], bark=[42, 52, 61]) > 0.5
 
 
 @pytest.mark.parametrize(
