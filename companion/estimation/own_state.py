@@ -7,9 +7,11 @@ attitude at its capture, a tick needs the state now. Samples that cannot be true
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import TypeVar
 
 import numpy as np
@@ -30,6 +32,7 @@ from mavlink_bridge.wire.messages import (
 _TINY = float(np.finfo(np.float32).tiny)
 _SAMPLES = (Attitude, LocalPosition, Odometry)
 _Sample = TypeVar("_Sample", Attitude, LocalPosition)
+_time = attrgetter("time")
 _TIMEOUT = 0.5  # s without a stream, after which a substitute is accepted
 _JUMP = 1.0  # m beyond what velocity and acceleration explain: a jump, not a motion
 _ACCELERATION = 10.0  # m/s², the most between two samples
@@ -291,10 +294,8 @@ def _finite(values: Vector) -> bool:
 
 
 def _nearest(samples: deque[_Sample], time: float) -> _Sample:
-    """Return the sample nearest to `time` [s], searching from the newest."""
-    best = samples[-1]
-    for sample in reversed(samples):
-        if abs(sample.time - time) > abs(best.time - time):
-            break
-        best = sample
-    return best
+    """Return the sample nearest to `time` [s]; of two that are as near, the older one."""
+    n = bisect_left(samples, time, key=_time)
+    if n == len(samples) or (n > 0 and time - samples[n - 1].time <= samples[n].time - time):
+        n = bisect_left(samples, samples[n - 1].time, key=_time)
+    return samples[n]

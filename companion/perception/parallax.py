@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from companion.perception.view import View
 from companion.types import Detection, Image
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, cross
 from mavlink_bridge.wire.messages import VehicleState
 
 _WIDTH = 320  # px of the reduced picture
@@ -228,7 +228,7 @@ class Parallax:
         places = c.places
         lengths = np.linalg.norm(places - p, axis=1)
         moved = c.origins - p
-        across = np.linalg.norm(np.cross(moved, c.rays), axis=1)
+        across = np.linalg.norm(cross(moved, c.rays), axis=1)
         parallax = across / np.maximum(lengths, _NEAREST)
         sigmas = np.sqrt(c.variance) / c.inverse**2
         sure = (sigmas < SURE * lengths) & (parallax > _LEAST_PARALLAX)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from companion.perception.camera import Camera
 from companion.types import Image
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, cross
 
 _WIDTH = 160  # px of the reduced picture: subpixel tracking makes 0.05° of it
 _CORNERS = 50
@@ -85,11 +85,11 @@ def fit_rotation(
     flow = (after @ moved)[:, None] * after - moved  # of a point 1 m away
     length = np.linalg.norm(flow, axis=1) / _DISTANCE
     along = flow / np.maximum(length * _DISTANCE, 1e-9)[:, None]
-    across = np.cross(after, along)
+    across = cross(after, along)
     if length.max() < 1e-6:  # without motion any two directions will do
-        along = np.cross(after, [0.0, 1.0, 1e-3])
+        along = cross(after, np.array([0.0, 1.0, 1e-3]))
         along /= np.linalg.norm(along, axis=1)[:, None]
-        across = np.cross(after, along)
+        across = cross(after, along)
     weights = np.stack([1.0 / (sigma**2 + length**2), np.full(len(after), sigma**-2)])
     rotation, trust = np.eye(3), np.ones(len(after))
     for _ in range(_STEPS):
@@ -97,7 +97,7 @@ def fit_rotation(
         error = after - turned
         a = np.einsum("ij,ij->i", error, along) - length
         b = np.einsum("ij,ij->i", error, across)
-        rows = np.concatenate([np.cross(turned, along), np.cross(turned, across)])
+        rows = np.concatenate([cross(turned, along), cross(turned, across)])
         w = (weights * trust).ravel()
         information = (rows * w[:, None]).T @ rows + 1e-6 * np.eye(3)
         step = np.linalg.solve(information, rows.T @ (w * np.concatenate([a, b])))

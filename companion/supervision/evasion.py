@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.supervision.certificate import DT, Trajectories
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, cross
 from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.frames import rotation_matrix
 
@@ -124,11 +124,11 @@ def _force(v: Vector, wanted: Vector, weight: Vector, law: Law) -> Vector:
 def _turned(axis: Vector, force: Vector, law: Law) -> tuple[Vector, Vector]:
     """Return thrust axes (n,3) turned towards the force for one tick, and the turns (n,3) rad."""
     towards = force / np.linalg.norm(force, axis=1, keepdims=True)
-    cross = np.cross(axis, towards)
-    sine = np.linalg.norm(cross, axis=1, keepdims=True)
+    across = cross(axis, towards)
+    sine = np.linalg.norm(across, axis=1, keepdims=True)
     angle = np.arctan2(sine, (axis * towards).sum(axis=1, keepdims=True))
     most = np.minimum(law.attitude_gain * DT, 1.0) * angle
     most = np.minimum(most, law.omega_max * DT)
-    normal = cross / np.maximum(sine, 1e-9)
-    turned = np.cos(most) * axis + np.sin(most) * np.cross(normal, axis)
+    normal = across / np.maximum(sine, 1e-9)
+    turned = np.cos(most) * axis + np.sin(most) * cross(normal, axis)
     return turned, most * normal

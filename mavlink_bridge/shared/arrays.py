@@ -1,4 +1,4 @@
-"""Array types of all three packages."""
+"""Array types of all three packages, and products of short vectors."""
 
 from __future__ import annotations
 
@@ -6,3 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """Return a × b of vectors (3,) or (n,3); one may be (3,) where the other is (n,3).
+
+    numpy.cross gives the same bits, and takes several times as long for so few vectors.
+    """
+    a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]
+    b0, b1, b2 = b[..., 0], b[..., 1], b[..., 2]
+    out = np.empty(a.shape if a.ndim >= b.ndim else b.shape)
+    out[..., 0] = a1 * b2 - a2 * b1
+    out[..., 1] = a2 * b0 - a0 * b2
+    out[..., 2] = a0 * b1 - a1 * b0
+    return out
