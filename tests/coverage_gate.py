@@ -20,7 +20,7 @@ LEFT_OUT = ("mavlink_bridge/wire/dialect/common.py", "mavlink_bridge/wire/video.
 TESTS = ("tests/companion/supervision", "tests/companion/estimation", "tests/companion/guidance",
          "tests/mavlink_bridge/wire")  # fmt: skip
 # Searches of whole state spaces, and tests of what reading costs: slow while lines are counted.
-NOT_RUN = "not model and not flood and not bounded_time and not in_proportion"
+NOT_RUN = "not model and not flood and not bounded_time and not in_proportion and not displaces"
 
 
 def main():

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from tests.companion.deployment import free_ports
+from tests.companion.patience import PATIENCE
 
 SCENARIO = """
 fileversion: 1
@@ -98,7 +99,7 @@ def world(tmp_path_factory, request):
 
 
 def _until_listening(port, process):
-    deadline = time.monotonic() + 60.0
+    deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline and process.poll() is None:
         listening = f"0100007F:{port:04X} 00000000:0000 0A"  # state LISTEN
         if listening in Path("/proc/net/tcp").read_text():
@@ -140,8 +141,8 @@ class RunningDaemon:
         file = self.folder / "state.json"
         return json.loads(file.read_text()) if file.exists() else {}
 
-    def until_phase(self, phase, seconds):
-        deadline = time.monotonic() + seconds
+    def until_phase(self, phase):
+        deadline = time.monotonic() + PATIENCE
         while self.state().get("phase") != phase:
             assert time.monotonic() < deadline, (self.state(), self.log())
             self.listen(0.1)

@@ -23,11 +23,13 @@ class _Unlisted(mavlink.MAVLink_message):  # type: ignore[misc]  # generated, re
     crc_extra: ClassVar[int]
     fieldnames: ClassVar[list[str]]
     ordered_fieldnames: ClassVar[list[str]]
+    fieldtypes: ClassVar[list[str]]
     lengths: ClassVar[list[int]]
     unpacker: ClassVar[struct.Struct]
 
     def __init_subclass__(cls) -> None:
         cls.fieldnames = cls.ordered_fieldnames = [name for name, _, _ in cls.table]
+        cls.fieldtypes = [kind for _, kind, _ in cls.table]
         cls.lengths = [1 if kind == "char" else max(n, 1) for _, kind, n in cls.table]
         codes = {"uint64_t": "Q", "uint32_t": "I", "uint16_t": "H", "uint8_t": "B", "char": "s"}
         cls.unpacker = struct.Struct(

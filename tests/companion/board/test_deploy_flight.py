@@ -90,7 +90,7 @@ def test_deployed_flown_upgraded_rolled_back(wheel, world, start_daemon, tmp_pat
     for daemon in daemons:
         assert daemon.listen(PATIENCE, until="READY=1"), daemon.log()
     for daemon in daemons:
-        daemon.until_phase("fly", 40.0)
+        daemon.until_phase("fly")
 
     # An upgrade under way does not reach into what flies; then one is rolled back.
     newer = changed(wheel, tmp_path / "newer")

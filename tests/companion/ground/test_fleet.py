@@ -49,7 +49,7 @@ def fleet(world, tmp_path, capfd):
 def test_arm_take_off_start_hold_land(fleet, start_daemon):
     companion = start_daemon(fleet.drones / "drone1.yaml")
     assert companion.listen(PATIENCE, until="READY=1"), companion.log()
-    companion.until_phase("wait", 2.0)  # told a moment after READY
+    companion.until_phase("wait")  # told a moment after READY
 
     both = ("--only", "drone1", "drone2")
     status, rows = fleet("arm", *both)
@@ -62,9 +62,9 @@ def test_arm_take_off_start_hold_land(fleet, start_daemon):
 
     status, rows = fleet("start", "--only", "drone1")
     assert (status, rows[0]["mode"]) == (0, "offboard")
-    companion.until_phase("fly", 5.0)
+    companion.until_phase("fly")
     assert fleet("hold", *both)[0] == 0
-    companion.until_phase("passive", 5.0)  # and it never takes control back
+    companion.until_phase("passive")  # and it never takes control back
     status, rows = fleet("land", *both)
     assert status == 0
     assert [r["mode"] for r in rows] == ["land", "land"]

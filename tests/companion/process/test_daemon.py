@@ -30,27 +30,33 @@ def test_ready_watchdog_and_an_orderly_end_in_flight(world, start_daemon):
     assert daemon.listen(PATIENCE, until="READY=1"), daemon.log()
     before_ready = [line for _, line in daemon.heard if line.startswith("WATCHDOG")]
     assert not before_ready[1:], "the watchdog is not fed before READY"
-    daemon.until_phase("fly", 30.0)
+    daemon.until_phase("fly")
 
     heard = daemon.count("WATCHDOG=1")
     daemon.listen(2.0)
     assert daemon.count("WATCHDOG=1") - heard >= 2 * 2 / WATCHDOG  # at least twice its rate
 
-    asked = time.monotonic()
+    before = cpu_seconds(daemon.process.pid)
     daemon.process.send_signal(signal.SIGTERM)
     assert daemon.listen(PATIENCE, until="STOPPING=1")
-    assert daemon.process.wait(PATIENCE) == 0
-    assert time.monotonic() - asked <= 2.0
+    _, status, used = os.wait4(daemon.process.pid, 0)
+    daemon.process.returncode = os.waitstatus_to_exitcode(status)
+    assert daemon.process.returncode == 0
+    # 2 s, by its own ticks and by processor time: however loaded the machine is.
+    (log,) = daemon.folder.glob("flight-*.mcap")
+    leaving = [i.leave for i in read_log(log).inputs]
+    assert 1 <= sum(leaving) <= 20
+    assert leaving == sorted(leaving)
+    assert used.ru_utime + used.ru_stime - before <= 2.0
     assert vehicle_mode(ground, 1) == (True, "hold")
     assert "stopped" in daemon.log()
-    assert len(list(daemon.folder.glob("flight-*.mcap"))) == 1
     ground.close()
 
 
 def vehicle_mode(ground, system):
     """Return (armed, mode) of the latest heartbeat that a ground station hears."""
     list(ground.receive())  # what waited since the start
-    codec, deadline = Codec(255, 190), time.monotonic() + 3.0
+    codec, deadline = Codec(255, 190), time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
         for packet in ground.receive():
             for received in codec.decode_datagram(packet):

@@ -48,7 +48,7 @@ def flown(world, start_daemon):
         config.write_text(config.read_text().replace(f":{world.companion_port + i}", f":{port}"))
         daemon = start_daemon(config, command=command)
         assert daemon.listen(PATIENCE, until="READY=1"), daemon.log()
-        daemon.until_phase("fly", 40.0)
+        daemon.until_phase("fly")
         daemon.listen(1.0)
         return daemon, relays[-1], config
 

@@ -213,12 +213,12 @@ def test_an_unplugged_serial_line_is_reported_and_comes_back(line, tmp_path):
     master, slave = pty.openpty()
     tty.setraw(slave)
     name.symlink_to(os.ttyname(slave))
-    unplugged = time.monotonic()
-    end = unplugged + 5.0
-    while link.problem and time.monotonic() < end:
+    looks = 0
+    while link.problem and looks < 40:  # 2 s, or longer on a busy machine
         link.wait(0.05)
         link.receive()
-    assert time.monotonic() - unplugged < 2.0
+        looks += 1
+    assert not link.problem
     os.write(master, Codec(1, 1).encode([HEARTBEAT]))
     assert [r.message for r in receive(link, 1)] == [HEARTBEAT]
     assert link.endpoint.reconnects == 1
