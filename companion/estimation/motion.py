@@ -70,6 +70,8 @@ class MotionEstimator:
         """
         # In LAND the autopilot may fly already: HEARTBEAT tells it up to a second later.
         hover = self._hover_thrust.update(own, told, ours=phase is Phase.FLY)
+        if own is not None and told.airborne and phase in (Phase.WAIT, Phase.TAKEOFF, Phase.ENGAGE):
+            self.predictor.watch(own)
         if own is None or not phase.flying:
             return MotionEstimate(None, hover, self._delay.estimate)
         delay = self._delay.measured(own.time, attitudes)

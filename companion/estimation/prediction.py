@@ -12,10 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.estimation.input_history import InputHistory
-from companion.model import observed_disturbance, predict
+from companion.model import HOVER, observed_disturbance, predict
 from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.wire.messages import VehicleState
 
+# A hovering vehicle tilts less than this [cosine]; more is a manoeuvre, or an upset.
+_UPRIGHT = 0.8
 # Two observations farther apart than this [s] say nothing of the disturbance.
 _LONGEST_GAP = 0.25
 
@@ -66,6 +69,24 @@ class StatePredictor:
                     self.disturbance, expected[3:6], own.v, own.time - then
                 )
         self._before = own.time, x, epoch
+
+    def watch(self, own: VehicleState) -> None:
+        """Observe the disturbance while the autopilot flies, whose thrust is not known.
+
+        It carries the weight along an axis that is known: what else that axis pushes and does not
+        move the vehicle, the wind holds against. So the first command knows the wind already.
+        """
+        x, axis = state_vector(own), rotation_matrix(own.q_wb)[:, 2]
+        if self._before is not None and axis[2] > _UPRIGHT:
+            then, x_then, _ = self._before
+            dt = own.time - then
+            if 0.0 < dt < _LONGEST_GAP:
+                climb = float(own.v[2] - x_then[5]) / dt
+                thrust = np.array([max(HOVER[0] + climb, 0.0) / axis[2], 0.0, 0.0, 0.0])
+                expected = predict(x_then, thrust, dt, self._outside(x_then[3:6]))
+                level = np.array([expected[3], expected[4], own.v[2]])
+                self.disturbance = observed_disturbance(self.disturbance, level, own.v, dt)
+        self._before = own.time, x, self._history.epoch
 
     def ahead(self, own: VehicleState) -> Vector:
         """Return the (10,) state p, v, q at which the input of this tick takes effect."""

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from companion.estimation.input_history import InputHistory, SentInput
 from companion.estimation.prediction import StatePredictor
@@ -95,3 +97,34 @@ def test_drag_that_is_known_is_no_disturbance():
     told = f.update(vehicle(10.0, x))
     assert told.disturbance[:2] == pytest.approx(-drag * x[3:5], abs=0.02)
     assert told.disturbance[2] == pytest.approx(0.0, abs=0.02)
+
+
+def _turn(axis):
+    """Return the attitude q_wb (4,) that turns the thrust axis up to `axis` (3,), without yaw."""
+    q = np.array([1.0 + axis[2], -axis[1], axis[0], 0.0])
+    return q / np.linalg.norm(q)
+
+
+ACCELERATIONS = st.tuples(*[st.floats(-2.0, 2.0)] * 3).map(np.array)
+
+
+@given(wind=ACCELERATIONS, motion=ACCELERATIONS, gap=st.sampled_from([0.05, 0.1, 0.2]))
+def test_the_wind_is_known_before_the_own_inputs_fly(wind, motion, gap):
+    """While an autopilot holds or accelerates, by whatever thrust, wind shows in its tilt."""
+    wind[2] = 0.0  # what pushes up or down, its thrust has made up for
+    axis = motion - wind + [0.0, 0.0, GRAVITY]
+    f, x = Predictor(DELAY), rest()
+    x[6:] = _turn(axis / np.linalg.norm(axis))
+    for k in range(80):
+        f.watch(vehicle(gap * k, x))
+        x = x.copy()
+        x[3:6] += gap * motion
+    assert f.disturbance == pytest.approx(wind, abs=0.02)
+
+
+def test_an_upset_vehicle_tells_nothing_of_the_wind():
+    f, x = Predictor(DELAY), rest()
+    x[6:] = _turn(np.array([0.7, 0.0, 0.714]))
+    for k in range(20):
+        f.watch(vehicle(0.1 * k, x))
+    assert not f.disturbance.any()
