@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from companion.estimation.delay import DelayEstimator
 from companion.estimation.input_history import SentInput
@@ -73,3 +75,43 @@ def test_signals_of_before_a_reset_are_not_compared_with_those_after_it():
     flight.estimator.reset()  # as after each tick at which the autopilot flew by itself
     assert flight.fly(0.1) == before
     assert flight.fly(5.0).value == pytest.approx(0.12, abs=0.01)
+
+
+def _of_cost(cost, weight, prior=0.1, sigma=0.1):
+    estimator = DelayEstimator(prior, sigma)
+    estimator._cost, estimator._weight = cost, weight
+    return estimator._best()
+
+
+GRID = 0.01 * np.arange(41)
+
+
+@given(at=st.floats(0.015, 0.385), sharp=st.floats(20.0, 350.0), weight=st.floats(0.5, 8.0))
+def test_the_best_delay_is_where_data_and_prior_agree_best(at, sharp, weight):
+    """Both are parabolas, so that their minimum and its doubt are known in closed form.
+
+    The errors of 0.03 rad/s count for 0.16 s each: a cost of as many is one σ² of doubt.
+    """
+    unit = 0.16 * 0.03**2
+    data, prior = sharp**2, 1.0 / 0.1**2  # 1/s², the inverse of their variances
+    found = _of_cost(unit * data * (GRID - at) ** 2, weight)
+    mean, most = (data * at + prior * 0.1) / (data + prior), 0.39
+    assert found.value == pytest.approx(min(max(mean, 0.0), most + 0.01), abs=1e-6)
+    assert found.sigma == pytest.approx(min(np.hypot((data + prior) ** -0.5, 0.003), 0.1), rel=1e-4)
+
+
+@given(floor=st.floats(0.002, 0.1), weight=st.floats(0.5, 8.0))
+def test_the_doubt_of_a_delay_grows_with_the_errors_that_are_left(floor, weight):
+    """Where even the best delay leaves errors, these are the noise, per second of signal."""
+    bent = 0.16 * 400.0**2 * 0.03**2 * (GRID - 0.2) ** 2
+    found = _of_cost(bent + floor * weight, weight, prior=0.2)
+    data = 400.0**2 * 0.03**2 / max(floor, 0.03**2)
+    expected = np.hypot((data + 100.0) ** -0.5, 0.003)
+    assert found.value == pytest.approx(0.2, abs=1e-6)
+    assert found.sigma == pytest.approx(min(expected, 0.1), rel=1e-3)
+
+
+@pytest.mark.parametrize(("edge", "value"), [(0, 0.0), (40, 0.4)])
+def test_a_delay_at_the_end_of_the_grid_stays_on_it(edge, value):
+    cost = 10.0 * (GRID - GRID[edge]) ** 2
+    assert _of_cost(cost, 1.0, prior=GRID[edge]).value == pytest.approx(value, abs=0.0051)

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from companion.estimation.obstacle_map import ObstacleConfig, ObstacleMap
 from companion.perception.parallax import FixedPoints
@@ -155,3 +157,59 @@ def test_a_trunk_that_points_are_seen_through_is_forgotten(depth, left):
         known.see_through(p, behind)
     fly(known, -3.0)  # farther than it must be seen from
     assert len(known.cylinders(p)) == left
+
+
+OUTSIDE = st.one_of(st.floats(-2.5, -0.7), st.floats(0.7, 2.5))
+
+
+@given(
+    course=st.floats(-np.pi, np.pi),
+    eye=st.tuples(st.floats(-20.0, 20.0), st.floats(-20.0, 20.0), st.floats(1.0, 3.0)),
+    beyond=st.floats(0.02, 8.0),
+    sigma=st.floats(0.0, 0.5),
+    aside=st.one_of(st.floats(-0.5, 0.5), OUTSIDE),
+    crossing=st.one_of(st.floats(0.4, 3.0), st.floats(-1.0, 0.2)),
+    wrong=st.sampled_from(["", "before it", "behind us", "on the far side", "alone"]),
+)
+def test_a_look_through_a_trunk_is_two_lines_through_its_middle(
+    course, eye, beyond, sigma, aside, crossing, wrong
+):
+    """Lines of sight made from where they cross the trunk, in polar form about the eye."""
+    radius, distance = 0.4, 4.0
+    known, eye = ObstacleMap(ObstacleConfig()), np.array(eye)
+    for _ in range(8):
+        fly_at(known, eye[:2] + distance * bearing(course), radius)
+    (trunk,) = known.cylinders(eye)
+    axis, radius = trunk[:2], trunk[2]
+    distance = float(np.hypot(*(axis - eye[:2])))
+    course = float(np.arctan2(*(axis - eye[:2])[::-1]))
+    angle = course + np.arcsin(np.clip(aside * radius / distance, -1.0, 1.0))
+    closest = distance * np.cos(angle - course)  # along the line, where it passes the axis
+    # At least this far beyond the trunk, which the doubt of the point allows for.
+    far = closest + radius + 0.5 + 4.0 * sigma + beyond
+    if wrong == "before it":
+        far = max(closest - radius - 0.1, 0.2)
+    elif wrong == "behind us":
+        angle += np.pi
+    elif wrong == "on the far side":
+        far = closest + radius + 0.5 + 4.0 * sigma - 0.02
+    level = eye[:2] + far * bearing(angle)
+    height = eye[2] + (crossing - eye[2]) * far / closest
+    rows = [[*level, height, sigma, float(n)] for n in range(1 if wrong == "alone" else 2)]
+    before = known._landmarks[0].misses
+    known.see_through(eye, FixedPoints.from_rows(np.array(rows)))
+    expected = not wrong and abs(aside) < 0.6 and crossing > 0.3
+    assert known._landmarks[0].misses - before == float(expected)
+
+
+def bearing(angle):
+    """Return the level direction (2,) at an angle from east."""
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+def fly_at(known, axis, radius):
+    """Take one look at a trunk from 4 m west of it."""
+    p = np.array([axis[0] - 4.0, axis[1], 2.0])
+    own = VehicleState(0.0, p, np.zeros(3), LEVEL, np.zeros(3))
+    ahead = Trunk(np.array([0.0, 0.0, 1.0]), 4.0, radius, 0.1)
+    known.update([ahead], own, FORWARD, np.radians(80.0))

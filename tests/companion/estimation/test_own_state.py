@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from companion.estimation.own_state import OwnState
 from mavlink_bridge.wire.messages import Attitude, LocalPosition
@@ -85,3 +87,29 @@ def test_a_clock_that_goes_back_leaves_telemetry_of_the_future():
     state = fed()
     state.add([], horizon=-0.32)
     assert state.age(-0.32) < -0.4
+
+
+TRIPLE = st.tuples(*[st.integers(-1000, 1000)] * 3).map(lambda a: np.array(a) / 1000.0)
+
+
+@given(dt=st.floats(0.01, 0.5), before=TRIPLE, a=TRIPLE, way=TRIPLE)
+def test_a_jump_is_what_no_motion_of_bounded_acceleration_explains(dt, before, a, way):
+    """From any speed; 1 m beyond what 10 m/s² can do is a jump, and less is none."""
+    start, v = 100.0 * before, 15.0 * before
+    a = 9.9 * a / max(np.linalg.norm(a), 1.0)
+    reached = start + v * dt + 0.5 * a * dt**2
+    then = v + a * dt
+    unit = way / max(np.linalg.norm(way), 1e-6)
+    if np.linalg.norm(unit) < 0.9:
+        unit = np.array([1.0, 0.0, 0.0])
+    mean = start + 0.5 * dt * (v + then)
+    room = 1.0 + 0.5 * 10.0 * dt**2
+    for there, jumps in (
+        (reached, 0),
+        (mean + 0.98 * room * unit, 0),
+        (mean + 1.02 * room * unit, 1),
+    ):
+        state = OwnState()
+        state.add([LocalPosition(2.0, start, v)])
+        state.add([LocalPosition(2.0 + dt, there, then)])
+        assert state.counters.jumps == jumps, (there, jumps)

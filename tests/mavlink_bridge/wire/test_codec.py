@@ -217,3 +217,12 @@ def test_attitude_target_of_a_literal_frame():
     assert target.thrust == pytest.approx(0.57)
     assert target.omega == pytest.approx([0.1, -0.2, -0.3])  # FLU
     assert np.abs(target.q_wb) == pytest.approx([math.sqrt(0.5), 0, 0, math.sqrt(0.5)])
+
+
+def test_a_simulated_fix_tells_both_accuracies_in_centimetres():
+    fix = m.HilGps(2.5, 47.25, -8.5, 430.5, np.array([3.0, 4.0, 0.5]), 0.75, 1.25)
+    (wire,) = mavlink.MAVLink(None).parse_buffer(Codec(1, 1).encode([fix]))
+    assert (wire.eph, wire.epv) == (75, 125)
+    assert (wire.lat, wire.lon, wire.alt) == (472500000, -85000000, 430500)
+    assert (wire.vn, wire.ve, wire.vd, wire.vel) == (400, 300, -50, 500)
+    assert (wire.time_usec, wire.fix_type) == (2500000, 3)
