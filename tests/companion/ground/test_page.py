@@ -1,12 +1,20 @@
 """The page in a real browser, with emulated vehicles and companions that fly by simulated time."""
 
+import asyncio
+import json
 import os
 import re
 import shutil
+import threading
 
+import numpy as np
 import pytest
 
+from companion.ground.server import GroundServer
+from companion.services.services import Situation
+from companion.supervision.guard import Reason
 from companion.types import Phase
+from tests.companion.ground.emulated import Emulated
 from tests.companion.ground.fleet_in_process import fleet
 
 CHROMIUM = os.environ.get("CHROMIUM") or next(
@@ -33,12 +41,18 @@ class Tab:
     """An engineer at the page."""
 
     def __init__(self, browser, url):
-        self.asked, self.errors = [], []
+        self.asked, self.errors, self.states = [], [], []
         self.tab = browser.new_page(viewport={"width": 1400, "height": 900})
         self.tab.set_default_timeout(PATIENCE)
         self.tab.on("request", lambda r: self.asked.append(r.url))
         self.tab.on("pageerror", lambda e: self.errors.append(str(e)))
+        self.tab.on("websocket", lambda ws: ws.on("framereceived", self._got))
         self.tab.goto(url)
+
+    def _got(self, frame):
+        told = json.loads(frame)
+        if "state" in told:
+            self.states.append(told["state"])
 
     def card(self, drone):
         return self.tab.locator(f".drone[data-drone={drone}]")
@@ -175,3 +189,56 @@ def test_a_ground_station_that_ends_is_seen(tmp_path, page):
         t.sees("drone1", "phase", "wait")
     expect(t.tab.locator("#offline")).to_be_visible()
     expect(t.tab.locator("[data-do=hold]")).to_be_disabled()
+
+
+@pytest.fixture
+def ten():
+    """Ten emulated vehicles, each with its companion's services, and the page; (world, url)."""
+    world, stop, ready = Emulated(10), threading.Event(), threading.Event()
+    server, port = GroundServer(world.station), []
+
+    async def run():
+        port.append(server.listen("127.0.0.1", 0))
+        ready.set()
+        while not stop.is_set():
+            world.step()
+            server.turn(world.now)
+            await asyncio.sleep(0.02)  # no faster than a browser can draw
+        for open_page in list(server.pages):
+            open_page.close()
+        await server.close()
+
+    thread = threading.Thread(target=asyncio.run, args=(run(),))
+    thread.start()
+    assert ready.wait(60)
+    yield world, f"http://127.0.0.1:{port[0]}/"
+    stop.set()
+    thread.join(60)
+
+
+def test_ten_drones_of_which_one_refuses_one_is_lost_and_one_is_passive(ten, page):
+    from playwright.sync_api import expect
+
+    world, url = ten
+    t = page(url)
+    everyone = [f"drone{i}" for i in range(1, 11)]
+    for drone in everyone:
+        t.sees(drone, "link", "heard")
+        t.sees(drone, "phase", "wait")
+    world.vehicles.fail(1, "gyro")
+    t.does("arm", "drone2", result="refused .*: disarmed, mode hold.*autopilot: Arming denied")
+    t.does("arm", *(d for d in everyone if d != "drone2"))
+    world.cut.add(4)
+    world.situations[2] = Situation(Phase.FLY, Reason.PLAN)
+    t.sees("drone3", "phase", "fly")
+    world.situations[2] = Situation(Phase.PASSIVE)
+    t.sees("drone3", "phase", "passive")
+    expect(t.card("drone3")).to_have_class(re.compile("bad"))
+    t.sees("drone5", "link", re.compile("^lost, "))
+    expect(t.tab.locator("#summary")).to_contain_text("9 of 10 heard")
+    t.does("land", "drone5", result="its vehicle is not heard")
+    t.sees("drone6", "link", "heard")
+    assert all(len(state["drones"]) == 10 for state in t.states)
+    between = np.diff([state["time"] for state in t.states])
+    assert len(between) > 20
+    np.testing.assert_allclose(between, 0.1, atol=0.021)  # of the world's time: 10 Hz

@@ -12,11 +12,9 @@ from tornado.websocket import websocket_connect
 from companion.ground.drone_view import DroneView, metres
 from companion.ground.server import BadRequest, GroundServer, understood
 from companion.ground.station import COMPONENT, Station, allowed, wanted
-from companion.services.services import PHASES, Services, Situation
-from companion.settings.config import CompanionConfig
+from companion.services.services import PHASES, Situation
 from companion.supervision.guard import Reason
 from companion.types import Phase
-from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.ids import CommandId, MessageId
 from mavlink_bridge.wire.memory import MemoryEndpoint
 from mavlink_bridge.wire.messages import (
@@ -31,60 +29,9 @@ from mavlink_bridge.wire.messages import (
     Source,
     StatusText,
 )
-from sitl_sim.vehicles.airframe import Airframe
-from sitl_sim.vehicles.emulated import Autopilots
-from sitl_sim.vehicles.rigid_body import Vehicles
+from tests.companion.ground.emulated import Emulated, config
 
 HOLD, OFFBOARD = 0x03040000, 0x00060000  # of PX4
-
-
-def config(i=1, **link):
-    return CompanionConfig.model_validate(
-        {
-            "name": f"drone{i}",
-            "link": {"system_id": i, "endpoint": f"udpin:127.0.0.1:{24000 + i}", **link},
-            "mission": {"goals": [[5.0, 0.0, 2.0]]},
-        }
-    )
-
-
-class Emulated:
-    """Emulated vehicles and their companions' services, on lines of bytes; no solver."""
-
-    def __init__(self, count):
-        self.count, self.now = count, 0.0
-        start = np.array([[6.0 * k, 0.0, 0.0] for k in range(count)])
-        ids = range(1, count + 1)
-        self.vehicles = Autopilots(Vehicles(Airframe(), start, 0.0), ids, origin=start)
-        self.here, there = MemoryEndpoint(), None
-        there = MemoryEndpoint(self.here)
-        self.configs = [config(i + 1) for i in range(count)]
-        self.station = Station(self.configs, there, 254)
-        self.codecs = [(Codec(i + 1, 1), Codec(i + 1, 191)) for i in range(count)]
-        self.companions = [
-            Services(Source(i + 1, 191), c.camera, c.fence, [], frozenset())
-            for i, c in enumerate(self.configs)
-        ]
-        self.situation = Situation(Phase.WAIT)
-
-    def step(self, dt=0.02):
-        """Let the world go on, and the station hear and answer it."""
-        self.now = round(self.now + dt, 3)
-        self.vehicles.advance(self.now)
-        for data in self.here.receive():
-            for r in self.codecs[0][0].decode_datagram(data):
-                self.ask(r)
-        for i in range(self.count):
-            vehicle, companion = self.codecs[i]
-            self.here.send(vehicle.encode(self.vehicles.telemetry(i, "gcs")))
-            served = self.companions[i].update(self.now, [], self.situation)
-            self.here.send(companion.encode(served.messages))
-        self.station.step(self.now)
-
-    def ask(self, r):
-        for i in range(self.count):
-            replies = self.vehicles.receive(i, r, "gcs")
-            self.here.send(self.codecs[i][0].encode(replies))
 
 
 def test_ten_vehicles_are_shown_ten_times_a_second():
@@ -159,9 +106,9 @@ def test_a_companion_that_turns_passive_is_shown_by_its_next_tick():
     world = Emulated(1)
     for _ in range(100):
         world.step()
-    world.situation = Situation(Phase.FLY, Reason.PLAN)
+    world.situations[0] = Situation(Phase.FLY, Reason.PLAN)
     world.step()
-    world.situation = Situation(Phase.PASSIVE)
+    world.situations[0] = Situation(Phase.PASSIVE)
     world.step()
     view = world.station.drones[1]
     assert view.phase is Phase.PASSIVE
@@ -257,6 +204,28 @@ def test_a_command_that_nobody_answers_is_repeated_and_then_told():
 def test_a_mode_that_is_acknowledged_and_not_entered_is_told():
     result, ok, _ = answered(Station([config()], MemoryEndpoint(), 254), "land", lambda m: 0)
     assert (ok, result) == (False, "accepted, but not landing within 5 s: armed, mode hold")
+
+
+def test_signed_vehicles_are_heard_and_obey_and_unsigned_ones_are_strangers():
+    world = Emulated(2, key=b"k" * 32)
+    for n in range(400):
+        world.step()
+        if n == 200:
+            world.station.act("arm", world.station.names, world.now)
+    assert [(r["ok"], r["result"]) for r in world.station.results] == [(True, "done")] * 2
+    assert all(view.armed for view in world.station.drones.values())
+    assert world.station.drones[1].phase is Phase.WAIT  # of its companion, which signs as well
+
+    for listener, speakers in ((b"k" * 32, None), (b"k" * 32, b"x" * 32), (None, b"k" * 32)):
+        world = Emulated(1, key=speakers, station_key=listener)
+        for _ in range(200):
+            world.step()
+        world.station.act("arm", ["drone1"], world.now)
+        for _ in range(100):
+            world.step()
+        assert not world.vehicles.units[0].commander.armed  # it obeys nobody else's key
+        heard = world.station.drones[1].armed is not None
+        assert heard == (listener is None)  # who does not check hears all
 
 
 def test_a_refusal_is_told_by_its_name():
