@@ -68,8 +68,10 @@ def _mcap(flight: Run, path: Path) -> list[Path]:
 def _rerun(flight: Run, path: Path) -> Path:
     """Write the log of the swarm as a recording of Rerun, with its blueprint."""
     from sitl_sim.recording.layouts import write_rerun
+    from sitl_sim.recording.run_folder import radii
     from sitl_sim.recording.swarm_log import write_swarm_log
 
     with TemporaryDirectory() as folder:
         log = write_swarm_log(flight, Path(folder) / "swarm.mcap")
-        return write_rerun(log, flight.names, path)
+        sizes = radii(flight.world, flight.names)
+        return write_rerun(log, dict(zip(flight.names, sizes.tolist(), strict=True)), path)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 _APPLICATION = "swarm-companion"
+_FLAT = 0.4  # height of a drone's body in Rerun by its width
 
 
 def foxglove_layout(names: Sequence[str]) -> dict[str, Any]:
@@ -71,14 +72,29 @@ def write_foxglove_layout(names: Sequence[str], path: Path) -> Path:
     return path
 
 
-def write_rerun(swarm_log: Path, names: Sequence[str], path: Path) -> Path:
-    """Write a swarm's log with its blueprint as a recording of Rerun; needs rerun-sdk."""
+def write_rerun(swarm_log: Path, radii: Mapping[str, float], path: Path) -> Path:
+    """Write a swarm's log with its blueprint as a recording of Rerun; needs rerun-sdk.
+
+    radii: of each drone by its name [m]. Rerun draws no poses by themselves: so each drone is a
+    flat body where it truly was, and a wire frame, a fifth larger, where it believed itself.
+    """
     import rerun
+
+    names = list(radii)
 
     with rerun.RecordingStream(_APPLICATION) as recording:
         recording.save(str(path))
         recording.send_blueprint(rerun_blueprint(names))
         recording.log_file_from_path(str(swarm_log))
+        for name, radius in radii.items():
+            for topic, size, fill, labels in (
+                (f"/truth/{name}/pose", radius, "solid", [name]),
+                (f"/{name}/pose", 1.2 * radius, "majorwireframe", None),
+            ):
+                body = rerun.Ellipsoids3D(
+                    half_sizes=[[size, size, _FLAT * size]], fill_mode=fill, labels=labels
+                )
+                recording.log(topic, body, static=True)
         recording.flush()
     return path
 

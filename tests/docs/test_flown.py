@@ -6,7 +6,7 @@ import pytest
 
 from tests.docs.tutorial import ROOT, follow
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]  # nine flights
+pytestmark = pytest.mark.timeout(3600)  # nine flights
 TUTORIALS = ROOT / "docs" / "tutorials"
 
 
@@ -14,6 +14,7 @@ def metrics(folder):
     return json.loads((folder / "metrics.json").read_text())
 
 
+@pytest.mark.slow
 def test_the_researcher_flies_a_controller_of_their_own_and_gets_figures(tmp_path):
     said = follow(TUTORIALS / "researcher.md", tmp_path)
     runs = tmp_path / "runs"

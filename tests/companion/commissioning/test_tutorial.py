@@ -47,7 +47,6 @@ def angle_between(q, mount_deg):
     return np.degrees(np.linalg.norm(rotation_vector(multiply(conjugate(q), there))))
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_the_tutorial_finds_what_three_boards_truly_are(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

@@ -158,6 +158,9 @@ def test_rerun_opens_the_log_with_its_blueprint(flight, tmp_path):
         "/truth/drone1/camera": "EncodedImage:blob",
     }.items():
         assert re.search(rf" - {entity} - data columns: .*{drawn}", said), entity
+    for entity in ("/truth/drone2/pose", "/drone2/pose"):  # what is drawn at the poses
+        bodies = rf" - {entity} - data columns: .*Ellipsoids3D:half_sizes"
+        assert re.search(bodies, said), entity
     assert re.search(r"Blueprint,\s+\"swarm-companion\"", said)
     assert re.search(r"Recording,\s+\"swarm-companion\"", said)
 
