@@ -31,6 +31,7 @@ COMMANDS = (
     "frames",
     "faults",
     "soak",
+    "bench",
     "view",
 )
 

@@ -40,7 +40,10 @@ class InProcessCompanion:
         )
         signing = self._timestamps.signing if self._timestamps else None
         self._link = Link(endpoint, Codec(link.system_id, link.component_id, link.heard(), signing))
-        self._session = Session(Companion(config, time.perf_counter), self._link, lambda: 0)
+        # Processor time: what else the machine does, other flights included, does not count.
+        stopwatch = time.thread_time
+        companion = Companion(config, stopwatch)
+        self._session = Session(companion, self._link, lambda: 0, stopwatch=stopwatch)
         if config.log.path is not None:
             self._session.open_log(Recorder(config, Path(config.log.path)))
 

@@ -25,12 +25,14 @@ class Session:
         link: Link,
         misses: Callable[[], int],
         presence: Presence | None = None,
+        stopwatch: Callable[[], float] = time.perf_counter,
     ) -> None:
         """Start without a log.
 
         misses: returns the deadlines missed so far. presence: marks this companion's heartbeat;
-        None: it goes out as it is.
+        None: it goes out as it is. stopwatch: s, for the cost of a tick and of its log.
         """
+        self._stopwatch = stopwatch
         self.recorder: Recorder | None = None
         self._companion = companion
         self._link = link
@@ -55,12 +57,12 @@ class Session:
 
     def tick(self, inputs: TickInputs) -> tuple[Tick, bool]:
         """Tick and send; return the tick, and whether a packet left the process."""
-        started, packets = time.perf_counter(), self._link.packets_out
+        started, packets = self._stopwatch(), self._link.packets_out
         tick = self._companion.tick(inputs)
         self._tell(tick.failure)
         for packet in tick.packets:
             self._link.send(self._presence.marked(packet) if self._presence else packet)
-        self._tick_cost = time.perf_counter() - started
+        self._tick_cost = self._stopwatch() - started
         return tick, self._link.packets_out > packets
 
     def _tell(self, failure: str) -> None:
@@ -77,14 +79,14 @@ class Session:
         if self.recorder is None:
             return None
         costs = {"tick": self._tick_cost, "log": self._log_cost}
-        started = time.perf_counter()
+        started = self._stopwatch()
         try:
             self.recorder.write(inputs, tick, self._packets, self.counters(), costs)
             problem = self.recorder.failed
         except Exception as error:  # no log is worth a flight
             problem = described(error)
         self._packets.clear()
-        self._log_cost = time.perf_counter() - started
+        self._log_cost = self._stopwatch() - started
         if problem is not None:
             self.close_log()
         return problem
