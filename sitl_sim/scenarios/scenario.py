@@ -217,6 +217,9 @@ class Scenario(StrictModel):
         grown = self.world.lean_deg or self.world.branches or self.world.bushes
         if self.world.look == PLAIN and grown:
             raise Contradiction(("world.look",), "plain shows upright trunks only")
+        pictured = self.sensing.neighbours == "camera" or self.sensing.obstacles != "map"
+        if self.world.look == PLAIN and self.world.ground != "flat" and pictured:
+            raise Contradiction(("world.look",), "plain shows flat ground; uneven: clearing, …")
         if self.sensing.obstacles == "map" and grown:
             raise Contradiction(("sensing.obstacles",), "map tells of upright trunks only")
         return self

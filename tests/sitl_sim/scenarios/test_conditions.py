@@ -83,8 +83,15 @@ def test_mixed_airframes_are_told_and_taken_in_turn(tmp_path):
     assert masses[0] != masses[2]
 
 
+def test_pictures_of_the_plain_look_never_show_flat_ground_where_there_are_hills():
+    with pytest.raises(SettingsError) as caught:
+        load("world.ground=uneven")
+    assert "world.look: plain shows flat ground" in caught.value.problems[0]
+    assert load("world.ground=uneven", "world.look=clearing").world.look == "clearing"
+
+
 def test_starts_targets_and_trunks_stand_on_uneven_ground():
-    s = load("world.ground=uneven", "seed=3")
+    s = load("world.ground=uneven", "world.look=clearing", "seed=3")
     world, start = build(s.world, s.seed), scenarios.starts(s)
     ground = Ground(world)
     np.testing.assert_allclose(start[:, 2], ground.height(start[:, 0], start[:, 1]))
@@ -102,7 +109,7 @@ def test_starts_targets_and_trunks_stand_on_uneven_ground():
 
 
 def test_the_ground_is_level_where_walls_stand():
-    s = load("world.ground=uneven", name="tunnel")
+    s = load("world.ground=uneven", "world.look=clearing", name="tunnel")
     ground = Ground(build(s.world, s.seed))
     np.testing.assert_allclose(ground.height([-10.0, 0.0, 10.0], 0.0), 0.0, atol=1e-9)
     assert abs(ground.height(0.0, 20.0)) > 0.05
