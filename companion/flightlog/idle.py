@@ -18,6 +18,8 @@ from companion.types import Phase
 
 _AROUND = 100  # ticks before a change, and as many after it, that are logged in full
 _ONE_IN = 100  # ticks of those that are older
+_KNOWN = 6000  # ticks for which a situation that comes back is no news: ten minutes
+_SITUATIONS = 64  # most situations that are known
 _WAITING = {Phase.WAIT, Phase.DONE, Phase.PASSIVE}
 _STANDS = 0.5  # m/s, faster than which a disarmed vehicle is carried, or falls
 _DIGITS = re.compile(r"[-+\d.]+")
@@ -30,7 +32,9 @@ class IdleTicks(Generic[Entry]):
 
     def __init__(self) -> None:
         self._held: deque[list[Entry]] = deque()
+        self._situations: dict[tuple[object, ...], int] = {}  # tick at which each was news
         self._situation: tuple[object, ...] = ()
+        self._tick = 0
         self._awake = 0  # ticks that are still logged in full
         self._old = 0
 
@@ -41,10 +45,8 @@ class IdleTicks(Generic[Entry]):
 
     def due(self, tick: Tick, entries: list[Entry]) -> Iterable[Entry]:
         """Return what is to be written now, oldest first; entries: what this tick would write."""
-        situation = _situation(tick)
-        if situation != self._situation or not _idle(tick):
+        if self._news(_situation(tick)) or not _idle(tick):
             self._awake = _AROUND
-        self._situation = situation
         self._held.append(entries)
         if self._awake:
             self._awake -= 1
@@ -53,6 +55,21 @@ class IdleTicks(Generic[Entry]):
             return []
         oldest, self._old = self._held.popleft(), (self._old + 1) % _ONE_IN
         return oldest if self._old == 0 else []
+
+    def _news(self, situation: tuple[object, ...]) -> bool:
+        """Return whether a situation begins that has not begun lately: faults come and go."""
+        self._tick += 1
+        if situation == self._situation:
+            return False
+        self._situation = situation
+        known = self._situations.pop(situation, None)
+        if known is not None and self._tick - known < _KNOWN:
+            self._situations[situation] = known
+            return False
+        self._situations[situation] = self._tick
+        if len(self._situations) > _SITUATIONS:
+            del self._situations[next(iter(self._situations))]
+        return True
 
     def rest(self) -> Iterable[Entry]:
         """Return everything that is held back; it is forgotten here."""

@@ -75,6 +75,18 @@ def test_a_number_in_a_reason_is_no_news():
     assert len(kept) == AROUND + (2000 - 2 * AROUND) // ONE_IN
 
 
+def test_faults_that_come_and_go_do_not_fill_the_disk():
+    """On a busy board the camera is late for a moment, again and again."""
+    faults = [CameraFault.NONE, CameraFault.LATE, CameraFault.NONE, CameraFault.FROZEN]
+    made = [
+        replace(waiting(n), seen=Detections(fault=faults[n // 7 % len(faults)]))
+        for n in range(20_000)
+    ]
+    kept = logged(made)
+    assert set(range(21 + AROUND)) <= set(kept)  # all that is new about it
+    assert len(kept) < 4 * 3 * AROUND + 20_000 // ONE_IN  # and again every ten minutes
+
+
 def test_nothing_of_a_flight_is_held_back():
     idle = IdleTicks()
     for n in range(1000):
