@@ -1,14 +1,14 @@
-"""The seat of an outside policy in a companion: a controller that asks for its velocity.
+"""The seat of an outside policy in a companion: a controller that asks for its velocity or input.
 
-A companion finds `Actor` by `module:Class`, as any controller of a user. `Meeting` is where all
-actors of a flight and the environment wait for each other: the flight goes on in a thread of its
-own while the environment waits, and stands still while the policy thinks.
+A companion finds `Actor` or `InputActor` by `module:Class`, as any controller of a user. `Meeting`
+is where all actors of a flight and the environment wait for each other: the flight goes on in a
+thread of its own while the environment waits, and stands still while the policy thinks.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,6 +18,10 @@ from mavlink_bridge.shared.arrays import Vector
 NEIGHBOURS, SURFACES = 8, 8
 SIZE = 6 + 5 * NEIGHBOURS + 3 * SURFACES
 """Numbers in an observation."""
+UPRIGHT = 6
+"""Numbers more where the action is thrust and rates: `upright`."""
+HOVER = (9.81, 0.0, 0.0, 0.0)
+"""Input without a policy: c [m/s²], ω [rad/s]."""
 
 
 class FlightEnded(BaseException):
@@ -31,9 +35,14 @@ class Meeting:
     actor that came first waits. Only one of the two threads runs at any time.
     """
 
-    def __init__(self, names: Iterable[str]) -> None:
+    def __init__(
+        self, names: Iterable[str], picture: Callable[[str], Any] = lambda _: None
+    ) -> None:
+        """picture: what a drone's camera showed in its present tick."""
         self._names = iter(names)
+        self._picture = picture
         self.seen: dict[str, Vector] = {}
+        self.pictures: dict[str, Any] = {}
         self.actions: Mapping[str, Vector] = {}
         self.over = False
         self._asked: set[str] = set()
@@ -45,15 +54,18 @@ class Meeting:
         """Return the name of the next actor: companions are made in the order of the drones."""
         return next(self._names)
 
-    def velocity(self, name: str, observation: Vector) -> Vector:
-        """Take what an actor sees; return its velocity (2,) m/s. Called by the flight's thread."""
+    def action(self, name: str, observation: Vector, idle: Sequence[float]) -> Vector:
+        """Take what an actor sees; return its action. Called by the flight's thread.
+
+        idle: the action without one of the policy's.
+        """
         if name in self._asked:
             self._asked.clear()
             self._env_may_run.release()
             self._wait()
         self._asked.add(name)
-        self.seen[name] = observation
-        return np.asarray(self.actions.get(name, np.zeros(2)), float)
+        self.seen[name], self.pictures[name] = observation, self._picture(name)
+        return np.asarray(self.actions.get(name, idle), float)
 
     def begin(self) -> None:
         """Wait until the environment wants the flight to begin. Called by the flight's thread."""
@@ -70,7 +82,7 @@ class Meeting:
         self._env_may_run.release()
 
     def step(self, actions: Mapping[str, Vector]) -> None:
-        """Fly on with these velocities until all have been asked, or the flight is over."""
+        """Fly on with these actions until all have been asked, or the flight is over."""
         self.actions = actions
         self._flight_may_run.release()
         self._env_may_run.acquire()
@@ -81,8 +93,8 @@ class Meeting:
         self._flight_may_run.release()
 
 
-class Actor:
-    """A velocity rule whose velocity comes from outside; `options`: the meeting's key."""
+class _Seat:
+    """An actor of a meeting; `options`: the meeting's key."""
 
     meetings: ClassVar[dict[str, Meeting]] = {}
 
@@ -91,15 +103,38 @@ class Actor:
         self._name = self._meeting.take_name()
         self._tested = False
 
-    def velocity(self, around: Any) -> Vector:
-        """Return the velocity (2,) m/s of the policy.
+    def _ask(self, observed: Vector, idle: Sequence[float]) -> Vector:
+        """Return the policy's action.
 
         The first question is the planner's self-test on the ground, which no policy sees.
         """
         if not self._tested:
             self._tested = True
-            return np.zeros(2)
-        return self._meeting.velocity(self._name, observation(around))
+            return np.asarray(idle, float)
+        return self._meeting.action(self._name, observed, idle)
+
+
+class Actor(_Seat):
+    """A rule whose velocity comes from outside."""
+
+    def velocity(self, around: Any) -> Vector:
+        """Return the velocity (2,) m/s of the policy."""
+        return self._ask(observation(around), (0.0, 0.0))
+
+
+class InputActor(_Seat):
+    """A rule whose thrust and body rates come from outside."""
+
+    def command(self, around: Any, instance: Any) -> Vector:
+        """Return the input (4,) of the policy: c [m/s²], ω [rad/s], body axes."""
+        observed = np.concatenate([observation(around), upright(instance)])
+        return self._ask(observed.astype(np.float32), HOVER)
+
+
+def upright(instance: Any) -> Vector:
+    """Return (6,): height of the goal above the drone [m], climb [m/s], attitude quaternion."""
+    x = instance.x0
+    return np.array([instance.goal[2] - x[2], x[5], *x[6:10]])
 
 
 def observation(around: Any) -> Vector:

@@ -11,7 +11,7 @@ from typing import Any, Self
 
 from pydantic import model_validator
 
-from companion.control.baselines import gives_velocity
+from companion.control.baselines import is_rule
 from companion.guidance.guidance import GuidanceSettings
 from companion.settings.consistency import contradictions
 from companion.settings.sections import CompanionSections
@@ -49,7 +49,7 @@ class CompanionConfig(CompanionSections):
         if self.controller == "single-horizon":
             whole = {"M": self.nmpc.N, "M_constraint": self.nmpc.N}
             return self.model_copy(update={"nmpc": self.nmpc.model_copy(update=whole)})
-        if not gives_velocity(self.controller):
+        if not is_rule(self.controller):
             return self
         changes = {
             "nmpc": {"neighbours": _NEIGHBOURS},

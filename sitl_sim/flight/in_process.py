@@ -9,10 +9,12 @@ from __future__ import annotations
 import os
 import traceback
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Protocol
+
+from numpy.typing import NDArray
 
 from mavlink_bridge.wire.memory import MemoryEndpoint
 from mavlink_bridge.wire.video import Answer, Frame
@@ -39,6 +41,7 @@ class LocalFrames:
         self._answers: deque[Answer] = deque()
         self._error_log = Path()
         self.failed = False
+        self.arrays: Mapping[str, NDArray[Any]] = {}  # of the last frame sent
 
     def start_companion(self, config: Path, endpoint: MemoryEndpoint) -> None:
         """Start a companion of this configuration; its MAVLink link is `endpoint`."""
@@ -58,6 +61,7 @@ class LocalFrames:
         if self._companion is None:
             return False
         due = None if frame.due is None else _to_microseconds(frame.due)
+        self.arrays = frame.arrays
         received = Frame(_to_microseconds(frame.time), frame.arrays, frame.packets, due)
         try:
             self._answers.append(self._companion.answer(received))

@@ -7,7 +7,7 @@ rendered and companions tick side by side. Real time: the world waits for no com
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import replace
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.wire.codec import Codec
@@ -183,6 +184,11 @@ class Flight:
     def _restart_clock(self, i: int) -> None:
         """Let drone i's clock begin at 0 again; its camera stamps by it."""
         self._drones[i].boot_ms = -self._now
+
+    def frame_arrays(self, name: str) -> Mapping[str, NDArray[Any]]:
+        """Return the arrays of the last frame that a companion of this process got."""
+        frames = self._drones[self.names.index(name)].frames
+        return frames.arrays if isinstance(frames, LocalFrames) else {}
 
     def wire_table(self) -> list[str]:
         """Return a line for each vehicle: its system id and its ports."""

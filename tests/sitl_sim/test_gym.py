@@ -19,14 +19,28 @@ mission: {targets: [[8.0, 0.0, 2.0]], home: false, time_limit: 25.0}
 
 
 @pytest.fixture
-def env(tmp_path):
+def make(tmp_path):
     pytest.importorskip("pettingzoo")
     from sitl_sim.gym import SwarmEnv
 
     (tmp_path / "pair.yaml").write_text(SCENARIO)
-    made = SwarmEnv(tmp_path / "pair.yaml")
-    yield made
-    made.close()
+    made = []
+
+    def make(**options):
+        made.append(SwarmEnv(tmp_path / "pair.yaml", **options))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()
+
+
+@pytest.fixture
+def env(make):
+    return make()
+
+
+SMALL = {"sensing.width": 96, "sensing.height": 64, "sensing.depth.width": 64}
 
 
 def test_pettingzoo_finds_no_fault_in_the_api(env):
@@ -72,6 +86,71 @@ def test_without_an_action_it_stays(env):
     assert (away < 0.5).all()
 
 
+@pytest.mark.timeout(900)  # kernels of the renderer are compiled at their first use
+@pytest.mark.parametrize("action", ["velocity", "rates"])
+@pytest.mark.parametrize("kind", ["picture", "depth"])
+def test_pettingzoo_finds_no_fault_in_pictures_and_rates(make, kind, action):
+    from pettingzoo.test import parallel_api_test
+
+    parallel_api_test(make(observation=kind, action=action, changes=SMALL), num_cycles=5)
+
+
+@pytest.mark.timeout(900)
+def test_a_picture_shows_the_tick_that_the_numbers_are_of(make):
+    env = make(observation="picture", changes=SMALL)
+    seen, _ = env.reset(seed=4)
+    flights = []
+    for _ in range(2):
+        pictures = [seen["drone1"]["picture"]]
+        for _ in range(4):
+            seen, *_ = env.step({a: np.array([1.0, 0.3], np.float32) for a in env.agents})
+            pictures.append(seen["drone1"]["picture"])
+        flights.append(np.array(pictures))
+        seen, _ = env.reset(seed=4)
+    assert flights[0].shape == (5, 64, 96, 3)
+    assert flights[0].std() > 10  # something is in it
+    assert (flights[0][0] != flights[0][-1]).mean() > 0.1  # and it changes
+    np.testing.assert_array_equal(*flights)
+    env = make(observation="depth", changes=SMALL)
+    seen, _ = env.reset(seed=4)
+    depth = seen["drone1"]["depth"]
+    assert depth.shape == (43, 64)
+    assert 0.5 < depth.min() < 15.0
+
+
+def test_thrust_and_rates_fly_the_drone(make):
+    """A policy of a few lines keeps height and attitude, and falls where it takes thrust away."""
+    env = make(action="rates")
+    seen, _ = env.reset(seed=1)
+    start = env._flight.vehicles.p.copy()
+
+    def fly(extra, ticks):
+        nonlocal seen
+        for _ in range(ticks):
+            actions = {}
+            for a in env.agents:
+                up, climb, w, x, y, _ = seen[a][-6:]
+                tilt = 2.0 * np.array([x, y]) * np.sign(w)  # small angles, body axes
+                lift = 9.81 + 2.0 * up - 2.0 * climb + extra
+                actions[a] = np.array([lift, *(-4.0 * tilt), 0.0], np.float32)
+            seen, *_ = env.step(actions)
+
+    fly(0.0, 30)
+    assert np.abs((env._flight.vehicles.p - start)[:, 2]).max() < 0.4
+    height = env._flight.vehicles.p[:, 2].copy()
+    fly(-1.5, 15)
+    assert (env._flight.vehicles.p[:, 2] < height - 0.3).all()
+
+
+def test_a_wrong_kind_lists_the_valid_ones(make):
+    from mavlink_bridge.shared.settings import SettingsError
+
+    with pytest.raises(ValueError, match="valid: instance, picture, depth; velocity, rates"):
+        make(observation="smell")
+    with pytest.raises(SettingsError, match="no depth is rendered: neighbours truth"):
+        make(observation="depth", changes={"sensing.obstacles": "map"})
+
+
 def test_a_step_asks_every_actor_once():
     import threading
 
@@ -81,7 +160,7 @@ def test_a_step_asks_every_actor_once():
         meeting.begin()
         for k in range(3):
             for name in ("a", "b"):
-                said.append((k, name, float(meeting.velocity(name, np.zeros(1))[0])))
+                said.append((k, name, float(meeting.action(name, np.zeros(1), (0.0,))[0])))
         meeting.ended()
 
     thread = threading.Thread(target=flight)

@@ -8,7 +8,7 @@ from companion.control.baselines.config import BaselinesConfig
 from companion.control.baselines.controllers import (
     CONTROLLERS,
     ControllerSetup,
-    gives_velocity,
+    is_rule,
 )
 from companion.control.nmpc import Instance
 from companion.types import Plan
@@ -18,7 +18,7 @@ __all__ = [
     "BaselinesConfig",
     "ControllerSetup",
     "Planner",
-    "gives_velocity",
+    "is_rule",
     "make_planner",
 ]
 
@@ -45,6 +45,8 @@ def make_planner(controller: str, setup: ControllerSetup) -> Planner:
     if hasattr(made, "solve"):
         planner: Planner = made
         return planner
-    from companion.control.baselines.planner import VelocityPlanner
+    from companion.control.baselines.planner import InputPlanner, VelocityPlanner
 
+    if hasattr(made, "command"):
+        return InputPlanner(made, setup.nmpc, setup.level, setup.stopwatch)
     return VelocityPlanner(made, setup.nmpc, setup.baselines.tracking, setup.level, setup.stopwatch)

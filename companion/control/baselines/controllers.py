@@ -1,7 +1,8 @@
 """The controllers by name, packaged and of users: `controller` of a drone's file.
 
 A controller is called with a `ControllerSetup`. It either plans by itself (`solve` and `reset`, a
-`Planner`) or gives a velocity (`velocity`, a `Rule`), which is tracked as for all rules.
+`Planner`), gives a velocity (`velocity`, a `Rule`), which is tracked as for all rules, or gives
+thrust and body rates (`command`, an `InputRule`).
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ CONTROLLERS = PartKind(
         "single-horizon": f"{_HERE}.controllers:nmpc",
         **_RULES,
     },
-    (frozenset({"solve", "reset"}), frozenset({"velocity"})),
+    (frozenset({"solve", "reset"}), frozenset({"velocity"}), frozenset({"command"})),
 )
 
 
@@ -50,11 +51,12 @@ class ControllerSetup:
     options: Mapping[str, Any]
 
 
-def gives_velocity(name: str) -> bool:
-    """Return whether the controller of this name is a velocity rule."""
+def is_rule(name: str) -> bool:
+    """Return whether the controller of this name is a rule, of velocities or of inputs."""
     if name in CONTROLLERS.packaged:
         return name in _RULES
-    return hasattr(CONTROLLERS.load(name), "velocity")
+    made = CONTROLLERS.load(name)
+    return hasattr(made, "velocity") or hasattr(made, "command")
 
 
 def nmpc(setup: ControllerSetup) -> Any:

@@ -1,4 +1,4 @@
-"""A velocity rule in place of the NMPC: its velocity is bounded, tracked, and made a plan."""
+"""A rule in place of the NMPC: its velocity is bounded and tracked, or its input is made a plan."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from companion.control.baselines.config import TrackingConfig
-from companion.control.baselines.rules import Rule
+from companion.control.baselines.rules import InputRule, Rule
 from companion.control.baselines.surroundings import Surroundings
 from companion.control.nmpc import Instance, NmpcConfig
 from companion.model import HOVER, yaw_of
@@ -18,53 +18,28 @@ from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.frames import rotation_matrix
 
 
-class VelocityPlanner:
-    """Plans by one velocity of a rule per tick."""
+class _OneInput:
+    """Plans of one input for now, followed by straight flight."""
 
-    def __init__(
-        self,
-        rule: Rule,
-        nmpc: NmpcConfig,
-        tracking: TrackingConfig,
-        level: float,
-        stopwatch: Callable[[], float],
-    ) -> None:
+    def __init__(self, nmpc: NmpcConfig, level: float, stopwatch: Callable[[], float]) -> None:
         """level: m; neighbours farther above or below do not count."""
-        self._rule = rule
         self._nmpc = nmpc
-        self._tracking = tracking
         self._level = level
         self._stopwatch = stopwatch
 
     def reset(self) -> None:
         """Do nothing: a rule has no memory."""
 
-    def solve(self, instance: Instance) -> Plan:
-        """Return a plan of the command for now, followed by straight flight."""
-        started = self._stopwatch()
-        finite = instance.finite()
-        v = np.zeros(3)
-        if finite:
-            around = Surroundings.of(instance, self._nmpc, self._level)
-            v[:2] = bounded(self._rule.velocity(around), around.fastest)
-            v[2] = self._climb(instance)
-            finite = bool(np.isfinite(v).all())
-        return self._plan(instance, v, finite, started)
-
-    def _climb(self, instance: Instance) -> float:
-        """Return the vertical velocity [m/s] towards the goal's height."""
-        c = self._tracking
-        wanted = c.climb_gain * float(instance.goal[2] - instance.x0[2])
-        return min(max(wanted, -c.climb_max), c.climb_max)
-
-    def _plan(self, instance: Instance, v: Vector, usable: bool, started: float) -> Plan:
+    def _plan(
+        self, instance: Instance, v: Vector, now: Vector, usable: bool, started: float
+    ) -> Plan:
         n, dt = self._nmpc.N, self._nmpc.dt
         u = np.tile(HOVER, (n, 1))
         x = np.tile(instance.x0 if usable else np.eye(10)[6], (n + 1, 1))
         if usable:
             x[:, :3] += np.arange(n + 1)[:, None] * dt * v
             x[1:, 3:6] = v
-            u[0] = self._within(tracking_command(v, instance, self._tracking))
+            u[0] = self._within(now)
         return Plan(
             x=x,
             u=u,
@@ -85,6 +60,65 @@ class VelocityPlanner:
         c = self._nmpc
         low = np.array([c.c_min, *[-c.omega_max] * 3])
         return np.clip(u, low, np.array([c.c_max, *[c.omega_max] * 3]))
+
+
+class InputPlanner(_OneInput):
+    """Plans by one input (c, ω) of a rule per tick."""
+
+    def __init__(
+        self,
+        rule: InputRule,
+        nmpc: NmpcConfig,
+        level: float,
+        stopwatch: Callable[[], float],
+    ) -> None:
+        super().__init__(nmpc, level, stopwatch)
+        self._rule = rule
+
+    def solve(self, instance: Instance) -> Plan:
+        """Return a plan of the rule's input, followed by straight flight."""
+        started = self._stopwatch()
+        u, finite = HOVER, instance.finite()
+        if finite:
+            around = Surroundings.of(instance, self._nmpc, self._level)
+            u = np.asarray(self._rule.command(around, instance), float)
+            finite = u.shape == HOVER.shape and bool(np.isfinite(u).all())
+        return self._plan(instance, instance.x0[3:6], u, finite, started)
+
+
+class VelocityPlanner(_OneInput):
+    """Plans by one velocity of a rule per tick."""
+
+    def __init__(
+        self,
+        rule: Rule,
+        nmpc: NmpcConfig,
+        tracking: TrackingConfig,
+        level: float,
+        stopwatch: Callable[[], float],
+    ) -> None:
+        super().__init__(nmpc, level, stopwatch)
+        self._rule = rule
+        self._tracking = tracking
+
+    def solve(self, instance: Instance) -> Plan:
+        """Return a plan of the command for now, followed by straight flight."""
+        started = self._stopwatch()
+        finite = instance.finite()
+        v = np.zeros(3)
+        if finite:
+            around = Surroundings.of(instance, self._nmpc, self._level)
+            v[:2] = bounded(self._rule.velocity(around), around.fastest)
+            v[2] = self._climb(instance)
+            finite = bool(np.isfinite(v).all())
+        now = tracking_command(v, instance, self._tracking) if finite else HOVER
+        return self._plan(instance, v, now, finite, started)
+
+    def _climb(self, instance: Instance) -> float:
+        """Return the vertical velocity [m/s] towards the goal's height."""
+        c = self._tracking
+        wanted = c.climb_gain * float(instance.goal[2] - instance.x0[2])
+        return min(max(wanted, -c.climb_max), c.climb_max)
 
 
 def bounded(v: Vector, most: float) -> Vector:

@@ -17,6 +17,7 @@ from companion.control.baselines.config import (
     VasarhelyiConfig,
 )
 from companion.control.baselines.surroundings import Surroundings
+from companion.control.nmpc import Instance
 from mavlink_bridge.shared.arrays import Vector
 
 _NEAREST = 0.05  # m: repulsion grows no further
@@ -27,6 +28,14 @@ class Rule(Protocol):
 
     def velocity(self, around: Surroundings) -> Vector:
         """Return the velocity (2,) m/s to fly next, not yet bounded."""
+        ...
+
+
+class InputRule(Protocol):
+    """Gives an input itself."""
+
+    def command(self, around: Surroundings, instance: Instance) -> Vector:
+        """Return the input (4,) to fly next: c [m/s²], ω [rad/s], body axes; it is clipped."""
         ...
 
 

@@ -63,7 +63,7 @@ def test_options_reach_an_own_part(installed):
         ("nowhere:Class", "nowhere cannot be imported: ModuleNotFoundError: No module named 'no"),
         ("own_parts:KeepLeft", "no 'KeepLeft' in own_parts; it has .*KeepRight"),
         ("own_parts:math", "is no class or function"),
-        ("own_parts:Blobs", "a controller has the methods reset, solve or velocity"),
+        ("own_parts:Blobs", "a controller has the methods reset, solve or velocity or command"),
     ],
 )
 def test_a_bad_name_is_told_with_its_place_and_the_choices(installed, value, words, tmp_path):
