@@ -1,7 +1,5 @@
 """Rows of the fault matrix about the daemon and the link, as in `checks`."""
 
-import gc
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +11,7 @@ from tests.closed_loop.matrix.inprocess import AUTOPILOT, Companion, fly
 from tests.closed_loop.matrix.measures import (
     CRUISE,
     SHORT,
+    costs_of_ticks,
     first_with,
     flown_with,
     last_target,
@@ -83,21 +82,13 @@ def row_10(note):
         {"kind": "link_foreign", "amount": 200.0, "at": 6.0},
     ]
     costs, slowest = [], []
-
-    def watch(f):  # processor time: however busy the machine is
-        f.companions[0].stopwatch = time.thread_time
-        gc.collect()
-        gc.freeze()  # a daemon has no thousand other tests' objects to look through
-
     for faults in ([], noisy):
-        f = flown_with(watch, faults, **SHORT)
+        ticks, f = costs_of_ticks(faults, 6.5, **SHORT)
         assert f.speed(10.0) > 1.2
         f.check_always()
         c = f.companions[0]
-        flown = [s for s, o in zip(c.seconds, c.outs, strict=True) if o.time > 6.5]
-        costs.append(float(np.median(flown)))
-        slowest.append(float(np.percentile(flown, 99)))
-    gc.unfreeze()
+        costs.append(float(np.median(ticks)))
+        slowest.append(float(np.percentile(ticks, 99)))
     assert slowest[1] < slowest[0] + 0.1 * c.config.timing.period, slowest
     assert c.link.codec.statistics.bad_bytes > 1_000_000
     assert c.link.codec.statistics.foreign > 100

@@ -1,5 +1,7 @@
 """Measures of a flight for the rows of the fault matrix, and ways to disturb its companions."""
 
+import gc
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -35,6 +37,27 @@ def spoil_solves(flight, first, which, u=None, i=0):
 def flown_with(spoil, faults=(), **options):
     """Fly a flight that `spoil` changes before it begins."""
     return fly(faults, at={0.0: spoil}, **options)
+
+
+def costs_of_ticks(faults, since, flights=3, **options):
+    """Processor time [s] of each tick from `since` [s] on, and one of the flights.
+
+    The same flight is flown several times, and a tick's least time counts: what else the machine
+    does makes a tick dearer in one of them, by its caches, and not in all.
+    """
+
+    def watch(f):
+        f.companions[0].stopwatch = time.thread_time
+
+    gc.collect()
+    gc.freeze()  # a daemon has no thousand other tests' objects to look through
+    flown = [flown_with(watch, faults, **options) for _ in range(flights)]
+    gc.unfreeze()
+    rows = [
+        [s for s, o in zip(c.seconds, c.outs, strict=True) if o.time > since]
+        for c in (f.companions[0] for f in flown)
+    ]
+    return np.min(rows, axis=0), flown[-1]
 
 
 def seconds_until(flight, since, holds, i=0):
