@@ -178,7 +178,7 @@ class Codec:
                 count.unknown += 1
                 continue
             convert = FROM_WIRE.get(frame.message_id) if n >= first else None
-            message = None
+            message, repeated = None, frame.data in self._newest
             if convert is not None:
                 try:
                     message = self._message(frame, convert)
@@ -186,6 +186,8 @@ class Codec:
                     self.statistics.bad_frames += 1
                     continue
             self.statistics.received += 1
+            if repeated and hasattr(message, "time"):
+                continue  # with the same time and number: a copy, which tells nothing
             count.add(frame.sequence, read=message is not None)
             if message is not None:
                 out.append(Received(frame.source, message, *count.take()))

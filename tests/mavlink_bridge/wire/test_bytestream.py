@@ -1,6 +1,7 @@
 """TCP and serial lines: partial reads at 921600 baud, loss and reconnection, clear errors."""
 
 import contextlib
+import itertools
 import os
 import pty
 import select
@@ -124,10 +125,14 @@ def test_a_serial_line_that_is_not_read_refuses_messages_and_does_not_block(line
     link.close()
 
 
+_NUMBER = itertools.count()
+
+
 def accepts(link, at, size=FRAME):
     """Return whether the line accepts `size` bytes: attitudes of this time [s], and zeros."""
-    level = Attitude(at, np.array([1.0, 0, 0, 0]), np.zeros(3))
-    return link.endpoint.send(link.codec.encode([level] * (size // FRAME)).ljust(size, b"\0"))
+    level = np.array([1.0, 0, 0, 0])  # no two are copies of each other
+    turns = [Attitude(at, level, np.array([next(_NUMBER), 0, 0])) for _ in range(size // FRAME)]
+    return link.endpoint.send(link.codec.encode(turns).ljust(size, b"\0"))
 
 
 def stall(link, size):

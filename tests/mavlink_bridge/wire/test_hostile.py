@@ -16,7 +16,7 @@ from mavlink_bridge.wire import link as links
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.link import Link
 from mavlink_bridge.wire.memory import MemoryEndpoint
-from mavlink_bridge.wire.messages import Heartbeat, RateSetpoint, Source
+from mavlink_bridge.wire.messages import Attitude, Heartbeat, RateSetpoint, Source
 from mavlink_bridge.wire.signing import TICKS, Signing
 from mavlink_bridge.wire.udp import UdpEndpoint
 
@@ -358,3 +358,14 @@ def test_a_packet_whose_first_frame_is_spoilt_is_read_on():
     ):
         vehicle.send(packet)
     assert received(ours) == [VEHICLE] * 5
+
+
+def test_a_copy_of_what_tells_its_time_is_heard_once():
+    """Without signing a recorded packet is as good as the true one, but tells nothing new."""
+    vehicle, ours = Codec(1, 1), Codec(1, 191, [VEHICLE])
+    state = Attitude(2.0, np.array([1.0, 0, 0, 0]), np.zeros(3))
+    packet = vehicle.encode([state])
+    assert len(ours.decode_datagram(packet) + ours.decode_datagram(packet)) == 1
+    assert len(ours.decode_datagram(vehicle.encode([state]))) == 1  # its next frame
+    beat = heartbeat(VEHICLE)  # of a sender that does not count its frames
+    assert len(ours.decode_datagram(beat) + ours.decode_datagram(beat)) == 2
