@@ -205,7 +205,8 @@ class ObstacleMap:
             own.p[:2] + arm,
             trunk.sigma,
             math.hypot(_BEARING, _TIMING * turn) * trunk.distance,
-            Foot(yaw_of(own.q_wb), height, trunk.radius),
+            # Without a foot in the picture its width tells the distance: no tilt shifts that.
+            None if trunk.assumed else Foot(yaw_of(own.q_wb), height, trunk.radius),
         )
         axis = self._places.corrected(look)
         n = self._match(axis, trunk.radius, variance, seen)

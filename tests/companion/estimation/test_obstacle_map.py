@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.estimation.landmark_places import Drift
 from companion.estimation.obstacle_map import ObstacleConfig, ObstacleMap
 from companion.perception.parallax import FixedPoints
 from companion.types import Trunk
@@ -54,6 +55,20 @@ def test_a_thin_trunk_that_shows_columns_wider_than_known_stays_where_it_is():
     for _ in range(3):
         found = fly(known, 2.05, nearer)
     assert found[:, 2] == pytest.approx([0.15, 0.075])
+
+
+def test_a_distance_by_width_says_nothing_of_the_tilt():
+    """A wrong tilt shifts feet, and so what feet tell of other trunks; a width it leaves alone."""
+    places = []
+    for assumed in (False, True):
+        known = ObstacleMap(ObstacleConfig())
+        for n in range(8):
+            far = Trunk(np.array([0.0, 0.0, 1.0]), 9.0 - 0.2 * n, 0.5, 0.3)
+            near = Trunk(np.array([0.6, 0.0, 0.8]), 2.0 + 0.05 * n, 0.5, 0.2, assumed=True)
+            fly(known, 0.2 * n, far, near if assumed else None, drift=Drift(tilt=0.02))
+        (place,) = [c for c in known.cylinders(np.zeros(3)) if c[0] > 5.0]
+        places.append(place)
+    np.testing.assert_allclose(places[0], places[1], atol=1e-12)
 
 
 def test_an_unknown_trunk_has_the_assumed_radius():
