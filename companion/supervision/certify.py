@@ -36,8 +36,8 @@ class CertificateConfig(StrictModel):
     enforce: bool = Field(
         False,
         description="Fly the way to stop where a plan's command has no certificate; false: the "
-        "certificate is only judged, logged and counted. In wind, without looking round, a way to "
-        "stop that nothing asks for cost 0.29 m of height at the takeover.",
+        "certificate is only judged, logged and counted. Where a plan is accepted at every other "
+        "tick, plan and way take turns, and the drone swings until `monitors` ask for HOLD.",
     )
     neighbour_radius: float = Field(
         0.2, gt=0, description="Radius [m] of the sphere around a neighbour: as of the own drone."
