@@ -16,6 +16,19 @@ from companion.model import predict
 from companion.settings.config import CompanionConfig
 from mavlink_bridge.shared.settings import SettingsError
 
+
+class Inputs:
+    """A rule of inputs; what it commands is set by the test."""
+
+    commands = (9.81, 0.0, 0.0, 0.0)
+
+    def __init__(self, setup):
+        pass
+
+    def command(self, around, instance):
+        return self.commands
+
+
 RULES = ("reynolds", "vasarhelyi", "potential-field", "orca")
 
 
@@ -166,3 +179,25 @@ def test_orca_without_its_package_names_the_extra(monkeypatch):
 def test_rules_take_every_neighbour():
     config = CompanionConfig(controller="reynolds").for_controller()
     assert config.nmpc.neighbours == config.threat.critical == 12
+
+
+@pytest.mark.parametrize(
+    ("asked", "flown"),
+    [
+        ((12.0, 0.5, -0.5, 0.1), (12.0, 0.5, -0.5, 0.1)),
+        ((99.0, 9.0, -9.0, 0.0), (20.0, 3.0, -3.0, 0.0)),
+        ((0.0, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0)),
+        ((np.nan, 0.0, 0.0, 0.0), None),
+        ((9.81, 0.0, 0.0), None),
+    ],
+)
+def test_thrust_and_rates_of_a_rule_are_bounded_and_must_be_four_numbers(asked, flown, monkeypatch):
+    monkeypatch.setattr(Inputs, "commands", asked)
+    p, config = planner(f"{__name__}:Inputs")
+    plan = p.solve(instance(config, v=(1.0, 0.0, 0.0)))
+    assert plan.usable == (flown is not None)
+    if flown is not None:
+        assert plan.u[0] == pytest.approx(flown)
+        assert plan.x[-1, 0] == pytest.approx(config.N * config.dt)  # straight on at 1 m/s
+    assert np.isfinite(plan.x).all()
+    assert np.isfinite(plan.u).all()
