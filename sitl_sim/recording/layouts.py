@@ -87,12 +87,13 @@ def write_rerun(swarm_log: Path, radii: Mapping[str, float], path: Path) -> Path
         recording.send_blueprint(rerun_blueprint(names))
         recording.log_file_from_path(str(swarm_log))
         for name, radius in radii.items():
-            for topic, size, fill, labels in (
-                (f"/truth/{name}/pose", radius, "solid", [name]),
-                (f"/{name}/pose", 1.2 * radius, "majorwireframe", None),
+            fill = rerun.components.FillMode
+            for topic, size, mode, labels in (
+                (f"/truth/{name}/pose", radius, fill.Solid, [name]),
+                (f"/{name}/pose", 1.2 * radius, fill.MajorWireframe, None),
             ):
                 body = rerun.Ellipsoids3D(
-                    half_sizes=[[size, size, _FLAT * size]], fill_mode=fill, labels=labels
+                    half_sizes=[[size, size, _FLAT * size]], fill_mode=mode, labels=labels
                 )
                 recording.log(topic, body, static=True)
         recording.flush()
