@@ -172,7 +172,9 @@ def test_a_lost_link_a_passive_companion_and_a_page_that_is_closed(tmp_path, pag
         expect(t.card("drone2")).to_have_class(re.compile("bad"))
         t.tab.locator("#logs").click()
         expect(t.tab.locator("#log")).to_contain_text("logs: 1 new")
-        expect(t.tab.locator("#debrief")).to_be_visible()
+        with t.tab.expect_popup() as opened:
+            t.tab.locator("#debrief").click()
+        expect(opened.value.locator("h1")).to_have_text("Debriefing")
 
 
 def pilots_mode():
@@ -238,6 +240,15 @@ def test_ten_drones_of_which_one_refuses_one_is_lost_and_one_is_passive(ten, pag
     expect(t.tab.locator("#summary")).to_contain_text("9 of 10 heard")
     t.does("land", "drone5", result="its vehicle is not heard")
     t.sees("drone6", "link", "heard")
+    t.tab.locator("#all").check()
+    expect(t.tab.locator(".pick:checked")).to_have_count(10)
+    t.tab.locator("[data-do=hold]").click()
+    for drone in everyone:
+        expect(t.tab.get_by_role("dialog")).to_contain_text(drone)
+    t.tab.get_by_role("dialog").get_by_role("button", name="Yes").click()
+    for drone in everyone:
+        heard = "done" if drone != "drone5" else "its vehicle is not heard"
+        expect(t.card(drone).locator(".result")).to_have_text(re.compile(f"^hold: {heard}"))
     assert all(len(state["drones"]) == 10 for state in t.states)
     between = np.diff([state["time"] for state in t.states])
     assert len(between) > 20
