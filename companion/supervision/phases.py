@@ -24,6 +24,7 @@ COMPANION_HEARTBEAT = Heartbeat(
     system_status=SystemState.ACTIVE,
 )
 _REPEAT = 1.0  # s between repeated requests
+_LIFTED, _CLIMBS = 0.3, 0.2  # m, m/s; a vehicle beyond either is taking off
 _REPEAT_RELEASE = 0.3  # s; the same while control is given back, as only two seconds are left
 _ARM_ANSWER = 2.0  # s after the request to arm in which an armed vehicle is the answer to it
 _STREAM_FIRST = 0.25  # s of setpoints before offboard is asked for: PX4 refuses it without any
@@ -110,7 +111,7 @@ class PhaseMachine:
         self._note_heartbeat(time, mode, heartbeat.armed)
         if own is None:  # ArduPilot sends no telemetry before it is requested
             waits = self.phase is Phase.WAIT
-            return Decision(self.phase, self._due_requests(time, mode) if waits else [])
+            return Decision(self.phase, self._due_requests(time, mode, own) if waits else [])
         if self._releasing:
             return self._release(time, mode, heartbeat.armed)
         before = self.phase
@@ -118,7 +119,7 @@ class PhaseMachine:
         if self.phase is Phase.ENGAGE is not before:
             self._engaged_at = time
         self._mode = mode
-        requests = self._due_requests(time, mode)
+        requests = self._due_requests(time, mode, own)
         if new and self.phase is not Phase.WAIT:  # in which the streams are requested anyway
             requests = self._autopilot.request_streams() + requests
         stream = self.phase in (Phase.ENGAGE, Phase.FLY) or (
@@ -139,13 +140,13 @@ class PhaseMachine:
         if self.phase is Phase.WAIT and armed and time - self._arm_requested_at > _ARM_ANSWER:
             self._armed_by_pilot = True
 
-    def _due_requests(self, time: float, mode: str) -> list[Message]:
+    def _due_requests(self, time: float, mode: str, own: VehicleState | None) -> list[Message]:
         """Return the requests of the phase where they are due, each second again."""
         if time - self._requested_at < _REPEAT or self.phase in (Phase.DONE, Phase.PASSIVE):
             return []
         if self.phase is Phase.ENGAGE and time - self._engaged_at < _STREAM_FIRST:
             return []
-        requests = self._requests(mode)
+        requests = self._requests(mode, own)
         if requests:
             self._requested_at = time
             if self.phase is Phase.ARM:
@@ -251,13 +252,14 @@ class PhaseMachine:
 
     def _is_up(self, mode: str, own: VehicleState) -> bool:
         """Return whether the take-off is over."""
-        height = float(own.p[2]) - self._ground
-        return (
-            mode == self._autopilot.mode_after_takeoff
-            and height > 0.8 * self._config.takeoff_altitude
-        )
+        high = self._height(own) > 0.8 * self._config.takeoff_altitude
+        return high and mode == self._autopilot.mode_after_takeoff
 
-    def _requests(self, mode: str) -> list[Message]:
+    def _height(self, own: VehicleState) -> float:
+        """Return the height [m] above the place where it was armed."""
+        return float(own.p[2]) - self._ground
+
+    def _requests(self, mode: str, own: VehicleState | None) -> list[Message]:
         """Return what to request of the autopilot in this phase, until HEARTBEAT shows it."""
         a = self._autopilot
         if self.phase is Phase.WAIT:
@@ -265,7 +267,9 @@ class PhaseMachine:
         if self.phase is Phase.ARM:
             return a.arm()
         if self.phase is Phase.TAKEOFF and not self._takeoff_seen:
-            return a.takeoff(self._config.takeoff_altitude)
+            # ArduCopter shows no mode of its own for it, and refuses to take off in the air.
+            up = own is not None and (self._height(own) > _LIFTED or own.v[2] > _CLIMBS)
+            return [] if up else a.takeoff(self._config.takeoff_altitude)
         if self.phase is Phase.ENGAGE and self._auto:
             return a.offboard()
         if self.phase is Phase.LAND and mode != "land":

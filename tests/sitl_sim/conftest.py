@@ -37,7 +37,8 @@ class Flight:
 
     def command(self, number, *params, i=0, source=GCS):
         """The acknowledged result."""
-        padded = (*map(float, params), *(math.nan,) * (7 - len(params)))
+        unused = 0.0 if self.autopilots.units[i].flavour.nan_ends else math.nan
+        padded = (*map(float, params), *(unused,) * (7 - len(params)))
         replies = self.send(Command(int(number), padded, i + 1), i, source)
         assert replies[0].command == number
         assert (replies[0].target_system, replies[0].target_component) == (

@@ -4,15 +4,9 @@ UNDER_TEST names the link of a real PX4 (SITL on its onboard port, or a drone wi
 it is armed for a moment. Without it the emulated PX4 stands in.
 """
 
-import os
-import time
-
 import pytest
 
-from mavlink_bridge.wire.codec import Codec
-from mavlink_bridge.wire.link import Link, open_endpoint
 from mavlink_bridge.wire.messages import (
-    Command,
     CommandAck,
     Event,
     Heartbeat,
@@ -21,87 +15,21 @@ from mavlink_bridge.wire.messages import (
     ParamError,
     ParamRequestRead,
     ParamSet,
-    Received,
-    Source,
     StatusText,
 )
-from sitl_sim.vehicles.airframe import Airframe
-from sitl_sim.vehicles.emulated import Autopilots
-from sitl_sim.vehicles.rigid_body import Vehicles
+from tests.wire.vehicles_under_test import command, results, under_test
 
 OFFBOARD, HOLD, LAND = (1.0, 6.0, 0.0), (1.0, 4.0, 3.0), (1.0, 4.0, 6.0)
 
 
-class Emulated:
-    """The emulated PX4, in simulated time."""
-
-    def __init__(self):
-        self.system = 1
-        self._pilots = Autopilots(Vehicles(Airframe(), [[0, 0, 0]], 0.0), [1], "px4")
-
-    def close(self):
-        """Nothing is open."""
-
-    def ask(self, message, seconds):
-        heard = self._pilots.receive(0, Received(Source(1, 191), message), "companion")
-        for _ in range(round(seconds / 0.02)):
-            self._pilots.advance(round(self._pilots.t + 0.02, 3))
-            heard = heard + self._pilots.telemetry(0, "companion")
-        return heard
-
-
-class Real:
-    """A vehicle at the end of a link, in its own time."""
-
-    def __init__(self, url):
-        self._link = Link(open_endpoint(url), Codec(255, 191))
-        deadline = time.monotonic() + 10.0
-        found = []
-        while not found and time.monotonic() < deadline:
-            self._link.wait(0.2)
-            found = [r for r in self._link.receive() if isinstance(r.message, Heartbeat)]
-        if not found:
-            self.close()
-            pytest.fail(f"no vehicle at {url}")
-        self.system = found[0].source.system
-        self._link.close()
-        self._link = Link(open_endpoint(url), Codec(self.system, 191))
-
-    def close(self):
-        self._link.close()
-
-    def ask(self, message, seconds):
-        heard = []
-        self._link.wait(1.0)
-        self._link.receive()  # what came before the question
-        deadline = time.monotonic() + seconds
-        self._link.send([message])
-        while time.monotonic() < deadline:
-            self._link.wait(0.05)
-            heard += [r.message for r in self._link.receive() if r.source.component == 1]
-        return heard
-
-
 @pytest.fixture(params=["emulated", "real"])
 def px4(request):
-    url = os.environ.get("UNDER_TEST")
-    if request.param == "real" and not url:
-        pytest.skip("UNDER_TEST names no vehicle")
-    vehicle = Real(url) if request.param == "real" else Emulated()
+    vehicle = under_test(request.param, "px4")
     vehicle.ask(command(vehicle, 176, *HOLD), 1.5)
     yield vehicle
     vehicle.ask(command(vehicle, 400, 0.0), 1.5)
     vehicle.ask(command(vehicle, 176, *HOLD), 1.5)
     vehicle.close()
-
-
-def command(px4, number, *params):
-    return Command(number, (*params, *(0.0,) * (7 - len(params))), px4.system)
-
-
-def results(px4, number, *params, seconds=1.0):
-    heard = px4.ask(command(px4, number, *params), seconds)
-    return [m.result for m in heard if isinstance(m, CommandAck) and m.command == number]
 
 
 def test_modes_are_acknowledged_on_arrival_and_with_their_result(px4):

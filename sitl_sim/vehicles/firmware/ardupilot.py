@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import IntEnum
 
-from mavlink_bridge.wire.ids import AutopilotId, Capability, MessageId, ParameterType
+from mavlink_bridge.wire.ids import AutopilotId, Capability, CommandId, MessageId, ParameterType
 from mavlink_bridge.wire.messages import CommandResult
 from sitl_sim.vehicles.firmware.flavour import FailsafeAction, Flavour, Mode, Settings
 
@@ -24,6 +24,8 @@ INT8, INT16, INT32, REAL32 = (
 THRUST_AS_THRUST = 8  # bit 3 of GUID_OPTIONS
 CENTI = 0.01  # its lengths and speeds are in cm
 LANDED_DISARM = 0.1  # s
+ARMING_DELAY = 2.0  # s for which the motors stand still once armed
+TAKEOFF_RAMP = 1.0  # s; measured: 2 m up 2.7 s after the request, 3.9 s after arming
 
 
 class CopterMode(IntEnum):
@@ -52,6 +54,8 @@ def _settings(p: Mapping[str, float]) -> Settings:
         thrust_curve=p["MOT_THST_EXPO"],
         takeoff_altitude=CENTI * p["PILOT_TKOFF_ALT"],
         takeoff_speed=CENTI * p["WPNAV_SPEED_UP"],
+        spool_up=ARMING_DELAY,
+        takeoff_ramp=TAKEOFF_RAMP,
         land_speed=CENTI * p["LAND_SPEED"],
         crawl_speed=min(CENTI * p["LAND_SPEED"], 0.3),
         cruise_speed=CENTI * p["WPNAV_SPEED"],
@@ -133,6 +137,18 @@ ARDUPILOT = Flavour(
     hover_name="MOT_THST_HOVER",
     system_name="MAV_SYSID",
     unsent=frozenset({MessageId.EKF_STATUS_REPORT}),  # MAVSDK requests it with its health
+    # The SITL ends with a floating point exception; the emulated one goes on, and does not answer.
+    nan_ends=frozenset(
+        {CommandId.NAV_TAKEOFF, CommandId.COMPONENT_ARM_DISARM, CommandId.REQUEST_MESSAGE}
+    ),
+    lacks=frozenset(
+        {MessageId.ODOMETRY, MessageId.ESTIMATOR_STATUS, MessageId.TIMESYNC, MessageId.PING}
+    ),
+    answers_pings=False,
+    stands_in=True,
+    arm_unknown=CommandResult.UNSUPPORTED,
+    armed_words="Arming motors",
+    mode_words={Mode.HOLD: "BRAKE", Mode.RETURN: "RTL", Mode.MISSION: "AUTO"},
     arm_refusal=CommandResult.FAILED,
     arm_prefix="Arm",
     capabilities=int(

@@ -68,7 +68,7 @@ def failures(
         found.append(Failure("battery too low", "check_battery_critical"))
     if not mission:
         bit = 1 << STATES[Mode.MISSION]
-        found.append(Failure("no valid mission", "check_modes_mission", INFORMATION, bit))
+        found.append(Failure("Mode requires mission", "check_modes_mission", INFORMATION, bit))
     if not stream_ok:
         bit = 1 << STATES[Mode.OFFBOARD]
         found.append(Failure("no offboard signal", "check_modes_offboard_signal", ERROR, bit))

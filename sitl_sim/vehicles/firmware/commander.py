@@ -117,7 +117,7 @@ class Commander:
         if self.landed:
             self._set_home()
         self.guidance.begin(self.mode, self.mode)
-        self.say(Severity.INFO, "Armed by external command")
+        self.say(Severity.INFO, self.flavour.armed_words)
         self.report("commander_armed_by", Severity.INFO)
         return CommandResult.ACCEPTED
 
@@ -130,7 +130,7 @@ class Commander:
             if failure.bars(self.mode):
                 return failure.words
         if self.mode not in self.flavour.armable:
-            return f"{self.mode.name.lower()} mode can not be armed"
+            return f"{self.flavour.mode_words.get(self.mode, self.mode.name)} mode not armable"
         return ""
 
     def _failures(self) -> list[Failure]:
@@ -180,7 +180,7 @@ class Commander:
         if self.armed or not self.flavour.stream_first:
             if mode is Mode.OFFBOARD and self.flavour.stream_first and not self.stream_ok:
                 return CommandResult.TEMPORARILY_REJECTED
-            if mode is Mode.MISSION and not self.guidance.mission:
+            if mode is Mode.MISSION and not self.guidance.mission and self.flavour.stream_first:
                 self.say(Severity.CRITICAL, "Mission refused: no valid mission")
                 return CommandResult.TEMPORARILY_REJECTED
         if mode is Mode.MISSION and self.guidance.mission_seq >= len(self.guidance.mission):
@@ -203,7 +203,7 @@ class Commander:
     def take_off(self, height: float | None) -> int:
         """Climb to `height` [m] above this place; None: the parameter's height."""
         in_mode = self.flavour.takeoff_mode
-        if not in_mode and not (self.armed and self.mode is Mode.OFFBOARD):
+        if not in_mode and not (self.armed and self.landed and self.mode is Mode.OFFBOARD):
             return CommandResult.FAILED
         self.failsafe = False
         self._enter(Mode.TAKEOFF if in_mode else Mode.OFFBOARD)

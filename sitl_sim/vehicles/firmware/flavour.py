@@ -82,7 +82,11 @@ class Flavour:
     channels, deaf to messages. first_item_is_home: of a mission. reports_events: refusals are
     explained by EVENT. texts_need_ground: STATUSTEXT goes only where a ground station's HEARTBEAT
     was heard; else where any message was. current_known: battery current is measured. unsent:
-    message ids whose interval it accepts without sending them. fresh_only: message ids whose
+    message ids whose interval it accepts without sending them. lacks: those it does not know.
+    answers_pings: PING is answered. stands_in: it takes what is for a component of its system that
+    it hears on no other link. nan_ends: commands that are never answered where they hold NaN.
+    arm_unknown: MAV_RESULT of an arming that is neither 0 nor 1. armed_words: what it says once
+    armed. mode_words: how it names a mode in which it does not arm. fresh_only: message ids whose
     request is denied, as the stream has just sent the newest. arm_refusal: MAV_RESULT of a refused
     request to arm. streams: default streams of each link, message id → Hz. doubt_streams: those to
     the companion where the state estimate has doubts worth telling (not in motion capture).
@@ -112,6 +116,13 @@ class Flavour:
     hover_name: str = "MPC_THR_HOVER"
     system_name: str = "MAV_SYS_ID"
     unsent: frozenset[int] = frozenset()
+    lacks: frozenset[int] = frozenset()
+    answers_pings: bool = True
+    stands_in: bool = False
+    nan_ends: frozenset[int] = frozenset()
+    arm_unknown: int = CommandResult.DENIED
+    armed_words: str = "Armed by external command"
+    mode_words: Mapping[Mode, str] = field(default_factory=dict)
     fresh_only: frozenset[int] = frozenset()
     arm_refusal: int = CommandResult.TEMPORARILY_REJECTED
     arm_prefix: str = "Arming denied"

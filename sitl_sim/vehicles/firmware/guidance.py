@@ -166,12 +166,16 @@ class Guidance:
         i = self.i
         if math.isnan(self.climb_to):
             self.climb_to = float(self.est.p[i, 2]) + self.settings.takeoff_altitude
+        self._climb()
+        return Mode.HOLD if self.est.p[i, 2] > self.climb_to - REACHED_HEIGHT else None
+
+    def _climb(self) -> None:
+        i = self.i
         self.sp.limits[i, 1] = self._climb_speed()
         if self.sp.limits[i, 1] <= 0.0 and self.landed:
             self._control(Control.IDLE)
-            return None
-        self._go(self.sp.p[i, 0], self.sp.p[i, 1], self.climb_to)
-        return Mode.HOLD if self.est.p[i, 2] > self.climb_to - REACHED_HEIGHT else None
+        else:
+            self._go(self.sp.p[i, 0], self.sp.p[i, 1], self.climb_to)
 
     def _climb_speed(self) -> float:
         """Return the speed [m/s] that a take-off has now: motors spool up, then thrust ramps up.
@@ -190,7 +194,7 @@ class Guidance:
         """Follow the newest setpoint; hold without one, level after a lost one (ArduPilot)."""
         i = self.i
         if not math.isnan(self.climb_to):
-            self._go(self.sp.p[i, 0], self.sp.p[i, 1], self.climb_to)
+            self._climb()
             return None
         if self.setpoint is None or self.now - self.setpoint_at > self.settings.loss_time:
             stale = self.setpoint is not None and self.setpoint_at > self._began

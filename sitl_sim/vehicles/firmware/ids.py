@@ -52,15 +52,18 @@ class MissionResult(IntEnum):
 
     ACCEPTED = 0
     ERROR = 1
+    UNSUPPORTED_FRAME = 2
     UNSUPPORTED = 3
     NO_SPACE = 4
     INVALID_PARAM5_X = 10
     INVALID_PARAM6_Y = 11
     INVALID_PARAM7 = 12
     INVALID_SEQUENCE = 13
+    OPERATION_CANCELLED = 15
 
 
 GLOBAL_INT_FRAME = 5  # MAV_FRAME_GLOBAL_INT
+GLOBAL_FRAMES = (0, 3, 5, 6, 10, 11)  # MAV_FRAME: above the sea, above home, above the ground
 
 
 class AltitudeFrame(IntEnum):

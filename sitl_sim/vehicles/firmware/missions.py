@@ -18,7 +18,13 @@ from mavlink_bridge.wire.messages import (
     Source,
 )
 from sitl_sim.vehicles.firmware.guidance import Guidance, Waypoint
-from sitl_sim.vehicles.firmware.ids import AltitudeFrame, MissionCommand, MissionResult, MissionType
+from sitl_sim.vehicles.firmware.ids import (
+    GLOBAL_FRAMES,
+    AltitudeFrame,
+    MissionCommand,
+    MissionResult,
+    MissionType,
+)
 from sitl_sim.worlds.geodesy import LocalFrame
 
 WITH_PLACE = (MissionCommand.NAV_WAYPOINT, MissionCommand.NAV_TAKEOFF, MissionCommand.NAV_LAND)
@@ -52,7 +58,8 @@ class Missions:
 
     Fence and rally points are kept, and change no flight.
     A vehicle that waits for an item asks again for some seconds. strict_places: as ArduCopter,
-    which refuses a place off the Earth and asks by the old MISSION_REQUEST; here it keeps no fence.
+    which refuses a place off the Earth or in another frame and an item out of turn, and asks by the
+    old MISSION_REQUEST.
     """
 
     def __init__(
@@ -76,6 +83,8 @@ class Missions:
         if isinstance(m, MissionItem):
             return self._take(to, m, now_us)
         if isinstance(m, MissionRequestList):
+            if self._strict and m.mission_type not in KEPT:
+                return [MissionAck(*to, MissionResult.UNSUPPORTED, m.mission_type)]
             return [MissionCount(*to, len(self._plans.get(m.mission_type, [])), m.mission_type)]
         if isinstance(m, MissionRequest):
             return self._send(to, m)
@@ -98,13 +107,14 @@ class Missions:
             retry, timeout = SLOW_RETRY_US, LONG_TIMEOUT_US
         if now_us - u.heard_us > timeout:
             self._upload = None
-            return []
+            cancelled = MissionAck(*u.to, MissionResult.OPERATION_CANCELLED, u.kind)
+            return [cancelled] if self._strict else []
         if now_us - u.asked_us <= retry:
             return []
         return [u.request(now_us)]
 
     def _begin(self, to: tuple[int, int], m: MissionCount, link: str, now_us: int) -> list[Message]:
-        if m.mission_type not in KEPT or (self._strict and m.mission_type != MissionType.MISSION):
+        if m.mission_type not in KEPT:
             result = MissionResult.UNSUPPORTED if m.count else MissionResult.ACCEPTED
             return [MissionAck(*to, result, m.mission_type)]
         if m.count > SIZE_MAX:
@@ -121,6 +131,8 @@ class Missions:
             return [MissionAck(*to, MissionResult.ERROR, m.mission_type)]
         u.heard_us = now_us
         if m.seq != len(u.items):
+            if self._strict:
+                return [MissionAck(*to, MissionResult.INVALID_SEQUENCE, m.mission_type)]
             return [u.request(now_us)]  # a repeated or lost item: ask again
         flaw = _flaw(m, self._strict) if u.kind == MissionType.MISSION else MissionResult.ACCEPTED
         if flaw:
@@ -187,6 +199,8 @@ def _flaw(m: MissionItem, strict: bool) -> int:
         return MissionResult.UNSUPPORTED
     if m.command not in WITH_PLACE:
         return MissionResult.ACCEPTED
+    if strict and m.frame not in GLOBAL_FRAMES:
+        return MissionResult.UNSUPPORTED_FRAME
     for degrees, most, flaw in (
         (m.x_deg, 90.0, MissionResult.INVALID_PARAM5_X),
         (m.y_deg, 180.0, MissionResult.INVALID_PARAM6_Y),

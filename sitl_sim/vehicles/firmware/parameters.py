@@ -6,13 +6,15 @@ import math
 import struct
 import zlib
 from collections.abc import Mapping
+from dataclasses import replace
 
 from mavlink_bridge.wire.ids import ParameterError, ParameterType
 from mavlink_bridge.wire.messages import ParamError, ParamRequestRead, ParamSet, ParamValue
 from sitl_sim.vehicles.firmware.flavour import Flavour, Settings
 
 _LARGEST = (2.0 - 2.0**-23) * 2.0**127  # of a float32
-HASH, HASH_INDEX = "_HASH_CHECK", 0xFFFF
+HASH, NO_INDEX = "_HASH_CHECK", 0xFFFF
+_ALMOST = 0.01  # by which a whole number may fall short
 _HASH_BITS = 0x7F7FFFFF  # of the checksum: no NaN, whose bits a float may lose on its way
 RANGES: dict[int, tuple[float, float]] = {
     ParameterType.INT8: (-128, 127),
@@ -75,8 +77,8 @@ class Parameters:
             if m.index < len(self._names):
                 return [self._message(self._names[m.index])]
             return self._refused(to, "", m.index, ParameterError.DOES_NOT_EXIST)
-        if m.name in self._types:
-            return [self._message(m.name)]
+        if self._own(m.name) in self._types:
+            return [self._told(m.name)]
         if strict and m.name == HASH:
             return [self._hash()]
         return self._refused(to, m.name, -1, ParameterError.DOES_NOT_EXIST)
@@ -86,20 +88,31 @@ class Parameters:
 
         PX4 wants the parameter's own type, and stores any float, NaN too.
         """
-        if m.name not in self._types:
+        own = self._own(m.name)
+        if own not in self._types:
             return self._refused(to, m.name, -1, ParameterError.DOES_NOT_EXIST)
-        strict, kind = self._flavour.strict_parameters, self._types[m.name]
+        strict, kind = self._flavour.strict_parameters, self._types[own]
         if strict and m.param_type not in (ParameterType.INT32, ParameterType.REAL32):
             return self._refused(to, m.name, -1, ParameterError.TYPE_UNSUPPORTED)
         if strict and m.param_type != kind:
             return self._refused(to, m.name, -1, ParameterError.TYPE_MISMATCH)
-        value = self._decode(m.value, m.param_type)
         if not strict and not math.isfinite(m.value):
             return []  # ArduCopter neither takes nor answers it
+        value = self._decode(m.value, m.param_type) if strict else _nearest(m.value, kind)
         any_float = strict and kind == ParameterType.REAL32
-        if any_float or not unfit(self._flavour, m.name, value):
-            self._values[m.name] = value
-        return [self._message(m.name)]
+        if any_float or not unfit(self._flavour, own, value):
+            self._values[own] = value
+        return [self._told(m.name)]
+
+    def _own(self, name: str) -> str:
+        """Return a parameter's own name: ArduCopter minds no case."""
+        return name if self._flavour.strict_parameters else name.upper()
+
+    def _told(self, name: str) -> ParamValue:
+        """Return a value that was asked for by name; ArduCopter gives no index, and that name."""
+        told = self._message(self._own(name))
+        strict = self._flavour.strict_parameters
+        return told if strict else replace(told, name=name, index=NO_INDEX)
 
     def _refused(
         self, to: tuple[int, int], name: str, index: int, error: int
@@ -107,13 +120,9 @@ class Parameters:
         return [ParamError(*to, name, index, error)] if self._flavour.strict_parameters else []
 
     def _decode(self, raw: float, param_type: int) -> float:
-        if self._flavour.strict_parameters and param_type != ParameterType.REAL32:
-            return float(struct.unpack("<i", struct.pack("<f", raw))[0])
-        return (
-            raw
-            if param_type == ParameterType.REAL32 or not math.isfinite(raw)
-            else float(round(raw))
-        )
+        if param_type == ParameterType.REAL32:
+            return raw
+        return float(struct.unpack("<i", struct.pack("<f", raw))[0])
 
     def _message(self, name: str) -> ParamValue:
         kind, value = self._types[name], self._values[name]
@@ -126,4 +135,12 @@ class Parameters:
         told = b"".join(n.encode() + struct.pack("<f", self._values[n]) for n in self._names)
         number = zlib.crc32(told) & _HASH_BITS
         value = struct.unpack("<f", struct.pack("<I", number))[0]
-        return ParamValue(HASH, value, ParameterType.UINT32, len(self._names), HASH_INDEX)
+        return ParamValue(HASH, value, ParameterType.UINT32, len(self._names), NO_INDEX)
+
+
+def _nearest(value: float, kind: int) -> float:
+    """Return what ArduCopter makes of a value: within the type's range, whole numbers cut."""
+    low, high = RANGES[kind]
+    if kind != ParameterType.REAL32:
+        value = math.trunc(value + math.copysign(_ALMOST, value))
+    return float(min(max(value, low), high))

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from mavlink_bridge.wire.ids import ComponentId, MessageId, Severity
+from mavlink_bridge.wire.ids import ComponentId, MessageId, ModeFlag, Severity
 from mavlink_bridge.wire.messages import (
     Command,
     CommandAck,
@@ -66,7 +66,9 @@ MISSION_MESSAGES = (
 def answer(u: Unit, received: Received, link: str) -> list[Message]:
     """Let vehicle u take a message that came by `link`; return the replies for that link."""
     m, source = received.message, received.source
-    if u.flavour.sticks or not _is_for(u, m):
+    if source.system == u.system:
+        u.components[link].add(source.component)
+    if u.flavour.sticks or not _is_for(u, m, link):
         return []
     u.hear(m, link)
     if isinstance(m, RateSetpoint):
@@ -82,7 +84,7 @@ def answer(u: Unit, received: Received, link: str) -> list[Message]:
     if isinstance(m, ParamRequestList | ParamRequestRead | ParamSet):
         return _parameters(u, source, m)
     if isinstance(m, Ping):
-        asked = m.target_system == 0
+        asked = m.target_system == 0 and u.flavour.answers_pings
         return [Ping(m.time, m.sequence, source.system, source.component)] if asked else []
     if isinstance(m, TimeSync):
         if m.tc1 != 0:
@@ -96,16 +98,21 @@ def answer(u: Unit, received: Received, link: str) -> list[Message]:
     return []
 
 
-def _is_for(u: Unit, m: Message) -> bool:
+def _is_for(u: Unit, m: Message, link: str) -> bool:
     system = getattr(m, "target_system", 0)
     component = getattr(m, "target_component", 0)
-    return system in (0, u.system) and component in (0, ComponentId.AUTOPILOT1)
+    if component not in (0, ComponentId.AUTOPILOT1):
+        elsewhere = any(component in c for other, c in u.components.items() if other != link)
+        return u.flavour.stands_in and system == u.system and not elsewhere
+    return system in (0, u.system)
 
 
 def _command(u: Unit, source: Source, m: Command, link: str) -> list[Message]:
     def ack(result: int) -> Message:
         return CommandAck(m.command, int(result), source.system, source.component)
 
+    if m.command in u.flavour.nan_ends and any(map(math.isnan, m.params)):
+        return []
     if u.flavour.global_frame_only and m.frame not in (None, GLOBAL_INT_FRAME):
         return [ack(CommandResult.COMMAND_UNSUPPORTED_MAV_FRAME)]
     handler = COMMANDS.get(m.command)
@@ -125,7 +132,7 @@ Handled = tuple[int, list[Message]]
 def _arm(u: Unit, m: Command, link: str) -> Handled:
     wanted, force = m.params[0], m.params[1] == FORCE
     if wanted not in (0.0, 1.0):
-        return CommandResult.DENIED, []
+        return u.flavour.arm_unknown, []
     return (u.commander.arm(force) if wanted else u.commander.disarm(force)), []
 
 
@@ -141,7 +148,8 @@ def _take_off(u: Unit, m: Command, link: str) -> Handled:
     if u.flavour.takeoff_above_sea:
         # PX4 takes an altitude that is too low as its smallest height.
         z = max(z - u.frame.to_geo(u.guidance.est.p[u.i])[2], u.commander.settings.takeoff_altitude)
-    return (u.commander.take_off(z) if z > 0.0 else CommandResult.DENIED), []
+    refused = CommandResult.DENIED if u.flavour.takeoff_mode else CommandResult.FAILED
+    return (u.commander.take_off(z) if z > 0.0 else refused), []
 
 
 def _land(u: Unit, m: Command, link: str) -> Handled:
@@ -159,6 +167,8 @@ def _start_mission(u: Unit, m: Command, link: str) -> Handled:
 
 
 def _do_set_mode(u: Unit, m: Command, link: str) -> Handled:
+    if not u.flavour.split_mode and not int(m.params[0]) & ModeFlag.CUSTOM_MODE_ENABLED:
+        return CommandResult.DENIED, []
     main, sub = (int(p) if math.isfinite(p) else 0 for p in m.params[1:3])
     return _set_mode(u, main << 16 | sub << 24 if u.flavour.split_mode else main), []
 
@@ -177,7 +187,7 @@ def _set_message_interval(u: Unit, m: Command, link: str) -> Handled:
     message_id, interval_us = int(m.params[0]), m.params[1]
     if message_id in u.flavour.unsent:
         return CommandResult.ACCEPTED, []
-    if message_id not in BUILDERS:
+    if message_id not in BUILDERS or message_id in u.flavour.lacks:
         if u.flavour.reports_events:
             return CommandResult.FAILED, []
         u.commander.say(Severity.INFO, f"No ap_message for mavlink id ({message_id})")
@@ -191,8 +201,9 @@ def _set_message_interval(u: Unit, m: Command, link: str) -> Handled:
 
 
 def _request_message(u: Unit, m: Command, link: str) -> Handled:
-    builder = BUILDERS.get(int(m.params[0])) if math.isfinite(m.params[0]) else None
-    if builder and int(m.params[0]) in u.flavour.fresh_only:
+    number = int(m.params[0]) if math.isfinite(m.params[0]) else -1
+    builder = None if number in u.flavour.lacks else BUILDERS.get(number)
+    if builder and number in u.flavour.fresh_only:
         return CommandResult.DENIED, []  # the stream sends it soon enough
     message = builder(u) if builder else None
     if message is None:

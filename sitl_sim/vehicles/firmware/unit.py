@@ -99,6 +99,7 @@ class Unit:
         self.now_us = 0
         self.pings = 0  # sent
         self.asked_mode = flavour.modes[flavour.initial]
+        self.components: dict[str, set[int]] = {name: set() for name in LINKS}  # heard on each
         self._builders = builders
         self.schedules = {
             name: Schedule({**flavour.streams[name], **more_streams.get(name, {})})

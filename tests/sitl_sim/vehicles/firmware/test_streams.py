@@ -93,7 +93,7 @@ def test_ardupilot_says_words_where_anything_was_heard(make_flight):
     f = make_flight(flavour="ardupilot")
     f.send(COMPANION, source=Source(1, 191))
     f.command(400, 1, source=Source(1, 191))
-    assert words(f, "companion") == ["Armed by external command"]
+    assert words(f, "companion") == ["Arming motors"]
     assert words(f, "gcs") == []
 
 
