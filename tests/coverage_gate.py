@@ -10,10 +10,10 @@ import tempfile
 from pathlib import Path
 
 MISSED = {  # lines at most
-    "companion/supervision": 40,
-    "companion/estimation": 39,
+    "companion/supervision": 78,
+    "companion/estimation": 56,
     "companion/guidance": 19,
-    "mavlink_bridge/wire": 40,
+    "mavlink_bridge/wire": 56,
 }
 # Generated, and what the tests of processes reach.
 LEFT_OUT = ("mavlink_bridge/wire/dialect/common.py", "mavlink_bridge/wire/video.py")
