@@ -39,8 +39,7 @@ class CertificateConfig(StrictModel):
     enforce: bool = Field(
         False,
         description="Fly the way to stop where a plan's command has no certificate; false: the "
-        "certificate is only judged, logged and counted. Where a plan is accepted at every other "
-        "tick, plan and way take turns, and the drone swings until `monitors` ask for HOLD.",
+        "certificate is only judged, logged and counted, until it has flown more.",
     )
     neighbour_radius: float = Field(
         0.2, gt=0, description="Radius [m] of the sphere around a neighbour: as of the own drone."
