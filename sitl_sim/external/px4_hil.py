@@ -7,6 +7,7 @@ simulator_mavlink, ROMFS/px4fmu_common/init.d-posix. Flown with PX4 1.17.
 
 from __future__ import annotations
 
+import fcntl
 import select
 import socket
 import time
@@ -23,6 +24,7 @@ from sitl_sim.vehicles.rigid_body import State
 PORT = 4560
 _COMPANION_PORT, _GROUND_PORT = 14580, 18570  # on which instance 0 listens
 _INSTANCES = 200
+_LOCK = "/tmp/px4_lock"  # PX4 locks this file, its instance appended
 _QUADROTOR_BY_TCP = "10016"  # PX4's airframe that waits for such a simulator
 
 
@@ -122,6 +124,18 @@ class Px4Sitl(ExternalSitl):
         return True
 
 
+def _locked(instance: int) -> bool:
+    """Return whether a PX4 of this number runs, in another network namespace too."""
+    try:
+        with Path(f"{_LOCK}-{instance}").open("r+b") as file:
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # closing it lets go
+    except FileNotFoundError:
+        return False
+    except OSError:
+        return True
+    return False
+
+
 def _first_free() -> tuple[socket.socket, int]:
     """Return a listener for the first instance that runs nowhere on this host, and its number.
 
@@ -129,7 +143,8 @@ def _first_free() -> tuple[socket.socket, int]:
         ExternalError: all instances are taken.
     """
     for instance in range(_INSTANCES):
-        if not all(udp_free(port + instance) for port in (_COMPANION_PORT, _GROUND_PORT)):
+        ports = (_COMPANION_PORT + instance, _GROUND_PORT + instance)
+        if _locked(instance) or not all(map(udp_free, ports)):
             continue
         try:
             return socket.create_server(("127.0.0.1", PORT + instance)), instance

@@ -1,13 +1,15 @@
 """A PX4 on the simulator's physics; the stand-in refuses what PX4 refuses."""
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from sitl_sim.external import lockstep_fleet
+from sitl_sim.external import lockstep_fleet, px4_hil
 from sitl_sim.external.airframe_parameters import px4_parameters
 from sitl_sim.external.hil_sensors import HilSensors
 from sitl_sim.external.lockstep_fleet import LockstepFleet
@@ -120,3 +122,25 @@ def test_noise_is_that_of_the_data_sheets():
     assert np.std([s.pressure for s in imu]) == pytest.approx(0.012, rel=0.05)
     assert np.std(north) == pytest.approx(0.0085, rel=0.1)
     assert np.std([g.v for g in gps]) == pytest.approx(0.0425, rel=0.05)
+
+
+def test_an_instance_that_runs_in_another_namespace_is_passed_over(tmp_path, monkeypatch):
+    """Its ports are free here; PX4 then says `PX4 server already running` and ends."""
+    monkeypatch.setattr(px4_hil, "_LOCK", str(tmp_path / "px4_lock"))
+    listener, free = px4_hil._first_free()
+    listener.close()
+    (tmp_path / f"px4_lock-{free}").touch()
+    listener, again = px4_hil._first_free()
+    listener.close()
+    assert again == free  # a file that nobody locks
+    script = (
+        "import fcntl, sys; f = open(sys.argv[1], 'r+b'); fcntl.lockf(f, fcntl.LOCK_EX);"
+        "print(flush=True); sys.stdin.read()"
+    )
+    command = [sys.executable, "-c", script, str(tmp_path / f"px4_lock-{free}")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        other.stdout.readline()
+        listener, another = px4_hil._first_free()
+        listener.close()
+        other.stdin.close()
+    assert another > free
