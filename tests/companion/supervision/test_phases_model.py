@@ -78,8 +78,6 @@ class Checked:
         if told.release == "reboot":
             m.rebooted()
         elif told.release == "resume":
-            m.resume()
-        elif told.release == "resume":
             self.resumed |= before in (Phase.PASSIVE, Phase.DONE)
             m.resume()
         elif told.release is not None:
@@ -216,6 +214,7 @@ def test_every_state_has_a_way_out_and_no_step_does_what_must_not_be(name, auto,
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("land", [False, True])
 @pytest.mark.parametrize("auto", [False, True])
 @pytest.mark.parametrize("name", ADAPTERS)
