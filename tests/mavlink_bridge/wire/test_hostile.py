@@ -282,9 +282,12 @@ def test_a_burst_on_one_line_is_read_in_bounded_time(kind, note):
 @pytest.mark.row("27")
 @pytest.mark.parametrize("kind", FLOODS)
 def test_bytes_of_a_line_cost_in_proportion_to_their_number(kind):
-    """The codec of a stream: twice the bytes, at most three times the processor time."""
+    """The codec of a stream: eight times the bytes, far less than the square of it in time.
+
+    The bound lies between 8 and 64, so that what else the machine does decides nothing.
+    """
     flood, costs = FLOODS[kind] * 2, []
-    for size in (50_000, 100_000):
+    for size in (50_000, 400_000):
         data = (flood * (1 + size // len(flood)))[:size]
         least = 1.0
         for _ in range(5):
@@ -293,8 +296,8 @@ def test_bytes_of_a_line_cost_in_proportion_to_their_number(kind):
             codec.stream_frames(data)
             least = min(least, time.thread_time() - began)
         costs.append(least)
-    assert costs[1] < max(3.0 * costs[0], 2e-3), costs
-    assert costs[1] < 0.1, costs
+    assert costs[1] < max(24.0 * costs[0], 16e-3), costs
+    assert costs[1] < 0.4, costs  # 1 µs a byte
 
 
 def _flipped(frame):
