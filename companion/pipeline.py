@@ -118,7 +118,7 @@ class Companion:
 
     @property
     def solver(self) -> str:
-        """What solves the NMPC's programmes (`Planning.backend`)."""
+        """Name of the NMPC's solver (`Planning.backend`)."""
         return self._planning.backend
 
     def tick(self, inputs: TickInputs) -> Tick:

@@ -51,7 +51,7 @@ _numbers = itertools.count()
 
 
 Seen = Vector | dict[str, Any]
-"""What an agent observes: numbers, or numbers and a picture."""
+"""An observation: numbers, or numbers and a picture."""
 
 
 class SwarmEnv(ParallelEnv[str, Seen, Vector]):  # type: ignore[misc]

@@ -14,13 +14,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.constants import GRAVITY
 
 NEIGHBOURS, SURFACES = 8, 8
 SIZE = 6 + 5 * NEIGHBOURS + 3 * SURFACES
 """Numbers in an observation."""
 UPRIGHT = 6
 """Numbers more where the action is thrust and rates: `upright`."""
-HOVER = (9.81, 0.0, 0.0, 0.0)
+HOVER = (GRAVITY, 0.0, 0.0, 0.0)
 """Input without a policy: c [m/s²], ω [rad/s]."""
 
 

@@ -95,7 +95,7 @@ class Daemon:
             solver=companion.solver,
         )
         if companion.solver == "piqp":
-            event("slow solver", logging.WARNING, why="no C compiler, and no kernel of this size")
+            event("slow solver", logging.WARNING, why="no compiled kernel; see companion doctor")
 
     def run(self) -> bool:
         """Tick until a signal stops the daemon, or the sender of the frames hangs up.

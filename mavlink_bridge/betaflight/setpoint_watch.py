@@ -9,7 +9,7 @@ from mavlink_bridge.wire.messages import RateSetpoint
 
 
 class Silence(Enum):
-    """What the time since the newest setpoint asks for."""
+    """How long no setpoint has come, and what the bridge does about it."""
 
     NONE = "fly it"
     SHORT = "level, until the next one comes"

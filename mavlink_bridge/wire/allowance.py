@@ -18,7 +18,7 @@ _DOUBTFUL_PACKETS, _DOUBTFUL_BYTES = 32, 8 << 10  # that do not begin with an ac
 
 
 class Claim(Enum):
-    """What the first frame of a packet is."""
+    """Kind of a packet's first frame."""
 
     ACCEPTED = "accepted: its checksum is right, and with signing its signature"
     GARBAGE = "not whole, or with a wrong checksum"

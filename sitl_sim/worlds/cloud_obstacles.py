@@ -7,7 +7,8 @@
    (`world.cloud_cell`) of each other in plan are one cluster.
 3. A cluster whose points lie on a circle in plan, over a quarter of it and a metre of height, is a
    trunk. Its height is where points above it end.
-4. What remains fills cells, which are joined to boxes. Boxes at the lower edge reach the ground.
+4. The remaining points fill cells, which are joined to boxes. Boxes at the lower edge reach the
+   ground.
 
 Lost are: points outside these heights, single points, the lean of trunks (one that leans
 much becomes boxes), and all finer than a cell. Every other point lies in an obstacle, or
