@@ -20,7 +20,7 @@ from companion.estimation.tracker import Tracker, TrackerConfig
 from companion.perception.ball import Detector
 from companion.perception.camera import Camera
 from companion.types import Detection, Image, Trunk
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.frames import rotation_matrix
 
 FindTrunks = Callable[[Image, Vector, float], list[Trunk]]
@@ -181,7 +181,7 @@ class Flight:
                 if drone in right:
                     tally.found += in_view
                     error = tracks[right[drone]].v - drones.velocities[drone]
-                    tally.velocity.append(float(np.linalg.norm(error)))
+                    tally.velocity.append(norm(error))
             lost = sorted(set(range(len(tracks))) - set(right.values()))
             apart = np.linalg.norm(places[lost] - frame.own.p, axis=1)
             tally.false += int(((apart >= low) & (apart < high)).sum())

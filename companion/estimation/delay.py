@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.estimation.input_history import SentInput
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.wire.messages import Attitude
 
 _STEP = 0.01  # s, of the grid of delays and of the commands' memory
@@ -171,7 +171,7 @@ def within_doubt(omega: Vector, delay: Delay) -> Vector:
     """Return body rates (3,) [rad/s], made slower where the delay is too little known for them."""
     doubt = math.hypot(_SIGMAS * delay.sigma, _RATE_LOOP * delay.value)
     fastest = _ATTITUDE_DOUBT / max(doubt, 1e-3)
-    tilting = float(np.linalg.norm(omega[:2]))
+    tilting = norm(omega[:2])
     share = min(1.0, fastest / max(tilting, 1e-9))
     yaw = float(np.clip(omega[2], -_YAW * fastest, _YAW * fastest))
     return np.array([*(share * omega[:2]), yaw])

@@ -16,7 +16,7 @@ import numpy as np
 
 from companion.estimation.own_doubt import OwnDoubt
 from companion.perception.parallax import FixedPoints
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.wire.ids import SensorRotation
 from mavlink_bridge.wire.messages import DistanceSensor, VehicleState
@@ -67,7 +67,7 @@ class HeightEstimator:
         doubt: m, 1 σ of the own height as its estimator tells.
         """
         if self._before is not None:
-            dt, way = own.time - self._before[0], np.linalg.norm((own.p - self._before[1])[:2])
+            dt, way = own.time - self._before[0], norm((own.p - self._before[1])[:2])
             drift = max(_DRIFT**2, 2.0 * doubt**2 / _WANDER_TIME)  # m²/s
             self._variance += drift * max(dt, 0.0) + _SLOPE**2 * float(way)
         self._before = own.time, own.p
@@ -94,7 +94,7 @@ class HeightEstimator:
         rays = fixed.places - own.p
         lengths = np.maximum(np.linalg.norm(rays, axis=1), 1e-6)
         below = rays[:, 2] < -_STEEP * lengths
-        speed = float(np.linalg.norm(own.v))
+        speed = norm(own.v)
         if np.count_nonzero(below) < _POINTS or speed < _MOVES:
             return
         level = float(np.median(fixed.places[below, 2]))

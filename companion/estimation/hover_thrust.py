@@ -16,7 +16,7 @@ import numpy as np
 
 from companion.estimation.autopilot_thrust import AutopilotThrust
 from companion.estimation.input_history import InputHistory
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.shared.thrust import HOVER_MAX, HOVER_MIN, ThrustMap, exponent_of_curve
@@ -199,4 +199,4 @@ def _acceleration(before: VehicleState, own: VehicleState) -> float:
     """Return the mean specific force [m/s²] along the body's z axis between two states."""
     force: Vector = (own.v - before.v) / (own.time - before.time) + GRAVITY * _UP
     axis = rotation_matrix(before.q_wb)[:, 2] + rotation_matrix(own.q_wb)[:, 2]
-    return float(force @ axis / np.linalg.norm(axis))
+    return float(force @ axis / norm(axis))

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 
 Place = tuple[float, float]
 # States before the places: tilt [rad] about the own frame's x and y, and about the drone's own
@@ -86,7 +86,7 @@ class Foot:
         e (s² + h²) / h.
         """
         u = _direction(offset)
-        distance = float(np.linalg.norm(offset))
+        distance = norm(offset)
         s, h = max(distance - self.radius, 0.1), max(self.height, 0.3)
         lever = (s * s + h * h) / h
         c, d = math.cos(self.yaw), math.sin(self.yaw)
@@ -95,7 +95,7 @@ class Foot:
 
 
 def _direction(offset: Vector) -> Vector:
-    u: Vector = offset / max(float(np.linalg.norm(offset)), 1e-6)
+    u: Vector = offset / max(norm(offset), 1e-6)
     return u
 
 

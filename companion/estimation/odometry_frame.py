@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion.estimation.velocity_error import VelocityError
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.wire.messages import LocalPosition, Message, Odometry
 
 _WINDOW = 0.5  # s over which position and velocity are compared
@@ -68,18 +68,18 @@ class OdometryFrame:
             self._before, self._told, self._excess = here, m.v, np.zeros(3)
             return here
         unexplained = here.p - before.p - 0.5 * dt * (self._told + m.v)
-        if float(np.linalg.norm(unexplained)) < _GATE:  # else it is a step
+        if norm(unexplained) < _GATE:  # else it is a step
             self._velocity.update(unexplained, dt, velocity_sigma)
             here = replace(here, v=m.v + self._velocity.error)
         step = here.p - before.p - 0.5 * dt * (before.v + here.v)
         announced = 0.0 <= m.time - self._reset_at < _ANNOUNCED
-        if float(np.linalg.norm(step)) > _UNEXPLAINED and not announced:
+        if norm(step) > _UNEXPLAINED and not announced:
             return here  # the own state refuses it; where it lasts, that is a fault
         self._excess = math.exp(-dt / _WINDOW) * self._excess + step
         slides = m.time < self._slides_until
         if slides:
             self.offset = self.offset + step
-        if float(np.linalg.norm(self._excess)) > _GATE + _GATE_TIME * velocity_sigma:
+        if norm(self._excess) > _GATE + _GATE_TIME * velocity_sigma:
             self._slides_until = m.time + _SLIDES
             if not slides:
                 self.offset = self.offset + self._excess

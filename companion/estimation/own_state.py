@@ -18,7 +18,7 @@ import numpy as np
 
 from companion.estimation.coarse_telemetry import CoarseTelemetry
 from companion.types import STAMP_AHEAD
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.frames import integrate
 from mavlink_bridge.wire.messages import (
     Attitude,
@@ -240,7 +240,7 @@ class OwnState:
 
     def _impossible(self, a: Attitude) -> bool:
         """Return whether this is no rotation, or faster than a gyro measures; count it."""
-        not_unit = abs(float(np.linalg.norm(a.q_wb)) - 1.0) > 0.02
+        not_unit = abs(norm(a.q_wb) - 1.0) > 0.02
         too_fast = float(np.abs(a.omega).max()) > _RATE_MAX
         self.counters.not_unit += not_unit
         self.counters.too_fast += too_fast
@@ -269,7 +269,7 @@ class OwnState:
         before = self._positions[-1]
         dt = lp.time - before.time
         away = lp.p - before.p - 0.5 * dt * (lp.v + before.v)
-        return float(np.linalg.norm(away)) > _JUMP + 0.5 * _ACCELERATION * dt * dt
+        return norm(away) > _JUMP + 0.5 * _ACCELERATION * dt * dt
 
     def _in_order(self, time: float, samples: deque[_Sample]) -> bool:
         """Return whether a sample of `time` is not older than the last; a reboot starts anew."""

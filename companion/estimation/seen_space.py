@@ -6,7 +6,7 @@ import numpy as np
 
 from companion.estimation.known_obstacles import KnownObstacles
 from companion.perception.view import View
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.wire.messages import VehicleState
 
 SECTORS = 36  # of 10°: a drone 2 m away is 0.4 m wide, the sector 0.35 m
@@ -44,7 +44,7 @@ class SeenSpace:
         """
         if self._place is not None:
             way, dt = own.p - self._place, max(own.time - self._time, 0.0)
-            nearer = np.maximum(self._rays @ way, 0.0) + _SIDEWAYS * np.linalg.norm(way)
+            nearer = np.maximum(self._rays @ way, 0.0) + _SIDEWAYS * norm(way)
             self._free = np.maximum(self._free - nearer - speed * dt, 0.0)
         self._place, self._time = own.p, own.time
         if looked is not None:

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.wire.messages import VehicleState
@@ -86,7 +86,7 @@ class VelocityLag:
         dt = own.time - before.time
         told = (own.v - before.v) / dt
         axis = rotation_matrix(before.q_wb)[:, 2] + rotation_matrix(own.q_wb)[:, 2]
-        axis = axis / float(np.linalg.norm(axis))
+        axis = axis / norm(axis)
         lift = (GRAVITY + float(told[2])) / max(float(axis[2]), 0.3)
         if not flying or not _LIFT[0] < lift / GRAVITY < _LIFT[1]:
             self.reset()

@@ -11,10 +11,9 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Generic, TypeVar
 
-import numpy as np
-
 from companion.tick import Tick
 from companion.types import Phase
+from mavlink_bridge.shared.arrays import norm
 
 _AROUND = 100  # ticks before a change, and as many after it, that are logged in full
 _ONE_IN = 100  # ticks of those that are older
@@ -83,7 +82,7 @@ def _idle(tick: Tick) -> bool:
     vehicle, supervised = tick.vehicle, tick.supervised
     if vehicle.heartbeat is not None and vehicle.heartbeat.armed:
         return False
-    moves = vehicle.state is not None and not np.linalg.norm(vehicle.state.v) < _STANDS
+    moves = vehicle.state is not None and not norm(vehicle.state.v) < _STANDS
     busy = moves or supervised.verdict is not None or vehicle.refusals
     return supervised.phase in _WAITING and not busy
 

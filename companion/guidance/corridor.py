@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from companion.estimation.surface_map import SurfaceConfig
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 
 _PATCH = 0.6  # m around a point in which its surface may be flat
 _FLAT = 0.05  # m, 1 σ from flat
@@ -64,7 +64,7 @@ def corridor_planes(p: Vector, goal: Vector, points: Vector, config: SurfaceConf
     The room is (k,4) half-spaces n·x <= b, nearest first.
     """
     way = goal - p
-    way = way / max(float(np.linalg.norm(way)), 1e-6)
+    way = way / max(norm(way), 1e-6)
     left = points - p
     made: list[Vector] = []
     while len(left) and len(made) < config.planes:
@@ -73,7 +73,7 @@ def corridor_planes(p: Vector, goal: Vector, points: Vector, config: SurfaceConf
         scale = np.where(along > 0.0, 1.0 / config.stretch**2, 1.0)
         metric = left + (along * (scale - 1.0))[:, None] * way
         nearest = int(np.argmin((metric * left).sum(axis=1)))
-        length = float(np.linalg.norm(metric[nearest]))
+        length = norm(metric[nearest])
         if length < 1e-6:  # in the very place: no side to be on
             left = np.delete(left, nearest, axis=0)
             continue

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.distance import to_ways
 
 _NODES = 8  # around a trunk
@@ -44,7 +44,7 @@ class Detour:
         The side once taken is kept until the straight way is free: of a hedge longer than the known
         part of it, the nearer end would always be the one behind.
         """
-        if self._goal is None or float(np.linalg.norm(goal - self._goal)) > _SAME:
+        if self._goal is None or norm(goal - self._goal) > _SAME:
             self._side = 0.0
         self._goal = goal
         leg = self._leg(p[:2], goal[:2], cylinders[:_NEAREST], room)
@@ -73,7 +73,7 @@ class Detour:
         inside = nodes @ self._fence[:, :2].T <= self._fence[:, 3] - room
         nodes = np.vstack([ends, nodes[inside.all(axis=1)]])
         way = ends[1] - ends[0]
-        left = np.array([-way[1], way[0]]) / np.linalg.norm(way)
+        left = np.array([-way[1], way[0]]) / norm(way)
         first, length = 0, math.inf
         if self._side:  # close the other side, from its outermost trunk outwards
             last = axes[wall[np.argmin(self._side * (axes[wall] @ left))]]
@@ -85,7 +85,7 @@ class Detour:
             return None
         leg = nodes[first] - ends[0]
         self._side = math.copysign(1.0, float(leg @ left))
-        scaled: Vector = leg * (length / np.linalg.norm(leg))
+        scaled: Vector = leg * (length / norm(leg))
         return scaled
 
 

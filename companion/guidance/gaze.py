@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from companion.types import Track
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.parts import PartKind
 from mavlink_bridge.shared.settings import StrictModel
 
@@ -182,8 +182,8 @@ def bearing(p: Vector, track: Track) -> float:
 
 def nearest_bearing(p: Vector, tracks: Sequence[Track], config: GazeConfig) -> float | None:
     """Return the bearing [rad] of the neighbour nearest to p (3,) m; None beyond `close`."""
-    nearest = min(tracks, key=lambda t: float(np.linalg.norm(t.p - p)), default=None)
-    if nearest is None or np.linalg.norm(nearest.p - p) >= config.close:
+    nearest = min(tracks, key=lambda t: norm(t.p - p), default=None)
+    if nearest is None or norm(nearest.p - p) >= config.close:
         return None
     return bearing(p, nearest)
 

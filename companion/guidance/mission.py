@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from companion.guidance.goals import Goal, GoalConfig, resolved
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.settings import Contradiction, StrictModel
 from mavlink_bridge.wire.messages import VehicleState
 
@@ -160,7 +160,7 @@ class Mission:
         start = p if self._start is None else self._start.p
         before = self._goals[self._index - 1] if self._index else start
         way = goal[:2] - before[:2]
-        length = float(np.linalg.norm(way))
+        length = norm(way)
         return None if length < 1e-3 else (goal, way / length)
 
     @property
@@ -170,11 +170,11 @@ class Mission:
     def _done(self, own: VehicleState) -> bool:
         """Return whether the present goal is reached, or passed where others follow."""
         c, goal = self._config, self._goal
-        distance = float(np.linalg.norm(goal - own.p))
+        distance = norm(goal - own.p)
         if self._last:
-            slow = float(np.linalg.norm(own.v)) <= c.final_speed
+            slow = norm(own.v) <= c.final_speed
             return distance <= c.final_tolerance and slow
-        self._near |= float(np.linalg.norm(self._goal_on_level(own.p) - own.p)) <= c.tolerance
+        self._near |= norm(self._goal_on_level(own.p) - own.p) <= c.tolerance
         if (opening := self.opening(own.p)) is not None:
             return self._near and float((own.p - goal)[:2] @ opening[1]) > 0.0
         if self._turn == 0.0:

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from companion.types import Track
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.settings import StrictModel
 from mavlink_bridge.wire.messages import VehicleState
 
@@ -73,7 +73,7 @@ def pass_on_right(
     for t in tracks:
         if config.keep_right == 0.0 or not blocks_way(own, t, goal, config):
             continue
-        x, y = (way / np.linalg.norm(way)).tolist()
+        x, y = (way / norm(way)).tolist()
         offset = t.p[:2] - own.p[:2]
         aside, distance = x * float(offset[1]) - y * float(offset[0]), float(np.hypot(*offset))
         room, side = config.keep_right, np.array([y, -x])

@@ -16,14 +16,13 @@ import math
 from collections.abc import Sequence
 from typing import Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from companion.estimation.delay import Delay
 from companion.guidance.gaze import wrap
 from companion.guidance.right_of_way import AHEAD_COSINE, RightOfWayConfig, same_level
 from companion.types import Track
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.distance import between
 from mavlink_bridge.shared.settings import Contradiction, StrictModel
 from mavlink_bridge.wire.messages import VehicleState
@@ -102,14 +101,14 @@ def headway_speed(
     both slow down, so that neither dodges faster than the other can see. The speed stays above
     `headway_least`, so that no drone waits for ever.
     """
-    length = float(np.linalg.norm(way[:2]))
+    length = norm(way[:2])
     if config.headway == 0.0 or length < 1e-6:
         return cruise
     along = way[:2] / length
     speed = cruise
     for t in tracks:
         offset = t.p[:2] - own.p[:2]
-        distance = float(np.linalg.norm(offset))
+        distance = norm(offset)
         ahead = offset @ along > AHEAD_COSINE * distance and same_level(own, t, right_of_way)
         if ahead and distance < range_max:
             room = max(distance - config.clearance, 0.0)
@@ -133,5 +132,5 @@ def relative_speed_limit(
     for t in tracks:
         distance = float(between(t.p, own.p))
         calm = config.relative_speed + (distance - config.clearance)
-        bound = min(bound, max(calm, speed) if t.lost else calm + float(np.linalg.norm(t.v)))
+        bound = min(bound, max(calm, speed) if t.lost else calm + norm(t.v))
     return max(bound, min(_MAKE_WAY, v_max))

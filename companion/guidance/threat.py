@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from companion.types import Track
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.distance import between
 from mavlink_bridge.shared.settings import StrictModel
 from mavlink_bridge.wire.messages import VehicleState
@@ -43,7 +43,7 @@ def threat(own: VehicleState, p: Vector, v: Vector, d_ref: float, config: Threat
     The neighbour is at p (3,) m and moves with v (3,) m/s, own ENU frame; d_ref [m] is that of (9).
     """
     offset = p - own.p
-    distance = float(np.linalg.norm(offset))
+    distance = norm(offset)
     closing = float(offset @ (own.v - v)) / max(distance, 1e-6)
     return float(max(closing, config.closing_floor) * np.exp(d_ref - distance))
 

@@ -17,7 +17,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.frames import multiply, quaternion_from_euler
 
 # Camera → body for a camera that looks along +x_B: x_C = −y_B, y_C = −z_B, z_C = x_B.
@@ -102,7 +102,7 @@ class Camera:
         if n["width"] % 1 or n["height"] % 1:
             raise CalibrationError(f"{path}: width and height must be whole numbers of pixels")
         # With NaN in the mount the comparison is false.
-        if mount.shape != (4,) or not abs(np.linalg.norm(mount) - 1.0) <= 1e-3:
+        if mount.shape != (4,) or not abs(norm(mount) - 1.0) <= 1e-3:
             raise CalibrationError(f"{path}: mount must be a unit quaternion w, x, y, z")
         k = np.array([n["k1"], n["k2"], n["k3"], n["k4"]])
         camera = Camera(

@@ -24,7 +24,7 @@ import numpy as np
 from companion.perception.view import View
 from companion.perception.visual_rotation import Grey, VisualGyro
 from companion.types import Image
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.wire.messages import VehicleState
 
@@ -147,7 +147,7 @@ class CameraAlignment:
         height = float(now.p[2]) - ground
         if height < _LOW:
             return
-        turning = max(float(np.linalg.norm(s.omega)) for s in (then, now))
+        turning = max(norm(s.omega) for s in (then, now))
         if turning * (after.time - before.time) < _LEAST_TURN:
             return
         moved = self._view.to_camera(now, (now.p - then.p)[None])[0]
@@ -155,7 +155,7 @@ class CameraAlignment:
         if seen is not None:
             # Near the ground, as in take-off, all that is seen is near.
             near = min(height, 1.0) ** 2
-            sigma = math.hypot(seen.sigma, _PARALLAX / near * float(np.linalg.norm(moved)))
+            sigma = math.hypot(seen.sigma, _PARALLAX / near * norm(moved))
             self._waiting.append(_Turn(before.time, after.time, seen.vector, sigma))
 
     def _learn(self, turn: _Turn, at: StateAt) -> None:
@@ -163,7 +163,7 @@ class CameraAlignment:
         e = self._expected(turn, at)
         if e is None:
             return
-        sigma = math.hypot(turn.sigma, _FLOOR, _SHARE * float(np.linalg.norm(turn.vector)))
+        sigma = math.hypot(turn.sigma, _FLOOR, _SHARE * norm(turn.vector))
         if self._surprising(turn, e, sigma):
             self._forget()
         rows = np.concatenate([e[:, :, None], -_crosses(e)], axis=2) / sigma
@@ -182,9 +182,7 @@ class CameraAlignment:
             nearest + np.cross(self.estimate.tilt, nearest)
         )
         self._surprises = (self._surprises + 1) * int(
-            known
-            and float(np.linalg.norm(error))
-            > max(_SURPRISE * float(np.linalg.norm(nearest)), 2.0 * _SIGMAS * sigma)
+            known and norm(error) > max(_SURPRISE * norm(nearest), 2.0 * _SIGMAS * sigma)
         )
         return self._surprises >= _IN_A_ROW
 
@@ -255,7 +253,7 @@ def _contradiction(scale: float, tilt: Vector, deviation: Vector, slack: float) 
             f"{scale:.2f} times the configured one"
         )
     if (np.abs(tilt) > np.maximum(slack * _ANGLE, _SIGMAS * deviation[1:])).any():
-        angle = math.degrees(float(np.linalg.norm(tilt)))
+        angle = math.degrees(norm(tilt))
         return f"the picture turns about another axis: the camera is {angle:.0f}° off its mount"
     return ""
 

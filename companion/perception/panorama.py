@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from companion.perception.camera import Camera
 from companion.types import Image
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 
 KNOT = 8  # pixels of panorama between directions that are projected exactly
 
@@ -33,12 +33,12 @@ class LevelFrame:
 
         Its forward is the camera's axis; the camera's −y where the camera looks along gravity.
         """
-        down = np.asarray(gravity_c, float) / np.linalg.norm(gravity_c)
+        down = np.asarray(gravity_c, float) / norm(gravity_c)
         axis = np.array([0.0, 0.0, 1.0])
         if abs(down[2]) > 0.98:
             axis = np.array([0.0, -1.0, 0.0]) * np.sign(down[2])
         forward = axis - (axis @ down) * down
-        forward /= np.linalg.norm(forward)
+        forward /= norm(forward)
         return LevelFrame(forward, np.cross(down, forward), down)
 
     def direction(self, azimuth: float) -> Vector:

@@ -20,7 +20,7 @@ from companion.perception.config import CameraConfig
 from companion.services.goals import MISSION_MESSAGES, GoalServer
 from companion.supervision.guard import Reason
 from companion.types import Phase, Track
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.wire.ids import (
     AutopilotId,
     Capability,
@@ -275,7 +275,7 @@ def nearest(own: VehicleState | None, tracks: Sequence[Track]) -> float:
     """Return the distance [m] to the nearest track; infinite where there is none, or no own."""
     if own is None:
         return np.inf
-    return min((float(np.linalg.norm(t.p - own.p)) for t in tracks), default=np.inf)
+    return min((norm(t.p - own.p) for t in tracks), default=np.inf)
 
 
 def heartbeat(now: Situation) -> Heartbeat:

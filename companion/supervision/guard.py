@@ -31,7 +31,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from companion.types import Plan
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.frames import integrate, rotation_matrix
 from mavlink_bridge.shared.settings import Contradiction, StrictModel
@@ -342,7 +342,7 @@ class Guard:
         """Rule 9: fly slowly where an assumption may not hold; None elsewhere."""
         if s.broken is None:
             return None
-        fast = float(np.linalg.norm(own.v)) > self._config.blind_speed
+        fast = norm(own.v) > self._config.blind_speed
         command = brake(own, self._config) if fast else self._bounded(plan.u[0])
         return self._verdict(command, Reason.ASSUMPTION)
 
@@ -351,7 +351,7 @@ class Guard:
         c = self._config
         if not s.blind > 0.0:
             return None
-        fast = float(np.linalg.norm(own.v)) > c.blind_speed
+        fast = norm(own.v) > c.blind_speed
         request = AutopilotRequest.HOLD if s.blind > c.blind_hold else AutopilotRequest.NONE
         if fast or s.misled or s.blind > c.blind_hover:
             return self._verdict(brake(own, c), Reason.BLIND, request)
@@ -417,10 +417,10 @@ def _towards(force: Vector, own: VehicleState, config: GuardConfig) -> RateComma
     part of the force along that axis.
     """
     r = rotation_matrix(own.q_wb)
-    wanted = r.T @ (force / np.linalg.norm(force))  # in the body frame
+    wanted = r.T @ (force / norm(force))  # in the body frame
     error = np.cross([0.0, 0.0, 1.0], wanted)
     if wanted[2] < 0.0:  # more than 90° off: turn at full rate
-        error = error / max(float(np.linalg.norm(error)), 1e-6)
+        error = error / max(norm(error), 1e-6)
     omega = np.clip(config.attitude_gain * error, -config.omega_max, config.omega_max)
     c = float(np.clip(force @ r[:, 2], config.c_min, config.c_max))
     if not (_finite(omega) and np.isfinite(c)):  # numbers too large to be squared

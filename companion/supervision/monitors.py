@@ -32,7 +32,7 @@ from companion.estimation.motion import MotionEstimate
 from companion.estimation.vehicle import VehicleEstimate
 from companion.supervision.guard import Broken, Reaction
 from companion.types import Phase
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.shared.settings import StrictModel
 from mavlink_bridge.wire.messages import Attitude, VehicleState
@@ -127,7 +127,7 @@ class Monitors:
         return Broken(finding, Reaction.HOLD if lasts else Reaction.SLOW)
 
     def _fast(self, time: float, own: VehicleState) -> Broken | None:
-        c, speed = self._config, float(np.linalg.norm(own.v))
+        c, speed = self._config, norm(own.v)
         if not speed > c.speed_over * self._v_max:
             self._since.pop("speed", None)
             return None
@@ -139,7 +139,7 @@ class Monitors:
         dt = min(max(time - self._time, 0.0), _LONGEST_GAP)  # s
         now = np.zeros(3) if disturbance is None else disturbance
         self._disturbance = self._disturbance + dt / _MEAN_TIME * (now - self._disturbance)
-        size = float(np.linalg.norm(self._disturbance))
+        size = norm(self._disturbance)
         if not size > c.disturbance:
             self._since.pop("model", None)
             return None
@@ -201,11 +201,11 @@ class Monitors:
                 continue
             seen = _turn(rotation_matrix(before.q_wb).T @ rotation_matrix(now.q_wb))
             # When the rate changed between two samples is not known.
-            spread = 0.5 * dt * float(np.linalg.norm(now.omega - before.omega))
+            spread = 0.5 * dt * norm(now.omega - before.omega)
             self._turns.append((now.time, seen - 0.5 * dt * (before.omega + now.omega), spread))
             while now.time - self._turns[0][0] > _TURN_TIME:
                 self._turns.popleft()
-        off = float(np.linalg.norm(sum((o for _, o, _ in self._turns), start=np.zeros(3))))
+        off = norm(sum((o for _, o, _ in self._turns), start=np.zeros(3)))
         between = math.sqrt(sum(s * s for _, _, s in self._turns))
         if not off > c.turn + _SPREADS * between:
             return None
@@ -216,7 +216,7 @@ class Monitors:
         self._offsets.append((time, offset))
         while time - self._offsets[0][0] > _SLIDE_TIME:
             self._offsets.popleft()
-        way = float(np.linalg.norm(offset - self._offsets[0][1]))
+        way = norm(offset - self._offsets[0][1])
         if not way > self._config.slide:
             return None
         finding = f"place: the position went {way:.1f} m that the velocity does not show"

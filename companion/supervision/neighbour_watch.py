@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.types import Track
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 
 _WINDOW = 0.5  # s that are remembered
 _LEAST = 0.25  # s over which speeds are compared: two looks are noise
@@ -64,16 +64,16 @@ class NeighbourWatch:
             mean, doubt = _mean_velocity(before, t, time - then)
             if found := self._finding(before, t, time - then, mean, doubt):
                 broken.append(found)
-            if np.linalg.norm(mean) - _SIGMAS * doubt > np.linalg.norm(t.v) + _FASTER:
+            if norm(mean) - _SIGMAS * doubt > norm(t.v) + _FASTER:
                 watched[-1] = replace(t, v=mean)
         return Watched(watched, tuple(broken))
 
     def _finding(self, before: Track, t: Track, dt: float, mean: Vector, doubt: float) -> str:
         """Return the bound that a track has broken within `dt` [s], in words; empty: none."""
-        speed = float(np.linalg.norm(mean))
+        speed = norm(mean)
         if speed - _SIGMAS * doubt > self._speed:
             return f"neighbour {t.id}: {speed:.1f} m/s, {self._speed:g} m/s are assumed"
-        off = float(np.linalg.norm(t.p - before.p - before.v * dt))
+        off = norm(t.p - before.p - before.v * dt)
         spread = _SIGMAS * math.hypot(_sigma(before, dt), _sigma(t, 0.0))
         more = 2.0 * (off - spread) / dt**2
         if more > self._acceleration:

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 
 _S = math.sqrt(0.5)
 
@@ -110,30 +110,30 @@ def integrate(q: Vector, omega: Vector, dt: float) -> Vector:
 
     It equals `rotate(q, omega * dt)` up to rounding; replays rely on the last bit of both.
     """
-    angle = float(np.linalg.norm(omega)) * dt
+    angle = norm(omega) * dt
     if abs(angle) < 1e-9:
         return q
-    axis = omega / np.linalg.norm(omega)
+    axis = omega / norm(omega)
     step = np.concatenate([[np.cos(angle / 2)], np.sin(angle / 2) * axis])
     rotated = multiply(q, step)
-    return rotated / np.linalg.norm(rotated)
+    return rotated / norm(rotated)
 
 
 def rotate(q: Vector, rotation: Vector) -> Vector:
     """Return q ⊗ exp(rotation / 2) for a rotation vector (3,) [rad] in the body frame of q."""
-    angle = float(np.linalg.norm(rotation))
+    angle = norm(rotation)
     if angle < 1e-9:
         return q
     step = np.concatenate([[math.cos(angle / 2)], math.sin(angle / 2) / angle * rotation])
     rotated = multiply(q, step)
-    return rotated / np.linalg.norm(rotated)
+    return rotated / norm(rotated)
 
 
 def rotation_vector(q: Vector) -> Vector:
     """Return the rotation vector (3,) [rad], at most π long, of a unit quaternion (4,)."""
     if q[0] < 0.0:
         q = -q
-    size = float(np.linalg.norm(q[1:]))
+    size = norm(q[1:])
     if size < 1e-9:
         return np.zeros(3)
     return 2.0 * math.atan2(size, float(q[0])) / size * q[1:]

@@ -13,6 +13,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from mavlink_bridge.shared.arrays import norm
 from mavlink_bridge.shared.frames import rotation_matrix
 
 Float32 = NDArray[np.float32]
@@ -24,7 +25,7 @@ R_BC = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 def rotation(q: Float64) -> Float64:
     """Return the matrix (3,3), body → world, of a quaternion (4,) that need not have length 1."""
-    return rotation_matrix(np.asarray(q, float) / np.linalg.norm(q))
+    return rotation_matrix(np.asarray(q, float) / norm(q))
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from companion.control.baselines.surroundings import Surroundings
 from companion.control.nmpc import Instance, NmpcConfig
 from companion.model import HOVER, yaw_of
 from companion.types import Plan, PlanStatus
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.frames import rotation_matrix
 
@@ -123,7 +123,7 @@ class VelocityPlanner(_OneInput):
 
 def bounded(v: Vector, most: float) -> Vector:
     """Return v, shortened to `most` where it is longer."""
-    size = float(np.linalg.norm(v))
+    size = norm(v)
     return v if size <= most else v * (most / size)
 
 
@@ -139,7 +139,7 @@ def tracking_command(v: Vector, instance: Instance, config: TrackingConfig) -> V
     vertical = config.velocity_gain * float(v[2] - x[5])
     force = np.array([horizontal[0], horizontal[1], GRAVITY + vertical]) - instance.disturbance
     r = rotation_matrix(x[6:10])
-    wanted = r.T @ (force / max(float(np.linalg.norm(force)), 1e-6))
+    wanted = r.T @ (force / max(norm(force), 1e-6))
     tilt = math.atan2(math.hypot(wanted[0], wanted[1]), wanted[2])
     axis = np.array([-wanted[1], wanted[0]]) / max(math.hypot(wanted[0], wanted[1]), 1e-9)
     off = instance.yaw - yaw_of(x[6:10])

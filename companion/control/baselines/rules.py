@@ -18,7 +18,7 @@ from companion.control.baselines.config import (
 )
 from companion.control.baselines.surroundings import Surroundings
 from companion.control.nmpc import Instance
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 
 _NEAREST = 0.05  # m: repulsion grows no further
 
@@ -90,7 +90,7 @@ class Vasarhelyi:
         """Return the sum of p_rep (r0 - r) away from all neighbours nearer than r0, (2,) m/s."""
         c, out = self._config, np.zeros(2)
         for offset in around.neighbours:
-            r = max(float(np.linalg.norm(offset)), _NEAREST)
+            r = max(norm(offset), _NEAREST)
             out -= c.p_rep * max(c.r0_rep - r, 0.0) * offset / r
         return out
 
@@ -98,9 +98,7 @@ class Vasarhelyi:
         """Return the alignment of velocities that differ by more than the braking curve allows."""
         c, out = self._config, np.zeros(2)
         for offset, velocity in zip(around.neighbours, around.velocities, strict=True):
-            allowed = braking_curve(
-                float(np.linalg.norm(offset)) - c.r0_frict, c.a_frict, c.p_frict
-            )
+            allowed = braking_curve(norm(offset) - c.r0_frict, c.a_frict, c.p_frict)
             out += c.c_frict * _excess(velocity - around.v, max(c.v_frict, allowed))
         return out
 
@@ -108,7 +106,7 @@ class Vasarhelyi:
         """Return the friction, at full strength, with agents that fly away from the obstacles."""
         c, out = self._config, np.zeros(2)
         for offset in around.surfaces:
-            r = max(float(np.linalg.norm(offset)), _NEAREST)
+            r = max(norm(offset), _NEAREST)
             allowed = braking_curve(r - c.r0_shill, c.a_shill, c.p_shill)
             out += _excess(-c.v_shill * offset / r - around.v, allowed)
         return out
@@ -126,7 +124,7 @@ def braking_curve(r: float, a: float, p: float) -> float:
 
 def _excess(difference: Vector, allowed: float) -> Vector:
     """Return `difference` (2,) shortened by `allowed`; 0 where it is shorter."""
-    size = float(np.linalg.norm(difference))
+    size = norm(difference)
     if size <= allowed:
         return np.zeros(2)
     return np.asarray(difference * (1.0 - allowed / size), float)
@@ -155,7 +153,7 @@ def _repulsion_of(offsets: Vector, size: float, eta: float, reach: float) -> Vec
     """Return the sum of the repulsions of offsets (k,2) m at ρ = distance - size, (2,) m/s."""
     out = np.zeros(2)
     for offset in offsets:
-        distance = max(float(np.linalg.norm(offset)), _NEAREST)
+        distance = max(norm(offset), _NEAREST)
         rho = max(distance - size, _NEAREST)
         if rho < reach:
             out -= eta * (1.0 / rho - 1.0 / reach) / rho**2 * offset / distance

@@ -11,7 +11,7 @@ from companion.control.nmpc.config import NmpcConfig
 from companion.control.nmpc.instance import Instance
 from companion.model import HOVER, NU, yaw_of
 from companion.types import Plan, PlanStatus
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.frames import quaternion_from_euler
 
@@ -82,7 +82,7 @@ def cold_guess(config: NmpcConfig, instance: Instance, x0: Vector) -> Trajectory
 def brake_guess(config: NmpcConfig, x0: Vector) -> Trajectory:
     """Return straight, level flight to a halt at `_BRAKING`: a guess where a plan is stuck."""
     k = np.arange(config.N + 1)[:, None] * config.dt
-    speed = max(float(np.linalg.norm(x0[3:6])), 1e-6)
+    speed = max(norm(x0[3:6]), 1e-6)
     left = np.maximum(1.0 - _BRAKING / speed * k, 0.0)
     v = x0[3:6] * left
     p = x0[:3] + np.concatenate([np.zeros((1, 3)), np.cumsum(v[:-1], axis=0) * config.dt])

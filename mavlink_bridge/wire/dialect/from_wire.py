@@ -22,7 +22,7 @@ from mavlink_bridge.wire.dialect import common as mavlink
 from mavlink_bridge.wire.dialect.units import UNKNOWN_HEADING, UNSET_COORDINATE
 from mavlink_bridge.wire.dialect.unlisted import ComponentInformationBasicMessage, EventMessage
 
-_FLIP = np.diag([1.0, -1.0, -1.0])  # FRD ↔ FLU, NED ↔ north-west-up
+_FLIP = np.array([1.0, -1.0, -1.0])  # FRD ↔ FLU, NED ↔ north-west-up
 _ENU_OF_NWU = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # NWU → ENU
 _NED_FRAMES = (mavlink.MAV_FRAME_LOCAL_NED,)
 _BODY_FRAMES = (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_FRD)
@@ -37,9 +37,9 @@ _GLOBAL_FRAMES = (  # x and y of COMMAND_INT are degrees · 1e7; elsewhere metre
 
 
 _UNKNOWN_VARIANCE = 255  # cm², of DISTANCE_SENSOR
-_SYMMETRIC = np.zeros((6, 6), int)  # index in the upper triangle of each element of a covariance
-_SYMMETRIC[np.triu_indices(6)] = np.arange(21)
-_SYMMETRIC = np.maximum(_SYMMETRIC, _SYMMETRIC.T)
+# Indices in the upper triangle of a covariance (6,6), row by row.
+_DIAGONAL = (0, 6, 11, 15, 18, 20)
+_PLACE = (0, 1, 2, 6, 7, 11)  # of its first three rows and columns
 
 
 def _text(raw: str | bytes) -> str:
@@ -124,27 +124,26 @@ def _rotation(q: Vector) -> Vector:
     return rotation_matrix(q) if np.isfinite(q).all() else np.full((3, 3), math.nan)
 
 
-def _covariance(upper: Sequence[float]) -> Vector | None:
-    """Return a covariance (6,6) from its upper triangle; None where it is not told or is none."""
-    covariance = np.array(upper)[_SYMMETRIC]
-    known = np.isfinite(covariance[:3, :3]).all() and (covariance.diagonal() >= 0.0).all()
-    return covariance if known else None
+def _told(upper: Sequence[float]) -> bool:
+    """Return whether the upper triangle of a covariance (6,6) is told, and is one."""
+    place = all(math.isfinite(upper[k]) for k in _PLACE)
+    return place and all(upper[k] >= 0.0 for k in _DIAGONAL)
 
 
 def _sigmas(upper: Sequence[float]) -> Vector | None:
     """Return the square roots (6,) of the variances."""
-    covariance = _covariance(upper)
-    return None if covariance is None else np.sqrt(np.diag(covariance))
+    return np.array([math.sqrt(upper[k]) for k in _DIAGONAL]) if _told(upper) else None
 
 
 def _velocity_sigma(upper: Sequence[float], turn: Vector) -> Vector | None:
     """Return the standard deviations (3,) m/s, ENU; turn: FLU axes of the message → ENU."""
-    covariance = _covariance(upper)
-    if covariance is None or np.isnan(turn).any():
+    if not _told(upper) or np.isnan(turn).any():
         return None
-    turn = turn @ _FLIP
-    turned = turn @ covariance[:3, :3] @ turn.T
-    return np.sqrt(np.maximum(np.diag(turned), 0.0))
+    xx, xy, xz, yy, yz, zz = (upper[k] for k in _PLACE)
+    turn = turn * _FLIP
+    covariance = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    variances: Vector = (turn @ covariance @ turn.T).diagonal()
+    return np.sqrt(np.maximum(variances, 0.0))
 
 
 def _global_position(w: Any) -> m.GlobalPosition:

@@ -35,6 +35,9 @@ _ALL_FIELDS = 0x1FFF  # fields_updated of HIL_SENSOR
 _NAME_BYTES = 10  # of NAMED_VALUE_FLOAT and _INT
 _UNKNOWN_TEMPERATURE = 0x7FFF
 _UNKNOWN_COVARIANCE = (math.nan,) * 21
+_DIAGONAL = (0, 6, 11, 15, 18, 20)  # of a covariance (6,6), in its upper triangle
+_NO_RATES = (0.0,) * 9  # the last of that triangle, behind the velocity's
+_FRD = np.array([1.0, -1.0, -1.0])
 _UNKNOWN_VARIANCE = 255  # cm², of DISTANCE_SENSOR
 _FILE_BYTES = 251  # payload of FILE_TRANSFER_PROTOCOL
 
@@ -46,7 +49,8 @@ def _ned(v: Vector) -> tuple[float, float, float]:
 
 def _frd(v: Vector) -> tuple[float, float, float]:
     """Return a body vector (3,) in FRD."""
-    return flu_frd(*(float(a) for a in v))
+    x, y, z = v.tolist()
+    return flu_frd(x, y, z)
 
 
 def _rate_setpoint(s: m.RateSetpoint) -> Any:
@@ -108,7 +112,8 @@ def _local_position(lp: m.LocalPosition) -> Any:
 
 def _odometry(o: m.Odometry) -> Any:
     x, y, z = _ned(o.p)
-    vx, vy, vz = _frd(rotation_matrix(o.q_wb).T @ o.v)
+    rotation = rotation_matrix(o.q_wb)
+    vx, vy, vz = _frd(rotation.T @ o.v)
     roll_rate, pitch_rate, yaw_rate = _frd(o.omega)
     return mavlink.MAVLink_odometry_message(
         time_usec=round(o.time * 1e6),
@@ -125,7 +130,7 @@ def _odometry(o: m.Odometry) -> Any:
         pitchspeed=pitch_rate,
         yawspeed=yaw_rate,
         pose_covariance=_pose_covariance(o),
-        velocity_covariance=_velocity_covariance(o),
+        velocity_covariance=_velocity_covariance(o, rotation),
         reset_counter=o.resets & 0xFF,
         estimator_type=o.estimator,
         quality=o.quality,
@@ -136,23 +141,20 @@ def _pose_covariance(o: m.Odometry) -> tuple[float, ...]:
     """Return the upper triangle, row by row, of x, y, z, roll, pitch, yaw."""
     if o.position_sigma is None or o.attitude_sigma is None:
         return _UNKNOWN_COVARIANCE
-    east, north, up = (float(s) ** 2 for s in o.position_sigma)
-    attitude = (float(s) ** 2 for s in o.attitude_sigma)
-    return _triangle(np.diag([north, east, up, *attitude]))
+    east, north, up = o.position_sigma.tolist()
+    triangle = [0.0] * len(_UNKNOWN_COVARIANCE)
+    for at, sigma in zip(_DIAGONAL, (north, east, up, *o.attitude_sigma.tolist()), strict=True):
+        triangle[at] = sigma**2
+    return tuple(triangle)
 
 
-def _velocity_covariance(o: m.Odometry) -> tuple[float, ...]:
+def _velocity_covariance(o: m.Odometry, rotation: Vector) -> tuple[float, ...]:
     """Return the same of the velocity, which is along the axes of the body, and of the rates."""
     if o.velocity_sigma is None:
         return _UNKNOWN_COVARIANCE
-    turn = np.diag([1.0, -1.0, -1.0]) @ rotation_matrix(o.q_wb).T
-    covariance = np.zeros((6, 6))
-    covariance[:3, :3] = turn @ np.diag(o.velocity_sigma**2) @ turn.T
-    return _triangle(covariance)
-
-
-def _triangle(covariance: Vector) -> tuple[float, ...]:
-    return tuple(float(a) for a in covariance[np.triu_indices(6)])
+    turn = _FRD * rotation
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = ((turn.T * o.velocity_sigma**2) @ turn).tolist()
+    return (xx, xy, xz, 0.0, 0.0, 0.0, yy, yz, 0.0, 0.0, 0.0, zz, *_NO_RATES)
 
 
 def _global_position(g: m.GlobalPosition) -> Any:

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mavlink_bridge.shared.arrays import norm
 from sitl_sim.vehicles.estimator import Estimate
 from sitl_sim.vehicles.rigid_body import State
 
@@ -126,5 +127,5 @@ class LateSamples:
 
 
 def _unit(q: Floats) -> Floats:
-    unit: Floats = q / np.linalg.norm(q)
+    unit: Floats = q / norm(q)
     return unit

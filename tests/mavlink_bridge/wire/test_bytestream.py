@@ -131,7 +131,7 @@ _NUMBER = itertools.count()
 def accepts(link, at, size=FRAME):
     """Return whether the line accepts `size` bytes: attitudes of this time [s], and zeros."""
     level = np.array([1.0, 0, 0, 0])  # no two are copies of each other
-    turns = [Attitude(at, level, np.array([next(_NUMBER), 0, 0])) for _ in range(size // FRAME)]
+    turns = [Attitude(at, level, np.array([next(_NUMBER), 0.0, 0.0])) for _ in range(size // FRAME)]
     return link.endpoint.send(link.codec.encode(turns).ljust(size, b"\0"))
 
 
