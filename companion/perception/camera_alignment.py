@@ -21,9 +21,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.perception.reduced import Grey, Reduced
 from companion.perception.view import View
-from companion.perception.visual_rotation import Grey, VisualGyro
-from companion.types import Image
+from companion.perception.visual_rotation import VisualGyro
 from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.wire.messages import VehicleState
@@ -112,9 +112,9 @@ class CameraAlignment:
         self._settled = False
 
     def update(
-        self, time: float, stamp: float, image: Image, at: StateAt, ground: float = 0.0
+        self, time: float, stamp: float, picture: Reduced, at: StateAt, ground: float = 0.0
     ) -> None:
-        """Take in the picture `image` (H,W,3) uint8 BGR, stamped `stamp` [s], at a tick's `time`.
+        """Take in a picture, stamped `stamp` [s], at a tick's `time`.
 
         at: returns the own state at a time [s] of the last second. ground: m, its level in the own
         frame.
@@ -128,7 +128,7 @@ class CameraAlignment:
         spare = self._pairs >= _PAIRS_AGAINST and self._known
         if spare and self._frames % _SPARE[1] >= _SPARE[0]:
             return
-        shot = _Shot(stamp, self._gyro.reduce(image))
+        shot = _Shot(stamp, self._gyro.reduce(picture))
         before, self._before = self._before, shot
         if before is not None and 0.0 < stamp - before.time < _LONGEST:
             self._compare(before, shot, at, ground)

@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from companion.types import Image
+from companion.perception.reduced import Reduced
 from mavlink_bridge.shared.settings import StrictModel
 from mavlink_bridge.wire.video import Frame
 
 _STEP = 8  # px between the pixels that are looked at, each way
 _PERCENT = 0.01
+_CONTRAST_EVERY = 2  # pictures: fog does not come within a tenth of a second
 _CLEAREST = 98.0  # percentile of the steps between neighbouring squares: a few edges are enough
 _RANGES = 0.05  # share of a depth image that must be known; 0 and NaN are not
 _DEAD = 3  # times as late as late: no frame comes any more
@@ -83,6 +84,7 @@ class CameraHealth:
         self._blind_since: float | None = None
         self._picture = self.fault = CameraFault.DEAD
         self._content = CameraFault.NONE
+        self._pictures, self._clear = 0, True
 
     def check(
         self,
@@ -91,19 +93,20 @@ class CameraHealth:
         fits: bool = True,
         aligned: bool = True,
         horizon: float | None = None,
+        picture: Reduced | None = None,
     ) -> CameraFault:
         """Judge the newest frame at the tick of `time` [s, vehicle's clock]; once a tick.
 
         fits: whether it is such as the camera is calibrated for. aligned: whether the pictures so
         far turned as the gyro says. horizon: s, the latest that the vehicle's clock can show;
-        None: `time`.
+        None: `time`. picture: that of the frame, where its smaller sizes are used elsewhere, too.
         """
         horizon = time if horizon is None else horizon
         if frame is not None and frame.time > horizon + _AHEAD:
             self._picture = CameraFault.AHEAD
         elif frame is not None and frame.time > self._newest:
             self._newest = frame.time
-            self._picture = self._judge(frame) if fits else CameraFault.MISFIT
+            self._picture = self._judge(frame, picture) if fits else CameraFault.MISFIT
             if self._picture is CameraFault.NONE and not aligned:
                 self._picture = CameraFault.MISALIGNED
         if self.usable:
@@ -141,7 +144,7 @@ class CameraHealth:
         """Whether the newest frame can be searched; a late one can, with its own time."""
         return self._picture in (CameraFault.NONE, CameraFault.LATE)
 
-    def _judge(self, frame: Frame) -> CameraFault:
+    def _judge(self, frame: Frame, picture: Reduced | None) -> CameraFault:
         if not frame.arrays or self._needs - frame.arrays.keys():
             return CameraFault.DEAD
         depth = frame.arrays.get("depth")
@@ -159,18 +162,21 @@ class CameraHealth:
             return CameraFault.SATURATED
         if same:
             return CameraFault.FROZEN
-        clear = contrast(image) >= self._config.contrast
-        return CameraFault.NONE if clear else CameraFault.UNCLEAR
+        if self._pictures % _CONTRAST_EVERY == 0:
+            self._clear = contrast(picture or Reduced(image)) >= self._config.contrast
+        self._pictures += 1
+        return CameraFault.NONE if self._clear else CameraFault.UNCLEAR
 
 
-def contrast(image: Image) -> float:
-    """Return how far [0…255] neighbouring squares of an image (H,W,3) uint8 differ in any colour.
+def contrast(picture: Reduced) -> float:
+    """Return how far [0…255] neighbouring squares of a picture differ in any colour.
 
     It is that of the few clearest edges, of the means of squares: noise hardly shows in them.
     """
-    height, width = image.shape[0] // _STEP, image.shape[1] // _STEP
+    height, width = picture.image.shape[0] // _STEP, picture.image.shape[1] // _STEP
     if min(height, width) < 2:
         return 255.0
-    small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA).astype(np.int16)
-    steps = [np.abs(np.diff(small, axis=axis)).max(axis=2).ravel() for axis in (0, 1)]
-    return float(np.percentile(np.concatenate(steps), _CLEAREST))
+    small = picture.colour(width, height)
+    across, down = cv2.absdiff(small[:, 1:], small[:, :-1]), cv2.absdiff(small[1:], small[:-1])
+    steps = np.concatenate([step.max(axis=2).ravel() for step in (across, down)])
+    return float(np.percentile(steps, _CLEAREST))

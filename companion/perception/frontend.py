@@ -17,6 +17,7 @@ from companion.perception.camera_health import CameraFault, CameraHealth, Camera
 from companion.perception.config import CameraConfig, SensingConfig
 from companion.perception.detectors import make_detector
 from companion.perception.parallax import FixedPoints, Parallax
+from companion.perception.reduced import Reduced
 from companion.perception.view import View, load_camera
 from companion.types import Detection, Image, Ranges, Trunk
 from mavlink_bridge.shared.arrays import Vector
@@ -34,6 +35,7 @@ _ARRAYS = {
     "truth": "neighbours",
     "map": "trunks",
 }
+_PARALLAX_EVERY = 2  # pictures; with the default `trunks_every`, those not searched for trunks
 # Faults of pictures that can still be compared with the gyro: corners need no clear colours.
 _COMPARED = (CameraFault.NONE, CameraFault.LATE, CameraFault.MISALIGNED, CameraFault.UNCLEAR)
 _LENGTHS = (1e-6, 1e4)  # m; distances, radii and standard deviations lie between
@@ -143,16 +145,18 @@ class PerceptionFrontend:
         if frame is not None and alignment.lag:
             # A picture from later than now: telemetry is late, and tells that time not yet.
             frame = replace(frame, time=min(captured, max(time, frame.time)))
-        fault = self._health.check(time, frame, not misfit, not wrong, horizon)
-        if stamped is not None and "image" in stamped.arrays and fault in _COMPARED:
-            self._alignment.update(time, stamped.time, stamped.arrays["image"], at, ground)
+        image = None if frame is None or misfit else frame.arrays.get("image")
+        picture = None if image is None else Reduced(image)
+        fault = self._health.check(time, frame, not misfit, not wrong, horizon, picture)
+        if stamped is not None and picture is not None and fault in _COMPARED:
+            self._alignment.update(time, stamped.time, picture, at, ground)
         new = frame is not None and frame.time > self._newest and self._health.usable
         found = Detections()
         if new and frame is not None and (own := at(captured)) is not None:
             own = replace(own, time=frame.time)
             self._newest = frame.time
             try:
-                found = self._detect(frame, own, ground, fits=not misfit)
+                found = self._detect(frame, picture, own, ground)
             except Exception as error:  # it shows no more than a camera without pictures
                 found = Detections(problem=f"{type(error).__name__}: {error}")
             fault = self._health.searched(time, not found.problem, found.clarity)
@@ -175,11 +179,16 @@ class PerceptionFrontend:
             found.clarity,
         )
 
-    def _detect(self, frame: Frame, own: VehicleState, ground: float, *, fits: bool) -> Detections:
-        """Return the detections in `frame`, taken in state `own`; a misfit image shows nothing."""
+    def _detect(
+        self, frame: Frame, picture: Reduced | None, own: VehicleState, ground: float
+    ) -> Detections:
+        """Return the detections in `frame` and its picture, taken in state `own`.
+
+        picture: None where the frame has none, or a misfit one, which shows nothing.
+        """
         if self._measuring:
             return Detections(frame.time, own)
-        image = frame.arrays.get("image") if fits else None
+        image = None if picture is None else picture.image
         drones: list[Detection] = []
         network = self._network if image is not None else None
         if network is not None and image is not None:
@@ -215,7 +224,7 @@ class PerceptionFrontend:
         good_trunks = [t for t in trunks if _possible(t.direction, t.distance, t.radius, t.sigma)]
         bad = len(drones) + len(trunks) - len(good_drones) - len(good_trunks)
         problem = f"{bad} detections with impossible numbers" if bad else ""
-        fixed = self._fixed(frame, image, own, good_drones)
+        fixed = self._fixed(frame, picture, own, good_drones)
         return Detections(
             frame.time,
             own,
@@ -237,11 +246,13 @@ class PerceptionFrontend:
         return 1.0 if self._network is None else self._network.clarity
 
     def _fixed(
-        self, frame: Frame, image: Image | None, own: VehicleState, drones: list[Detection]
+        self, frame: Frame, picture: Reduced | None, own: VehicleState, drones: list[Detection]
     ) -> FixedPoints:
         if self._sensing.obstacles != "camera" or not self._sensing.parallax:
             return FixedPoints.from_rows(frame.arrays.get("fixed"))  # of a replay
-        return FixedPoints.none() if image is None else self._parallax.update(image, own, drones)
+        if picture is None or self._frames % _PARALLAX_EVERY == 0:
+            return FixedPoints.none()
+        return self._parallax.update(picture, own, drones)
 
     def _find_trunks(
         self, frame: Frame, image: Image | None, own: VehicleState, ground: float

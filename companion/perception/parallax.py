@@ -15,8 +15,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.perception.reduced import Reduced
 from companion.perception.view import View
-from companion.types import Detection, Image
+from companion.types import Detection
 from mavlink_bridge.shared.arrays import Vector, cross
 from mavlink_bridge.wire.messages import VehicleState
 
@@ -24,7 +25,7 @@ _WIDTH = 320  # px of the reduced picture
 _CORNERS = 120
 _QUALITY, _APART = 0.01, 6  # of a corner against the best one; px between corners
 _LEVEL = 0.4  # sine of the angle from the horizon, within which things stand in the way
-_REFILL = 3  # pictures from one search for new corners to the next
+_REFILL = 2  # pictures from one search for new corners to the next
 _LONGEST = 0.35  # s between two pictures in which corners are followed
 _MARGIN = 3.0  # px from the picture's edge
 _PIXEL = 0.35  # px, 1 σ of a followed corner
@@ -135,14 +136,12 @@ class Parallax:
         self._pictures = self._named = 0
         self._time = -np.inf
 
-    def update(self, image: Image, own: VehicleState, drones: list[Detection]) -> FixedPoints:
-        """Return the points known after the picture `image` (H,W,3) uint8 BGR, taken in `own`.
+    def update(self, picture: Reduced, own: VehicleState, drones: list[Detection]) -> FixedPoints:
+        """Return the points known after `picture`, taken in `own`.
 
         drones: the neighbours in the picture; what moves with them is no fixed point.
         """
-        size = (self._camera.width, self._camera.height)
-        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-        grey = np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), np.uint8)
+        grey = picture.grey(self._camera.width, self._camera.height)
         rotation = self._view.rotation(own)
         if own.time - self._time > _LONGEST:
             self._corners, self._before = _no_corners(), None

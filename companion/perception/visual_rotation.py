@@ -12,10 +12,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from companion.perception.camera import Camera
-from companion.types import Image
+from companion.perception.reduced import Grey, Reduced
 from mavlink_bridge.shared.arrays import Vector, cross
 
 _WIDTH = 160  # px of the reduced picture: subpixel tracking makes 0.05° of it
@@ -26,8 +25,6 @@ _PIXEL_SIGMA = 0.3  # px, of a tracked corner
 _DISTANCE = 6.0  # m, typical of corners: its inverse and the inverse's 1 σ are alike
 _STEPS = 5  # of the reweighted least squares
 _DISAGREE = 36.0  # times the expected square error: the points were not tracked
-
-Grey = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -45,10 +42,9 @@ class VisualGyro:
         self._height = max(round(camera.height * _WIDTH / camera.width), 1)
         self._camera = camera.scaled(_WIDTH, self._height)
 
-    def reduce(self, image: Image) -> Grey:
-        """Return a picture (H,W,3) uint8 BGR as the small grey one that is compared."""
-        small = cv2.resize(image, (_WIDTH, self._height), interpolation=cv2.INTER_AREA)
-        return np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), np.uint8)
+    def reduce(self, picture: Reduced) -> Grey:
+        """Return a picture as the small grey one that is compared."""
+        return picture.grey(_WIDTH, self._height)
 
     def rotation(self, before: Grey, after: Grey, moved: Vector) -> VisualRotation | None:
         """Return the rotation from `before` to `after`; None where too little can be tracked.

@@ -31,6 +31,7 @@ _GAIN = 0.1  # m of room that an evasion must save before it replaces a plan tha
 # For so many ticks after a refusal a plan needs so much room [m] to be flown again: where it would
 # be accepted at every other tick, plan and way take turns, and the drone swings.
 _WARY, _ROOM = 10, 0.1
+_SHADOW = 5  # ticks from one judgement to the next where a certificate changes nothing
 
 
 class CertificateConfig(StrictModel):
@@ -39,7 +40,8 @@ class CertificateConfig(StrictModel):
     enforce: bool = Field(
         False,
         description="Fly the way to stop where a plan's command has no certificate; false: the "
-        "certificate is only judged, logged and counted, until it has flown more.",
+        "certificate is only judged, at every fifth tick, logged and counted, until it has flown "
+        "more.",
     )
     neighbour_radius: float = Field(
         0.2, gt=0, description="Radius [m] of the sphere around a neighbour: as of the own drone."
@@ -163,6 +165,7 @@ class Certifier:
         """Forget the way that was accepted last."""
         self._last: Ways | None = None
         self._wary = 0  # ticks for which a plan needs more room
+        self._ticks = 0
 
     def certify(
         self,
@@ -170,11 +173,14 @@ class Certifier:
         prediction: Prediction,
         scene: Scene,
         delay: Delay,
-    ) -> Certified:
-        """Return whether the command may fly, and what else may.
+    ) -> Certified | None:
+        """Return whether the command may fly, and what else may; None: it was not judged.
 
         prediction: of the state at which it takes effect. delay: limits the body rates.
         """
+        self._ticks += 1
+        if not self._enforce and self._ticks % _SHADOW:
+            return None
         law, v = self._law(delay), prediction.x0[3:6]
         sides = aside(v, *_SIDE).then(aside(v, *_FAR_SIDE))
         scene = _carried(scene, prediction.delay)

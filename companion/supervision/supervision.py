@@ -167,7 +167,7 @@ class Supervision:
         certified = self._certifier.certify(
             verdict.command, prediction, surroundings.scene, motion.delay
         )
-        if certified.instead is None or verdict.reason not in _PLANNED:
+        if certified is None or certified.instead is None or verdict.reason not in _PLANNED:
             return verdict, certified
         return replace(verdict, command=certified.instead, reason=Reason.UNCERTIFIED), certified
 

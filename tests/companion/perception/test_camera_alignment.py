@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from companion.perception.camera import Camera
 from companion.perception.camera_alignment import CameraAlignment
+from companion.perception.reduced import Reduced
 from companion.perception.view import View
 from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.wire.messages import VehicleState
@@ -53,7 +54,7 @@ def estimate(taken, seconds=4.0, alignment=None, start=0.0, ground=0.0):
     alignment = alignment or CameraAlignment(View(CAMERA, needs_foot=False))
     for n in range(round(seconds / PERIOD)):
         time = start + n * PERIOD
-        alignment.update(time, time, taken(time), state, ground)
+        alignment.update(time, time, Reduced(taken(time)), state, ground)
     return alignment
 
 
@@ -115,6 +116,6 @@ def test_a_drone_that_does_not_turn_learns_nothing():
     alignment = CameraAlignment(View(CAMERA, needs_foot=False))
     for n in range(30):
         own = VehicleState(0.1 * n, HERE, np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3))
-        alignment.update(0.1 * n, 0.1 * n, picture(0.1 * n), lambda t, own=own: own)
+        alignment.update(0.1 * n, 0.1 * n, Reduced(picture(0.1 * n)), lambda t, own=own: own)
     assert alignment.estimate.sigmas == (np.inf,) * 3
     assert alignment.estimate.contradiction == ""

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from companion.perception.camera import Camera
 from companion.perception.parallax import Parallax, refined
+from companion.perception.reduced import Reduced
 from companion.perception.view import View
 from companion.types import Detection
 from mavlink_bridge.shared.frames import rotation_matrix
@@ -63,7 +64,7 @@ def flown(drones=()):
     parallax = Parallax(View(CAMERA, needs_foot=False))
     for n in range(14):
         own = own_state(0.15 * n)
-        found = parallax.update(wall_picture(own), own, list(drones))
+        found = parallax.update(Reduced(wall_picture(own)), own, list(drones))
     return found
 
 
@@ -85,5 +86,5 @@ def test_a_drone_that_hovers_knows_no_distance():
     parallax = Parallax(View(CAMERA, needs_foot=False))
     own = own_state(0.0)
     for _ in range(10):
-        found = parallax.update(wall_picture(own), own, [])
+        found = parallax.update(Reduced(wall_picture(own)), own, [])
     assert not len(found.names)
