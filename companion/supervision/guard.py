@@ -177,7 +177,10 @@ class GuardConfig(StrictModel):
     brake_gain: float = Field(3.5, gt=0, description="Deceleration per speed [1/s].")
     brake_max: float = Field(6.0, gt=0, description="Most horizontal deceleration [m/s²]: 31°.")
     attitude_gain: float = Field(
-        9.0, gt=0, description="Body rate per attitude error [1/s]; with brake_gain: damping 0.8."
+        6.0,
+        gt=0,
+        description="Body rate per attitude error [1/s]: most of it is gone when the next command "
+        "acts, and a delay that is known wrongly by 60 ms makes no swing.",
     )
 
     @model_validator(mode="after")
@@ -196,7 +199,8 @@ class GuardConfig(StrictModel):
 class GuardInputs:
     """What a verdict depends on, besides the guard's memory.
 
-    time: s, of the tick. plan: this tick's plan, if any. own: state now. age: s, of the telemetry;
+    time: s, of the tick. plan: this tick's plan, if any. own: state now. acting: state at which
+    this tick's command takes effect; None: as own. age: s, of the telemetry;
     below 0 it is of the future, and counts as stale.
     plausible: attitude and position can be those of a flying drone. outside: m beyond the fence
     (< 0: within); outward: m/s across it. blind: s that the camera has had a fault. tick_gap: s
@@ -209,6 +213,7 @@ class GuardInputs:
     time: float
     plan: Plan | None = None
     own: VehicleState | None = None
+    acting: VehicleState | None = None
     age: float = float("inf")
     plausible: bool = True
     outside: float = float("-inf")
@@ -250,7 +255,8 @@ class Guard:
         if not s.plausible:
             return self._implausible(own)  # rule 2
         if s.failure:
-            verdict = self._verdict(brake(own, self._config), Reason.FAILURE, AutopilotRequest.HOLD)
+            command = brake(_acting(s, own), self._config)
+            verdict = self._verdict(command, Reason.FAILURE, AutopilotRequest.HOLD)
         elif plan is None:
             verdict = self._without_plan(s, own)  # rule 5
         else:
@@ -317,15 +323,15 @@ class Guard:
         request = AutopilotRequest.LAND if over else AutopilotRequest.NONE
         if r is not None and self._bad_ticks <= self._config.shifted_max and _finite(r.u[0]):
             return self._verdict(self._bounded(r.u[0]), Reason.SHIFTED_PLAN, request)
-        return self._verdict(brake(own, self._config), Reason.BRAKE, request)
+        return self._verdict(brake(_acting(s, own), self._config), Reason.BRAKE, request)
 
     def _outside_fence(self, s: GuardInputs, own: VehicleState) -> Verdict | None:
         """Rule 6: brake outside the fence, unless the plan leads back; None elsewhere."""
         c = self._config
         if s.outside > c.fence_land:
-            return self._verdict(brake(own, c), Reason.FENCE, AutopilotRequest.LAND)
+            return self._verdict(brake(_acting(s, own), c), Reason.FENCE, AutopilotRequest.LAND)
         if s.outside > 0.0 and s.outward > c.fence_drift:
-            return self._verdict(brake(own, c), Reason.FENCE)
+            return self._verdict(brake(_acting(s, own), c), Reason.FENCE)
         return None
 
     def _gravely_broken(self, s: GuardInputs, own: VehicleState) -> Verdict | None:
@@ -333,9 +339,10 @@ class Guard:
         if s.broken is None or s.broken.reaction is Reaction.SLOW:
             return None
         if s.broken.reaction is Reaction.CLIMB:
-            sinks = replace(own, v=own.v - np.array([0.0, 0.0, _CLIMB]))
+            acting = _acting(s, own)
+            sinks = replace(acting, v=acting.v - np.array([0.0, 0.0, _CLIMB]))
             return self._verdict(brake(sinks, self._config), Reason.ASSUMPTION)
-        command = brake(own, self._config)
+        command = brake(_acting(s, own), self._config)
         return self._verdict(command, Reason.ASSUMPTION, AutopilotRequest.HOLD)
 
     def _broken(self, s: GuardInputs, own: VehicleState, plan: Plan) -> Verdict | None:
@@ -343,7 +350,7 @@ class Guard:
         if s.broken is None:
             return None
         fast = norm(own.v) > self._config.blind_speed
-        command = brake(own, self._config) if fast else self._bounded(plan.u[0])
+        command = brake(_acting(s, own), self._config) if fast else self._bounded(plan.u[0])
         return self._verdict(command, Reason.ASSUMPTION)
 
     def _blind(self, s: GuardInputs, own: VehicleState, plan: Plan) -> Verdict | None:
@@ -354,7 +361,7 @@ class Guard:
         fast = norm(own.v) > c.blind_speed
         request = AutopilotRequest.HOLD if s.blind > c.blind_hold else AutopilotRequest.NONE
         if fast or s.misled or s.blind > c.blind_hover:
-            return self._verdict(brake(own, c), Reason.BLIND, request)
+            return self._verdict(brake(_acting(s, own), c), Reason.BLIND, request)
         return self._verdict(self._bounded(plan.u[0]), Reason.BLIND, request)
 
     def _verdict(
@@ -426,6 +433,11 @@ def _towards(force: Vector, own: VehicleState, config: GuardConfig) -> RateComma
     if not (_finite(omega) and np.isfinite(c)):  # numbers too large to be squared
         return RateCommand(np.zeros(3), GRAVITY)
     return RateCommand(omega, c)
+
+
+def _acting(s: GuardInputs, own: VehicleState) -> VehicleState:
+    """Return the state to brake from: a command that turns the frame late makes it swing."""
+    return own if s.acting is None or not _state_finite(s.acting) else s.acting
 
 
 def _usable(plan: Plan | None) -> Plan | None:

@@ -129,7 +129,7 @@ class Supervision:
         if give_back is not None:
             self._phases.release(give_back)
         if self.phase.flying:
-            verdict = self._judge(time, vehicle, seen, plan, failure, broken)
+            verdict = self._judge(time, vehicle, seen, plan, motion, failure, broken)
             if verdict.request is not AutopilotRequest.NONE:
                 holds = verdict.request is AutopilotRequest.HOLD
                 self._phases.release(GiveBack.HOLD if holds else GiveBack.LAND)
@@ -149,7 +149,7 @@ class Supervision:
         if not decision.stream:
             verdict = None
         elif verdict is None:
-            verdict = self._judge(time, vehicle, seen, plan, failure, broken)
+            verdict = self._judge(time, vehicle, seen, plan, motion, failure, broken)
         repeat = vehicle.packet_loss > self._config.lossy
         verdict, certified = self._certified(verdict, motion, surroundings)
         return Supervised(decision.phase, requests, verdict, repeat, inhibit_reason, certified)
@@ -186,10 +186,15 @@ class Supervision:
         vehicle: VehicleEstimate,
         seen: Detections,
         plan: Plan | None,
+        motion: MotionEstimate,
         failure: str,
         broken: Broken | None,
     ) -> Verdict:
-        own = vehicle.state
+        own, ahead = vehicle.state, motion.prediction
+        acting = None
+        if own is not None and ahead is not None:
+            x = ahead.x0
+            acting = replace(own, time=own.time + ahead.delay, p=x[:3], v=x[3:6], q_wb=x[6:10])
         outside, outward = -np.inf, 0.0
         if own is not None:
             outside, outward = self._fence.across(own.p + vehicle.map_offset, own.v)
@@ -198,6 +203,7 @@ class Supervision:
                 time,
                 plan,
                 own,
+                acting,
                 age=vehicle.age,
                 plausible=vehicle.plausible,
                 outside=outside,

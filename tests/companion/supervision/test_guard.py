@@ -1,8 +1,13 @@
 """The guard's rules, one by one and where several apply."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from companion.estimation.input_history import InputHistory, SentInput
+from companion.estimation.prediction import StatePredictor
+from companion.model import predict
 from companion.supervision.guard import (
     AutopilotRequest,
     Guard,
@@ -13,7 +18,8 @@ from companion.supervision.guard import (
     brake_late,
 )
 from companion.types import Plan, PlanStatus
-from mavlink_bridge.wire.messages import VehicleState
+from mavlink_bridge.shared.frames import rotation_matrix
+from mavlink_bridge.wire.messages import RateCommand, VehicleState
 
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -128,3 +134,45 @@ def test_a_plan_that_rests_on_a_camera_which_does_not_fit_is_not_flown():
     misled = Guard(GuardConfig()).judge(inputs(blind=0.1, misled=True))
     assert misled.reason is Reason.BLIND
     assert misled.command.omega == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)
+
+
+def braked(delay, known, lag=0.03):
+    """Brake from 1.6 m/s; commands act `delay` [s] after their tick, rates follow with a lag [s].
+
+    known: s, the delay that the prediction knows; None: braked from the state of the tick. Return
+    the largest tilt [rad] and speed [m/s] of the last two of four seconds.
+    """
+    x, omega = np.array([0.0, 0.0, 2.0, 1.6, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), np.zeros(3)
+    history = InputHistory(known or 0.0)
+    predictor, guard = StatePredictor(history), Guard(GuardConfig())
+    waiting, acts, late = [], RateCommand(np.zeros(3), 9.80665), []
+    for step in range(800):
+        time = 0.005 * step
+        if step % 20 == 0:
+            now = VehicleState(time, x[:3], x[3:6], x[6:10], omega)
+            p, v, q = np.split(predictor.update(now).x0, [3, 6])
+            acting = None if known is None else replace(now, p=p, v=v, q_wb=q)
+            told = inputs(time, own=now, acting=acting, plan=plan(u=(np.nan, 0, 0, 0)))
+            command = guard.judge(told).command
+            history.add(SentInput(time, np.array([command.c, *command.omega]), 0.3))
+            waiting.append((time + delay, command))
+        while waiting and waiting[0][0] <= time:
+            acts = waiting.pop(0)[1]
+        omega = omega + 0.005 / lag * (acts.omega - omega)
+        x = predict(x, np.array([acts.c, *omega]), 0.005, np.zeros(3))
+        if step >= 400:
+            late.append((np.arccos(rotation_matrix(x[6:10])[2, 2]), abs(x[3])))
+    return np.max(late, axis=0)
+
+
+@pytest.mark.parametrize("delay", [0.02, 0.05, 0.08, 0.12, 0.16])
+def test_braking_does_not_swing_whatever_the_delay_that_is_known(delay):
+    tilt, speed = braked(delay, known=delay + 0.03)
+    assert tilt < 0.02
+    assert speed < 0.02
+
+
+def test_braking_from_the_state_of_the_tick_swings():
+    tilt, speed = braked(0.08, known=None)  # what the prediction is for
+    assert tilt > 0.2
+    assert speed > 0.2
