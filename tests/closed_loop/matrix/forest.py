@@ -56,10 +56,16 @@ class Row:
 
 
 def passive(f, i, since):
-    """Assert that from `since` on the companion requests nothing, and offboard is not entered."""
+    """Assert that from `since` on the companion requests nothing, and offboard is not entered.
+
+    Once it has landed and disarmed, PX4 shows the mode of before, which is offboard.
+    """
     assert f.companions[i].outs[-1].phase is Phase.PASSIVE
     assert not f.companions[i].streamed(since)
-    assert "OFFBOARD" not in modes_from(f, since, i)
+    truth = f.truth.arrays()
+    grounded = truth["t"][(truth["t"] > since) & (truth["position"][:, i, 2] < 0.2)]
+    flying = grounded[0] if len(grounded) else np.inf
+    assert "OFFBOARD" not in {name for t, name in f.modes[i] if since < t < flying}
 
 
 # --- rows ---------------------------------------------------------------------------------

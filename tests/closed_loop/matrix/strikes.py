@@ -23,13 +23,14 @@ def fence_moves(f, i):
     """Move the fence so that drone i is suddenly outside the side that it flies towards."""
 
     def cross():
-        pipeline, own = f.companions[i].pipeline, f.companions[i].outs[-1].own
+        companion, own = f.companions[i].companion, f.companions[i].outs[-1].own
         axis = int(np.argmax(np.abs(own.v[:2])))
         way = np.sign(own.v[axis])
         f.fences[i] = (axis, way, float(own.p[axis] - 0.1 * way))
         sides = sorted([f.fences[i][2], own.p[axis] - 20.0 * way])
-        fence = pipeline._config.fence.model_copy(update={("east", "north")[axis]: sides})
-        pipeline._config = pipeline._config.model_copy(update={"fence": fence})
+        fence = companion._supervision._fence
+        moved = fence.model_copy(update={("east", "north")[axis]: sides})
+        companion._supervision._fence = companion._planning._formulation._fence = moved
 
     return {AT: cross}
 
