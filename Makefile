@@ -57,7 +57,7 @@ coverage: setup
 fuzz: setup
 	$(BIN)/python tests/fuzz/mutate.py
 
-# After a wanted change of behaviour: tests/replay/flight.mcap as today's code flies it.
+# After a wanted change of behaviour: companion/bench/flight.mcap as today's code flies it.
 renew-flight: setup
 	$(BIN)/python -m pytest tests/replay --renew-flight
 

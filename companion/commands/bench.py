@@ -44,6 +44,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "perception", help="detection, tracking and trunks, by range and conditions"
     )
     perception_table.add_arguments(perception)
+    tick = what.add_parser("tick", help="each stage of a tick, by a recorded flight")
+    tick.add_argument("log", type=Path, nargs="?", help="a flight log (MCAP; default: stored)")
+    tick.add_argument("--rounds", type=count, default=3, metavar="K", help="times each (3)")
+    tick.add_argument(
+        "--against",
+        metavar="PYTHON",
+        help="interpreter of another release's environment; both fly it in turn",
+    )
+    tick.add_argument("--json", action="store_true", help="for machines")
+    board = what.add_parser("board", help="whether this machine is fast enough for a companion")
+    board.add_argument("config", type=Path, nargs="?", help="drone's YAML (default: all defaults)")
+    board.add_argument("--json", action="store_true", help="for machines")
     record = what.add_parser("record", help="a set of instances from flight logs, by situation")
     record.add_argument("file", type=Path, help="npz to write")
     record.add_argument("log", nargs="+", metavar="FLIGHT=LOG", help="name and flight log (MCAP)")
@@ -57,12 +69,14 @@ def run(options: argparse.Namespace) -> int:
         return perception_table.run(options)
     from companion.control.nmpc.instance_file import InstancesError
     from companion.perception.camera import CalibrationError
+    from companion.perception.detectors import ModelError
     from mavlink_bridge.shared.mcap_file import LogError
     from mavlink_bridge.shared.settings import SettingsError
 
+    of = {"nmpc": _nmpc, "tick": _tick, "board": _board, "record": _record}
     try:
-        return _nmpc(options) if options.what == "nmpc" else _record(options)
-    except (CalibrationError, InstancesError, LogError, SettingsError) as error:
+        return of[options.what](options)
+    except (CalibrationError, InstancesError, LogError, ModelError, SettingsError) as error:
         print(error, file=sys.stderr)
         return EXIT_BAD_INPUT
 
@@ -98,6 +112,49 @@ def _progress(total: int) -> Callable[[str, int], None]:
         print(f"\r{solver}: {done}/{total}", end=end, file=sys.stderr, flush=True)
 
     return show
+
+
+def _tick(options: argparse.Namespace) -> int:
+    from companion.bench.tick import stage_costs, stage_costs_of, stored
+    from mavlink_bridge.shared.stage_costs import Costs, medians, table
+
+    log = options.log or stored()
+    ours: list[Costs] = []
+    theirs: list[Costs] = []
+    for _ in range(options.rounds):
+        ours.append(stage_costs(log))
+        if options.against:
+            theirs.append(stage_costs_of(options.against, log))
+    found = [medians(costs) for costs in (ours, theirs) if costs]
+    print(json.dumps(found, indent=1) if options.json else table(*found))
+    return 0
+
+
+def _board(options: argparse.Namespace) -> int:
+    """Measure; exit status 1 where a tick does not fit."""
+    from dataclasses import asdict
+
+    from companion.bench.board import cheaper, measure
+    from companion.settings.config import CompanionConfig, load_config
+
+    config = CompanionConfig() if options.config is None else load_config(options.config)
+    board = measure(config)
+    lower = None if board.verdict == "fits" else cheaper(config, board)
+    if options.json:
+        lowered = None if lower is None else {"set": lower[0], "tick": lower[2].tick}
+        print(json.dumps(asdict(board) | {"verdict": board.verdict, "lower": lowered}, indent=1))
+        return int(board.verdict == "does not fit")
+    for name, (p50, p99) in (("pictures", board.see), ("all other stages", board.rest)):
+        print(f"{name:<18}p50 {p50:5.1f} ms   p99 {p99:5.1f} ms")
+    print(f"{'memory':<18}{board.memory:.0f} MB")
+    print(f"{'start':<18}{board.start:.1f} s until a companion is built")
+    print(f"{board.verdict}: a tick takes {board.tick:.0f} of {board.period:.0f} ms at p99")
+    if lower is not None:
+        settings, price, then = lower
+        print(f"{' '.join(f'--set {s}' for s in settings)}: {then.tick:.0f} ms; {price}")
+    elif board.verdict != "fits":
+        print("no setting that is tried makes it fit: a faster board, or fewer processes")
+    return int(board.verdict == "does not fit")
 
 
 def _record(options: argparse.Namespace) -> int:

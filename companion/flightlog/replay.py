@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -134,9 +134,13 @@ def rerun(config: CompanionConfig, recorded: Iterable[RecordedInputs]) -> Iterat
     return (orjson.loads(records.encode(tick, {}, {})) for tick in flown(config, recorded))
 
 
-def flown(config: CompanionConfig, recorded: Iterable[RecordedInputs]) -> Iterator[Tick]:
-    """Return the present code's results of each tick."""
-    companion = Companion(_without_pixels(config), time.perf_counter)
+def flown(
+    config: CompanionConfig,
+    recorded: Iterable[RecordedInputs],
+    stopwatch: Callable[[], float] = time.perf_counter,
+) -> Iterator[Tick]:
+    """Return the present code's results of each tick; stopwatch: s, for the times of its stages."""
+    companion = Companion(_without_pixels(config), stopwatch)
     codec = Codec(config.link.system_id, config.link.component_id, config.link.heard())
     whole = config.link.endpoint.startswith("udp")  # a stream may be cut anywhere
     take = codec.decode_datagram if whole else codec.decode

@@ -28,7 +28,8 @@ from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.wire.messages import VehicleState
 
-_LAGS = np.arange(-0.25, 0.3001, 0.05)  # s, picture behind its stamp
+_TRIED = 0.0125  # s between two lags that are tried: at a wrong one the turns look smaller
+_LAGS = np.arange(-0.25, 0.3001, _TRIED)  # s, picture behind its stamp
 _LEAST_TURN = 0.02  # rad from picture to picture, below which noise is all that there is
 _STEP = 0.02  # s, of the sum over the gyro's rates
 _LONGEST = 0.25  # s between two pictures that are compared
@@ -211,15 +212,17 @@ class CameraAlignment:
         if self._pairs < _LEAST_PAIRS:
             return self.estimate
         information = self._information + np.diag(_PRIOR)
-        solution = np.linalg.solve(information, self._weighted[..., None])[..., 0]
+        solution = np.asarray(np.linalg.solve(information, self._weighted[..., None])[..., 0])
         misfit = self._squares - np.einsum("lj,lj->l", solution, self._weighted)
         freedom = 3.0 * self._pairs - 4.0
         lag, lag_sigma, best = _minimum(misfit, freedom)
         noise = max(float(misfit[best]) / freedom, 1.0)
         covariance = np.linalg.inv(information[best]) * noise
-        deviation = np.sqrt(np.diag(covariance))
-        scale = 1.0 + float(solution[best, 0])
-        x, y, z = (float(a) / max(abs(scale), 0.2) for a in solution[best, 1:])
+        found, per_second = _between(solution, lag, best)
+        # While the drone begins to turn, a picture dated wrongly looks like one of another scale.
+        deviation = np.hypot(np.sqrt(np.diag(covariance)), per_second * min(lag_sigma, _TRIED))
+        scale = 1.0 + float(found[0])
+        x, y, z = (float(a) / max(abs(scale), 0.2) for a in found[1:])
         sigmas = (lag_sigma, float(deviation[0]), float(deviation[1:].max()))
         used = lag if abs(lag) > max(_LAG_USED, _SIGMAS * lag_sigma) else 0.0
         text = _contradiction(
@@ -264,13 +267,26 @@ def _minimum(misfit: Vector, freedom: float) -> tuple[float, float, int]:
     if not 0 < best < len(_LAGS) - 1:
         return float(_LAGS[best]), math.inf, best
     left, middle, right = misfit[best - 1 : best + 2].tolist()
-    step = float(_LAGS[1] - _LAGS[0])
+    step = _TRIED
     bend = left - 2.0 * middle + right
     if bend <= 0.0:
         return float(_LAGS[best]), math.inf, best
     lag = float(_LAGS[best]) + 0.5 * step * (left - right) / bend
     noise = max(middle / freedom, 1.0)
     return lag, math.hypot(_LAG_FLOOR, step * math.sqrt(2.0 * noise / bend)), best
+
+
+def _between(solution: Vector, lag: float, best: int) -> tuple[Vector, Vector]:
+    """Return the solution (4,) at `lag` [s], and how fast (4,) it changes with the lag [1/s].
+
+    solution: (n,4), at each lag tried. best: index of the nearest of them.
+    """
+    side = best + 1 if lag > _LAGS[best] else best - 1
+    side = min(max(side, 0), len(_LAGS) - 1)
+    if side == best:
+        return solution[best], np.zeros(4)
+    per_second = (solution[side] - solution[best]) / float(_LAGS[side] - _LAGS[best])
+    return solution[best] + per_second * (lag - float(_LAGS[best])), per_second
 
 
 def _crosses(vectors: Vector) -> Vector:

@@ -11,12 +11,11 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 from mavlink_bridge.shared.settings import SettingsError
+from mavlink_bridge.shared.stage_costs import Costs, medians
 
-Costs = dict[str, dict[str, float]]
 _FLOWN = (0, 1)  # exit statuses of `sitl-sim run` that come with metrics
 _FACTOR = "real-time factor"
 
@@ -35,21 +34,7 @@ def measure(
     for _ in range(rounds):
         for python, costs in zip(pythons, found, strict=True):
             costs.append(_costs(_flown(python, scenario, changes, seed)))
-    return [_medians(costs) for costs in found]
-
-
-def table(ours: Costs, theirs: Costs | None = None) -> str:
-    """Return costs as a table in Markdown; theirs: of another release, with the ratios."""
-    more = " other p50 | other p99 | ratio p50 | ratio p99 |" if theirs else ""
-    rows = [f"| stage | p50 [ms] | p99 [ms] |{more}", "|---" * (7 if theirs else 3) + "|"]
-    for stage, cost in ours.items():
-        row = f"| {stage} | {cost['p50']:.2f} | {_number(cost, 'p99')} |"
-        if theirs:
-            other = theirs.get(stage, {})
-            row += f" {_number(other, 'p50')} | {_number(other, 'p99')} |"
-            row += f" {_ratio(cost, other, 'p50')} | {_ratio(cost, other, 'p99')} |"
-        rows.append(row)
-    return "\n".join(rows)
+    return [medians(costs) for costs in found]
 
 
 def _flown(python: str, scenario: str, changes: Sequence[str], seed: int) -> dict[str, Any]:
@@ -78,19 +63,3 @@ def _costs(metrics: dict[str, Any]) -> Costs:
         if found["p50"] is not None
     }
     return costs | {_FACTOR: {"p50": float(metrics["real_time_factor"])}}
-
-
-def _medians(costs: list[Costs]) -> Costs:
-    return {
-        stage: {q: median(c[stage][q] for c in costs if stage in c) for q in quantiles}
-        for stage, quantiles in costs[0].items()
-    }
-
-
-def _number(cost: dict[str, float], quantile: str) -> str:
-    return f"{cost[quantile]:.2f}" if quantile in cost else "–"
-
-
-def _ratio(ours: dict[str, float], theirs: dict[str, float], quantile: str) -> str:
-    known = quantile in ours and theirs.get(quantile, 0.0) > 0.0
-    return f"{ours[quantile] / theirs[quantile]:.2f}" if known else "–"

@@ -35,7 +35,8 @@ def run(options: argparse.Namespace) -> int:
         SettingsError: bad input, or a release that cannot fly this.
     """
     require("numba", "plotly")
-    from sitl_sim.campaigns.bench import measure, table
+    from mavlink_bridge.shared.stage_costs import table
+    from sitl_sim.campaigns.bench import measure
 
     changes = [*overrides(options), f"mission.time_limit={options.seconds}"]
     flown = (options.scenario, changes, options.seed, options.rounds)

@@ -10,7 +10,7 @@ from companion.flightlog.recorder import CONFIG
 from sitl_sim.__main__ import main
 
 HERE = Path(__file__).parent
-FLIGHT = HERE / "flight.mcap"
+FLIGHT = HERE.parents[1] / "companion" / "bench" / "flight.mcap"
 _KEPT = ("/inputs", "/tick")
 
 

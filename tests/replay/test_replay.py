@@ -1,7 +1,7 @@
 """A recorded flight through the present code.
 
 The first test fails where behaviour changed. If the change is wanted, record the flight anew
-(`make renew-flight`, half a minute) and commit `flight.mcap`.
+(`make renew-flight`, half a minute) and commit `companion/bench/flight.mcap`.
 """
 
 import dataclasses

@@ -98,6 +98,18 @@ def test_the_focal_length_is_measured(fov_deg):
     assert found.scale == pytest.approx(160.0 / fov_deg, abs=0.015)
 
 
+@pytest.mark.parametrize("lag", [-0.075, -0.025, 0.025, 0.075])
+def test_a_lag_between_those_tried_is_no_focal_length(lag):
+    alignment = CameraAlignment(View(CAMERA, needs_foot=False))
+    for n in range(14):  # just enough turns to tell, most of them while the turn grows faster
+        alignment.update(0.1 * n, 0.1 * n, Reduced(picture(0.1 * n - lag)), state)
+        found = alignment.estimate
+        assert found.contradiction == ""
+        if np.isfinite(found.sigmas[1]):
+            assert abs(found.scale - 1.0) < max(3.0 * found.sigmas[1], 0.02)
+    assert found.scale == pytest.approx(1.0, abs=0.02)
+
+
 def test_a_camera_that_is_knocked_in_flight_is_noticed_within_three_seconds():
     alignment = estimate(picture)
     assert alignment.estimate.contradiction == ""
