@@ -35,7 +35,6 @@ _ARRAYS = {
     "truth": "neighbours",
     "map": "trunks",
 }
-_PARALLAX_EVERY = 2  # pictures; with the default `trunks_every`, those not searched for trunks
 # Faults of pictures that can still be compared with the gyro: corners need no clear colours.
 _COMPARED = (CameraFault.NONE, CameraFault.LATE, CameraFault.MISALIGNED, CameraFault.UNCLEAR)
 _LENGTHS = (1e-6, 1e4)  # m; distances, radii and standard deviations lie between
@@ -250,9 +249,9 @@ class PerceptionFrontend:
     ) -> FixedPoints:
         if self._sensing.obstacles != "camera" or not self._sensing.parallax:
             return FixedPoints.from_rows(frame.arrays.get("fixed"))  # of a replay
-        if picture is None or self._frames % _PARALLAX_EVERY == 0:
-            return FixedPoints.none()
-        return self._parallax.update(picture, own, drones)
+        return (
+            FixedPoints.none() if picture is None else self._parallax.update(picture, own, drones)
+        )
 
     def _find_trunks(
         self, frame: Frame, image: Image | None, own: VehicleState, ground: float
