@@ -156,6 +156,7 @@ class Companion:
             inputs.horizon,
         )
         run("height", None, self._vehicle.see_ground, seen.own, seen.fixed)
+        run("velocity", None, self._vehicle.see_flow, seen.flow)
         obstacles = run(
             "map", last.obstacles, self._obstacles.update, seen, own, vehicle.doubt, ground
         )

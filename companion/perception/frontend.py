@@ -16,6 +16,7 @@ from companion.perception.camera_alignment import Alignment, CameraAlignment, St
 from companion.perception.camera_health import CameraFault, CameraHealth, CameraHealthConfig
 from companion.perception.config import CameraConfig, SensingConfig
 from companion.perception.detectors import make_detector
+from companion.perception.ground_flow import GroundFlow
 from companion.perception.parallax import FixedPoints, Parallax
 from companion.perception.view import View, load_camera
 from companion.types import Detection, Image, Ranges, Trunk
@@ -45,11 +46,11 @@ class Detections:
 
     time: s, when the frame was taken. own: the vehicle's state then; None where there was no new
     frame. searched: whether trunks were looked for. ranges: (h,w) m to other surfaces, where there
-    is a depth image. fixed: points known by parallax. fault: of the camera; blind: s that it has
-    lasted. started: whether any frame has been looked at. inhibit_reason: why the frames cannot be
-    flown by; empty where they can. alignment: how the pictures turn, against the gyro. problem: of
-    the detectors; empty where there is none. clarity: 0…1, how surely obstacle, ground and the
-    rest are told apart; 1 where no picture is asked.
+    is a depth image. fixed: points known by parallax. flow: of the ground, where it shows. fault:
+    of the camera; blind: s that it has lasted. started: whether any frame has been looked at.
+    inhibit_reason: why the frames cannot be flown by; empty where they can. alignment: how the
+    pictures turn, against the gyro. problem: of the detectors; empty where there is none. clarity:
+    0…1, how surely obstacle, ground and the rest are told apart; 1 where no picture is asked.
     """
 
     time: float = 0.0
@@ -66,6 +67,7 @@ class Detections:
     alignment: Alignment = field(default_factory=Alignment)
     problem: str = ""
     clarity: float = 1.0
+    flow: GroundFlow | None = None
 
 
 class PerceptionFrontend:
@@ -173,6 +175,7 @@ class PerceptionFrontend:
             alignment,
             found.problem,
             found.clarity,
+            found.flow,
         )
 
     def _detect(self, frame: Frame, own: VehicleState, ground: float, *, fits: bool) -> Detections:
@@ -215,7 +218,7 @@ class PerceptionFrontend:
         good_trunks = [t for t in trunks if _possible(t.direction, t.distance, t.radius, t.sigma)]
         bad = len(drones) + len(trunks) - len(good_drones) - len(good_trunks)
         problem = f"{bad} detections with impossible numbers" if bad else ""
-        fixed = self._fixed(frame, image, own, good_drones)
+        fixed, flow = self._fixed(frame, image, own, good_drones, ground)
         return Detections(
             frame.time,
             own,
@@ -226,6 +229,7 @@ class PerceptionFrontend:
             fixed,
             problem=problem,
             clarity=self._clarity(image),
+            flow=flow,
         )
 
     def _clarity(self, image: Image | None) -> float:
@@ -237,11 +241,21 @@ class PerceptionFrontend:
         return 1.0 if self._network is None else self._network.clarity
 
     def _fixed(
-        self, frame: Frame, image: Image | None, own: VehicleState, drones: list[Detection]
-    ) -> FixedPoints:
-        if self._sensing.obstacles != "camera" or not self._sensing.parallax:
-            return FixedPoints.from_rows(frame.arrays.get("fixed"))  # of a replay
-        return FixedPoints.none() if image is None else self._parallax.update(image, own, drones)
+        self,
+        frame: Frame,
+        image: Image | None,
+        own: VehicleState,
+        drones: list[Detection],
+        ground: float,
+    ) -> tuple[FixedPoints, GroundFlow | None]:
+        """Return the points that own motion shows, and the flow of the ground."""
+        if self._sensing.obstacles != "camera" or not self._sensing.parallax:  # of a replay
+            given = frame.arrays
+            fixed = FixedPoints.from_rows(given.get("fixed"))
+            return fixed, GroundFlow.from_row(given.get("flow"))
+        if image is None:
+            return FixedPoints.none(), None
+        return self._parallax.update(image, own, drones, ground), self._parallax.flow
 
     def _find_trunks(
         self, frame: Frame, image: Image | None, own: VehicleState, ground: float

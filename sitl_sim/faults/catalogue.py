@@ -71,8 +71,8 @@ KINDS: dict[str, Meaning] = {
     "rtk_float": Meaning("m that an RTK solution is off while it floats", 0.4, 0.0, 10.0),
     "compass": Meaning("degrees that the compass is wrong", 20.0, -180.0, 180.0),
     "height_drift": Meaning("m/min that the height drifts upwards", 1.0, -60.0, 60.0),
-    "velocity_slide": Meaning("m/s at which the position estimate slides to any side, and the velocity "
-                              "shows it", 0.8, 0.0, 10.0),
+    "velocity_slide": Meaning("m/s at which the position slides to any side; the velocity shows it",
+                              0.8, 0.0, 10.0),
     "stamps": Meaning("s that stamps of attitude and position are ahead", 0.12, -1e6, 1e6),
     "clock_jump": Meaning("s that the wall clock told by SYSTEM_TIME jumps", 3600, -1e6, 1e6),
     "timesync_jump": Meaning("s that TIMESYNC jumps", 0.5, -1e6, 1e6),

@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 DT = TICK_SUBSTEPS * SUBSTEP
 CHANNELS = 12  # slow and fast position, velocity, attitude; three axes each
 DRAWS = CHANNELS + 4  # and the random walks of yaw and of position
-SLIDE_TIME = 0.5  # s, in which a velocity that slides becomes wrong: 1.6 m/s² to 0.8 m/s
+SLIDE_TIME = 1.0  # s, in which a velocity that slides becomes wrong: 0.8 m/s² to 0.8 m/s
 COMPASS_TIME = 2.0  # s, in which the filter's yaw follows a wrong compass
 GATE = 5.0 * 0.5  # m, of the position innovation: EKF2_GPS_P_GATE times EKF2_GPS_P_NOISE
 HEADING_GATE = 2.6 * 0.3  # rad, EKF2_HDG_GATE times EKF2_HEAD_NOISE
@@ -226,7 +226,7 @@ class StateErrors:
         self._wrong_compass[i] = angle
 
     def slide(self, i: int, velocity: ArrayLike) -> None:
-        """Let vehicle i's velocity be wrong by `velocity` (3,) m/s, and its position sum that up."""
+        """Let vehicle i's velocity be wrong by `velocity` (3,) m/s, and its position with it."""
         self._idle = False
         self._forced_slide[i] = velocity
 

@@ -1,0 +1,74 @@
+"""Ground flow: the way flown over the ground, by the corners of the ground in two pictures.
+
+A corner of the ground lies where its line of sight, turned by the attitude, meets the ground. From
+picture to picture all such corners move back alike, by the way flown; velocity and position of the
+autopilot have no part in it. What stands on the ground is nearer than its line of sight says, moves
+otherwise, and each corner of it differently: the way is that on which most corners agree.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mavlink_bridge.shared.arrays import Vector
+
+STEEP = 0.35  # sine of the angle below the horizon; flatter lines meet the ground too far off
+_AGREE = 0.006  # rad: corners of the ground agree to that, 2 σ of a pixel's noise
+_LEAST, _SHARE = 8, 0.3  # corners that agree, and their share of all below the horizon
+_LOW = 0.5  # m; from lower, little of the ground is seen, and that too fast
+
+
+@dataclass(frozen=True)
+class GroundFlow:
+    """A way over the ground.
+
+    before, after: s, when the two pictures were taken. way: (2,) m, east and north in the own
+    frame, as long as the height [m] over the ground is right.
+    """
+
+    before: float
+    after: float
+    way: Vector
+    height: float
+
+    @property
+    def row(self) -> list[float]:
+        """The numbers before, after, way and height."""
+        return [self.before, self.after, *self.way.tolist(), self.height]
+
+    @staticmethod
+    def from_row(row: Vector | None) -> GroundFlow | None:
+        """Return the flow of a row (5,); None: there was none."""
+        if row is None or len(row) != 5:
+            return None
+        before, after, height = float(row[0]), float(row[1]), float(row[4])
+        return GroundFlow(before, after, np.array(row[2:4], float), height)
+
+
+def way_over_ground(
+    before: Vector, after: Vector, height_before: float, height: float
+) -> Vector | None:
+    """Return the way (2,) m flown between two pictures; None where too few corners agree.
+
+    before, after (n,3): unit rays to the same corners, own ENU axes. height_before, height: m over
+    the ground, at each picture.
+    """
+    below = (before[:, 2] < -STEEP) & (after[:, 2] < -STEEP)
+    if np.count_nonzero(below) < _LEAST or min(height_before, height) < _LOW:
+        return None
+    a, b = before[below], after[below]
+    ways = height_before * a[:, :2] / -a[:, 2:] - height * b[:, :2] / -b[:, 2:]
+    # The farther a corner, the more a pixel's noise moves it: s² + h² over h.
+    reach = _AGREE * height / b[:, 2] ** 2
+    x, y = ways.T
+    apart = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2
+    near = apart < np.maximum(reach[:, None], reach) ** 2
+    agree = near[int(np.argmax(near.sum(axis=1)))]
+    count = np.count_nonzero(agree)
+    if count < max(_LEAST, _SHARE * len(ways)):
+        return None
+    weight = reach[agree] ** -2
+    way: Vector = weight @ ways[agree] / weight.sum()
+    return way
