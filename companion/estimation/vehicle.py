@@ -210,7 +210,7 @@ class VehicleEstimator:
         if flow is not None and self._height_now is not None:
             before, after = self.at(flow.before), self.at(flow.after)
             if before is not None and after is not None:
-                self._ground.see(flow, before, after, self._height_now)
+                self._ground.see(flow, before, after, self._height_now, self._doubt.doubt.yaw)
 
     def ask(self, requests: Sequence[Message]) -> None:
         """Note what this tick asks of the autopilot, for the words of a refusal."""

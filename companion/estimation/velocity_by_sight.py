@@ -52,13 +52,22 @@ class VelocityFromGround:
     def __init__(self) -> None:
         self._value: Vector = np.zeros(2)
         self._scale: Vector = np.zeros(2)  # m/s, 1 σ along the way, by its scale
+        self._turned = 0.0  # m/s, 1 σ, by a wrong heading
         self._time = -math.inf
         self._made: deque[tuple[float, Vector]] = deque([(-math.inf, np.zeros(2))], _REMEMBERED)
 
     def see(
-        self, flow: GroundFlow, before: VehicleState, after: VehicleState, height: Height
+        self,
+        flow: GroundFlow,
+        before: VehicleState,
+        after: VehicleState,
+        height: Height,
+        yaw: float = 0.0,
     ) -> None:
-        """Take in a way over the ground; before, after: the states, as corrected, at its ends."""
+        """Take in a way over the ground.
+
+        before, after: the states, as corrected, at its ends. yaw: rad, 1 σ, which turns it.
+        """
         dt = flow.after - flow.before
         if not 0.0 < dt < _LONGEST_GAP or flow.after <= self._time:
             return
@@ -69,13 +78,14 @@ class VelocityFromGround:
         off = off * min(1.0, _OUTLIER / max(float(np.linalg.norm(off)), 1e-9))
         self._value = self._value + (1.0 - math.exp(-dt / _AVERAGED)) * off
         self._scale = math.hypot(height.sigma / flow.height, _SCALE) * seen
+        self._turned = yaw * float(np.linalg.norm(seen))
         self._time = flow.after
 
     def decide(self, time: float) -> VelocityBySight:
         """Return what is made of it at the tick of `time` [s]; the correction holds from then."""
         kept = self._kept(time)
         value = kept * self._value
-        noise = math.hypot(_NOISE, _WRONG * math.sqrt(1.0 - kept**2))
+        noise = math.hypot(_NOISE, self._turned, _WRONG * math.sqrt(1.0 - kept**2))
         correction = beyond_doubt(value, noise, self._scale) * value
         if (correction != self._made[-1][1]).any():
             self._made.append((time, correction))

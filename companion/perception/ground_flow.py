@@ -16,7 +16,7 @@ from mavlink_bridge.shared.arrays import Vector
 
 STEEP = 0.35  # sine of the angle below the horizon; flatter lines meet the ground too far off
 _AGREE = 0.006  # rad: corners of the ground agree to that, 2 σ of a pixel's noise
-_LEAST, _SHARE = 8, 0.3  # corners that agree, and their share of all below the horizon
+_LEAST, _SHARE = 8, 0.5  # corners that agree, and their share of all below the horizon
 _LOW = 0.5  # m; from lower, little of the ground is seen, and that too fast
 
 
@@ -64,11 +64,11 @@ def way_over_ground(
     reach = _AGREE * height / b[:, 2] ** 2
     x, y = ways.T
     apart = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2
-    near = apart < np.maximum(reach[:, None], reach) ** 2
-    agree = near[int(np.argmax(near.sum(axis=1)))]
-    count = np.count_nonzero(agree)
-    if count < max(_LEAST, _SHARE * len(ways)):
+    near, known = apart < reach**2, reach**-2
+    agree = near[int(np.argmax(near @ known))]
+    weight = known * agree
+    few = np.count_nonzero(agree) < max(_LEAST, _SHARE * len(ways))
+    if few or weight.sum() < _SHARE * known.sum():
         return None
-    weight = reach[agree] ** -2
-    way: Vector = weight @ ways[agree] / weight.sum()
+    way: Vector = weight @ ways / weight.sum()
     return way
