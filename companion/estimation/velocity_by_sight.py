@@ -25,7 +25,7 @@ _NOISE = 0.1  # m/s, 1 σ of that mean: attitude and timing while the drone turn
 # An estimator whose tilt or accelerometer is wrong by 0.15 to 0.3 m/s² (1 to 2° of tilt) is wrong
 # by half a metre a second within seconds: 2 σ of an error that comes and goes in as long.
 _WRONG, _LASTS = 0.3, 5.0  # m/s, 1 σ, and s
-_SCALE = 0.1  # of the flow, 1 σ: feet of trunks pass faster than the ground
+_SCALE = 0.05  # of the flow, 1 σ: feet of trunks pass faster than the ground
 _OUTLIER = 0.5  # m/s that an error can change from picture to picture; more is no ground
 _SURE = 2.0  # standard deviations up to which an estimate may be noise
 _HARMLESS = 0.15  # m/s that fly well
