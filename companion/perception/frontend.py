@@ -37,6 +37,7 @@ _ARRAYS = {
 }
 # Faults of pictures that can still be compared with the gyro: corners need no clear colours.
 _COMPARED = (CameraFault.NONE, CameraFault.LATE, CameraFault.MISALIGNED, CameraFault.UNCLEAR)
+_NO_TRUNKS: Vector = np.zeros((0, 3))
 _LENGTHS = (1e-6, 1e4)  # m; distances, radii and standard deviations lie between
 
 
@@ -128,12 +129,14 @@ class PerceptionFrontend:
         at: StateAt,
         ground: float = 0.0,
         horizon: float | None = None,
+        trunks: Vector = _NO_TRUNKS,
     ) -> Detections:
         """Return the detections of the newest frame at the tick of `time` [s]; each frame once.
 
         at: returns the vehicle's state at a time [s] of the last second, where it is known.
         ground: m, the ground's level in the own frame.
-        horizon: s, the latest that the vehicle's clock can show; None: `time`.
+        horizon: s, the latest that the vehicle's clock can show; None: `time`. trunks (k,3): known
+        ones, x, y, radius [m], nearest first.
         """
         if frame is not None and self._lag:
             frame = replace(frame, time=frame.time - self._lag)
@@ -154,7 +157,7 @@ class PerceptionFrontend:
             own = replace(own, time=frame.time)
             self._newest = frame.time
             try:
-                found = self._detect(frame, own, ground, fits=not misfit)
+                found = self._detect(frame, own, ground, trunks, fits=not misfit)
             except Exception as error:  # it shows no more than a camera without pictures
                 found = Detections(problem=f"{type(error).__name__}: {error}")
             fault = self._health.searched(time, not found.problem, found.clarity)
@@ -178,7 +181,9 @@ class PerceptionFrontend:
             found.flow,
         )
 
-    def _detect(self, frame: Frame, own: VehicleState, ground: float, *, fits: bool) -> Detections:
+    def _detect(
+        self, frame: Frame, own: VehicleState, ground: float, standing: Vector, *, fits: bool
+    ) -> Detections:
         """Return the detections in `frame`, taken in state `own`; a misfit image shows nothing."""
         if self._measuring:
             return Detections(frame.time, own)
@@ -218,7 +223,7 @@ class PerceptionFrontend:
         good_trunks = [t for t in trunks if _possible(t.direction, t.distance, t.radius, t.sigma)]
         bad = len(drones) + len(trunks) - len(good_drones) - len(good_trunks)
         problem = f"{bad} detections with impossible numbers" if bad else ""
-        fixed, flow = self._fixed(frame, image, own, good_drones, ground)
+        fixed, flow = self._fixed(frame, image, own, good_drones, ground, standing)
         return Detections(
             frame.time,
             own,
@@ -247,6 +252,7 @@ class PerceptionFrontend:
         own: VehicleState,
         drones: list[Detection],
         ground: float,
+        trunks: Vector,
     ) -> tuple[FixedPoints, GroundFlow | None]:
         """Return the points that own motion shows, and the flow of the ground."""
         if self._sensing.obstacles != "camera" or not self._sensing.parallax:  # of a replay
@@ -255,7 +261,8 @@ class PerceptionFrontend:
             return fixed, GroundFlow.from_row(given.get("flow"))
         if image is None:
             return FixedPoints.none(), None
-        return self._parallax.update(image, own, drones, ground), self._parallax.flow
+        fixed = self._parallax.update(image, own, drones, ground, trunks)
+        return fixed, self._parallax.flow
 
     def _find_trunks(
         self, frame: Frame, image: Image | None, own: VehicleState, ground: float

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.perception.ground_flow import STEEP, GroundFlow, way_over_ground
+from companion.perception.ground_flow import STEEP, GroundFlow, hidden_by, way_over_ground
 from companion.perception.view import View
 from companion.types import Detection, Image
 from mavlink_bridge.shared.arrays import Vector, cross
@@ -37,6 +37,8 @@ _NEAREST, _FARTHEST = 0.3, 200.0  # m
 _LEAST_PARALLAX = 0.035  # rad, seen from first to now: less is attitude noise
 SURE = 0.15  # 1 σ over distance of a point that counts
 _DRONE = 0.4  # m, radius within which corners belong to a detected neighbour
+_NEAR_TRUNKS = 5  # known trunks that may hide the ground
+_NO_TRUNKS: Vector = np.zeros((0, 3))
 
 
 @dataclass(frozen=True)
@@ -139,12 +141,17 @@ class Parallax:
         self.flow: GroundFlow | None = None  # of the last two pictures
 
     def update(
-        self, image: Image, own: VehicleState, drones: list[Detection], ground: float = 0.0
+        self,
+        image: Image,
+        own: VehicleState,
+        drones: list[Detection],
+        ground: float = 0.0,
+        trunks: Vector = _NO_TRUNKS,
     ) -> FixedPoints:
         """Return the points known after the picture `image` (H,W,3) uint8 BGR, taken in `own`.
 
         drones: the neighbours in the picture; what moves with them is no fixed point. ground: m,
-        the ground's level in the own frame.
+        the ground's level in the own frame. trunks (k,3): known ones, x, y, radius, nearest first.
         """
         size = (self._camera.width, self._camera.height)
         small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
@@ -155,7 +162,7 @@ class Parallax:
         then, self._time, self.flow = self._time, own.time, None
         height = float(own.p[2]) - ground
         if self._before is not None and len(self._corners):
-            self._follow(grey, own.p, rotation, then, height)
+            self._follow(grey, own.p, rotation, then, height, trunks[:_NEAR_TRUNKS])
             self._drop_drones(own.p, rotation, drones)
         if self._pictures % _REFILL == 0:
             self._refill(grey, own.p, rotation)
@@ -164,7 +171,13 @@ class Parallax:
         return self._known(own.p)
 
     def _follow(
-        self, grey: NDArray[np.uint8], p: Vector, rotation: Vector, then: float, height: float
+        self,
+        grey: NDArray[np.uint8],
+        p: Vector,
+        rotation: Vector,
+        then: float,
+        height: float,
+        trunks: Vector,
     ) -> None:
         """Find the corners in the next picture, and refine their distances.
 
@@ -193,6 +206,7 @@ class Parallax:
         if self._turned is not None:
             turned, height_then = self._turned
             low = kept & (rays[:, 2] < -STEEP)
+            low[low] = ~hidden_by(trunks, p[:2], rays[low], height)
             before = self._camera.unproject(c.pixels[low].astype(float)) @ turned.T
             way = way_over_ground(before, rays[low], height_then, height)
             if way is not None:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from companion.perception.camera import Camera
-from companion.perception.ground_flow import GroundFlow, way_over_ground
+from companion.perception.ground_flow import GroundFlow, hidden_by, way_over_ground
 from companion.perception.parallax import Parallax
 from companion.perception.view import View
 from mavlink_bridge.shared.frames import rotation_matrix
@@ -63,6 +63,20 @@ def test_corners_of_a_trunk_are_outvoted_but_for_its_foot(seed):
 def test_a_trunk_that_fills_the_picture_tells_nothing(seed):
     points = np.concatenate([ground(6, seed), bark(30, seed)])
     assert way_over_ground(*looks(points, 3.0 * WAY, seed=seed), HEIGHT, HEIGHT) is None
+
+
+def test_corners_of_known_trunks_do_not_count():
+    """The trunk that fills the picture is known: the ground beside it tells the way."""
+    points, here = np.concatenate([ground(14), bark(40)]), np.array([0.0, 0.0, HEIGHT])
+    before, after = looks(points)
+    assert way_over_ground(before, after, HEIGHT, HEIGHT) is None
+    hidden = hidden_by(np.array([[1.6, 0.0, 0.4]]), here[:2], after, HEIGHT)
+    assert hidden[14:].all()
+    assert hidden[:14].mean() < 0.5
+    way = way_over_ground(before[~hidden], after[~hidden], HEIGHT, HEIGHT)
+    assert way == pytest.approx(WAY, abs=0.01)
+    behind = hidden_by(np.array([[-1.6, 0.0, 0.4]]), here[:2], after, HEIGHT)
+    assert not behind.any()
 
 
 def test_too_few_corners_or_too_low_tell_nothing():
