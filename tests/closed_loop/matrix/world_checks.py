@@ -133,7 +133,10 @@ WOOD = {  # rows of trunks that leave 1.9 m between two
 
 
 def row_43(note):
-    """Among trunks, velocity and position of the estimate slide together, twice, to any side."""
+    """Among trunks, velocity and position of the estimate slide together, twice, to any side.
+
+    Not every such flight ends well: beside a trunk little ground shows, and half a second is long.
+    """
     for seed in (1, 3, 5, 6):
         f = fly(
             [{"kind": "velocity_slide", "at": at, "for": 3.0} for at in (10.0, 16.0)],
