@@ -154,8 +154,10 @@ class Companion:
             self._vehicle.at,
             ground,
             inputs.horizon,
+            last.obstacles.cylinders,
         )
         run("height", None, self._vehicle.see_ground, seen.own, seen.fixed)
+        run("velocity", None, self._vehicle.see_flow, seen.flow)
         obstacles = run(
             "map", last.obstacles, self._obstacles.update, seen, own, vehicle.doubt, ground
         )

@@ -33,6 +33,7 @@ _NO_ECHO = 1  # quality of a look without an echo
 _STEEP = 0.3  # sine of the angle below the horizon; flatter sight lines say little of the level
 _MOVES = 0.4  # m/s; slower, the pictures say little
 _POINTS = 8  # points of the ground that make a look
+_AGREE, _SHARE = 0.1, 0.4  # of the height, to which they agree; their share of all below
 _LASTS = 0.7  # s for which the error of the own velocity lasts, and so that of all such looks
 _SCALE = 0.06  # of the height, least error of such a look: a drone that speeds up turns, too
 
@@ -97,7 +98,9 @@ class HeightEstimator:
         speed = norm(own.v)
         if np.count_nonzero(below) < _POINTS or speed < _MOVES:
             return
-        level = float(np.median(fixed.places[below, 2]))
+        level = _common(fixed.places[below, 2], _AGREE * float(own.p[2] - self._level))
+        if level is None:
+            return
         away = float(np.median(np.hypot(rays[below, 0], rays[below, 1])))  # m
         spread = float(np.median((fixed.sigmas / lengths)[below]))
         scale = math.hypot(spread, doubt.velocity / speed, _SCALE)
@@ -126,3 +129,14 @@ class HeightEstimator:
         gain = self._variance / (self._variance + noise)
         self._level += gain * off
         self._variance = max((1.0 - gain) * self._variance, min(self._variance, least**2))
+
+
+def _common(levels: Vector, to: float) -> float | None:
+    """Return the mean level [m] of the points (n,) m that agree most, to so many metres.
+
+    None where too few do: a trunk fills the picture, whose points are at any level.
+    """
+    agree = np.abs(levels[:, None] - levels[None]) < to
+    most = agree[int(np.argmax(agree.sum(axis=1)))]
+    count = np.count_nonzero(most)
+    return float(levels[most].mean()) if count >= max(_POINTS, _SHARE * len(levels)) else None

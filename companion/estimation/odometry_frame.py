@@ -3,7 +3,8 @@
 The autopilot's position is a place on the map. It steps when its estimator is reset, when a GPS
 signal takes another path, or when an RTK solution floats. Trunks and neighbours do not step. So
 what the reported velocity does not explain is taken out of the position and becomes the offset of
-the map: the goals move, and nothing that was seen does.
+the map: the goals move, and nothing that was seen does. Where the pictures correct the velocity
+(`velocity_by_sight.py`), the position in odometry follows the corrected one.
 """
 
 from __future__ import annotations
@@ -29,10 +30,17 @@ _SILENT = 0.5  # s without LOCAL_POSITION_NED, after which ODOMETRY gives the po
 
 
 class OdometryFrame:
-    """Takes steps out of positions; offset: (3,) m, position on the map less that in odometry."""
+    """Takes steps out of positions.
+
+    by_sight: (3,) m/s, correction of the velocity from now on. slid: (3,) m, what the velocity did
+    not show.
+    """
 
     def __init__(self) -> None:
-        self.offset: Vector = np.zeros(3)
+        self.by_sight: Vector = np.zeros(3)
+        self.slid: Vector = np.zeros(3)
+        self._way: Vector = np.zeros(3)  # m, of the corrections by sight
+        self._until = math.inf  # s, up to which that way is known
         self.steps = 0
         self._before: LocalPosition | None = None  # in odometry
         self._told: Vector = np.zeros(3)  # m/s, its velocity as it was reported
@@ -41,25 +49,41 @@ class OdometryFrame:
         self._resets: int | None = None
         self._reset_at = self._local_at = self._slides_until = -math.inf
 
+    @property
+    def offset(self) -> Vector:
+        """(3,) m, position on the map less that in odometry."""
+        return self.slid - self._way
+
     def localised(self, messages: Iterable[Message], velocity_sigma: float) -> Iterator[Message]:
         """Yield the messages, with positions in odometry; velocity_sigma: m/s, 1 σ."""
         for m in messages:
             if isinstance(m, LocalPosition):
                 self._local_at = m.time
-                yield self._step_free(m, velocity_sigma)
+                free = self._step_free(m, velocity_sigma)
+                self._go_on(m.time)
+                yield replace(free, p=free.p + self._way, v=free.v + self.by_sight)
             elif isinstance(m, Odometry):
                 if self._resets is not None and m.resets != self._resets:
                     self._reset_at = m.time
                 self._resets = m.resets
                 if m.time - self._local_at > _SILENT:
                     self._step_free(LocalPosition(m.time, m.p, m.v), velocity_sigma)
-                yield replace(m, p=m.p - self.offset, v=m.v + self._velocity.error)
+                    self._go_on(m.time)
+                v = m.v + self._velocity.error + self.by_sight
+                yield replace(m, p=m.p - self.offset, v=v)
             else:
                 yield m
 
+    def _go_on(self, time: float) -> None:
+        """Sum up the correction by sight to a position's time [s]."""
+        dt = time - self._until
+        if 0.0 < dt <= _LONGEST_GAP:
+            self._way = self._way + dt * self.by_sight
+        self._until = time
+
     def _step_free(self, m: LocalPosition, velocity_sigma: float) -> LocalPosition:
         """Return a position in odometry; what the velocity does not explain moves the offset."""
-        here = replace(m, p=m.p - self.offset, v=m.v + self._velocity.error)
+        here = replace(m, p=m.p - self.slid, v=m.v + self._velocity.error)
         before = self._before
         dt = math.inf if before is None else m.time - before.time
         if not (np.isfinite(m.p).all() and np.isfinite(m.v).all()) or dt <= 0.0:
@@ -78,13 +102,13 @@ class OdometryFrame:
         self._excess = math.exp(-dt / _WINDOW) * self._excess + step
         slides = m.time < self._slides_until
         if slides:
-            self.offset = self.offset + step
+            self.slid = self.slid + step
         if norm(self._excess) > _GATE + _GATE_TIME * velocity_sigma:
             self._slides_until = m.time + _SLIDES
             if not slides:
-                self.offset = self.offset + self._excess
+                self.slid = self.slid + self._excess
                 self.steps += 1
                 self._excess = np.zeros(3)
-        self._before = here = replace(here, p=m.p - self.offset)
+        self._before = here = replace(here, p=m.p - self.slid)
         self._told = m.v
         return here

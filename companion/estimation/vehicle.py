@@ -15,7 +15,9 @@ from companion.estimation.odometry_frame import OdometryFrame
 from companion.estimation.own_doubt import OwnDoubt, OwnDoubtEstimator
 from companion.estimation.own_state import OwnState
 from companion.estimation.prediction import StatePredictor
+from companion.estimation.velocity_by_sight import VelocityBySight, VelocityFromGround
 from companion.estimation.velocity_lag import Lag, VelocityLag
+from companion.perception.ground_flow import GroundFlow
 from companion.perception.parallax import FixedPoints
 from companion.types import Phase
 from mavlink_bridge.autopilots.answers import Answers
@@ -34,6 +36,7 @@ from mavlink_bridge.wire.messages import (
 
 _UNREPORTED = OwnDoubt()
 _NO_LAG = VelocityLag().lag
+_UNSEEN = VelocityBySight()
 _MODE_KNOWN = 1.0  # s without news for which the last mode is believed: a HEARTBEAT's period
 _CLOCK_BACK = 1.0  # s; a vehicle whose clock goes back by more has started anew
 
@@ -53,7 +56,9 @@ class VehicleEstimate:
     tick before, in order of time. doubt: of the state. map_offset: (3,) m, position on the map less
     that of the state, see `odometry_frame.py`. height: over ground; None before a state is known.
     lag: of the reported position and velocity, which the state makes up for. home: where the
-    vehicle took off, as it tells; None: it has not told.
+    vehicle took off, as it tells; None: it has not told. by_sight: what the pictures say of the
+    velocity, with which the state is corrected. slid: (3,) m, the part of map_offset by steps and
+    slides that the velocity did not show.
     """
 
     state: VehicleState | None = None
@@ -74,6 +79,8 @@ class VehicleEstimate:
     map_offset: Vector = field(default_factory=lambda: np.zeros(3))
     lag: Lag = _NO_LAG
     home: HomePosition | None = None
+    by_sight: VelocityBySight = _UNSEEN
+    slid: Vector = field(default_factory=lambda: np.zeros(3))
 
     def without_news(self, gap: float) -> VehicleEstimate:
         """Return this estimate `gap` [s] later, where no new one can be had.
@@ -109,6 +116,8 @@ class VehicleEstimator:
         self._doubt = OwnDoubtEstimator()
         self._height = HeightEstimator()
         self._frame = OdometryFrame()
+        self._ground = VelocityFromGround()
+        self._height_now: Height | None = None
         self._lag = VelocityLag()
         self._home: HomePosition | None = None
         self._flown_by: StatePredictor | None = None
@@ -135,6 +144,8 @@ class VehicleEstimator:
         self._link.hear(time, heard)
         loss = self._link.lost
         doubt = self._doubt.hear(messages)
+        by_sight = self._ground.decide(self._time if np.isfinite(self._time) else time)
+        self._frame.by_sight = by_sight.correction
         self._own.add(self._frame.localised(messages, doubt.velocity), horizon)
         self._identity.hear(messages)
         rebooted = self._notice_reboot(time)
@@ -148,6 +159,8 @@ class VehicleEstimator:
             if isinstance(m, HomePosition) and not _same(m, self._home):
                 self._home = m
         looks = [m for m in messages if isinstance(m, DistanceSensor)]
+        height = None if state is None else self._height.update(state, looks, doubt.height)
+        self._height_now = height
         return VehicleEstimate(
             state=state,
             age=self._own.age(time),
@@ -163,10 +176,12 @@ class VehicleEstimator:
             refusals=tuple(self._answers.refusals(messages)),
             attitudes=tuple(self._own.new_attitudes),
             doubt=doubt,
-            height=None if state is None else self._height.update(state, looks, doubt.height),
+            height=self._height_now,
             map_offset=self._frame.offset,
+            slid=self._frame.slid,
             lag=self._lag.lag,
             home=self._home,
+            by_sight=by_sight,
         )
 
     def at(self, time: float) -> VehicleState | None:
@@ -190,6 +205,13 @@ class VehicleEstimator:
         if own is not None:
             self._height.see(own, fixed, self._doubt.doubt)
 
+    def see_flow(self, flow: GroundFlow | None) -> None:
+        """Let the ground that passes correct the velocity, from the next message on."""
+        if flow is not None and self._height_now is not None:
+            before, after = self.at(flow.before), self.at(flow.after)
+            if before is not None and after is not None:
+                self._ground.see(flow, before, after, self._height_now, self._doubt.doubt.yaw)
+
     def ask(self, requests: Sequence[Message]) -> None:
         """Note what this tick asks of the autopilot, for the words of a refusal."""
         self._answers.ask(requests)
@@ -204,6 +226,7 @@ class VehicleEstimator:
             self._link = LinkQuality(self._silence)
             self._thrust.reset()
             self._frame = OdometryFrame()
+            self._ground = VelocityFromGround()
             self._height.reset()
             self._home = None
             self._lag.reset()

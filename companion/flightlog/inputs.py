@@ -27,8 +27,8 @@ class RecordedInputs:
     """The inputs of one tick.
 
     time: s, of the tick. datagrams: since the tick before. frame_time: s, of the newest frame;
-    drones, trunks, ranges, fixed: its detections, where it was new. leave: whether control was to
-    be given back. shown: whether the camera showed anything. latest: s, the latest that the
+    drones, trunks, ranges, fixed, flow: its detections, where it was new. leave: whether control
+    was to be given back. shown: whether the camera showed anything. latest: s, the latest that the
     vehicle's clock could show, where that was not `time`.
     """
 
@@ -42,6 +42,7 @@ class RecordedInputs:
     leave: bool = False
     shown: bool = True
     latest: float | None = None
+    flow: Vector | None = None
 
 
 class InputsError(ValueError):
@@ -94,6 +95,7 @@ def encode(
         "fixed": seen.fixed.rows.shape,
         "shown": shown,
         "latest": latest,
+        "flow": None if seen.flow is None else seen.flow.row,
     }
     tables = [table.encode(getattr(seen, name)) for name, table in _TABLES.items()]
     if ranges is not None:
@@ -144,6 +146,7 @@ def decode(data: bytes) -> RecordedInputs:
             leave=leave,
             shown=shown,
             latest=header.get("latest"),
+            flow=np.array(header["flow"], float) if header.get("flow") else None,
         )
     except (ValueError, TypeError, KeyError) as error:
         raise InputsError(f"not a tick's inputs: {error}") from error

@@ -60,6 +60,7 @@ SCHEMA = {
         "hover_thrust": {"type": "number"},
         "delay": {"type": "array"},
         "velocity_lag": {"type": "array"},
+        "velocity_by_sight": {"type": "array"},
         "map_offset": {"type": "array"},
         "height": {"type": "array"},
         "hover": {"type": "object"},
@@ -110,7 +111,7 @@ def _clock(clock: ClockEstimate | None) -> dict[str, Any] | None:
 def record(tick: Tick, costs: dict[str, float] | None = None) -> dict[str, Any]:
     """Return the tick as a dictionary of numbers, strings and arrays."""
     stages, offset = tick.stages | (costs or {}), tick.vehicle.map_offset
-    height = tick.vehicle.height
+    height, sight = tick.vehicle.height, tick.vehicle.by_sight
     r: dict[str, Any] = {
         "time": tick.time,
         "phase": tick.supervised.phase.value,
@@ -123,6 +124,7 @@ def record(tick: Tick, costs: dict[str, float] | None = None) -> dict[str, Any]:
         "hover_thrust": _number(tick.motion.thrust_map.hover_thrust),
         "delay": _rounded([tick.motion.delay.value, tick.motion.delay.sigma]),
         "velocity_lag": _rounded([tick.vehicle.lag.value, tick.vehicle.lag.sigma]),
+        "velocity_by_sight": _rounded([*sight.value[:2], sight.sigma, *sight.correction[:2]]),
         "hover": _hover(tick.motion.hover),
         "stages_ms": {k: round(v * 1e3, 3) for k, v in stages.items()},
         **_seen(tick.seen),

@@ -171,6 +171,8 @@ def _frame(inputs: RecordedInputs) -> Frame | None:
     }
     if len(inputs.fixed):
         arrays["fixed"] = inputs.fixed
+    if inputs.flow is not None:
+        arrays["flow"] = inputs.flow
     if inputs.ranges is not None:
         arrays["ranges"] = inputs.ranges
     return Frame(inputs.frame_time, arrays)

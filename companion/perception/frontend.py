@@ -16,6 +16,7 @@ from companion.perception.camera_alignment import Alignment, CameraAlignment, St
 from companion.perception.camera_health import CameraFault, CameraHealth, CameraHealthConfig
 from companion.perception.config import CameraConfig, SensingConfig
 from companion.perception.detectors import make_detector
+from companion.perception.ground_flow import GroundFlow
 from companion.perception.parallax import FixedPoints, Parallax
 from companion.perception.reduced import Reduced
 from companion.perception.view import View, load_camera
@@ -37,6 +38,7 @@ _ARRAYS = {
 }
 # Faults of pictures that can still be compared with the gyro: corners need no clear colours.
 _COMPARED = (CameraFault.NONE, CameraFault.LATE, CameraFault.MISALIGNED, CameraFault.UNCLEAR)
+_NO_TRUNKS: Vector = np.zeros((0, 3))
 _LENGTHS = (1e-6, 1e4)  # m; distances, radii and standard deviations lie between
 
 
@@ -46,11 +48,11 @@ class Detections:
 
     time: s, when the frame was taken. own: the vehicle's state then; None where there was no new
     frame. searched: whether trunks were looked for. ranges: (h,w) m to other surfaces, where there
-    is a depth image. fixed: points known by parallax. fault: of the camera; blind: s that it has
-    lasted. started: whether any frame has been looked at. inhibit_reason: why the frames cannot be
-    flown by; empty where they can. alignment: how the pictures turn, against the gyro. problem: of
-    the detectors; empty where there is none. clarity: 0…1, how surely obstacle, ground and the
-    rest are told apart; 1 where no picture is asked.
+    is a depth image. fixed: points known by parallax. flow: of the ground, where it shows. fault:
+    of the camera; blind: s that it has lasted. started: whether any frame has been looked at.
+    inhibit_reason: why the frames cannot be flown by; empty where they can. alignment: how the
+    pictures turn, against the gyro. problem: of the detectors; empty where there is none. clarity:
+    0…1, how surely obstacle, ground and the rest are told apart; 1 where no picture is asked.
     """
 
     time: float = 0.0
@@ -67,6 +69,7 @@ class Detections:
     alignment: Alignment = field(default_factory=Alignment)
     problem: str = ""
     clarity: float = 1.0
+    flow: GroundFlow | None = None
 
 
 class PerceptionFrontend:
@@ -127,12 +130,14 @@ class PerceptionFrontend:
         at: StateAt,
         ground: float = 0.0,
         horizon: float | None = None,
+        trunks: Vector = _NO_TRUNKS,
     ) -> Detections:
         """Return the detections of the newest frame at the tick of `time` [s]; each frame once.
 
         at: returns the vehicle's state at a time [s] of the last second, where it is known.
         ground: m, the ground's level in the own frame.
-        horizon: s, the latest that the vehicle's clock can show; None: `time`.
+        horizon: s, the latest that the vehicle's clock can show; None: `time`. trunks (k,3): known
+        ones, x, y, radius [m], nearest first.
         """
         if frame is not None and self._lag:
             frame = replace(frame, time=frame.time - self._lag)
@@ -155,7 +160,7 @@ class PerceptionFrontend:
             own = replace(own, time=frame.time)
             self._newest = frame.time
             try:
-                found = self._detect(frame, picture, own, ground)
+                found = self._detect(frame, picture, own, ground, trunks)
             except Exception as error:  # it shows no more than a camera without pictures
                 found = Detections(problem=f"{type(error).__name__}: {error}")
             fault = self._health.searched(time, not found.problem, found.clarity)
@@ -176,14 +181,21 @@ class PerceptionFrontend:
             alignment,
             found.problem,
             found.clarity,
+            found.flow,
         )
 
     def _detect(
-        self, frame: Frame, picture: Reduced | None, own: VehicleState, ground: float
+        self,
+        frame: Frame,
+        picture: Reduced | None,
+        own: VehicleState,
+        ground: float,
+        standing: Vector,
     ) -> Detections:
         """Return the detections in `frame` and its picture, taken in state `own`.
 
-        picture: None where the frame has none, or a misfit one, which shows nothing.
+        picture: None where the frame has none, or a misfit one, which shows nothing. standing: the
+        known trunks.
         """
         if self._measuring:
             return Detections(frame.time, own)
@@ -223,7 +235,7 @@ class PerceptionFrontend:
         good_trunks = [t for t in trunks if _possible(t.direction, t.distance, t.radius, t.sigma)]
         bad = len(drones) + len(trunks) - len(good_drones) - len(good_trunks)
         problem = f"{bad} detections with impossible numbers" if bad else ""
-        fixed = self._fixed(frame, picture, own, good_drones)
+        fixed, flow = self._fixed(frame, picture, own, good_drones, ground, standing)
         return Detections(
             frame.time,
             own,
@@ -234,6 +246,7 @@ class PerceptionFrontend:
             fixed,
             problem=problem,
             clarity=self._clarity(image),
+            flow=flow,
         )
 
     def _clarity(self, image: Image | None) -> float:
@@ -245,13 +258,23 @@ class PerceptionFrontend:
         return 1.0 if self._network is None else self._network.clarity
 
     def _fixed(
-        self, frame: Frame, picture: Reduced | None, own: VehicleState, drones: list[Detection]
-    ) -> FixedPoints:
-        if self._sensing.obstacles != "camera" or not self._sensing.parallax:
-            return FixedPoints.from_rows(frame.arrays.get("fixed"))  # of a replay
-        return (
-            FixedPoints.none() if picture is None else self._parallax.update(picture, own, drones)
-        )
+        self,
+        frame: Frame,
+        picture: Reduced | None,
+        own: VehicleState,
+        drones: list[Detection],
+        ground: float,
+        trunks: Vector,
+    ) -> tuple[FixedPoints, GroundFlow | None]:
+        """Return the points that own motion shows, and the flow of the ground."""
+        if self._sensing.obstacles != "camera" or not self._sensing.parallax:  # of a replay
+            given = frame.arrays
+            fixed = FixedPoints.from_rows(given.get("fixed"))
+            return fixed, GroundFlow.from_row(given.get("flow"))
+        if picture is None:
+            return FixedPoints.none(), None
+        fixed = self._parallax.update(picture, own, drones, ground, trunks)
+        return fixed, self._parallax.flow
 
     def _find_trunks(
         self, frame: Frame, image: Image | None, own: VehicleState, ground: float

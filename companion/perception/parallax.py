@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.perception.ground_flow import STEEP, GroundFlow, hidden_by, way_over_ground
 from companion.perception.reduced import Reduced
 from companion.perception.view import View
 from companion.types import Detection
@@ -37,6 +38,8 @@ _NEAREST, _FARTHEST = 0.3, 200.0  # m
 _LEAST_PARALLAX = 0.035  # rad, seen from first to now: less is attitude noise
 SURE = 0.15  # 1 σ over distance of a point that counts
 _DRONE = 0.4  # m, radius within which corners belong to a detected neighbour
+_NEAR_TRUNKS = 5  # known trunks that may hide the ground
+_NO_TRUNKS: Vector = np.zeros((0, 3))
 
 
 @dataclass(frozen=True)
@@ -135,28 +138,50 @@ class Parallax:
         self._before: NDArray[np.uint8] | None = None
         self._pictures = self._named = 0
         self._time = -np.inf
+        self._turned: tuple[Vector, float] | None = None  # rotation and height of the last picture
+        self.flow: GroundFlow | None = None  # of the last two pictures
 
-    def update(self, picture: Reduced, own: VehicleState, drones: list[Detection]) -> FixedPoints:
+    def update(
+        self,
+        picture: Reduced,
+        own: VehicleState,
+        drones: list[Detection],
+        ground: float = 0.0,
+        trunks: Vector = _NO_TRUNKS,
+    ) -> FixedPoints:
         """Return the points known after `picture`, taken in `own`.
 
-        drones: the neighbours in the picture; what moves with them is no fixed point.
+        drones: the neighbours in the picture; what moves with them is no fixed point. ground: m,
+        the ground's level in the own frame. trunks (k,3): known ones, x, y, radius, nearest first.
         """
         grey = picture.grey(self._camera.width, self._camera.height)
         rotation = self._view.rotation(own)
         if own.time - self._time > _LONGEST:
             self._corners, self._before = _no_corners(), None
-        self._time = own.time
+        then, self._time, self.flow = self._time, own.time, None
+        height = float(own.p[2]) - ground
         if self._before is not None and len(self._corners):
-            self._follow(grey, own.p, rotation)
+            self._follow(grey, own.p, rotation, then, height, trunks[:_NEAR_TRUNKS])
             self._drop_drones(own.p, rotation, drones)
         if self._pictures % _REFILL == 0:
             self._refill(grey, own.p, rotation)
         self._pictures += 1
-        self._before = grey
+        self._before, self._turned = grey, (rotation, height)
         return self._known(own.p)
 
-    def _follow(self, grey: NDArray[np.uint8], p: Vector, rotation: Vector) -> None:
-        """Find the corners in the next picture, and refine their distances."""
+    def _follow(
+        self,
+        grey: NDArray[np.uint8],
+        p: Vector,
+        rotation: Vector,
+        then: float,
+        height: float,
+        trunks: Vector,
+    ) -> None:
+        """Find the corners in the next picture, and refine their distances.
+
+        then: s, time of the last picture. height: m, over the ground.
+        """
         guess = self._camera.project((self._corners.places - p) @ rotation)
         limits = np.array([self._camera.width, self._camera.height]) - 1 - _MARGIN
         with np.errstate(invalid="ignore"):
@@ -177,6 +202,14 @@ class Parallax:
         pixels = np.asarray(found, np.float32)[:, 0]
         kept = (status[:, 0] == 1) & (change[:, 0] < _LOST)
         rays = self._camera.unproject(pixels.astype(float)) @ rotation.T
+        if self._turned is not None:
+            turned, height_then = self._turned
+            low = kept & (rays[:, 2] < -STEEP)
+            low[low] = ~hidden_by(trunks, p[:2], rays[low], height)
+            before = self._camera.unproject(c.pixels[low].astype(float)) @ turned.T
+            way = way_over_ground(before, rays[low], height_then, height)
+            if way is not None:
+                self.flow = GroundFlow(then, self._time, way, height)
         inverse, variance, fits = refined(
             c.origins - p, c.rays, rays, c.inverse, c.variance, self._sigma
         )

@@ -12,6 +12,7 @@ Each monitor watches one assumption and says what the drone does where it does n
 | place | position steps or slides by more than `slide` within 3 s | meanwhile | – |
 | doubt | the autopilot rejects a sensor | meanwhile | – |
 | doubt | velocity less sure than `velocity_doubt` | at once | after `persist` |
+| sight | the ground in the pictures passes otherwise, by `velocity_wrong` | after `persist` | – |
 | height | less than `height` over ground | climbs | after 2 × `persist` |
 
 A camera that does not fit (`camera_alignment.py`) is a camera fault, a clock that jumps, stale
@@ -70,6 +71,12 @@ class MonitorConfig(StrictModel):
     velocity_doubt: float = Field(
         0.5, gt=0, description="1 σ [m/s] of the velocity above which it is no use."
     )
+    velocity_wrong: float = Field(
+        1.0,
+        gt=0,
+        description="Error of the reported velocity [m/s], by the ground in the pictures, from "
+        "which to fly slowly: the velocity is corrected, but goals and fence move with it.",
+    )
     height: float = Field(0.5, ge=0, description="Least height [m] over ground.")
     persist: float = Field(
         1.5, gt=0, description="Time [s] after which a broken assumption asks for HOLD."
@@ -113,10 +120,11 @@ class Monitors:
             self._model(time, None if prediction is None else prediction.disturbance),
             self._late(motion.delay),
             self._doubt(time, vehicle),
+            self._contradicted(time, vehicle),
             self._low(time, vehicle),
             self._swinging(time, own),
             self._turning(vehicle.attitudes),
-            self._sliding(time, vehicle.map_offset),
+            self._sliding(time, vehicle.slid),
         ]
         self._time = time
         return max((b for b in found if b is not None), key=lambda b: b.reaction, default=None)
@@ -165,6 +173,16 @@ class Monitors:
             return None
         return self._lasting("doubt", time, finding, hold_after=c.persist)
 
+    def _contradicted(self, time: float, vehicle: VehicleEstimate) -> Broken | None:
+        """Never HOLD: the autopilot would hold by the velocity that is wrong."""
+        wrong = float(np.linalg.norm(vehicle.by_sight.correction))
+        if not wrong > self._config.velocity_wrong:
+            self._since.pop("sight", None)
+            return None
+        if time - self._since.setdefault("sight", time) < self._config.persist - 1e-6:
+            return None
+        return Broken(f"sight: the velocity is wrong by {wrong:.1f} m/s", Reaction.SLOW)
+
     def _low(self, time: float, vehicle: VehicleEstimate) -> Broken | None:
         c, height = self._config, vehicle.height
         if height is None or height.sigma > _HEIGHT_SURE or not height.value < c.height:
@@ -212,11 +230,11 @@ class Monitors:
         finding = f"gyro: attitude and gyro differ by {math.degrees(off):.0f}° in a second"
         return Broken(finding, Reaction.HOLD)
 
-    def _sliding(self, time: float, offset: Vector) -> Broken | None:
-        self._offsets.append((time, offset))
+    def _sliding(self, time: float, slid: Vector) -> Broken | None:
+        self._offsets.append((time, slid))
         while time - self._offsets[0][0] > _SLIDE_TIME:
             self._offsets.popleft()
-        way = norm(offset - self._offsets[0][1])
+        way = norm(slid - self._offsets[0][1])
         if not way > self._config.slide:
             return None
         finding = f"place: the position went {way:.1f} m that the velocity does not show"

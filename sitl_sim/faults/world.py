@@ -50,7 +50,11 @@ class FaultyWorld:
         ]
         self._limits: dict[int, tuple[int, int]] = {}  # process id → its original limits
         self._motors = {id(f): _motors(f) for f in schedule.all()}
-        self._winds = {id(f): _towards_any_side(f) for f in schedule.all() if f.kind == "gust"}
+        self._ways = {
+            id(f): _towards_any_side(f)
+            for f in schedule.all()
+            if f.kind in ("gust", "velocity_slide")
+        }
         # Faults may overlap: whenever one begins or ends, the effect of its kind on vehicle i is
         # computed from the vehicle without faults and all faults that are present.
         self._lasting: dict[str, Callable[[int], None]] = {
@@ -62,6 +66,7 @@ class FaultyWorld:
             "rtk_float": self._set_float,
             "compass": self._set_compass,
             "height_drift": self._set_height_drift,
+            "velocity_slide": self._set_slide,
             "disk_full": self._set_disk,
         }
         self._sudden: dict[str, Callable[[Fault], None]] = {
@@ -96,7 +101,7 @@ class FaultyWorld:
         air = np.tile(base, (len(self._vehicles), 1))
         for fault in self._schedule.all():
             if fault.kind == "gust" and fault.config.active(now):
-                air[fault.i] += self._winds[id(fault)]
+                air[fault.i] += self._ways[id(fault)]
         return air
 
     def _emulated(self) -> Autopilots:
@@ -135,6 +140,10 @@ class FaultyWorld:
     def _set_height_drift(self, i: int) -> None:
         rate = sum(f.value for f in self._of(i, "height_drift"))
         self._emulated().errors.drift_height(i, rate / 60.0)
+
+    def _set_slide(self, i: int) -> None:
+        ways = [self._ways[id(f)] for f in self._of(i, "velocity_slide")]
+        self._emulated().errors.slide(i, np.sum(ways, axis=0) if ways else np.zeros(3))
 
     def _reset_position(self, f: Fault) -> None:
         self._emulated().errors.reset(f.i, _towards_any_side(f))

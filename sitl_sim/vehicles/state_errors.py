@@ -23,6 +23,7 @@ Floats = NDArray[np.float64]
 DT = TICK_SUBSTEPS * SUBSTEP
 CHANNELS = 12  # slow and fast position, velocity, attitude; three axes each
 DRAWS = CHANNELS + 4  # and the random walks of yaw and of position
+SLIDE_TIME = 1.0  # s, in which a velocity that slides becomes wrong: 0.8 m/s² to 0.8 m/s
 COMPASS_TIME = 2.0  # s, in which the filter's yaw follows a wrong compass
 GATE = 5.0 * 0.5  # m, of the position innovation: EKF2_GPS_P_GATE times EKF2_GPS_P_NOISE
 HEADING_GATE = 2.6 * 0.3  # rad, EKF2_HDG_GATE times EKF2_HEAD_NOISE
@@ -68,6 +69,8 @@ class StateErrors:
         self._wrong_compass = np.zeros(n)  # rad
         self._height_rate = np.zeros(n)  # m/s
         self._forced_float = np.zeros((n, 3))  # m, of a solution that is made to float
+        self._forced_slide = np.zeros((n, 3))  # m/s, where the velocity's error is led
+        self._slide_v = np.zeros((n, 3))  # m/s, how far it is
         self._idle = not self._active.any()  # nothing to step: the cost of a perfect estimate
         self.resets = np.zeros(n, dtype=np.int64)
         self.floating = np.zeros(n, dtype=np.bool_)
@@ -141,11 +144,14 @@ class StateErrors:
         self._slow_v += self._follow[:, None] * (state.v - self._slow_v)
         self._baro += (self.baro_rate + self._height_rate) * DT
         self._compass += (self._wrong_compass - self._compass) * DT / COMPASS_TIME
+        self._slide_v += (self._forced_slide - self._slide_v) * DT / SLIDE_TIME
+        self._drift += self._slide_v * DT
         error, x = estimate.error, self._x
         error[:, :3] = x[:, :3] + x[:, 3:6] + self._drift + self._step + self.offset
         error[:, :3] -= self.latency[:, None] * self._slow_v
         error[:, 2] += self._baro
         error[:, 3:6] = x[:, 6:9] + self._rate[:, 3:6] + self._drifting + self._sliding - lag_v
+        error[:, 3:6] += self._slide_v
         error[:, 6:] = x[:, 9:]
         error[:, 6:] += (self.yaw_bias + self._yaw + self._compass)[:, None] * _up_in_body(state.q)
         self._report()
@@ -218,6 +224,11 @@ class StateErrors:
         """Let vehicle i's compass be wrong by `angle` [rad]; its yaw follows in a few seconds."""
         self._idle = False
         self._wrong_compass[i] = angle
+
+    def slide(self, i: int, velocity: ArrayLike) -> None:
+        """Let vehicle i's velocity be wrong by `velocity` (3,) m/s, and its position with it."""
+        self._idle = False
+        self._forced_slide[i] = velocity
 
     def drift_height(self, i: int, rate: float) -> None:
         """Let vehicle i's height drift at `rate` [m/s], on top of its own drift."""

@@ -14,6 +14,7 @@ from companion.estimation.height import HeightEstimator
 from companion.estimation.hover_thrust import HoverEstimate, HoverThrust
 from companion.estimation.own_state import OwnState
 from companion.estimation.tracker import Tracker
+from companion.estimation.velocity_by_sight import VelocityFromGround
 from companion.perception import camera_health
 from companion.perception.camera_alignment import CameraAlignment
 from companion.perception.camera_health import CameraHealth
@@ -139,6 +140,7 @@ WITHOUT = {
     ),
     "17: neighbours": lambda p: p.setattr(Tracker, "tracks", lambda *a: []),
     "39_trunk: the certificate": lambda p: p.setattr(Certifier, "certify", attack_checks.believe),
+    "43: the flow of the ground": lambda p: p.setattr(VelocityFromGround, "see", lambda *a: None),
     "19: the law for late ticks": overridden(guard={"late": 1e9}),
     "40: neighbours": lambda p: p.setattr(Tracker, "tracks", lambda *a: []),
     "31: the refusal of stamps of the future": lambda p: p.setattr(

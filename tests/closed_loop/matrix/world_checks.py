@@ -123,6 +123,32 @@ def row_35(note):
         note(f"least distance to the trunk [m], {name}", figures["min_obstacle_distance_m"])
 
 
+WOOD = {  # rows of trunks that leave 1.9 m between two
+    "cylinders": [
+        {"x": x, "y": y + 0.8 * (k % 2), "radius": 0.4}
+        for k, x in enumerate((7.0, 10.5, 14.0, 17.5, 21.0))
+        for y in (-4.5, -1.8, 0.9, 3.6)
+    ]
+}
+
+
+def row_43(note):
+    """Among trunks, velocity and position of the estimate slide together, twice, to any side.
+
+    Not every such flight ends well: beside a trunk little ground shows, and half a second is long.
+    """
+    for seed in (1, 3, 5, 6):
+        f = fly(
+            [{"kind": "velocity_slide", "at": at, "for": 3.0} for at in (10.0, 16.0)],
+            seed=seed,
+            mission__targets=[[24.0, 0.0, 2.0]],
+            mission__time_limit=24.0,
+            **PIXELS | {"world": WOOD},
+        )
+        f.check_always()
+        note(f"least distance to a trunk [m], seed {seed}", f.figures()["min_obstacle_distance_m"])
+
+
 def row_37(note):
     """Commands act 20 to 120 ms late, with jitter, and one frame in ten is lost: nobody is told."""
     found = {}

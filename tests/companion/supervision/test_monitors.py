@@ -12,6 +12,7 @@ from companion.estimation.motion import MotionEstimate
 from companion.estimation.own_doubt import OwnDoubt
 from companion.estimation.prediction import Prediction
 from companion.estimation.vehicle import VehicleEstimate
+from companion.estimation.velocity_by_sight import VelocityBySight
 from companion.supervision.guard import (
     AutopilotRequest,
     Broken,
@@ -117,7 +118,7 @@ def test_a_broken_assumption_is_named_and_ends_in_hold(name):
 def test_a_position_that_slides_slows_the_drone_and_is_forgotten():
     def sliding(t):
         way = np.array([min(max(t - 2.0, 0.0), 2.0), 0.0, 0.0])
-        return VehicleEstimate(state(t), map_offset=way)
+        return VehicleEstimate(state(t), slid=way, map_offset=way)
 
     found = watched(9.0, sliding)
     assert {b.reaction for _, b in found} == {Reaction.SLOW}
@@ -128,6 +129,17 @@ def test_a_position_that_slides_slows_the_drone_and_is_forgotten():
 def test_a_rejected_sensor_slows_the_drone():
     found = watched(3.0, lambda t: VehicleEstimate(state(t), doubt=OwnDoubt(rejects=True)))
     assert {b.reaction for _, b in found} == {Reaction.SLOW}
+
+
+def test_a_velocity_that_the_ground_contradicts_slows_the_drone_and_never_asks_for_hold():
+    def contradicted(t):
+        wrong = np.array([0.0, 1.2 if 1.0 <= t < 6.0 else 0.8, 0.0])
+        return VehicleEstimate(state(t), by_sight=VelocityBySight(wrong, 0.1, wrong))
+
+    found = watched(9.0, contradicted)
+    assert {b.reaction for _, b in found} == {Reaction.SLOW}
+    assert all(b.finding.startswith("sight") for _, b in found)
+    assert (found[0][0], found[-1][0]) == pytest.approx((2.5, 5.9), abs=0.11)
 
 
 def test_near_the_ground_the_drone_climbs_and_then_holds():

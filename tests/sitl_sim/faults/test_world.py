@@ -129,6 +129,17 @@ def test_the_height_drifts_while_the_fault_lasts_and_the_velocity_shows_nothing(
     np.testing.assert_allclose(a.units[0].sample().v, 0.0, atol=1e-9)
 
 
+def test_a_velocity_slides_with_its_position_and_is_right_again():
+    during = estimator_fault("velocity_slide", 2.9)
+    wrong = during.units[0].sample().v
+    assert np.hypot(*wrong[:2]) == pytest.approx(0.8 * (1 - np.exp(-1.9)), abs=0.02)
+    assert wrong[2] == 0.0
+    after = estimator_fault("velocity_slide", 12.0)
+    np.testing.assert_allclose(after.units[0].sample().v, 0.0, atol=1e-3)
+    assert np.hypot(*after.estimate[0, :2]) == pytest.approx(0.8 * 2.0, abs=0.03)
+    assert after.errors.resets[0] == 0
+
+
 def test_a_solution_that_floats_is_off_says_so_and_comes_back():
     floats = estimator_fault("rtk_float", 2.9)
     assert np.hypot(*floats.estimate[0, :2]) == pytest.approx(0.4, abs=0.01)

@@ -1,0 +1,95 @@
+"""Ground flow: the way flown over the ground, by the corners of the ground in two pictures.
+
+A corner of the ground lies where its line of sight, turned by the attitude, meets the ground. From
+picture to picture all such corners move back alike, by the way flown; velocity and position of the
+autopilot have no part in it. What stands on the ground is nearer than its line of sight says, moves
+otherwise, and each corner of it differently: corners of known trunks do not count, and the way is
+that on which most of the others agree.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavlink_bridge.shared.arrays import Vector
+
+STEEP = 0.35  # sine of the angle below the horizon; flatter lines meet the ground too far off
+_AGREE = 0.006  # rad: corners of the ground agree to that, 2 σ of a pixel's noise
+_LEAST, _SHARE = 8, 0.5  # corners that agree, and their share of all below the horizon
+_BESIDE = 0.15  # m beside a known trunk, and before it, that may be the trunk
+_LOW = 0.5  # m; from lower, little of the ground is seen, and that too fast
+
+
+@dataclass(frozen=True)
+class GroundFlow:
+    """A way over the ground.
+
+    before, after: s, when the two pictures were taken. way: (2,) m, east and north in the own
+    frame, as long as the height [m] over the ground is right.
+    """
+
+    before: float
+    after: float
+    way: Vector
+    height: float
+
+    @property
+    def row(self) -> list[float]:
+        """The numbers before, after, way and height."""
+        return [self.before, self.after, *self.way.tolist(), self.height]
+
+    @staticmethod
+    def from_row(row: Vector | None) -> GroundFlow | None:
+        """Return the flow of a row (5,); None: there was none."""
+        if row is None or len(row) != 5:
+            return None
+        before, after, height = float(row[0]), float(row[1]), float(row[4])
+        return GroundFlow(before, after, np.array(row[2:4], float), height)
+
+
+def hidden_by(trunks: Vector, here: Vector, rays: Vector, height: float) -> NDArray[np.bool_]:
+    """Return which lines of sight (n,) meet a known trunk before the ground.
+
+    trunks (k,3): x, y, radius, m. here (2,) m. rays (n,3): unit, below the horizon, own ENU axes.
+    height: m, over the ground.
+    """
+    level = np.maximum(np.linalg.norm(rays[:, :2], axis=1), 1e-6)
+    u = rays[:, :2] / level[:, None]
+    reach = height * level / -rays[:, 2]
+    to = trunks[:, :2] - here
+    along = u @ to.T
+    across = np.abs(u[:, :1] * to[:, 1] - u[:, 1:] * to[:, 0])
+    radius = trunks[:, 2]
+    meets = (across < radius + _BESIDE) & (along > 0.0)
+    hidden: NDArray[np.bool_] = (meets & (along - radius - _BESIDE < reach[:, None])).any(axis=1)
+    return hidden
+
+
+def way_over_ground(
+    before: Vector, after: Vector, height_before: float, height: float
+) -> Vector | None:
+    """Return the way (2,) m flown between two pictures; None where too few corners agree.
+
+    before, after (n,3): unit rays to the same corners, own ENU axes. height_before, height: m over
+    the ground, at each picture.
+    """
+    below = (before[:, 2] < -STEEP) & (after[:, 2] < -STEEP)
+    if np.count_nonzero(below) < _LEAST or min(height_before, height) < _LOW:
+        return None
+    a, b = before[below], after[below]
+    ways = height_before * a[:, :2] / -a[:, 2:] - height * b[:, :2] / -b[:, 2:]
+    # The farther a corner, the more a pixel's noise moves it: s² + h² over h.
+    reach = _AGREE * height / b[:, 2] ** 2
+    x, y = ways.T
+    apart = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2
+    near, known = apart < reach**2, reach**-2
+    agree = near[int(np.argmax(near @ known))]
+    weight = known * agree
+    few = np.count_nonzero(agree) < max(_LEAST, _SHARE * len(ways))
+    if few or weight.sum() < _SHARE * known.sum():
+        return None
+    way: Vector = weight @ ways / weight.sum()
+    return way
