@@ -76,15 +76,15 @@ def row_28(note):
             frontend = f.companions[0].companion._perception
             detect = frontend._detect
 
-            def wrong(frame, own, ground, fits):
+            def wrong(frame, *given):
                 if not f._now / 1e3 >= CRUISE:
-                    return detect(frame, own, ground, fits=fits)
+                    return detect(frame, *given)
                 if kind == "raises":
                     raise ValueError("cannot convert float NaN to integer")
                 number = {"nan": np.nan, "inf": np.inf, "huge": 1e30}[kind]
                 rows = np.full((2, 6), number)
                 spoilt = replace(frame, arrays=frame.arrays | {"neighbours": rows})
-                return detect(spoilt, own, ground, fits=fits)
+                return detect(spoilt, *given)
 
             frontend._detect = wrong
 

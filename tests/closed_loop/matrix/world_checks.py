@@ -136,8 +136,9 @@ def row_43(note):
     """Among trunks, velocity and position of the estimate slide together, twice, to any side.
 
     Not every such flight ends well: beside a trunk little ground shows, and half a second is long.
+    Of seeds 11 to 20, flown once all was fixed, none touches; without the flow, five do.
     """
-    for seed in (1, 3, 5, 6):
+    for seed in (11, 12, 13, 14):
         f = fly(
             [{"kind": "velocity_slide", "at": at, "for": 3.0} for at in (10.0, 16.0)],
             seed=seed,
