@@ -157,7 +157,7 @@ class Companion:
             last.obstacles.cylinders,
         )
         run("height", None, self._vehicle.see_ground, seen.own, seen.fixed)
-        run("velocity", None, self._vehicle.see_flow, seen.flow)
+        run("velocity", None, self._vehicle.see_flow, seen.flow, seen.fault)
         obstacles = run(
             "map", last.obstacles, self._obstacles.update, seen, own, vehicle.doubt, ground
         )

@@ -135,12 +135,12 @@ class _Scene:
 
 
 _BUILT = """
-import resource, sys, time
+import re, sys, time
 from companion.pipeline import Companion
 from companion.process import daemon
 from companion.settings.config import CompanionConfig
 Companion(CompanionConfig.model_validate_json(sys.stdin.read()), time.perf_counter)
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+print(re.search(r"VmHWM:\\s*(\\d+)", open("/proc/self/status").read())[1])
 """
 
 

@@ -17,6 +17,7 @@ from companion.estimation.own_state import OwnState
 from companion.estimation.prediction import StatePredictor
 from companion.estimation.velocity_by_sight import VelocityBySight, VelocityFromGround
 from companion.estimation.velocity_lag import Lag, VelocityLag
+from companion.perception.camera_health import CameraFault
 from companion.perception.ground_flow import GroundFlow
 from companion.perception.parallax import FixedPoints
 from companion.types import Phase
@@ -205,8 +206,13 @@ class VehicleEstimator:
         if own is not None:
             self._height.see(own, fixed, self._doubt.doubt)
 
-    def see_flow(self, flow: GroundFlow | None) -> None:
-        """Let the ground that passes correct the velocity, from the next message on."""
+    def see_flow(self, flow: GroundFlow | None, fault: CameraFault) -> None:
+        """Let the ground that passes correct the velocity, from the next message on.
+
+        What a camera that turns out to be misaligned has shown is forgotten.
+        """
+        if fault is CameraFault.MISALIGNED:
+            self._ground = VelocityFromGround()
         if flow is not None and self._height_now is not None:
             before, after = self.at(flow.before), self.at(flow.after)
             if before is not None and after is not None:

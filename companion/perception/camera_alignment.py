@@ -45,6 +45,7 @@ _SIGMAS = 3.0  # a finding differs from none by so many standard deviations
 # A lens that was as configured does not change little by little; the vehicle's attitude may.
 _SETTLED = 2.0
 _SCALE, _ANGLE = 0.06, math.radians(6.0)  # findings smaller than this fly well
+_MEASURES = 0.03  # 1 σ of the scale, beyond which a focal length is not yet checked
 _LAG_FLOOR = 0.007  # s; the parabola through the grid is no better
 _LAG_SIGMA = 0.02  # s; a less certain lag is not used
 _LAG_USED = 0.02  # s; smaller lags are within the stamps' own errors
@@ -69,6 +70,12 @@ class Alignment:
     tilt: tuple[float, float, float] = (0.0, 0.0, 0.0)
     sigmas: tuple[float, float, float] = (math.inf, math.inf, math.inf)
     contradiction: str = ""
+
+    @property
+    def measures(self) -> bool:
+        """Whether lengths in the picture are known well enough to measure motion by them."""
+        near = abs(self.scale - 1.0) < _SCALE and self.sigmas[1] < _MEASURES
+        return near and not self.contradiction
 
 
 @dataclass(frozen=True)

@@ -274,7 +274,8 @@ class PerceptionFrontend:
         if picture is None:
             return FixedPoints.none(), None
         fixed = self._parallax.update(picture, own, drones, ground, trunks)
-        return fixed, self._parallax.flow
+        # Through a lens that is not as configured, the ground passes at another speed.
+        return fixed, self._parallax.flow if self._alignment.estimate.measures else None
 
     def _find_trunks(
         self, frame: Frame, image: Image | None, own: VehicleState, ground: float

@@ -174,7 +174,7 @@ class GuardConfig(StrictModel):
     lost_hold: float = Field(
         1.0, gt=0, description="Time [s] of such a loss after which HOLD is requested."
     )
-    brake_gain: float = Field(3.5, gt=0, description="Deceleration per speed [1/s].")
+    brake_gain: float = Field(4.5, gt=0, description="Deceleration per speed [1/s].")
     brake_max: float = Field(6.0, gt=0, description="Most horizontal deceleration [m/s²]: 31°.")
     attitude_gain: float = Field(
         6.0,
@@ -199,21 +199,19 @@ class GuardConfig(StrictModel):
 class GuardInputs:
     """What a verdict depends on, besides the guard's memory.
 
-    time: s, of the tick. plan: this tick's plan, if any. own: state now. acting: state at which
-    this tick's command takes effect; None: as own. age: s, of the telemetry;
+    time: s, of the tick. plan: this tick's plan, if any. own: state now. age: s, of the telemetry;
     below 0 it is of the future, and counts as stale.
     plausible: attitude and position can be those of a flying drone. outside: m beyond the fence
     (< 0: within); outward: m/s across it. blind: s that the camera has had a fault. tick_gap: s
     that the last command was in force; 0: this is the first. packet_loss: share 0…1 of lost
     telemetry. misled: the camera does not fit, so that what it showed and the plan are wrong.
     failure: a stage of this tick failed, in words; empty: none. broken: the gravest assumption that
-    does not hold.
+    does not hold. acting: state at which this tick's command takes effect; None: as own.
     """
 
     time: float
     plan: Plan | None = None
     own: VehicleState | None = None
-    acting: VehicleState | None = None
     age: float = float("inf")
     plausible: bool = True
     outside: float = float("-inf")
@@ -224,6 +222,7 @@ class GuardInputs:
     misled: bool = False
     failure: str = ""
     broken: Broken | None = None
+    acting: VehicleState | None = None
 
 
 @dataclass(frozen=True)

@@ -203,7 +203,7 @@ class Supervision:
                 time,
                 plan,
                 own,
-                acting,
+                acting=acting,
                 age=vehicle.age,
                 plausible=vehicle.plausible,
                 outside=outside,

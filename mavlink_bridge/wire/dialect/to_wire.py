@@ -49,7 +49,7 @@ def _ned(v: Vector) -> tuple[float, float, float]:
 
 def _frd(v: Vector) -> tuple[float, float, float]:
     """Return a body vector (3,) in FRD."""
-    x, y, z = v.tolist()
+    x, y, z = np.asarray(v, float).tolist()
     return flu_frd(x, y, z)
 
 

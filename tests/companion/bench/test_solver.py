@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +10,7 @@ from companion.__main__ import main
 from companion.bench.situations import drawn, windows
 from companion.bench.solver import bench, within_bounds
 from companion.bench.solver_table import Goal, goals, table
+from companion.bench.tick import stored as stored_flight
 from companion.control.nmpc import Neighbour, Nmpc, NmpcConfig
 from companion.control.nmpc.instance_file import InstancesError, Run, load, save, stored
 from companion.flightlog.reader import read_log
@@ -87,7 +87,7 @@ def test_windows_are_named_by_their_hardest_situation():
 
 
 def test_recorded_from_a_flight_log(tmp_path, capsys):
-    log = Path(__file__).parents[2] / "replay/flight.mcap"
+    log = stored_flight()
     assert main(["bench", "record", str(tmp_path / "set.npz"), f"mine={log}"]) == 0
     assert "cold" in capsys.readouterr().out
     assert all(i.finite() for run in load(tmp_path / "set.npz", CONFIG) for i in run.instances)
@@ -97,7 +97,7 @@ def test_recorded_from_a_flight_log(tmp_path, capsys):
 
 def test_a_log_that_cannot_be_recorded_is_refused(tmp_path, capsys, monkeypatch):
     """A calibration that is not on this machine; a folder that does not exist."""
-    file = Path(__file__).parents[2] / "replay/flight.mcap"
+    file = stored_flight()
     to, named = tmp_path / "none" / "set.npz", f"mine={file}"
     assert main(["bench", "record", str(to), named]) == 2
     assert f"{to}: cannot be written: no folder {to.parent}" in capsys.readouterr().err

@@ -1,16 +1,16 @@
 """A flight debriefed from its log alone, whole or cut off."""
 
 import json
-from pathlib import Path
 
 import pytest
 from mcap.writer import Writer
 
 from companion.__main__ import main
+from companion.bench.tick import stored
 from companion.debrief.flight import Event, closest, read_flight, spans
 from mavlink_bridge.shared.mcap_file import salvage
 
-LOG = Path(__file__).parents[2] / "replay" / "flight.mcap"
+LOG = stored()
 
 
 def tick(phase, tracks=(), p=(0.0, 0.0, 2.0)):

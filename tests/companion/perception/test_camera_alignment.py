@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from companion.perception.camera import Camera
-from companion.perception.camera_alignment import CameraAlignment
+from companion.perception.camera_alignment import Alignment, CameraAlignment
 from companion.perception.reduced import Reduced
 from companion.perception.view import View
 from mavlink_bridge.shared.frames import rotation_matrix
@@ -131,3 +131,17 @@ def test_a_drone_that_does_not_turn_learns_nothing():
         alignment.update(0.1 * n, 0.1 * n, Reduced(picture(0.1 * n)), lambda t, own=own: own)
     assert alignment.estimate.sigmas == (np.inf,) * 3
     assert alignment.estimate.contradiction == ""
+
+
+@pytest.mark.parametrize(
+    ("alignment", "measures"),
+    [
+        (Alignment(), False),
+        (Alignment(scale=1.01, sigmas=(0.01, 0.01, 0.02)), True),
+        (Alignment(scale=1.01, sigmas=(0.01, 0.05, 0.02)), False),
+        (Alignment(scale=1.1, sigmas=(0.01, 0.01, 0.02)), False),
+        (Alignment(sigmas=(0.01, 0.01, 0.02), contradiction="off its mount"), False),
+    ],
+)
+def test_motion_is_measured_by_a_lens_that_is_known(alignment, measures):
+    assert alignment.measures is measures
