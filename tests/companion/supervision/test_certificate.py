@@ -52,7 +52,7 @@ def test_braking_in_the_open_is_accepted():
     ("scene", "cause"),
     [
         ({"neighbours": neighbour((0.8, 0.0, 2.0))}, "neighbour"),
-        ({"neighbours": neighbour((2.0, 0.0, 2.0), (-2.0, 0.0, 0.0))}, "neighbour"),
+        ({"neighbours": neighbour((1.7, 0.0, 2.0), (-2.0, 0.0, 0.0))}, "neighbour"),
         ({"neighbours": neighbour((0.0, -1.2, 2.0), (0.0, 2.0, 0.0))}, "neighbour"),
         ({"neighbours": neighbour((0.9, 0.0, 2.0), unseen=2.0)}, "remembered"),
         ({"cylinders": np.array([[1.0, 0.0, 0.5, 0.0, 0.0, 0.0]])}, "obstacle"),
