@@ -1,8 +1,8 @@
-"""Whether a board is fast enough, and which setting to lower where it is not.
+"""A board's verdict: is it fast enough for a companion, and if not, which setting makes it so?
 
-Measured are pictures of a drawn scene through the configured eyes, the other stages by the packaged
-flight, the memory, and the start of a process. The times are those of this machine as it is now:
-what else runs on it counts, as it will in flight.
+The bench sends pictures of a drawn scene through the configured eyes, flies the packaged flight
+through all other stages, and measures memory and start of a process. The times are those of this
+machine as it is now: other work on it counts, as it will in flight.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 
 from companion.bench.tick import WHOLE, stage_costs, stored
+from companion.perception.camera import CalibrationError
 from companion.perception.frontend import PerceptionFrontend, make_view
 from companion.settings.config import CompanionConfig
 from companion.types import Image
@@ -28,7 +29,7 @@ FITS, TIGHT = 0.5, 0.8  # of the period, at p99: `companion doctor` has the same
 _PICTURES = 60
 _SPEED = 1.5  # m/s
 _PERIOD = 0.1  # s between two pictures
-# What costs less, and what it costs in flight; tried in this order until the tick fits.
+# Settings that take less time, and their price in flight; tried in turn until a tick fits.
 LOWER = (
     (("sensing.parallax=false",), "nothing but colour shows obstacles"),
     (("sensing.parallax=false", "sensing.trunks_every=3"), "trunks are looked for less often"),
@@ -41,7 +42,11 @@ LOWER = (
 
 @dataclass(frozen=True)
 class Board:
-    """What was measured: ms, MB, s. see, rest: p50 and p99 of the eyes and of all other stages."""
+    """The figures of one board.
+
+    see, rest: ms, p50 and p99 of the eyes, and of all other stages. period: ms. memory: MB. start:
+    s, until a companion is built.
+    """
 
     see: tuple[float, float]
     rest: tuple[float, float]
@@ -56,7 +61,7 @@ class Board:
 
     @property
     def verdict(self) -> str:
-        """Whether a tick fits into its period."""
+        """Say whether a tick fits into its period."""
         share = self.tick / self.period
         return "fits" if share <= FITS else "tight" if share <= TIGHT else "does not fit"
 
@@ -75,12 +80,15 @@ def measure(config: CompanionConfig) -> Board:
 
 
 def cheaper(config: CompanionConfig, board: Board) -> tuple[tuple[str, ...], str, Board] | None:
-    """Return the first settings with which a tick fits, what they cost, and how it then is."""
+    """Return the first settings with which a tick fits, their price, and the board with them."""
     for settings, price in LOWER:
         given = parse_yaml(config.model_dump_json(exclude_unset=True), "the configuration")
         document = merge([given, assignments(list(settings))])
         lower = validate(CompanionConfig, document, "lowered settings")
-        found = replace(board, see=_quantiles(list(_seen(lower))))
+        try:
+            found = replace(board, see=_quantiles(list(_seen(lower))))
+        except CalibrationError:  # the camera is calibrated for another size of its pictures
+            continue
         if found.verdict == "fits":
             return settings, price, found
     return None

@@ -1,4 +1,4 @@
-"""What each stage of a tick costs: a recorded flight through the present code.
+"""The cost of each stage of a tick: a recorded flight runs through the present code.
 
 A log keeps no pixels: `see` reads what was found in the pictures of the flight, and costs next to
 nothing. Processor time of this thread is measured, so that other work on the machine hardly counts.

@@ -160,8 +160,9 @@ class VehicleEstimator:
             if isinstance(m, HomePosition) and not _same(m, self._home):
                 self._home = m
         looks = [m for m in messages if isinstance(m, DistanceSensor)]
-        height = None if state is None else self._height.update(state, looks, doubt.height)
-        self._height_now = height
+        self._height_now = (
+            None if state is None else self._height.update(state, looks, doubt.height)
+        )
         return VehicleEstimate(
             state=state,
             age=self._own.age(time),

@@ -17,7 +17,7 @@ import numpy as np
 
 from companion.estimation.height import Height
 from companion.perception.ground_flow import GroundFlow
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.wire.messages import VehicleState
 
 _AVERAGED = 0.25  # s over which flows are averaged: two or three pictures
@@ -35,7 +35,7 @@ _LONGEST_GAP = 0.25  # s between two pictures
 
 @dataclass(frozen=True)
 class VelocityBySight:
-    """What the pictures say that the velocity lacks which telemetry tells.
+    """The error of the velocity that telemetry tells, as the pictures show it.
 
     value: (3,) m/s; sigma: m/s, its largest 1 σ. correction: (3,) m/s, the part that is
     beyond doubt, to be added to the told velocity.
@@ -75,10 +75,10 @@ class VelocityFromGround:
         told = 0.5 * (before.v + after.v)[:2] - self._corrected(flow.before, flow.after)
         self._value = self._value * self._kept(flow.after)
         off = seen - told - self._value
-        off = off * min(1.0, _OUTLIER / max(float(np.linalg.norm(off)), 1e-9))
+        off = off * min(1.0, _OUTLIER / max(norm(off), 1e-9))
         self._value = self._value + (1.0 - math.exp(-dt / _AVERAGED)) * off
         self._scale = math.hypot(height.sigma / flow.height, _SCALE) * seen
-        self._turned = yaw * float(np.linalg.norm(seen))
+        self._turned = yaw * norm(seen)
         self._time = flow.after
 
     def decide(self, time: float) -> VelocityBySight:
@@ -89,7 +89,7 @@ class VelocityFromGround:
         correction = beyond_doubt(value, noise, self._scale) * value
         if (correction != self._made[-1][1]).any():
             self._made.append((time, correction))
-        sigma = math.hypot(noise, float(np.linalg.norm(self._scale)))
+        sigma = math.hypot(noise, norm(self._scale))
         return VelocityBySight(np.append(value, 0.0), sigma, np.append(correction, 0.0))
 
     def _kept(self, time: float) -> float:
@@ -113,7 +113,7 @@ def beyond_doubt(value: Vector, noise: float, along: Vector) -> float:
 
     noise: m/s, 1 σ in any direction. along: (2,) m/s, a further 1 σ in its own direction.
     """
-    size = float(np.linalg.norm(value))
+    size = norm(value)
     # Its square in standard deviations, by the inverse of noise² 1 + along alongᵀ.
     part = float(value @ along) ** 2 / (noise**2 + float(along @ along))
     sigmas = (size**2 - part) / noise**2

@@ -73,7 +73,7 @@ class Alignment:
 
     @property
     def measures(self) -> bool:
-        """Whether lengths in the picture are known well enough to measure motion by them."""
+        """Tell whether the focal length is known well enough to measure motion in the picture."""
         near = abs(self.scale - 1.0) < _SCALE and self.sigmas[1] < _MEASURES
         return near and not self.contradiction
 

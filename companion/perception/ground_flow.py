@@ -2,8 +2,8 @@
 
 A corner of the ground lies where its line of sight, turned by the attitude, meets the ground. From
 picture to picture all such corners move back alike, by the way flown; velocity and position of the
-autopilot have no part in it. What stands on the ground is nearer than its line of sight says, moves
-otherwise, and each corner of it differently: corners of known trunks do not count, and the way is
+autopilot have no part in it. A trunk is nearer than its lines of sight say, so that its corners
+move otherwise, each in its own way: corners of known trunks do not count, and the way is
 that on which most of the others agree.
 """
 

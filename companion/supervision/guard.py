@@ -41,7 +41,7 @@ from mavlink_bridge.wire.messages import RateCommand, VehicleState
 FALLBACK_MAX = 2.5
 _LATE_GAIN = 0.7  # of the error, per command: 1 would be dead-beat
 _LATE_BRAKE = 0.25  # of the attitude's gain
-_UNTIL_TURNED = 0.1  # s, from a command until the frame has turned: delay and rate loop
+_UNTIL_TURNED = 0.1  # s, from a command's effect until the frame has turned most of its way
 _UNTIL_ACTING = 0.75  # share of the time between late commands before a command acts
 _LOSSY_HELD = 0.3  # s that a command is in force where half of them are lost
 _CLIMB = 0.5  # m/s, where the ground is too near

@@ -8,6 +8,7 @@ import pytest
 from companion.__main__ import main
 from companion.bench import board as boards
 from companion.bench.board import Board, cheaper
+from companion.perception.camera import CalibrationError
 from companion.settings.config import CompanionConfig
 
 
@@ -55,3 +56,13 @@ def test_the_first_setting_that_fits_is_named(monkeypatch):
     assert then.tick == pytest.approx(38.0)
     monkeypatch.setattr(boards, "_seen", lambda config: [0.2])
     assert cheaper(CompanionConfig(), slow) is None
+
+
+def test_a_calibrated_camera_is_not_asked_for_another_size(monkeypatch):
+    def seen(config):
+        if config.camera.width != 640:
+            raise CalibrationError("made at 640×400")
+        return [0.2]
+
+    monkeypatch.setattr(boards, "_seen", seen)
+    assert cheaper(CompanionConfig(), Board((200.0, 200.0), (3.0, 8.0), 100.0, 90.0, 1.0)) is None
