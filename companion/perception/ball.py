@@ -11,6 +11,7 @@ from typing import Protocol
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from companion.perception.camera import Camera
@@ -27,6 +28,10 @@ _LEAST_ARC = 0.5
 _WHOLE_ARC, _WHOLE_FILL = 0.85, 0.75
 # The largest blobs are fitted: a picture full of the marker's colour must not overrun the tick.
 _MOST_BLOBS = 40
+# Share of the least chroma that a small ball still has in a pixel of half the size; what is looked
+# at around it, in such pixels.
+_TRACE = 0.4
+_AROUND = np.ones((5, 5), np.uint8)
 
 
 class Detector(Protocol):
@@ -93,10 +98,7 @@ class ColorDetector:
     def detect(self, image: Image) -> list[Detection]:
         """Return the marked drones in image (H,W,3) uint8 BGR, nearest first."""
         s = self.settings
-        # The average over neighbouring pixels keeps noise from breaking a dim ball into pieces.
-        chroma = cv2.blur(self._chroma(image), (3, 3))
-        mask = cv2.threshold(chroma, s.min_chroma, 255, cv2.THRESH_BINARY)[1]
-        outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        outlines, _ = cv2.findContours(self._mask(image), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         boxes = [box for box in map(cv2.boundingRect, outlines) if box[2] * box[3] >= s.min_area]
         if len(boxes) > _MOST_BLOBS:
             boxes = sorted(boxes, key=lambda box: -box[2] * box[3])[:_MOST_BLOBS]
@@ -104,6 +106,29 @@ class ColorDetector:
         for x, y, w, h in boxes:
             found += self._blob(image, x, y, w, h)
         return sorted(found, key=lambda d: d.range)
+
+    def _mask(self, image: Image) -> Image:
+        """Return (H,W) 255 where the picture has the marker's chroma, else 0.
+
+        It is made where half the picture's size shows a trace of that chroma.
+        """
+        height, width = image.shape[:2]
+        half = (width + 1) // 2, (height + 1) // 2
+        small = np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), np.uint8)
+        least = self.settings.min_chroma
+        trace = cv2.threshold(self._chroma(small), _TRACE * least, 255, cv2.THRESH_BINARY)[1]
+        outlines, _ = cv2.findContours(
+            cv2.dilate(trace, _AROUND), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE
+        )
+        mask = np.zeros((height, width), np.uint8)
+        for x, y, w, h in map(cv2.boundingRect, outlines):
+            part = np.s_[2 * y : 2 * (y + h), 2 * x : 2 * (x + w)]
+            # The average over neighbouring pixels keeps noise from breaking a dim ball into pieces.
+            chroma = cv2.blur(self._chroma(image[part]), (3, 3))
+            mask[part] |= np.asarray(
+                cv2.threshold(chroma, least, 255, cv2.THRESH_BINARY)[1], np.uint8
+            )
+        return mask
 
     def _chroma(self, image: Image) -> Image:
         """Return (H,W) mean of the strong channels minus mean of the weak ones, at least 0."""
@@ -161,18 +186,19 @@ class ColorDetector:
 
     def _outline(self, cover: Vector, x0: int, y0: int, pixel: float) -> list[_Ball]:
         """Return the balls by the outline of `cover` in a patch whose corner is pixel (x0, y0)."""
-        points = _crossings(cover, self.settings.edge) + np.array([x0, y0])
-        if len(points) < 8:
+        h, w = cover.shape
+        pixels = self.camera.directions[y0 : y0 + h, x0 : x0 + w]
+        rays = _crossings(cover, self.settings.edge, pixels)
+        if rays.shape[1] < 8:
             return []
-        rays = self.camera.unproject(points)
-        middle = rays.sum(axis=0)
+        middle = rays.sum(axis=1)
         middle /= math.sqrt(float(middle @ middle))
         e1, e2 = _tangents(middle)
         # Stereographic plane: circles on the sphere of directions stay circles.
-        depth, px, py = np.stack([middle, e1, e2]) @ rays.T
+        depth, px, py = np.array([middle, e1, e2]) @ rays
         scale = 2.0 / (1.0 + depth)
         px, py = px * scale, py * scale
-        extent = float(max(px.max() - px.min(), py.max() - py.min()))
+        extent = float(max(np.ptp(px), np.ptp(py)))
         balls = []
         for c in fit_circles(px, py, 0.4 * pixel + 0.02 * extent):
             radial = math.hypot(c.x, c.y)
@@ -218,16 +244,24 @@ def _pure(hue_deg: float) -> tuple[float, float, float]:
     return r, g, b
 
 
-def _crossings(values: Vector, threshold: float) -> Vector:
-    """Return points (n,2) u, v where values (h,w) cross the threshold between pixels."""
+def _crossings(values: Vector, threshold: float, rays: NDArray[np.float32]) -> Vector:
+    """Return the rays (3,n) of where values (h,w) cross the threshold between pixels.
+
+    rays: (h,w,3) of the pixels. Between neighbours they change linearly but for 1e-6 rad.
+    """
+    w = values.shape[1]
+    flat, of = values.ravel(), rays.reshape(-1, 3)
     above = values >= threshold
-    v, u = np.nonzero(above[:, 1:] != above[:, :-1])
-    a, b = values[v, u], values[v, u + 1]
-    across = np.stack([u + (threshold - a) / (b - a), v], axis=1)
-    v, u = np.nonzero(above[1:] != above[:-1])
-    a, b = values[v, u], values[v + 1, u]
-    down = np.stack([u, v + (threshold - a) / (b - a)], axis=1)
-    return np.concatenate([across, down])
+    across = np.flatnonzero(above[:, 1:] != above[:, :-1])
+    across += across // (w - 1)  # of the left one, in the whole patch
+    down = np.flatnonzero(above[1:] != above[:-1])
+    first = np.concatenate([across, down])
+    second = np.concatenate([across + 1, down + w])
+    a, b = flat[first], flat[second]
+    share = (threshold - a) / (b - a)
+    start = of[first].T
+    result: Vector = start + share * (of[second].T - start)
+    return result
 
 
 def _tangents(axis: Vector) -> tuple[Vector, Vector]:

@@ -33,62 +33,66 @@ def fit_circles(x: Vector, y: Vector, tolerance: float, most: int = 4) -> list[C
 
     tolerance: largest distance of a point from its circle. most: largest number of circles.
     """
+    points = np.array([x, y, x * x + y * y, np.ones(len(x))])
     found: list[Circle] = []
     least = max(6.0, 0.12 * len(x))
-    while len(x) >= 6 and len(found) < most:
-        circle = _best_circle(x, y, tolerance)
+    while points.shape[1] >= 6 and len(found) < most:
+        circle = _best_circle(points, tolerance)
         if circle is None:
             break
         found.append(circle)
-        outside = _off(x, y, (circle.x, circle.y, circle.r)) > 2.0 * tolerance
-        x, y = x[outside], y[outside]
-        if len(x) < least:
+        if not len(found) < most:
+            break
+        points = points[:, _off(points, (circle.x, circle.y, circle.r)) > 2.0 * tolerance]
+        if points.shape[1] < least:
             break
     return found
 
 
-def _off(x: Vector, y: Vector, circle: Triple) -> Vector:
-    """Return the signed distance of points to a circle, positive outside."""
-    dx, dy = x - circle[0], y - circle[1]
-    result: Vector = np.sqrt(dx * dx + dy * dy) - circle[2]
+def _off(points: Vector, circle: Triple) -> Vector:
+    """Return the signed distance of points (4,n) x, y, x² + y², 1 to a circle; outside: > 0."""
+    x, y, r = circle
+    squared = np.array([-2.0 * x, -2.0 * y, 1.0, x * x + y * y]) @ points
+    result: Vector = np.sqrt(np.maximum(squared, 0.0)) - r
     return result
 
 
-def _best_circle(x: Vector, y: Vector, tolerance: float) -> Circle | None:
+def _best_circle(points: Vector, tolerance: float) -> Circle | None:
     """Return the circle of a single fit, or else the best of many through triples of points."""
-    n = len(x)
-    circle, off = _trimmed(x, y, _least_squares(x, y), tolerance)
+    n = points.shape[1]
+    circle, off = _trimmed(points, _least_squares(points), tolerance)
     outside = np.count_nonzero(off > tolerance)
     on = np.abs(off) < tolerance
     count = np.count_nonzero(on)
     if not (count > 0.7 * n and outside < 0.04 * n):
-        start = _vote(x, y, tolerance)
+        start = _vote(points[0], points[1], tolerance)
         if start is None:
             return None
-        circle, off = _trimmed(x, y, start, tolerance)
+        circle, off = _trimmed(points, start, tolerance)
         on = np.abs(off) < tolerance
         count = np.count_nonzero(on)
     if not math.isfinite(circle[2]) or count < 4:
         return None
-    turn = np.arctan2(y[on] - circle[1], x[on] - circle[0]) * (SECTORS / (2 * math.pi))
+    x, y = points[:2, on]
+    turn = np.arctan2(y - circle[1], x - circle[0]) * (SECTORS / (2 * math.pi))
     seen = np.bincount((turn + SECTORS).astype(int) % SECTORS, minlength=SECTORS)
     # Few points cannot fill all sectors however complete the circle is.
     full = min(float(SECTORS), max(8.0, n * 0.8))
     return Circle(*circle, arc=min(1.0, np.count_nonzero(seen) / full))
 
 
-def _trimmed(x: Vector, y: Vector, circle: Triple, tolerance: float) -> tuple[Triple, Vector]:
+def _trimmed(points: Vector, circle: Triple, tolerance: float) -> tuple[Triple, Vector]:
     """Refit to the points near the circle until they no longer change; return it and distances."""
-    before = len(x)
-    off = _off(x, y, circle)
+    before = points.shape[1]
+    off = _off(points, circle)
     for _ in range(3):
         near = np.abs(off) < tolerance
         count = int(np.count_nonzero(near))
         if count < 4 or count == before:
             break
         before = count
-        circle = _least_squares(x[near], y[near])
-        off = _off(x, y, circle)
+        circle = _least_squares(points[:, near])
+        off = _off(points, circle)
     return circle, off
 
 
@@ -123,17 +127,20 @@ def _vote(x: Vector, y: Vector, tolerance: float) -> Triple | None:
     return float(mx[best]), float(my[best]), float(r[best])
 
 
-def _least_squares(x: Vector, y: Vector) -> Triple:
-    """Return the algebraic circle fit (Kåsa, 1976); NaN where the points lie on a line."""
-    n = len(x)
-    mx, my = float(x.sum()) / n, float(y.sum()) / n
-    u, v = x - mx, y - my
-    uu, vv = u * u, v * v
-    square = uu + vv
-    sxx, syy, sxy = float(uu.sum()), float(vv.sum()), float(u @ v)
-    sxz, syz = float(u @ square), float(v @ square)
+def _least_squares(points: Vector) -> Triple:
+    """Return the algebraic circle fit (Kåsa, 1976) to points (4,n) x, y, x² + y², 1.
+
+    NaN where they lie on a line.
+    """
+    (sxx, sxy, sxz, sx), (_, syy, syz, sy), (_, _, _, sz), (_, _, _, n) = (
+        points @ points.T
+    ).tolist()
+    mx, my, mz = sx / n, sy / n, sz / n
+    # About the mean.
+    sxx, syy, sxy = sxx - sx * mx, syy - sy * my, sxy - sx * my
     det = sxx * syy - sxy * sxy
     if not det > 1e-9 * (sxx + syy) ** 2:
         return math.nan, math.nan, math.nan
+    sxz, syz = sxz - sx * mz, syz - sy * mz
     cx, cy = 0.5 * (syy * sxz - sxy * syz) / det, 0.5 * (sxx * syz - sxy * sxz) / det
-    return cx + mx, cy + my, math.sqrt((sxx + syy) / n + cx * cx + cy * cy)
+    return cx, cy, math.sqrt(max(mz - 2 * (cx * mx + cy * my) + cx * cx + cy * cy, 0.0))
