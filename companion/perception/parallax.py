@@ -25,6 +25,7 @@ from mavlink_bridge.wire.messages import VehicleState
 _WIDTH = 320  # px of the reduced picture
 _CORNERS = 120
 _QUALITY, _APART = 0.01, 6  # of a corner against the best one; px between corners
+_SOUGHT = 500  # corners, of which those are taken that stand in the way
 _LEVEL = 0.4  # sine of the angle from the horizon, within which things stand in the way
 _REFILL = 3  # pictures from one search for new corners to the next
 _LONGEST = 0.35  # s between two pictures in which corners are followed
@@ -230,16 +231,16 @@ class Parallax:
         free = np.full(grey.shape, 255, np.uint8)
         for u, v in self._corners.pixels.round().astype(int).tolist():
             free[max(v - _APART, 0) : v + _APART + 1, max(u - _APART, 0) : u + _APART + 1] = 0
-        # What stands in the way shows around the horizon; other corners tell of the ground.
-        level = np.abs(self._camera.directions @ rotation[2].astype(np.float32)) < _LEVEL
-        found = []
-        for count, here in ((wanted, level), (min(wanted, _CORNERS // 4), ~level)):
-            mask = np.where(here, free, np.uint8(0))
-            new = cv2.goodFeaturesToTrack(grey, count, _QUALITY, _APART, mask=mask)
-            found += [] if new is None else [np.asarray(new, np.float32)[:, 0]]
-        if not found:
+        new = cv2.goodFeaturesToTrack(grey, _SOUGHT, _QUALITY, _APART, mask=free)
+        if new is None:
             return
-        pixels = np.concatenate(found)
+        found = np.asarray(new, np.float32)[:, 0]  # the best first
+        u, v = found.astype(np.intp).T
+        # What stands in the way shows around the horizon; other corners tell of the ground.
+        level = np.abs(self._camera.directions[v, u] @ rotation[2].astype(np.float32)) < _LEVEL
+        pixels = np.concatenate(
+            [found[level][:wanted], found[~level][: min(wanted, _CORNERS // 4)]]
+        )
         n, c = len(pixels), self._corners
         self._corners = _Corners(
             np.concatenate([c.pixels, pixels]),
