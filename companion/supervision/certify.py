@@ -8,6 +8,7 @@ one that keeps the most room. The last means that a bound is broken, or was neve
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -171,19 +172,20 @@ class Certifier:
         self,
         command: RateCommand,
         prediction: Prediction,
-        scene: Scene,
+        around: Callable[[], Scene],
         delay: Delay,
     ) -> Certified | None:
         """Return whether the command may fly, and what else may; None: it was not judged.
 
-        prediction: of the state at which it takes effect. delay: limits the body rates.
+        prediction: of the state at which it takes effect. around: makes the scene, at the own
+        state. delay: limits the body rates.
         """
         self._ticks += 1
         if not self._enforce and self._ticks % _SHADOW:
             return None
         law, v = self._law(delay), prediction.x0[3:6]
         sides = aside(v, *_SIDE).then(aside(v, *_FAR_SIDE))
-        scene = _carried(scene, prediction.delay)
+        scene = _carried(around(), prediction.delay)
         first = np.array([command.c, *within_doubt(command.omega, delay)])
         after = self._tried(STRAIGHT, first, prediction, scene, law)
         if after[0].room < 0.0:

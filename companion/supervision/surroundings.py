@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,9 +29,12 @@ def _nothing() -> Scene:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """scene: at the own state, not yet carried to the prediction. broken: bounds, in words."""
+    """scene: at the own state, not yet carried to the prediction; broken: bounds, in words.
 
-    scene: Scene = field(default_factory=_nothing)
+    The scene is put together where it is asked for: most ticks are not certified.
+    """
+
+    scene: Callable[[], Scene] = _nothing
     broken: tuple[str, ...] = ()
 
 
@@ -65,17 +69,20 @@ class SurroundingsEstimator:
         looked = seen.own if seen.fault is CameraFault.NONE else None
         free = self._space.update(own, looked, known, self._config.unseen_speed)
         watched, moving = self._watch.update(time, tracks), self._trunks.update(time, seen)
-        planes = self._fence.planes()
-        if phase is Phase.FLY:
-            planes = np.vstack([planes, [0.0, 0.0, -1.0, -self._fence.altitude_min]])
-        planes[:, 3] -= planes[:, :3] @ map_offset
-        places = np.array([t.p for t in watched.tracks]).reshape(-1, 3)
-        hidden = known.hidden(own.p, places)
-        shown = self._view.shows(own, places)
-        away = [not v or h for v, h in zip(shown, hidden, strict=True)]
-        rows = neighbour_rows(watched.tracks, away)
-        cylinders = np.vstack([_cylinder_rows(known), moving.cylinders])
-        scene = Scene(rows, cylinders, known.points, planes, free)
+
+        def scene() -> Scene:
+            planes = self._fence.planes()
+            if phase is Phase.FLY:
+                planes = np.vstack([planes, [0.0, 0.0, -1.0, -self._fence.altitude_min]])
+            planes[:, 3] -= planes[:, :3] @ map_offset
+            places = np.array([t.p for t in watched.tracks]).reshape(-1, 3)
+            hidden = known.hidden(own.p, places)
+            shown = self._view.shows(own, places)
+            away = [not v or h for v, h in zip(shown, hidden, strict=True)]
+            rows = neighbour_rows(watched.tracks, away)
+            cylinders = np.vstack([_cylinder_rows(known), moving.cylinders])
+            return Scene(rows, cylinders, known.points, planes, free)
+
         return Surroundings(scene, watched.broken + moving.broken)
 
 

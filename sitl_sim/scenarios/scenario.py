@@ -15,6 +15,7 @@ from pydantic import Field, model_validator
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import (
     Contradiction,
+    Document,
     SettingsError,
     StrictModel,
     assignments,
@@ -37,6 +38,7 @@ from sitl_sim.worlds.world import Point2, Point3, WorldConfig
 
 QUANTUM_MS = 2  # smallest step of the simulated time
 TICK_MS = 100  # between frames of a camera
+REAL = ("betaflight",)  # autopilots that fly as themselves, without a binary of the user's
 
 
 class DronesConfig(StrictModel):
@@ -124,7 +126,7 @@ class DronesConfig(StrictModel):
     @property
     def real(self) -> bool:
         """Whether real autopilots fly, not emulated ones."""
-        return self.autopilot == "betaflight" or bool(self.binary)
+        return self.autopilot in REAL or bool(self.binary)
 
     @property
     def own_time(self) -> bool:
@@ -187,6 +189,11 @@ class Scenario(StrictModel):
     air: AirConfig = AirConfig()
     faults: list[fault.FaultConfig] = Field([], description="Faults of the flight: docs/faults.md.")
     companion: dict[str, Any] = Field({}, description="Overrides of every companion's config.")
+    emulated: dict[str, Any] = Field(
+        {},
+        description="Keys that lie beneath the others where the autopilots are emulated: what real "
+        "ones cannot have.",
+    )
 
     @model_validator(mode="after")
     def _needs_emulated_autopilots(self) -> Self:
@@ -267,8 +274,24 @@ def read(scenario: str, overrides: list[str]) -> Scenario:
     else:
         known = ", ".join(names())
         raise SettingsError([f"no scenario {scenario!r}; valid: {known}, or a .yaml file"])
-    document = merge([load_yaml(path), assignments(overrides)])
+    document = _with_emulated(merge([load_yaml(path), assignments(overrides)]))
     return validate(Scenario, document, str(path))
+
+
+def _with_emulated(document: Document) -> Document:
+    """Return the document with `emulated` beneath it, or without, where real autopilots fly."""
+    beneath, drones = document.data.get("emulated"), document.data.get("drones")
+    if not isinstance(beneath, dict) or not isinstance(drones, dict):
+        return document  # nothing, or a mistake that is named in the validation
+    data = {key: value for key, value in document.data.items() if key != "emulated"}
+    places = {key: place for key, place in document.places.items() if key[:1] != ("emulated",)}
+    rest = Document(data, places, document.problems)
+    if drones.get("autopilot") in REAL or drones.get("binary"):
+        return rest
+    moved = {
+        k[1:]: place for k, place in document.places.items() if k[:1] == ("emulated",) and k[1:]
+    }
+    return merge([Document(beneath, moved), rest])
 
 
 def with_mission(scenario: Scenario) -> Scenario:

@@ -29,7 +29,8 @@ def moving(speed):
 def scene(*neighbours, free=5.0):
     rows = np.array([[*p, *v, 1e-4, 0.0, 1e-3, 0.0] for p, v in neighbours]).reshape(-1, 10)
     none = np.zeros((0, 3))
-    return Scene(rows, np.zeros((0, 6)), none, np.zeros((0, 4)), np.full(36, free))
+    made = Scene(rows, np.zeros((0, 6)), none, np.zeros((0, 4)), np.full(36, free))
+    return lambda: made
 
 
 def test_a_command_with_room_ahead_flies():

@@ -7,7 +7,7 @@ from mavlink_bridge.shared.settings import SettingsError
 from sitl_sim.flight.autopilots import true_airframes
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import companion_config
-from sitl_sim.scenarios.conditions import drawn
+from sitl_sim.scenarios.conditions import WindConfig, drawn
 from sitl_sim.worlds.generators import build
 from sitl_sim.worlds.ground import Ground
 
@@ -50,9 +50,27 @@ def test_what_real_autopilots_cannot_have_is_refused(override):
     assert f"{key}: needs emulated autopilots" in caught.value.problems[0]
 
 
-def test_a_list_of_three_numbers_is_the_mean_wind():
-    assert load("wind=[3, 0, 0.5]").wind == load("wind.mean=[3, 0, 0.5]").wind
+def test_a_list_of_three_numbers_is_a_steady_wind():
+    assert load("wind=[3, 0, 0.5]").wind == WindConfig(mean=[3.0, 0.0, 0.5])
     assert load().wind.mean == [0.0, 0.0, 0.0]
+
+
+def test_packaged_scenarios_fly_what_only_emulated_autopilots_can_have():
+    emulated = load()
+    assert (emulated.drones.state, emulated.wind.turbulence) == ("vio", "light")
+    for real in ("drones.autopilot=betaflight", "drones.binary=/usr/bin/true"):
+        flown = load(real)
+        assert (flown.drones.state, flown.wind.turbulence) == ("mocap", "none")
+    chosen = load("drones.state=gps", "wind.mean=[2, 0, 0]")
+    assert (chosen.drones.state, chosen.wind.turbulence) == ("gps", "light")
+
+
+def test_a_mistake_beneath_is_named_with_its_place(tmp_path):
+    (tmp_path / "s.yaml").write_text(
+        "fileversion: 1\nname: s\ndrones: {count: 1}\nemulated:\n  drones: {state: gnss}\n"
+    )
+    with pytest.raises(SettingsError, match=r"s\.yaml:5:12: drones\.state: must be 'mocap'"):
+        scenarios.load(str(tmp_path / "s.yaml"), [])
 
 
 def test_a_range_is_drawn_for_each_drone_by_the_seed_alone():
