@@ -218,12 +218,15 @@ def _commanded(tick: Tick) -> dict[str, Any]:
 
 
 def _certificate(tick: Tick) -> dict[str, Any]:
-    """Return what flew with which certificate, the room left over [m] and what is there."""
+    """Return what flew with which certificate, the room left over [m] and what is there.
+
+    Of a tick that was not judged: broken bounds alone, if there are any.
+    """
+    beyond: dict[str, Any] = {"beyond": list(tick.beyond)}
     c = tick.supervised.certified
     if c is None:
-        return {}
-    found = {"flown": c.flown.value, "margin": _number(c.margin), "cause": c.cause}
-    return found | {"beyond": list(tick.beyond)}
+        return beyond if tick.beyond else {}
+    return beyond | {"flown": c.flown.value, "margin": _number(c.margin), "cause": c.cause}
 
 
 def _alignment(a: Alignment) -> dict[str, Any]:

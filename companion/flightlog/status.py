@@ -122,8 +122,9 @@ def _certificate(found: dict[str, Any] | None) -> str:
     """Return what flies with which certificate; a log of before has none."""
     if not found:
         return "-"
-    text = f"{found['flown']}, {found['margin']:+.2f} m to {found['cause']}"
-    return "; ".join([text, *found["beyond"]])
+    judged = "flown" in found
+    text = [f"{found['flown']}, {found['margin']:+.2f} m to {found['cause']}"] if judged else []
+    return "; ".join([*text, *found["beyond"]])
 
 
 def _solver(solver: dict[str, Any] | None) -> str:

@@ -242,10 +242,11 @@ def certificates(logs: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
         for r in log
         if r["phase"] == "fly" and r.get("certificate")
     ]
-    refused = Counter(c["cause"] for c in found if c["flown"] != "command")
-    certified = sum(c["flown"] != "none" for c in found)
+    judged = [c for c in found if "flown" in c]
+    refused = Counter(c["cause"] for c in judged if c["flown"] != "command")
+    certified = sum(c["flown"] != "none" for c in judged)
     return {
-        "certified_share": certified / len(found) if found else None,
+        "certified_share": certified / len(judged) if judged else None,
         "plans_refused": dict(refused),
         "bounds_broken_ticks": sum(bool(c["beyond"]) for c in found),
     }

@@ -67,6 +67,22 @@ class OrcaConfig(StrictModel):
     )
 
 
+class RblConfig(StrictModel):
+    """Rule-based Lloyd: the cell, its weight, and when it is changed."""
+
+    reach: float = Field(3.0, gt=0, description="Radius of the sensed disc [m].")
+    margin: float = Field(0.25, ge=0, description="Room [m] kept beyond the drone's radius.")
+    gain: float = Field(1.5, gt=0, description="Velocity per metre to the centroid [1/s].")
+    at_goal: float = Field(0.5, gt=0, description="The goal is near where it asks for less [m/s].")
+    beta: float = Field(0.5, gt=0, description="Distance [m] over which the weight falls.")
+    beta_least: float = Field(
+        0.15, gt=0, description="The same where the drone rests in a cut cell."
+    )
+    rests: float = Field(0.3, gt=0, description="A centroid nearer than this [m] is at rest.")
+    cut: float = Field(0.3, gt=0, description="A centroid moved by more than this [m] is cut.")
+    turn_rate: float = Field(1.0, gt=0, description="Of the goal to the right meanwhile [rad/s].")
+
+
 class BaselinesConfig(StrictModel):
     """One section for each rule."""
 
@@ -76,3 +92,4 @@ class BaselinesConfig(StrictModel):
     vasarhelyi: VasarhelyiConfig = VasarhelyiConfig()
     potential_field: PotentialFieldConfig = PotentialFieldConfig()
     orca: OrcaConfig = OrcaConfig()
+    rbl: RblConfig = RblConfig()

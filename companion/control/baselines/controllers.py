@@ -22,6 +22,7 @@ _RULES = {
     "vasarhelyi": f"{_HERE}.controllers:vasarhelyi",
     "potential-field": f"{_HERE}.controllers:potential_field",
     "orca": f"{_HERE}.controllers:orca",
+    "rbl": f"{_HERE}.controllers:rbl",
 }
 CONTROLLERS = PartKind(
     "controller",
@@ -83,6 +84,13 @@ def potential_field(setup: ControllerSetup) -> Any:
     from companion.control.baselines.rules import PotentialField
 
     return PotentialField(setup.baselines.potential_field, setup.baselines.radius)
+
+
+def rbl(setup: ControllerSetup) -> Any:
+    """Return the rule-based Lloyd algorithm."""
+    from companion.control.baselines.rbl import Rbl
+
+    return Rbl(setup.baselines.rbl, setup.baselines.radius)
 
 
 def orca(setup: ControllerSetup) -> Any:

@@ -101,6 +101,11 @@ class VelocityPlanner(_OneInput):
         self._rule = rule
         self._tracking = tracking
 
+    def reset(self) -> None:
+        """Have the rule forget what it remembers, if it does."""
+        if forget := getattr(self._rule, "reset", None):
+            forget()
+
     def solve(self, instance: Instance) -> Plan:
         """Return a plan of the command for now, followed by straight flight."""
         started = self._stopwatch()

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from companion.control.baselines import ControllerSetup, make_planner
-from companion.control.baselines.config import BaselinesConfig
+from companion.control.baselines.config import BaselinesConfig, RblConfig
 from companion.control.baselines.planner import tracking_command
+from companion.control.baselines.rbl import Rbl
 from companion.control.baselines.rules import Reynolds, braking_curve
 from companion.control.baselines.surroundings import Surroundings
 from companion.control.nmpc import Neighbour, make_instance
@@ -29,7 +30,7 @@ class Inputs:
         return self.commands
 
 
-RULES = ("reynolds", "vasarhelyi", "potential-field", "orca")
+RULES = ("reynolds", "vasarhelyi", "potential-field", "orca", "rbl")
 
 
 def planner(controller, **changes):
@@ -43,6 +44,22 @@ def instance(config, v=(0.0, 0.0, 0.0), **scene):
     x0 = np.array([0.0, 0.0, 2.0, *v, 1.0, 0.0, 0.0, 0.0])
     given = {"goal": [20.0, 0.0, 2.0], "yaw": 0.0} | scene
     return make_instance(config, x0=x0, u_last=[9.81, 0, 0, 0], **given)
+
+
+def surroundings(migration, neighbours=None, surfaces=None):
+    none = np.zeros((0, 2))
+    neighbours = none if neighbours is None else neighbours
+    return Surroundings(
+        v=np.zeros(2),
+        migration=np.asarray(migration, float),
+        fastest=1.6,
+        neighbours=neighbours,
+        velocities=np.zeros_like(neighbours),
+        cohesion=np.zeros(len(neighbours)),
+        trunks=np.zeros((0, 3)),
+        walls=np.zeros((0, 3)),
+        surfaces=none if surfaces is None else surfaces,
+    )
 
 
 def velocity(controller, **scene):
@@ -201,3 +218,48 @@ def test_thrust_and_rates_of_a_rule_are_bounded_and_must_be_four_numbers(asked, 
         assert plan.x[-1, 0] == pytest.approx(config.N * config.dt)  # straight on at 1 m/s
     assert np.isfinite(plan.x).all()
     assert np.isfinite(plan.u).all()
+
+
+def test_lloyds_rule_flies_to_the_middle_of_its_cell_and_no_farther():
+    """Half way to a neighbour; a trunk and a wall leave room for the body and its margin."""
+    c = RblConfig(reach=2.0, margin=0.1)
+    none = np.zeros((0, 2))
+    before = [
+        (np.array([[2.0, 0.0]]), none, 1.0),  # half the way
+        (np.array([[0.8, 0.0]]), none, 0.2),  # two bodies of 0.3 m have to fit
+        (none, np.array([[1.0, 0.0]]), 0.7),
+    ]
+    for neighbours, surfaces, most in before:
+        around = surroundings([1.5, 0.0], neighbours=neighbours, surfaces=surfaces)
+        rule = Rbl(c, 0.2)
+        assert rule.velocity(around)[0] / c.gain <= most
+        free = rule._disc[rule._free(around)]
+        assert free[:, 0].max() == pytest.approx(most, abs=0.11)
+
+
+def test_lloyds_rule_turns_right_where_another_stands_in_the_way():
+    rule = Rbl(RblConfig(), 0.2)
+    around = surroundings([1.5, 0.0], neighbours=np.array([[1.5, 0.0]]))
+    first = rule.velocity(around)
+    later = np.array([rule.velocity(around) for _ in range(30)])
+    assert abs(first[1]) < 1e-6
+    assert later[:, 1].min() < -0.3
+    assert later[:, 1].max() < 1e-6
+    rule.reset()
+    assert rule.velocity(around) == pytest.approx(first)
+
+
+def test_two_that_meet_by_lloyds_rule_pass_each_other():
+    p = np.array([[-4.0, 0.0], [4.0, 0.0]])
+    goals, rules = p[::-1].copy(), [Rbl(RblConfig(), 0.2) for _ in p]
+    least = np.inf
+    for _ in range(300):
+        v = []
+        for k, rule in enumerate(rules):
+            off = goals[k] - p[k]
+            wanted = 1.5 * off / np.hypot(np.linalg.norm(off), 1.0)
+            v.append(rule.velocity(surroundings(wanted, neighbours=p[1 - k : 2 - k] - p[k])))
+        p = p + 0.1 * np.array(v)
+        least = min(least, float(np.linalg.norm(p[0] - p[1])))
+    assert np.abs(p - goals).max() < 0.5
+    assert least > 0.4

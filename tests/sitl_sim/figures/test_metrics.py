@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from sitl_sim.figures.metrics import safety, sanity, timing, wilson
+from sitl_sim.figures.metrics import certificates, safety, sanity, timing, wilson
 from tests.sitl_sim import flights
 
 DT = 0.02
@@ -206,3 +206,13 @@ def test_an_impossible_truth_is_noticed():
         world = flights.truth()
         spoil(world)
         assert any(words in fault for fault in sanity(world))
+
+
+def test_ticks_that_were_not_judged_count_with_their_broken_bounds_alone():
+    judged = {"beyond": [], "flown": "command", "margin": 0.4, "cause": "obstacle"}
+    refused = {"beyond": ["neighbour 3"], "flown": "none", "margin": -0.1, "cause": "neighbour"}
+    ticks = [judged, {"beyond": ["neighbour 3"]}, {}, refused, judged]
+    found = certificates({"a": [{"phase": "fly", "certificate": c} for c in ticks]})
+    assert found["certified_share"] == pytest.approx(2 / 3)
+    assert found["plans_refused"] == {"neighbour": 1}
+    assert found["bounds_broken_ticks"] == 2
