@@ -74,7 +74,10 @@ class VelocityLag:
         if value < max(_SURE * sigma, _HARMLESS):
             value = 0.0
         value = min(value, _MOST)
-        return Lag(value, sigma, value * self._velocity, value * self._acceleration)
+        # A tilt that holds against wind and drag accelerates nothing.
+        gained = self._acceleration.copy()
+        gained[:2] += self._x[2:4] - self._x[1] * self._velocity[:2]
+        return Lag(value, sigma, value * self._velocity, value * gained)
 
     def update(self, own: VehicleState | None, flying: bool) -> Lag:
         """Take in the state as the autopilot tells it; flying: it is carried by its rotors."""
