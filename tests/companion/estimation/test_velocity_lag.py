@@ -28,7 +28,7 @@ def flight(lag, seconds=30.0, drag=0.2, noise=0.03, tilt=0.0, seed=1, wind=0.0):
             for row in phases
         ]
         rotors[1] -= wind
-        a = rotors + [0.0, wind, 0.0] - drag * v
+        a = rotors + np.array([0.0, wind, 0.0]) - drag * v
         v, p = v + 0.01 * a, p + 0.01 * v
         slow_a = slow_a + 0.02 * (a - slow_a)  # a low-pass of 0.5 s
         slow_v = slow_v + 0.02 * (v - slow_v)
