@@ -244,11 +244,13 @@ class Program:
         self.x_u = np.full(self.where.size, np.inf)
         self.x_l[self.where.slack] = 0.0
 
-    def solve(self, u: Vector, u_last: Vector) -> tuple[Vector, Vector] | None:
+    def solve(
+        self, u: Vector, u_last: Vector, *, again: bool = False
+    ) -> tuple[Vector, Vector] | None:
         """Return the steps (dx of x_1…x_N, du) from the linearisation in `source`, or None.
 
-        u (N,4): the iterate. u_last (4,): the input before, within its bounds. None: PIQP found no
-        solution.
+        u (N,4): the iterate. u_last (4,): the input before, within its bounds. again: the iterate
+        is the last one and its step; PIQP makes no use of it. None: PIQP found no solution.
         """
         source = self.source
         for matrix in (self.P, self.A, self.G):

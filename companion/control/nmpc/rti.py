@@ -187,7 +187,7 @@ class Nmpc:
             if iterations >= FULL_STEPS:
                 stages.roll_out()
             stages.linearise()
-            found = self._program.solve(stages.u, u_last)
+            found = self._program.solve(stages.u, u_last, again=iterations > 0)
             self._work += abs(self._program.iterations)
             if found is None:
                 step_norm = math.inf
