@@ -41,7 +41,7 @@ class Formulation:
         band = self._fence.altitude_planes(
             reference.aim[2] + offset[2], reference.floor + offset[2]
         )
-        if reference.land:  # the autopilot takes it below, where plans are hard to make and not flown
+        if reference.land:  # the autopilot takes it below the floor, where plans are hard to make
             band = band[:1]
         planes = [
             _off_map(band, offset),

@@ -1,7 +1,7 @@
 """The kernel in C as Python calls it: its structures, its sizes, and the calls.
 
-Each structure is that of `kernel_stage.c` of the same name, field by field; a test holds them
-together.
+Each structure is that of `kernel_stage.c` or `kernel_sweep.c` of the same name, field by field; a
+test holds them together.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from companion.control.nmpc.qp import change_bounds, input_bounds
 from companion.model import NU, NX
 from mavlink_bridge.shared.arrays import Vector
 
-FILES = ("kernel_stage.c", "kernel_solve.c")
+PROGRAM_FILES = ("kernel_stage.c", "kernel_solve.c")
+SWEEP_FILE = "kernel_sweep.c"
 MAX_ROWS, MAX_STAGES, MAX_ARGUMENTS = 160, 128, 64
 # What the kernel's files are compiled with.
 SIZES = {

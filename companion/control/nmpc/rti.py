@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.control.nmpc.compiled import library
+from companion.control.nmpc.compiled import library, program_library
 from companion.control.nmpc.config import NmpcConfig
 from companion.control.nmpc.instance import Instance
 from companion.control.nmpc.kernel import CompiledProgram
@@ -120,16 +120,18 @@ class Nmpc:
     ) -> None:
         """Build the solver.
 
-        compiled: use a C compiler if there is one; `backend` says whether there was. The first
-        start with a new size of problem then takes seconds, later ones read the cache.
+        compiled: use a kernel of this problem, or a C compiler if there is one. The first start
+        with a new size of problem then takes seconds, later ones read the cache. `backend` says
+        what was found: `compiled`; `wheel`, which solves the quadratic programs alone; or `piqp`.
         """
         self.config = config
         self._clock = clock
         stage = build_stage(config)
         found = library(stage, config) if compiled else None
-        self.backend = "piqp" if found is None else "compiled"
+        solving = found or program_library(stage, config)
+        self.backend = "compiled" if found else "wheel" if solving else "piqp"
         self._program: Program | CompiledProgram = (
-            Program(config, stage) if found is None else CompiledProgram(config, stage, found)
+            CompiledProgram(config, stage, solving) if solving else Program(config, stage)
         )
         linearised = self._program.source[: config.N * stage.size]
         self._stages = Stages(config, stage, linearised, found)
@@ -229,9 +231,7 @@ class Nmpc:
         self._start_from(guess, x0)
         iterations, step_norm = 0, math.inf
         while iterations < least or (
-            iterations < most
-            and step_norm > config.step_tolerance
-            and self._work.left
+            iterations < most and step_norm > config.step_tolerance and self._work.left
         ):
             if iterations >= FULL_STEPS:
                 stages.roll_out()

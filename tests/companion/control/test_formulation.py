@@ -24,7 +24,8 @@ def test_the_doubt_of_a_neighbour_out_of_sight_claims_free_room_only():
 
 
 def obstacles(cylinders, sigmas):
-    return Obstacles(np.array(cylinders).reshape(-1, 3), np.zeros((0, 4)), np.zeros((0, 3)), np.array(sigmas))
+    places = np.array(cylinders).reshape(-1, 3)
+    return Obstacles(places, np.zeros((0, 4)), np.zeros((0, 3)), np.array(sigmas))
 
 
 def test_doubt_of_a_trunk_widens_it_and_never_takes_room_that_is_in_use():
