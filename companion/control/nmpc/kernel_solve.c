@@ -1,13 +1,17 @@
 /* The interior-point method on the stages of kernel_stage.c, which is compiled before this. */
 
-typedef long long Mask __attribute__((vector_size(32)));
+typedef long long Mask __attribute__((vector_size(8 * WIDTH)));
 
-static inline Four larger(Four a, Four b) {
+static inline Lanes larger(Lanes a, Lanes b) {
     Mask mask = a > b;
-    return (Four)((mask & (Mask)a) | (~mask & (Mask)b));
+    return (Lanes)((mask & (Mask)a) | (~mask & (Mask)b));
 }
 
-static inline double sum(Four v) { return (v[0] + v[1]) + (v[2] + v[3]); }
+static inline double sum(Lanes v) {
+    double all = v[0];
+    for (int n = 1; n < WIDTH; n++) all += v[n];
+    return all;
+}
 
 static int cholesky(double S[NU][NU]) {
     for (int j = 0; j < NU; j++) {
@@ -22,88 +26,80 @@ static int cholesky(double S[NU][NU]) {
 
 /* Find the gains of all stages by the Riccati recursion; return 0 where a factor is singular. */
 static int factorise(Stage *stages, int N, double dt, double quadratic) {
-    double P[PZ][PZ], T[PZ][DENSE], M[DENSE][DENSE];
+    double P[PZ][PZ], T[PZ][DENSE], M[DENSE][DENSE], K[NU][PZ];
+    const Lanes none = {0};
     memset(P, 0, sizeof P);
     memset(T, 0, sizeof T);
     for (int i = N - 1; i >= 0; i--) {
         Stage *g = stages + i;
         add_hessian(g, quadratic, P);
-        Four Pb[4] = {{0}};
-        for (int k = 0; k < PX; k++) { /* P is symmetric: its rows are its columns */
-            if (EMPTY(k)) continue;
-            for (int v = 0; v < 4; v++) Pb[v] += g->gap[k] * AT(P[k], v);
-        }
-        for (int v = 0; v < 4; v++) AT(g->Pb, v) = Pb[v];
+        Lanes Pb[PZ / WIDTH] = {{0}};
+        for (int k = 0; k < PX; k++) /* P is symmetric: its rows are its columns */
+            if (!EMPTY(k)) add(Pb, g->gap[k], P[k], PZ);
+        put(g->Pb, Pb, PZ);
         for (int r = 0; r < PZ; r++) { /* T = P [F; 0 I], without the double integrator's columns */
             if (EMPTY(r)) continue;
-            Four q = {0}, w = AT(P[r], 3);
-            for (int k = 0; k < PX; k++) {
-                if (EMPTY(k)) continue;
-                q += P[r][k] * AT(g->F[k], 0);
-                w += P[r][k] * AT(g->F[k], 1);
-            }
-            AT(T[r], 0) = q, AT(T[r], 1) = w;
+            Lanes row[DENSE / WIDTH] = {{0}};
+            for (int v = 0; v < NU / WIDTH; v++) row[NU / WIDTH + v] = AT(P[r] + PX, v);
+            for (int k = 0; k < PX; k++)
+                if (!EMPTY(k)) add(row, P[r][k], g->F[k], DENSE);
+            put(T[r], row, DENSE);
         }
         for (int r = 0; r < DENSE; r++) { /* M = [F; 0 I]' T, rows of attitude and w */
-            Four q = {0}, w = {0};
-            if (r >= 4) q = AT(T[PX + r - 4], 0), w = AT(T[PX + r - 4], 1);
-            for (int k = 0; k < PX; k++) {
-                if (EMPTY(k)) continue;
-                q += g->F[k][r] * AT(T[k], 0);
-                w += g->F[k][r] * AT(T[k], 1);
-            }
-            AT(M[r], 0) = q, AT(M[r], 1) = w;
+            Lanes row[DENSE / WIDTH] = {{0}};
+            if (r >= 4) add(row, 1.0, T[PX + r - 4], DENSE);
+            for (int k = 0; k < PX; k++)
+                if (!EMPTY(k)) add(row, g->F[k][r], T[k], DENSE);
+            put(M[r], row, DENSE);
         }
         for (int r = 0; r < 3; r++) { /* M, rows of position and velocity, in place of P and T */
             double *p = P[r], *v = P[4 + r];
-            AT(v, 0) += dt * AT(p, 0);
-            AT(v, 1) += dt * AT(p, 1);
-            AT(p, 1) += dt * AT(p, 0);
-            AT(v, 1) += dt * AT(v, 0);
-            for (int n = 0; n < 2; n++) AT(T[4 + r], n) += dt * AT(T[r], n);
+            add(&AT(v, 0), dt, p, 8);
+            add(&AT(p + 4, 0), dt, p, 4);
+            add(&AT(v + 4, 0), dt, v, 4);
+            add(&AT(T[4 + r], 0), dt, T[r], DENSE);
         }
         for (int r = 0; r < NU; r++) {
             for (int c = 0; c < NU; c++) g->L[r][c] = M[4 + r][4 + c];
             g->L[r][r] += g->R[r];
+            for (int c = 0; c < 4; c++) {
+                g->Y[r][c] = T[c][4 + r];
+                g->Y[r][4 + c] = T[4 + c][4 + r];
+                g->Y[r][8 + c] = M[4 + r][c];
+                g->Y[r][12 + c] = c == r ? -g->R[r] : 0.0;
+            }
         }
         if (!cholesky(g->L)) return 0;
-        Four Y[NU][4], K[NU][4];
-        for (int r = 0; r < NU; r++) {
-            for (int v = 0; v < 2; v++)
-                Y[r][v] = (Four){T[4 * v][4 + r], T[4 * v + 1][4 + r], T[4 * v + 2][4 + r], 0.0};
-            Y[r][2] = AT(M[4 + r], 0);
-            Y[r][3] = (Four){0};
-            Y[r][3][r] = -g->R[r];
-        }
-        for (int v = 0; v < 4; v++) {
+        for (int v = 0; v < PZ / WIDTH; v++) {
+            Lanes y[NU];
             for (int r = 0; r < NU; r++) {
-                for (int k = 0; k < r; k++) Y[r][v] -= g->L[r][k] * Y[k][v];
-                Y[r][v] *= g->L[r][r];
-                AT(g->Y[r], v) = Y[r][v];
+                y[r] = AT(g->Y[r], v);
+                for (int k = 0; k < r; k++) y[r] -= g->L[r][k] * y[k];
+                AT(g->Y[r], v) = y[r] *= g->L[r][r];
             }
             for (int r = NU - 1; r >= 0; r--) {
-                K[r][v] = Y[r][v];
-                for (int k = r + 1; k < NU; k++) K[r][v] -= g->L[k][r] * K[k][v];
-                K[r][v] *= g->L[r][r];
+                for (int k = r + 1; k < NU; k++) y[r] -= g->L[k][r] * y[k];
+                AT(K[r], v) = y[r] *= g->L[r][r];
             }
-            for (int n = 0; n < 4; n++)
-                AT(g->Kt[4 * v + n], 0) = (Four){K[0][v][n], K[1][v][n], K[2][v][n], K[3][v][n]};
         }
+        for (int c = 0; c < PZ; c++)
+            for (int r = 0; r < NU; r++) g->Kt[c][r] = K[r][c];
         for (int r = 0; r < 4; r++) { /* the rest of M, into P */
-            if (r < 3) AT(P[r], 2) = AT(T[r], 0), AT(P[4 + r], 2) = AT(T[4 + r], 0);
-            AT(P[8 + r], 0) = (Four){T[0][r], T[1][r], T[2][r], 0.0};
-            AT(P[8 + r], 1) = (Four){T[4][r], T[5][r], T[6][r], 0.0};
-            AT(P[8 + r], 2) = AT(M[r], 0);
-            for (int v = 0; v < 4; v++) {
-                AT(P[4 * v + r], 3) = (Four){0};
-                AT(P[12 + r], v) = (Four){0};
+            for (int c = 0; c < 4; c++) P[8 + r][c] = T[c][r], P[8 + r][4 + c] = T[4 + c][r];
+            for (int v = 0; v < 4 / WIDTH; v++) {
+                if (r < 3) AT(P[r] + 8, v) = AT(T[r], v), AT(P[4 + r] + 8, v) = AT(T[4 + r], v);
+                AT(P[8 + r] + 8, v) = AT(M[r], v);
+                for (int block = 0; block < 3; block++) AT(P[4 * block + r] + 12, v) = none;
             }
+            for (int v = 0; v < PZ / WIDTH; v++) AT(P[12 + r], v) = none;
             P[12 + r][12 + r] = g->R[r];
         }
         for (int r = 0; r < PZ; r++) {
             if (EMPTY(r)) continue;
-            for (int v = 0; v < 4; v++)
-                for (int k = 0; k < NU; k++) AT(P[r], v) -= g->Y[k][r] * Y[k][v];
+            Lanes row[PZ / WIDTH];
+            for (int v = 0; v < PZ / WIDTH; v++) row[v] = AT(P[r], v);
+            for (int k = 0; k < NU; k++) add(row, -g->Y[k][r], g->Y[k], PZ);
+            put(P[r], row, PZ);
         }
     }
     return 1;
@@ -111,52 +107,59 @@ static int factorise(Stage *stages, int N, double dt, double quadratic) {
 
 /* Find the next point for the present pushes. */
 static void solve_point(Stage *stages, int N, double dt, double penalty) {
-    Four p[4] = {{0}};
-    double k[MAX_STAGES][NU];
+    double p[PZ] = {0}, k[MAX_STAGES][NU];
     for (int i = N - 1; i >= 0; i--) {
         Stage *g = stages + i;
         add_gradient(g, penalty, p);
-        double y[PZ], low[NU];
-        for (int v = 0; v < 4; v++) AT(y, v) = p[v] + AT(g->Pb, v);
-        Four q = {0}, w = AT(y, 3) + AT(g->r, 0);
-        for (int n = 0; n < PX; n++) {
-            if (EMPTY(n)) continue;
-            q += y[n] * AT(g->F[n], 0);
-            w += y[n] * AT(g->F[n], 1);
-        }
+        double y[PZ], m[DENSE], low[NU];
+        for (int v = 0; v < PZ / WIDTH; v++) AT(y, v) = AT(p, v) + AT(g->Pb, v);
+        Lanes dense[DENSE / WIDTH] = {{0}};
+        for (int v = 0; v < NU / WIDTH; v++) dense[NU / WIDTH + v] = AT(y + PX, v) + AT(g->r, v);
+        for (int n = 0; n < PX; n++)
+            if (!EMPTY(n)) add(dense, y[n], g->F[n], DENSE);
+        put(m, dense, DENSE);
         for (int n = 0; n < NU; n++) {
-            low[n] = w[n];
-            for (int m = 0; m < n; m++) low[n] -= g->L[n][m] * low[m];
+            low[n] = m[4 + n];
+            for (int c = 0; c < n; c++) low[n] -= g->L[n][c] * low[c];
             low[n] *= g->L[n][n];
         }
         for (int n = NU - 1; n >= 0; n--) {
             k[i][n] = low[n];
-            for (int m = n + 1; m < NU; m++) k[i][n] -= g->L[m][n] * k[i][m];
+            for (int c = n + 1; c < NU; c++) k[i][n] -= g->L[c][n] * k[i][c];
             k[i][n] *= g->L[n][n];
         }
-        p[0] = AT(y, 0), p[1] = AT(y, 1) + dt * AT(y, 0), p[2] = q, p[3] = -AT(g->r, 0);
-        for (int v = 0; v < 4; v++)
-            for (int n = 0; n < NU; n++) p[v] -= low[n] * AT(g->Y[n], v);
+        Lanes next[PZ / WIDTH];
+        for (int v = 0; v < 8 / WIDTH; v++) next[v] = AT(y, v);
+        add(next + 4 / WIDTH, dt, y, 4);
+        for (int v = 0; v < 4 / WIDTH; v++) {
+            next[8 / WIDTH + v] = dense[v];
+            next[12 / WIDTH + v] = -AT(g->r, v);
+        }
+        for (int n = 0; n < NU; n++) add(next, -low[n], g->Y[n], PZ);
+        put(p, next, PZ);
     }
     double z[PZ] = {0};
     for (int i = 0; i < N; i++) {
         Stage *g = stages + i;
-        Four w = -AT(k[i], 0), more = {0};
+        Lanes w[NU / WIDTH], more[NU / WIDTH] = {{0}}, x[PX / WIDTH];
+        for (int v = 0; v < NU / WIDTH; v++) w[v] = -AT(k[i], v);
         for (int c = 0; c < PZ; c += 2) {
-            w -= z[c] * AT(g->Kt[c], 0);
-            if (!EMPTY(c + 1)) more -= z[c + 1] * AT(g->Kt[c + 1], 0);
+            add(w, -z[c], g->Kt[c], NU);
+            if (!EMPTY(c + 1)) add(more, -z[c + 1], g->Kt[c + 1], NU);
         }
-        AT(g->wn, 0) = w += more;
-        Four x[3] = {AT(z, 0) + dt * AT(z, 1), AT(z, 1), {0}};
-        for (int v = 0; v < 3; v++) {
-            x[v] += AT(g->gap, v);
-            for (int c = 0; c < 4; c++) x[v] += z[8 + c] * AT(g->Ft[c], v);
-            for (int c = 0; c < NU; c++) x[v] += w[c] * AT(g->Ft[4 + c], v);
-            AT(g->xn, v) = AT(z, v) = x[v];
-        }
-        AT(z, 3) = w;
+        for (int v = 0; v < NU / WIDTH; v++) AT(g->wn, v) = w[v] + more[v];
+        for (int v = 0; v < PX / WIDTH; v++) x[v] = AT(g->gap, v);
+        for (int v = 0; v < 8 / WIDTH; v++) x[v] += AT(z, v);
+        for (int v = 0; v < 4 / WIDTH; v++) x[v] += dt * AT(z + 4, v);
+        for (int c = 0; c < 4; c++) add(x, z[8 + c], g->Ft[c], PX);
+        for (int c = 0; c < NU; c++) add(x, g->wn[c], g->Ft[4 + c], PX);
+        put(g->xn, x, PX);
+        memcpy(z, g->xn, sizeof g->xn);
+        memcpy(z + PX, g->wn, sizeof g->wn);
         for (int n = 0; n < 2; n++)
-            g->sn[n] = g->slacks[n] ? -(g->gs[n] + sum(AT(g->Hps[n], 0) * x[0])) / g->Hs[n] : 0.0;
+            g->sn[n] = g->slacks[n] ? -(g->gs[n] + g->Hps[n][0] * z[0] + g->Hps[n][1] * z[1] +
+                                        g->Hps[n][2] * z[2]) * g->by_Hs[n]
+                                    : 0.0;
     }
 }
 
@@ -170,14 +173,14 @@ typedef struct {
 static Way steps(Stage *stages, int N) {
     static const double none[NU] = {0};
     double next[MAX_CONSTRAINTS];
-    Four worst = {1.0, 1.0, 1.0, 1.0}, zeroth = {0}, first = {0}, second = {0};
+    Lanes zeroth = {0}, first = {0}, second = {0}, worst = 1.0 + zeroth;
     for (int i = 0; i < N; i++) {
         Stage *g = stages + i;
         values(g, g->xn, g->wn, g->sn, i ? stages[i - 1].wn : none, next);
-        for (int c = 0; c < g->constraints / 4; c++) {
-            Four t = AT(g->t, c), l = AT(g->l, c), real = AT(g->real, c);
-            Four dt = real * (AT(next, c) + AT(g->a, c) - t);
-            Four dl = real * (AT(g->push, c) - AT(g->gamma, c) * AT(next, c) - l);
+        for (int c = 0; c < g->constraints / WIDTH; c++) {
+            Lanes t = AT(g->t, c), l = AT(g->l, c), real = AT(g->real, c);
+            Lanes dt = real * (AT(next, c) + AT(g->a, c) - t);
+            Lanes dl = real * (AT(g->push, c) - AT(g->gamma, c) * AT(next, c) - l);
             AT(g->dt, c) = dt;
             AT(g->dl, c) = dl;
             worst = larger(larger(worst, -dt * AT(g->inverse, c)), -dl / l);
@@ -186,7 +189,8 @@ static Way steps(Stage *stages, int N) {
             second += dt * dl;
         }
     }
-    double most = fmax(fmax(worst[0], worst[1]), fmax(worst[2], worst[3]));
+    double most = 1.0;
+    for (int n = 0; n < WIDTH; n++) most = fmax(most, worst[n]);
     return (Way){1.0 / most, sum(zeroth), sum(first), sum(second)};
 }
 
@@ -249,11 +253,11 @@ static double begin(const Program *p, Stage *stages) {
 
 /* Set gamma and the pushes without target; return the sum of t l. */
 static double weigh(Stage *stages, int N) {
-    Four all = {0};
+    Lanes all = {0};
     for (int i = 0; i < N; i++) {
         Stage *g = stages + i;
-        for (int c = 0; c < g->constraints / 4; c++) {
-            Four t = AT(g->t, c), l = AT(g->l, c), inverse = 1.0 / t;
+        for (int c = 0; c < g->constraints / WIDTH; c++) {
+            Lanes t = AT(g->t, c), l = AT(g->l, c), inverse = 1.0 / t;
             AT(g->inverse, c) = inverse;
             AT(g->gamma, c) = l * inverse;
             AT(g->push, c) = l - l * inverse * AT(g->a, c);
@@ -296,7 +300,7 @@ int solve_program(const Program *given) {
         double weight = length * length;
         for (int i = 0; i < p->N; i++) {
             Stage *g = stages + i;
-            for (int c = 0; c < g->constraints / 4; c++)
+            for (int c = 0; c < g->constraints / WIDTH; c++)
                 AT(g->push, c) += AT(g->real, c) * AT(g->inverse, c) *
                                   (target - weight * AT(g->dt, c) * AT(g->dl, c));
         }
@@ -306,10 +310,12 @@ int solve_program(const Program *given) {
         if (!(length > 1e-10)) return -1;
         for (int i = 0; i < p->N; i++) {
             Stage *g = stages + i;
-            for (int v = 0; v < 3; v++) AT(g->x, v) += length * (AT(g->xn, v) - AT(g->x, v));
-            AT(g->w, 0) += length * (AT(g->wn, 0) - AT(g->w, 0));
+            for (int v = 0; v < PX / WIDTH; v++)
+                AT(g->x, v) += length * (AT(g->xn, v) - AT(g->x, v));
+            for (int v = 0; v < NU / WIDTH; v++)
+                AT(g->w, v) += length * (AT(g->wn, v) - AT(g->w, v));
             for (int n = 0; n < 2; n++) g->s[n] += length * (g->sn[n] - g->s[n]);
-            for (int c = 0; c < g->constraints / 4; c++) {
+            for (int c = 0; c < g->constraints / WIDTH; c++) {
                 AT(g->t, c) += length * AT(g->dt, c);
                 AT(g->l, c) += length * AT(g->dl, c);
             }

@@ -44,9 +44,14 @@
 /* Rows with more room [m] than any step of the iterate can use up are left out. */
 #define OUT_OF_REACH 6.0
 
-/* Four numbers at once; GCC and Clang lower it to what the machine has. */
-typedef double Four __attribute__((vector_size(32), aligned(8), may_alias));
-#define AT(array, n) (((Four *)(array))[n])
+/* As many numbers at once as the machine's vectors hold; wider ones compilers split badly. */
+#ifdef __AVX__
+#define WIDTH 4
+#else
+#define WIDTH 2
+#endif
+typedef double Lanes __attribute__((vector_size(8 * WIDTH), aligned(8), may_alias));
+#define AT(array, n) (((Lanes *)(array))[n])
 
 _Static_assert(NU == 4 && NX == 10, "vectors of four are written out for these");
 
@@ -74,7 +79,7 @@ typedef struct {
     double inverse[MAX_CONSTRAINTS]; /* 1 / t */
     double gamma[MAX_CONSTRAINTS], push[MAX_CONSTRAINTS];
     double dt[MAX_CONSTRAINTS], dl[MAX_CONSTRAINTS];
-    double Hs[2], Hps[2][4], gs[2];
+    double by_Hs[2], Hps[2][4], gs[2]; /* of slacks: 1 / Hessian, mixed with x, gradient */
     double x[PX], w[NU], s[2];    /* the point: dx_{i+1}, w_i, slacks */
     double xn[PX], wn[NU], sn[2]; /* the next point */
     double R[NU], r[NU];          /* change cost with its barrier */
@@ -202,61 +207,77 @@ static void load(const Program *p, Stage *stages) {
     }
 }
 
+/* sum += weight * row, of `count` numbers. */
+static inline void add(Lanes *sum, double weight, const double *row, int count) {
+    for (int v = 0; v < count / WIDTH; v++) sum[v] += weight * AT(row, v);
+}
+
+static inline void put(double *out, const Lanes *in, int count) {
+    for (int v = 0; v < count / WIDTH; v++) AT(out, v) = in[v];
+}
+
 /* Values a.y of all constraints of a stage at (x, w, s) with w_before. */
 static inline void values(const Stage *g, const double *x, const double *w, const double *s,
                           const double *before, double *out) {
-    Four here = AT(w, 0), v = here - AT(before, 0);
-    AT(out, 0) = here, AT(out, 1) = -here, AT(out, 2) = v, AT(out, 3) = -v;
-    int first = g->rows[0] / 4, all = first + g->rows[1] / 4;
+    for (int n = 0; n < NU / WIDTH; n++) {
+        Lanes here = AT(w, n), change = here - AT(before, n);
+        AT(out, n) = here, AT(out + 4, n) = -here, AT(out + 8, n) = change, AT(out + 12, n) = -change;
+    }
+    int first = g->rows[0] / WIDTH, all = first + g->rows[1] / WIDTH;
     for (int n = 0; n < all; n++)
         AT(out + BOUNDS, n) = AT(g->along[0], n) * x[0] + AT(g->along[1], n) * x[1] +
                               AT(g->along[2], n) * x[2] + s[n >= first];
-    AT(out + BOUNDS, all) = (Four){s[0], s[1], 0.0, 0.0};
+    double *slacks = out + BOUNDS + all * WIDTH;
+    slacks[0] = s[0], slacks[1] = s[1], slacks[2] = slacks[3] = 0.0;
 }
 
 /* Stage Hessian (with barrier) into P, and the parts that depend on gamma only. */
 static inline void add_hessian(Stage *g, double quadratic, double P[PZ][PZ]) {
     const double *m = g->gamma, *weight = m + BOUNDS;
     for (int r = 0; r < PX; r++)
-        for (int v = 0; v < PX / 4; v++) AT(P[r], v) += AT(g->Hx[r], v);
-    Four effort = AT(g->He, 0) + AT(m, 0) + AT(m, 1);
-    for (int n = 0; n < NU; n++) P[PX + n][PX + n] += effort[n];
-    AT(g->R, 0) = AT(g->Hr, 0) + AT(m, 2) + AT(m, 3);
-    Four pp[3] = {{0}};
+        for (int v = 0; v < PX / WIDTH; v++) AT(P[r], v) += AT(g->Hx[r], v);
+    for (int n = 0; n < NU; n++) {
+        P[PX + n][PX + n] += g->He[n] + m[n] + m[4 + n];
+        g->R[n] = g->Hr[n] + m[8 + n] + m[12 + n];
+    }
+    double Hs[2];
+    Lanes pp[3][4 / WIDTH] = {{{0}}};
     const double(*slope)[4] = g->slope;
     for (int k = 0; k < 2; k++) {
         double sum = quadratic;
-        Four coupling = {0};
+        Lanes coupling[4 / WIDTH] = {{0}};
         for (int n = 0; n < g->rows[k]; n++) {
-            Four d = AT(slope[n], 0), pushed = weight[n] * d;
             sum += weight[n];
-            coupling += pushed;
-            for (int r = 0; r < 3; r++) pp[r] += slope[n][r] * pushed;
+            add(coupling, weight[n], slope[n], 4);
+            for (int r = 0; r < 3; r++) add(pp[r], weight[n] * slope[n][r], slope[n], 4);
         }
         slope += g->rows[k];
         weight += g->rows[k];
-        g->Hs[k] = sum;
-        AT(g->Hps[k], 0) = coupling;
+        Hs[k] = sum;
+        put(g->Hps[k], coupling, 4);
     }
     for (int k = 0; k < 2; k++) {
-        g->Hs[k] += weight[k];
-        Four share = AT(g->Hps[k], 0) / g->Hs[k];
-        for (int r = 0; r < 3; r++) pp[r] -= g->Hps[k][r] * share;
+        g->by_Hs[k] = 1.0 / (Hs[k] + weight[k]);
+        for (int r = 0; r < 3; r++) add(pp[r], -g->Hps[k][r] * g->by_Hs[k], g->Hps[k], 4);
     }
-    for (int r = 0; r < 3; r++) AT(P[r], 0) += pp[r];
+    for (int r = 0; r < 3; r++)
+        for (int v = 0; v < 4 / WIDTH; v++) AT(P[r], v) += pp[r][v];
 }
 
 /* Stage gradient (with barrier) into p, by the pushes. */
-static inline void add_gradient(Stage *g, double penalty, Four p[4]) {
+static inline void add_gradient(Stage *g, double penalty, double p[PZ]) {
     const double *q = g->push, *push = q + BOUNDS;
     const double(*slope)[4] = g->slope;
-    for (int v = 0; v < PX / 4; v++) p[v] += AT(g->gx, v);
-    p[3] += AT(g->ge, 0) - AT(q, 0) + AT(q, 1);
-    AT(g->r, 0) = AT(g->gr, 0) - AT(q, 2) + AT(q, 3);
+    Lanes by_rows[4 / WIDTH] = {{0}};
+    for (int v = 0; v < PX / WIDTH; v++) AT(p, v) += AT(g->gx, v);
+    for (int v = 0; v < NU / WIDTH; v++) {
+        AT(p + PX, v) += AT(g->ge, v) - AT(q, v) + AT(q + 4, v);
+        AT(g->r, v) = AT(g->gr, v) - AT(q + 8, v) + AT(q + 12, v);
+    }
     for (int k = 0; k < 2; k++) {
         double sum = penalty;
         for (int n = 0; n < g->rows[k]; n++) {
-            p[0] -= push[n] * AT(slope[n], 0);
+            add(by_rows, -push[n], slope[n], 4);
             sum -= push[n];
         }
         slope += g->rows[k];
@@ -265,6 +286,7 @@ static inline void add_gradient(Stage *g, double penalty, Four p[4]) {
     }
     for (int k = 0; k < 2; k++) {
         g->gs[k] = g->slacks[k] ? g->gs[k] - push[k] : 0.0;
-        p[0] -= (g->gs[k] / g->Hs[k]) * AT(g->Hps[k], 0);
+        add(by_rows, -g->gs[k] * g->by_Hs[k], g->Hps[k], 4);
     }
+    for (int v = 0; v < 4 / WIDTH; v++) AT(p, v) += by_rows[v];
 }
