@@ -32,6 +32,9 @@ DAMPING = 1e-6
 # The bounds on the input are tightened by this: the solvers' tolerance.
 TIGHT = 2e-5
 
+# PIQP's iterations for one of the kernel's: the limit of work is to end both after as many steps.
+_KERNELS = 2
+
 # Rows, columns and sources of some entries of a matrix.
 Entries = tuple[Indices, Indices, Indices]
 
@@ -273,7 +276,7 @@ class Program:
             self.solver.setup(*data, *sides)
             self._ready = True
         status = self.solver.solve()
-        self.iterations = self.solver.result.info.iter
+        self.iterations = self.solver.result.info.iter // _KERNELS
         if status != self._solved:
             return None
         step = self.solver.result.x
