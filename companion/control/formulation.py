@@ -38,13 +38,13 @@ class Formulation:
         guard minds, too.
         """
         offset = reference.map_offset
+        band = self._fence.altitude_planes(
+            reference.aim[2] + offset[2], reference.floor + offset[2]
+        )
+        if reference.land:  # the autopilot takes it below the floor, where plans are hard to make
+            band = band[:1]
         planes = [
-            _off_map(
-                self._fence.altitude_planes(
-                    reference.aim[2] + offset[2], reference.floor + offset[2]
-                ),
-                offset,
-            ),
+            _off_map(band, offset),
             reference.obstacles.planes,
             _off_map(self._fence.near(own.p + offset, self._nmpc.d_obstacle_safety), offset),
         ]

@@ -41,7 +41,7 @@ class Planning:
 
     @property
     def backend(self) -> str:
-        """Name of the NMPC's solver: `compiled` or `piqp`; empty for another controller."""
+        """Name of the NMPC's solver (`Nmpc.backend`); empty for another controller."""
         return str(getattr(self._planner, "backend", ""))
 
     def plan(

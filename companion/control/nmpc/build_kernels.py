@@ -6,32 +6,35 @@ import platform
 import shutil
 import sys
 from collections.abc import Iterator, Sequence
+from itertools import product
 from pathlib import Path
 
-from companion.control.nmpc.compiled import compile_kernel, source
+from companion.control.nmpc.compiled import compile_kernel, program_source, source
 from companion.control.nmpc.config import NmpcConfig
 from companion.control.nmpc.prebuilt import FOLDER, LEVELS, file_name
 from companion.control.nmpc.problem import build_stage
 
 
 def build(folder: Path, machines: Sequence[str]) -> Iterator[Path]:
-    """Build the kernels of the default problem for some kinds of processor; yield each file.
+    """Build the kernels for some kinds of processor; yield each file.
+
+    They are that of the default problem, and that of the quadratic program alone, for any sizes.
 
     Raises:
         FileNotFoundError: a compiler is missing; the error names it.
         SubprocessError: it fails.
     """
-    problem = source(build_stage(NmpcConfig()))
+    sources = (source(build_stage(NmpcConfig())), program_source())
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     code = folder / "nmpc.c"
-    code.write_text(problem)
     for machine in machines:
         compiler = "gcc" if machine == platform.machine() else f"{machine}-linux-gnu-gcc"
         if shutil.which(compiler) is None:
             raise FileNotFoundError(f"{compiler} is not installed (Debian: {_package(machine)})")
-        for level in LEVELS[machine]:
-            built = folder / file_name(machine, level, problem)
+        for level, text in product(LEVELS[machine], sources):
+            code.write_text(text)
+            built = folder / file_name(machine, level, text)
             compile_kernel(compiler, level.options, code, built)
             yield built
     code.unlink()

@@ -2,9 +2,10 @@
 
 A wheel brings it compiled for the default sizes of the problem (`prebuilt.py`). Else it is used
 where there is a C compiler, and kept in the user's cache by the hash of its source. It is never
-required: every failure gives None, and the solver goes on with CasADi's virtual machine and PIQP,
-where that is installed (extra `piqp`). The weights are arguments, so drones that differ only in
-weights share a library.
+required: every failure gives None, and the solver goes on with CasADi's virtual machine. The
+quadratic program is then solved by the wheel's kernel, which knows any sizes, or by PIQP, where
+that is installed (extra `piqp`). The weights are arguments, so drones that differ only in weights
+share a library.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ import casadi as ca
 
 from companion.control.nmpc import prebuilt
 from companion.control.nmpc.config import NmpcConfig
-from companion.control.nmpc.kernel import FILES, MAX_ROWS, MAX_STAGES
+from companion.control.nmpc.kernel import MAX_ROWS, MAX_STAGES, PROGRAM_FILES, SWEEP_FILE
 from companion.control.nmpc.problem import Stage
 
 _OPTIONS = ("-march=native",)
@@ -35,11 +36,21 @@ _COMPILE_TIME = 600  # s: an idle machine takes three, a loaded one many times t
 
 def library(stage: Stage, config: NmpcConfig) -> ctypes.CDLL | None:
     """Return the library of these stage functions: the wheel's, cached, fresh, or None."""
-    if config.N > MAX_STAGES or len(stage.margin.rows) > MAX_ROWS:
+    if not _fits(stage, config):
         return None
     code = source(stage)
     found = prebuilt.load(code)
     return found if found is not None else _compiled_here(code)
+
+
+def program_library(stage: Stage, config: NmpcConfig) -> ctypes.CDLL | None:
+    """Return the wheel's library that solves the quadratic program alone, or None."""
+    return prebuilt.load(program_source()) if _fits(stage, config) else None
+
+
+def _fits(stage: Stage, config: NmpcConfig) -> bool:
+    """Return whether the kernel's memory is large enough for these sizes."""
+    return config.N <= MAX_STAGES and len(stage.margin.rows) <= MAX_ROWS
 
 
 def _compiled_here(code: str) -> ctypes.CDLL | None:
@@ -61,12 +72,21 @@ def _compiled_here(code: str) -> ctypes.CDLL | None:
 
 
 def source(stage: Stage) -> str:
-    """Return the whole source: CasADi's stage functions, then the kernel."""
+    """Return the whole source: CasADi's stage functions, the sweeps over them, the program."""
     generator = ca.CodeGenerator("stages", {"with_header": False})
     generator.add(stage.linearise)
     generator.add(stage.evaluate)
-    package = resources.files("companion.control.nmpc")
-    return "\n".join([generator.dump(), *(package.joinpath(k).read_text() for k in FILES)])
+    return "\n".join([generator.dump(), _text(SWEEP_FILE), program_source()])
+
+
+def program_source() -> str:
+    """Return the source of the quadratic program, which depends on no size of the problem."""
+    return "\n".join(_text(name) for name in PROGRAM_FILES)
+
+
+def _text(name: str) -> str:
+    """Return the text of a file of the kernel."""
+    return resources.files("companion.control.nmpc").joinpath(name).read_text()
 
 
 def compile_kernel(compiler: str, options: tuple[str, ...], source: Path, built: Path) -> None:

@@ -1,7 +1,7 @@
 """The kernel in C as Python calls it: its structures, its sizes, and the calls.
 
-Each structure is that of `kernel_stage.c` of the same name, field by field; a test holds them
-together.
+Each structure is that of `kernel_stage.c` or `kernel_sweep.c` of the same name, field by field; a
+test holds them together.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from companion.control.nmpc.qp import change_bounds, input_bounds
 from companion.model import NU, NX
 from mavlink_bridge.shared.arrays import Vector
 
-FILES = ("kernel_stage.c", "kernel_solve.c")
+PROGRAM_FILES = ("kernel_stage.c", "kernel_solve.c")
+SWEEP_FILE = "kernel_sweep.c"
 MAX_ROWS, MAX_STAGES, MAX_ARGUMENTS = 160, 128, 64
 # What the kernel's files are compiled with.
 SIZES = {
@@ -33,8 +34,9 @@ SIZES = {
     "MAX_STAGES": MAX_STAGES,
     "MAX_ARGUMENTS": MAX_ARGUMENTS,
 }
-TOLERANCE = 1e-6
-FIRST_COMPLEMENTARITY = 3.0
+TOLERANCE = 1e-5
+# At the first point; a step that follows another begins near the last one's solution.
+FIRST_COMPLEMENTARITY, NEXT_COMPLEMENTARITY = 3.0, 0.01
 
 _Inputs = c_double * NU
 
@@ -68,10 +70,12 @@ class ProgramStructure(ctypes.Structure):
         ("low", _Inputs),
         ("high", _Inputs),
         ("change", _Inputs),
+        ("dt", c_double),
         ("penalty", c_double),
         ("quadratic", c_double),
         ("tolerance", c_double),
-        ("first_complementarity", c_double),
+        ("complementarity", c_double),
+        ("again", c_int),
         ("source", POINTER(c_double)),
         ("u", POINTER(c_double)),
         ("u_last", POINTER(c_double)),
@@ -157,10 +161,12 @@ class CompiledProgram:
             low=_Inputs(*self.u_min),
             high=_Inputs(*self.u_max),
             change=_Inputs(*change_bounds(config)),
+            dt=config.dt,
             penalty=config.penalty,
             quadratic=config.penalty_quadratic,
             tolerance=TOLERANCE,
-            first_complementarity=FIRST_COMPLEMENTARITY,
+            complementarity=FIRST_COMPLEMENTARITY,
+            again=0,
             source=_doubles(self.source),
             u=_doubles(self._u),
             u_last=_doubles(self._u_last),
@@ -177,13 +183,18 @@ class CompiledProgram:
         self._indices += [rows, columns]  # the structure holds no more than their addresses
         return PieceStructure(piece.offset, len(rows), _integers(rows), _integers(columns))
 
-    def solve(self, u: Vector, u_last: Vector) -> tuple[Vector, Vector] | None:
+    def solve(
+        self, u: Vector, u_last: Vector, *, again: bool = False
+    ) -> tuple[Vector, Vector] | None:
         """Return the steps (dx of x_1…x_N, du) from the linearisation in `source`, or None.
 
-        u (N,4): the iterate. u_last (4,): the input before, within its bounds. None: the kernel
-        found no solution. The arrays are overwritten by the next call.
+        u (N,4): the iterate. u_last (4,): the input before, within its bounds. again: the iterate
+        is the last one and its step. None: the kernel found no solution. The arrays are overwritten
+        by the next call.
         """
         self._u[:], self._u_last[:] = u, u_last
+        self._structure.again = again
+        self._structure.complementarity = NEXT_COMPLEMENTARITY if again else FIRST_COMPLEMENTARITY
         self.iterations = self._call(self._argument)
         return (self._dx, self._du) if self.iterations >= 0 else None
 

@@ -1,5 +1,18 @@
 /* The interior-point method on the stages of kernel_stage.c, which is compiled before this. */
 
+typedef long long Mask __attribute__((vector_size(8 * WIDTH)));
+
+static inline Lanes larger(Lanes a, Lanes b) {
+    Mask mask = a > b;
+    return (Lanes)((mask & (Mask)a) | (~mask & (Mask)b));
+}
+
+static inline double sum(Lanes v) {
+    double all = v[0];
+    for (int n = 1; n < WIDTH; n++) all += v[n];
+    return all;
+}
+
 static int cholesky(double S[NU][NU]) {
     for (int j = 0; j < NU; j++) {
         for (int k = 0; k < j; k++)
@@ -11,215 +24,273 @@ static int cholesky(double S[NU][NU]) {
     return 1;
 }
 
-static void back_substitute(double S[NU][NU], double *b) {
-    for (int i = 0; i < NU; i++) {
-        for (int k = 0; k < i; k++) b[i] -= S[i][k] * b[k];
-        b[i] *= S[i][i];
-    }
-    for (int i = NU - 1; i >= 0; i--) {
-        for (int k = i + 1; k < NU; k++) b[i] -= S[k][i] * b[k];
-        b[i] *= S[i][i];
-    }
-}
-
-/* The same for all columns of K at once. */
-static void back_substitute_rows(double S[NU][NU], double K[NU][PAD]) {
-    for (int i = 0; i < NU; i++)
-        for (int v = 0; v < PAD / 4; v++) {
-            Four sum = AT(K[i], v);
-            for (int k = 0; k < i; k++) sum -= S[i][k] * AT(K[k], v);
-            AT(K[i], v) = sum * S[i][i];
-        }
-    for (int i = NU - 1; i >= 0; i--)
-        for (int v = 0; v < PAD / 4; v++) {
-            Four sum = AT(K[i], v);
-            for (int k = i + 1; k < NU; k++) sum -= S[k][i] * AT(K[k], v);
-            AT(K[i], v) = sum * S[i][i];
-        }
-}
-
-/* row += sum over k of weights[k * stride] * rows[k], k < NX. */
-static inline void combine(double *row, const double *weights, int stride, double rows[][PAD]) {
-    Four a = AT(row, 0), b = AT(row, 1), c = AT(row, 2), d = AT(row, 3);
-    for (int k = 0; k < NX; k++) {
-        double weight = weights[k * stride];
-        a += weight * AT(rows[k], 0);
-        b += weight * AT(rows[k], 1);
-        c += weight * AT(rows[k], 2);
-        d += weight * AT(rows[k], 3);
-    }
-    AT(row, 0) = a, AT(row, 1) = b, AT(row, 2) = c, AT(row, 3) = d;
-}
-
 /* Find the gains of all stages by the Riccati recursion; return 0 where a factor is singular. */
-static int factorise(Stage *stages, int N, double quadratic) {
-    double P[NZ][PAD], T[NZ][PAD], M[NZ][PAD];
+static int factorise(Stage *stages, int N, double dt, double quadratic) {
+    double P[PZ][PZ], T[PZ][DENSE], M[DENSE][DENSE], K[NU][PZ];
+    const Lanes none = {0};
     memset(P, 0, sizeof P);
+    memset(T, 0, sizeof T);
     for (int i = N - 1; i >= 0; i--) {
         Stage *g = stages + i;
         add_hessian(g, quadratic, P);
-        double Pb[PAD] = {0};
-        for (int k = 0; k < NX; k++) /* P is symmetric: its rows are its columns */
-            for (int v = 0; v < PAD / 4; v++) AT(Pb, v) += g->gap[k] * AT(P[k], v);
-        memcpy(g->Pb, Pb, sizeof Pb);
-        for (int r = 0; r < NZ; r++) { /* T = P [F; 0 I] */
-            memset(T[r], 0, sizeof T[r]);
-            for (int n = 0; n < NU; n++) T[r][NX + n] = P[r][NX + n];
-            combine(T[r], P[r], 1, g->F);
+        Lanes Pb[PZ / WIDTH] = {{0}};
+        for (int k = 0; k < PX; k++) /* P is symmetric: its rows are its columns */
+            if (!EMPTY(k)) add(Pb, g->gap[k], P[k], PZ);
+        put(g->Pb, Pb, PZ);
+        for (int r = 0; r < PZ; r++) { /* T = P [F; 0 I], without the double integrator's columns */
+            if (EMPTY(r)) continue;
+            Lanes row[DENSE / WIDTH] = {{0}};
+            for (int v = 0; v < NU / WIDTH; v++) row[NU / WIDTH + v] = AT(P[r] + PX, v);
+            for (int k = 0; k < PX; k++)
+                if (!EMPTY(k)) add(row, P[r][k], g->F[k], DENSE);
+            put(T[r], row, DENSE);
         }
-        for (int r = 0; r < NZ; r++) { /* M = [F; 0 I]' T */
-            if (r < NX) memset(M[r], 0, sizeof M[r]);
-            else memcpy(M[r], T[r], sizeof M[r]);
-            combine(M[r], &g->F[0][r], PAD, T);
+        for (int r = 0; r < DENSE; r++) { /* M = [F; 0 I]' T, rows of attitude and w */
+            Lanes row[DENSE / WIDTH] = {{0}};
+            if (r >= 4) add(row, 1.0, T[PX + r - 4], DENSE);
+            for (int k = 0; k < PX; k++)
+                if (!EMPTY(k)) add(row, g->F[k][r], T[k], DENSE);
+            put(M[r], row, DENSE);
+        }
+        for (int r = 0; r < 3; r++) { /* M, rows of position and velocity, in place of P and T */
+            double *p = P[r], *v = P[4 + r];
+            add(&AT(v, 0), dt, p, 8);
+            add(&AT(p + 4, 0), dt, p, 4);
+            add(&AT(v + 4, 0), dt, v, 4);
+            add(&AT(T[4 + r], 0), dt, T[r], DENSE);
         }
         for (int r = 0; r < NU; r++) {
-            for (int c = 0; c < NU; c++) g->S[r][c] = M[NX + r][NX + c];
-            g->S[r][r] += g->R[r];
-            memset(g->K[r], 0, sizeof g->K[r]);
-            for (int c = 0; c < NX; c++) g->K[r][c] = M[c][NX + r];
-            g->K[r][NX + r] = -g->R[r];
-        }
-        if (!cholesky(g->S)) return 0;
-        back_substitute_rows(g->S, g->K);
-        for (int c = 0; c < NZ; c++)
-            for (int r = 0; r < NU; r++) g->Kt[c][r] = g->K[r][c];
-        for (int r = 0; r < NX; r++)
-            for (int v = 0; v < PAD / 4; v++) {
-                Four sum = AT(M[r], v);
-                if (v >= NX / 4) /* columns of w_before start from zero */
-                    for (int c = 0; c < 4; c++)
-                        if (4 * v + c >= NX) sum[c] = 0.0;
-                for (int k = 0; k < NU; k++) sum -= M[r][NX + k] * AT(g->K[k], v);
-                AT(P[r], v) = sum;
+            for (int c = 0; c < NU; c++) g->L[r][c] = M[4 + r][4 + c];
+            g->L[r][r] += g->R[r];
+            for (int c = 0; c < 4; c++) {
+                g->Y[r][c] = T[c][4 + r];
+                g->Y[r][4 + c] = T[4 + c][4 + r];
+                g->Y[r][8 + c] = M[4 + r][c];
+                g->Y[r][12 + c] = c == r ? -g->R[r] : 0.0;
             }
-        for (int r = 0; r < NU; r++) {
-            for (int v = 0; v < PAD / 4; v++) AT(P[NX + r], v) = g->R[r] * AT(g->K[r], v);
-            P[NX + r][NX + r] += g->R[r];
         }
-        for (int r = 0; r < NZ; r++) /* keep it symmetric to the last bit */
-            for (int c = 0; c < r; c++) P[r][c] = P[c][r] = 0.5 * (P[r][c] + P[c][r]);
+        if (!cholesky(g->L)) return 0;
+        for (int v = 0; v < PZ / WIDTH; v++) {
+            Lanes y[NU];
+            for (int r = 0; r < NU; r++) {
+                y[r] = AT(g->Y[r], v);
+                for (int k = 0; k < r; k++) y[r] -= g->L[r][k] * y[k];
+                AT(g->Y[r], v) = y[r] *= g->L[r][r];
+            }
+            for (int r = NU - 1; r >= 0; r--) {
+                for (int k = r + 1; k < NU; k++) y[r] -= g->L[k][r] * y[k];
+                AT(K[r], v) = y[r] *= g->L[r][r];
+            }
+        }
+        for (int c = 0; c < PZ; c++)
+            for (int r = 0; r < NU; r++) g->Kt[c][r] = K[r][c];
+        for (int r = 0; r < 4; r++) { /* the rest of M, into P */
+            for (int c = 0; c < 4; c++) P[8 + r][c] = T[c][r], P[8 + r][4 + c] = T[4 + c][r];
+            for (int v = 0; v < 4 / WIDTH; v++) {
+                if (r < 3) AT(P[r] + 8, v) = AT(T[r], v), AT(P[4 + r] + 8, v) = AT(T[4 + r], v);
+                AT(P[8 + r] + 8, v) = AT(M[r], v);
+                for (int block = 0; block < 3; block++) AT(P[4 * block + r] + 12, v) = none;
+            }
+            for (int v = 0; v < PZ / WIDTH; v++) AT(P[12 + r], v) = none;
+            P[12 + r][12 + r] = g->R[r];
+        }
+        for (int r = 0; r < PZ; r++) {
+            if (EMPTY(r)) continue;
+            Lanes row[PZ / WIDTH];
+            for (int v = 0; v < PZ / WIDTH; v++) row[v] = AT(P[r], v);
+            for (int k = 0; k < NU; k++) add(row, -g->Y[k][r], g->Y[k], PZ);
+            put(P[r], row, PZ);
+        }
     }
     return 1;
 }
 
 /* Find the next point for the present pushes. */
-static void solve_point(Stage *stages, int N, double penalty) {
-    double p[PAD] = {0}, k[MAX_STAGES][NU];
+static void solve_point(Stage *stages, int N, double dt, double penalty) {
+    double p[PZ] = {0}, k[MAX_STAGES][NU];
     for (int i = N - 1; i >= 0; i--) {
         Stage *g = stages + i;
         add_gradient(g, penalty, p);
-        double y[PAD], m[PAD] = {0}, linear[NU];
-        for (int n = 0; n < PAD; n++) y[n] = p[n] + g->Pb[n];
-        for (int n = 0; n < NU; n++) m[NX + n] = y[NX + n];
-        combine(m, y, 1, g->F);
-        for (int n = 0; n < NU; n++) k[i][n] = linear[n] = m[NX + n] + g->r[n];
-        back_substitute(g->S, k[i]);
-        for (int n = 0; n < NX; n++) p[n] = m[n];
-        for (int n = 0; n < NU; n++) p[NX + n] = -g->r[n];
-        for (int v = 0; v < PAD / 4; v++)
-            for (int n = 0; n < NU; n++) AT(p, v) -= linear[n] * AT(g->K[n], v);
+        double y[PZ], m[DENSE], low[NU];
+        for (int v = 0; v < PZ / WIDTH; v++) AT(y, v) = AT(p, v) + AT(g->Pb, v);
+        Lanes dense[DENSE / WIDTH] = {{0}};
+        for (int v = 0; v < NU / WIDTH; v++) dense[NU / WIDTH + v] = AT(y + PX, v) + AT(g->r, v);
+        for (int n = 0; n < PX; n++)
+            if (!EMPTY(n)) add(dense, y[n], g->F[n], DENSE);
+        put(m, dense, DENSE);
+        for (int n = 0; n < NU; n++) {
+            low[n] = m[4 + n];
+            for (int c = 0; c < n; c++) low[n] -= g->L[n][c] * low[c];
+            low[n] *= g->L[n][n];
+        }
+        for (int n = NU - 1; n >= 0; n--) {
+            k[i][n] = low[n];
+            for (int c = n + 1; c < NU; c++) k[i][n] -= g->L[c][n] * k[i][c];
+            k[i][n] *= g->L[n][n];
+        }
+        Lanes next[PZ / WIDTH];
+        for (int v = 0; v < 8 / WIDTH; v++) next[v] = AT(y, v);
+        add(next + 4 / WIDTH, dt, y, 4);
+        for (int v = 0; v < 4 / WIDTH; v++) {
+            next[8 / WIDTH + v] = dense[v];
+            next[12 / WIDTH + v] = -AT(g->r, v);
+        }
+        for (int n = 0; n < NU; n++) add(next, -low[n], g->Y[n], PZ);
+        put(p, next, PZ);
     }
-    double z[NZ] = {0};
+    double z[PZ] = {0};
     for (int i = 0; i < N; i++) {
         Stage *g = stages + i;
-        double x[12] = {0};
-        Four w = -AT(k[i], 0);
-        for (int c = 0; c < NZ; c++) w -= z[c] * AT(g->Kt[c], 0);
-        AT(g->wn, 0) = w;
-        memcpy(x, g->gap, sizeof g->gap);
-        for (int v = 0; v < 3; v++) {
-            Four sum = AT(x, v);
-            for (int c = 0; c < NX; c++) sum += z[c] * AT(g->Ft[c], v);
-            for (int c = 0; c < NU; c++) sum += g->wn[c] * AT(g->Ft[NX + c], v);
-            AT(x, v) = sum;
+        Lanes w[NU / WIDTH], more[NU / WIDTH] = {{0}}, x[PX / WIDTH];
+        for (int v = 0; v < NU / WIDTH; v++) w[v] = -AT(k[i], v);
+        for (int c = 0; c < PZ; c += 2) {
+            add(w, -z[c], g->Kt[c], NU);
+            if (!EMPTY(c + 1)) add(more, -z[c + 1], g->Kt[c + 1], NU);
         }
-        memcpy(g->xn, x, sizeof g->xn);
-        memcpy(z, x, sizeof g->xn);
-        memcpy(z + NX, g->wn, sizeof g->wn);
+        for (int v = 0; v < NU / WIDTH; v++) AT(g->wn, v) = w[v] + more[v];
+        for (int v = 0; v < PX / WIDTH; v++) x[v] = AT(g->gap, v);
+        for (int v = 0; v < 8 / WIDTH; v++) x[v] += AT(z, v);
+        for (int v = 0; v < 4 / WIDTH; v++) x[v] += dt * AT(z + 4, v);
+        for (int c = 0; c < 4; c++) add(x, z[8 + c], g->Ft[c], PX);
+        for (int c = 0; c < NU; c++) add(x, g->wn[c], g->Ft[4 + c], PX);
+        put(g->xn, x, PX);
+        memcpy(z, g->xn, sizeof g->xn);
+        memcpy(z + PX, g->wn, sizeof g->wn);
         for (int n = 0; n < 2; n++)
-            g->sn[n] = g->slacks[n] ? -(g->gs[n] + g->Hps[n][0] * x[0] + g->Hps[n][1] * x[1] +
-                                        g->Hps[n][2] * x[2]) / g->Hs[n]
+            g->sn[n] = g->slacks[n] ? -(g->gs[n] + g->Hps[n][0] * z[0] + g->Hps[n][1] * z[1] +
+                                        g->Hps[n][2] * z[2]) * g->by_Hs[n]
                                     : 0.0;
     }
 }
 
-/* Find the steps of t and l to the next point; return the longest, up to 1, that keeps them > 0. */
-static double steps(Stage *stages, int N) {
+/* The way from the point to the next one: the longest step, up to 1, that keeps t and l > 0, and
+ * the sums of t l and of its first and second derivative by the length of the step. */
+typedef struct {
+    double longest, zeroth, first, second;
+} Way;
+
+/* Find the steps of t and l to the next point. */
+static Way steps(Stage *stages, int N) {
     static const double none[NU] = {0};
-    double longest = 1.0, next[BOUNDS + MAX_ROWS + 2];
+    double next[MAX_CONSTRAINTS];
+    Lanes zeroth = {0}, first = {0}, second = {0}, worst = 1.0 + zeroth;
     for (int i = 0; i < N; i++) {
         Stage *g = stages + i;
         values(g, g->xn, g->wn, g->sn, i ? stages[i - 1].wn : none, next);
-        int count = constraints(g);
-        for (int c = 0; c < count; c++) {
-            if (!used(g, c)) continue;
-            g->dt[c] = next[c] + g->a[c] - g->t[c];
-            g->dl[c] = g->push[c] - g->gamma[c] * next[c] - g->l[c];
-            if (g->dt[c] < 0.0 && -g->t[c] > longest * g->dt[c]) longest = -g->t[c] / g->dt[c];
-            if (g->dl[c] < 0.0 && -g->l[c] > longest * g->dl[c]) longest = -g->l[c] / g->dl[c];
+        for (int c = 0; c < g->constraints / WIDTH; c++) {
+            Lanes t = AT(g->t, c), l = AT(g->l, c), real = AT(g->real, c);
+            Lanes dt = real * (AT(next, c) + AT(g->a, c) - t);
+            Lanes dl = real * (AT(g->push, c) - AT(g->gamma, c) * AT(next, c) - l);
+            AT(g->dt, c) = dt;
+            AT(g->dl, c) = dl;
+            worst = larger(larger(worst, -dt * AT(g->inverse, c)), -dl / l);
+            zeroth += real * t * l;
+            first += t * dl + l * dt;
+            second += dt * dl;
         }
     }
-    return longest;
+    double most = 1.0;
+    for (int n = 0; n < WIDTH; n++) most = fmax(most, worst[n]);
+    return (Way){1.0 / most, sum(zeroth), sum(first), sum(second)};
+}
+
+/* Return how far the constraint that is broken most is broken by no step and no slack. */
+static double broken(const Stage *stages, int N) {
+    double most = 0.0;
+    for (int i = 0; i < N; i++)
+        for (int c = 0; c < stages[i].constraints; c++) most = fmax(most, -stages[i].a[c]);
+    return most;
+}
+
+/* Return the deepest of the margins from..to. */
+static double deepest(const Stage *g, int from, int to) {
+    double most = 0.0;
+    for (int n = from; n < to; n++) most = fmax(most, -g->a[BOUNDS + n]);
+    return most;
+}
+
+/* Return the multiplier that constraint c of a stage had at the last solution; or where it is. */
+static double *kept(Stage *g, int c) {
+    int slacks = g->constraints - 4;
+    if (c < BOUNDS) return g->kept + c;
+    return g->kept + BOUNDS + (c < slacks ? g->row[c - BOUNDS] : MAX_ROWS + c - slacks);
+}
+
+/* Keep the multipliers of a solution. */
+static void keep(Stage *stages, int N, int rows) {
+    for (int i = 0; i < N; i++) {
+        Stage *g = stages + i;
+        memset(g->kept, 0, (BOUNDS + rows) * sizeof g->kept[0]);
+        g->kept[KEPT - 2] = g->kept[KEPT - 1] = 0.0;
+        for (int c = 0; c < g->constraints; c++)
+            if (g->real[c]) *kept(g, c) = g->l[c];
+    }
+}
+
+/* Set the first point, which makes no step; return the number of constraints. */
+static double begin(const Program *p, Stage *stages) {
+    static const double none[NU] = {0};
+    double room = LEAST_ROOM, total = 0.0;
+    if (!p->again) room = fmin(fmax(room, broken(stages, p->N)), MOST_ROOM);
+    for (int i = 0; i < p->N; i++) {
+        Stage *g = stages + i;
+        memset(g->x, 0, sizeof g->x);
+        memset(g->w, 0, sizeof g->w);
+        for (int k = 0, from = 0; k < 2; from += g->rows[k++]) {
+            if (!p->again) g->s[k] = deepest(g, from, from + g->rows[k]) + room;
+            g->s[k] = g->slacks[k] ? fmax(g->s[k], LEAST_SLACK) : 0.0;
+        }
+        values(g, g->x, g->w, g->s, none, g->t);
+        for (int c = 0; c < g->constraints; c++) {
+            double before = p->again && g->real[c] ? *kept(g, c) : 0.0;
+            g->t[c] = g->real[c] ? fmax(g->t[c] + g->a[c], room) : 1.0;
+            g->l[c] = g->real[c] ? fmax(p->complementarity / g->t[c], before) : NOTHING;
+            total += g->real[c];
+        }
+    }
+    return total;
+}
+
+/* Set gamma and the pushes without target; return the sum of t l. */
+static double weigh(Stage *stages, int N) {
+    Lanes all = {0};
+    for (int i = 0; i < N; i++) {
+        Stage *g = stages + i;
+        for (int c = 0; c < g->constraints / WIDTH; c++) {
+            Lanes t = AT(g->t, c), l = AT(g->l, c), inverse = 1.0 / t;
+            AT(g->inverse, c) = inverse;
+            AT(g->gamma, c) = l * inverse;
+            AT(g->push, c) = l - l * inverse * AT(g->a, c);
+            all += AT(g->real, c) * t * l;
+        }
+    }
+    return sum(all);
 }
 
 /* Find the steps dx, du of the quadratic program; return the iterations taken, or -1. */
 int solve_program(const Program *given) {
     const Program program = *given, *p = &program;
     Stage *stages = p->work;
-    static const double none[NU] = {0};
     if (p->rows > MAX_ROWS || p->N > MAX_STAGES) return -1;
     load(p, stages);
-
-    int total = 0;
-    for (int i = 0; i < p->N; i++) {
-        Stage *g = stages + i;
-        memset(g->x, 0, sizeof g->x);
-        memset(g->w, 0, sizeof g->w);
-        double deepest[2] = {0.0, 0.0}, now[BOUNDS + MAX_ROWS + 2];
-        for (int n = 0; n < g->rows; n++)
-            if (-g->a[BOUNDS + n] > deepest[g->kind[n]]) deepest[g->kind[n]] = -g->a[BOUNDS + n];
-        for (int k = 0; k < 2; k++) g->s[k] = g->slacks[k] ? deepest[k] + 0.05 : 0.0;
-        values(g, g->x, g->w, g->s, none, now);
-        for (int c = 0; c < constraints(g); c++) {
-            double t = now[c] + g->a[c];
-            g->t[c] = t > 0.03 ? t : 0.03;
-            g->l[c] = p->first_complementarity / g->t[c];
-            total += used(g, c);
-        }
-    }
-
-    double infeasible = 1.0;
+    double total = begin(p, stages), infeasible = 1.0;
     for (int iteration = 1; iteration <= MAX_ITERATIONS; iteration++) {
-        double mu = 0.0;
-        for (int i = 0; i < p->N; i++) {
-            Stage *g = stages + i;
-            for (int c = 0; c < constraints(g); c++) {
-                if (!used(g, c)) { g->gamma[c] = g->push[c] = 0.0; continue; }
-                mu += g->t[c] * g->l[c];
-                g->gamma[c] = g->l[c] / g->t[c];
-                g->push[c] = g->l[c] - g->gamma[c] * g->a[c];
-            }
-        }
-        mu /= total;
+        double mu = weigh(stages, p->N) / total;
         int last = iteration == MAX_ITERATIONS; /* good enough for an SQP step, then */
         double enough = last ? 100.0 * p->tolerance : p->tolerance;
         if (mu < enough && infeasible < enough) {
             for (int i = 0; i < p->N; i++) {
-                memcpy(p->dx + i * NX, stages[i].x, sizeof stages[i].x);
+                for (int n = 0; n < NX; n++) p->dx[i * NX + n] = stages[i].x[PLACE(n)];
                 memcpy(p->du + i * NU, stages[i].w, sizeof stages[i].w);
             }
+            keep(stages, p->N, p->rows);
             return iteration - 1;
         }
-        if (!factorise(stages, p->N, p->quadratic)) return -1;
-        solve_point(stages, p->N, p->penalty);
-        double length = steps(stages, p->N), ahead = 0.0;
-        for (int i = 0; i < p->N; i++) {
-            Stage *g = stages + i;
-            for (int c = 0; c < constraints(g); c++)
-                if (used(g, c))
-                    ahead += (g->t[c] + length * g->dt[c]) * (g->l[c] + length * g->dl[c]);
-        }
-        ahead /= total;
+        if (!factorise(stages, p->N, p->dt, p->quadratic)) return -1;
+        solve_point(stages, p->N, p->dt, p->penalty);
+        Way way = steps(stages, p->N);
+        double length = way.longest;
+        double ahead = (way.zeroth + length * (way.first + length * way.second)) / total;
         double sigma = ahead / mu;
         sigma = sigma * sigma * sigma;
         double target = sigma * mu;
@@ -229,23 +300,25 @@ int solve_program(const Program *given) {
         double weight = length * length;
         for (int i = 0; i < p->N; i++) {
             Stage *g = stages + i;
-            for (int c = 0; c < constraints(g); c++)
-                if (used(g, c)) g->push[c] += (target - weight * g->dt[c] * g->dl[c]) / g->t[c];
+            for (int c = 0; c < g->constraints / WIDTH; c++)
+                AT(g->push, c) += AT(g->real, c) * AT(g->inverse, c) *
+                                  (target - weight * AT(g->dt, c) * AT(g->dl, c));
         }
-        solve_point(stages, p->N, p->penalty);
-        length = steps(stages, p->N);
+        solve_point(stages, p->N, p->dt, p->penalty);
+        length = steps(stages, p->N).longest;
         if (length < 1.0) length *= 1.0 - fmin(5e-3, mu);
         if (!(length > 1e-10)) return -1;
         for (int i = 0; i < p->N; i++) {
             Stage *g = stages + i;
-            for (int n = 0; n < NX; n++) g->x[n] += length * (g->xn[n] - g->x[n]);
-            for (int n = 0; n < NU; n++) g->w[n] += length * (g->wn[n] - g->w[n]);
+            for (int v = 0; v < PX / WIDTH; v++)
+                AT(g->x, v) += length * (AT(g->xn, v) - AT(g->x, v));
+            for (int v = 0; v < NU / WIDTH; v++)
+                AT(g->w, v) += length * (AT(g->wn, v) - AT(g->w, v));
             for (int n = 0; n < 2; n++) g->s[n] += length * (g->sn[n] - g->s[n]);
-            for (int c = 0; c < constraints(g); c++)
-                if (used(g, c)) {
-                    g->t[c] += length * g->dt[c];
-                    g->l[c] += length * g->dl[c];
-                }
+            for (int c = 0; c < g->constraints / WIDTH; c++) {
+                AT(g->t, c) += length * AT(g->dt, c);
+                AT(g->l, c) += length * AT(g->dl, c);
+            }
         }
         infeasible *= 1.0 - length;
     }

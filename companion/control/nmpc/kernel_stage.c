@@ -1,8 +1,7 @@
-/* The real-time iteration in C: stage linearisation and the quadratic program.
+/* The quadratic program of the real-time iteration in C, for any sizes of the problem.
  *
- * It is compiled after the stage functions that CasADi generates (`compiled.py`), called by
- * `kernel.py`, and given its sizes by -D: NX, NU, LOCAL_*, MAX_*. Without a C compiler PIQP solves
- * the same program (`qp.py`).
+ * It is called by `kernel.py`, and given the sizes of the model and of its memory by -D: NX, NU,
+ * LOCAL_*, MAX_*. Without it PIQP solves the same program (`qp.py`).
  *
  * The variables are steps from the iterate, dx_1..dx_N (10 each) and w_i = du_i (4 each), and two
  * slacks s >= 0 for each stage (0: neighbours, 1: obstacles). With v_i = w_i - w_{i-1}:
@@ -17,45 +16,72 @@
  * next y itself. Slacks are eliminated by hand, the rest by a Riccati recursion over (dx_i,
  * w_{i-1}). All residuals shrink by (1 - step length), so that their product measures the
  * infeasibility. No branch depends on a clock, and the order of operations is fixed.
+ *
+ * Inside the kernel a state is three vectors of four, position, velocity, attitude, the fourth
+ * place of the first two empty; w is a vector. Position and velocity are a double integrator in
+ * every linearisation, so that only the columns of attitude and w in [A B] are multiplied by. The
+ * constraints of a stage are in whole vectors too; what fills these has no slope and no multiplier.
  */
 #include <math.h>
 #include <stddef.h>
 #include <string.h>
 
-#define NZ (NX + NU)
-#define PAD 16    /* NZ in whole vectors of four */
+#define PLACE(n) ((n) < 3 ? (n) : (n) < 6 ? (n) + 1 : (n) + 2) /* of state n in the vectors */
+#define EMPTY(place) ((place) == 3 || (place) == 7)
+#define PX 12     /* places of a state */
+#define PZ 16     /* places of a state and w */
+#define DENSE 8   /* places of attitude and w */
 #define BOUNDS 16 /* w lower, w upper, v lower, v upper */
+#define MAX_CONSTRAINTS (BOUNDS + MAX_ROWS + 12)
+#define KEPT (BOUNDS + MAX_ROWS + 2)
 #define MAX_ITERATIONS 40
+#define NOTHING 1e-200 /* multiplier of what only fills a vector */
+/* Room of constraints at the first point, by how far others are broken there. Little room is soon
+ * used up where the step is large; much has to be taken away again where it is small. */
+#define LEAST_ROOM 0.03
+#define MOST_ROOM 0.3
+#define LEAST_SLACK 1e-3 /* m, at the first point */
 /* Rows with more room [m] than any step of the iterate can use up are left out. */
 #define OUT_OF_REACH 6.0
 
-/* Four numbers at once; GCC and Clang lower it to what the machine has. */
-typedef double Four __attribute__((vector_size(32), aligned(8), may_alias));
-#define AT(array, n) (((Four *)(array))[n])
+/* As many numbers at once as the machine's vectors hold; wider ones compilers split badly. */
+#ifdef __AVX__
+#define WIDTH 4
+#else
+#define WIDTH 2
+#endif
+typedef double Lanes __attribute__((vector_size(8 * WIDTH), aligned(8), may_alias));
+#define AT(array, n) (((Lanes *)(array))[n])
 
-_Static_assert(NU == 4 && NZ <= PAD && NX <= 12, "vectors of four are written out for these");
+_Static_assert(NU == 4 && NX == 10, "vectors of four are written out for these");
 
 typedef struct {
-    double F[NX][PAD];       /* [A B] */
-    double Ft[NZ][12];       /* its transpose */
-    double Pb[PAD];          /* P (gap, 0) */
-    double K[NU][PAD];       /* w = -K (dx, w_before) - k */
-    double Kt[NZ][NU];       /* its transpose */
-    double S[NU][NU];        /* Cholesky factor of S, lower; diagonal inverted */
-    double gap[NX];
-    double Hx[NX][PAD], gx[NX];
-    double He[NU], ge[NU];   /* effort */
-    double Hr[NU], gr[NU];   /* change */
-    double slope[MAX_ROWS][3];
-    double a[BOUNDS + MAX_ROWS + 2]; /* offset h of each constraint */
-    double t[BOUNDS + MAX_ROWS + 2], l[BOUNDS + MAX_ROWS + 2];
-    double gamma[BOUNDS + MAX_ROWS + 2], push[BOUNDS + MAX_ROWS + 2];
-    double dt[BOUNDS + MAX_ROWS + 2], dl[BOUNDS + MAX_ROWS + 2];
-    int rows, kind[MAX_ROWS]; /* rows in reach, and which slack softens each */
-    int slacks[2];            /* whether any row uses it */
-    double Hs[2], Hps[2][3], gs[2];
-    double x[NX], w[NU], s[2];    /* the point: dx_{i+1}, w_i, slacks */
-    double xn[NX], wn[NU], sn[2]; /* the next point */
+    double F[PX][DENSE];  /* [A B], columns of attitude and w */
+    double Ft[DENSE][PX]; /* its transpose */
+    double Pb[PZ];        /* P (gap, 0) */
+    double L[NU][NU];     /* Cholesky factor of the Hessian of w, lower; diagonal inverted */
+    double Y[NU][PZ];     /* its inverse times the rest of the rows of w */
+    double Kt[PZ][NU];    /* w = -K (dx, w_before) - k; the transpose of K */
+    double gap[PX];
+    double Hx[PX][PX], gx[PX];
+    double He[NU], ge[NU];         /* effort */
+    double Hr[NU], gr[NU];         /* change */
+    double slope[MAX_ROWS + 6][4]; /* of each row */
+    double along[3][MAX_ROWS + 6]; /* the same by direction */
+    int rows[2];                   /* in reach, of each slack; then whole vectors */
+    int row[MAX_ROWS + 6];         /* which margin it is */
+    int constraints;               /* BOUNDS, rows, a vector of two slacks */
+    int slacks[2];                 /* whether any row uses it */
+    double kept[KEPT];             /* multipliers of the last solution: bounds, margins, slacks */
+    double real[MAX_CONSTRAINTS];  /* 0 for what only fills a vector */
+    double a[MAX_CONSTRAINTS];     /* offset h of each constraint */
+    double t[MAX_CONSTRAINTS], l[MAX_CONSTRAINTS];
+    double inverse[MAX_CONSTRAINTS]; /* 1 / t */
+    double gamma[MAX_CONSTRAINTS], push[MAX_CONSTRAINTS];
+    double dt[MAX_CONSTRAINTS], dl[MAX_CONSTRAINTS];
+    double by_Hs[2], Hps[2][4], gs[2]; /* of slacks: 1 / Hessian, mixed with x, gradient */
+    double x[PX], w[NU], s[2];    /* the point: dx_{i+1}, w_i, slacks */
+    double xn[PX], wn[NU], sn[2]; /* the next point */
     double R[NU], r[NU];          /* change cost with its barrier */
 } Stage;
 
@@ -83,10 +109,12 @@ typedef struct {
     double low[NU];    /* (35), (36) */
     double high[NU];
     double change[NU]; /* (33), (34) */
+    double dt;         /* of a stage [s] */
     double penalty;
     double quadratic;
     double tolerance;
-    double first_complementarity;
+    double complementarity; /* t l of the first point */
+    int again;              /* begin at slacks and multipliers of the last solution */
     const double *source; /* N columns: the linearisation */
     const double *u;      /* N x NU: the iterate */
     const double *u_last; /* NU: the input before */
@@ -95,36 +123,34 @@ typedef struct {
     double *du;           /* N x NU: steps of u */
 } Program;
 
-/* A stage function over all stages; `kernel.py` has the same structure. */
-typedef struct {
-    int N;
-    int inputs;
-    int outputs;
-    double *const *base; /* array n, inputs first, of stage i starts at base[n] + i * stride[n] */
-    const int *stride;
-    long long *iw; /* memory of the function */
-    double *w;
-} Sweep;
-
-/* Generated by CasADi: one stage. */
-typedef int Function(const double **arg, double **res, long long *iw, double *w, int mem);
-Function linearise, evaluate;
-
-static void sweep(const Sweep *s, Function *function) {
-    const double *arg[MAX_ARGUMENTS];
-    double *res[MAX_ARGUMENTS];
-    for (int i = 0; i < s->N; i++) {
-        for (int n = 0; n < s->inputs; n++) arg[n] = s->base[n] + (size_t)i * s->stride[n];
-        for (int n = 0; n < s->outputs; n++)
-            res[n] = s->base[s->inputs + n] + (size_t)i * s->stride[s->inputs + n];
-        function(arg, res, s->iw, s->w, 0);
-    }
-}
-
-void sweep_linearise(const Sweep *s) { sweep(s, linearise); }
-void sweep_evaluate(const Sweep *s) { sweep(s, evaluate); }
-
 size_t stage_bytes(void) { return sizeof(Stage); }
+
+/* Set the rows in reach of one slack's kind, margins from..to, after `filled` others. */
+static void load_rows(const Program *p, Stage *g, const double *column, int kind, int from, int to,
+                      int filled) {
+    double dense[MAX_ROWS][3];
+    memset(dense, 0, p->rows * sizeof dense[0]);
+    for (int n = 0; n < p->slope.count; n++)
+        dense[p->slope.rows[n]][p->slope.columns[n]] = column[p->slope.offset + n];
+    int n = filled;
+    for (int row = from; row < to; row++) {
+        double margin = column[p->margin.offset + row];
+        if (margin > OUT_OF_REACH) continue;
+        for (int d = 0; d < 3; d++) g->slope[n][d] = g->along[d][n] = dense[row][d];
+        g->slope[n][3] = 0.0;
+        g->row[n] = row;
+        g->real[BOUNDS + n] = 1.0;
+        g->a[BOUNDS + n++] = margin;
+    }
+    g->slacks[kind] = n > filled;
+    for (; n % 4; n++) {
+        memset(g->slope[n], 0, sizeof g->slope[n]);
+        for (int d = 0; d < 3; d++) g->along[d][n] = 0.0;
+        g->real[BOUNDS + n] = 0.0;
+        g->a[BOUNDS + n] = 1.0;
+    }
+    g->rows[kind] = n - filled;
+}
 
 /* Set the data of all stages. */
 static void load(const Program *p, Stage *stages) {
@@ -135,23 +161,28 @@ static void load(const Program *p, Stage *stages) {
         memset(g->F, 0, sizeof g->F);
         memset(g->Ft, 0, sizeof g->Ft);
         memset(g->Hx, 0, sizeof g->Hx);
+        memset(g->gx, 0, sizeof g->gx);
+        memset(g->gap, 0, sizeof g->gap);
         for (int n = 0; n < p->dynamics.count; n++) {
-            int row = p->dynamics.rows[n], column = p->dynamics.columns[n];
-            g->F[row][column] = g->Ft[column][row] = c[p->dynamics.offset + n];
+            int row = PLACE(p->dynamics.rows[n]), column = PLACE(p->dynamics.columns[n]) - 8;
+            if (column >= 0) g->F[row][column] = g->Ft[column][row] = c[p->dynamics.offset + n];
         }
-        memcpy(g->gap, c + p->gap.offset, sizeof g->gap);
         double hu[NU] = {0}, hb[NU] = {0};
         for (int n = 0; n < p->hessian.count; n++) {
             int r = p->hessian.rows[n], k = p->hessian.columns[n];
             double h = c[p->hessian.offset + n];
-            if (r >= LOCAL_NEXT && k >= LOCAL_NEXT)
-                g->Hx[r - LOCAL_NEXT][k - LOCAL_NEXT] = g->Hx[k - LOCAL_NEXT][r - LOCAL_NEXT] = h;
-            else if (r == k && r >= LOCAL_U && r < LOCAL_U + NU) hu[r - LOCAL_U] = h;
+            if (r >= LOCAL_NEXT && k >= LOCAL_NEXT) {
+                int row = PLACE(r - LOCAL_NEXT), column = PLACE(k - LOCAL_NEXT);
+                g->Hx[row][column] = g->Hx[column][row] = h;
+            } else if (r == k && r >= LOCAL_U && r < LOCAL_U + NU) hu[r - LOCAL_U] = h;
             else if (r == k && r >= LOCAL_BEFORE && r < LOCAL_BEFORE + NU)
                 hb[r - LOCAL_BEFORE] = h;
         }
         const double *gradient = c + p->gradient.offset;
-        for (int n = 0; n < NX; n++) g->gx[n] = gradient[LOCAL_NEXT + n];
+        for (int n = 0; n < NX; n++) {
+            g->gap[PLACE(n)] = c[p->gap.offset + n];
+            g->gx[PLACE(n)] = gradient[LOCAL_NEXT + n];
+        }
         for (int n = 0; n < NU; n++) {
             double b = gradient[LOCAL_BEFORE + n];
             g->He[n] = hu[n] - hb[n];
@@ -164,93 +195,98 @@ static void load(const Program *p, Stage *stages) {
             g->a[8 + n] = p->change[n] + v;
             g->a[12 + n] = p->change[n] - v;
         }
-        double dense[MAX_ROWS][3];
-        memset(dense, 0, sizeof dense);
-        for (int n = 0; n < p->slope.count; n++)
-            dense[p->slope.rows[n]][p->slope.columns[n]] = c[p->slope.offset + n];
-        g->rows = g->slacks[0] = g->slacks[1] = 0;
-        for (int n = 0; n < p->rows; n++) {
-            double margin = c[p->margin.offset + n];
-            int kind = n >= p->agents;
-            if (margin > OUT_OF_REACH || (!kind && i >= p->agent_stages)) continue;
-            memcpy(g->slope[g->rows], dense[n], sizeof dense[n]);
-            g->kind[g->rows] = kind;
-            g->a[BOUNDS + g->rows++] = margin;
-            g->slacks[kind] = 1;
+        for (int n = 0; n < BOUNDS; n++) g->real[n] = 1.0;
+        load_rows(p, g, c, 0, 0, i < p->agent_stages ? p->agents : 0, 0);
+        load_rows(p, g, c, 1, p->agents, p->rows, g->rows[0]);
+        int slacks = BOUNDS + g->rows[0] + g->rows[1];
+        g->constraints = slacks + 4;
+        for (int n = 0; n < 4; n++) {
+            g->real[slacks + n] = n < 2 && g->slacks[n];
+            g->a[slacks + n] = g->real[slacks + n] ? 0.0 : 1.0;
         }
-        g->a[BOUNDS + g->rows] = g->a[BOUNDS + g->rows + 1] = 0.0;
     }
+}
+
+/* sum += weight * row, of `count` numbers. */
+static inline void add(Lanes *sum, double weight, const double *row, int count) {
+    for (int v = 0; v < count / WIDTH; v++) sum[v] += weight * AT(row, v);
+}
+
+static inline void put(double *out, const Lanes *in, int count) {
+    for (int v = 0; v < count / WIDTH; v++) AT(out, v) = in[v];
 }
 
 /* Values a.y of all constraints of a stage at (x, w, s) with w_before. */
-static void values(const Stage *g, const double *x, const double *w, const double *s,
-                   const double *before, double *out) {
-    for (int n = 0; n < NU; n++) {
-        double v = w[n] - before[n];
-        out[n] = w[n];
-        out[4 + n] = -w[n];
-        out[8 + n] = v;
-        out[12 + n] = -v;
+static inline void values(const Stage *g, const double *x, const double *w, const double *s,
+                          const double *before, double *out) {
+    for (int n = 0; n < NU / WIDTH; n++) {
+        Lanes here = AT(w, n), change = here - AT(before, n);
+        AT(out, n) = here, AT(out + 4, n) = -here, AT(out + 8, n) = change, AT(out + 12, n) = -change;
     }
-    for (int n = 0; n < g->rows; n++) {
-        const double *d = g->slope[n];
-        out[BOUNDS + n] = d[0] * x[0] + d[1] * x[1] + d[2] * x[2] + s[g->kind[n]];
-    }
-    out[BOUNDS + g->rows] = s[0];
-    out[BOUNDS + g->rows + 1] = s[1];
-}
-
-static int constraints(const Stage *g) { return BOUNDS + g->rows + 2; }
-
-/* Cost of slack kind k counts only where a row uses it; else its bound is switched off. */
-static int used(const Stage *g, int c) {
-    return c < BOUNDS + g->rows || g->slacks[c - BOUNDS - g->rows];
+    int first = g->rows[0] / WIDTH, all = first + g->rows[1] / WIDTH;
+    for (int n = 0; n < all; n++)
+        AT(out + BOUNDS, n) = AT(g->along[0], n) * x[0] + AT(g->along[1], n) * x[1] +
+                              AT(g->along[2], n) * x[2] + s[n >= first];
+    double *slacks = out + BOUNDS + all * WIDTH;
+    slacks[0] = s[0], slacks[1] = s[1], slacks[2] = slacks[3] = 0.0;
 }
 
 /* Stage Hessian (with barrier) into P, and the parts that depend on gamma only. */
-static void add_hessian(Stage *g, double quadratic, double P[NZ][PAD]) {
-    const double *m = g->gamma;
-    for (int r = 0; r < NX; r++)
-        for (int c = 0; c < NX; c++) P[r][c] += g->Hx[r][c];
+static inline void add_hessian(Stage *g, double quadratic, double P[PZ][PZ]) {
+    const double *m = g->gamma, *weight = m + BOUNDS;
+    for (int r = 0; r < PX; r++)
+        for (int v = 0; v < PX / WIDTH; v++) AT(P[r], v) += AT(g->Hx[r], v);
     for (int n = 0; n < NU; n++) {
-        P[NX + n][NX + n] += g->He[n] + m[n] + m[4 + n];
+        P[PX + n][PX + n] += g->He[n] + m[n] + m[4 + n];
         g->R[n] = g->Hr[n] + m[8 + n] + m[12 + n];
     }
-    double pp[3][3] = {{0}};
+    double Hs[2];
+    Lanes pp[3][4 / WIDTH] = {{{0}}};
+    const double(*slope)[4] = g->slope;
     for (int k = 0; k < 2; k++) {
-        g->Hs[k] = quadratic + m[BOUNDS + g->rows + k];
-        g->Hps[k][0] = g->Hps[k][1] = g->Hps[k][2] = 0.0;
-    }
-    for (int n = 0; n < g->rows; n++) {
-        const double *d = g->slope[n], weight = m[BOUNDS + n];
-        int k = g->kind[n];
-        g->Hs[k] += weight;
-        for (int r = 0; r < 3; r++) {
-            g->Hps[k][r] += weight * d[r];
-            for (int c = 0; c < 3; c++) pp[r][c] += weight * d[r] * d[c];
+        double sum = quadratic;
+        Lanes coupling[4 / WIDTH] = {{0}};
+        for (int n = 0; n < g->rows[k]; n++) {
+            sum += weight[n];
+            add(coupling, weight[n], slope[n], 4);
+            for (int r = 0; r < 3; r++) add(pp[r], weight[n] * slope[n][r], slope[n], 4);
         }
+        slope += g->rows[k];
+        weight += g->rows[k];
+        Hs[k] = sum;
+        put(g->Hps[k], coupling, 4);
+    }
+    for (int k = 0; k < 2; k++) {
+        g->by_Hs[k] = 1.0 / (Hs[k] + weight[k]);
+        for (int r = 0; r < 3; r++) add(pp[r], -g->Hps[k][r] * g->by_Hs[k], g->Hps[k], 4);
     }
     for (int r = 0; r < 3; r++)
-        for (int c = 0; c < 3; c++)
-            P[r][c] += pp[r][c] - g->Hps[0][r] * g->Hps[0][c] / g->Hs[0] -
-                       g->Hps[1][r] * g->Hps[1][c] / g->Hs[1];
+        for (int v = 0; v < 4 / WIDTH; v++) AT(P[r], v) += pp[r][v];
 }
 
 /* Stage gradient (with barrier) into p, by the pushes. */
-static void add_gradient(Stage *g, double penalty, double *p) {
-    const double *q = g->push;
-    for (int n = 0; n < NX; n++) p[n] += g->gx[n];
-    for (int n = 0; n < NU; n++) {
-        p[NX + n] += g->ge[n] - q[n] + q[4 + n];
-        g->r[n] = g->gr[n] - q[8 + n] + q[12 + n];
+static inline void add_gradient(Stage *g, double penalty, double p[PZ]) {
+    const double *q = g->push, *push = q + BOUNDS;
+    const double(*slope)[4] = g->slope;
+    Lanes by_rows[4 / WIDTH] = {{0}};
+    for (int v = 0; v < PX / WIDTH; v++) AT(p, v) += AT(g->gx, v);
+    for (int v = 0; v < NU / WIDTH; v++) {
+        AT(p + PX, v) += AT(g->ge, v) - AT(q, v) + AT(q + 4, v);
+        AT(g->r, v) = AT(g->gr, v) - AT(q + 8, v) + AT(q + 12, v);
     }
-    for (int k = 0; k < 2; k++)
-        g->gs[k] = g->slacks[k] ? penalty - q[BOUNDS + g->rows + k] : 0.0;
-    for (int n = 0; n < g->rows; n++) {
-        const double *d = g->slope[n], push = q[BOUNDS + n];
-        g->gs[g->kind[n]] -= push;
-        for (int r = 0; r < 3; r++) p[r] -= push * d[r];
+    for (int k = 0; k < 2; k++) {
+        double sum = penalty;
+        for (int n = 0; n < g->rows[k]; n++) {
+            add(by_rows, -push[n], slope[n], 4);
+            sum -= push[n];
+        }
+        slope += g->rows[k];
+        push += g->rows[k];
+        g->gs[k] = sum;
     }
-    for (int k = 0; k < 2; k++)
-        for (int r = 0; r < 3; r++) p[r] -= g->Hps[k][r] * g->gs[k] / g->Hs[k];
+    for (int k = 0; k < 2; k++) {
+        g->gs[k] = g->slacks[k] ? g->gs[k] - push[k] : 0.0;
+        add(by_rows, -g->gs[k] * g->by_Hs[k], g->Hps[k], 4);
+    }
+    for (int v = 0; v < 4 / WIDTH; v++) AT(p, v) += by_rows[v];
 }

@@ -32,6 +32,9 @@ DAMPING = 1e-6
 # The bounds on the input are tightened by this: the solvers' tolerance.
 TIGHT = 2e-5
 
+# PIQP's iterations for one of the kernel's: the limit of work is to end both after as many steps.
+_KERNELS = 2
+
 # Rows, columns and sources of some entries of a matrix.
 Entries = tuple[Indices, Indices, Indices]
 
@@ -244,11 +247,13 @@ class Program:
         self.x_u = np.full(self.where.size, np.inf)
         self.x_l[self.where.slack] = 0.0
 
-    def solve(self, u: Vector, u_last: Vector) -> tuple[Vector, Vector] | None:
+    def solve(
+        self, u: Vector, u_last: Vector, *, again: bool = False
+    ) -> tuple[Vector, Vector] | None:
         """Return the steps (dx of x_1…x_N, du) from the linearisation in `source`, or None.
 
-        u (N,4): the iterate. u_last (4,): the input before, within its bounds. None: PIQP found no
-        solution.
+        u (N,4): the iterate. u_last (4,): the input before, within its bounds. again: the iterate
+        is the last one and its step; PIQP makes no use of it. None: PIQP found no solution.
         """
         source = self.source
         for matrix in (self.P, self.A, self.G):
@@ -271,7 +276,7 @@ class Program:
             self.solver.setup(*data, *sides)
             self._ready = True
         status = self.solver.solve()
-        self.iterations = self.solver.result.info.iter
+        self.iterations = self.solver.result.info.iter // _KERNELS
         if status != self._solved:
             return None
         step = self.solver.result.x

@@ -6,7 +6,8 @@ pressed hard against the curvature of the dynamics. After more steps than a tick
 optimum, only the part of each step that makes the plan cheaper is taken.
 
 A plan that intrudes on others may be a bad local minimum. It is then compared with the plan that
-follows from braking to a halt, and the cheaper of the two flies.
+follows from braking to a halt, and the cheaper of the two flies. A tick has a limit of work; what
+is unfinished of the second start is shifted and goes on in the next tick, which both share.
 
 All iterations end by count, never by the clock: the same instances give the same plans, bit for
 bit. Source: Diehl, Bock and Schlöder, "A real-time iteration scheme for nonlinear optimization in
@@ -21,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.control.nmpc.compiled import library
+from companion.control.nmpc.compiled import library, program_library
 from companion.control.nmpc.config import NmpcConfig
 from companion.control.nmpc.instance import Instance
 from companion.control.nmpc.kernel import CompiledProgram
@@ -48,6 +49,31 @@ LEAST_LENGTH = 1e-3
 FULL_STEPS = 20  # from a guess; later steps are shortened
 HALVINGS = 10  # of a later step
 LEAST_GAIN = 1e-8  # share of the cost that a later step gains; less: the optimum is found
+
+
+# Work beside iterations, in interior-point iterations: as much time.
+_STEP_WORK = 2  # of an SQP step: linearisation
+_START_WORK = 5  # of a second start: guess, cost, intrusion
+_FIRST_STEP = 18  # of a second start's first step, hard as it is: enough for most
+
+
+@dataclass
+class _Work:
+    """The work of a tick, in interior-point iterations: done, of the next step as far as known."""
+
+    limit: int = 0
+    done: int = 0
+    next_step: int = 0
+
+    @property
+    def left(self) -> bool:
+        """Whether the next step stays within the limit."""
+        return self.done + self.next_step <= self.limit
+
+    def add_step(self, iterations: int) -> None:
+        """Add a step; the next one will be about as hard."""
+        self.next_step = iterations + _STEP_WORK
+        self.done += self.next_step
 
 
 @dataclass(frozen=True)
@@ -94,26 +120,30 @@ class Nmpc:
     ) -> None:
         """Build the solver.
 
-        compiled: use a C compiler if there is one; `backend` says whether there was. The first
-        start with a new size of problem then takes seconds, later ones read the cache.
+        compiled: use a kernel of this problem, or a C compiler if there is one. The first start
+        with a new size of problem then takes seconds, later ones read the cache. `backend` says
+        what was found: `compiled`; `wheel`, which solves the quadratic programs alone; or `piqp`.
         """
         self.config = config
         self._clock = clock
         stage = build_stage(config)
         found = library(stage, config) if compiled else None
-        self.backend = "piqp" if found is None else "compiled"
+        solving = found or program_library(stage, config)
+        self.backend = "compiled" if found else "wheel" if solving else "piqp"
         self._program: Program | CompiledProgram = (
-            Program(config, stage) if found is None else CompiledProgram(config, stage, found)
+            CompiledProgram(config, stage, solving) if solving else Program(config, stage)
         )
         linearised = self._program.source[: config.N * stage.size]
         self._stages = Stages(config, stage, linearised, found)
         self._plan: Trajectory | None = None
-        self._other: Trajectory | None = None  # the second start that the last tick broke off
-        self._work = 0  # interior-point iterations of this tick
+        self._second_waits = False  # the last tick had no room for the second start, or for its end
+        self._second: Trajectory | None = None  # where it broke off
+        self._work = _Work()
 
     def reset(self) -> None:
         """Forget the previous plan: the next solve starts cold."""
-        self._plan = self._other = None
+        self._plan = self._second = None
+        self._second_waits = False
 
     def solve(self, instance: Instance) -> Plan:
         """Return the plan of an instance, one step after the previous one.
@@ -126,9 +156,10 @@ class Nmpc:
 
     def _solve(self, instance: Instance, started: float) -> Plan:
         config, stages, program = self.config, self._stages, self._program
-        self._work = 0
-        self._plan, self._other = (
-            None if plan is None else shifted(plan, config.dt) for plan in (self._plan, self._other)
+        self._work = _Work(config.work_max)
+        self._plan, self._second = (
+            None if plan is None else shifted(plan, config.dt)
+            for plan in (self._plan, self._second)
         )
         u_last = np.clip(instance.u_last, program.u_min, program.u_max)
         x0 = instance.x0.copy()
@@ -156,39 +187,57 @@ class Nmpc:
 
     def _best(self, instance: Instance, x0: Vector, u_last: Vector) -> _Descent | None:
         """Return the descent from the previous plan or, where that intrudes, a cheaper one."""
-        config = self.config
+        config, work = self.config, self._work
         if self._plan is None:
             guess, most = cold_guess(config, instance, x0), config.sqp_iterations_cold
         else:
             guess, most = self._plan, config.sqp_iterations_max
-        best = self._descend(guess, x0, u_last, most)
-        carried, self._other = self._other, None
+        waited, self._second_waits = self._second_waits, False
+        if waited:
+            work.limit -= _START_WORK + _FIRST_STEP
+        best = self._descend(guess, x0, u_last, config.sqp_iterations, most)
         if best is not None and best.intrusion(config.planes) <= config.rescue_slack:
+            self._second = None
             return best
-        guess = brake_guess(config, x0) if carried is None else carried
-        other = self._descend(guess, x0, u_last, config.sqp_iterations_rescue)
-        if best is None or (other is not None and other.merit(config) < best.merit(config)):
-            return other
-        if other is not None and self._work >= config.work_max:
-            self._other = other.plan
+        work.limit = config.work_max
+        work.done += _START_WORK
+        work.next_step = _FIRST_STEP
+        if best is None or waited or work.left:
+            return self._cheaper(best, x0, u_last)
+        self._second_waits = True
         return best
 
-    def _descend(self, guess: Trajectory, x0: Vector, u_last: Vector, most: int) -> _Descent | None:
-        """Return the end of `sqp_iterations`…`most` steps from a guess; None where all fail.
+    def _cheaper(self, best: _Descent | None, x0: Vector, u_last: Vector) -> _Descent | None:
+        """Return `best`, or the end of a second start: from braking, or where it broke off."""
+        config = self.config
+        guess, self._second = self._second or brake_guess(config, x0), None
+        second = self._descend(guess, x0, u_last, 1, config.sqp_iterations_rescue)
+        if best is None or second is None:
+            return best or second
+        if second.merit(config) < best.merit(config):
+            return second
+        if second.step_norm > config.step_tolerance:
+            self._second, self._second_waits = second.plan, True
+        return best
+
+    def _descend(
+        self, guess: Trajectory, x0: Vector, u_last: Vector, least: int, most: int
+    ) -> _Descent | None:
+        """Return the end of `least`…`most` steps from a guess; None where all fail.
 
         Where a later step fails, the earlier ones stand.
         """
         config, stages = self.config, self._stages
         self._start_from(guess, x0)
         iterations, step_norm = 0, math.inf
-        while iterations < config.sqp_iterations or (
-            iterations < most and step_norm > config.step_tolerance and self._work < config.work_max
+        while iterations < least or (
+            iterations < most and step_norm > config.step_tolerance and self._work.left
         ):
             if iterations >= FULL_STEPS:
                 stages.roll_out()
             stages.linearise()
-            found = self._program.solve(stages.u, u_last)
-            self._work += abs(self._program.iterations)
+            found = self._program.solve(stages.u, u_last, again=iterations > 0)
+            self._work.add_step(abs(self._program.iterations))
             if found is None:
                 step_norm = math.inf
                 break

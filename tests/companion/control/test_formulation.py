@@ -3,7 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.control.formulation import position_velocity_sigma, widened
+from companion.control.formulation import Formulation, position_velocity_sigma, widened
+from companion.control.nmpc import NmpcConfig
+from companion.estimation.prediction import Prediction
+from companion.guidance.fence import FenceConfig
+from companion.guidance.guidance import Reference
+from companion.guidance.reciprocity import ReciprocityConfig
+from companion.model import HOVER
 from companion.types import Obstacles
 from tests.companion.tracks import OWN, track
 
@@ -18,7 +24,8 @@ def test_the_doubt_of_a_neighbour_out_of_sight_claims_free_room_only():
 
 
 def obstacles(cylinders, sigmas):
-    return Obstacles(np.array(cylinders), np.zeros((0, 4)), np.zeros((0, 3)), np.array(sigmas))
+    places = np.array(cylinders).reshape(-1, 3)
+    return Obstacles(places, np.zeros((0, 4)), np.zeros((0, 3)), np.array(sigmas))
 
 
 def test_doubt_of_a_trunk_widens_it_and_never_takes_room_that_is_in_use():
@@ -35,3 +42,21 @@ def test_doubt_does_not_close_the_way_between_two_trunks():
     pair = obstacles([[6.0, 1.2, 0.3], [6.0, -1.2, 0.3]], [0.6, 0.6])  # 1.8 m apart, 1.2 m kept
     wide = widened(pair, OWN.p, 1.0, 0.6)
     assert 2.4 - wide[:, 2].sum() >= 1.2 + 0.29
+
+
+def reference(land):
+    """Hover at the last goal."""
+    return Reference(
+        None, OWN.p, OWN.p, (), 0.0, 1.0, "", 1.8, [], [], frozenset(), obstacles([], []), land
+    )
+
+
+def test_a_drone_that_lands_has_no_floor():
+    """It is below the flying height then, from where plans are hard to make and not flown."""
+    formulation = Formulation(NmpcConfig(), FenceConfig(), ReciprocityConfig())
+    ahead = Prediction(np.r_[OWN.p, OWN.v, OWN.q_wb], HOVER, np.zeros(3), 0.0)
+    for land, floors in ((False, 1), (True, 0)):
+        instance = formulation.instance(OWN, reference(land), ahead)
+        planes = instance.planes[instance.plane_active > 0]
+        assert (planes[:, 2] < -0.5).sum() == floors
+        assert (planes[:, 2] > 0.5).sum() == 1

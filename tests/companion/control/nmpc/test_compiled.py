@@ -116,7 +116,11 @@ def test_a_broken_library_is_compiled_again(cache, monkeypatch):
 )
 def test_both_paths_agree_at_other_sizes(sizes):
     config = NmpcConfig(
-        **sizes, sqp_iterations_cold=100, sqp_iterations_rescue=100, step_tolerance=1e-3
+        **sizes,
+        sqp_iterations_cold=100,
+        sqp_iterations_rescue=100,
+        step_tolerance=1e-3,
+        work_max=100_000,
     )
     instance = random_scene(3, config)
     a, b = Nmpc(config).solve(instance), Nmpc(config, compiled=False).solve(instance)

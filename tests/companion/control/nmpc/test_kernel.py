@@ -10,7 +10,8 @@ import pytest
 from companion.control.nmpc import kernel
 from companion.model import NU
 
-STAGE = (Path(kernel.__file__).parent / "kernel_stage.c").read_text()
+FILES = (*kernel.PROGRAM_FILES, kernel.SWEEP_FILE)
+SOURCE = "\n".join((Path(kernel.__file__).parent / name).read_text() for name in FILES)
 TYPES = {
     "int": c_int,
     "double": c_double,
@@ -27,7 +28,7 @@ TYPES = {
 
 def fields(name):
     """Names and types of a structure in C, one field a line."""
-    body = re.search(rf"typedef struct {{([^}}]*)}} {name};", STAGE)[1]
+    body = re.search(rf"typedef struct {{([^}}]*)}} {name};", SOURCE)[1]
     lines = [line.split("/*")[0].strip().rstrip(";") for line in body.strip().splitlines()]
     declared = [re.fullmatch(r"(.*?)(\w+)(\[\w+\])?", line).groups() for line in lines]
     return [(field, TYPES[kind.strip() + (size or "")]) for kind, field, size in declared]
@@ -48,7 +49,6 @@ def test_each_structure_has_the_same_fields_in_c(name, structure):
 
 def test_no_size_is_written_in_c():
     """All sizes come by -D from Python."""
-    source = STAGE + (Path(kernel.__file__).parent / "kernel_solve.c").read_text()
     for name in kernel.SIZES:
-        assert re.search(rf"\b{name}\b", source), name
-        assert not re.search(rf"#define {name}\b", source), name
+        assert re.search(rf"\b{name}\b", SOURCE), name
+        assert not re.search(rf"#define {name}\b", SOURCE), name

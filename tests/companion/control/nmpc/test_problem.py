@@ -105,3 +105,15 @@ def test_curvature_of_a_hinge_is_at_least_its_own():
         assert model >= (before - 2 * here + after) / h**2 - 1e-2
         pressed += here > 0.1
     assert pressed > 50
+
+
+def test_position_and_velocity_are_a_double_integrator():
+    """The kernel knows these columns of [A B], and multiplies by the others alone."""
+    vectors = arguments(random_scene(5), 3, np.random.default_rng(5))
+    entries = np.array(STAGE.linearise(*vectors)).ravel()[STAGE.dynamics.offset :]
+    dynamics = np.zeros((NX, NX + NU))
+    rows, columns = STAGE.dynamics.rows, STAGE.dynamics.columns
+    dynamics[rows, columns] = entries[: len(rows)]
+    eye = np.eye(3)
+    integrator = np.block([[eye, CONFIG.dt * eye], [0 * eye, eye], [np.zeros((4, 6))]])
+    np.testing.assert_allclose(dynamics[:, :6], integrator, atol=1e-12)
