@@ -158,6 +158,23 @@ def test_a_worker_that_dies_between_flights_costs_no_flight(scenario, tmp_path):
     assert sorted(executor.stored) == sorted(told) == [0, 1, 2, 3]
 
 
+class Lost(Fragile):
+    """A cluster whose scheduler ends: all that it was given is cancelled."""
+
+    def submit(self, job):
+        future = Future()
+        future.cancel()
+        future.set_running_or_notify_cancel()
+        return future
+
+
+def test_flights_of_a_lost_scheduler_say_so(scenario, tmp_path):
+    flights = Campaign(scenario, [], 3, 0, tmp_path)
+    told = {}
+    broken = run(flights, Lost(), told.__setitem__)
+    assert broken == told == dict.fromkeys(range(3), "the scheduler was lost")
+
+
 def test_a_worker_that_dies_takes_no_other_flight_with_it(scenario, tmp_path):
     told, executor = {}, Fragile()
     flights = Campaign(scenario, [], 6, 0, tmp_path)
