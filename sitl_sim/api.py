@@ -248,18 +248,20 @@ def campaign(
     workers: int | None = None,
     scheduler: str | None = None,
     processes: bool = False,
+    table: bool = False,
     progress: Callable[[int, str], None] = lambda seed, result: None,
 ) -> CampaignResult:
     """Fly `runs` seeds from `seed` on; flights that exist in the folder are not flown again.
 
     out: folder of the campaign; else runs/campaign-NAME. workers: flights at a time; else one for
-    each core. scheduler: tcp://HOST:PORT of a Dask cluster. progress: called with each finished
-    seed and its result.
+    each core. scheduler: tcp://HOST:PORT of a Dask cluster. table: keep `flights.parquet` in the
+    folder. progress: called with each finished seed and its result.
 
     Raises:
         SettingsError: bad input, a module is not installed, or the folder holds another campaign.
     """
-    require("numba", "plotly", *(["distributed"] if scheduler else []))
+    optional = {"distributed": scheduler, "pyarrow": table}
+    require("numba", "plotly", *(module for module, asked in optional.items() if asked))
     from sitl_sim.campaigns.campaign import Campaign
     from sitl_sim.campaigns.fly import fly as fly_campaign
 
@@ -275,7 +277,7 @@ def campaign(
     def told(total: int, done: int) -> Iterator[Callable[[int, str], None]]:
         yield progress
 
-    summary = fly_campaign(wanted, workers or os.cpu_count() or 1, scheduler, told)
+    summary = fly_campaign(wanted, workers or os.cpu_count() or 1, scheduler, told, table)
     places = {s: wanted.run_folder(s) for s in wanted.seeds}
     flights = {
         s: FlightResult(place, json.loads((place / "metrics.json").read_text("utf-8")))

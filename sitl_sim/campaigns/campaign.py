@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -96,7 +96,7 @@ def run(
                     if not alone:
                         suspects.append(job)
                         continue
-                not_flown[job.seed] = " ".join(f"{type(error).__name__}: {error}".split())
+                not_flown[job.seed] = _why(error)
                 done(job.seed, not_flown[job.seed])
                 continue
             metrics = metrics_of(Path(job.folder))
@@ -106,3 +106,10 @@ def run(
             flying.clear()
             executor.restart()
     return not_flown
+
+
+def _why(error: Exception) -> str:
+    """Return why a flight was not flown, as one line."""
+    if isinstance(error, CancelledError):  # nobody here cancels a flight
+        return "the scheduler was lost"
+    return " ".join(f"{type(error).__name__}: {error}".split())

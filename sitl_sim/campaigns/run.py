@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from mavlink_bridge.shared.settings import SettingsError
+from sitl_sim.campaigns.cost import measured
 
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
@@ -50,7 +51,7 @@ def fly(job: Job) -> None:
         SettingsError, EndpointError, VideoError: bad input.
         RuntimeError: a companion did not start; with the end of its output.
     """
-    with _whole(Path(job.folder)) as unfinished:
+    with _whole(Path(job.folder)) as unfinished, measured(unfinished):
         _fly(job, unfinished)
 
 

@@ -73,6 +73,8 @@ def table(s: dict[str, Any]) -> str:
         ("longest standstill of one / all, most", " / ".join(map(_number, standstills)) + " s"),
         ("speed while moving", f"{_number(s['mean_speed_m_s'])} m/s"),
         ("order / union / connectivity", " / ".join(map(_number, flocking))),
+        ("processor / wall time of a flight", _cost(s, ("processor_s", "wall_s")) + " s, mean"),
+        ("flights per core and hour", _cost(s, ("flights_per_core_hour",))),
         ("solve, p50 / p99", " / ".join(_number(s["solve_ms"][k]) for k in ("p50", "p99")) + " ms"),
         *((f"seed {seed}", "; ".join(why)) for seed, why in s["failures"].items()),
         *((f"seed {seed} not flown", why) for seed, why in s["not_flown"].items()),
@@ -91,6 +93,10 @@ def _spread(values: Iterable[float | None]) -> dict[str, float | None]:
 def _mean(values: Iterable[float | None]) -> float | None:
     known = [v for v in values if v is not None]
     return float(np.mean(known)) if known else None
+
+
+def _cost(s: dict[str, Any], keys: tuple[str, ...]) -> str:
+    return " / ".join(_number(s["cost"][key]) for key in keys)
 
 
 def _number(value: float | None) -> str:

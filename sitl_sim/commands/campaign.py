@@ -45,6 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--in-process", action="store_true", help="a flight's companions in one process: faster"
     )
+    parser.add_argument(
+        "--table", action="store_true", help="a row per flight in DIR/flights.parquet, as it flies"
+    )
     parser.add_argument("--json", action="store_true", help="print summary.json, not a table")
 
 
@@ -54,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         SettingsError: bad input.
     """
-    require_for_campaigns(options.scheduler)
+    require_for_campaigns(options.scheduler, options.table)
     from sitl_sim.campaigns.campaign import Campaign
     from sitl_sim.campaigns.summary import table
 
@@ -68,23 +71,27 @@ def run(options: argparse.Namespace) -> int:
         options.in_process,
     )
     require_controller(campaign.controller)
-    result = fly(campaign, options.workers or os.cpu_count() or 1, options.scheduler)
+    workers = options.workers or os.cpu_count() or 1
+    result = fly(campaign, workers, options.scheduler, options.table)
     print(json.dumps(result, indent=1) if options.json else table(result))
     if not options.json and result["flown"]:
         print(f"{folder / 'campaign.html'}")
     return EXIT_OK if result["ok"] == result["runs"] else EXIT_FELL_SHORT
 
 
-def require_for_campaigns(scheduler: str | None) -> None:
+def require_for_campaigns(scheduler: str | None, with_table: bool = False) -> None:
     """Refuse to start where a module that campaigns need is not installed.
 
     Raises:
         SettingsError: the missing modules and the command that installs them.
     """
-    require("numba", "plotly", "tqdm", *(["distributed"] if scheduler else []))
+    optional = {"distributed": scheduler, "pyarrow": with_table}
+    require("numba", "plotly", "tqdm", *(module for module, asked in optional.items() if asked))
 
 
-def fly(campaign: Campaign, workers: int, scheduler: str | None = None) -> dict[str, Any]:
+def fly(
+    campaign: Campaign, workers: int, scheduler: str | None = None, with_table: bool = False
+) -> dict[str, Any]:
     """Fly what is missing, showing each run; return the summary.
 
     Raises:
@@ -92,7 +99,7 @@ def fly(campaign: Campaign, workers: int, scheduler: str | None = None) -> dict[
     """
     from sitl_sim.campaigns.fly import fly as fly_campaign
 
-    return fly_campaign(campaign, workers, scheduler, run_progress)
+    return fly_campaign(campaign, workers, scheduler, run_progress, with_table)
 
 
 def _default_folder(options: argparse.Namespace) -> Path:

@@ -10,10 +10,12 @@ from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
+import pyarrow.parquet
 import pytest
 
 from sitl_sim.__main__ import main
 from sitl_sim.campaigns.campaign import Campaign, run
+from tests.sitl_sim.campaigns.cluster import Cluster
 
 SCENARIO = """
 fileversion: 1
@@ -51,6 +53,10 @@ def truths(folder):
         m["seed"]: m["truth_sha256"]
         for m in (json.loads(p.read_text()) for p in sorted(folder.glob("*/metrics.json")))
     }
+
+
+def table_of(folder):
+    return pyarrow.parquet.read_table(folder / "flights.parquet")["seed"].to_pylist()
 
 
 def test_a_campaign_flies_only_the_missing_runs(scenario, tmp_path, capsys):
@@ -152,6 +158,23 @@ def test_a_worker_that_dies_between_flights_costs_no_flight(scenario, tmp_path):
     assert sorted(executor.stored) == sorted(told) == [0, 1, 2, 3]
 
 
+class Lost(Fragile):
+    """A cluster whose scheduler ends: all that it was given is cancelled."""
+
+    def submit(self, job):
+        future = Future()
+        future.cancel()
+        future.set_running_or_notify_cancel()
+        return future
+
+
+def test_flights_of_a_lost_scheduler_say_so(scenario, tmp_path):
+    flights = Campaign(scenario, [], 3, 0, tmp_path)
+    told = {}
+    broken = run(flights, Lost(), told.__setitem__)
+    assert broken == told == dict.fromkeys(range(3), "the scheduler was lost")
+
+
 def test_a_worker_that_dies_takes_no_other_flight_with_it(scenario, tmp_path):
     told, executor = {}, Fragile()
     flights = Campaign(scenario, [], 6, 0, tmp_path)
@@ -205,6 +228,7 @@ def test_an_ended_campaign_is_resumed(scenario, tmp_path, how):
         "--workers",
         "1",
         "--in-process",
+        "--table",
     ]
     process = subprocess.Popen(command)
     deadline = time.monotonic() + 200
@@ -217,60 +241,23 @@ def test_an_ended_campaign_is_resumed(scenario, tmp_path, how):
     assert not open_files_in(out)
     before = truths(out)
     assert 0 < len(before) < 3
+    assert set(table_of(out)) <= set(before)
     said = subprocess.run(command, capture_output=True, text=True, check=False)
     assert said.returncode == 1
     assert len(said.stderr.splitlines()) == 3 - len(before)
     assert truths(out).items() >= before.items()
     assert set(truths(out)) == {0, 1, 2}
+    assert table_of(out) == [0, 1, 2]
 
 
 @pytest.mark.slow
 def test_the_same_truth_on_a_dask_cluster_and_with_processes_side_by_side(scenario, tmp_path):
-    file = tmp_path / "scheduler.json"
-    dask = [
-        sys.executable,
-        "-m",
-        "distributed.cli.dask_scheduler",
-        "--scheduler-file",
-        str(file),
-        "--port",
-        "0",
-        "--no-dashboard",
-    ]
-    worker = [
-        sys.executable,
-        "-m",
-        "distributed.cli.dask_worker",
-        "--scheduler-file",
-        str(file),
-        "--nthreads",
-        "1",
-        "--no-dashboard",
-        "--no-nanny",
-    ]
-    cluster = [subprocess.Popen(dask)]
-    try:
-        while not file.exists():
-            time.sleep(0.1)
-        cluster += [subprocess.Popen(worker) for _ in range(2)]
-        address = json.loads(file.read_text())["address"]
-        main(
-            [
-                "campaign",
-                scenario,
-                "--out",
-                str(tmp_path / "dask"),
-                "--runs",
-                "2",
-                "--scheduler",
-                address,
-            ]
-        )
-    finally:
-        for process in reversed(cluster):
-            process.terminate()
-            process.wait()
-    main(["campaign", scenario, "--out", str(tmp_path / "local"), "--runs", "2", "--workers", "2"])
+    runs = ["campaign", scenario, "--runs", "2", "--out"]
+    with Cluster(tmp_path) as cluster:
+        cluster.join()
+        cluster.join()
+        main([*runs, str(tmp_path / "dask"), "--scheduler", cluster.address])
+    main([*runs, str(tmp_path / "local"), "--workers", "2"])
     campaign(scenario, tmp_path / "one", "--runs", "2")
     found = [truths(tmp_path / name) for name in ("dask", "local", "one")]
     assert set(found[0]) == {0, 1}
