@@ -23,7 +23,7 @@ from sitl_sim.worlds.world import surface_distance
 
 AIRBORNE = 0.3  # m above ground
 MOVING = 0.3  # m/s
-LANDING = 1.5  # m/s: a drone that is faster on the ground, and does not climb, has struck it
+LANDING = (1.5, 1.0)  # m/s down, along: a drone that meets the ground faster has struck it
 REACH = 5.0  # m: two drones within this count as connected
 AGENT_SAFETY, OBSTACLE_SAFETY = 2.5, 1.5  # radii of a drone: 0.5 m and 0.3 m for 0.2 m
 STANDING = 0.5  # m: a drone that stays within this of a place makes no progress
@@ -70,7 +70,7 @@ def safety(
         "largest_estimate_error_m": _largest_error(truth) if believed else None,
         "agent_collisions": sum(d < touch for d, touch in rooms),
         "obstacle_collisions": int((surface.min(axis=0) < radius).sum()),
-        "ground_strikes": int(ground_strikes(above, v).sum()),
+        "ground_strikes": int(ground_strikes(above, v, radius).sum()),
         "min_agent_distance_m": closest[0] if closest else None,
         "min_agent_distance_at": list(closest[1:]) if closest else None,
         "min_obstacle_distance_m": float(surface[nearest]) if near_any else None,
@@ -98,16 +98,16 @@ def _largest_error(truth: dict[str, NDArray[Any]]) -> float:
     return float(np.linalg.norm(truth["estimate"] - truth["position"], axis=-1).max())
 
 
-def ground_strikes(above: Vector, v: Vector) -> NDArray[np.bool_]:
+def ground_strikes(above: Vector, v: Vector, radius: Vector) -> NDArray[np.bool_]:
     """Return (n,) which drones came down faster than a landing, or slid along the ground.
 
-    above: (T,n) m over the ground. v: (T,n,3) m/s. A climb does not count: autopilots take off at
-    any speed.
+    above: (T,n) m over the ground. v: (T,n,3) m/s. radius: (n,) m. Before it has flown, a drone
+    cannot strike: gusts may push one along that takes off.
     """
-    down = np.concatenate([v[..., :2], np.minimum(v[..., 2:], 0.0)], axis=-1)
-    struck: NDArray[np.bool_] = (
-        (above <= AIRBORNE) & (np.linalg.norm(down, axis=-1) > LANDING)
-    ).any(axis=0)
+    been_up = np.maximum.accumulate(above > AIRBORNE, axis=0)
+    down, along = LANDING
+    hard = (v[..., 2] < -down) | (np.linalg.norm(v[..., :2], axis=-1) > along)
+    struck: NDArray[np.bool_] = (been_up & (above < radius) & hard).any(axis=0)
     return struck
 
 

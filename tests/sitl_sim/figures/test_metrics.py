@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from sitl_sim.figures.metrics import certificates, safety, sanity, timing, wilson
+from sitl_sim.figures.metrics import certificates, ground_strikes, safety, sanity, timing, wilson
 from tests.sitl_sim import flights
 
 DT = 0.02
@@ -143,7 +143,7 @@ def test_a_drone_that_never_sets_out_is_no_deadlock_of_the_others():
 
 @pytest.mark.parametrize(
     ("low", "forward", "strikes"),
-    [(0.0, 1.0, 1), (0.0, 0.4, 0), (0.5, 1.0, 0)],
+    [(0.0, 1.0, 1), (0.0, 0.4, 1), (0.0, 0.3, 0), (0.5, 1.0, 0)],
 )
 def test_a_drone_that_touches_the_ground_on_its_way_has_struck_it(low, forward, strikes):
     """A take-off at 2 m/s, a dip to `low` [m] at `forward` × 3 m/s, a landing at 1 m/s."""
@@ -216,3 +216,12 @@ def test_ticks_that_were_not_judged_count_with_their_broken_bounds_alone():
     assert found["certified_share"] == pytest.approx(2 / 3)
     assert found["plans_refused"] == {"neighbour": 1}
     assert found["bounds_broken_ticks"] == 2
+
+
+def test_a_drone_that_gusts_push_along_as_it_takes_off_has_struck_nothing():
+    above = np.array([0.0, 0.05, 0.1, 0.25, 0.5, 0.1])[:, None]
+    v = np.zeros((6, 1, 3))
+    v[1:4, 0, 0] = 1.4
+    assert not ground_strikes(above, v, np.array([0.2])).any()
+    v[5, 0, 0] = 1.1
+    assert ground_strikes(above, v, np.array([0.2])).all()
