@@ -167,9 +167,9 @@ class NmpcConfig(StrictModel):
         67,
         ge=1,
         description="Work of a tick in interior-point iterations (an SQP step is two more) at "
-        "which it begins no further step; a second start then goes on in the next tick. 67 is "
-        "three times the median tick's time, and costs 0.01 % in a crossing; below 60, plans "
-        "out of the way are found ticks later.",
+        "which it begins no further step; a second start then goes on in the next tick. 67 takes "
+        "three times the median tick, and costs 0.01 % on the stored set; in twelve crossings the "
+        "least distance was 0.02 m less, +-0.03. 1000 is never reached.",
     )
     rescue_slack: float = Field(
         0.1,
