@@ -168,7 +168,7 @@ def _collisions(
         for a, b in pairs
     )
     struck = up & (surface_distance(p, world) < radius)
-    fallen = ground_strikes(p[..., 2], truth["velocity"].astype(float))
+    fallen = ground_strikes(p[..., 2], truth["velocity"].astype(float), np.array(radius))
     return together + sum(bool(struck[:, i].any()) + bool(fallen[i]) for i in healthy)
 
 
