@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydantic import Field
@@ -217,11 +217,25 @@ class ObstacleMap:
             self._refresh()
             return n
         k = self._landmarks[n]
-        k.radius += k.variance / (k.variance + variance) * (trunk.radius - k.radius)
+        hidden = self._hidden(k, trunk)
+        share = k.variance / (k.variance + variance + hidden**2)
+        k.radius += share * (trunk.radius - k.radius)
+        look = replace(
+            look, along=math.hypot(look.along, hidden), across=math.hypot(look.across, hidden)
+        )
         self._places.correct(n, look, self._config.sigma_floor**2)
         self._refresh()
         self._mark_seen(n, own.time)
         return n
+
+    def _hidden(self, k: _Landmark, trunk: Trunk) -> float:
+        """Return how far [m] the middle of a look may be from that of its trunk.
+
+        A confirmed trunk that shows slimmer than it is known to be is cut by the picture's edge, or
+        something stands before it; one that shows wider has something beside it.
+        """
+        known = k.hits >= self._config.hits_to_confirm
+        return abs(k.radius - trunk.radius) if known else 0.0
 
     def _refresh(self) -> None:
         """Give the landmarks their present places and variances."""

@@ -228,3 +228,26 @@ def fly_at(known, axis, radius):
     own = VehicleState(0.0, p, np.zeros(3), LEVEL, np.zeros(3))
     ahead = Trunk(np.array([0.0, 0.0, 1.0]), 4.0, radius, 0.1)
     known.update([ahead], own, FORWARD, np.radians(80.0))
+
+
+def test_a_trunk_cut_by_the_pictures_edge_moves_nothing():
+    """It showed ever slimmer and nearer; all that is known was shifted by 0.4 m within a second."""
+    known = ObstacleMap(ObstacleConfig())
+    drift = Drift(position=0.02, yaw=0.002)
+    near, far = np.array([1.9, 0.0]), np.array([1.5, -5.0])
+
+    def seen(place, radius, cut=0.0):
+        """A trunk of which `cut` [m] on its far side is beyond the picture's edge."""
+        distance = float(np.hypot(*place))
+        shown = place * (1.0 - cut / distance) + cut / distance * np.array([-place[1], place[0]])
+        distance = float(np.hypot(*shown))
+        direction = np.array([-shown[1], 0.0, shown[0]]) / distance
+        return Trunk(direction, distance, radius - cut, 0.1)
+
+    for _ in range(20):
+        fly(known, 0.0, seen(near, 1.0), seen(far, 0.9), drift=drift)
+    for cut in (0.2, 0.3, 0.4, 0.45, 0.45):
+        cut_off = seen(far, 0.9, cut)
+        found = fly(known, 0.0, cut_off, drift=drift, visibility=lambda p: np.zeros(len(p)))
+    assert found[:, 2] == pytest.approx([1.0, 0.9], abs=0.1)
+    assert found[:, :2] == pytest.approx(np.array([near, far]), abs=0.12)
