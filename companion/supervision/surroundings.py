@@ -29,9 +29,9 @@ def _nothing() -> Scene:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """scene: at the own state, not yet carried to the prediction; broken: bounds, in words.
+    """scene: makes the scene at the own state, not yet carried to the prediction.
 
-    The scene is put together where it is asked for: most ticks are not certified.
+    It is made where it is asked for: most ticks are not certified. broken: bounds, in words.
     """
 
     scene: Callable[[], Scene] = _nothing

@@ -280,7 +280,7 @@ def read(scenario: str, overrides: list[str]) -> Scenario:
 
 def _with_emulated(document: Document) -> Document:
     """Return the document with `emulated` beneath it, or without, where real autopilots fly."""
-    beneath, drones = document.data.get("emulated"), document.data.get("drones")
+    beneath, drones = document.data.get("emulated"), document.data.get("drones", {})
     if not isinstance(beneath, dict) or not isinstance(drones, dict):
         return document  # nothing, or a mistake that is named in the validation
     data = {key: value for key, value in document.data.items() if key != "emulated"}

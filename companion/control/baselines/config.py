@@ -73,7 +73,9 @@ class RblConfig(StrictModel):
     reach: float = Field(3.0, gt=0, description="Radius of the sensed disc [m].")
     margin: float = Field(0.25, ge=0, description="Room [m] kept beyond the drone's radius.")
     gain: float = Field(1.5, gt=0, description="Velocity per metre to the centroid [1/s].")
-    at_goal: float = Field(0.5, gt=0, description="The goal is near where it asks for less [m/s].")
+    at_goal: float = Field(
+        0.5, gt=0, description="Asked for less speed [m/s], a drone is near its goal."
+    )
     beta: float = Field(0.5, gt=0, description="Distance [m] over which the weight falls.")
     beta_least: float = Field(
         0.15, gt=0, description="The same where the drone rests in a cut cell."

@@ -12,7 +12,7 @@ import numpy as np
 import pyrvo
 
 from companion.control.baselines.config import OrcaConfig
-from companion.control.baselines.surroundings import Surroundings
+from companion.control.baselines.surroundings import Surroundings, turned_right
 from mavlink_bridge.shared.arrays import Vector
 
 _STEP = 0.1  # s, the companion's tick
@@ -35,7 +35,7 @@ class Orca:
         )
         sim.add_agent((0.0, 0.0))
         sim.set_agent_velocity(0, tuple(around.v.tolist()))
-        sim.set_agent_pref_velocity(0, _turned_right(around.migration, c.aside))
+        sim.set_agent_pref_velocity(0, tuple(turned_right(around.migration, c.aside).tolist()))
         places = zip(around.neighbours.tolist(), around.velocities.tolist(), strict=True)
         for k, (offset, velocity) in enumerate(places, start=1):
             sim.add_agent(tuple(offset))
@@ -47,12 +47,6 @@ class Orca:
         sim.do_step()
         chosen = sim.get_agent_velocity(0)
         return np.array([chosen.x, chosen.y])
-
-
-def _turned_right(v: Vector, angle: float) -> tuple[float, float]:
-    """Return v (2,) turned right by `angle` [rad]."""
-    c, s = math.cos(angle), math.sin(angle)
-    return float(c * v[0] + s * v[1]), float(c * v[1] - s * v[0])
 
 
 def _trunks(trunks: Vector) -> list[list[tuple[float, float]]]:

@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from companion.control.baselines.config import RblConfig
-from companion.control.baselines.surroundings import Surroundings
+from companion.control.baselines.surroundings import Surroundings, turned_right
 from mavlink_bridge.shared.arrays import Vector, norm
 
 _STEP = 0.1  # s, the companion's tick
@@ -46,7 +46,7 @@ class Rbl:
         cell = self._disc[self._free(around)]
         if not len(cell):
             return np.zeros(2)
-        turned = _turned_right(goal, self._theta)
+        turned = turned_right(goal, self._theta)
         here, alone = self._centroid(cell, turned), self._centroid(self._disc, turned)
         straight = self._centroid(cell, goal)
         cut = norm(here - alone)
@@ -90,9 +90,3 @@ class Rbl:
         self._theta = min(self._theta + step, _STRAIGHT) if rests else max(self._theta - step, 0.0)
         if self._theta == _STRAIGHT and straight > way:
             self._theta = 0.0
-
-
-def _turned_right(v: Vector, angle: float) -> Vector:
-    """Return v (2,) turned right by `angle` [rad]."""
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([c * v[0] + s * v[1], c * v[1] - s * v[0]])

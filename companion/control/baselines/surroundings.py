@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Self
 
@@ -62,6 +63,12 @@ class Surroundings:
             walls=walls,
             surfaces=np.vstack([_nearest_of_trunks(trunks), _scaled(walls[:, :2], walls[:, 2])]),
         )
+
+
+def turned_right(v: Vector, angle: float) -> Vector:
+    """Return v (2,) turned right by `angle` [rad]."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([c * v[0] + s * v[1], c * v[1] - s * v[0]])
 
 
 def _nearest_of_trunks(trunks: Vector) -> Vector:

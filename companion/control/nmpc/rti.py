@@ -67,7 +67,7 @@ class _Work:
 
     @property
     def left(self) -> bool:
-        """Whether the next step stays within the limit."""
+        """Return whether the next step stays within the limit."""
         return self.done + self.next_step <= self.limit
 
     def add_step(self, iterations: int) -> None:

@@ -110,3 +110,35 @@ def test_a_picture_full_of_balls_takes_the_time_of_forty():
     found = ColorDetector(CAMERA).detect(image)
     assert 1 <= len(found) <= 80  # a blob may be two balls
     assert found[0].range < 1.0  # the largest is among them
+
+
+def test_half_the_pictures_size_hides_no_ball_within_fifteen_metres(monkeypatch):
+    """Small dim balls before green, which takes their colour away where pixels are averaged."""
+    detector, rng = ColorDetector(CAMERA), np.random.default_rng(7)
+    pictures = [small_balls(rng) for _ in range(20)]
+    found = [detector.detect(picture) for picture in pictures]
+
+    def whole(image):
+        chroma = cv2.blur(detector._chroma(image), (3, 3))
+        return cv2.threshold(chroma, detector.settings.min_chroma, 255, cv2.THRESH_BINARY)[1]
+
+    monkeypatch.setattr(detector, "_mask", whole)
+    asked = 0
+    for picture, halved in zip(pictures, found, strict=True):
+        for ball in detector.detect(picture):
+            if ball.range < 15.0:
+                asked += 1
+                assert max(ball.direction @ other.direction for other in halved) > np.cos(0.003)
+    assert asked > 100
+
+
+def small_balls(rng):
+    """A picture (400,640,3) of balls of 0.8 to 3 px before noisy green."""
+    picture = np.full((400, 640, 3), (40.0, 140.0, 60.0))
+    v, u = np.mgrid[:400, :640]
+    for _ in range(12):
+        x, y = rng.uniform(20, 620), rng.uniform(20, 380)
+        cover = np.clip(rng.uniform(0.8, 3.0) + 0.5 - np.hypot(u - x, v - y), 0.0, 1.0)[..., None]
+        light = rng.uniform(0.35, 1.0) * np.array([200.0, 20.0, 235.0])
+        picture = picture * (1.0 - cover) + cover * light
+    return np.clip(picture + rng.normal(0.0, 2.5, picture.shape), 0, 255).astype(np.uint8)

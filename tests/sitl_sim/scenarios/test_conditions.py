@@ -65,6 +65,11 @@ def test_packaged_scenarios_fly_what_only_emulated_autopilots_can_have():
     assert (chosen.drones.state, chosen.wind.turbulence) == ("gps", "light")
 
 
+def test_what_lies_beneath_counts_in_a_scenario_that_says_nothing_of_its_drones(tmp_path):
+    (tmp_path / "s.yaml").write_text("name: s\nemulated: {drones: {state: rtk}}\n")
+    assert scenarios.load(str(tmp_path / "s.yaml"), []).drones.state == "rtk"
+
+
 def test_a_mistake_beneath_is_named_with_its_place(tmp_path):
     (tmp_path / "s.yaml").write_text(
         "fileversion: 1\nname: s\ndrones: {count: 1}\nemulated:\n  drones: {state: gnss}\n"
