@@ -39,6 +39,7 @@ class Trunk:
     direction: (3,) unit vector, camera frame, to the point of its axis at the camera's height.
     distance: m, horizontal, from the camera to its axis. radius: m. sigma: m, of `distance`.
     assumed: only the width was seen; the radius is assumed, and the distance follows from it.
+    half_width: rad, half the angle between its edges; 0: not both of them show.
     """
 
     direction: Vector
@@ -46,6 +47,7 @@ class Trunk:
     radius: float
     sigma: float = 0.1
     assumed: bool = False
+    half_width: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -66,6 +66,8 @@ _MATCH, _MATCH_SIGMAS = 0.3, 4.0  # m, and standard deviations: how far looks at
 # trunk. A thin trunk is a few columns wide; a look may miss two of them at either edge, or add two.
 _BEHIND, _LOW = 0.5, 0.3  # m: how far behind a trunk, and over the ground, lines of sight tell
 _WIDER, _COLUMNS = 1.5, 0.04  # times, and rad on either side
+_RADIUS, _EDGE = 0.04, 0.015  # m and rad, 1 σ of a known radius and of half a width
+_WIDEST = 1.4  # rad; half a trunk's width
 
 
 @dataclass
@@ -113,7 +115,8 @@ class ObstacleMap:
         level in the own frame.
 
         A near thin trunk looks like a thick one far off where its foot is out of the picture, or
-        where the picture's edge cuts it: a landmark in that direction stays where it is.
+        where the picture's edge cuts it: a landmark in that direction is that trunk. Where both
+        edges show, its known radius tells how far it is.
         """
         r_wc = rotation_matrix(own.q_wb) @ rotation_matrix(q_bc)
         self._places.drift((float(own.p[0]), float(own.p[1])), drift)
@@ -124,6 +127,7 @@ class ObstacleMap:
             along = (float(ray[0]), float(ray[1]))
             n = self._in_direction(trunk, along, own) if trunk.assumed else None
             if n is not None:
+                self._see_width(n, trunk, along, own)
                 self._mark_seen(n, own.time)
                 seen.add(n)
                 continue
@@ -227,6 +231,26 @@ class ObstacleMap:
         self._refresh()
         self._mark_seen(n, own.time)
         return n
+
+    def _see_width(self, n: int, trunk: Trunk, along: _Place, own: VehicleState) -> None:
+        """Refine the place of landmark n by the two edges of a trunk without a foot."""
+        if not trunk.half_width:
+            return
+        k, level = self._landmarks[n], max(math.hypot(*along), 1e-6)
+        distance = k.radius / math.sin(min(trunk.half_width, _WIDEST))
+        noise = math.hypot(_RADIUS / k.radius, _EDGE / math.tan(min(trunk.half_width, _WIDEST)))
+        turn = float(rotation_matrix(own.q_wb)[2] @ own.omega)
+        arm = np.array(along) * (distance / level)
+        look = Look(
+            own.p[:2],
+            own.p[:2] + arm,
+            noise * distance,
+            math.hypot(_BEARING, _TIMING * turn) * distance,
+        )
+        known = math.dist(k.axis, (float(own.p[0]), float(own.p[1])))
+        if abs(distance - known) < _MATCH_SIGMAS * math.hypot(look.along, math.sqrt(k.variance)):
+            self._places.correct(n, look, self._config.sigma_floor**2)
+            self._refresh()
 
     def _hidden(self, k: _Landmark, trunk: Trunk) -> float:
         """Return how far [m] the middle of a look may be from that of its trunk.

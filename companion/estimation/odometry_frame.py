@@ -3,8 +3,8 @@
 The autopilot's position is a place on the map. It steps when its estimator is reset, when a GPS
 signal takes another path, or when an RTK solution floats. Trunks and neighbours do not step. So
 what the reported velocity does not explain is taken out of the position and becomes the offset of
-the map: the goals move, and nothing that was seen does. Where the pictures correct the velocity
-(`velocity_by_sight.py`), the position in odometry follows the corrected one.
+the map: the goals move, and nothing that was seen does. The pictures correct the velocity
+(`velocity_by_sight.py`), and the position in odometry follows the corrected one.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from companion.estimation.velocity_by_sight import VelocityBySight
 from companion.estimation.velocity_error import VelocityError
 from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.wire.messages import LocalPosition, Message, Odometry
@@ -32,12 +33,11 @@ _SILENT = 0.5  # s without LOCAL_POSITION_NED, after which ODOMETRY gives the po
 class OdometryFrame:
     """Takes steps out of positions.
 
-    by_sight: (3,) m/s, correction of the velocity from now on. slid: (3,) m, what the velocity did
-    not show.
+    by_sight: corrects the velocity from now on. slid: (3,) m, what the velocity did not show.
     """
 
     def __init__(self) -> None:
-        self.by_sight: Vector = np.zeros(3)
+        self.by_sight = VelocityBySight()
         self.slid: Vector = np.zeros(3)
         self._way: Vector = np.zeros(3)  # m, of the corrections by sight
         self._until = math.inf  # s, up to which that way is known
@@ -60,26 +60,27 @@ class OdometryFrame:
             if isinstance(m, LocalPosition):
                 self._local_at = m.time
                 free = self._step_free(m, velocity_sigma)
-                self._go_on(m.time)
-                yield replace(free, p=free.p + self._way, v=free.v + self.by_sight)
+                v = self._go_on(free)
+                yield replace(free, p=free.p + self._way, v=v)
             elif isinstance(m, Odometry):
                 if self._resets is not None and m.resets != self._resets:
                     self._reset_at = m.time
                 self._resets = m.resets
                 if m.time - self._local_at > _SILENT:
-                    self._step_free(LocalPosition(m.time, m.p, m.v), velocity_sigma)
-                    self._go_on(m.time)
-                v = m.v + self._velocity.error + self.by_sight
+                    self._go_on(self._step_free(LocalPosition(m.time, m.p, m.v), velocity_sigma))
+                v = self.by_sight.corrected(m.v + self._velocity.error)
                 yield replace(m, p=m.p - self.offset, v=v)
             else:
                 yield m
 
-    def _go_on(self, time: float) -> None:
-        """Sum up the correction by sight to a position's time [s]."""
-        dt = time - self._until
+    def _go_on(self, m: LocalPosition) -> Vector:
+        """Return the velocity (3,) m/s by sight, summed up to the time of a position."""
+        v = self.by_sight.corrected(m.v)
+        dt = m.time - self._until
         if 0.0 < dt <= _LONGEST_GAP:
-            self._way = self._way + dt * self.by_sight
-        self._until = time
+            self._way = self._way + dt * (v - m.v)
+        self._until = m.time
+        return v
 
     def _step_free(self, m: LocalPosition, velocity_sigma: float) -> LocalPosition:
         """Return a position in odometry; what the velocity does not explain moves the offset."""

@@ -118,6 +118,7 @@ class VehicleEstimator:
         self._height = HeightEstimator()
         self._frame = OdometryFrame()
         self._ground = VelocityFromGround()
+        self._velocity: Vector = np.zeros(3)  # m/s, of the last tick
         self._height_now: Height | None = None
         self._lag = VelocityLag()
         self._home: HomePosition | None = None
@@ -145,8 +146,9 @@ class VehicleEstimator:
         self._link.hear(time, heard)
         loss = self._link.lost
         doubt = self._doubt.hear(messages)
-        by_sight = self._ground.decide(self._time if np.isfinite(self._time) else time)
-        self._frame.by_sight = by_sight.correction
+        before = self._time if np.isfinite(self._time) else time
+        by_sight = self._ground.decide(before, self._velocity, doubt)
+        self._frame.by_sight = by_sight
         self._own.add(self._frame.localised(messages, doubt.velocity), horizon)
         self._identity.hear(messages)
         rebooted = self._notice_reboot(time)
@@ -156,6 +158,7 @@ class VehicleEstimator:
         told = self._state(time)
         self._lag.update(told, phase.flying)
         state = None if told is None else self._lag.lag.made_up(told)
+        self._velocity = self._velocity if state is None else state.v
         for m in messages:
             if isinstance(m, HomePosition) and not _same(m, self._home):
                 self._home = m
@@ -163,6 +166,7 @@ class VehicleEstimator:
         self._height_now = (
             None if state is None else self._height.update(state, looks, doubt.height)
         )
+        doubt = replace(doubt, velocity=by_sight.sigma)
         return VehicleEstimate(
             state=state,
             age=self._own.age(time),
@@ -217,7 +221,7 @@ class VehicleEstimator:
         if flow is not None and self._height_now is not None:
             before, after = self.at(flow.before), self.at(flow.after)
             if before is not None and after is not None:
-                self._ground.see(flow, before, after, self._height_now, self._doubt.doubt.yaw)
+                self._ground.see(flow, before, after, self._height_now, self._doubt.doubt)
 
     def ask(self, requests: Sequence[Message]) -> None:
         """Note what this tick asks of the autopilot, for the words of a refusal."""

@@ -1,10 +1,14 @@
 """Errors of the own velocity, as the ground in the pictures shows them.
 
 An autopilot that is sure of a wrong velocity sums it up into a wrong position: the two agree, and
-nothing that it tells shows the error. The ground does (`ground_flow.py`): its flow, averaged over a
-few pictures, less the told velocity. The velocity is corrected by no more than what is beyond
-doubt: by the share of an estimate that is larger than its noise (the positive part of James and
-Stein's), so that a right velocity is left alone.
+nothing that it tells shows the error. A compass that is wrong turns all that is seen, and not the
+velocity that a satellite receiver measures: a drone that flies straight at a trunk sees it come
+from the side. The ground shows both (`ground_flow.py`): its flow is the velocity in the frame of
+what is seen. The told velocity differs from it by an error that comes and goes, by a turn that
+stays (the error of the heading), and by a factor (the height over ground); a Kalman filter tells
+the three apart by how long they last. An error far beyond what the autopilot says of itself shows
+as innovations that agree for longer than noise does: then the filter believes that the velocity may
+be as wrong as they say.
 """
 
 from __future__ import annotations
@@ -16,45 +20,63 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from companion.estimation.height import Height
+from companion.estimation.own_doubt import OwnDoubt
 from companion.perception.ground_flow import GroundFlow
 from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.wire.messages import VehicleState
 
-_AVERAGED = 0.25  # s over which flows are averaged: two or three pictures
-_NOISE = 0.1  # m/s, 1 σ of that mean: attitude and timing while the drone turns
-# An estimator whose tilt or accelerometer is wrong by 0.15 to 0.3 m/s² (1 to 2° of tilt) is wrong
-# by half a metre a second within seconds: 2 σ of an error that comes and goes in as long.
-_WRONG, _LASTS = 0.3, 5.0  # m/s, 1 σ, and s
+# Of a way over ground, 1 σ along it and across: attitude and timing, times the height.
+_ALONG, _ACROSS = 0.0115, 0.0085
 _SCALE = 0.05  # of the flow, 1 σ: feet of trunks pass faster than the ground
-_OUTLIER = 0.5  # m/s that an error can change from picture to picture; more is no ground
-_SURE = 2.0  # standard deviations up to which an estimate may be noise
-_HARMLESS = 0.15  # m/s that fly well
-_REMEMBERED = 32  # corrections: three seconds
+_SHORT, _LONG = 1.5, 5.0  # s: how long an error of the velocity lasts, a small one and a wrong one
+_HEADING_LASTS = 300.0  # s: magnetic fields on the way, and the declination
+_AVERAGED = 0.6  # s over which innovations are averaged
+_FOLLOWED = 2.0  # the error over that mean: the filter has followed by half
+_SURE = 2.0  # standard deviations up to which their mean may be noise
+_OUTLIER, _OUTLIER_SIGMAS = 0.6, 2.0  # m/s, and standard deviations; more counts as this much
 _LONGEST_GAP = 0.25  # s between two pictures
+_SLOWEST = 0.2  # m/s; the direction of a slower one is not known
+_MADE = 32  # corrections that are remembered: three seconds
+_LEVEL = np.eye(2)
 
 
 @dataclass(frozen=True)
 class VelocityBySight:
-    """The error of the velocity that telemetry tells, as the pictures show it.
+    """What the velocity that telemetry tells lacks, in the frame in which the drone sees.
 
-    value: (3,) m/s; sigma: m/s, its largest 1 σ. correction: (3,) m/s, the part that is
-    beyond doubt, to be added to the told velocity.
+    turn: rad, by which the told yaw is too large, as seen from the told velocity. error: (3,) m/s,
+    to be added to the turned velocity. sigma: m/s, largest 1 σ of the corrected velocity.
+    turn_sigma: rad, 1 σ.
     """
 
-    value: Vector = field(default_factory=lambda: np.zeros(3))
-    sigma: float = _WRONG
-    correction: Vector = field(default_factory=lambda: np.zeros(3))
+    turn: float = 0.0
+    error: Vector = field(default_factory=lambda: np.zeros(3))
+    sigma: float = OwnDoubt().velocity
+    turn_sigma: float = OwnDoubt().yaw
+
+    def corrected(self, v: Vector) -> Vector:
+        """Return the velocity (3,) m/s of a told one."""
+        return _turned(v, self.turn) + self.error
+
+    def told(self, v: Vector) -> Vector:
+        """Return the velocity (3,) m/s that is told where `v` is the corrected one."""
+        return _turned(v - self.error, -self.turn)
 
 
 class VelocityFromGround:
-    """Follows what the told velocity lacks; `decide` once a tick, `see` for each flow."""
+    """Follows what the told velocity lacks; `decide` once a tick, `see` for each flow.
+
+    States: the velocity's error east and north [m/s], the turn [rad], and the share by which the
+    flow is too long.
+    """
 
     def __init__(self) -> None:
-        self._value: Vector = np.zeros(2)
-        self._scale: Vector = np.zeros(2)  # m/s, 1 σ along the way, by its scale
-        self._turned = 0.0  # m/s, 1 σ, by a wrong heading
-        self._time = -math.inf
-        self._made: deque[tuple[float, Vector]] = deque([(-math.inf, np.zeros(2))], _REMEMBERED)
+        self._mean: Vector = np.zeros(4)
+        self._covariance: Vector | None = None  # None: no ground was seen yet
+        self._time = -math.inf  # s, of the last flow
+        self._innovation: Vector = np.zeros(2)  # m/s, averaged
+        self._wrong = 0.0  # m²/s², variance of an error that the autopilot does not know of
+        self._made: deque[tuple[float, VelocityBySight]] = deque(maxlen=_MADE)
 
     def see(
         self,
@@ -62,60 +84,96 @@ class VelocityFromGround:
         before: VehicleState,
         after: VehicleState,
         height: Height,
-        yaw: float = 0.0,
+        doubt: OwnDoubt,
     ) -> None:
         """Take in a way over the ground.
 
-        before, after: the states, as corrected, at its ends. yaw: rad, 1 σ, which turns it.
+        before, after: the states, as corrected, at its ends. doubt: of the own state, as told.
         """
         dt = flow.after - flow.before
         if not 0.0 < dt < _LONGEST_GAP or flow.after <= self._time:
             return
-        seen = flow.way / dt
-        told = 0.5 * (before.v + after.v)[:2] - self._corrected(flow.before, flow.after)
-        self._value = self._value * self._kept(flow.after)
-        off = seen - told - self._value
+        scale = math.hypot(height.sigma / flow.height, _SCALE)
+        mean, p = self._predicted(flow.after, doubt, scale)
+        made = self._at(0.5 * (flow.before + flow.after))
+        told = made.told(0.5 * (before.v + after.v))[:2]
+        h = np.column_stack((_LEVEL, (-told[1], told[0]), told))
+        off = flow.way / dt - told - h @ mean
         off = off * min(1.0, _OUTLIER / max(norm(off), 1e-9))
-        self._value = self._value + (1.0 - math.exp(-dt / _AVERAGED)) * off
-        self._scale = math.hypot(height.sigma / flow.height, _SCALE) * seen
-        self._turned = yaw * norm(seen)
+        hp = h @ p
+        expected = hp @ h.T
+        noise = _noise(told, flow.height / dt)
+        self._notice(off, expected + noise, dt)
+        sigmas = math.sqrt(float(off @ np.linalg.solve(expected + noise, off)))
+        if not self._wrong:
+            noise = noise + (max(sigmas / _OUTLIER_SIGMAS, 1.0) - 1.0) * (expected + noise)
+        gain = np.linalg.solve(expected + noise, hp).T
+        self._mean = mean + gain @ off
+        p = p - gain @ hp
+        self._covariance = 0.5 * (p + p.T)
         self._time = flow.after
 
-    def decide(self, time: float) -> VelocityBySight:
-        """Return what is made of it at the tick of `time` [s]; the correction holds from then."""
-        kept = self._kept(time)
-        value = kept * self._value
-        noise = math.hypot(_NOISE, self._turned, _WRONG * math.sqrt(1.0 - kept**2))
-        correction = beyond_doubt(value, noise, self._scale) * value
-        if (correction != self._made[-1][1]).any():
-            self._made.append((time, correction))
-        sigma = math.hypot(noise, norm(self._scale))
-        return VelocityBySight(np.append(value, 0.0), sigma, np.append(correction, 0.0))
+    def decide(self, time: float, v: Vector, doubt: OwnDoubt) -> VelocityBySight:
+        """Return what is made of it at the tick of `time` [s]; the correction holds from then.
 
-    def _kept(self, time: float) -> float:
-        """Return the share of an error that is left at `time` [s], unseen since the last flow."""
-        return math.exp(-max(time - self._time, 0.0) / _LASTS)
+        v: (3,) m/s, the velocity now. doubt: of the own state, as told.
+        """
+        mean, p = self._predicted(time, doubt, _SCALE)
+        h = np.column_stack((_LEVEL, (-v[1], v[0])))
+        sigma = math.sqrt(float(np.linalg.eigvalsh(h @ p[:3, :3] @ h.T)[1]))
+        error = np.append(mean[:2], 0.0)
+        found = VelocityBySight(float(mean[2]), error, sigma, math.sqrt(float(p[2, 2])))
+        self._made.append((time, found))
+        return found
 
-    def _corrected(self, start: float, end: float) -> Vector:
-        """Return the mean correction (2,) m/s from `start` to `end` [s]."""
-        way, until = np.zeros(2), end
-        for time, correction in reversed(self._made):
-            if time < until:
-                way = way + (until - max(start, time)) * correction
-                until = max(start, time)
-            if until <= start:
-                break
-        return way / (end - start)
+    def _predicted(self, time: float, doubt: OwnDoubt, scale: float) -> tuple[Vector, Vector]:
+        """Return mean (4,) and covariance (4,4) at `time` [s].
+
+        scale: 1 σ of the share by which the flow is too long.
+        """
+        prior = np.array([doubt.velocity, doubt.velocity, doubt.yaw, scale]) ** 2
+        if self._covariance is None:
+            return self._mean, np.diag(prior)
+        gap = max(time - self._time, 0.0)
+        lasts = _LONG if self._wrong else _SHORT
+        kept = np.exp(-gap / np.array([lasts, lasts, _HEADING_LASTS, _LONG]))
+        grown = prior * (1.0 - kept**2)
+        grown[:2] += self._wrong * (1.0 - math.exp(-2.0 * gap / _SHORT))
+        return kept * self._mean, kept[:, None] * self._covariance * kept + np.diag(grown)
+
+    def _notice(self, off: Vector, expected: Vector, dt: float) -> None:
+        """Take in an innovation (2,) m/s of covariance `expected` after dt [s].
+
+        Innovations of a filter that is right are white: their mean is beyond their noise where the
+        velocity is more wrong than the filter thinks.
+        """
+        share = 1.0 - math.exp(-dt / _AVERAGED)
+        self._innovation = self._innovation + share * (off - self._innovation)
+        covariance = share / (2.0 - share) * expected
+        square = float(self._innovation @ np.linalg.solve(covariance, self._innovation))
+        beyond = max(0.0, 1.0 - _SURE**2 / max(square, 1e-9))
+        self._wrong = beyond * (_FOLLOWED * norm(self._innovation)) ** 2
+
+    def _at(self, time: float) -> VelocityBySight:
+        """Return the correction that held at `time` [s]."""
+        for since, made in reversed(self._made):
+            if since <= time:
+                return made
+        return VelocityBySight()
 
 
-def beyond_doubt(value: Vector, noise: float, along: Vector) -> float:
-    """Return the share 0…1 of an estimate (2,) m/s that is no noise.
+def _noise(v: Vector, scale: float) -> Vector:
+    """Return the covariance (2,2) m²/s² of a flow at the velocity v (2,) m/s.
 
-    noise: m/s, 1 σ in any direction. along: (2,) m/s, a further 1 σ in its own direction.
+    scale: m/s, height over the time between the pictures.
     """
-    size = norm(value)
-    # Its square in standard deviations, by the inverse of noise² 1 + along alongᵀ.
-    part = float(value @ along) ** 2 / (noise**2 + float(along @ along))
-    sigmas = (size**2 - part) / noise**2
-    doubt = max(_SURE**2 / max(sigmas, 1e-9), (_HARMLESS / max(size, 1e-9)) ** 2)
-    return max(0.0, 1.0 - doubt)
+    u = v / max(norm(v), _SLOWEST)
+    along, across = (_ALONG * scale) ** 2, (_ACROSS * scale) ** 2
+    noise: Vector = across * _LEVEL + (along - across) * np.outer(u, u)
+    return noise
+
+
+def _turned(v: Vector, angle: float) -> Vector:
+    """Return a vector (3,) turned left by `angle` [rad] about the vertical."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]])

@@ -164,10 +164,13 @@ def _frame(inputs: RecordedInputs) -> Frame | None:
     if not inputs.shown:
         return Frame(inputs.frame_time)
     drones = [[*d.direction, d.range, d.sigma_bearing, d.sigma_range] for d in inputs.drones]
-    trunks = [[*t.direction, t.distance, t.radius, t.sigma, t.assumed] for t in inputs.trunks]
+    trunks = [
+        [*t.direction, t.distance, t.radius, t.sigma, t.assumed, t.half_width]
+        for t in inputs.trunks
+    ]
     arrays = {
         "neighbours": np.array(drones).reshape(-1, 6),
-        "trunks": np.array(trunks).reshape(-1, 7),
+        "trunks": np.array(trunks).reshape(-1, 8),
     }
     if len(inputs.fixed):
         arrays["fixed"] = inputs.fixed

@@ -282,8 +282,11 @@ class PerceptionFrontend:
     ) -> list[Trunk]:
         if self._sensing.obstacles == "map":
             rows = frame.arrays.get("trunks", np.zeros((0, 6)))
-            return [  # a replay gives a seventh column
-                Trunk(r[:3], float(r[3]), float(r[4]), float(r[5]), bool(r[6:].any())) for r in rows
+            # A replay gives two more columns.
+            wide = np.hstack((rows, np.zeros((len(rows), 8 - rows.shape[1]))))
+            return [
+                Trunk(r[:3], float(r[3]), float(r[4]), float(r[5]), bool(r[6]), float(r[7]))
+                for r in wide
             ]
         assert image is not None  # or nothing is searched for
         down = self._view.to_camera(own, np.array([[0.0, 0.0, -1.0]]))[0]

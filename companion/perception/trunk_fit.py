@@ -149,7 +149,8 @@ def _fit(
             return None
     if not s.min_radius <= radius <= s.max_radius or distance - radius > s.max_range:
         return None
-    return Trunk(level.direction(float(axis)), distance, radius, sigma, assumed)
+    half_width = float(high - low) / 2 if all(free) else 0.0
+    return Trunk(level.direction(float(axis)), distance, radius, sigma, assumed, half_width)
 
 
 def within(bound: float, sine: float, s: TrunkSettings) -> tuple[float, float]:

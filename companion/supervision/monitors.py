@@ -13,6 +13,7 @@ Each monitor watches one assumption and says what the drone does where it does n
 | doubt | the autopilot rejects a sensor | meanwhile | – |
 | doubt | velocity less sure than `velocity_doubt` | at once | after `persist` |
 | sight | the ground in the pictures passes otherwise, by `velocity_wrong` | after `persist` | – |
+| heading | the ground in the pictures passes from another side, by `heading_wrong` | at once | – |
 | height | less than `height` over ground | climbs | after 2 × `persist` |
 
 A camera that does not fit (`camera_alignment.py`) is a camera fault, a clock that jumps, stale
@@ -44,6 +45,7 @@ _TURN_TIME = 1.0  # s over which gyro and attitude are compared
 _SLIDE_TIME = 3.0  # s over which the offset of the map is compared
 _LONGEST_GAP = 0.25  # s between two ticks, over which rates are not summed up
 _MEAN_TIME = 2.0  # s over which the disturbance is averaged: gusts and noise pass
+_SURE = 2.0  # standard deviations of an estimated heading
 _HEIGHT_SURE = 0.3  # m; a height less sure than this says nothing
 
 
@@ -76,6 +78,12 @@ class MonitorConfig(StrictModel):
         gt=0,
         description="Error of the reported velocity [m/s], by the ground in the pictures, from "
         "which to fly slowly: the velocity is corrected, but goals and fence move with it.",
+    )
+    heading_wrong: float = Field(
+        0.14,
+        gt=0,
+        description="Error of the heading [rad], by the ground in the pictures and beyond doubt, "
+        "from which to fly slowly.",
     )
     height: float = Field(0.5, ge=0, description="Least height [m] over ground.")
     persist: float = Field(
@@ -121,6 +129,7 @@ class Monitors:
             self._late(motion.delay),
             self._doubt(time, vehicle),
             self._contradicted(time, vehicle),
+            self._turned(vehicle),
             self._low(time, vehicle),
             self._swinging(time, own),
             self._turning(vehicle.attitudes),
@@ -175,13 +184,20 @@ class Monitors:
 
     def _contradicted(self, time: float, vehicle: VehicleEstimate) -> Broken | None:
         """Never HOLD: the autopilot would hold by the velocity that is wrong."""
-        wrong = float(np.linalg.norm(vehicle.by_sight.correction))
+        wrong = norm(vehicle.by_sight.error)
         if not wrong > self._config.velocity_wrong:
             self._since.pop("sight", None)
             return None
         if time - self._since.setdefault("sight", time) < self._config.persist - 1e-6:
             return None
         return Broken(f"sight: the velocity is wrong by {wrong:.1f} m/s", Reaction.SLOW)
+
+    def _turned(self, vehicle: VehicleEstimate) -> Broken | None:
+        """Never HOLD: with a heading that is wrong the autopilot circles round the place."""
+        turn, sigma = vehicle.by_sight.turn, vehicle.by_sight.turn_sigma
+        if not abs(turn) - _SURE * sigma > self._config.heading_wrong:
+            return None
+        return Broken(f"heading: wrong by {math.degrees(turn):.0f}°", Reaction.SLOW)
 
     def _low(self, time: float, vehicle: VehicleEstimate) -> Broken | None:
         c, height = self._config, vehicle.height

@@ -43,6 +43,23 @@ def test_a_thin_trunk_whose_foot_left_the_picture_stays_where_it_is():
         assert trunk[2] == pytest.approx(THIN, abs=0.01)
 
 
+@pytest.mark.parametrize("shows", [True, False])
+def test_the_edges_of_a_trunk_without_a_foot_correct_its_place(shows):
+    """The way flown since its foot was seen is wrong by 0.15 m, in both directions."""
+    known, wrong = ObstacleMap(ObstacleConfig()), np.array([-0.15, 0.15])
+    for x in np.arange(0.0, 2.4, 0.15):
+        fly(known, x, look(x))
+    for x in np.arange(2.4, 3.0, 0.05):
+        offset = PLACE + wrong - [x, 0.0]
+        distance = float(np.hypot(*offset))
+        direction = np.array([-offset[1], 0.0, offset[0]]) / distance
+        half = float(np.arcsin(THIN / distance)) if shows else 0.0
+        near = Trunk(direction, distance / THIN, 1.0, 0.1 * distance, True, half)
+        (trunk,) = fly(known, x, near, drift=Drift(position=0.1))
+    assert np.linalg.norm(trunk[:2] - PLACE - wrong) < (0.06 if shows else 0.3)
+    assert (np.linalg.norm(trunk[:2] - PLACE) < 0.02) != shows
+
+
 def test_a_thin_trunk_that_shows_columns_wider_than_known_stays_where_it_is():
     """With its foot in view it was two columns too narrow; without, it is two too wide."""
     known = ObstacleMap(ObstacleConfig(associate=0.5))

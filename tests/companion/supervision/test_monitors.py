@@ -134,12 +134,23 @@ def test_a_rejected_sensor_slows_the_drone():
 def test_a_velocity_that_the_ground_contradicts_slows_the_drone_and_never_asks_for_hold():
     def contradicted(t):
         wrong = np.array([0.0, 1.2 if 1.0 <= t < 6.0 else 0.8, 0.0])
-        return VehicleEstimate(state(t), by_sight=VelocityBySight(wrong, 0.1, wrong))
+        return VehicleEstimate(state(t), by_sight=VelocityBySight(error=wrong))
 
     found = watched(9.0, contradicted)
     assert {b.reaction for _, b in found} == {Reaction.SLOW}
     assert all(b.finding.startswith("sight") for _, b in found)
     assert (found[0][0], found[-1][0]) == pytest.approx((2.5, 5.9), abs=0.11)
+
+
+def test_a_heading_that_the_ground_contradicts_slows_the_drone():
+    def turned(t):
+        by_sight = VelocityBySight(turn=-0.2 if 1.0 <= t < 3.0 else 0.17, turn_sigma=0.02)
+        return VehicleEstimate(state(t), by_sight=by_sight)
+
+    found = watched(5.0, turned)
+    assert {b.reaction for _, b in found} == {Reaction.SLOW}
+    assert found[0][1].finding == "heading: wrong by -11°"
+    assert (found[0][0], found[-1][0]) == pytest.approx((1.0, 2.9), abs=0.11)
 
 
 def test_near_the_ground_the_drone_climbs_and_then_holds():
