@@ -14,13 +14,12 @@ def main() -> int:
     """Solve a problem by each solver that is installed; 0, or an error of what does not work."""
     import companion.process.daemon  # noqa: F401  (all that a daemon imports)
     from companion.control.nmpc import NmpcConfig
-    from companion.control.nmpc.compiled import source
+    from companion.control.nmpc.generated import generate
     from companion.control.nmpc.instance_file import load, stored
     from companion.control.nmpc.ipopt import IpoptNmpc
-    from companion.control.nmpc.problem import build_stage
 
     config = NmpcConfig()
-    source(build_stage(config))  # what a C compiler gets
+    generate(config)  # what a C compiler gets
     instance = load(stored(), config)[0].instances[0]
     plan = IpoptNmpc(config).solve(instance)
     if not plan.usable:

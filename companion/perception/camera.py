@@ -8,7 +8,7 @@ camera model and calibration method for conventional, wide-angle, and fish-eye l
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -25,6 +25,7 @@ FORWARD = (0.5, -0.5, 0.5, -0.5)
 KEYS = ("width", "height", "fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
 NEWTON_STEPS = 8
 FOV_DEG = (40.0, 240.0)  # across the picture; outside, a focal length is mistaken
+_BAND = 16  # rows of all rays that are worked out at a time
 
 
 class CalibrationError(ValueError):
@@ -195,19 +196,30 @@ class Camera:
     @cached_property
     def directions(self) -> NDArray[np.float32]:
         """Return the unit direction of every pixel, (height,width,3), camera frame."""
-        u, v = np.meshgrid(np.arange(float(self.width)), np.arange(float(self.height)))
-        rays = self.unproject(np.stack([u, v], axis=-1).reshape(-1, 2))
-        return rays.reshape(self.height, self.width, 3).astype(np.float32)
+        rays = np.empty((self.height, self.width, 3), np.float32)
+        for band in self._bands():
+            u, v = np.meshgrid(np.arange(float(self.width)), np.arange(band.start, band.stop, 1.0))
+            found = self.unproject(np.stack([u, v], axis=-1).reshape(-1, 2))
+            rays[band] = found.reshape(*u.shape, 3)
+        return rays
 
     @cached_property
     def solid_angle(self) -> NDArray[np.float32]:
         """Return the solid angle [sr] of every pixel, (height,width): dΩ = sin θ dθ dφ."""
-        u, v = np.meshgrid(np.arange(float(self.width)), np.arange(float(self.height)))
-        radius = np.hypot((u - self.cx) / self.fx, (v - self.cy) / self.fy).ravel()
-        theta = np.maximum(self._angle(radius), 1e-6)
-        slope = np.maximum(self._slope(theta), 1e-3)
-        area = np.sin(theta) / (self.radius(theta) * slope * self.fx * self.fy)
-        return area.reshape(self.height, self.width).astype(np.float32)
+        areas = np.empty((self.height, self.width), np.float32)
+        for band in self._bands():
+            u, v = np.meshgrid(np.arange(float(self.width)), np.arange(band.start, band.stop, 1.0))
+            radius = np.hypot((u - self.cx) / self.fx, (v - self.cy) / self.fy).ravel()
+            theta = np.maximum(self._angle(radius), 1e-6)
+            slope = np.maximum(self._slope(theta), 1e-3)
+            area = np.sin(theta) / (self.radius(theta) * slope * self.fx * self.fy)
+            areas[band] = area.reshape(u.shape)
+        return areas
+
+    def _bands(self) -> Iterator[slice]:
+        """Yield the rows, a few at a time: what is worked out on the way stays in the memory."""
+        for first in range(0, self.height, _BAND):
+            yield slice(first, min(first + _BAND, self.height))
 
     def radius(self, theta: Vector) -> Vector:
         """Return the normalised image radius of an angle from the axis [rad]: the polynomial."""

@@ -18,8 +18,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from companion.bench.solver import percentiles, solve_all, worse_percent
-from companion.control.nmpc import Instance, IpoptNmpc, Neighbour, Nmpc, NmpcConfig, make_instance
+from companion.control.nmpc import Instance, Neighbour, Nmpc, NmpcConfig, make_instance
 from companion.control.nmpc.instance_file import Run
+from companion.control.nmpc.ipopt import IpoptNmpc
 from companion.model import HOVER
 
 SCENES, TICKS = 6, 4

@@ -2,12 +2,10 @@
 
 from companion.control.nmpc.config import NmpcConfig
 from companion.control.nmpc.instance import Instance, Neighbour, make_instance
-from companion.control.nmpc.ipopt import IpoptNmpc
 from companion.control.nmpc.rti import Nmpc
 
 __all__ = [
     "Instance",
-    "IpoptNmpc",
     "Neighbour",
     "Nmpc",
     "NmpcConfig",

@@ -11,22 +11,28 @@ from pathlib import Path
 
 from companion.control.nmpc.compiled import compile_kernel, program_source, source
 from companion.control.nmpc.config import NmpcConfig
+from companion.control.nmpc.generated import encoded, generate
+from companion.control.nmpc.generated import file_name as stage_file
 from companion.control.nmpc.prebuilt import FOLDER, LEVELS, file_name
-from companion.control.nmpc.problem import build_stage
 
 
 def build(folder: Path, machines: Sequence[str]) -> Iterator[Path]:
     """Build the kernels for some kinds of processor; yield each file.
 
-    They are that of the default problem, and that of the quadratic program alone, for any sizes.
+    They are that of the default problem, with its code (`generated.py`), and that of the quadratic
+    program alone, for any sizes.
 
     Raises:
         FileNotFoundError: a compiler is missing; the error names it.
         SubprocessError: it fails.
     """
-    sources = (source(build_stage(NmpcConfig())), program_source())
+    made = generate(NmpcConfig())
+    sources = (source(made.code), program_source())
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
+    kept = folder / stage_file(NmpcConfig())
+    kept.write_text(encoded(made))
+    yield kept
     code = folder / "nmpc.c"
     for machine in machines:
         compiler = "gcc" if machine == platform.machine() else f"{machine}-linux-gnu-gcc"

@@ -23,32 +23,31 @@ from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 
-import casadi as ca
-
 from companion.control.nmpc import prebuilt
 from companion.control.nmpc.config import NmpcConfig
+from companion.control.nmpc.generated import Generated, cache_folder
 from companion.control.nmpc.kernel import MAX_ROWS, MAX_STAGES, PROGRAM_FILES, SWEEP_FILE
-from companion.control.nmpc.problem import Stage
+from companion.control.nmpc.layout import StageLayout
 
 _OPTIONS = ("-march=native",)
 _COMPILE_TIME = 600  # s: an idle machine takes three, a loaded one many times that
 
 
-def library(stage: Stage, config: NmpcConfig) -> ctypes.CDLL | None:
+def library(made: Generated, config: NmpcConfig) -> ctypes.CDLL | None:
     """Return the library of these stage functions: the wheel's, cached, fresh, or None."""
-    if not _fits(stage, config):
+    if not _fits(made.layout, config):
         return None
-    code = source(stage)
+    code = source(made.code)
     found = prebuilt.load(code)
     return found if found is not None else _compiled_here(code)
 
 
-def program_library(stage: Stage, config: NmpcConfig) -> ctypes.CDLL | None:
+def program_library(stage: StageLayout, config: NmpcConfig) -> ctypes.CDLL | None:
     """Return the wheel's library that solves the quadratic program alone, or None."""
     return prebuilt.load(program_source()) if _fits(stage, config) else None
 
 
-def _fits(stage: Stage, config: NmpcConfig) -> bool:
+def _fits(stage: StageLayout, config: NmpcConfig) -> bool:
     """Return whether the kernel's memory is large enough for these sizes."""
     return config.N <= MAX_STAGES and len(stage.margin.rows) <= MAX_ROWS
 
@@ -60,7 +59,7 @@ def _compiled_here(code: str) -> ctypes.CDLL | None:
         return None
     try:
         key = "\n".join([code, *prebuilt.FLAGS, *_OPTIONS, compiler, _processor()])
-        path = _cache() / f"nmpc-{hashlib.sha256(key.encode()).hexdigest()[:20]}.so"
+        path = cache_folder() / f"nmpc-{hashlib.sha256(key.encode()).hexdigest()[:20]}.so"
         with _lock(path.parent):
             if path.exists():
                 with contextlib.suppress(OSError):  # cut short by a full disk: compiled again
@@ -71,12 +70,9 @@ def _compiled_here(code: str) -> ctypes.CDLL | None:
         return None
 
 
-def source(stage: Stage) -> str:
+def source(stages: str) -> str:
     """Return the whole source: CasADi's stage functions, the sweeps over them, the program."""
-    generator = ca.CodeGenerator("stages", {"with_header": False})
-    generator.add(stage.linearise)
-    generator.add(stage.evaluate)
-    return "\n".join([generator.dump(), _text(SWEEP_FILE), program_source()])
+    return "\n".join([stages, _text(SWEEP_FILE), program_source()])
 
 
 def program_source() -> str:
@@ -105,14 +101,6 @@ def _processor() -> str:
     lines = information.read_text().splitlines() if information.exists() else []
     abilities = {line for line in lines if line.startswith(("flags", "Features", "model name"))}
     return "\n".join([platform.machine(), platform.processor(), *sorted(abilities)])
-
-
-def _cache() -> Path:
-    """Return the cache folder, made if missing."""
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    folder = Path(base) / "swarm-companion"
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
 
 
 @contextlib.contextmanager

@@ -10,12 +10,17 @@ import ctypes
 from ctypes import POINTER, c_double, c_int, c_longlong, c_void_p
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from companion.control.nmpc.config import NmpcConfig
-from companion.control.nmpc.problem import LOCAL_BEFORE, LOCAL_NEXT, LOCAL_U, Piece, Stage
+from companion.control.nmpc.layout import (
+    LOCAL_BEFORE,
+    LOCAL_NEXT,
+    LOCAL_U,
+    Piece,
+    StageLayout,
+)
 from companion.control.nmpc.qp import change_bounds, input_bounds
 from companion.model import NU, NX
 from mavlink_bridge.shared.arrays import Vector
@@ -42,7 +47,7 @@ _Inputs = c_double * NU
 
 
 class PieceStructure(ctypes.Structure):
-    """A `Piece` of `problem.py`, and how many entries it has."""
+    """A `Piece` of `layout.py`, and how many entries it has."""
 
     _fields_ = (
         ("offset", c_int),
@@ -105,16 +110,20 @@ class Sweep:
     def __init__(
         self,
         library: ctypes.CDLL,
-        function: ca.Function,
+        name: str,
+        work: tuple[int, int],
         N: int,
         inputs: list[tuple[Vector, int]],
         outputs: list[tuple[Vector, int]],
     ) -> None:
-        """Each array comes with its stride from stage to stage; 0: all stages share it."""
+        """Each array comes with its stride from stage to stage; 0: all stages share it.
+
+        work: integers and numbers that the function works on.
+        """
         arrays = [array for array, _ in [*inputs, *outputs]]
         strides = np.array([stride for _, stride in [*inputs, *outputs]], dtype=np.int32)
-        iw = np.zeros(max(1, function.sz_iw()), dtype=np.int64)
-        w = np.zeros(max(1, function.sz_w()))
+        iw = np.zeros(max(1, work[0]), dtype=np.int64)
+        w = np.zeros(max(1, work[1]))
         base = (POINTER(c_double) * len(arrays))(*[_doubles(a) for a in arrays])
         self._arrays = (arrays, strides, iw, w, base)
         self._structure = SweepStructure(
@@ -126,7 +135,7 @@ class Sweep:
             iw=iw.ctypes.data_as(POINTER(c_longlong)),
             w=_doubles(w),
         )
-        self._call = library[f"sweep_{function.name()}"]
+        self._call = library[f"sweep_{name}"]
         self._argument = ctypes.byref(self._structure)
 
     def __call__(self) -> None:
@@ -137,7 +146,7 @@ class Sweep:
 class CompiledProgram:
     """The quadratic program of `qp.py`, solved by the kernel."""
 
-    def __init__(self, config: NmpcConfig, stage: Stage, library: ctypes.CDLL) -> None:
+    def __init__(self, config: NmpcConfig, stage: StageLayout, library: ctypes.CDLL) -> None:
         N = config.N
         self.source = np.zeros(N * stage.size)
         self.u_min, self.u_max = input_bounds(config)

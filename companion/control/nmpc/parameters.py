@@ -11,16 +11,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
 
-import casadi as ca
 import numpy as np
 
 from companion.control.nmpc.config import NmpcConfig
 from companion.control.nmpc.instance import Instance
 from mavlink_bridge.shared.arrays import Vector
 
+if TYPE_CHECKING:
+    import casadi as ca
+
 Shape = tuple[int, ...]
-Weights = Mapping[str, ca.SX]
+Weights: TypeAlias = "Mapping[str, ca.SX]"
 
 
 class Table:
@@ -40,6 +43,8 @@ class Table:
 
     def symbols(self, name: str) -> tuple[ca.SX, dict[str, ca.SX]]:
         """Return the symbol of the whole vector, called `name`, and the symbol of each part."""
+        import casadi as ca
+
         vector = ca.SX.sym(name, self.size)
         parts = {}
         for part, shape in self._shapes.items():

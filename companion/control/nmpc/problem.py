@@ -11,36 +11,25 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from companion.control.nmpc import constraints, costs
 from companion.control.nmpc.casadi_model import casadi_step
 from companion.control.nmpc.config import NmpcConfig
+from companion.control.nmpc.layout import (
+    LOCAL,
+    LOCAL_BEFORE,
+    LOCAL_NEXT,
+    LOCAL_U,
+    LOCAL_X,
+    Piece,
+    StageLayout,
+)
 from companion.control.nmpc.parameters import scene_symbols, weight_symbols
-from companion.model import NU, NX
-
-Indices = NDArray[np.int64]
-
-# Local variables of a stage, in this order: x_i, u_{i-1}, u_i, x_{i+1}.
-LOCAL = 2 * (NX + NU)
-LOCAL_X = slice(0, NX)
-LOCAL_BEFORE = slice(NX, NX + NU)
-LOCAL_U = slice(NX + NU, NX + 2 * NU)
-LOCAL_NEXT = slice(NX + 2 * NU, LOCAL)
 
 
 @dataclass(frozen=True)
-class Piece:
-    """A sparse matrix inside a stage's column of numbers: entry n is at offset + n."""
-
-    offset: int
-    rows: Indices
-    columns: Indices
-
-
-@dataclass(frozen=True)
-class Stage:
-    """The two functions of a stage, and the place of each matrix in the linearised column.
+class Stage(StageLayout):
+    """The two functions of a stage, with their layout.
 
     linearise: (x, before, u, x_next, stage, scene, weights) → column of `size` numbers.
     evaluate: the same arguments → (x_{i+1} by the model, cost, margins [m] of agents, cylinders,
@@ -49,13 +38,6 @@ class Stage:
 
     linearise: ca.Function
     evaluate: ca.Function
-    size: int
-    gap: Piece
-    dynamics: Piece
-    gradient: Piece
-    hessian: Piece
-    margin: Piece
-    slope: Piece
 
 
 def build_stage(config: NmpcConfig) -> Stage:
@@ -79,26 +61,25 @@ def build_stage(config: NmpcConfig) -> Stage:
     )
     cost = sum((t.value() for t in terms), ca.SX(0))
     gradient, hessian = majoriser(terms, local)
-    matrices = [
-        reached - after,
-        ca.jacobian(reached, ca.vertcat(x, u)),
-        ca.densify(gradient),
-        ca.triu(hessian),
-        ca.densify(margins),
-        ca.jacobian(margins, after[:3]),
-    ]
-    pieces, offset = [], 0
-    for matrix in matrices:
+    matrices = {
+        "gap": reached - after,
+        "dynamics": ca.jacobian(reached, ca.vertcat(x, u)),
+        "gradient": ca.densify(gradient),
+        "hessian": ca.triu(hessian),
+        "margin": ca.densify(margins),
+        "slope": ca.jacobian(margins, after[:3]),
+    }
+    pieces, offset = {}, 0
+    for name, matrix in matrices.items():
         rows, columns = matrix.sparsity().get_triplet()
-        pieces.append(Piece(offset, np.array(rows, dtype=int), np.array(columns, dtype=int)))
+        pieces[name] = Piece(offset, np.array(rows, dtype=int), np.array(columns, dtype=int))
         offset += matrix.nnz()
-    column = ca.vertcat(*[m.nz[:] for m in matrices])
-    return Stage(
-        ca.Function("linearise", arguments, [column], {"cse": True}),
-        ca.Function("evaluate", arguments, [reached, cost, ca.densify(margins)], {"cse": True}),
-        offset,
-        *pieces,
-    )
+    column = ca.vertcat(*[m.nz[:] for m in matrices.values()])
+    linearise = ca.Function("linearise", arguments, [column], {"cse": True})
+    outputs = [reached, cost, ca.densify(margins)]
+    evaluate = ca.Function("evaluate", arguments, outputs, {"cse": True})
+    work = {f.name(): (int(f.sz_iw()), int(f.sz_w())) for f in (linearise, evaluate)}
+    return Stage(size=offset, work=work, linearise=linearise, evaluate=evaluate, **pieces)
 
 
 def majoriser(terms: list[costs.Term], variables: ca.SX) -> tuple[ca.SX, ca.SX]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.control.nmpc.config import NmpcConfig
-from companion.control.nmpc.problem import (
+from companion.control.nmpc.layout import (
     LOCAL,
     LOCAL_BEFORE,
     LOCAL_NEXT,
@@ -22,7 +22,7 @@ from companion.control.nmpc.problem import (
     LOCAL_X,
     Indices,
     Piece,
-    Stage,
+    StageLayout,
 )
 from companion.model import NU, NX
 from mavlink_bridge.shared.arrays import Vector
@@ -129,7 +129,7 @@ class Matrix:
 class Program:
     """The quadratic program: its structure is built once, its numbers are filled in place."""
 
-    def __init__(self, config: NmpcConfig, stage: Stage) -> None:
+    def __init__(self, config: NmpcConfig, stage: StageLayout) -> None:
         import piqp  # with scipy 150 MB, for machines without a C compiler alone
 
         self.config = config
@@ -163,7 +163,7 @@ class Program:
         """Return entries that all have the same source, one of the constants."""
         return rows, columns, np.full(len(rows), which)
 
-    def _hessian(self, stage: Stage) -> None:
+    def _hessian(self, stage: StageLayout) -> None:
         """Build the cost: P, the upper triangle, and c."""
         entries: list[Entries] = []
         gradient_places, gradient_sources = [], []
@@ -189,7 +189,7 @@ class Program:
         self.c[slack] = self.config.penalty
         self._gradient = Gather(np.concatenate(gradient_places), np.concatenate(gradient_sources))
 
-    def _equalities(self, stage: Stage) -> None:
+    def _equalities(self, stage: StageLayout) -> None:
         """Build the dynamics (31), A x = b."""
         entries: list[Entries] = []
         local = np.r_[np.arange(NX), np.arange(NX + NU, NX + 2 * NU)]
@@ -205,7 +205,7 @@ class Program:
         self.b = np.zeros(NX * self.config.N)
         self._gaps = np.concatenate(gaps)
 
-    def _inequalities(self, stage: Stage) -> None:
+    def _inequalities(self, stage: StageLayout) -> None:
         """Build h_l <= G x <= h_u, stage by stage: change of input (33), (34), then margins."""
         entries: list[Entries] = []
         agents, row = self.config.neighbours, 0

@@ -16,16 +16,20 @@ optimal feedback control", 2005.
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from companion.control.nmpc.compiled import library, program_library
 from companion.control.nmpc.config import NmpcConfig
+from companion.control.nmpc.generated import generated
 from companion.control.nmpc.instance import Instance
 from companion.control.nmpc.kernel import CompiledProgram
+from companion.control.nmpc.layout import StageLayout
 from companion.control.nmpc.outcome import (
     Trajectory,
     brake_guess,
@@ -37,11 +41,13 @@ from companion.control.nmpc.outcome import (
     shifted,
     usable_plan,
 )
-from companion.control.nmpc.problem import build_stage
 from companion.control.nmpc.qp import Program
 from companion.control.nmpc.stages import Stages
 from companion.types import Plan, PlanStatus
 from mavlink_bridge.shared.arrays import Vector
+
+if TYPE_CHECKING:
+    from companion.control.nmpc.problem import Stage
 
 # Length below which a quaternion is no attitude.
 LEAST_LENGTH = 1e-3
@@ -126,15 +132,23 @@ class Nmpc:
         """
         self.config = config
         self._clock = clock
-        stage = build_stage(config)
-        found = library(stage, config) if compiled else None
+        made = generated(config) if compiled else None
+        found = None if made is None else library(made, config)
+        run_by: ctypes.CDLL | Stage
+        stage: StageLayout
+        if made is not None and found is not None:
+            stage, run_by = made.layout, found
+        else:
+            from companion.control.nmpc.problem import build_stage
+
+            stage = run_by = build_stage(config)
         solving = found or program_library(stage, config)
         self.backend = "compiled" if found else "wheel" if solving else "piqp"
         self._program: Program | CompiledProgram = (
             CompiledProgram(config, stage, solving) if solving else Program(config, stage)
         )
         linearised = self._program.source[: config.N * stage.size]
-        self._stages = Stages(config, stage, linearised, found)
+        self._stages = Stages(config, stage, linearised, run_by)
         self._plan: Trajectory | None = None
         self._second_waits = False  # the last tick had no room for the second start, or for its end
         self._second: Trajectory | None = None  # where it broke off

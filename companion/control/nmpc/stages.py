@@ -5,18 +5,22 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import casadi as ca
 import numpy as np
 
 from companion.control.nmpc.config import NmpcConfig
 from companion.control.nmpc.instance import Instance
 from companion.control.nmpc.kernel import Sweep
+from companion.control.nmpc.layout import StageLayout
 from companion.control.nmpc.parameters import ParameterVectors, weight_numbers
-from companion.control.nmpc.problem import Stage
 from companion.model import NU, NX, step
 from mavlink_bridge.shared.arrays import Vector
+
+if TYPE_CHECKING:
+    import casadi as ca
+
+    from companion.control.nmpc.problem import Stage
 
 
 class Stages:
@@ -29,16 +33,19 @@ class Stages:
     def __init__(
         self,
         config: NmpcConfig,
-        stage: Stage,
+        stage: StageLayout,
         source: Vector,
-        library: ctypes.CDLL | None = None,
+        run_by: ctypes.CDLL | Stage,
     ) -> None:
-        """source: receives the linearisation. library: None for CasADi's virtual machine."""
+        """source: receives the linearisation.
+
+        run_by: the library with the functions, or the stage for CasADi's virtual machine.
+        """
         N = config.N
         self.config = config
         self.x, self.u = np.zeros((N + 1, NX)), np.zeros((N, NU))
         self.reached, self.costs = np.zeros((N, NX)), np.zeros(N)
-        self.margins = np.zeros((N, stage.evaluate.nnz_out(2)))
+        self.margins = np.zeros((N, len(stage.margin.rows)))
         self._before = np.zeros((N, NU))
         self._parameters = ParameterVectors(config)
         self._weights = weight_numbers(config)
@@ -53,13 +60,16 @@ class Stages:
         ]
         outputs = [(self.reached, NX), (self.costs, 1), (self.margins, self.margins.shape[1])]
         linear = [(source, stage.size)]
-        if library is not None:
-            self._linearise: Callable[[], None] = Sweep(library, stage.linearise, N, inputs, linear)
-            self._evaluate: Callable[[], None] = Sweep(library, stage.evaluate, N, inputs, outputs)
+        self._linearise: Callable[[], None]
+        self._evaluate: Callable[[], None]
+        if isinstance(run_by, ctypes.CDLL):
+            work = stage.work
+            self._linearise = Sweep(run_by, "linearise", work["linearise"], N, inputs, linear)
+            self._evaluate = Sweep(run_by, "evaluate", work["evaluate"], N, inputs, outputs)
         else:
             self._buffers: list[object] = []
-            self._linearise = self._bind(stage.linearise, inputs, linear)
-            self._evaluate = self._bind(stage.evaluate, inputs, outputs)
+            self._linearise = self._bind(run_by.linearise, inputs, linear)
+            self._evaluate = self._bind(run_by.evaluate, inputs, outputs)
 
     def _bind(
         self,

@@ -2,7 +2,8 @@
 
 import pytest
 
-from companion.control.nmpc import IpoptNmpc, Nmpc, NmpcConfig
+from companion.control.nmpc import Nmpc, NmpcConfig
+from companion.control.nmpc.ipopt import IpoptNmpc
 
 
 @pytest.fixture(scope="session")

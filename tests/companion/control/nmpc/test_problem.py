@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from companion.control.nmpc.costs import Term, blind_motion
+from companion.control.nmpc.layout import LOCAL
 from companion.control.nmpc.parameters import ParameterVectors, weight_numbers, weight_symbols
-from companion.control.nmpc.problem import LOCAL, build_stage
+from companion.control.nmpc.problem import build_stage
 from companion.model import NU, NX
 from tests.companion.control.nmpc.scenes import CONFIG, random_scene
 

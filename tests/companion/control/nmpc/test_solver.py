@@ -11,8 +11,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from companion.control.nmpc import IpoptNmpc, Neighbour, Nmpc, NmpcConfig, make_instance
+from companion.control.nmpc import Neighbour, Nmpc, NmpcConfig, make_instance
 from companion.control.nmpc.instance_file import load, stored
+from companion.control.nmpc.ipopt import IpoptNmpc
 from companion.model import HOVER, yaw_of
 from companion.types import PlanStatus
 from tests.companion.control.nmpc.scenes import CONFIG, NAMED, random_scene, scene, state
