@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from companion.types import Image
+    from companion.types import Image, Trunk
+    from mavlink_bridge.shared.arrays import Vector
 
 EXIT_BAD_INPUT = 2
 _DRONE_COLUMNS = {
@@ -123,7 +124,7 @@ def _measure(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
         compared["forward_pass"] = lambda _: network.forward()
     trunks = TrunkDetector(camera)
     finder: TrunkDetector | NetworkSearch = trunks
-    find = trunks.detect
+    find: Callable[[Image, Vector, float], list[Trunk]] = trunks.detect
     if isinstance(detector, NetworkSearch):
         find, finder = detector.find, detector
     figures = measure(camera, frames, detector, compared, find)

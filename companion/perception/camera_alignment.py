@@ -35,7 +35,9 @@ _STEP = 0.02  # s, of the sum over the gyro's rates
 _LONGEST = 0.25  # s between two pictures that are compared
 _LEAST_PAIRS = 4.0
 _PAIRS_AGAINST = 8.0  # pairs from which a contradiction is told
-_PARALLAX = 0.1  # rad/m of own way: what near things move, of which the visual gyro leaves a part
+# rad/m of own way: what near things move, of which the visual gyro leaves a part; from turn to turn
+# alike, so that many turns tell little more than one.
+_PARALLAX = 0.2
 _LOW = 0.5  # m over the ground, below which nearly all that is seen is near
 _SURPRISE, _IN_A_ROW = 0.5, 2  # share of the turn, and turns, from which the camera has moved
 _KEEP = 0.97  # of the evidence, from one pair of pictures to the next

@@ -6,6 +6,8 @@ that is so; each gives 0…1, ½ at its limit, and a picture's score is their pr
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,9 +25,11 @@ _SHARE = 0.4  # twice the least share of the view below the horizon that must be
 # less where they do not and nothing else below says so.
 _GAP = 30.0
 _MISFITS = 0.08  # twice the largest share of pixels on the wrong side of the feet
-# Twice the widest object that may stand before the sky and have no bark below the horizon: a trunk
-# so wide is so near that its foot lies lower. Where there is one, its bark was taken for ground.
-_FOOTLESS = np.radians(5.0)
+# The widest object that may stand before the sky and have no bark below the horizon: a trunk so
+# wide is so near that its foot lies lower. Where there is one, its bark was taken for ground. Below
+# a horizon that is believed too low, by a wrong tilt, wider ones have none either.
+_FOOTLESS = math.radians(2.5)
+_TILTS, _THICK = 3.0, 1.5  # standard deviations of the tilt; m, radius of a thick trunk
 
 
 class Separation:
@@ -48,12 +52,13 @@ def score(
     bark: Vector,
     above: NDArray[np.bool_],
     step: float,
+    widest: float = _FOOTLESS,
 ) -> float | None:
     """Return how well obstacles and ground separate in a picture, 0…1; None where nothing tells.
 
     typical: warmth of the ground in it. ground, known: (columns,rows) below the horizon.
     foot_row: (columns,). bark: (columns,) warmth of what stands before the sky in columns `above`.
-    step: rad, width of a column.
+    step: rad, width of a column. widest: rad, see `widest_footless`.
     """
     count = int(np.count_nonzero(known))
     if typical is None or not count:
@@ -72,9 +77,17 @@ def score(
         share / _SHARE,
         gap / _GAP,
         1.0 - misfits / _MISFITS,
-        1.0 - _longest(footless) * step / _FOOTLESS,
+        1.0 - 0.5 * _longest(footless) * step / widest,
     )
     return float(np.prod(np.clip(parts, 0.0, 1.0)))
+
+
+def widest_footless(tilt: float, altitude: float) -> float:
+    """Return the width [rad] of the widest object whose foot may lie above the believed horizon.
+
+    tilt: rad, 1 σ of the own one. altitude: m, of the camera over the ground.
+    """
+    return max(_FOOTLESS, 2.0 * math.asin(min(_THICK * math.tan(_TILTS * tilt) / altitude, 1.0)))
 
 
 def _longest(mask: NDArray[np.bool_]) -> int:

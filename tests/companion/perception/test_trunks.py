@@ -130,6 +130,16 @@ def test_bark_on_litter_is_clear():
     assert clarity(12) > 0.85
 
 
+@pytest.mark.parametrize(("doubt", "sees"), [(np.radians(1.0), True), (0.0, False)])
+def test_far_feet_above_a_horizon_that_is_believed_too_low_are_clear(doubt, sees):
+    """A drone whose GPS made its tilt wrong by 3.4° gave its mission up at the take-off."""
+    detector = TrunkDetector(CAMERA)
+    for _ in range(12):
+        image = picture([(26.0, 0.0, 0.9), (28.0, 12.0, 1.0), *STAND[2:]], gravity(0, 0), 1.4)
+        detector.detect(image, gravity(-3.4, 0), 1.4, doubt)
+    assert (detector.clarity > 0.5) == sees
+
+
 def test_beside_a_warm_trunk_in_its_shade_it_is_clear():
     """A drone that passed such a trunk at 0.6 m was told that it saw nothing, and stayed there."""
     beside = [(0.9, 1.3, 1.0), *STAND]
