@@ -5,7 +5,7 @@ Each monitor watches one assumption and says what the drone does where it does n
 | monitor | evidence | slow | HOLD |
 |---|---|---|---|
 | speed | faster than `speed_over` × v_max | at once | after `persist` |
-| swing | roll or pitch rate goes to and fro by `swing_rate` | – | after `swings` |
+| swing | roll or pitch rate goes to and fro by `swing_rate` | after `swings` | after `persist` |
 | model | mean disturbance (drag, wind, thrust) above `disturbance` | at once | after `persist` |
 | delay | from a tick to its effect, longer than `delay_slow`, `delay_hold` | at once | at once |
 | gyro | attitude turns otherwise than the gyro tells, by `turn` in 1 s | – | at once |
@@ -221,8 +221,10 @@ class Monitors:
                 swings.popleft()
             most = max(most, len(swings))
         if most < c.swings:
+            self._since.pop("swing", None)
             return None
-        return Broken(f"swing: {most} times to and fro in {_SWING_TIME:g} s", Reaction.HOLD)
+        finding = f"swing: {most} times to and fro in {_SWING_TIME:g} s"
+        return self._lasting("swing", time, finding, hold_after=c.persist)
 
     def _turning(self, attitudes: Iterable[Attitude]) -> Broken | None:
         """Compare the attitude's turn with the sum of the rates, over a second of telemetry."""

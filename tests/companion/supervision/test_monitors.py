@@ -115,6 +115,14 @@ def test_a_broken_assumption_is_named_and_ends_in_hold(name):
     assert all(b.finding.startswith(name) for t, b in found if t in holds)
 
 
+def test_a_drone_that_swings_flies_slowly_before_it_holds():
+    """Between many neighbours the plan itself swings; with GPS, HOLD drifts into trunks."""
+    found = watched(5.0, *BROKEN["swing"])
+    assert found[0][1].reaction is Reaction.SLOW
+    first_hold = next(t for t, b in found if b.reaction is Reaction.HOLD)
+    assert first_hold - found[0][0] == pytest.approx(1.5, abs=0.11)
+
+
 def test_a_position_that_slides_slows_the_drone_and_is_forgotten():
     def sliding(t):
         way = np.array([min(max(t - 2.0, 0.0), 2.0), 0.0, 0.0])
