@@ -17,6 +17,7 @@ supervision applies to it, may replace what comes from a plan:
 | 10 | else | the plan, clipped | |
 | 11 | the plan has no certificate (`certify.py`) | a way that has, or keeps most room | |
 
+Where the autopilot's position is less sure than `hold_doubt`, LAND is requested instead of HOLD.
 Braking and levelling are laws in closed form, without any solver.
 """
 
@@ -149,6 +150,12 @@ class GuardConfig(StrictModel):
         gt=0,
         description="Time [s] of a camera fault after which HOLD is requested: the guard's braking "
         "drifts, the autopilot's hold does not.",
+    )
+    hold_doubt: float = Field(
+        0.4,
+        gt=0,
+        description="1 σ [m] of the autopilot's position from which LAND is requested instead of "
+        "HOLD: a drone that is held by such a position drifts into what it kept clear of.",
     )
     late: float = Field(
         0.15,

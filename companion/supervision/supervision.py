@@ -132,7 +132,8 @@ class Supervision:
             verdict = self._judge(time, vehicle, seen, plan, motion, failure, broken)
             if verdict.request is not AutopilotRequest.NONE:
                 holds = verdict.request is AutopilotRequest.HOLD
-                self._phases.release(GiveBack.HOLD if holds else GiveBack.LAND)
+                stays = vehicle.doubt.position <= self._config.hold_doubt
+                self._phases.release(GiveBack.HOLD if holds and stays else GiveBack.LAND)
         decision = self._phases.update(
             time,
             vehicle.heartbeat if vehicle.mode_known else None,

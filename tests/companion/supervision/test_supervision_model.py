@@ -10,6 +10,7 @@ import pytest
 from companion.estimation.delay import Delay
 from companion.estimation.hover_thrust import HoverEstimate
 from companion.estimation.motion import MotionEstimate
+from companion.estimation.own_doubt import OwnDoubt
 from companion.estimation.vehicle import VehicleEstimate
 from companion.guidance.fence import FenceConfig
 from companion.guidance.mission import MissionConfig
@@ -174,3 +175,19 @@ def test_the_search_fails_without(rule, monkeypatch):
     rule(monkeypatch)
     with pytest.raises(AssertionError):
         search(False)
+
+
+@pytest.mark.parametrize(("sigma", "way"), [(0.1, ADAPTER.hold()), (0.6, ADAPTER.land())])
+@pytest.mark.parametrize("event", ["blind", "a stage failed", "grave"])
+def test_a_drone_that_does_not_know_its_place_lands_instead_of_holding(
+    sigma, way, event, monkeypatch
+):
+    befallen = EVENTS[event] | {"vehicle": {"doubt": OwnDoubt(position=sigma)}}
+    monkeypatch.setitem(EVENTS, event, befallen)
+    both = Both(auto=False)
+    for mode in ("hold", "hold", "offboard", "offboard"):
+        both.tick(("nothing", mode, True))
+    assert both.supervision.phase.flying
+    asked = [r for _ in range(3) for r in both.tick((event, "offboard", True)).requests]
+    assert set(way) <= set(asked)
+    assert not set(asked) & ({*ADAPTER.hold(), *ADAPTER.land()} - {*way})
