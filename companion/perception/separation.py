@@ -30,6 +30,7 @@ _MISFITS = 0.08  # twice the largest share of pixels on the wrong side of the fe
 # a horizon that is believed too low, by a wrong tilt, wider ones have none either.
 _FOOTLESS = math.radians(2.5)
 _TILTS, _THICK = 3.0, 1.5  # standard deviations of the tilt; m, radius of a thick trunk
+_STEEPEST = 1.0  # rad; no tilt is in more doubt
 
 
 class Separation:
@@ -87,7 +88,9 @@ def widest_footless(tilt: float, altitude: float) -> float:
 
     tilt: rad, 1 σ of the own one. altitude: m, of the camera over the ground.
     """
-    return max(_FOOTLESS, 2.0 * math.asin(min(_THICK * math.tan(_TILTS * tilt) / altitude, 1.0)))
+    depression = min(max(_TILTS * tilt, 0.0), _STEEPEST)
+    nearer = _THICK * math.tan(depression) / altitude  # radius over distance
+    return max(_FOOTLESS, 2.0 * math.asin(min(nearer, 1.0)))
 
 
 def _longest(mask: NDArray[np.bool_]) -> int:
