@@ -68,16 +68,20 @@ class OdometryFrame:
                 self._resets = m.resets
                 if m.time - self._local_at > _SILENT:
                     self._go_on(self._step_free(LocalPosition(m.time, m.p, m.v), velocity_sigma))
-                v = self.by_sight.corrected(m.v + self._velocity.error)
+                v = self._corrected(m.v + self._velocity.error)
                 yield replace(m, p=m.p - self.offset, v=v)
             else:
                 yield m
 
+    def _corrected(self, v: Vector) -> Vector:
+        """Return a velocity (3,) m/s by sight; one that is no number is refused later."""
+        return self.by_sight.corrected(v) if np.isfinite(v).all() else v
+
     def _go_on(self, m: LocalPosition) -> Vector:
         """Return the velocity (3,) m/s by sight, summed up to the time of a position."""
-        v = self.by_sight.corrected(m.v)
+        v = self._corrected(m.v)
         dt = m.time - self._until
-        if 0.0 < dt <= _LONGEST_GAP:
+        if 0.0 < dt <= _LONGEST_GAP and np.isfinite(v).all():
             self._way = self._way + dt * (v - m.v)
         self._until = m.time
         return v

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from companion.estimation.odometry_frame import OdometryFrame
+from companion.estimation.velocity_by_sight import VelocityBySight
 from mavlink_bridge.wire.messages import LocalPosition, Odometry
 
 V = np.array([1.5, 0.0, 0.0])
@@ -64,3 +65,24 @@ def test_a_large_jump_that_nothing_announces_stays_a_fault():
     found = fly(frame, lambda t: jump * (t >= 2.0))
     assert errors(found)[-1] == pytest.approx(3.0)
     assert not frame.offset.any()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("axis", range(3))
+def test_a_velocity_that_is_no_number_spoils_nothing_after_it(bad, axis):
+    frame = OdometryFrame()
+    frame.by_sight = VelocityBySight(turn=0.1, error=np.array([0.2, 0.0, 0.0]))
+    v = np.array([1.0, 0.0, 0.0])
+    for k in range(10):
+        told = v.copy()
+        told[axis] = bad if k == 5 else v[axis]
+        ((local,), (odometry,)) = (
+            list(frame.localised([m], 0.05))
+            for m in (
+                LocalPosition(0.02 * k, 0.02 * k * v, told),
+                Odometry(0.02 * k, 0.02 * k * v, told, np.array([1.0, 0, 0, 0]), np.zeros(3)),
+            )
+        )
+        assert np.isfinite(frame.offset).all()
+        assert np.isfinite([*local.v, *odometry.v]).all() == (k != 5)
+    assert frame.offset[0] == pytest.approx(-0.2 * 0.18, abs=0.01)
