@@ -202,13 +202,12 @@ class ObstacleMap:
 
         arm: m, from the drone to the trunk's axis. height: m, over ground.
         """
-        turn = float(rotation_matrix(own.q_wb)[2] @ own.omega)
-        variance = trunk.sigma**2 + (_TIMING * turn * trunk.distance) ** 2
+        variance = trunk.sigma**2 + (_turning(own) * trunk.distance) ** 2
         look = Look(
             own.p[:2],
             own.p[:2] + arm,
             trunk.sigma,
-            math.hypot(_BEARING, _TIMING * turn) * trunk.distance,
+            math.hypot(_BEARING, _turning(own)) * trunk.distance,
             # Without a foot in the picture its width tells the distance: no tilt shifts that.
             None if trunk.assumed else Foot(yaw_of(own.q_wb), height, trunk.radius),
         )
@@ -237,16 +236,12 @@ class ObstacleMap:
         if not trunk.half_width:
             return
         k, level = self._landmarks[n], max(math.hypot(*along), 1e-6)
-        distance = k.radius / math.sin(min(trunk.half_width, _WIDEST))
-        noise = math.hypot(_RADIUS / k.radius, _EDGE / math.tan(min(trunk.half_width, _WIDEST)))
-        turn = float(rotation_matrix(own.q_wb)[2] @ own.omega)
-        arm = np.array(along) * (distance / level)
-        look = Look(
-            own.p[:2],
-            own.p[:2] + arm,
-            noise * distance,
-            math.hypot(_BEARING, _TIMING * turn) * distance,
-        )
+        half = min(trunk.half_width, _WIDEST)
+        distance = k.radius / math.sin(half)
+        noise = math.hypot(_RADIUS / k.radius, _EDGE / math.tan(half))
+        across = math.hypot(_BEARING, _turning(own)) * distance
+        place = own.p[:2] + np.array(along) * (distance / level)
+        look = Look(own.p[:2], place, noise * distance, across)
         known = math.dist(k.axis, (float(own.p[0]), float(own.p[1])))
         if abs(distance - known) < _MATCH_SIGMAS * math.hypot(look.along, math.sqrt(k.variance)):
             self._places.correct(n, look, self._config.sigma_floor**2)
@@ -361,6 +356,11 @@ class ObstacleMap:
             if _angle(offset, other) < covers + math.asin(min(target.radius / distance, 1.0)):
                 return True
         return False
+
+
+def _turning(own: VehicleState) -> float:
+    """Return 1 σ [rad] of a direction by the timing of the picture, while the drone turns."""
+    return _TIMING * abs(float(rotation_matrix(own.q_wb)[2] @ own.omega))
 
 
 def _angle(a: _Place, b: _Place) -> float:

@@ -42,7 +42,7 @@ _LEVEL = np.eye(2)
 
 @dataclass(frozen=True)
 class VelocityBySight:
-    """What the velocity that telemetry tells lacks, in the frame in which the drone sees.
+    """How the velocity that telemetry tells is wrong, in the frame in which the drone sees.
 
     turn: rad, by which the told yaw is too large, as seen from the told velocity. error: (3,) m/s,
     to be added to the turned velocity. sigma: m/s, largest 1 σ of the corrected velocity.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from pathlib import Path
 from typing import Any
@@ -145,4 +146,10 @@ def _motion(record: dict[str, Any]) -> str:
     if record.get("height"):
         value, sigma = record["height"]
         texts.append(f"over ground {value:.1f} ± {sigma:.1f} m")
+    if len(record.get("velocity_by_sight", [])) == 3:
+        east, north, sigma = record["velocity_by_sight"]
+        texts.append(f"velocity wrong by {math.hypot(east, north):.2f} ± {sigma:.2f} m/s")
+    if "heading_by_sight" in record:
+        value, sigma = map(math.degrees, record["heading_by_sight"])
+        texts.append(f"heading by {value:.0f} ± {sigma:.0f}°")
     return ", ".join(texts) or "-"

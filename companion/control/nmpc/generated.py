@@ -1,6 +1,6 @@
 """The stage functions as C, with their layout: made by CasADi once, and kept.
 
-Loading CasADi and making the functions takes a third of a second and fifteen megabytes, which a
+Loading CasADi and making the functions takes a tenth of a second and fourteen megabytes, which a
 small board does not have to spare. So a wheel brings the code of the default problem (`make
 kernels`), and that of others is kept in the user's cache. Its name is a hash of all that it is made
 of: the sources of the problem, the sizes in the configuration, CasADi's version. The weights are

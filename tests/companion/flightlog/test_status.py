@@ -112,3 +112,11 @@ def test_without_a_log_one_clear_line_and_exit_2(drone, tmp_path, capsys, conten
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1
     assert words in lines[0]
+
+
+def test_what_the_ground_says_of_velocity_and_heading_is_shown_with_its_doubt():
+    record = {"velocity_by_sight": [0.3, -0.4, 0.1], "heading_by_sight": [-0.0698, 0.0262]}
+    text = status_module._motion(record)
+    assert text == "velocity wrong by 0.50 ± 0.10 m/s, heading by -4 ± 2°"
+    before = {"velocity_by_sight": [0.3, -0.4, 0.1, 0.0, 0.0]}  # a log of 0.1
+    assert status_module._motion(before) == "-"
