@@ -210,6 +210,7 @@ def draw_drones(  # type: ignore[no-untyped-def]
     haze,
     f,
     lens,
+    hill,
     table,
     count,
     boxes,
@@ -221,6 +222,7 @@ def draw_drones(  # type: ignore[no-untyped-def]
     """Composite drones into image (h,w,3), far to near, or into depth (h,w) if it has rows.
 
     f: largest px/rad. lens: (8,) fx, fy, cx, cy, k1…k4.
+    hill: (3,) of `scene.paint`.
     drones_p (m,3), drones_r (m,3,3) body → world, looks (m,) row of parts_all (k,n,fields).
     """
     h, w = rays.shape[1], rays.shape[2]
@@ -294,7 +296,7 @@ def draw_drones(  # type: ignore[no-untyped-def]
                         wy = rot[1, 0] * dx + rot[1, 1] * dy + rot[1, 2] * dz
                         wz = rot[2, 0] * dx + rot[2, 1] * dy + rot[2, 2] * dz
                         wall = scene_range(
-                            px, py, pz, wx, wy, wz, table, count, boxes, start, which
+                            px, py, pz, wx, wy, wz, hill, table, count, boxes, start, which
                         )
                         if t > wall:
                             continue

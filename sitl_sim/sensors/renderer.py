@@ -29,6 +29,7 @@ from sitl_sim.sensors.tables import (
     trunk_table,
 )
 from sitl_sim.sensors.textures import UInt8
+from sitl_sim.worlds.ground import Ground
 
 HAZE = np.array([222.0, 216.0, 206.0], np.float32)  # BGR of the far distance
 SUN = np.array([0.52, -0.43, 0.738])
@@ -56,6 +57,7 @@ class _View:
 
     p: Float64
     r_wc: Float64
+    hill: Float32
     table: Float32
     count: NDArray[np.int32]
     start: Any
@@ -90,8 +92,9 @@ class Renderer:
         """Build textures and tables.
 
         Args:
-            world: as `world.json`: cylinders {x, y, radius, height?}, boxes {min, max} and
-                drone_radius.
+            world: as `world.json`: cylinders {x, y, radius, height?}, boxes {min, max}, terrain
+                and drone_radius. Ground is painted as the plane below the camera: a terrain of one
+                slope is shown as it is, hills are not.
             width: px.
             height: px.
             fov_deg: degrees over the width.
@@ -102,6 +105,7 @@ class Renderer:
             looks: appearance of drone i is looks[i % len(looks)]; None: dark with a magenta ball.
         """
         rng = np.random.default_rng([seed, 0x5EED])
+        self._terrain = Ground(dict(world))
         self.lens = lens or Lens(width, height, fov_deg)
         self.sensor = sensor or Sensor()
         radius = drone_radius if drone_radius is not None else world.get("drone_radius", 0.2)
@@ -163,7 +167,7 @@ class Renderer:
         raw = np.empty((lens.height, lens.width, 3), np.uint8)
         elevations = np.empty((2, EBINS), np.float32)
         pixel = 1.0 / lens.f
-        ground_table(max(float(view.p[2]), 0.02), pixel, elevations)
+        ground_table(float(view.hill[2]), pixel, elevations)
         paint(
             lens.rays,
             view.r_wc.astype(np.float32),
@@ -171,6 +175,7 @@ class Renderer:
             view.table,
             view.count,
             elevations,
+            view.hill,
             self._boxes,
             view.start,
             view.which,
@@ -216,6 +221,7 @@ class Renderer:
             lens.rays,
             view.r_wc.astype(np.float32),
             view.p.astype(np.float32),
+            view.hill,
             view.table,
             view.count,
             self._boxes,
@@ -228,8 +234,10 @@ class Renderer:
 
     def _view(self, p_wc: Float64, q_wb: Float64, lens: Lens) -> _View:
         p = np.array(p_wc, float)
+        level, east, north = (float(v) for v in self._terrain.plane(p[0], p[1]))
         # The picture of a camera below the ground would be meaningless.
-        p[2] = max(p[2], 0.02)
+        p[2] = max(p[2], level + 0.02)
+        hill = np.array([east, north, p[2] - level], np.float32)
         table = np.empty((LAYERS, BINS, FIELDS), np.float32)
         count = np.empty(BINS, np.int32)
         trunk_table(
@@ -239,7 +247,7 @@ class Renderer:
         which = np.empty(BINS * len(self._boxes), np.int16)
         if len(self._boxes):
             box_lists(p, self._boxes.astype(float), start, which)
-        return _View(p, rotation(np.asarray(q_wb, float)) @ R_BC, table, count, start, which)
+        return _View(p, rotation(np.asarray(q_wb, float)) @ R_BC, hill, table, count, start, which)
 
     def _draw(
         self,
@@ -268,6 +276,7 @@ class Renderer:
             HAZE,
             lens.f,
             lens.numbers,
+            view.hill,
             view.table,
             view.count,
             self._boxes,

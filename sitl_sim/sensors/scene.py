@@ -72,15 +72,19 @@ def hit_box(px, py, pz, dx, dy, dz, boxes, start, which, b):  # type: ignore[no-
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def scene_range(px, py, pz, dx, dy, dz, table, count, boxes, start, which):  # type: ignore[no-untyped-def]
-    """Return the distance [m] along the world ray d to the first static surface; inf: sky."""
+def scene_range(px, py, pz, dx, dy, dz, hill, table, count, boxes, start, which):  # type: ignore[no-untyped-def]
+    """Return the distance [m] along the world ray d to the first static surface; inf: sky.
+
+    hill: (3,) of `paint`.
+    """
     rho = math.sqrt(dx * dx + dy * dy) + TINY
     s = dz / rho
     b = min(int((diamond(dx, dy) + np.float32(2)) * QUARTER), BINS - 1)
     norm = math.sqrt(rho * rho + dz * dz)
     t = FAR
-    if s < ZERO:
-        t = -pz / s
+    falls = s - (hill[0] * dx + hill[1] * dy) / rho
+    if falls < ZERO:
+        t = -hill[2] / falls
     for layer in range(count[b]):
         if table[layer, b, T_IN] >= t:
             break
@@ -106,6 +110,7 @@ def paint(  # type: ignore[no-untyped-def]
     table,
     count,
     elevations,
+    hill,
     boxes,
     start,
     which,
@@ -122,21 +127,24 @@ def paint(  # type: ignore[no-untyped-def]
 ):
     """Colour every pixel of the static scene.
 
-    rays: (3,h,w) camera frame. rot: (3,3) camera → world. p: (3,) camera, world [m]. elevations:
-    (2,EBINS) of `ground_table`. ground, macro: hue << 8 | brightness. palette: (HUES × 256,)
-    and sky: BGR as red << 16 | green << 8 | blue. macro_frame: (3,) x and y origin [m], texels
-    per metre. out: (h,w,3) uint8 BGR.
+    rays: (3,h,w) camera frame. rot: (3,3) camera → world. p: (3,) camera, world [m]. hill: (3,)
+    slope of the ground towards east and north (rise/run), and height [m] of the camera over it.
+    elevations: (2,EBINS) of `ground_table`. ground, macro: hue << 8 | brightness. palette:
+    (HUES × 256,) and sky: BGR as red << 16 | green << 8 | blue. macro_frame: (3,) x and y origin
+    [m], texels per metre. out: (h,w,3) uint8 BGR.
 
     A row is painted in passes, and textures are packed: a pixel costs one look-up in each, and
     what is between the look-ups becomes SIMD.
     """
     h, w = rays.shape[1], rays.shape[2]
     px, py, pz = p[0], p[1], p[2]
+    hill_east, hill_north, above = hill[0], hill[1], hill[2]
     r00, r01, r02 = rot[0, 0], rot[0, 1], rot[0, 2]
     r10, r11, r12 = rot[1, 0], rot[1, 1], rot[1, 2]
     r20, r21, r22 = rot[2, 0], rot[2, 1], rot[2, 2]
     bins, row = np.empty(w, np.int32), np.empty(w, np.int32)
     slope, reach = np.empty(w, np.float32), np.empty(w, np.float32)
+    falls = np.empty(w, np.float32)  # slope of the ray against the ground's; negative: it meets it
     east, north = np.empty(w, np.float32), np.empty(w, np.float32)
     texel_u, texel_v = np.empty(w, np.int32), np.empty(w, np.int32)
     texel_m = np.empty(w, np.int32)
@@ -163,12 +171,14 @@ def paint(  # type: ignore[no-untyped-def]
             angle = back if dx < ZERO else t
             bins[x] = np.int32(min((angle + np.float32(2)) * QUARTER, np.float32(BINS - 1)))
             slope[x] = dz * inv
-            elevation = abs(dz) / (rho + abs(dz))
+            down = dz - (hill_east * dx + hill_north * dy)
+            falls[x] = down * inv
+            elevation = abs(down) / (rho + abs(down))
             row[x] = np.int32(min(elevation * np.float32(EBINS), np.float32(EBINS - 1)))
             east[x] = dx * inv
             north[x] = dy * inv
             # Where the ray meets the ground; rays that do not are never asked for it.
-            run = min(pz / max(-dz * inv, TINY), T_MAX)
+            run = min(above / max(-down * inv, TINY), T_MAX)
             reach[x] = run
             gx, gy = px + dx * inv * run, py + dy * inv * run
             texel_u[x] = np.int32((gx + SHIFT) * GROUND_TEXELS)
@@ -179,14 +189,14 @@ def paint(  # type: ignore[no-untyped-def]
         for x in range(w):
             b, s = np.uintp(bins[x]), slope[x]
             gain[x], mist[x] = ONE, ZERO
-            if s < top[b] and near[b] < (reach[x] if s < ZERO else FAR):
+            if s < top[b] and near[b] < (reach[x] if falls[x] < ZERO else FAR):
                 v = np.int32((pz + s * near[b] + SHIFT) * BARK_TEXELS)
                 light = np.float32(bark[stem[b] + texel(np.int32(0), v, bark_level[b])])
                 blue = np.int32(min(light * shade[b, 0] + shade[b, 3], np.float32(255)))
                 green = np.int32(min(light * shade[b, 1] + shade[b, 4], np.float32(255)))
                 red = np.int32(min(light * shade[b, 2] + shade[b, 5], np.float32(255)))
                 colour[x] = np.uint32(red << np.int32(16) | green << np.int32(8) | blue)
-            elif s < ZERO:
+            elif falls[x] < ZERO:
                 e = np.uintp(row[x])
                 leaf = np.uintp(ground[texel(texel_u[x], texel_v[x], np.int32(levels[e]))])
                 lit = np.uintp(light_of[np.uintp(texel_m[x])])
@@ -212,7 +222,7 @@ def paint(  # type: ignore[no-untyped-def]
                 continue
             limit = FAR
             ground_t = FAR
-            if s < ZERO:
+            if falls[x] < ZERO:
                 ground_t = reach[x]
             kind = 0
             layer = 0

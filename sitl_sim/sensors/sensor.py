@@ -62,15 +62,20 @@ def develop(raw, noise, offset, sigma, exposure, vignette, out):  # type: ignore
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def depth_image(rays, rot, p, table, count, boxes, start, which, out):  # type: ignore[no-untyped-def]
-    """Write the distance to the static scene along each ray (3,h,w), camera frame, to out (h,w)."""
+def depth_image(rays, rot, p, hill, table, count, boxes, start, which, out):  # type: ignore[no-untyped-def]
+    """Write the distance to the static scene along each ray (3,h,w), camera frame, to out (h,w).
+
+    hill: (3,) of `paint`.
+    """
     for y in range(rays.shape[1]):
         for x in range(rays.shape[2]):
             a, b, c = rays[0, y, x], rays[1, y, x], rays[2, y, x]
             dx = rot[0, 0] * a + rot[0, 1] * b + rot[0, 2] * c
             dy = rot[1, 0] * a + rot[1, 1] * b + rot[1, 2] * c
             dz = rot[2, 0] * a + rot[2, 1] * b + rot[2, 2] * c
-            out[y, x] = scene_range(p[0], p[1], p[2], dx, dy, dz, table, count, boxes, start, which)
+            out[y, x] = scene_range(
+                p[0], p[1], p[2], dx, dy, dz, hill, table, count, boxes, start, which
+            )
 
 
 def measured(

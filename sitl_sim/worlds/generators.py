@@ -14,7 +14,7 @@ from pydantic import Field
 
 from mavlink_bridge.shared.explain import Key
 from mavlink_bridge.shared.settings import Document, SettingsError, StrictModel, validate
-from sitl_sim.worlds.ground import Ground, uneven
+from sitl_sim.worlds.ground import Ground, sloping, uneven
 from sitl_sim.worlds.varied import add_bush, add_trunk
 from sitl_sim.worlds.world import GENERATORS, Box, Cylinder, WorldConfig
 
@@ -30,8 +30,12 @@ def build(config: WorldConfig, seed: int) -> dict[str, Any]:
     cylinders = [c.model_dump() for c in [*config.cylinders, *made.cylinders]]
     boxes = [b.model_dump() for b in [*config.boxes, *made.boxes]]
     world: dict[str, Any] = {"cylinders": cylinders, "boxes": boxes}
-    if config.ground == "uneven":
-        world["terrain"] = uneven(config.slope_deg, np.random.default_rng([seed, 8]), boxes)
+    if config.ground != "flat":
+        drawn = np.random.default_rng([seed, 8])
+        if config.ground == "uneven":
+            world["terrain"] = uneven(config.slope_deg, drawn, boxes)
+        else:
+            world["terrain"] = sloping(config.slope_deg, drawn)
         ground = Ground(world)
         for c in cylinders:
             c["height"] = round(c["height"] + float(ground.height(c["x"], c["y"])), 4)

@@ -83,6 +83,14 @@ class Ground:
         return away
 
 
+def sloping(slope_deg: float, rng: np.random.Generator) -> dict[str, Any]:
+    """Return `terrain` of one plane through the origin that rises in a random direction."""
+    towards, rise = rng.uniform(0.0, 2 * math.pi), math.tan(math.radians(slope_deg))
+    axis = np.array([-REACH, REACH])
+    height = rise * (math.cos(towards) * axis + math.sin(towards) * axis[:, None])
+    return {"x": axis.tolist(), "y": axis.tolist(), "z": height.round(4).tolist()}
+
+
 def uneven(
     slope_deg: float, rng: np.random.Generator, boxes: Sequence[dict[str, Any]] = ()
 ) -> dict[str, Any]:

@@ -91,10 +91,14 @@ class WorldConfig(StrictModel):
         max_length=2,
         description="tunnel: length and height of the wall [m].",
     )
-    ground: Literal["flat", "uneven"] = Field(
-        "flat", description="uneven: gentle hills; heights of trunks and targets count from them."
+    ground: Literal["flat", "slope", "uneven"] = Field(
+        "flat",
+        description="slope: one plane through the origin; uneven: gentle hills. Heights of trunks "
+        "and targets count from it.",
     )
-    slope_deg: float = Field(10.0, gt=0, le=30, description="uneven: its steepest slope [degrees].")
+    slope_deg: float = Field(
+        10.0, gt=0, le=30, description="slope: its angle; uneven: the steepest [degrees]."
+    )
     lean_deg: float = Field(
         0.0, ge=0, le=30, description="forest, thicket: trunks lean by up to this [degrees]."
     )

@@ -24,7 +24,7 @@ WRONG = [
     ("wind.turbulence=strong", "wind.turbulence: must be 'none', 'light', 'moderate' or 'severe'"),
     ("wind=[3, 0]", "wind: List should have at least 3 items"),
     ("wind.gusts=3", "wind.gusts: unknown key; valid: mean, turbulence"),
-    ("world.ground=hilly", "world.ground: must be 'flat' or 'uneven'"),
+    ("world.ground=hilly", "world.ground: must be 'flat', 'slope' or 'uneven'"),
     ("drones.airframes=[quad9]", "drones.airframes: must hold `key: value` lines; valid: arm, "),
     ("drones.actual={weight: 1.2}", "drones.actual.weight: unknown key; valid: battery, drag, "),
     ("drones.actual={mass: 0}", "drones.actual: Input should be greater than 0"),
@@ -109,12 +109,24 @@ def test_mixed_airframes_are_told_and_taken_in_turn(tmp_path):
 def test_pictures_of_the_plain_look_never_show_flat_ground_where_there_are_hills():
     with pytest.raises(SettingsError) as caught:
         load("world.ground=uneven")
-    assert "world.look: plain shows flat ground" in caught.value.problems[0]
+    assert "world.look: plain shows no hills" in caught.value.problems[0]
     assert load("world.ground=uneven", "world.look=clearing").world.look == "clearing"
 
 
-def test_starts_targets_and_trunks_stand_on_uneven_ground():
-    s = load("world.ground=uneven", "world.look=clearing", "seed=3")
+def test_a_slope_is_one_plane_of_its_angle_and_has_no_walls():
+    s = load("world.ground=slope", "world.slope_deg=8", "seed=4")  # in the plain look
+    ground = Ground(build(s.world, s.seed))
+    x, y = np.meshgrid([-20.0, 3.0, 31.0], [-14.0, 0.0, 25.0])
+    height, east, north = ground.plane(x, y)
+    np.testing.assert_allclose(height, east[0, 0] * x + north[0, 0] * y, atol=1e-3)
+    assert np.degrees(np.arctan(np.hypot(east, north))) == pytest.approx(8.0, abs=1e-3)
+    with pytest.raises(SettingsError, match="walls stand on level ground"):
+        load("world.ground=slope", "world.boxes=[{min: [0, 0, 0], max: [1, 1, 1]}]")
+
+
+@pytest.mark.parametrize("options", [("ground=uneven", "look=clearing"), ("ground=slope",)])
+def test_starts_targets_and_trunks_stand_on_ground_that_is_not_flat(options):
+    s = load(*(f"world.{option}" for option in options), "seed=3")
     world, start = build(s.world, s.seed), scenarios.starts(s)
     ground = Ground(world)
     np.testing.assert_allclose(start[:, 2], ground.height(start[:, 0], start[:, 1]))

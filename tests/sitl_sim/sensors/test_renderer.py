@@ -147,6 +147,29 @@ def test_sky_is_above_and_ground_below():
     assert bottom[2] > bottom[0]  # brown
 
 
+def test_ground_that_slopes_is_as_far_as_its_plane_and_shows_above_the_horizon_uphill():
+    rise = np.tan(np.radians(10.0))
+    axis = [-60.0, 60.0]
+    terrain = {
+        "x": axis,
+        "y": axis,
+        "z": [[rise * x for x in axis] for _ in axis],
+    }  # up to the east
+    r = Renderer({"cylinders": [], "boxes": [], "terrain": terrain}, sensor=Sensor(noise=0.0))
+    p = np.array([4.0, -3.0, 4.0 * rise + 2.0])
+    rays = r.lens.rays.transpose(1, 2, 0)[::20, ::20] @ R_BC.T  # level, looking east, uphill
+    falls = rays[..., 2] - rise * rays[..., 0]
+    with np.errstate(divide="ignore"):
+        expected = np.where(falls < 0, -2.0 / falls, np.inf)
+    depth = r.depth(p, LEVEL, *NO_DRONES, r.lens.width, r.lens.height)[::20, ::20]
+    np.testing.assert_allclose(depth, expected, rtol=1e-3)
+    image = r.render(p, LEVEL, *NO_DRONES).astype(float)
+    row, column = (int(v) for v in r.lens.project(np.array([[0.0, -0.1, 1.0]]))[0][::-1])
+    assert image[row, column, 2] > image[row, column, 0]  # 6° above the horizon: ground, brown
+    below = np.array([4.0, -3.0, 0.0])  # a camera under the ground sees as from just above it
+    assert np.isfinite(r.depth(below, LEVEL, *NO_DRONES)).any()
+
+
 def test_exposure_and_blur_have_their_effect():
     sensors = (Sensor(noise=0), Sensor(noise=0, exposure=0.4), Sensor(noise=0, blur=1.5))
     plain, dark, soft = (
