@@ -61,17 +61,24 @@ class HeightEstimator:
         self._pictured = -math.inf  # s, of the last look of the camera
 
     def update(
-        self, own: VehicleState, looks: Iterable[DistanceSensor], doubt: float = 0.0
+        self,
+        own: VehicleState,
+        looks: Iterable[DistanceSensor],
+        doubt: float = 0.0,
+        stands: bool = False,
     ) -> Height:
         """Return the height in state `own`, after the looks since the last tick.
 
-        doubt: m, 1 σ of the own height as its estimator tells.
+        doubt: m, 1 σ of the own height as its estimator tells. stands: on the ground, disarmed:
+        whatever height its estimator tells, that is the ground.
         """
         if self._before is not None:
             dt, way = own.time - self._before[0], norm((own.p - self._before[1])[:2])
             drift = max(_DRIFT**2, 2.0 * doubt**2 / _WANDER_TIME)  # m²/s
             self._variance += drift * max(dt, 0.0) + _SLOPE**2 * float(way)
         self._before = own.time, own.p
+        if stands:
+            self._level, self._variance = float(own.p[2]), _SIGMA**2
         for look in looks:
             self._look(own, look)
         value = float(own.p[2]) - self._level

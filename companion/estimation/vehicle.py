@@ -163,8 +163,10 @@ class VehicleEstimator:
             if isinstance(m, HomePosition) and not _same(m, self._home):
                 self._home = m
         looks = [m for m in messages if isinstance(m, DistanceSensor)]
+        heartbeat = self._identity.heartbeat
+        stands = heartbeat is not None and not heartbeat.armed
         self._height_now = (
-            None if state is None else self._height.update(state, looks, doubt.height)
+            None if state is None else self._height.update(state, looks, doubt.height, stands)
         )
         doubt = replace(doubt, velocity=by_sight.sigma)
         return VehicleEstimate(
@@ -174,7 +176,7 @@ class VehicleEstimator:
             plausible=self._own.plausible(time),
             packet_loss=loss,
             tick_gap=gap,
-            heartbeat=self._identity.heartbeat,
+            heartbeat=heartbeat,
             mode_known=self._link.knows_mode,
             rebooted=rebooted,
             inhibit_reason=self._identity.inhibit_reason() or doubt.inhibit_reason,

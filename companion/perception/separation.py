@@ -27,8 +27,10 @@ _GAP = 30.0
 _MISFITS = 0.08  # twice the largest share of pixels on the wrong side of the feet
 # The widest object that may stand before the sky and have no bark below the horizon: a trunk so
 # wide is so near that its foot lies lower. Where there is one, its bark was taken for ground. Below
-# a horizon that is believed too low, by a wrong tilt, wider ones have none either.
+# a horizon that is believed too low, by a wrong tilt, wider ones have none either. Bark that is
+# less warm than the ground by `_TOLD` is told from it below the horizon, too: its foot is not there.
 _FOOTLESS = math.radians(2.5)
+_TOLD = 60.0
 _TILTS, _THICK = 3.0, 1.5  # standard deviations of the tilt; m, radius of a thick trunk
 _STEEPEST = 1.0  # rad; no tilt is in more doubt
 
@@ -72,6 +74,7 @@ def score(
         gap = typical - float(np.percentile(bark[above], 75))
     near = known[:, :12]
     footless = above & (foot_row <= 2) & (np.count_nonzero(near, axis=1) >= 8)
+    footless &= typical - bark < _TOLD
     low, high = _GROUND
     parts = (
         (typical - low) / (high - low),

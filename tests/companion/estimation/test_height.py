@@ -101,3 +101,16 @@ def test_pictures_of_a_drone_that_does_not_move_say_nothing():
     errors, sigmas = fly_by_pictures(lambda x: 0.0, drift=1.0 / 60.0, speed=0.0, doubt=doubt)
     assert errors[-1] == pytest.approx(1.0, abs=0.05)
     assert sigmas[-1] > 0.5
+
+
+def test_a_vehicle_that_stands_on_the_ground_has_no_height_whatever_its_estimator_tells():
+    """With GPS one told 1.16 m before the take-off, looked for trunks, and saw nothing clearly."""
+    estimator, still = HeightEstimator(), np.zeros(3)
+    for k in range(300):
+        own = VehicleState(0.1 * k, np.array([0.0, 0.0, 1.16 + 0.002 * k]), still, LEVEL, still)
+        height = estimator.update(own, [], 0.5, stands=True)
+        assert height.value == 0.0
+    own = VehicleState(30.1, np.array([0.0, 0.0, 3.76]), still, LEVEL, still)
+    height = estimator.update(own, [], 0.5)
+    assert height.value == pytest.approx(2.0, abs=0.01)
+    assert height.sigma == pytest.approx(0.1, abs=0.1)
