@@ -155,7 +155,6 @@ class Companion:
             ground,
             inputs.horizon,
             last.obstacles.cylinders,
-            vehicle.doubt.tilt,
         )
         run("height", None, self._vehicle.see_ground, seen.own, seen.fixed)
         run("velocity", None, self._vehicle.see_flow, seen.flow, seen.fault)

@@ -1,5 +1,9 @@
 """Height over ground: a rangefinder that looks down, the ground's parallax, the own altitude.
 
+Where the own height is in doubt, as with GPS, most of a level that is not 0 is its error, and goals
+move with it: drones whose heights wander, each another way, fly above each other, out of each
+other's view.
+
 The level of the ground below is a random walk: it changes with the way flown (a slope), and seems
 to change with the drift of the own height. A rangefinder measures it. So do the points of the
 ground that the camera sees pass by: their distance by parallax needs no height, only the own
@@ -24,6 +28,7 @@ from mavlink_bridge.wire.messages import DistanceSensor, VehicleState
 _SIGMA = 0.1  # m, of the ground's level where the own frame began
 _SLOPE = 0.1  # m of level per √m flown: a slope of 10° within 3 m
 _DRIFT = 0.02  # m per √s: the own height drifts at least so fast
+_TERRAIN = 0.3  # m, 1 σ of the true ground's level around where the flight began
 _WANDER_TIME = 40.0  # s in which a height wanders by what its estimator doubts
 _SENSOR = 0.03  # m, where the rangefinder does not tell its error
 _TILT_MIN = 0.8  # cosine of the angle beyond which the beam looks aside
@@ -40,11 +45,15 @@ _SCALE = 0.06  # of the height, least error of such a look: a drone that speeds 
 
 @dataclass(frozen=True)
 class Height:
-    """Height over ground [m], its 1 σ [m], and the ground's level in the own frame [m]."""
+    """Height over ground [m], its 1 σ [m], and the ground's level in the own frame [m].
+
+    drift: m, how much of that level is an error of the own height, and no hill.
+    """
 
     value: float
     sigma: float
     ground: float = 0.0
+    drift: float = 0.0
 
 
 class HeightEstimator:
@@ -82,7 +91,8 @@ class HeightEstimator:
         for look in looks:
             self._look(own, look)
         value = float(own.p[2]) - self._level
-        return Height(value, math.sqrt(self._variance), self._level)
+        drift = self._level * doubt**2 / (doubt**2 + _TERRAIN**2)
+        return Height(value, math.sqrt(self._variance), self._level, drift)
 
     def _look(self, own: VehicleState, look: DistanceSensor) -> None:
         """Correct the level by one look of a rangefinder."""

@@ -171,7 +171,8 @@ class Guidance:
         floor = s.fence.floor(height)
         progress = MissionProgress(own.p, 0, False)
         if mine:
-            progress = self._progress(own, map_offset, floor, known.points)
+            drift = 0.0 if height is None else height.drift
+            progress = self._progress(own, map_offset - [0.0, 0.0, drift], floor, known.points)
         aim, route = self._route(own, progress.goal, known)
         to_aim = aim - own.p
         near = rated_neighbours(own, tracks, s.d_ref, s.threat)
@@ -212,6 +213,7 @@ class Guidance:
     ) -> MissionProgress:
         """Return the mission's progress; its goals are on the map, the one returned is not.
 
+        map_offset: with it the own place is on the map, at its height less what that is wrong by.
         points: (n,3) m, on surfaces, among which an opening is looked for.
         """
         on_map = replace(own, p=own.p + map_offset)

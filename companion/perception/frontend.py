@@ -122,7 +122,6 @@ class PerceptionFrontend:
         self._alignment = CameraAlignment(self._view)
         self._parallax = Parallax(self._view)
         self._newest = -np.inf
-        self._tilt = 0.0  # rad, 1 σ
 
     def see(
         self,
@@ -132,16 +131,14 @@ class PerceptionFrontend:
         ground: float = 0.0,
         horizon: float | None = None,
         trunks: Vector = _NO_TRUNKS,
-        tilt: float = 0.0,
     ) -> Detections:
         """Return the detections of the newest frame at the tick of `time` [s]; each frame once.
 
         at: returns the vehicle's state at a time [s] of the last second, where it is known.
         ground: m, the ground's level in the own frame.
         horizon: s, the latest that the vehicle's clock can show; None: `time`. trunks (k,3): known
-        ones, x, y, radius [m], nearest first. tilt: rad, 1 σ of the own one.
+        ones, x, y, radius [m], nearest first.
         """
-        self._tilt = tilt
         if frame is not None and self._lag:
             frame = replace(frame, time=frame.time - self._lag)
         misfit = self._misfit(frame)
@@ -296,7 +293,7 @@ class PerceptionFrontend:
         height = float(own.p[2]) - ground
         if self._sensing.obstacles == "network" and self._network is not None:
             return self._network.trunks(down, height)
-        return self._trunks.detect(image, down, height, self._tilt)
+        return self._trunks.detect(image, down, height)
 
     def _misfit(self, frame: Frame | None) -> str:
         """Return why the picture, if there is one, is not one that the calibration is for."""

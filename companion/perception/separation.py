@@ -26,13 +26,11 @@ _SHARE = 0.4  # twice the least share of the view below the horizon that must be
 _GAP = 30.0
 _MISFITS = 0.08  # twice the largest share of pixels on the wrong side of the feet
 # The widest object that may stand before the sky and have no bark below the horizon: a trunk so
-# wide is so near that its foot lies lower. Where there is one, its bark was taken for ground. Below
-# a horizon that is believed too low, by a wrong tilt, wider ones have none either. Bark that is
-# less warm than the ground by `_TOLD` is told from it below the horizon, too: its foot is not there.
+# wide is so near that its foot lies lower. Where there is one, its bark was taken for ground. Bark
+# that is less warm than the ground by `_TOLD` is not: it is far, and the horizon is believed too
+# low, by a wrong tilt.
 _FOOTLESS = math.radians(2.5)
 _TOLD = 60.0
-_TILTS, _THICK = 3.0, 1.5  # standard deviations of the tilt; m, radius of a thick trunk
-_STEEPEST = 1.0  # rad; no tilt is in more doubt
 
 
 class Separation:
@@ -55,13 +53,12 @@ def score(
     bark: Vector,
     above: NDArray[np.bool_],
     step: float,
-    widest: float = _FOOTLESS,
 ) -> float | None:
     """Return how well obstacles and ground separate in a picture, 0…1; None where nothing tells.
 
     typical: warmth of the ground in it. ground, known: (columns,rows) below the horizon.
     foot_row: (columns,). bark: (columns,) warmth of what stands before the sky in columns `above`.
-    step: rad, width of a column. widest: rad, see `widest_footless`.
+    step: rad, width of a column.
     """
     count = int(np.count_nonzero(known))
     if typical is None or not count:
@@ -81,19 +78,9 @@ def score(
         share / _SHARE,
         gap / _GAP,
         1.0 - misfits / _MISFITS,
-        1.0 - 0.5 * _longest(footless) * step / widest,
+        1.0 - 0.5 * _longest(footless) * step / _FOOTLESS,
     )
     return float(np.prod(np.clip(parts, 0.0, 1.0)))
-
-
-def widest_footless(tilt: float, altitude: float) -> float:
-    """Return the width [rad] of the widest object whose foot may lie above the believed horizon.
-
-    tilt: rad, 1 σ of the own one. altitude: m, of the camera over the ground.
-    """
-    depression = min(max(_TILTS * tilt, 0.0), _STEEPEST)
-    nearer = _THICK * math.tan(depression) / altitude  # radius over distance
-    return max(_FOOTLESS, 2.0 * math.asin(min(nearer, 1.0)))
 
 
 def _longest(mask: NDArray[np.bool_]) -> int:

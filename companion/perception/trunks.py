@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from companion.perception.camera import Camera
 from companion.perception.panorama import LevelFrame, Panorama
-from companion.perception.separation import Separation, score, widest_footless
+from companion.perception.separation import Separation, score
 from companion.perception.trunk_fit import Columns, Mask, TrunkSettings, find_trunks
 from companion.types import Image, Trunk
 from mavlink_bridge.shared.arrays import Vector
@@ -44,22 +44,19 @@ class TrunkDetector:
         """Return the clarity."""
         return self._separation.clarity
 
-    def detect(
-        self, image: Image, gravity_c: Vector, altitude: float, tilt: float = 0.0
-    ) -> list[Trunk]:
+    def detect(self, image: Image, gravity_c: Vector, altitude: float) -> list[Trunk]:
         """Return the trunks in image (H,W,3) uint8 BGR, nearest first.
 
         gravity_c: (3,) unit vector down, camera frame. altitude: m, camera above the ground.
-        tilt: rad, 1 σ of that direction.
         """
         if not altitude > 0.1 or not np.isfinite(gravity_c).all():
             return []
         level = LevelFrame.along(gravity_c)
         view, seen = self._panorama.resample(image, level)
-        columns = self._scan(view, seen, altitude, tilt)
+        columns = self._scan(view, seen, altitude)
         return find_trunks(columns, self.settings, altitude, level)
 
-    def _scan(self, view: Image, seen: Mask, altitude: float, tilt: float) -> Columns:
+    def _scan(self, view: Image, seen: Mask, altitude: float) -> Columns:
         """Return the panorama's columns, each split at the foot of the object in it."""
         h = self._horizon
         # Columns become rows: sums down a column then run over adjacent memory.
@@ -80,8 +77,7 @@ class TrunkDetector:
         foot_row = np.argmin(running, axis=1)
         if altitude > _LOW:
             step = float(self._panorama.azimuth[1] - self._panorama.azimuth[0])
-            widest = widest_footless(tilt, altitude)
-            told = score(typical, ground, known_below, foot_row, bark, tall, step, widest)
+            told = score(typical, ground, known_below, foot_row, bark, tall, step)
             self._separation.follow(told)
         rows = np.arange(vote.shape[1])
         after = rows >= foot_row[:, None]

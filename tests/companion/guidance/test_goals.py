@@ -6,12 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from companion.estimation.delay import Delay
+from companion.estimation.height import HeightEstimator
+from companion.estimation.known_obstacles import KnownObstacles
 from companion.guidance.goals import GoalConfig, resolved
+from companion.guidance.guidance import Guidance
 from companion.guidance.mission import MissionConfig
+from companion.perception.camera_health import CameraFault
 from companion.settings.config import CompanionConfig
+from companion.types import Phase
 from mavlink_bridge.shared.settings import SettingsError, parse_yaml, validate
-from mavlink_bridge.wire.messages import HomePosition
+from mavlink_bridge.wire.ids import SensorRotation
+from mavlink_bridge.wire.messages import DistanceSensor, HomePosition
+from tests.companion.depth_images import state
 
+SOON = Delay(0.06, 0.003)
 HOME = HomePosition(47.3977, 8.5456, 488.0, np.array([1.0, 2.0, 0.5]))
 
 
@@ -69,3 +78,22 @@ def test_goals_move_with_the_home():
     goal = GoalConfig(home=[1.0, 0.0, 2.0])
     moved = replace(HOME, p=np.array([5.0, 0.0, 0.0]))
     assert goal.at(moved).tolist() == [6.0, 0.0, 2.0]
+
+
+@pytest.mark.parametrize(("doubt", "share"), [(0.05, 0.03), (0.5, 0.74)])
+def test_goals_move_with_the_ground_where_the_own_height_is_in_doubt(doubt, share):
+    """With GPS drones whose heights wandered flew above each other, out of each other's view."""
+    config = CompanionConfig.model_validate(
+        {"mission": {"goals": [[30.0, 0.0, 2.0]]}, "log": {"path": "flight.mcap"}}
+    )
+    guidance, estimator = Guidance(config.guidance()), HeightEstimator()
+    for k in range(200):  # one metre more than it is high: by a rangefinder
+        own = state([0.0, 0.0, 3.0], time=0.1 * k)
+        look = DistanceSensor(own.time, 2.0, 0.1, 12.0, SensorRotation.DOWN, 0)
+        height = estimator.update(own, [look], doubt)
+        reference = guidance.decide(
+            own, [], KnownObstacles(), CameraFault.NONE, Phase.FLY, delay=SOON, height=height
+        )
+    assert height.drift == pytest.approx(share, abs=0.01)
+    assert reference.progress.goal[2] == pytest.approx(2.0 + share, abs=0.01)
+    assert reference.progress.index == 0

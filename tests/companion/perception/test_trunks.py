@@ -5,7 +5,6 @@ import pytest
 
 from companion.perception.camera import Camera
 from companion.perception.panorama import LevelFrame, Panorama
-from companion.perception.separation import widest_footless
 from companion.perception.trunks import TrunkDetector
 
 CAMERA = Camera.equidistant(640, 400)
@@ -131,20 +130,14 @@ def test_bark_on_litter_is_clear():
     assert clarity(12) > 0.85
 
 
-@pytest.mark.parametrize(("doubt", "sees"), [(np.radians(1.0), True), (0.0, False)])
-def test_far_feet_above_a_horizon_that_is_believed_too_low_are_clear(doubt, sees):
-    """A drone whose GPS made its tilt wrong by 3.4° gave its mission up at the take-off."""
+@pytest.mark.parametrize("tilt", [-3.4, -5.0])
+def test_far_feet_above_a_horizon_that_is_believed_too_low_are_clear(tilt):
+    """Drones whose GPS made their tilt wrong by 3.4 and 3.8° gave their missions up."""
     detector = TrunkDetector(CAMERA)
     for _ in range(12):
         image = picture([(26.0, 0.0, 0.9), (28.0, 12.0, 1.0), *STAND[2:]], gravity(0, 0), 1.4)
-        detector.detect(image, gravity(-3.4, 0), 1.4, doubt)
-    assert (detector.clarity > 0.5) == sees
-
-
-@pytest.mark.parametrize("doubt", [-1.0, 0.0, 0.5, 0.6, 1.6, 1e9, np.inf, np.nan])
-@pytest.mark.parametrize("altitude", [0.81, 2.0, 100.0])
-def test_whatever_doubt_of_the_tilt_is_told_it_gives_a_width(doubt, altitude):
-    assert np.radians(2.5) <= widest_footless(doubt, altitude) <= np.pi
+        detector.detect(image, gravity(tilt, 0), 1.4)
+    assert detector.clarity > 0.5
 
 
 def test_beside_a_warm_trunk_in_its_shade_it_is_clear():
