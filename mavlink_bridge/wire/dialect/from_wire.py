@@ -137,7 +137,7 @@ def _turned(turn: Vector | None, along: Sequence[float]) -> Vector:
 def _told(upper: Sequence[float]) -> bool:
     """Return whether the upper triangle of a covariance (6,6) is told, and is one."""
     place = all(map(math.isfinite, _of_place(upper)))
-    return place and all([variance >= 0.0 for variance in _of_diagonal(upper)])
+    return place and all(variance >= 0.0 for variance in _of_diagonal(upper))
 
 
 def _sigmas(upper: Sequence[float]) -> list[float] | None:

@@ -21,7 +21,7 @@ class _Layout:
     def __init__(self, message_id: int) -> None:
         kind = mavlink.mavlink_map[message_id]
         self.form: struct.Struct = kind.unpacker
-        self.fields: Any = namedtuple(kind.msgname, kind.ordered_fieldnames)  # noqa: PYI024
+        self.fields: Any = namedtuple(kind.msgname, kind.ordered_fieldnames)
         self.fields.msgname = kind.msgname
         self.places: list[int | slice] = []  # of each field among the values
         at = 0
