@@ -92,11 +92,13 @@ class HeightEstimator:
         doubt: of the own state. A wrong speed scales all distances, a wrong tilt moves all levels
         alike: neither grows less by more points, the tilt's not even by more pictures.
         """
+        speed = norm(own.v)
+        if len(fixed.places) < _POINTS or speed < _MOVES:
+            return
         rays = fixed.places - own.p
         lengths = np.maximum(np.linalg.norm(rays, axis=1), 1e-6)
         below = rays[:, 2] < -_STEEP * lengths
-        speed = norm(own.v)
-        if np.count_nonzero(below) < _POINTS or speed < _MOVES:
+        if np.count_nonzero(below) < _POINTS:
             return
         level = _common(fixed.places[below, 2], _AGREE * float(own.p[2] - self._level))
         if level is None:

@@ -119,10 +119,12 @@ class VelocityFromGround:
         v: (3,) m/s, the velocity now. doubt: of the own state, as told.
         """
         mean, p = self._predicted(time, doubt, _SCALE)
-        h = np.column_stack((_LEVEL, (-v[1], v[0])))
+        east, north, _ = v.tolist()
+        h = np.array([[1.0, 0.0, -north], [0.0, 1.0, east]])
         sigma = math.sqrt(float(np.linalg.eigvalsh(h @ p[:3, :3] @ h.T)[1]))
-        error = np.append(mean[:2], 0.0)
-        found = VelocityBySight(float(mean[2]), error, sigma, math.sqrt(float(p[2, 2])))
+        error_east, error_north, turn, _ = mean.tolist()
+        error = np.array([error_east, error_north, 0.0])
+        found = VelocityBySight(turn, error, sigma, math.sqrt(float(p[2, 2])))
         self._made.append((time, found))
         return found
 
@@ -176,4 +178,5 @@ def _noise(v: Vector, scale: float) -> Vector:
 def _turned(v: Vector, angle: float) -> Vector:
     """Return a vector (3,) turned left by `angle` [rad] about the vertical."""
     c, s = math.cos(angle), math.sin(angle)
-    return np.array([c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]])
+    x, y, z = v.tolist()
+    return np.array([c * x - s * y, s * x + c * y, z])
