@@ -9,6 +9,7 @@ motion (`parallax.py`). Where neither tells, the doubt grows with every second a
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -103,8 +104,8 @@ class HeightEstimator:
         level = _common(fixed.places[below, 2], _AGREE * float(own.p[2] - self._level))
         if level is None:
             return
-        away = float(np.median(np.hypot(rays[below, 0], rays[below, 1])))  # m
-        spread = float(np.median((fixed.sigmas / lengths)[below]))
+        away = statistics.median(np.hypot(rays[below, 0], rays[below, 1]).tolist())  # m
+        spread = statistics.median((fixed.sigmas / lengths)[below].tolist())
         scale = math.hypot(spread, doubt.velocity / speed, _SCALE)
         once = scale * (float(own.p[2]) - level)
         least = doubt.tilt * away
