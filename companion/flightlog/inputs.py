@@ -58,6 +58,8 @@ class _Table:
         self.numbers = attrgetter(*self.names)
 
     def encode(self, items: Sequence[Any]) -> bytes:
+        if not items:
+            return b""
         rows = [[*item.direction.tolist(), *self.numbers(item)] for item in items]
         return np.array(rows, dtype="<f8").tobytes()
 

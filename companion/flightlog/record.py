@@ -249,4 +249,6 @@ def _numbers(*values: float) -> list[float]:
 
 def _rounded(values: ArrayLike) -> list[Any]:
     """Return an array as nested lists, which JSON takes sooner than small arrays."""
+    if isinstance(values, list) and not values:
+        return []
     return np.asarray(values, dtype=np.float64).round(_DIGITS).tolist()
