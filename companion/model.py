@@ -100,4 +100,7 @@ def observed_disturbance(
     bounded, so that a broken estimate cannot fly the drone.
     """
     corrected = disturbance + gain * (measured_v - predicted_v) / dt
-    return np.clip(np.nan_to_num(corrected), -_DISTURBANCE_MAX, _DISTURBANCE_MAX)
+    most = _DISTURBANCE_MAX
+    return np.array(
+        [0.0 if math.isnan(a) else min(max(a, -most), most) for a in corrected.tolist()]
+    )

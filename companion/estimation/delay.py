@@ -23,8 +23,8 @@ from mavlink_bridge.wire.messages import Attitude
 
 _STEP = 0.01  # s, of the grid of delays and of the commands' memory
 _LONGEST = 0.4  # s; sum of the longest delay and the longest telemetry lag, and some room
-_STEPS = np.arange(round(_LONGEST / _STEP) + 1)
-_DELAYS = _STEPS * _STEP
+_STEPS_AROUND = np.arange(round(_LONGEST / _STEP) + 2)
+_DELAYS = _STEPS_AROUND[:-1] * _STEP
 _AXES = np.array([1.0, 1.0, 0.2])  # weights; yaw has less authority and follows less well
 _KEPT = 256  # steps of commands: 2.5 s, more than the oldest sample in use
 _LOW, _HIGH = 0.08, 1.0  # s, time constants of the band-pass
@@ -49,32 +49,38 @@ class Delay:
 
 
 class _BandPass:
-    """Passes rates (3,) between two time constants, on samples joined by straight lines."""
+    """Passes rates (3,) between two time constants, on samples joined by straight lines.
+
+    It works on plain numbers: numpy takes three times as long for so few.
+    """
 
     def __init__(self) -> None:
-        self._low: Vector = np.zeros(3)
-        self._slow: Vector = np.zeros(3)
-        self._last: Vector = np.zeros(3)
+        self._low = self._slow = self._last = [0.0, 0.0, 0.0]
 
-    def step(self, value: Vector, dt: float) -> Vector:
+    def step(self, value: list[float], dt: float) -> list[float]:
         """Return the filtered rates `dt` [s] after the last sample, where they are `value`."""
         before = self._low
         self._low = _low_pass(self._low, self._last, value, dt, _LOW)
         self._slow = _low_pass(self._slow, before, self._low, dt, _HIGH)
         self._last = value
-        return self._low - self._slow
+        return [low - slow for low, slow in zip(self._low, self._slow, strict=True)]
 
-    def hold(self, value: Vector, dt: float) -> Vector:
+    def hold(self, value: list[float], dt: float) -> list[float]:
         """Return the filtered rates after `dt` [s] at which they were `value`."""
         self._last = value
         return self.step(value, dt)
 
 
-def _low_pass(state: Vector, start: Vector, end: Vector, dt: float, tau: float) -> Vector:
+def _low_pass(
+    state: list[float], start: list[float], end: list[float], dt: float, tau: float
+) -> list[float]:
     """Return a first-order lag's output after an input that goes straight from start to end."""
-    keep = math.exp(-dt / tau)
-    slope = (end - start) * (tau / dt)
-    return end - slope + keep * (state - start + slope)
+    keep, per_step = math.exp(-dt / tau), tau / dt
+    out = []
+    for s, a, b in zip(state, start, end, strict=True):
+        slope = (b - a) * per_step
+        out.append(b - slope + keep * (s - a + slope))
+    return out
 
 
 class DelayEstimator:
@@ -93,7 +99,8 @@ class DelayEstimator:
         self._commands, self._rates = _BandPass(), _BandPass()
         self._filtered = np.zeros((_KEPT, 3))  # commands, by number of the step
         self._first = self._next = 0  # numbers of the steps that are known: first…next-1
-        self._held: tuple[Vector, SentInput] | None = None  # rates before an input, and the input
+        self._held: SentInput | None = None
+        self._before = [0.0, 0.0, 0.0]  # rates before that input
         self._gyro: Attitude | None = None
         self._since = math.inf  # s, when the filter of the rates began
 
@@ -101,9 +108,10 @@ class DelayEstimator:
         """Take in an input; it is held until the next."""
         if self._held is None:
             self._first = self._next = math.ceil(sent.time / _STEP)
-            self._commands = _BandPass()
-        before = np.zeros(3) if self._held is None else self._held[1].u[1:4]
-        self._held = before, sent
+            self._commands, self._before = _BandPass(), [0.0, 0.0, 0.0]
+        else:
+            self._before = self._held.u[1:4].tolist()
+        self._held = sent
 
     def measured(self, time: float, attitudes: Iterable[Attitude]) -> Delay:
         """Compare the rates of new attitudes, in order of time, with the commands until `time` [s].
@@ -117,7 +125,7 @@ class DelayEstimator:
                 self._rates, self._since = _BandPass(), a.time
                 continue
             dt = a.time - before.time
-            rates = self._rates.step(a.omega, dt)
+            rates = self._rates.step(a.omega.tolist(), dt)
             if self._comparable(a.time):
                 keep = math.exp(-dt / _MEMORY)
                 self._weight = keep * self._weight + dt
@@ -130,10 +138,11 @@ class DelayEstimator:
         """Filter the commands held until `until` [s], step by step."""
         if self._held is None:
             return
-        before, sent = self._held
+        sent, rates = self._held, self._held.u[1:4].tolist()
         for n in range(self._next, math.floor(until / _STEP) + 1):
             earlier = min(max(sent.time / _STEP - (n - 1), 0.0), 1.0)
-            omega = earlier * before + (1.0 - earlier) * sent.u[1:4]
+            later = 1.0 - earlier
+            omega = [earlier * a + later * b for a, b in zip(self._before, rates, strict=True)]
             self._filtered[n % _KEPT] = self._commands.hold(omega, _STEP)
             self._next = n + 1
         self._first = max(self._first, self._next - _KEPT)
@@ -144,13 +153,13 @@ class DelayEstimator:
         settled = self._first * _STEP <= oldest and time - self._since > _SETTLED
         return settled and time < (self._next - 1) * _STEP
 
-    def _errors(self, rates: Vector, time: float) -> Vector:
+    def _errors(self, rates: list[float], time: float) -> Vector:
         """Return the squared error (n,) [(rad/s)²] of rates (3,) at `time` [s] by each delay."""
         lower = math.floor(time / _STEP)
         part = time / _STEP - lower
-        n = lower - _STEPS
-        y = (1.0 - part) * self._filtered[n % _KEPT] + part * self._filtered[(n + 1) % _KEPT]
-        off = rates - y
+        # The steps around each delayed time, newest first: each is the one after its follower.
+        known = self._filtered[(lower + 1 - _STEPS_AROUND) % _KEPT]
+        off = rates - ((1.0 - part) * known[1:] + part * known[:-1])
         errors: Vector = (off * off) @ _AXES
         return errors
 
@@ -171,7 +180,7 @@ def within_doubt(omega: Vector, delay: Delay) -> Vector:
     """Return body rates (3,) [rad/s], made slower where the delay is too little known for them."""
     doubt = math.hypot(_SIGMAS * delay.sigma, _RATE_LOOP * delay.value)
     fastest = _ATTITUDE_DOUBT / max(doubt, 1e-3)
-    tilting = norm(omega[:2])
-    share = min(1.0, fastest / max(tilting, 1e-9))
-    yaw = float(np.clip(omega[2], -_YAW * fastest, _YAW * fastest))
-    return np.array([*(share * omega[:2]), yaw])
+    share = min(1.0, fastest / max(norm(omega[:2]), 1e-9))
+    roll, pitch, yaw = omega.tolist()
+    yaw = min(max(yaw, -_YAW * fastest), _YAW * fastest)
+    return np.array([share * roll, share * pitch, yaw])

@@ -13,6 +13,7 @@ motion (`parallax.py`). Where neither tells, the doubt grows with every second a
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -109,17 +110,19 @@ class HeightEstimator:
         doubt: of the own state. A wrong speed scales all distances, a wrong tilt moves all levels
         alike: neither grows less by more points, the tilt's not even by more pictures.
         """
+        speed = norm(own.v)
+        if len(fixed.places) < _POINTS or speed < _MOVES:
+            return
         rays = fixed.places - own.p
         lengths = np.maximum(np.linalg.norm(rays, axis=1), 1e-6)
         below = rays[:, 2] < -_STEEP * lengths
-        speed = norm(own.v)
-        if np.count_nonzero(below) < _POINTS or speed < _MOVES:
+        if np.count_nonzero(below) < _POINTS:
             return
         level = _common(fixed.places[below, 2], _AGREE * float(own.p[2] - self._level))
         if level is None:
             return
-        away = float(np.median(np.hypot(rays[below, 0], rays[below, 1])))  # m
-        spread = float(np.median((fixed.sigmas / lengths)[below]))
+        away = statistics.median(np.hypot(rays[below, 0], rays[below, 1]).tolist())  # m
+        spread = statistics.median((fixed.sigmas / lengths)[below].tolist())
         scale = math.hypot(spread, doubt.velocity / speed, _SCALE)
         once = scale * (float(own.p[2]) - level)
         least = doubt.tilt * away

@@ -26,6 +26,7 @@ KNOWN = 0.05  # share of the hover thrust, one sigma, from which on it is good e
 _PARAMETER = 0.2  # one sigma of the autopilot's parameter, as a share: nobody keeps it up to date
 _CURVE_CONFIGURED, _CURVE_TOLD, _CURVE_ASSUMED = 0.1, 0.4, 0.3  # one sigma of the exponent
 _DRIFT = (0.01, 0.005)  # a root second, of both: battery, temperature
+_DRIFTED = np.diag(_DRIFT) ** 2  # covariance, a second
 _EXPONENTS = (1.0, 2.0)  # of motors in proportion and in the square
 _NOISE, _FIRST_NOISE = 0.05, 0.15  # of an observation, as a share: least, and before any is known
 _NOISE_TIME, _MEAN_TIME = 2.0, 0.4  # s over which noise and mean of the errors are taken
@@ -87,7 +88,8 @@ class HoverThrust:
         self._x: Vector = np.array([math.log(prior.hover_thrust), prior.exponent])
         self._P: Vector = np.diag([doubt, curve]) ** 2
         least, most = min(_EXPONENTS[0], prior.exponent), max(_EXPONENTS[1], prior.exponent)
-        self._limits = ((math.log(HOVER_MIN), least), (math.log(HOVER_MAX), most))
+        self._least: Vector = np.array([math.log(HOVER_MIN), least])
+        self._most: Vector = np.array([math.log(HOVER_MAX), most])
         self._source = "configured"
         self._parameter: float | None = None
         self._before: VehicleState | None = None
@@ -118,7 +120,7 @@ class HoverThrust:
             self._thrust_before = None
             return self.estimate
         dt = own.time - before.time
-        self._P = self._P + np.diag(_DRIFT) ** 2 * dt
+        self._P = self._P + _DRIFTED * dt
         start, end = before.time, own.time
         thrust = self._of_ours(start, end) if ours else self._of_autopilot(start, end)
         last, self._thrust_before = self._thrust_before, thrust
@@ -173,7 +175,7 @@ class HoverThrust:
     def _correct(self, error: float, noise: float, slope: Vector) -> None:
         """Correct by an error of variance `noise`; slope (2,): of what is observed over x."""
         gain = self._P @ slope / (slope @ self._P @ slope + noise)
-        self._x = np.clip(self._x + gain * error, *self._limits)
+        self._x = np.minimum(np.maximum(self._x + gain * error, self._least), self._most)
         P = self._P - np.outer(gain, slope @ self._P)
         self._P = (P + P.T) / 2.0
 

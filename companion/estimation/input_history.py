@@ -44,6 +44,20 @@ class InputHistory:
         """Remember an input that was sent."""
         self._sent.append(sent)
 
+    def acting(self, start: float, end: float) -> tuple[Vector, list[tuple[float, Vector]]]:
+        """Return what acts from `start` to `end` [s]: the input u (4,) at first, then the others.
+
+        Of each other input the time from which it acts [s], and u; oldest first.
+        """
+        later: list[tuple[float, Vector]] = []
+        for sent in reversed(self._sent):
+            acts = sent.time + self.delay
+            if acts <= start:
+                return sent.u, later[::-1]
+            if acts < end:
+                later.append((acts, sent.u))
+        return self.u_first, later[::-1]
+
     def clear(self) -> None:
         """Forget all inputs: the autopilot flies by itself, and no motion follows from ours."""
         self._sent.clear()

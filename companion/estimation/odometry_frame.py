@@ -17,7 +17,7 @@ import numpy as np
 
 from companion.estimation.velocity_by_sight import VelocityBySight
 from companion.estimation.velocity_error import VelocityError
-from mavlink_bridge.shared.arrays import Vector, norm
+from mavlink_bridge.shared.arrays import Vector, finite, norm
 from mavlink_bridge.wire.messages import LocalPosition, Message, Odometry
 
 _WINDOW = 0.5  # s over which position and velocity are compared
@@ -61,7 +61,7 @@ class OdometryFrame:
                 self._local_at = m.time
                 free = self._step_free(m, velocity_sigma)
                 v = self._go_on(free)
-                yield replace(free, p=free.p + self._way, v=v)
+                yield LocalPosition(m.time, free.p + self._way, v)
             elif isinstance(m, Odometry):
                 if self._resets is not None and m.resets != self._resets:
                     self._reset_at = m.time
@@ -75,23 +75,23 @@ class OdometryFrame:
 
     def _corrected(self, v: Vector) -> Vector:
         """Return a velocity (3,) m/s by sight; one that is no number is refused later."""
-        return self.by_sight.corrected(v) if np.isfinite(v).all() else v
+        return self.by_sight.corrected(v) if finite(v) else v
 
     def _go_on(self, m: LocalPosition) -> Vector:
         """Return the velocity (3,) m/s by sight, summed up to the time of a position."""
         v = self._corrected(m.v)
         dt = m.time - self._until
-        if 0.0 < dt <= _LONGEST_GAP and np.isfinite(v).all():
+        if 0.0 < dt <= _LONGEST_GAP and finite(v):
             self._way = self._way + dt * (v - m.v)
         self._until = m.time
         return v
 
     def _step_free(self, m: LocalPosition, velocity_sigma: float) -> LocalPosition:
         """Return a position in odometry; what the velocity does not explain moves the offset."""
-        here = replace(m, p=m.p - self.slid, v=m.v + self._velocity.error)
+        here = LocalPosition(m.time, m.p - self.slid, m.v + self._velocity.error)
         before = self._before
         dt = math.inf if before is None else m.time - before.time
-        if not (np.isfinite(m.p).all() and np.isfinite(m.v).all()) or dt <= 0.0:
+        if not (finite(m.p) and finite(m.v)) or dt <= 0.0:
             return here
         if before is None or dt > _LONGEST_GAP:
             self._before, self._told, self._excess = here, m.v, np.zeros(3)
@@ -99,7 +99,7 @@ class OdometryFrame:
         unexplained = here.p - before.p - 0.5 * dt * (self._told + m.v)
         if norm(unexplained) < _GATE:  # else it is a step
             self._velocity.update(unexplained, dt, velocity_sigma)
-            here = replace(here, v=m.v + self._velocity.error)
+            here = LocalPosition(m.time, here.p, m.v + self._velocity.error)
         step = here.p - before.p - 0.5 * dt * (before.v + here.v)
         announced = 0.0 <= m.time - self._reset_at < _ANNOUNCED
         if norm(step) > _UNEXPLAINED and not announced:
@@ -114,6 +114,6 @@ class OdometryFrame:
                 self.slid = self.slid + self._excess
                 self.steps += 1
                 self._excess = np.zeros(3)
-        self._before = here = replace(here, p=m.p - self.slid)
+        self._before = here = LocalPosition(m.time, m.p - self.slid, here.v)
         self._told = m.v
         return here

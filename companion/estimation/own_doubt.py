@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-
-import numpy as np
+from typing import Any
 
 from companion.estimation.landmark_places import Drift
 from mavlink_bridge.shared.arrays import Vector
@@ -53,43 +52,50 @@ class OwnDoubtEstimator:
 
     def hear(self, messages: Iterable[Message]) -> OwnDoubt:
         """Take in the messages since the last tick; return the doubt now."""
+        told: dict[str, Any] = {}
         for m in messages:
             if isinstance(m, Odometry):
-                self._odometry(m)
+                told |= _of_odometry(m)
             elif isinstance(m, EstimatorStatus):
-                self._status(m)
+                told |= _of_status(m)
+        if told:
+            self.doubt = replace(self.doubt, **told)
         return self.doubt
 
-    def _odometry(self, o: Odometry) -> None:
-        d = self.doubt
-        place, velocity = _finite(o.position_sigma), _finite(o.velocity_sigma)
-        attitude = _finite(o.attitude_sigma)
-        if place is not None:
-            d = replace(d, position=max(place[0], place[1]), height=place[2])
-        if velocity is not None:
-            d = replace(d, velocity=max(velocity))
-        if attitude is not None:
-            d = replace(d, tilt=max(attitude[0], attitude[1]), yaw=attitude[2])
-        self.doubt = d
 
-    def _status(self, s: EstimatorStatus) -> None:
-        reason = ""
-        if not s.flags & _ATTITUDE_KNOWN:
-            reason = "autopilot: its estimator has no attitude"
-        elif not s.flags & _PLACE_KNOWN:
-            reason = "autopilot: its estimator has no horizontal position"
-        elif s.horizontal_accuracy > _POSITION_MAX:
-            reason = (
-                f"autopilot: its position is sure to {s.horizontal_accuracy:.1f} m, "
-                f"{_POSITION_MAX:g} m are needed"
-            )
-        ratios = (s.velocity_ratio, s.horizontal_ratio, s.vertical_ratio, s.magnetometer_ratio)
-        rejects = any(r > _REJECTED for r in ratios)
-        self.doubt = replace(self.doubt, rejects=rejects, inhibit_reason=reason)
+def _of_odometry(o: Odometry) -> dict[str, float]:
+    """Return what an odometry tells of `OwnDoubt`."""
+    told: dict[str, float] = {}
+    place, velocity = _finite(o.position_sigma), _finite(o.velocity_sigma)
+    attitude = _finite(o.attitude_sigma)
+    if place is not None:
+        told["position"], told["height"] = max(place[0], place[1]), place[2]
+    if velocity is not None:
+        told["velocity"] = max(velocity)
+    if attitude is not None:
+        told["tilt"], told["yaw"] = max(attitude[0], attitude[1]), attitude[2]
+    return told
+
+
+def _of_status(s: EstimatorStatus) -> dict[str, bool | str]:
+    """Return what the estimator's status tells of `OwnDoubt`."""
+    reason = ""
+    if not s.flags & _ATTITUDE_KNOWN:
+        reason = "autopilot: its estimator has no attitude"
+    elif not s.flags & _PLACE_KNOWN:
+        reason = "autopilot: its estimator has no horizontal position"
+    elif s.horizontal_accuracy > _POSITION_MAX:
+        reason = (
+            f"autopilot: its position is sure to {s.horizontal_accuracy:.1f} m, "
+            f"{_POSITION_MAX:g} m are needed"
+        )
+    ratios = (s.velocity_ratio, s.horizontal_ratio, s.vertical_ratio, s.magnetometer_ratio)
+    return {"rejects": any(r > _REJECTED for r in ratios), "inhibit_reason": reason}
 
 
 def _finite(sigma: Vector | None) -> list[float] | None:
     """Return three standard deviations; None where they are not told or are no such numbers."""
-    if sigma is None or not bool(np.isfinite(sigma).all() and (sigma >= 0.0).all()):
+    if sigma is None:
         return None
-    return [float(s) for s in sigma]
+    sigmas: list[float] = sigma.tolist()
+    return sigmas if all(0.0 <= s < math.inf for s in sigmas) else None

@@ -99,15 +99,10 @@ class StatePredictor:
 
     def _flow(self, x: Vector, start: float, end: float) -> Vector:
         """Return x (10,) carried from `start` to `end` [s] under each input while it acts."""
-        u = self._history.u_first
-        for sent in self._history:
-            acts = sent.time + self._history.delay
-            if acts >= end:
-                break
-            if acts > start:
-                x = predict(x, u, acts - start, self._outside(x[3:6]))
-                start = acts
-            u = sent.u
+        u, later = self._history.acting(start, end)
+        for acts, following in later:
+            x = predict(x, u, acts - start, self._outside(x[3:6]))
+            start, u = acts, following
         return predict(x, u, end - start, self._outside(x[3:6]))
 
     def _outside(self, v: Vector) -> Vector:

@@ -97,17 +97,20 @@ class VelocityFromGround:
         mean, p = self._predicted(flow.after, doubt, scale)
         made = self._at(0.5 * (flow.before + flow.after))
         told = made.told(0.5 * (before.v + after.v))[:2]
-        h = np.column_stack((_LEVEL, (-told[1], told[0]), told))
+        east, north = told.tolist()
+        h = np.array([[1.0, 0.0, -north, east], [0.0, 1.0, east, north]])
         off = flow.way / dt - told - h @ mean
         off = off * min(1.0, _OUTLIER / max(norm(off), 1e-9))
         hp = h @ p
         expected = hp @ h.T
         noise = _noise(told, flow.height / dt)
-        self._notice(off, expected + noise, dt)
-        sigmas = math.sqrt(float(off @ np.linalg.solve(expected + noise, off)))
+        whole = expected + noise
+        self._notice(off, whole, dt)
         if not self._wrong:
-            noise = noise + (max(sigmas / _OUTLIER_SIGMAS, 1.0) - 1.0) * (expected + noise)
-        gain = np.linalg.solve(expected + noise, hp).T
+            sigmas = math.sqrt(float(off @ np.linalg.solve(whole, off)))
+            noise = noise + (max(sigmas / _OUTLIER_SIGMAS, 1.0) - 1.0) * whole
+            whole = expected + noise
+        gain = np.linalg.solve(whole, hp).T
         self._mean = mean + gain @ off
         p = p - gain @ hp
         self._covariance = 0.5 * (p + p.T)
@@ -119,10 +122,12 @@ class VelocityFromGround:
         v: (3,) m/s, the velocity now. doubt: of the own state, as told.
         """
         mean, p = self._predicted(time, doubt, _SCALE)
-        h = np.column_stack((_LEVEL, (-v[1], v[0])))
+        east, north, _ = v.tolist()
+        h = np.array([[1.0, 0.0, -north], [0.0, 1.0, east]])
         sigma = math.sqrt(float(np.linalg.eigvalsh(h @ p[:3, :3] @ h.T)[1]))
-        error = np.append(mean[:2], 0.0)
-        found = VelocityBySight(float(mean[2]), error, sigma, math.sqrt(float(p[2, 2])))
+        error_east, error_north, turn, _ = mean.tolist()
+        error = np.array([error_east, error_north, 0.0])
+        found = VelocityBySight(turn, error, sigma, math.sqrt(float(p[2, 2])))
         self._made.append((time, found))
         return found
 
@@ -131,7 +136,8 @@ class VelocityFromGround:
 
         scale: 1 σ of the share by which the flow is too long.
         """
-        prior = np.array([doubt.velocity, doubt.velocity, doubt.yaw, scale]) ** 2
+        velocity = doubt.velocity * doubt.velocity
+        prior = np.array([velocity, velocity, doubt.yaw * doubt.yaw, scale * scale])
         if self._covariance is None:
             return self._mean, np.diag(prior)
         gap = max(time - self._time, 0.0)
@@ -169,11 +175,12 @@ def _noise(v: Vector, scale: float) -> Vector:
     """
     u = v / max(norm(v), _SLOWEST)
     along, across = (_ALONG * scale) ** 2, (_ACROSS * scale) ** 2
-    noise: Vector = across * _LEVEL + (along - across) * np.outer(u, u)
+    noise: Vector = across * _LEVEL + (along - across) * (u[:, None] * u)
     return noise
 
 
 def _turned(v: Vector, angle: float) -> Vector:
     """Return a vector (3,) turned left by `angle` [rad] about the vertical."""
     c, s = math.cos(angle), math.sin(angle)
-    return np.array([c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]])
+    x, y, z = v.tolist()
+    return np.array([c * x - s * y, s * x + c * y, z])

@@ -30,6 +30,8 @@ _MEMORY = 20.0  # s
 _NOISE = 0.04  # m/s, least 1 σ of a change of velocity from tick to tick
 _PRIOR = np.array([0.1, 0.3, 0.5, 0.5])  # 1 σ of L [s], d [1/s] and b [m/s²]
 _DRIFT = np.array([0.002, 0.0, 0.1, 0.1])  # of the same, a root second
+_DRIFTED = np.diag(_DRIFT**2)  # covariance, a second
+_LARGEST = float((_PRIOR**2).max())  # element of the covariance
 _LONGEST_GAP = 0.25  # s between two states that still belong together
 _LIFT = (0.3, 2.0)  # shares of g; with another lift the tilt does not tell the acceleration
 _SURE = 2.5  # standard deviations from none, from which a lag is believed
@@ -53,7 +55,10 @@ class Lag:
 
 
 class VelocityLag:
-    """Estimates the lag; one `update` a tick."""
+    """Estimates the lag; one `update` a tick.
+
+    lag: the present estimate; a lag that may be none, or does no harm, is none.
+    """
 
     def __init__(self) -> None:
         self._x: Vector = np.zeros(4)  # L, d, b east and north
@@ -66,10 +71,10 @@ class VelocityLag:
         self._before: VehicleState | None = None
         self._acceleration: Vector = np.zeros(3)  # low-passed
         self._velocity: Vector = np.zeros(3)
+        self.lag = self._estimate()
 
-    @property
-    def lag(self) -> Lag:
-        """The present estimate; a lag that may be none, or does no harm, is none."""
+    def _estimate(self) -> Lag:
+        """Return the lag and what position and velocity miss by it."""
         value, sigma = float(self._x[0]), math.sqrt(self._p[0, 0])
         if value < max(_SURE * sigma, _HARMLESS):
             value = 0.0
@@ -101,12 +106,12 @@ class VelocityLag:
         self._acceleration = self._acceleration + slower
         self._velocity = self._velocity + share * (own.v - self._velocity)
         self._learn((told - a)[:2] * dt, slower[:2], own.v[:2], dt)
+        self.lag = self._estimate()
         return self.lag
 
     def _learn(self, missing: Vector, slower: Vector, v: Vector, dt: float) -> None:
         """Take in what the tilt does not explain of a change of velocity (2,) m/s."""
-        self._p = self._p * math.exp(dt / _MEMORY) + np.diag(_DRIFT**2) * dt
-        self._p = np.minimum(self._p, np.diag(_PRIOR**2).max())
+        self._p = np.minimum(self._p * math.exp(dt / _MEMORY) + _DRIFTED * dt, _LARGEST)
         for k in range(2):
             row = np.array([-slower[k], -v[k] * dt, dt * (k == 0), dt * (k == 1)])
             error = float(missing[k] - row @ self._x)

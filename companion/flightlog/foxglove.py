@@ -16,6 +16,7 @@ from foxglove_schemas_protobuf.Pose_pb2 import Pose
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import ArrayLike
 
@@ -32,6 +33,7 @@ _BLUE, _RED, _GREY, _BROWN = (
     Color(r=0.5, g=0.5, b=0.5, a=0.8),
     Color(r=0.5, g=0.4, b=0.3, a=0.6),
 )
+_SPHERE = Vector3(x=_DRONE_SIZE, y=_DRONE_SIZE, z=_DRONE_SIZE)
 _STRIP, _LIST = 0, 2  # LinePrimitive.Type LINE_STRIP, LINE_LIST
 
 
@@ -64,18 +66,19 @@ def event(time: float, name: str, text: str) -> Log:
 
 def scene(tick: Tick, obstacles: bool) -> SceneUpdate:
     """Return plan, tracks and critical neighbours of a tick; obstacles: whether those, too."""
-    entities = [_tracks(tick.tracks)]
+    made, when = SceneUpdate(), stamp(tick.time)
+
+    def entity(name: str) -> SceneEntity:
+        return made.entities.add(id=name, timestamp=when, frame_id="world")
+
+    _tracks(entity("tracks"), tick.tracks)
     if tick.vehicle.state is not None and tick.reference is not None:
-        entities.append(_critical(tick.vehicle.state, tick.reference.critical))
+        _critical(entity("critical"), tick.vehicle.state, tick.reference.critical)
     if tick.planned.plan is not None:
-        entities.append(_plan(tick.planned.plan.x[:, :3]))
+        _plan(entity("plan"), tick.planned.plan.x[:, :3])
     if obstacles:
-        entities.append(_obstacles(tick.obstacles.cylinders))
-    when = stamp(tick.time)
-    for entity in entities:
-        entity.timestamp.CopyFrom(when)
-        entity.frame_id = "world"
-    return SceneUpdate(entities=entities)
+        _obstacles(entity("obstacles"), tick.obstacles.cylinders)
+    return made
 
 
 def _pose(p: Vector, q: Vector) -> Pose:
@@ -92,31 +95,25 @@ def _points(rows: ArrayLike) -> list[Point3]:
     return [Point3(x=x, y=y, z=z) for x, y, z in single.tolist()]
 
 
-def _plan(path: Vector) -> SceneEntity:
-    entity = SceneEntity(id="plan")
+def _plan(entity: SceneEntity, path: Vector) -> None:
     line = entity.lines.add(type=_STRIP, thickness=0.04, color=_BLUE)
     line.points.extend(_points(path))
-    return entity
 
 
-def _tracks(tracks: list[Track]) -> SceneEntity:
-    entity = SceneEntity(id="tracks")
+def _tracks(entity: SceneEntity, tracks: list[Track]) -> None:
     if not tracks:
-        return entity
+        return
     velocity = entity.lines.add(type=_LIST, thickness=0.03, color=_GREY)
     velocity.points.extend(_points([end for t in tracks for end in (t.p, t.p + t.v)]))
     for at in velocity.points[::2]:
-        sphere = entity.spheres.add(color=_GREY)
+        sphere = entity.spheres.add(color=_GREY, size=_SPHERE)
         position = sphere.pose.position
         position.x, position.y, position.z = at.x, at.y, at.z
-        sphere.size.x = sphere.size.y = sphere.size.z = _DRONE_SIZE
-    return entity
 
 
-def _critical(own: VehicleState, critical: list[tuple[Track, float]]) -> SceneEntity:
-    entity = SceneEntity(id="critical")
+def _critical(entity: SceneEntity, own: VehicleState, critical: list[tuple[Track, float]]) -> None:
     if not critical:
-        return entity
+        return
     edges = entity.lines.add(type=_LIST, thickness=0.03, color=_RED)
     edges.points.extend(_points([end for t, _ in critical for end in (own.p, t.p)]))
     for (track, threat), there in zip(critical, edges.points[1::2], strict=True):
@@ -125,14 +122,11 @@ def _critical(own: VehicleState, critical: list[tuple[Track, float]]) -> SceneEn
         )
         position = label.pose.position
         position.x, position.y, position.z = there.x, there.y, there.z + 0.3
-    return entity
 
 
-def _obstacles(cylinders: Vector) -> SceneEntity:
-    entity = SceneEntity(id="obstacles")
+def _obstacles(entity: SceneEntity, cylinders: Vector) -> None:
     for x, y, radius in cylinders.round(3).tolist():
         c = entity.cylinders.add(bottom_scale=1.0, top_scale=1.0, color=_BROWN)
         c.pose.position.x, c.pose.position.y, c.pose.position.z = x, y, _HEIGHT / 2
         c.size.x = c.size.y = 2 * radius
         c.size.z = _HEIGHT
-    return entity

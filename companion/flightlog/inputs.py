@@ -58,6 +58,8 @@ class _Table:
         self.numbers = attrgetter(*self.names)
 
     def encode(self, items: Sequence[Any]) -> bytes:
+        if not items:
+            return b""
         rows = [[*item.direction.tolist(), *self.numbers(item)] for item in items]
         return np.array(rows, dtype="<f8").tobytes()
 
@@ -83,7 +85,7 @@ def encode(
     latest: float | None = None,
 ) -> bytes:
     """Return one tick's inputs as bytes; seen: empty where the frame was not new."""
-    ranges = seen.ranges
+    ranges, fixed = seen.ranges, seen.fixed.rows
     header = {
         "time": time,
         "frame": frame_time,
@@ -92,7 +94,7 @@ def encode(
         "columns": _COLUMNS,
         "leave": leave,
         "ranges": None if ranges is None else ranges.shape,
-        "fixed": seen.fixed.rows.shape,
+        "fixed": fixed.shape,
         "shown": shown,
         "latest": latest,
         "flow": None if seen.flow is None else seen.flow.row,
@@ -100,7 +102,7 @@ def encode(
     tables = [table.encode(getattr(seen, name)) for name, table in _TABLES.items()]
     if ranges is not None:
         tables.append(ranges.astype("<f2").tobytes())
-    tables.append(seen.fixed.rows.astype("<f8").tobytes())
+    tables.append(fixed.astype("<f8").tobytes())
     return b"".join([orjson.dumps(header), b"\n", *datagrams, *tables])
 
 

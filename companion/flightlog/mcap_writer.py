@@ -6,6 +6,7 @@ for each hour that a daemon runs. Here the index waits in a temporary file; the 
 
 from __future__ import annotations
 
+import struct
 import tempfile
 import zlib
 from collections import defaultdict
@@ -24,7 +25,6 @@ from mcap.records import (
     Footer,
     Header,
     McapRecord,
-    Message,
     MessageIndex,
     Metadata,
     MetadataIndex,
@@ -35,6 +35,10 @@ from mcap.records import (
 from mcap.writer import MCAP0_MAGIC
 
 _COPY = 1 << 16  # bytes of the index that are copied at once
+# A message's opcode and length, its channel, number, and times of log and publication. A tick has
+# several messages; the package writes each by a dozen small calls.
+_MESSAGE = struct.Struct("<BQHIQQ")
+_PREFIX = 9  # bytes of opcode and length, which the length leaves out
 
 
 class McapWriter:
@@ -53,6 +57,7 @@ class McapWriter:
         self._index = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  (for as long as the log)
         self._chunk_size = chunk_size
         self._chunk = _OpenChunk()
+        self._compressor = zstandard.ZstdCompressor()  # one for all: its tables take long to make
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
         self._metadata: list[MetadataIndex] = []
@@ -87,7 +92,7 @@ class McapWriter:
         self._first = min(self._first, time) if self._counts else time
         self._last = max(self._last, time)
         self._counts[channel] += 1
-        self._chunk.add_message(Message(channel, time, data, time, sequence))
+        self._chunk.add_message(channel, time, data, sequence)
         if self._chunk.size > self._chunk_size:
             self._end_chunk()
 
@@ -118,7 +123,7 @@ class McapWriter:
 
     def _end_chunk(self) -> None:
         if self._chunk.messages:
-            record, index = self._chunk.encoded(self._file.tell())
+            record, index = self._chunk.encoded(self._file.tell(), self._compressor)
             self._file.write(record)
             self._index.write(index)
             self._chunks += 1
@@ -168,21 +173,25 @@ class _OpenChunk:
     def add(self, record: Schema | Channel) -> None:
         record.write(self._records)
 
-    def add_message(self, message: Message) -> None:
-        time = message.log_time
+    def add_message(self, channel: int, time: int, data: bytes, sequence: int) -> None:
         first, last = self._times if self.messages else (time, time)
         self._times = min(first, time), max(last, time)
-        index = self.messages.setdefault(message.channel_id, MessageIndex(message.channel_id, []))
+        index = self.messages.get(channel)
+        if index is None:
+            index = self.messages[channel] = MessageIndex(channel, [])
         index.records.append((time, self.size))
-        message.write(self._records)
+        length = _MESSAGE.size - _PREFIX + len(data)
+        self._records.write(
+            _MESSAGE.pack(Opcode.MESSAGE, length, channel, sequence, time, time) + data
+        )
 
-    def encoded(self, offset: int) -> tuple[bytes, bytes]:
+    def encoded(self, offset: int, compressor: zstandard.ZstdCompressor) -> tuple[bytes, bytes]:
         """Return the chunk with its message indexes, and its entry of the summary's index.
 
         offset: place in the file [bytes] at which the chunk is to begin.
         """
         data = _bytes_of(self._records)
-        packed = zstandard.compress(data)
+        packed = compressor.compress(data)
         first, last = self._times
         chunk = _encoded([Chunk("zstd", packed, last, first, zlib.crc32(data), len(data))])
         offsets, indexes = {}, RecordBuilder()

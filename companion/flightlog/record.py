@@ -6,6 +6,7 @@ Own ENU frame on the map, SI, radians; times in the vehicle's clock [s]; `*_ms` 
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -110,7 +111,7 @@ def _clock(clock: ClockEstimate | None) -> dict[str, Any] | None:
 
 
 def record(tick: Tick, costs: dict[str, float] | None = None) -> dict[str, Any]:
-    """Return the tick as a dictionary of numbers, strings and arrays."""
+    """Return the tick as a dictionary of numbers, strings and lists."""
     stages, offset = tick.stages | (costs or {}), tick.vehicle.map_offset
     height, sight = tick.vehicle.height, tick.vehicle.by_sight
     r: dict[str, Any] = {
@@ -123,15 +124,15 @@ def record(tick: Tick, costs: dict[str, float] | None = None) -> dict[str, Any]:
         "broken": "" if tick.broken is None else tick.broken.finding,
         "refusals": list(tick.vehicle.refusals),
         "hover_thrust": _number(tick.motion.thrust_map.hover_thrust),
-        "delay": _rounded([tick.motion.delay.value, tick.motion.delay.sigma]),
-        "velocity_lag": _rounded([tick.vehicle.lag.value, tick.vehicle.lag.sigma]),
-        "velocity_by_sight": _rounded([*sight.error[:2], sight.sigma]),
-        "heading_by_sight": _rounded([sight.turn, sight.turn_sigma]),
+        "delay": _numbers(tick.motion.delay.value, tick.motion.delay.sigma),
+        "velocity_lag": _numbers(tick.vehicle.lag.value, tick.vehicle.lag.sigma),
+        "velocity_by_sight": _numbers(*sight.error[:2].tolist(), sight.sigma),
+        "heading_by_sight": _numbers(sight.turn, sight.turn_sigma),
         "hover": _hover(tick.motion.hover),
         "stages_ms": {k: round(v * 1e3, 3) for k, v in stages.items()},
         **_seen(tick.seen),
         "map_offset": _rounded(offset),
-        "height": [] if height is None else _rounded([height.value, height.sigma]),
+        "height": [] if height is None else _numbers(height.value, height.sigma),
         "tracks": _tracks(tick.tracks, offset),
         "cylinders": _rounded(tick.obstacles.cylinders[:_OBSTACLES] + offset * _LEVEL),
         **_guided(tick.reference, offset),
@@ -155,28 +156,29 @@ def _seen(seen: Detections) -> dict[str, Any]:
 
 
 def _tracks(tracks: list[Track], offset: Vector) -> list[dict[str, Any]]:
-    places = [(t.p + offset).tolist() for t in tracks]
-    state = [
-        [*p, *t.v.tolist(), t.unseen, (np.einsum("ii", t.P[:3, :3]) / 3) ** 0.5]
-        for p, t in zip(places, tracks, strict=True)
-    ]
+    state = [[*(t.p + offset).tolist(), *t.v.tolist(), t.unseen, _mean_sigma(t)] for t in tracks]
     return [
         {"id": t.id, "p": row[:3], "v": row[3:6], "unseen": row[6], "sigma": row[7]}
         for t, row in zip(tracks, _rounded(state), strict=True)
     ]
 
 
+def _mean_sigma(track: Track) -> float:
+    """Return the 1 σ [m] of a track's position, in the mean of the three axes."""
+    east, north, up, *_ = track.P.diagonal().tolist()
+    return math.sqrt((east + north + up) / 3)
+
+
 def _guided(reference: Reference | None, offset: Vector) -> dict[str, Any]:
     """Return the reference and its reasons; `target` is the goal that the solver gets."""
     if reference is None:
         return {"critical": [], "yaw": 0.0, "speed": 0.0}
+    places = np.array([reference.progress.goal, reference.aim, reference.target])
+    goal, aim, target = _rounded(places + offset)
     return {
-        "goal": {
-            "p": _rounded(reference.progress.goal + offset),
-            "index": reference.progress.index,
-        },
-        "aim": _rounded(reference.aim + offset),
-        "target": _rounded(reference.target + offset),
+        "goal": {"p": goal, "index": reference.progress.index},
+        "aim": aim,
+        "target": target,
         "route": reference.route,
         "speed": _number(reference.speed),
         "speed_limit": reference.speed_limit,
@@ -195,11 +197,7 @@ def _planned(plan: Plan | None, offset: Vector) -> dict[str, Any]:
         "iterations": plan.iterations,
         "solve_ms": round(plan.solve_time * 1e3, 3),
         "step_norm": _number(plan.step_norm),
-        "slack": [
-            _number(plan.slack_agent),
-            _number(plan.slack_obstacle),
-            _number(plan.slack_plane),
-        ],
+        "slack": _numbers(plan.slack_agent, plan.slack_obstacle, plan.slack_plane),
         "active": list(plan.active),
         "cost": _number(plan.cost),
     }
@@ -236,8 +234,8 @@ def _alignment(a: Alignment) -> dict[str, Any]:
     return {
         "lag": _number(a.lag),
         "scale": _number(a.scale),
-        "tilt": [_number(x) for x in a.tilt],
-        "sigmas": [_number(x) for x in a.sigmas],
+        "tilt": _numbers(*a.tilt),
+        "sigmas": _numbers(*a.sigmas),
     }
 
 
@@ -245,6 +243,12 @@ def _number(value: float) -> float:
     return round(float(value), _DIGITS)
 
 
-def _rounded(values: ArrayLike) -> Vector:
-    array: Vector = np.asarray(values, dtype=np.float64)
-    return array.round(_DIGITS)
+def _numbers(*values: float) -> list[float]:
+    return [_number(value) for value in values]
+
+
+def _rounded(values: ArrayLike) -> list[Any]:
+    """Return an array as nested lists, which JSON takes sooner than small arrays."""
+    if isinstance(values, list) and not values:
+        return []
+    return np.asarray(values, dtype=np.float64).round(_DIGITS).tolist()

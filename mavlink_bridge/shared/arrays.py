@@ -24,6 +24,11 @@ def cross(a: Vector, b: Vector) -> Vector:
     return out
 
 
+def finite(v: Vector) -> bool:
+    """Return whether all elements of a short vector (n,) are finite, sooner than numpy does."""
+    return all(map(math.isfinite, v.tolist()))
+
+
 def norm(v: Vector) -> float:
     """Return the length of a vector (n,): the bits of numpy.linalg.norm in a tenth of its time."""
     return math.sqrt(v.dot(v))

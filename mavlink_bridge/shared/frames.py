@@ -79,10 +79,10 @@ def yaw_from_heading(heading: float) -> float:
     return yaw - 2 * math.pi if yaw > math.pi else yaw
 
 
-def multiply(a: Vector, b: Vector) -> Vector:
+def multiply(a: Sequence[float] | Vector, b: Sequence[float] | Vector) -> Vector:
     """Return the Hamilton product a ⊗ b of two quaternions (4,)."""
-    aw, ax, ay, az = a
-    bw, bx, by, bz = b
+    aw, ax, ay, az = _floats(a)
+    bw, bx, by, bz = _floats(b)
     return np.array(
         [
             aw * bw - ax * bx - ay * by - az * bz,
@@ -115,12 +115,12 @@ def integrate(q: Vector, omega: Vector, dt: float) -> Vector:
 
     It equals `rotate(q, omega * dt)` up to rounding; replays rely on the last bit of both.
     """
-    angle = norm(omega) * dt
+    speed = norm(omega)
+    angle = speed * dt
     if abs(angle) < 1e-9:
         return q
-    axis = omega / norm(omega)
-    step = np.concatenate([[np.cos(angle / 2)], np.sin(angle / 2) * axis])
-    rotated = multiply(q, step)
+    c, s = float(np.cos(angle / 2)), float(np.sin(angle / 2))
+    rotated = multiply(q, [c, *(s * (rate / speed) for rate in omega.tolist())])
     return rotated / norm(rotated)
 
 
@@ -129,8 +129,8 @@ def rotate(q: Vector, rotation: Vector) -> Vector:
     angle = norm(rotation)
     if angle < 1e-9:
         return q
-    step = np.concatenate([[math.cos(angle / 2)], math.sin(angle / 2) / angle * rotation])
-    rotated = multiply(q, step)
+    s = math.sin(angle / 2) / angle
+    rotated = multiply(q, [math.cos(angle / 2), *(s * a for a in rotation.tolist())])
     return rotated / norm(rotated)
 
 

@@ -6,6 +6,7 @@ dropped.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 from mavlink_bridge.wire import framing
 from mavlink_bridge.wire.allowance import Claim, Packet
 from mavlink_bridge.wire.dialect import FROM_WIRE, TO_WIRE
-from mavlink_bridge.wire.dialect import common as mavlink
+from mavlink_bridge.wire.dialect.pack import packed
 from mavlink_bridge.wire.dialect.unpack import unpacked
 from mavlink_bridge.wire.framing import HEADER, SIGNED, V2, RawFrame
 from mavlink_bridge.wire.messages import Message, Received, Source
@@ -67,19 +68,16 @@ class Codec:
         if not 1 <= system <= 255:
             raise ValueError(f"MAVLink system id must be 1…255, got {system}")
         self.statistics = CodecStatistics()
-        self._mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+        self._own, self._sequence = Source(system, component), 0
         self._allow = None if allow is None else frozenset((a.system, a.component) for a in allow)
         self._start = framing.start_pattern(self._allow)
         self._signing = signing
         if signing is not None:
-            self._mav.signing.secret_key = signing.key
-            self._mav.signing.link_id = signing.link_id
-            self._mav.signing.sign_outgoing = True
             signing.own = (system, component)
         self._buffer = bytearray()
         self._counts: dict[Source, FrameCount] = {}
         self._numbers: dict[Source, int] = {}  # of each sender's last frame
-        self._newest: dict[bytes, Message] = {}  # by their frames, oldest first
+        self._newest: OrderedDict[bytes, Message] = OrderedDict()  # by their frames, oldest first
 
     @property
     def signs(self) -> bool:
@@ -88,14 +86,16 @@ class Codec:
 
     def encode(self, messages: Iterable[Message]) -> bytes:
         """Return the messages as consecutive MAVLink 2 frames."""
-        frames = bytearray()
+        frames = []
+        signing, flags = self._signing, 0 if self._signing is None else SIGNED
         for message in messages:
-            if self._signing is not None:
-                self._mav.signing.timestamp = self._signing.next()
-            frames += TO_WIRE[type(message)](message).pack(self._mav)
-            self._mav.seq = (self._mav.seq + 1) % 256
+            fields = TO_WIRE[type(message)](message)
+            number = type(fields).id  # some messages have a field `id`, too
+            frame = framing.framed(packed(fields), number, self._sequence, self._own, flags)
+            frames.append(frame if signing is None else signing.signed(frame))
+            self._sequence = (self._sequence + 1) % 256
             self.statistics.sent += 1
-        return bytes(frames)
+        return b"".join(frames)
 
     def decode_datagram(self, data: bytes) -> list[Received]:
         """Decode a packet of whole frames; the rest of it is garbage."""
@@ -178,33 +178,31 @@ class Codec:
                 count.unknown += 1
                 continue
             convert = FROM_WIRE.get(frame.message_id) if n >= first else None
-            message, repeated = None, frame.data in self._newest
+            message, known = None, self._newest.get(frame.data)
             if convert is not None:
                 try:
-                    message = self._message(frame, convert)
+                    message = known or self._converted(frame, convert)
                 except (ValueError, TypeError, OverflowError):
                     self.statistics.bad_frames += 1
                     continue
             self.statistics.received += 1
-            if repeated and hasattr(message, "time"):
+            if known is not None and hasattr(message, "time"):
                 continue  # with the same time and number: a copy, which tells nothing
             count.add(frame.sequence, read=message is not None)
             if message is not None:
                 out.append(Received(frame.source, message, *count.take()))
         return out
 
-    def _message(self, frame: RawFrame, convert: Callable[[Any], Message]) -> Message:
-        """Return the message of a frame; a line that repeats what it carried costs next to nothing.
+    def _converted(self, frame: RawFrame, convert: Callable[[Any], Message]) -> Message:
+        """Return the message of a new frame; a line that repeats it will find it.
 
         Raises:
             ValueError, TypeError, OverflowError: the payload is no such message.
         """
-        message = self._newest.get(frame.data)
-        if message is None:
-            message = convert(unpacked(frame.message_id, frame.payload))
-            self._newest[frame.data] = message
-            if len(self._newest) > _COPIES_OF:
-                del self._newest[next(iter(self._newest))]
+        message = convert(unpacked(frame.message_id, frame.payload))
+        self._newest[frame.data] = message
+        if len(self._newest) > _COPIES_OF:
+            self._newest.popitem(last=False)
         return message
 
     def _scan(self, data: bytes | bytearray, whole: bool) -> tuple[list[RawFrame], int]:
@@ -290,9 +288,12 @@ class Codec:
 
     def _count(self, source: Source) -> FrameCount:
         """Return the counts of this sender; the counts of too many senders are not kept."""
-        if source not in self._counts and len(self._counts) >= _SENDERS:
-            return FrameCount()
-        return self._counts.setdefault(source, FrameCount())
+        count = self._counts.get(source)
+        if count is None:
+            count = FrameCount()
+            if len(self._counts) < _SENDERS:
+                self._counts[source] = count
+        return count
 
     def _allowed(self, system: int, component: int) -> bool:
         allow = self._allow

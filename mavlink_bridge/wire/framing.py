@@ -1,4 +1,4 @@
-"""Find MAVLink frames in bytes of which any may be garbage, at a cost that grows with their number.
+"""Make MAVLink frames, and find them in bytes of which any may be garbage, at a bounded cost.
 
 The search for a first byte runs at the speed of `re`. Length, flags, ids and checksum are looked at
 before anything is decoded, each in a time that does not depend on what the bytes say.
@@ -10,7 +10,7 @@ from __future__ import annotations
 import binascii
 import re
 from collections.abc import Collection
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from mavlink_bridge.wire.dialect import common as mavlink
 from mavlink_bridge.wire.messages import Source
@@ -22,12 +22,13 @@ LONGEST = 255 + 12 + SIGNATURE_BYTES  # bytes of a frame
 HEADER = 10  # bytes in front of the payload, MAVLink 2
 _V1_HEADER = 6
 _CHECKSUM = 2
-_CRC_EXTRA = {number: kind.crc_extra for number, kind in mavlink.mavlink_map.items()}
 _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+_CRC_EXTRA = {  # of each known message, as one byte with its bits in reverse order
+    number: bytes([_REVERSED[kind.crc_extra]]) for number, kind in mavlink.mavlink_map.items()
+}
 
 
-@dataclass(frozen=True, slots=True)
-class RawFrame:
+class RawFrame(NamedTuple):
     """One frame whose checksum is right, or cannot be known; data: all bytes, signature too."""
 
     source: Source
@@ -86,12 +87,28 @@ def is_known(message_id: int) -> bool:
 
 
 def checksum_holds(frame: bytes | bytearray, message_id: int) -> bool:
-    """Return whether the checksum of a frame of a known message is right.
-
-    It is CRC-16/MCRF4XX: the CRC of `binascii` over bytes whose bits are in reverse order.
-    """
-    turned = frame.translate(_REVERSED)
+    """Return whether the checksum of a frame of a known message is right."""
     end = (_V1_HEADER if frame[0] == V1 else HEADER) + frame[1]
-    extra = _REVERSED[_CRC_EXTRA[message_id]]
-    crc = binascii.crc_hqx(bytes(turned[1:end]) + bytes([extra]), 0xFFFF)
-    return crc == turned[end] << 8 | turned[end + 1]
+    return _checksum(frame[1:end], message_id) == frame[end : end + _CHECKSUM]
+
+
+def framed(payload: bytes, message_id: int, sequence: int, source: Source, flags: int) -> bytes:
+    """Return a MAVLink 2 frame without a signature; flags: SIGNED where one will follow.
+
+    Zeros at the end of the payload are not sent, but for its first byte.
+    """
+    body = payload.rstrip(b"\0") or payload[:1]
+    head = bytes((len(body), flags, 0, sequence, *source)) + message_id.to_bytes(3, "little")
+    data = head + body
+    return b"\xfd" + data + _checksum(data, message_id)
+
+
+def _checksum(data: bytes | bytearray, message_id: int) -> bytes:
+    """Return the checksum of a frame of a known message, as it is sent.
+
+    data: from behind the frame's first byte to the end of its payload. It is CRC-16/MCRF4XX: the
+    CRC of `binascii` over bytes whose bits are in reverse order.
+    """
+    crc = binascii.crc_hqx(data.translate(_REVERSED), 0xFFFF)
+    crc = binascii.crc_hqx(_CRC_EXTRA[message_id], crc)
+    return crc.to_bytes(2, "big").translate(_REVERSED)

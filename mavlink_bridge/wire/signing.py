@@ -84,6 +84,11 @@ class Signing:
             self._sent_set.discard(self._sent_until)
         return timestamp
 
+    def signed(self, frame: bytes) -> bytes:
+        """Return a frame with its signature: it is sent now."""
+        stamped = frame + bytes([self.link_id]) + self.next().to_bytes(6, "little")
+        return stamped + self._signature(stamped)
+
     def check(self, frame: bytes, system: int, component: int) -> Check:
         """Return whether a signed frame has the key's signature and is new; note its timestamp."""
         if not self._has_signature(frame):
@@ -123,8 +128,11 @@ class Signing:
         self._latest[stream[1:]] = max(self._latest.get(stream[1:], 0), timestamp)
 
     def _has_signature(self, frame: bytes) -> bool:
-        signature = hashlib.sha256(self.key + frame[:-6]).digest()[:6]
-        return hmac.compare_digest(signature, frame[-6:])
+        return hmac.compare_digest(self._signature(frame[:-6]), frame[-6:])
+
+    def _signature(self, stamped: bytes) -> bytes:
+        """Return the six bytes that follow link id and timestamp of a frame."""
+        return hashlib.sha256(self.key + stamped).digest()[:6]
 
     def _newest(self, stream: Stream) -> int:
         """Return the timestamp that a frame of this stream must exceed.

@@ -64,7 +64,7 @@ class LocalFrame:
 
     def vector(self, v: Floats) -> Floats:
         """Return a world vector (3,) in the own frame."""
-        x, y, z = float(v[0]), float(v[1]), float(v[2])
+        x, y, z = v.tolist()
         return np.array([self._cos * x + self._sin * y, self._cos * y - self._sin * x, z])
 
     def point(self, p: Floats) -> Floats:
@@ -76,7 +76,7 @@ class LocalFrame:
 
         The product of two quaternions, one of which is about z: written out, half of it is zero.
         """
-        w, x, y, z = (float(k) for k in q)
+        w, x, y, z = q.tolist()
         c, s = self._q
         return np.array([c * w + s * z, c * x + s * y, c * y - s * x, c * z - s * w])
 
@@ -92,7 +92,7 @@ class LocalFrame:
 
     def to_geo(self, p: Floats) -> tuple[float, float, float]:
         """Return latitude, longitude [deg] and altitude [m] of a world point, by the own frame."""
-        x, y, z = (float(k) for k in self.point(p))
+        x, y, z = self.point(p).tolist()
         lat, lon = self.reference.to_degrees(x + float(self.origin[0]), y + float(self.origin[1]))
         return lat, lon, self.reference.altitude + z + float(self.origin[2])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -38,8 +39,12 @@ _GLOBAL_FRAMES = (  # x and y of COMMAND_INT are degrees · 1e7; elsewhere metre
 
 _UNKNOWN_VARIANCE = 255  # cm², of DISTANCE_SENSOR
 # Indices in the upper triangle of a covariance (6,6), row by row.
-_DIAGONAL = (0, 6, 11, 15, 18, 20)
-_PLACE = (0, 1, 2, 6, 7, 11)  # of its first three rows and columns
+_of_diagonal = itemgetter(0, 6, 11, 15, 18, 20)
+_of_place = itemgetter(0, 1, 2, 6, 7, 11)  # its first three rows and columns
+
+
+def _no_vector() -> Vector:
+    return np.full(3, math.nan)
 
 
 def _text(raw: str | bytes) -> str:
@@ -97,53 +102,58 @@ def _odometry(w: Any) -> m.Odometry:
 
     A velocity that is not finite, or turned by an attitude that is not, is NaN.
     """
-    q = np.array(quaternion_enu_ned(w.q))
+    q = quaternion_enu_ned(w.q)
     known = w.frame_id in _NED_FRAMES and w.child_frame_id in (*_NED_FRAMES, *_BODY_FRAMES)
-    p = _array(*enu_ned(w.x, w.y, w.z)) if known else np.full(3, math.nan)
+    p = _array(*enu_ned(w.x, w.y, w.z)) if known else _no_vector()
     turn = _ENU_OF_NWU if w.child_frame_id not in _BODY_FRAMES else _rotation(q)
-    along = _array(*flu_frd(w.vx, w.vy, w.vz))
-    v = turn @ along if np.isfinite(along).all() else np.full(3, math.nan)
     pose = _sigmas(w.pose_covariance)
     return m.Odometry(
         w.time_usec / 1e6,
         p,
-        v,
-        q,
+        _turned(turn, flu_frd(w.vx, w.vy, w.vz)),
+        np.array(q),
         _body_rates(w),
-        position_sigma=None if pose is None else pose[[1, 0, 2]],
+        position_sigma=None if pose is None else _array(pose[1], pose[0], pose[2]),
         velocity_sigma=_velocity_sigma(w.velocity_covariance, turn),
-        attitude_sigma=None if pose is None else pose[3:],
+        attitude_sigma=None if pose is None else np.array(pose[3:]),
         resets=w.reset_counter,
         estimator=w.estimator_type,
         quality=w.quality,
     )
 
 
-def _rotation(q: Vector) -> Vector:
-    """Return the rotation matrix of a quaternion; NaN where it is not finite."""
-    return rotation_matrix(q) if np.isfinite(q).all() else np.full((3, 3), math.nan)
+def _rotation(q: Sequence[float]) -> Vector | None:
+    """Return the rotation matrix of a quaternion; None where it is not finite."""
+    return rotation_matrix(q) if all(map(math.isfinite, q)) else None
+
+
+def _turned(turn: Vector | None, along: Sequence[float]) -> Vector:
+    """Return a vector (3,) turned by a matrix (3,3); NaN where there is none, or it is infinite."""
+    if turn is None or not all(map(math.isfinite, along)):
+        return _no_vector()
+    return turn @ np.array(along)
 
 
 def _told(upper: Sequence[float]) -> bool:
     """Return whether the upper triangle of a covariance (6,6) is told, and is one."""
-    place = all(math.isfinite(upper[k]) for k in _PLACE)
-    return place and all(upper[k] >= 0.0 for k in _DIAGONAL)
+    place = all(map(math.isfinite, _of_place(upper)))
+    return place and all(variance >= 0.0 for variance in _of_diagonal(upper))
 
 
-def _sigmas(upper: Sequence[float]) -> Vector | None:
+def _sigmas(upper: Sequence[float]) -> list[float] | None:
     """Return the square roots (6,) of the variances."""
-    return np.array([math.sqrt(upper[k]) for k in _DIAGONAL]) if _told(upper) else None
+    return list(map(math.sqrt, _of_diagonal(upper))) if _told(upper) else None
 
 
-def _velocity_sigma(upper: Sequence[float], turn: Vector) -> Vector | None:
+def _velocity_sigma(upper: Sequence[float], turn: Vector | None) -> Vector | None:
     """Return the standard deviations (3,) m/s, ENU; turn: FLU axes of the message → ENU."""
-    if not _told(upper) or np.isnan(turn).any():
+    if turn is None or not _told(upper):
         return None
-    xx, xy, xz, yy, yz, zz = (upper[k] for k in _PLACE)
+    xx, xy, xz, yy, yz, zz = _of_place(upper)
     turn = turn * _FLIP
     covariance = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    variances: Vector = (turn @ covariance @ turn.T).diagonal()
-    return np.sqrt(np.maximum(variances, 0.0))
+    variances: list[float] = (turn @ covariance @ turn.T).diagonal().tolist()
+    return np.array([math.sqrt(max(variance, 0.0)) for variance in variances])
 
 
 def _global_position(w: Any) -> m.GlobalPosition:

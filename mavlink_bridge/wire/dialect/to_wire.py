@@ -40,11 +40,13 @@ _NO_RATES = (0.0,) * 9  # the last of that triangle, behind the velocity's
 _FRD = np.array([1.0, -1.0, -1.0])
 _UNKNOWN_VARIANCE = 255  # cm², of DISTANCE_SENSOR
 _FILE_BYTES = 251  # payload of FILE_TRANSFER_PROTOCOL
+_EVENT_BYTES = 40  # arguments of EVENT
 
 
 def _ned(v: Vector) -> tuple[float, float, float]:
     """Return a world vector (3,) in NED."""
-    return enu_ned(*(float(a) for a in v))
+    x, y, z = np.asarray(v, float).tolist()
+    return enu_ned(x, y, z)
 
 
 def _frd(v: Vector) -> tuple[float, float, float]:
@@ -482,7 +484,7 @@ TO_WIRE: dict[type, Callable[[Any], Any]] = {
         destination_component=0,
         destination_system=0,
         log_levels=0xF0 | e.severity,
-        arguments=e.arguments,
+        arguments=e.arguments.ljust(_EVENT_BYTES, b"\0"),
     ),
     m.NamedValue: _named_value,
     m.ComponentInformation: _component_information,

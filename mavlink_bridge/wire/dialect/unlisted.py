@@ -40,18 +40,8 @@ class _Unlisted(mavlink.MAVLink_message):  # type: ignore[misc]  # generated, re
     def __init__(self, **fields: Any) -> None:
         super().__init__(self.id, self.msgname)
         self._fieldnames = self.fieldnames
-        for name in self.fieldnames:
-            setattr(self, name, fields[name])
-
-    def pack(self, mav: Any, force_mavlink1: bool = False) -> bytes:
-        """Return the frame."""
-        values: list[Any] = []
-        for name, kind, n in self.table:
-            value = getattr(self, name)
-            values += value.ljust(n, b"\0")[:n] if n and kind != "char" else [value]
-        payload = self.unpacker.pack(*values)
-        frame: bytes = self._pack(mav, self.crc_extra, payload, force_mavlink1=force_mavlink1)
-        return frame
+        for name, kind, _ in self.table:
+            setattr(self, f"_{name}_raw" if kind == "char" else name, fields[name])
 
 
 class EventMessage(_Unlisted):

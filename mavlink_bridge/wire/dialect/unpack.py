@@ -8,22 +8,32 @@ Source: https://mavlink.io/en/guide/serialization.html.
 from __future__ import annotations
 
 import struct
+from collections import namedtuple
 from functools import cache
-from types import SimpleNamespace
 from typing import Any
 
 from mavlink_bridge.wire.dialect import common as mavlink
 
 
-@cache
-def _layout(message_id: int) -> tuple[struct.Struct, list[tuple[str, int, int]], str]:
-    """Return the payload's format; name, index and length of each field; the message's name."""
-    kind = mavlink.mavlink_map[message_id]
-    fields, at = [], 0
-    for name, length in zip(kind.ordered_fieldnames, kind.lengths, strict=True):
-        fields.append((name, at, length))
-        at += length
-    return kind.unpacker, fields, kind.msgname
+class _Layout:
+    """A payload's format, and how the fields are made of its values."""
+
+    def __init__(self, message_id: int) -> None:
+        kind = mavlink.mavlink_map[message_id]
+        self.form: struct.Struct = kind.unpacker
+        self.fields: Any = namedtuple(kind.msgname, kind.ordered_fieldnames)
+        self.fields.msgname = kind.msgname
+        self.places: list[int | slice] = []  # of each field among the values
+        at = 0
+        for length in kind.lengths:
+            self.places.append(slice(at, at + length) if length > 1 else at)
+            at += length
+        types = dict(zip(kind.fieldnames, kind.fieldtypes, strict=True))
+        self.texts = [n for n, name in enumerate(kind.ordered_fieldnames) if types[name] == "char"]
+        self.plain = at == len(self.places) and not self.texts
+
+
+_layout = cache(_Layout)
 
 
 def unpacked(message_id: int, payload: bytes) -> Any:
@@ -32,14 +42,12 @@ def unpacked(message_id: int, payload: bytes) -> Any:
     Zeros that were left out at its end are added, bytes that this dialect does not know are left
     out, and a text ends at its first zero.
     """
-    form, fields, name = _layout(message_id)
-    values = form.unpack(payload[: form.size].ljust(form.size, b"\0"))
-    found = SimpleNamespace(msgname=name)
-    named = found.__dict__
-    for field, at, length in fields:
-        value = values[at]
-        if isinstance(value, bytes):
-            named[field] = value.partition(b"\0")[0]
-        else:
-            named[field] = value if length == 1 else values[at : at + length]
-    return found
+    layout = _layout(message_id)
+    size = layout.form.size
+    values = layout.form.unpack(payload[:size].ljust(size, b"\0"))
+    if layout.plain:
+        return layout.fields._make(values)
+    found = [values[place] for place in layout.places]
+    for n in layout.texts:
+        found[n] = found[n].partition(b"\0")[0]
+    return layout.fields._make(found)

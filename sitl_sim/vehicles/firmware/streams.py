@@ -132,9 +132,9 @@ def euler_attitude(u: Unit) -> EulerAttitude:
 
 def attitude_target(u: Unit) -> AttitudeTarget:
     """Make ATTITUDE_TARGET: rates and thrust that the inner loop follows; attitude as it is."""
-    sp, now = u.guidance.sp, attitude(u)
+    sp, q = u.guidance.sp, u.frame.attitude(u.sample().q)
     thrust = float(sp.thrust[u.i]) if u.commander.armed else 0.0
-    return AttitudeTarget(u.time_boot, now.q_wb, sp.omega[u.i].copy(), thrust)
+    return AttitudeTarget(u.time_boot, q, sp.omega[u.i].copy(), thrust)
 
 
 def local_position(u: Unit) -> Message | None:
@@ -149,13 +149,13 @@ def odometry(u: Unit) -> Odometry | None:
     """Make ODOMETRY; none without a position."""
     if not u.guidance.position_ok:
         return None
-    s, a, i = u.sample(), attitude(u), u.i
+    s, i = u.sample(), u.i
     return Odometry(
         s.time,
         u.frame.point(s.p),
         u.frame.vector(s.v),
-        a.q_wb,
-        a.omega,
+        u.frame.attitude(s.q),
+        s.omega.copy(),
         position_sigma=u.errors.position_sigma[i].copy(),
         velocity_sigma=u.errors.velocity_sigma[i].copy(),
         attitude_sigma=u.errors.attitude_sigma[i].copy(),

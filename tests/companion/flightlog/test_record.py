@@ -17,9 +17,9 @@ from tests.companion.ticks import COSTS, tick
 def test_the_reference_and_its_reasons():
     r = record(tick(3)[1])
     assert r["goal"]["index"] == 0
-    assert r["goal"]["p"].tolist() == [1.0, 2.0, 3.0]
-    assert r["aim"].tolist() == [1.0, 3.0, 3.0]
-    assert r["target"].tolist() == [1.5, 3.0, 3.0]  # the goal as the solver gets it
+    assert r["goal"]["p"] == [1.0, 2.0, 3.0]
+    assert r["aim"] == [1.0, 3.0, 3.0]
+    assert r["target"] == [1.5, 3.0, 3.0]  # the goal as the solver gets it
     assert r["route"] == ("detour", "right of way")
     assert (r["speed"], r["speed_limit"], r["v_max"]) == (1.2, "headway", 1.8)
     assert r["yaw"] == 0.3
@@ -57,5 +57,5 @@ def test_own_state_in_the_drones_frame():
     _, made = tick(3)
     r = record(made)
     assert r["own"]["p"] == pytest.approx(made.vehicle.state.p, abs=1e-4)
-    assert r["own"]["q"].tolist() == [1.0, 0.0, 0.0, 0.0]
+    assert r["own"]["q"] == [1.0, 0.0, 0.0, 0.0]
     assert "own" not in record(dataclasses.replace(made, vehicle=VehicleEstimate()))

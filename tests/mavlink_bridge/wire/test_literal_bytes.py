@@ -154,7 +154,7 @@ def test_the_bytes_are_read_as_their_fields_say(frame, message):
 @pytest.mark.parametrize(("frame", "message"), FRAMES)
 def test_the_message_is_written_as_the_same_bytes(frame, message):
     codec = Codec(1, 1)
-    codec._mav.seq = 7
+    codec._sequence = 7
     assert Codec(1, 191).decode(bytes.fromhex(frame))  # a frame
     written = codec.encode([message]).hex()
     if isinstance(message, m.Odometry):  # its velocity goes out along the body, in float32
