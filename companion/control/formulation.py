@@ -99,7 +99,8 @@ def position_velocity_sigma(
     vain is room that the plan takes from another one in sight. So that uncertainty claims only the
     room that is free now, and with time no more of it than once that room a second.
     """
-    place, speed = (math.sqrt(float(np.trace(track.P[k : k + 3, k : k + 3])) / 3) for k in (0, 3))
+    variance, _, of_speed = track.variances
+    place, speed = math.sqrt(variance), math.sqrt(of_speed)
     if not track.lost:
         return place, speed
     room = max(float(between(track.p, own.p, vertical_scale)) - distance, 0.0)

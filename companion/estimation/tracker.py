@@ -90,7 +90,6 @@ class TrackerConfig(StrictModel):
 _FADE_AFTER = 0.15  # s unseen in the frames that came: more than a tick
 _FRAME_AGE_MAX = 0.25  # s without a frame during which no neighbour counts as out of sight
 _STALE_AFTER = 0.5  # s unseen, after which the place of a neighbour is a guess
-_IDENTITY = np.eye(3)
 
 
 class Tracker:
@@ -116,6 +115,7 @@ class Tracker:
         self._along = np.zeros(0, dtype=bool)  # flew along when last seen
         self._own_velocity: Vector = np.zeros(3)
         self._last = (-np.inf, self._mean, self._covariance)  # as after the last frame
+        self._noise = config.acceleration**2 * np.eye(3)
 
     def update(
         self,
@@ -160,9 +160,11 @@ class Tracker:
         self._rewind(time)
         dt = 0.0 if self._time is None else time - self._time
         self._time = time
+        if dt == 0.0 or not len(self._ids):
+            return
         before = self._mean.copy()
         self._mean[:, :3] += dt * self._mean[:, 3:6]
-        if dt <= 0.0 or not len(self._ids):
+        if dt < 0.0:
             return
         # A neighbour abeam in formation keeps the own velocity, or it would fall back in memory.
         fading = time - min(time - self._looked, _FRAME_AGE_MAX) - self._seen > _FADE_AFTER
@@ -177,7 +179,7 @@ class Tracker:
             return
         # F P F' + Q by blocks: a of positions, b of both, d of velocities
         c, keep = self._covariance, keep[..., None]
-        q = self._config.acceleration**2 * _IDENTITY
+        q = self._noise
         a, b, d = c[:, :3, :3], c[:, :3, 3:], c[:, 3:, 3:]
         a += dt * (b + b.transpose(0, 2, 1)) + dt * dt * d + dt**4 / 4 * q
         b[:] = keep * (b + dt * d) + dt**3 / 2 * q
@@ -200,22 +202,22 @@ class Tracker:
     def tracks(self) -> list[Track]:
         """Return the confirmed tracks, oldest first."""
         time = self._time or 0.0
-        mean, covariance = self._mean, self._covariance
+        sure = self._hits >= self._config.hits_to_confirm
+        mean, covariance = self._mean[sure], self._covariance[sure]
+        scales = np.ones(len(mean))
         if self._sized:
+            scales = 1.0 / mean[:, 6]
             mean, covariance = track_size.in_world(mean, covariance)
-        return [
-            Track(
-                id=int(self._ids[n]),
-                p=mean[n, :3].copy(),
-                v=mean[n, 3:].copy(),
-                P=covariance[n].copy(),
-                age=time - self._born[n],
-                unseen=time - self._seen[n],
-                scale=1.0 / float(self._mean[n, 6]) if self._sized else 1.0,
-            )
-            for n in range(len(self._ids))
-            if self._hits[n] >= self._config.hits_to_confirm
-        ]
+        columns = (
+            self._ids[sure].tolist(),
+            mean[:, :3],
+            mean[:, 3:],
+            covariance,
+            (time - self._born[sure]).tolist(),
+            (time - self._seen[sure]).tolist(),
+            scales.tolist(),
+        )
+        return [Track(*row) for row in zip(*columns, strict=True)]
 
     def positions(self) -> Vector:
         """Return the positions (n,3) m of all tracks, unconfirmed ones too."""
@@ -291,7 +293,8 @@ class Tracker:
             self._mean[n] = track_size.bounded(self._mean[n])
         speed = np.linalg.norm(self._velocities[n], axis=1)[:, None]
         self._mean[n, 3:6] *= np.minimum(1.0, self._config.speed_max / np.maximum(speed, 1e-9))
-        a = np.tile(np.eye(p.shape[1]), (len(n), 1, 1))
+        a = np.zeros(p.shape)
+        a[:] = np.eye(p.shape[1])
         a[:, :, :3] -= k
         if self._sized:
             a[:, :, 6] += k @ here
@@ -327,6 +330,8 @@ class Tracker:
         life = np.minimum(c.life_per_look * looks, c.unseen_max)
         young = (time - self._seen <= life) & (self._misses < np.minimum(looks, c.misses_to_drop))
         keep = young & (sigma < c.sigma_max)
+        if keep.all():
+            return
         self._mean, self._covariance = self._mean[keep], self._covariance[keep]
         self._ids, self._born = self._ids[keep], self._born[keep]
         self._seen, self._hits = self._seen[keep], self._hits[keep]
