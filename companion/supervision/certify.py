@@ -26,7 +26,6 @@ from mavlink_bridge.wire.messages import RateCommand
 
 _SIDE = 1.2, 0.5  # m/s, s: a step aside
 _FAR_SIDE = 1.8, 0.8  # from what comes fast
-_ANYWHERE = 1e3  # m
 _SPEED_TUBE = 0.1  # m/s that the drone may be faster than on its way
 _GAIN = 0.1  # m of room that an evasion must save before it replaces a plan that holds
 # For so many ticks after a refusal a plan needs so much room [m] to be flown again: where it would
@@ -144,12 +143,8 @@ class Certifier:
         self._guard = guard
         self._enforce = config.enforce
         given = config.model_dump(exclude={"seen_range", "enforce"})
-        self._bounds = Bounds(
-            radius=radius, standing=False, c_max=guard.c_max, omega_max=guard.omega_max, **given
-        )
+        self._bounds = Bounds(radius=radius, c_max=guard.c_max, omega_max=guard.omega_max, **given)
         self._bounds = replace(self._bounds, rest=config.rest - _SPEED_TUBE)
-        # Where the drone stops, neighbours count by their course. A plan may lead there as long as
-        # a way out is left after it.
         # A way that was accepted is flown on within its tube, which deviations may have used up.
         self._continued = replace(
             self._bounds,
@@ -159,7 +154,6 @@ class Certifier:
             obstacle_sigmas=0.5 * config.obstacle_sigmas,
             unseen_way=2.0 * config.unseen_way,
         )
-        self._courses = replace(self._bounds, neighbour_acceleration=0.0, standing=True)
         self.reset()
 
     def reset(self) -> None:
@@ -241,17 +235,17 @@ class Certifier:
         """Return what the ways leave over, flown after the command `first` (4,) or at once."""
         x0, wind = prediction.x0, prediction.disturbance
         flown = simulate(x0, ways, wind, law, first)
+        # A plan may lead where the drone stops on a neighbour's course, as long as a way out is left
+        # after it. Space not looked at counts for what is accepted, not for what is better than
+        # contact.
         found = check(flown, x0, wind, scene, bounds or self._bounds)
-        # Space not looked at counts for what is accepted, not for what is better than contact.
-        looked = replace(scene, free=np.full(len(scene.free), _ANYWHERE))
-        course = check(flown, x0, wind, looked, self._courses).margin
         return [
             _Try(
                 ways.one(k),
                 RateCommand(flown.u[k, 1:4], float(flown.u[k, 0])),
                 float(found.margin[k]),
                 found.cause[k],
-                float(course[k]),
+                float(found.course[k]),
             )
             for k in range(len(ways))
         ]
