@@ -125,11 +125,11 @@ def widened(obstacles: Obstacles, p: Vector, kappa: float, safety: float) -> Vec
     more = np.clip(kappa * obstacles.sigmas - _COVERED, 0.0, _WIDENING_MAX)
     if not more.any():
         return cylinders
-    radii = cylinders[:, 2]
-    room = np.hypot(*(cylinders[:, :2] - p[:2]).T) - radii - safety
-    gaps = np.linalg.norm(cylinders[:, None, :2] - cylinders[None, :, :2], axis=-1)
+    x, y, radii = cylinders.T
+    room = np.hypot(x - p[0], y - p[1]) - radii - safety
+    gaps = np.sqrt((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2)
     gaps = gaps - radii[:, None] - radii[None, :] - 2.0 * safety - _ROOM_KEPT
     gaps[gaps < -_ROOM_KEPT] = np.inf  # closed anyway
     np.fill_diagonal(gaps, np.inf)
     bound = np.maximum(np.minimum(room, 0.5 * gaps.min(axis=1)), 0.0)
-    return np.column_stack([cylinders[:, :2], radii + np.minimum(more, bound)])
+    return np.column_stack([x, y, radii + np.minimum(more, bound)])

@@ -9,6 +9,7 @@ track (`track_size`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -162,13 +163,14 @@ class Tracker:
         self._time = time
         if dt == 0.0 or not len(self._ids):
             return
-        before = self._mean.copy()
+        before = self._mean.copy() if self._sized else self._mean
         self._mean[:, :3] += dt * self._mean[:, 3:6]
         if dt < 0.0:
             return
         # A neighbour abeam in formation keeps the own velocity, or it would fall back in memory.
         fading = time - min(time - self._looked, _FRAME_AGE_MAX) - self._seen > _FADE_AFTER
-        keep = np.where(fading, np.exp(-self._config.damping * dt), 1.0)[:, None]
+        keep = np.ones((len(fading), 1))
+        keep[fading] = math.exp(-self._config.damping * dt)
         to = np.where(self._along[:, None], self._own_velocity, 0.0)
         if self._sized:
             sigma = self._config.acceleration
@@ -250,16 +252,17 @@ class Tracker:
         covariance = (along - across)[:, None, None] * outer + across[:, None, None] * np.eye(3)
         return own.p + rays * ranges[:, None], covariance
 
-    def _expected(self, here: Vector) -> tuple[Vector, Vector, Vector]:
-        """Return where detections from here (3,) show the tracks.
+    def _expected(
+        self, mean: Vector, covariance: Vector, here: Vector
+    ) -> tuple[Vector, Vector, Vector]:
+        """Return where detections from here (3,) show tracks of such means and covariances.
 
         That place (n,3), its covariance with the states (n,3,k) and with itself (n,3,3).
         """
-        c = self._covariance
         if not self._sized:
-            return self._mean[:, :3], c[:, :3, :], c[:, :3, :3]
-        at, slope = track_size.seen_from(self._mean, here)
-        across = slope @ c
+            return mean[:, :3], covariance[:, :3, :], covariance[:, :3, :3]
+        at, slope = track_size.seen_from(mean, here)
+        across = slope @ covariance
         return at, across, across @ slope.T
 
     def _associate(
@@ -272,21 +275,22 @@ class Tracker:
         """
         if not len(z) or not len(self._ids):
             return []
-        at, _, spread = self._expected(here)
+        at, _, spread = self._expected(self._mean, self._covariance, here)
         s = spread[:, None] + r[None]
         residual = z[None] - at[:, None]
         solved = np.linalg.solve(s, residual[..., None])[..., 0]
-        # log det S keeps a track of large covariance from taking the detection of a sure track
         cost = np.einsum("tdi,tdi->td", residual, solved)
-        score = cost + np.linalg.slogdet(s)[1]
         fits = (cost < self._config.gate) & (clear | ~self._stale[:, None])
-        score = np.where(fits, score, 1e3)
+        if fits.sum(axis=0).max() <= 1 and fits.sum(axis=1).max() <= 1:  # there is no choice
+            return [(track, detection) for track, detection in np.argwhere(fits).tolist()]
+        # log det S keeps a track of large covariance from taking the detection of a sure track
+        score = np.where(fits, cost + np.linalg.slogdet(s)[1], 1e3)
         return [pair for pair in assign(score) if score[pair] < 1e3]
 
     def _correct(self, n: NDArray[np.int_], z: Vector, r: Vector, here: Vector) -> None:
         """Correct tracks n (k,) by positions z (k,3) of covariance r (k,3,3), in Joseph's form."""
         p = self._covariance[n]
-        at, across, spread = (part[n] for part in self._expected(here))
+        at, across, spread = self._expected(self._mean[n], p, here)
         k = np.linalg.solve(spread + r, across).transpose(0, 2, 1)
         self._mean[n] += (k @ (z - at)[..., None])[..., 0]
         if self._sized:
@@ -323,7 +327,8 @@ class Tracker:
     def _end_tracks(self, time: float) -> None:
         """Drop the tracks that are too old, missed too often, or too uncertain."""
         c = self._config
-        sigma = np.sqrt(np.trace(self._covariance[:, :3, :3], axis1=1, axis2=2))
+        p = self._covariance
+        sigma = np.sqrt(p[:, 0, 0] + p[:, 1, 1] + p[:, 2, 2])
         if self._sized:
             sigma = track_size.sigma_of_known_size(self._mean, self._covariance)
         looks = np.maximum(self._hits, 1)

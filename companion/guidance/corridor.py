@@ -63,6 +63,8 @@ def corridor_planes(p: Vector, goal: Vector, points: Vector, config: SurfaceConf
 
     The room is (k,4) half-spaces n·x <= b, nearest first.
     """
+    if not len(points):
+        return np.zeros((0, 4))
     way = goal - p
     way = way / max(norm(way), 1e-6)
     left = points - p

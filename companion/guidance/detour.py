@@ -56,8 +56,10 @@ class Detour:
         p, goal: (2,) m.
         """
         axes, reach = cylinders[:, :2], cylinders[:, 2] + room
-        apart = np.linalg.norm(axes[:, None] - axes[None], axis=2)
-        closed = np.argwhere(np.triu(apart < reach[:, None] + reach[None], k=1))
+        x, y = axes.T
+        apart = np.sqrt((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2)
+        closed = np.argwhere(apart < reach[:, None] + reach)
+        closed = closed[closed[:, 0] < closed[:, 1]]  # each pair once
         if not len(closed):
             self._side = 0.0
             return None
