@@ -313,11 +313,10 @@ class ObstacleMap:
             apart = math.dist(k.axis, axis)
             if n == but or apart >= nearest:
                 continue
-            gate = c.overlap * (k.radius + radius)
-            if n not in seen:
-                spread = _MATCH_SIGMAS * math.sqrt(variance + k.variance)
-                gate = max(gate, min(c.associate, _MATCH + spread))
-            if apart < gate:
+            near = apart < c.overlap * (k.radius + radius)
+            if not near and n not in seen and apart < c.associate:
+                near = apart < _MATCH + _MATCH_SIGMAS * math.sqrt(variance + k.variance)
+            if near:
                 best, nearest = n, apart
         return best
 

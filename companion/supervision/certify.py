@@ -135,6 +135,11 @@ def _carried(scene: Scene, dt: float) -> Scene:
     return replace(scene, neighbours=neighbours, cylinders=cylinders)
 
 
+def _sides(v: Vector) -> Ways:
+    """Return the ways to step aside from the velocity v (3,) m/s, near and far."""
+    return aside(v, *_SIDE).then(aside(v, *_FAR_SIDE))
+
+
 class Certifier:
     """Finds ways to stop, and remembers the one that was accepted last."""
 
@@ -178,12 +183,11 @@ class Certifier:
         if not self._enforce and self._ticks % _SHADOW:
             return None
         law, v = self._law(delay), prediction.x0[3:6]
-        sides = aside(v, *_SIDE).then(aside(v, *_FAR_SIDE))
         scene = _carried(around(), prediction.delay)
         first = np.array([command.c, *within_doubt(command.omega, delay)])
         after = self._tried(STRAIGHT, first, prediction, scene, law)
         if after[0].room < 0.0:
-            after += self._tried(sides, first, prediction, scene, law)
+            after += self._tried(_sides(v), first, prediction, scene, law)
         safe = max(after, key=lambda way: way.margin)
         leaves = max(way.course for way in after)
         asked = _ROOM if self._wary else 0.0
@@ -191,7 +195,10 @@ class Certifier:
         if safe.margin >= asked and leaves >= 0.0:
             self._last = max(after, key=lambda way: way.room).way if safe.room < 0.0 else safe.way
             return Certified(Flown.COMMAND, safe.margin, safe.cause)
-        now = self._tried(STRAIGHT.then(sides), None, prediction, scene, law)
+        if safe.margin < 0.0 and not self._enforce:  # no matter what else there is
+            self._last = None
+            return Certified(Flown.NONE, safe.margin, safe.cause)
+        now = self._tried(STRAIGHT.then(_sides(v)), None, prediction, scene, law)
         if safe.margin >= asked:
             best = max(now, key=lambda way: way.course)
             if best.course < leaves + _GAIN:
@@ -202,7 +209,7 @@ class Certifier:
         held = [way for way in last if way.margin >= 0.0]
         best = max(held or now, key=lambda way: way.rank)
         if safe.margin < 0.0:
-            self._wary = _WARY if self._enforce else 0
+            self._wary = _WARY
         elif best.margin < 0.0:  # the plan holds, and nothing else does
             self._last = safe.way
             return Certified(Flown.COMMAND, safe.margin, safe.cause)
