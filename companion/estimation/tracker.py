@@ -91,6 +91,7 @@ class TrackerConfig(StrictModel):
 _FADE_AFTER = 0.15  # s unseen in the frames that came: more than a tick
 _FRAME_AGE_MAX = 0.25  # s without a frame during which no neighbour counts as out of sight
 _STALE_AFTER = 0.5  # s unseen, after which the place of a neighbour is a guess
+_IDENTITY = np.eye(3)
 
 
 class Tracker:
@@ -116,7 +117,8 @@ class Tracker:
         self._along = np.zeros(0, dtype=bool)  # flew along when last seen
         self._own_velocity: Vector = np.zeros(3)
         self._last = (-np.inf, self._mean, self._covariance)  # as after the last frame
-        self._noise = config.acceleration**2 * np.eye(3)
+        self._noise = config.acceleration**2 * _IDENTITY
+        self._identity = np.eye(states)
 
     def update(
         self,
@@ -249,7 +251,7 @@ class Tracker:
         along = np.array([d.sigma_range for d in detections]) ** 2
         across = (ranges * np.hypot(bearing, self._config.attitude_sigma)) ** 2
         outer = rays[:, :, None] * rays[:, None, :]
-        covariance = (along - across)[:, None, None] * outer + across[:, None, None] * np.eye(3)
+        covariance = (along - across)[:, None, None] * outer + across[:, None, None] * _IDENTITY
         return own.p + rays * ranges[:, None], covariance
 
     def _expected(
@@ -298,7 +300,7 @@ class Tracker:
         speed = np.linalg.norm(self._velocities[n], axis=1)[:, None]
         self._mean[n, 3:6] *= np.minimum(1.0, self._config.speed_max / np.maximum(speed, 1e-9))
         a = np.zeros(p.shape)
-        a[:] = np.eye(p.shape[1])
+        a[:] = self._identity
         a[:, :, :3] -= k
         if self._sized:
             a[:, :, 6] += k @ here

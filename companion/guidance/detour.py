@@ -58,11 +58,12 @@ class Detour:
         axes, reach = cylinders[:, :2], cylinders[:, 2] + room
         x, y = axes.T
         apart = np.sqrt((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2)
-        closed = np.argwhere(apart < reach[:, None] + reach)
-        closed = closed[closed[:, 0] < closed[:, 1]]  # each pair once
-        if not len(closed):
+        first, second = (apart < reach[:, None] + reach).nonzero()
+        once = first < second  # of a pair and its reverse
+        if not once.any():
             self._side = 0.0
             return None
+        closed = np.column_stack([first[once], second[once]])
         ends = np.stack([p, goal])
         doors, wall = axes[closed], np.unique(closed)
         # Where the drone or its goal is nearer to a trunk than `room`, that distance is allowed.
