@@ -122,14 +122,15 @@ def widened(obstacles: Obstacles, p: Vector, kappa: float, safety: float) -> Vec
     k = len(cylinders)
     if not k:
         return cylinders
-    more = np.clip(kappa * obstacles.sigmas - _COVERED, 0.0, _WIDENING_MAX)
+    more = np.minimum(np.maximum(kappa * obstacles.sigmas - _COVERED, 0.0), _WIDENING_MAX)
     if not more.any():
         return cylinders
     x, y, radii = cylinders.T
     room = np.hypot(x - p[0], y - p[1]) - radii - safety
     gaps = np.sqrt((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2)
-    gaps = gaps - radii[:, None] - radii[None, :] - 2.0 * safety - _ROOM_KEPT
-    gaps[gaps < -_ROOM_KEPT] = np.inf  # closed anyway
-    np.fill_diagonal(gaps, np.inf)
+    gaps = gaps - radii[:, None] - radii - 2.0 * safety - _ROOM_KEPT
+    gaps[gaps < -_ROOM_KEPT] = np.inf  # closed anyway, or from a trunk to itself
     bound = np.maximum(np.minimum(room, 0.5 * gaps.min(axis=1)), 0.0)
-    return np.column_stack([x, y, radii + np.minimum(more, bound)])
+    wide = cylinders.copy()
+    wide[:, 2] += np.minimum(more, bound)
+    return wide
