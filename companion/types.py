@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,6 +71,18 @@ class Track:
     def lost(self) -> bool:
         """Whether the neighbour is out of sight, so that its motion now is a guess."""
         return self.unseen > _LOST
+
+    @cached_property
+    def variances(self) -> tuple[float, float, float]:
+        """Variance of p [m²], covariance of p and v [m²/s], variance of v [m²/s²], along one axis.
+
+        Each is the mean of three axes.
+        """
+        place, both, speed = (
+            float(self.P[i, j] + self.P[i + 1, j + 1] + self.P[i + 2, j + 2]) / 3.0
+            for i, j in ((0, 0), (0, 3), (3, 3))
+        )
+        return place, both, speed
 
 
 @dataclass(frozen=True)

@@ -99,7 +99,8 @@ def position_velocity_sigma(
     vain is room that the plan takes from another one in sight. So that uncertainty claims only the
     room that is free now, and with time no more of it than once that room a second.
     """
-    place, speed = (math.sqrt(float(np.trace(track.P[k : k + 3, k : k + 3])) / 3) for k in (0, 3))
+    variance, _, of_speed = track.variances
+    place, speed = math.sqrt(variance), math.sqrt(of_speed)
     if not track.lost:
         return place, speed
     room = max(float(between(track.p, own.p, vertical_scale)) - distance, 0.0)
@@ -121,14 +122,15 @@ def widened(obstacles: Obstacles, p: Vector, kappa: float, safety: float) -> Vec
     k = len(cylinders)
     if not k:
         return cylinders
-    more = np.clip(kappa * obstacles.sigmas - _COVERED, 0.0, _WIDENING_MAX)
+    more = np.minimum(np.maximum(kappa * obstacles.sigmas - _COVERED, 0.0), _WIDENING_MAX)
     if not more.any():
         return cylinders
-    radii = cylinders[:, 2]
-    room = np.hypot(*(cylinders[:, :2] - p[:2]).T) - radii - safety
-    gaps = np.linalg.norm(cylinders[:, None, :2] - cylinders[None, :, :2], axis=-1)
-    gaps = gaps - radii[:, None] - radii[None, :] - 2.0 * safety - _ROOM_KEPT
-    gaps[gaps < -_ROOM_KEPT] = np.inf  # closed anyway
-    np.fill_diagonal(gaps, np.inf)
+    x, y, radii = cylinders.T
+    room = np.hypot(x - p[0], y - p[1]) - radii - safety
+    gaps = np.sqrt((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2)
+    gaps = gaps - radii[:, None] - radii - 2.0 * safety - _ROOM_KEPT
+    gaps[gaps < -_ROOM_KEPT] = np.inf  # closed anyway, or from a trunk to itself
     bound = np.maximum(np.minimum(room, 0.5 * gaps.min(axis=1)), 0.0)
-    return np.column_stack([cylinders[:, :2], radii + np.minimum(more, bound)])
+    wide = cylinders.copy()
+    wide[:, 2] += np.minimum(more, bound)
+    return wide

@@ -36,7 +36,8 @@ class KnownObstacles:
         if not len(self.occluders) or not len(places):
             return [False] * len(places)
         gaps = to_ways(self.occluders[:, :2], viewpoint[:2], places[:, :2])
-        return [bool((row < self.occluders[:, 2]).any()) for row in gaps]
+        hidden: list[bool] = (gaps < self.occluders[:, 2]).any(axis=1).tolist()
+        return hidden
 
 
 class ObstacleEstimator:

@@ -16,13 +16,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mavlink_bridge.shared.arrays import Vector, norm
+from mavlink_bridge.shared.arrays import Vector
 
 Place = tuple[float, float]
 # States before the places: tilt [rad] about the own frame's x and y, and about the drone's own
 # axes, level. The error of an attitude that is summed up from rates stays as the drone turns; that
 # of a mounted camera or of an accelerometer turns with it.
 _POSE = 4
+_TILTS = np.eye(_POSE)
 
 
 @dataclass(frozen=True)
@@ -43,29 +44,37 @@ class Drift:
 class Look:
     """One look at a landmark, from a drone at `here`.
 
-    here, place: (2,) m, of the drone and where the landmark seems to stand. along, across: m, 1 σ
+    here, place: (x, y) m, of the drone and where the landmark seems to stand. along, across: m, 1 σ
     along the line of sight and across it. foot: how the own pose shifts the place; None: it does
     not.
     """
 
-    here: Vector
-    place: Vector
+    here: Place
+    place: Place
     along: float
     across: float
     foot: Foot | None = None
 
-    def noise(self, place: Vector) -> Vector:
-        """Return the covariance (2,2) m² of this look alone at a landmark at `place` (2,) m."""
-        u = _direction(place - self.here)
-        side = np.array([-u[1], u[0]])
-        noise: Vector = self.along**2 * np.outer(u, u) + self.across**2 * np.outer(side, side)
-        return noise
+    def noise(self, place: Place) -> Vector:
+        """Return the covariance (2,2) m² of this look alone at a landmark at `place` (x, y) m."""
+        x, y, _ = _direction(self._offset(place))
+        along, across = self.along**2, self.across**2
+        mixed = along * (x * y) - across * (x * y)
+        return np.array(
+            [
+                [along * (x * x) + across * (y * y), mixed],
+                [mixed, along * (y * y) + across * (x * x)],
+            ]
+        )
 
-    def pose(self, place: Vector) -> Vector:
-        """Return the shift (2,4) m/rad of a landmark at `place` (2,) m by errors of the tilt."""
+    def pose(self, place: Place) -> Vector:
+        """Return the shift (2,4) m/rad of a landmark at `place` (x, y) m by errors of the tilt."""
         if self.foot is None:
             return np.zeros((2, _POSE))
-        return self.foot.shift(place - self.here)
+        return self.foot.shift(self._offset(place))
+
+    def _offset(self, place: Place) -> Place:
+        return place[0] - self.here[0], place[1] - self.here[1]
 
 
 @dataclass(frozen=True)
@@ -79,24 +88,27 @@ class Foot:
     height: float
     radius: float
 
-    def shift(self, offset: Vector) -> Vector:
-        """Return the shift (2,4) m/rad of a landmark at `offset` (2,) m by errors of the tilt.
+    def shift(self, offset: Place) -> Vector:
+        """Return the shift (2,4) m/rad of a landmark at `offset` (x, y) m by errors of the tilt.
 
         A foot at depression a is s = h / tan(a) away: an error e of its elevation shifts it by
         e (s² + h²) / h.
         """
-        u = _direction(offset)
-        distance = norm(offset)
+        x, y, distance = _direction(offset)
         s, h = max(distance - self.radius, 0.1), max(self.height, 0.3)
         lever = (s * s + h * h) / h
         c, d = math.cos(self.yaw), math.sin(self.yaw)
-        ahead, left = c * u[0] + d * u[1], c * u[1] - d * u[0]
-        return np.outer(u, lever * np.array([u[1], -u[0], left, -ahead]))
+        ahead, left = c * x + d * y, c * y - d * x
+        shifts = lever * y, lever * -x, lever * left, lever * -ahead
+        return np.array([[x * shift for shift in shifts], [y * shift for shift in shifts]])
 
 
-def _direction(offset: Vector) -> Vector:
-    u: Vector = offset / max(norm(offset), 1e-6)
-    return u
+def _direction(offset: Place) -> tuple[float, float, float]:
+    """Return the unit vector (x, y) along an offset (x, y) m, and its length [m]."""
+    x, y = offset
+    length = math.sqrt(x * x + y * y)
+    scale = max(length, 1e-6)
+    return x / scale, y / scale, length
 
 
 class LandmarkPlaces:
@@ -109,16 +121,19 @@ class LandmarkPlaces:
     def __len__(self) -> int:
         return (len(self._mean) - _POSE) // 2
 
-    def place(self, n: int) -> Place:
-        """Return place n (x, y) m."""
-        i = _index(n)
-        return float(self._mean[i]), float(self._mean[i + 1])
+    def places(self) -> list[Place]:
+        """Return all places (x, y) m."""
+        left = self._mean[_POSE:].tolist()
+        return list(zip(left[0::2], left[1::2], strict=True))
 
-    def variance(self, n: int) -> float:
-        """Return the variance of place n along the axis of its largest doubt [m²]."""
-        i = _index(n)
-        a, b = self._covariance[i, i], self._covariance[i + 1, i + 1]
-        return float(0.5 * (a + b) + math.hypot(0.5 * (a - b), self._covariance[i, i + 1]))
+    def variances(self) -> list[float]:
+        """Return the variance of each place along the axis of its largest doubt [m²]."""
+        own = self._covariance[_POSE:, _POSE:]
+        axes, mixed = own.diagonal().tolist(), own.diagonal(1)[0::2].tolist()
+        return [
+            0.5 * (a + b) + math.hypot(0.5 * (a - b), c)
+            for a, b, c in zip(axes[0::2], axes[1::2], mixed, strict=True)
+        ]
 
     def drift(self, here: Place, drift: Drift) -> None:
         """Let the pose drift: a shift, a turn about the drone at `here`, and its tilt."""
@@ -138,17 +153,17 @@ class LandmarkPlaces:
         p[tilt] *= kept
         p[:, tilt] *= kept
         # Half of the variance turns with the drone.
-        p[tilt, tilt] += 0.5 * drift.tilt**2 * (1.0 - kept**2) * np.eye(_POSE)
+        p[tilt, tilt] += 0.5 * drift.tilt**2 * (1.0 - kept**2) * _TILTS
 
     def corrected(self, look: Look) -> Place:
         """Return where a look shows its landmark, less what errors of the tilt shift it."""
-        x, y = look.place - look.pose(look.place) @ self._mean[:_POSE]
-        return float(x), float(y)
+        x, y = _place(look.pose(look.place) @ self._mean[:_POSE])
+        return look.place[0] - x, look.place[1] - y
 
     def add(self, look: Look) -> None:
         """Append the landmark of a look."""
         n, p = len(self._mean), self._covariance
-        place = np.array(self.corrected(look))
+        place = self.corrected(look)
         pose = look.pose(place)
         covariance = np.zeros((n + 2, n + 2))
         covariance[:n, :n] = p
@@ -161,14 +176,15 @@ class LandmarkPlaces:
         """Correct all by a look at landmark n. floor: least variance [m²] of n."""
         i = _index(n)
         p = self._covariance
-        place = self._mean[i : i + 2]
+        place = _place(self._mean[i : i + 2])
         # Shifts at the known place: those at the seen one would make its noise part of the slope,
         # and the estimates would shrink all distances.
         pose = look.pose(place)
         ph = p[:, i : i + 2] + p[:, :_POSE] @ pose.T
         s = ph[i : i + 2] + pose @ ph[:_POSE] + look.noise(place)
         gain = np.linalg.solve(s, ph.T).T
-        self._mean = self._mean + gain @ (look.place - place - pose @ self._mean[:_POSE])
+        seen = np.array(look.place) - place
+        self._mean = self._mean + gain @ (seen - pose @ self._mean[:_POSE])
         p = p - gain @ ph.T
         self._covariance = 0.5 * (p + p.T)
         for k in (i, i + 1):
@@ -178,6 +194,11 @@ class LandmarkPlaces:
         """Drop all landmarks but those of these numbers."""
         rows = [*range(_POSE), *(k for n in left for k in (_index(n), _index(n) + 1))]
         self._mean, self._covariance = self._mean[rows], self._covariance[np.ix_(rows, rows)]
+
+
+def _place(state: Vector) -> Place:
+    x, y = state.tolist()
+    return x, y
 
 
 def _index(n: int) -> int:

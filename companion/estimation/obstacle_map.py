@@ -86,6 +86,21 @@ class _Landmark:
     misses: float = 0.0
 
 
+@dataclass(frozen=True)
+class _Here:
+    """The drone as it took a frame.
+
+    p: (x, y) m. height: m, over ground. yaw: rad. turning: rad, 1 σ of a direction by the timing of
+    the picture, while the drone turns. time: s.
+    """
+
+    p: _Place
+    height: float
+    yaw: float
+    turning: float
+    time: float
+
+
 _STILL = Drift()
 
 
@@ -118,46 +133,54 @@ class ObstacleMap:
         where the picture's edge cuts it: a landmark in that direction is that trunk. Where both
         edges show, its known radius tells how far it is.
         """
-        r_wc = rotation_matrix(own.q_wb) @ rotation_matrix(q_bc)
-        self._places.drift((float(own.p[0]), float(own.p[1])), drift)
+        r_wb = rotation_matrix(own.q_wb)
+        r_wc = r_wb @ rotation_matrix(q_bc)
+        x, y, z = own.p.tolist()
+        turning = _TIMING * abs(float(r_wb[2] @ own.omega))
+        here = _Here((x, y), z - ground, yaw_of(own.q_wb), turning, own.time)
+        self._places.drift(here.p, drift)
         self._refresh()
         seen: set[int] = set()
         for trunk in trunks:
-            ray = r_wc @ trunk.direction
-            along = (float(ray[0]), float(ray[1]))
-            n = self._in_direction(trunk, along, own) if trunk.assumed else None
+            east, north, _ = (r_wc @ trunk.direction).tolist()
+            along = (east, north)
+            n = self._in_direction(trunk, along, here.p) if trunk.assumed else None
             if n is not None:
-                self._see_width(n, trunk, along, own)
+                self._see_width(n, trunk, along, here)
                 self._mark_seen(n, own.time)
                 seen.add(n)
                 continue
             scale = trunk.distance / max(math.hypot(*along), 1e-6)
-            arm = along[0] * scale, along[1] * scale
-            seen.add(self._fuse(arm, trunk, own, float(own.p[2]) - ground, seen))
+            place = (x + east * scale, y + north * scale)
+            seen.add(self._fuse(place, trunk, here, seen))
         seen = self._merge_duplicates(seen)
         forward = (float(r_wc[0, 2]), float(r_wc[1, 2]))
-        missed = list(self._missed(seen, own, forward, half_view))
+        missed = list(self._missed(seen, here.p, forward, half_view))
         if missed:
-            places = np.array([[*self._landmarks[n].axis, own.p[2]] for n in missed])
+            places = np.array([[*self._landmarks[n].axis, z] for n in missed])
             for n, look in zip(missed, visibility(places).tolist(), strict=True):
                 self._landmarks[n].misses += look
-        self._forget(own)
+        self._forget(here)
 
     def see_through(self, p: Vector, fixed: FixedPoints) -> None:
         """Count points seen from p (3,) m behind a landmark as looks that missed it.
 
         Two lines of sight through its middle, of points that stand clearly behind it, are a look.
         """
-        for k in self._landmarks:
-            to = fixed.places[:, :2] - p[:2]
-            length = np.maximum(np.linalg.norm(to, axis=1), 1e-6)
-            axis = np.array(k.axis) - p[:2]
-            along = to @ axis / length
-            aside = np.abs(to[:, 0] * axis[1] - to[:, 1] * axis[0]) / length
-            behind = length - along > k.radius + _BEHIND + _MATCH_SIGMAS * fixed.sigmas
-            height = p[2] + (fixed.places[:, 2] - p[2]) * along / length
-            through = (along > k.radius) & (aside < 0.6 * k.radius) & behind & (height > _LOW)
-            if np.count_nonzero(through) >= 2:
+        if not self._landmarks or len(fixed.sigmas) < 2:
+            return
+        trunks = self.occluders()
+        to, up = fixed.places[:, :2] - p[:2], fixed.places[:, 2] - p[2]  # of n points
+        length = np.maximum(np.linalg.norm(to, axis=1), 1e-6)
+        x, y = (trunks[:, :2] - p[:2]).T[..., None]  # of k trunks, (k,1)
+        radius = trunks[:, 2:]
+        along = (to[:, 0] * x + to[:, 1] * y) / length
+        aside = np.abs(to[:, 0] * y - to[:, 1] * x) / length
+        behind = length - along > radius + _BEHIND + _MATCH_SIGMAS * fixed.sigmas
+        height = p[2] + up * along / length
+        through = (along > radius) & (aside < 0.6 * radius) & behind & (height > _LOW)
+        for k, count in zip(self._landmarks, through.sum(axis=1).tolist(), strict=True):
+            if count >= 2:
                 k.misses += 1.0
 
     def cylinders(self, p: Vector) -> Vector:
@@ -176,7 +199,7 @@ class ObstacleMap:
         """Return all trunks (J,3) x, y, radius [m], unconfirmed ones too."""
         return np.array([[*k.axis, k.radius] for k in self._landmarks]).reshape(-1, 3)
 
-    def _in_direction(self, trunk: Trunk, along: _Place, own: VehicleState) -> int | None:
+    def _in_direction(self, trunk: Trunk, along: _Place, p: _Place) -> int | None:
         """Return the nearest confirmed landmark in the direction of a trunk of assumed radius.
 
         None where there is none, and where the trunk shows wider than the landmark can from here:
@@ -185,7 +208,7 @@ class ObstacleMap:
         best, nearest = None, math.inf
         half = math.asin(min(trunk.radius / trunk.distance, 1.0))
         for n, k in enumerate(self._landmarks):
-            offset = (k.axis[0] - float(own.p[0]), k.axis[1] - float(own.p[1]))
+            offset = (k.axis[0] - p[0], k.axis[1] - p[1])
             distance = math.hypot(*offset)
             if k.hits < self._config.hits_to_confirm or not k.radius < distance < nearest:
                 continue
@@ -195,28 +218,26 @@ class ObstacleMap:
                 best, nearest = n, distance
         return best
 
-    def _fuse(
-        self, arm: _Place, trunk: Trunk, own: VehicleState, height: float, seen: set[int]
-    ) -> int:
+    def _fuse(self, place: _Place, trunk: Trunk, here: _Here, seen: set[int]) -> int:
         """Refine the landmark that the trunk is, or add a new one; return its index.
 
-        arm: m, from the drone to the trunk's axis. height: m, over ground.
+        place: m, of the trunk's axis, as it is seen.
         """
-        variance = trunk.sigma**2 + (_turning(own) * trunk.distance) ** 2
+        variance = trunk.sigma**2 + (here.turning * trunk.distance) ** 2
         look = Look(
-            own.p[:2],
-            own.p[:2] + arm,
+            here.p,
+            place,
             trunk.sigma,
-            math.hypot(_BEARING, _turning(own)) * trunk.distance,
+            math.hypot(_BEARING, here.turning) * trunk.distance,
             # Without a foot in the picture its width tells the distance: no tilt shifts that.
-            None if trunk.assumed else Foot(yaw_of(own.q_wb), height, trunk.radius),
+            None if trunk.assumed else Foot(here.yaw, here.height, trunk.radius),
         )
         axis = self._places.corrected(look)
         n = self._match(axis, trunk.radius, variance, seen)
         if n is None:
             self._places.add(look)
             n = len(self._landmarks)
-            self._landmarks.append(_Landmark(axis, trunk.radius, variance, own.time))
+            self._landmarks.append(_Landmark(axis, trunk.radius, variance, here.time))
             self._refresh()
             return n
         k = self._landmarks[n]
@@ -228,10 +249,10 @@ class ObstacleMap:
         )
         self._places.correct(n, look, self._config.sigma_floor**2)
         self._refresh()
-        self._mark_seen(n, own.time)
+        self._mark_seen(n, here.time)
         return n
 
-    def _see_width(self, n: int, trunk: Trunk, along: _Place, own: VehicleState) -> None:
+    def _see_width(self, n: int, trunk: Trunk, along: _Place, here: _Here) -> None:
         """Refine the place of landmark n by the two edges of a trunk without a foot."""
         if not trunk.half_width:
             return
@@ -239,10 +260,11 @@ class ObstacleMap:
         half = min(trunk.half_width, _WIDEST)
         distance = k.radius / math.sin(half)
         noise = math.hypot(_RADIUS / k.radius, _EDGE / math.tan(half))
-        across = math.hypot(_BEARING, _turning(own)) * distance
-        place = own.p[:2] + np.array(along) * (distance / level)
-        look = Look(own.p[:2], place, noise * distance, across)
-        known = math.dist(k.axis, (float(own.p[0]), float(own.p[1])))
+        across = math.hypot(_BEARING, here.turning) * distance
+        scale = distance / level
+        place = here.p[0] + along[0] * scale, here.p[1] + along[1] * scale
+        look = Look(here.p, place, noise * distance, across)
+        known = math.dist(k.axis, here.p)
         if abs(distance - known) < _MATCH_SIGMAS * math.hypot(look.along, math.sqrt(k.variance)):
             self._places.correct(n, look, self._config.sigma_floor**2)
             self._refresh()
@@ -258,8 +280,9 @@ class ObstacleMap:
 
     def _refresh(self) -> None:
         """Give the landmarks their present places and variances."""
-        for n, k in enumerate(self._landmarks):
-            k.axis, k.variance = self._places.place(n), self._places.variance(n)
+        now = zip(self._landmarks, self._places.places(), self._places.variances(), strict=True)
+        for k, axis, variance in now:
+            k.axis, k.variance = axis, variance
 
     def _keep(self, left: list[int]) -> None:
         """Drop all landmarks but those of these indices."""
@@ -290,11 +313,10 @@ class ObstacleMap:
             apart = math.dist(k.axis, axis)
             if n == but or apart >= nearest:
                 continue
-            gate = c.overlap * (k.radius + radius)
-            if n not in seen:
-                spread = _MATCH_SIGMAS * math.sqrt(variance + k.variance)
-                gate = max(gate, min(c.associate, _MATCH + spread))
-            if apart < gate:
+            near = apart < c.overlap * (k.radius + radius)
+            if not near and n not in seen and apart < c.associate:
+                near = apart < _MATCH + _MATCH_SIGMAS * math.sqrt(variance + k.variance)
+            if near:
                 best, nearest = n, apart
         return best
 
@@ -318,10 +340,9 @@ class ObstacleMap:
         return {new for new, old in enumerate(left) if old in seen}
 
     def _missed(
-        self, seen: set[int], own: VehicleState, forward: _Place, half_view: float
+        self, seen: set[int], p: _Place, forward: _Place, half_view: float
     ) -> Iterator[int]:
         """Yield the landmarks that should be in plain view and were not seen."""
-        p = (float(own.p[0]), float(own.p[1]))
         for n, k in enumerate(self._landmarks):
             offset = (k.axis[0] - p[0], k.axis[1] - p[1])
             near = k.radius + 0.3 < math.hypot(*offset) < self._config.view_range
@@ -329,16 +350,16 @@ class ObstacleMap:
             if n not in seen and in_view and not self._occluded(n, p):
                 yield n
 
-    def _forget(self, own: VehicleState) -> None:
+    def _forget(self, here: _Here) -> None:
         """Drop landmarks that were missed too often, are far away, or are ghosts."""
-        c, p = self._config, (float(own.p[0]), float(own.p[1]))
+        c = self._config
         self._keep(
             [
                 n
                 for n, k in enumerate(self._landmarks)
                 if k.misses < c.misses_to_forget
-                and math.dist(k.axis, p) < c.keep_range
-                and (k.hits >= c.hits_to_keep or own.time - k.seen <= c.doubtful_unseen)
+                and math.dist(k.axis, here.p) < c.keep_range
+                and (k.hits >= c.hits_to_keep or here.time - k.seen <= c.doubtful_unseen)
             ]
         )
 
@@ -356,11 +377,6 @@ class ObstacleMap:
             if _angle(offset, other) < covers + math.asin(min(target.radius / distance, 1.0)):
                 return True
         return False
-
-
-def _turning(own: VehicleState) -> float:
-    """Return 1 σ [rad] of a direction by the timing of the picture, while the drone turns."""
-    return _TIMING * abs(float(rotation_matrix(own.q_wb)[2] @ own.omega))
 
 
 def _angle(a: _Place, b: _Place) -> float:

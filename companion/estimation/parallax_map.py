@@ -11,6 +11,7 @@ nothing.
 
 from __future__ import annotations
 
+import statistics
 from dataclasses import dataclass, replace
 
 import cv2
@@ -37,6 +38,8 @@ _EXPLAINED = 0.5  # m from a trunk's surface, within which points are the trunk'
 
 
 _STILL = Drift()
+# Columns of the points remembered: place [m], its 1 σ [m], the corner's name, last seen [s].
+_PLACE, _DOUBT, _NAME, _SEEN = slice(0, 3), 3, 4, 5
 
 
 @dataclass(frozen=True)
@@ -54,10 +57,7 @@ class ParallaxMap:
     """Remembers standing points in the drone's own ENU frame."""
 
     def __init__(self) -> None:
-        self._names: NDArray[np.int64] = np.zeros(0, np.int64)
-        self._places: Vector = np.zeros((0, 3))
-        self._sigmas: Vector = np.zeros(0)
-        self._seen: Vector = np.zeros(0)
+        self._points: Vector = np.zeros((0, 6))  # see the columns above
         self._updates = 0
         self._standing = StandingThings(np.zeros((0, 4)), np.zeros((0, 3)))
 
@@ -73,20 +73,33 @@ class ParallaxMap:
 
         floor: m, height of the ground. drift: of the own pose since the last picture.
         """
+        self._updates += 1
+        if len(self._points):
+            self._forget(fixed, p, time, drift)
+        if len(fixed.names):
+            self._add(fixed, p, time, floor)
+
+    def _forget(self, fixed: FixedPoints, p: Vector, time: float, drift: Drift) -> None:
+        """Let the points drift; drop those that are old, or tell nothing any more.
+
+        A corner whose place is refined replaces its older place, or leaves.
+        """
+        points = self._points
+        arms = np.linalg.norm(points[:, _PLACE] - p, axis=1)
+        sigmas = points[:, _DOUBT]
+        sigmas[:] = np.sqrt(sigmas**2 + drift.position**2 + (drift.yaw * arms) ** 2)
+        again = (points[:, _NAME, None] == fixed.names).any(axis=1)
+        known = (time - points[:, _SEEN] < _MEMORY) & (sigmas < _POOR)
+        self._points = points[known & ~again]
+
+    def _add(self, fixed: FixedPoints, p: Vector, time: float, floor: float) -> None:
+        """Add the points of one picture that are near and in the way."""
         places = fixed.places
         near = np.linalg.norm(places - p, axis=1) < _RANGE
         stands = (places[:, 2] > floor + _STANDS) & (np.abs(places[:, 2] - p[2]) < _LEVELS)
-        # A corner whose place is refined replaces its older place, or leaves.
-        arms = np.linalg.norm(self._places - p, axis=1)
-        self._sigmas = np.sqrt(self._sigmas**2 + drift.position**2 + (drift.yaw * arms) ** 2)
-        known = (time - self._seen < _MEMORY) & (self._sigmas < _POOR)
-        kept = ~np.isin(self._names, fixed.names) & known
-        new = near & stands
-        self._updates += 1
-        self._names = np.concatenate([self._names[kept], fixed.names[new]])[-_MOST:]
-        self._places = np.concatenate([self._places[kept], places[new]])[-_MOST:]
-        self._sigmas = np.concatenate([self._sigmas[kept], fixed.sigmas[new]])[-_MOST:]
-        self._seen = np.concatenate([self._seen[kept], np.full(new.sum(), time)])[-_MOST:]
+        seen = np.full(len(places), time)
+        rows = np.column_stack([places, fixed.sigmas, fixed.names, seen])[near & stands]
+        self._points = np.concatenate([self._points, rows])[-_MOST:]
 
     def standing(self) -> StandingThings:
         """Return what stands around, by all points remembered; made anew every few updates."""
@@ -95,16 +108,17 @@ class ParallaxMap:
         return self._standing
 
     def _grouped(self) -> StandingThings:
-        level = self._places[:, :2]
-        gaps = np.linalg.norm(level[:, None] - level[None], axis=2)
-        sure = (gaps < _BESIDE).sum(axis=1) > 1  # itself and another
+        east, north = self._points[:, 0], self._points[:, 1]
+        squares = (east[:, None] - east) ** 2 + (north[:, None] - north) ** 2  # of level gaps
+        sure = (squares < _BESIDE**2).sum(axis=1) > 1  # itself and another
+        points = self._points[sure]
         cylinders: list[list[float]] = []
         rest: list[Vector] = []
-        for members in _groups(gaps[np.ix_(sure, sure)] < _TOGETHER):
-            group = self._places[sure][members]
+        for members in _groups(squares[sure][:, sure] < _TOGETHER**2):
+            group = points[members, _PLACE]
             (x, y), radius = cv2.minEnclosingCircle(group[:, None, :2].astype(np.float32))
             if radius <= _WIDEST:
-                sigma = float(np.median(self._sigmas[sure][members]))
+                sigma = statistics.median(points[members, _DOUBT].tolist())
                 cylinders.append([x, y, max(radius, _SLIMMEST), max(sigma, _SIGMA)])
             else:
                 rest.append(group)
@@ -119,6 +133,8 @@ def doubted(fixed: FixedPoints, p: Vector, second: Drift) -> FixedPoints:
 
     second: how far the pose may drift within a second. It drifts as a random walk does.
     """
+    if not len(fixed.names):
+        return fixed
     lengths = np.linalg.norm(fixed.places - p, axis=1)
     turn = second.yaw**2 + second.tilt**2 * (1.0 - second.tilt_kept**2)
     moved = (second.position**2 + turn * lengths**2) * fixed.since
@@ -127,7 +143,7 @@ def doubted(fixed: FixedPoints, p: Vector, second: Drift) -> FixedPoints:
 
 
 def with_others(cylinders: Vector, others: Vector, p: Vector) -> Vector:
-    """Return cylinders (k,4), and those of others (n,4) that none of them explains.
+    """Return cylinders (k,4), nearest first, and those of others (n,4) that none of them explains.
 
     Rows of the result: x, y, radius and 1 σ of the place [m], sorted by the distance of the
     surface from p (3,) m.
@@ -136,6 +152,8 @@ def with_others(cylinders: Vector, others: Vector, p: Vector) -> Vector:
         return cylinders
     gaps = np.linalg.norm(others[:, None, :2] - cylinders[None, :, :2], axis=2) - cylinders[:, 2]
     new = others[(gaps > _EXPLAINED).all(axis=1)]
+    if not len(new):
+        return cylinders
     both = np.concatenate([cylinders, new])
     surface = np.linalg.norm(both[:, :2] - p[:2], axis=1) - both[:, 2]
     return np.asarray(both[np.argsort(surface, kind="stable")])

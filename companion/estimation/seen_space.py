@@ -22,6 +22,9 @@ class SeenSpace:
         self._view, self._reach = view, reach
         angles = 2.0 * np.pi / SECTORS * np.arange(SECTORS)
         self._rays: Vector = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(SECTORS)])
+        self._along = self._rays[:, :2].T  # (2,s)
+        self._aside = np.column_stack([-self._rays[:, 1], self._rays[:, 0]]).T
+        self._looks = _LOOK * self._rays
         self.reset()
 
     def reset(self) -> None:
@@ -48,7 +51,7 @@ class SeenSpace:
             self._free = np.maximum(self._free - nearer - speed * dt, 0.0)
         self._place, self._time = own.p, own.time
         if looked is not None:
-            shown = self._view.shows(looked, looked.p + _LOOK * self._rays, margin=0.0)
+            shown = self._view.shows(looked, looked.p + self._looks, margin=0.0)
             far = np.minimum(self._reach, self._to_obstacles(own.p, known))
             self._free = np.where(shown, far, self._free)
         return self._free.copy()
@@ -64,8 +67,8 @@ class SeenSpace:
         if not len(rows):
             return far
         off = rows[:, :2] - p[:2]
-        along = off @ self._rays[:, :2].T  # (k,s)
-        beside = np.abs(off @ np.column_stack([-self._rays[:, 1], self._rays[:, 0]]).T)
+        along = off @ self._along  # (k,s)
+        beside = off @ self._aside
         inside = rows[:, 2:3] ** 2 - beside**2
         hit = np.where((inside > 0.0) & (along > 0.0), along - np.sqrt(np.maximum(inside, 0)), far)
         nearest: Vector = np.maximum(hit.min(axis=0), 0.0)

@@ -60,8 +60,9 @@ class SurfaceMap:
         r_wc = rotation_matrix(own.q_wb) @ rotation_matrix(self._camera.mount)
         wide = ranges.astype(np.float64)
         self._forget(wide, own, r_wc, self._lens)
-        met = np.isfinite(wide) & (wide < self._config.range)
-        self._add(own.p + self._lens.directions[met] * wide[met, None] @ r_wc.T, own.time)
+        met = np.flatnonzero(wide < self._config.range)  # NaN is not
+        rays, lengths = self._lens.directions.reshape(-1, 3)[met], wide.ravel()[met, None]
+        self._add(own.p + rays * lengths @ r_wc.T, own.time)
 
     def points(self, cylinders: Vector) -> Vector:
         """Return confirmed surface points (n,3) m that belong to no trunk of cylinders (k,3)."""

@@ -9,6 +9,7 @@ track (`track_size`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -116,6 +117,8 @@ class Tracker:
         self._along = np.zeros(0, dtype=bool)  # flew along when last seen
         self._own_velocity: Vector = np.zeros(3)
         self._last = (-np.inf, self._mean, self._covariance)  # as after the last frame
+        self._noise = config.acceleration**2 * _IDENTITY
+        self._identity = np.eye(states)
 
     def update(
         self,
@@ -160,13 +163,16 @@ class Tracker:
         self._rewind(time)
         dt = 0.0 if self._time is None else time - self._time
         self._time = time
-        before = self._mean.copy()
+        if dt == 0.0 or not len(self._ids):
+            return
+        before = self._mean.copy() if self._sized else self._mean
         self._mean[:, :3] += dt * self._mean[:, 3:6]
-        if dt <= 0.0 or not len(self._ids):
+        if dt < 0.0:
             return
         # A neighbour abeam in formation keeps the own velocity, or it would fall back in memory.
         fading = time - min(time - self._looked, _FRAME_AGE_MAX) - self._seen > _FADE_AFTER
-        keep = np.where(fading, np.exp(-self._config.damping * dt), 1.0)[:, None]
+        keep = np.ones((len(fading), 1))
+        keep[fading] = math.exp(-self._config.damping * dt)
         to = np.where(self._along[:, None], self._own_velocity, 0.0)
         if self._sized:
             sigma = self._config.acceleration
@@ -177,7 +183,7 @@ class Tracker:
             return
         # F P F' + Q by blocks: a of positions, b of both, d of velocities
         c, keep = self._covariance, keep[..., None]
-        q = self._config.acceleration**2 * _IDENTITY
+        q = self._noise
         a, b, d = c[:, :3, :3], c[:, :3, 3:], c[:, 3:, 3:]
         a += dt * (b + b.transpose(0, 2, 1)) + dt * dt * d + dt**4 / 4 * q
         b[:] = keep * (b + dt * d) + dt**3 / 2 * q
@@ -200,22 +206,22 @@ class Tracker:
     def tracks(self) -> list[Track]:
         """Return the confirmed tracks, oldest first."""
         time = self._time or 0.0
-        mean, covariance = self._mean, self._covariance
+        sure = self._hits >= self._config.hits_to_confirm
+        mean, covariance = self._mean[sure], self._covariance[sure]
+        scales = np.ones(len(mean))
         if self._sized:
+            scales = 1.0 / mean[:, 6]
             mean, covariance = track_size.in_world(mean, covariance)
-        return [
-            Track(
-                id=int(self._ids[n]),
-                p=mean[n, :3].copy(),
-                v=mean[n, 3:].copy(),
-                P=covariance[n].copy(),
-                age=time - self._born[n],
-                unseen=time - self._seen[n],
-                scale=1.0 / float(self._mean[n, 6]) if self._sized else 1.0,
-            )
-            for n in range(len(self._ids))
-            if self._hits[n] >= self._config.hits_to_confirm
-        ]
+        columns = (
+            self._ids[sure].tolist(),
+            mean[:, :3],
+            mean[:, 3:],
+            covariance,
+            (time - self._born[sure]).tolist(),
+            (time - self._seen[sure]).tolist(),
+            scales.tolist(),
+        )
+        return [Track(*row) for row in zip(*columns, strict=True)]
 
     def positions(self) -> Vector:
         """Return the positions (n,3) m of all tracks, unconfirmed ones too."""
@@ -245,19 +251,20 @@ class Tracker:
         along = np.array([d.sigma_range for d in detections]) ** 2
         across = (ranges * np.hypot(bearing, self._config.attitude_sigma)) ** 2
         outer = rays[:, :, None] * rays[:, None, :]
-        covariance = (along - across)[:, None, None] * outer + across[:, None, None] * np.eye(3)
+        covariance = (along - across)[:, None, None] * outer + across[:, None, None] * _IDENTITY
         return own.p + rays * ranges[:, None], covariance
 
-    def _expected(self, here: Vector) -> tuple[Vector, Vector, Vector]:
-        """Return where detections from here (3,) show the tracks.
+    def _expected(
+        self, mean: Vector, covariance: Vector, here: Vector
+    ) -> tuple[Vector, Vector, Vector]:
+        """Return where detections from here (3,) show tracks of such means and covariances.
 
         That place (n,3), its covariance with the states (n,3,k) and with itself (n,3,3).
         """
-        c = self._covariance
         if not self._sized:
-            return self._mean[:, :3], c[:, :3, :], c[:, :3, :3]
-        at, slope = track_size.seen_from(self._mean, here)
-        across = slope @ c
+            return mean[:, :3], covariance[:, :3, :], covariance[:, :3, :3]
+        at, slope = track_size.seen_from(mean, here)
+        across = slope @ covariance
         return at, across, across @ slope.T
 
     def _associate(
@@ -270,28 +277,30 @@ class Tracker:
         """
         if not len(z) or not len(self._ids):
             return []
-        at, _, spread = self._expected(here)
+        at, _, spread = self._expected(self._mean, self._covariance, here)
         s = spread[:, None] + r[None]
         residual = z[None] - at[:, None]
         solved = np.linalg.solve(s, residual[..., None])[..., 0]
-        # log det S keeps a track of large covariance from taking the detection of a sure track
         cost = np.einsum("tdi,tdi->td", residual, solved)
-        score = cost + np.linalg.slogdet(s)[1]
         fits = (cost < self._config.gate) & (clear | ~self._stale[:, None])
-        score = np.where(fits, score, 1e3)
+        if fits.sum(axis=0).max() <= 1 and fits.sum(axis=1).max() <= 1:  # there is no choice
+            return [(track, detection) for track, detection in np.argwhere(fits).tolist()]
+        # log det S keeps a track of large covariance from taking the detection of a sure track
+        score = np.where(fits, cost + np.linalg.slogdet(s)[1], 1e3)
         return [pair for pair in assign(score) if score[pair] < 1e3]
 
     def _correct(self, n: NDArray[np.int_], z: Vector, r: Vector, here: Vector) -> None:
         """Correct tracks n (k,) by positions z (k,3) of covariance r (k,3,3), in Joseph's form."""
         p = self._covariance[n]
-        at, across, spread = (part[n] for part in self._expected(here))
+        at, across, spread = self._expected(self._mean[n], p, here)
         k = np.linalg.solve(spread + r, across).transpose(0, 2, 1)
         self._mean[n] += (k @ (z - at)[..., None])[..., 0]
         if self._sized:
             self._mean[n] = track_size.bounded(self._mean[n])
         speed = np.linalg.norm(self._velocities[n], axis=1)[:, None]
         self._mean[n, 3:6] *= np.minimum(1.0, self._config.speed_max / np.maximum(speed, 1e-9))
-        a = np.tile(np.eye(p.shape[1]), (len(n), 1, 1))
+        a = np.zeros(p.shape)
+        a[:] = self._identity
         a[:, :, :3] -= k
         if self._sized:
             a[:, :, 6] += k @ here
@@ -320,13 +329,16 @@ class Tracker:
     def _end_tracks(self, time: float) -> None:
         """Drop the tracks that are too old, missed too often, or too uncertain."""
         c = self._config
-        sigma = np.sqrt(np.trace(self._covariance[:, :3, :3], axis1=1, axis2=2))
+        p = self._covariance
+        sigma = np.sqrt(p[:, 0, 0] + p[:, 1, 1] + p[:, 2, 2])
         if self._sized:
             sigma = track_size.sigma_of_known_size(self._mean, self._covariance)
         looks = np.maximum(self._hits, 1)
         life = np.minimum(c.life_per_look * looks, c.unseen_max)
         young = (time - self._seen <= life) & (self._misses < np.minimum(looks, c.misses_to_drop))
         keep = young & (sigma < c.sigma_max)
+        if keep.all():
+            return
         self._mean, self._covariance = self._mean[keep], self._covariance[keep]
         self._ids, self._born = self._ids[keep], self._born[keep]
         self._seen, self._hits = self._seen[keep], self._hits[keep]

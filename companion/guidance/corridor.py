@@ -63,6 +63,8 @@ def corridor_planes(p: Vector, goal: Vector, points: Vector, config: SurfaceConf
 
     The room is (k,4) half-spaces n·x <= b, nearest first.
     """
+    if not len(points):
+        return np.zeros((0, 4))
     way = goal - p
     way = way / max(norm(way), 1e-6)
     left = points - p
@@ -70,14 +72,14 @@ def corridor_planes(p: Vector, goal: Vector, points: Vector, config: SurfaceConf
     while len(left) and len(made) < config.planes:
         along = left @ way
         # Points of equal distance form an ellipsoid, long ahead, round behind.
-        scale = np.where(along > 0.0, 1.0 / config.stretch**2, 1.0)
-        metric = left + (along * (scale - 1.0))[:, None] * way
-        nearest = int(np.argmin((metric * left).sum(axis=1)))
-        length = norm(metric[nearest])
+        shorter = np.where(along > 0.0, 1.0 / config.stretch**2, 1.0) - 1.0
+        nearest = int(np.argmin(_squares(left) + shorter * along**2))
+        slope = left[nearest] + along[nearest] * shorter[nearest] * way
+        length = norm(slope)
         if length < 1e-6:  # in the very place: no side to be on
             left = np.delete(left, nearest, axis=0)
             continue
-        normal = _own_normal(left, left[nearest], metric[nearest] / length)
+        normal = _own_normal(left, left[nearest], slope / length)
         reach = float(normal @ left[nearest])
         made.append(np.array([*normal, normal @ p + reach]))
         left = left[left @ normal < reach - config.rough - 1e-9]
@@ -85,9 +87,15 @@ def corridor_planes(p: Vector, goal: Vector, points: Vector, config: SurfaceConf
     return np.array(made).reshape(-1, 4)
 
 
+def _squares(offsets: Vector) -> Vector:
+    """Return the squared lengths (n,) of offsets (n,3)."""
+    squares: Vector = np.einsum("nd,nd->n", offsets, offsets)
+    return squares
+
+
 def _own_normal(points: Vector, at: Vector, normal: Vector) -> Vector:
     """Return the normal of the flat surface around `at` where it is nearly `normal`."""
-    around = points[((points - at) ** 2).sum(axis=1) < _PATCH**2]
+    around = points[_squares(points - at) < _PATCH**2]
     if len(around) < 4:
         return normal
     spread = around - around.mean(axis=0)

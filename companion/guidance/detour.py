@@ -56,11 +56,14 @@ class Detour:
         p, goal: (2,) m.
         """
         axes, reach = cylinders[:, :2], cylinders[:, 2] + room
-        apart = np.linalg.norm(axes[:, None] - axes[None], axis=2)
-        closed = np.argwhere(np.triu(apart < reach[:, None] + reach[None], k=1))
-        if not len(closed):
+        x, y = axes.T
+        apart = np.sqrt((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2)
+        first, second = (apart < reach[:, None] + reach).nonzero()
+        once = first < second  # of a pair and its reverse
+        if not once.any():
             self._side = 0.0
             return None
+        closed = np.column_stack([first[once], second[once]])
         ends = np.stack([p, goal])
         doors, wall = axes[closed], np.unique(closed)
         # Where the drone or its goal is nearer to a trunk than `room`, that distance is allowed.

@@ -45,15 +45,22 @@ class FenceConfig(StrictModel):
                 raise Contradiction((key,), f"must be [least, most], got {limits}")
         return self
 
+    def _limits(self) -> list[tuple[int, float, float]]:
+        """Return axis, sign and b of the sides, and of the top last: free where sign · p <= b."""
+        sides = [
+            (axis, sign, sign * limit)
+            for axis, limits in enumerate((self.east, self.north))
+            for sign, limit in zip((-1.0, 1.0), limits or (), strict=False)
+        ]
+        return [*sides, (2, 1.0, self.altitude_max)]
+
     def planes(self) -> Vector:
         """Return the sides, and the top last, as (H,4) half-spaces n·p <= b."""
-        rows = []
-        for axis, limits in enumerate((self.east, self.north)):
-            for sign, limit in zip((-1.0, 1.0), limits or (), strict=False):
-                row = [0.0, 0.0, 0.0, sign * limit]
-                row[axis] = sign
-                rows.append(row)
-        return np.array([*rows, [0.0, 0.0, 1.0, self.altitude_max]])
+        limits = self._limits()
+        rows = np.zeros((len(limits), 4))
+        for row, (axis, sign, b) in zip(rows, limits, strict=True):
+            row[axis], row[3] = sign, b
+        return rows
 
     def sides(self) -> Vector:
         """Return the sides as (K,4) half-spaces n·p <= b."""
@@ -74,10 +81,9 @@ class FenceConfig(StrictModel):
 
     def across(self, p: Vector, v: Vector) -> tuple[float, float]:
         """Return how far [m] p (3,) is outside (< 0: within), and the speed [m/s] of v outwards."""
-        planes = self.planes()
-        beyond = planes[:, :3] @ p - planes[:, 3]
-        worst = int(np.argmax(beyond))
-        return float(beyond[worst]), float(planes[worst, :3] @ v)
+        place, speed = p.tolist(), v.tolist()
+        beyond = [(sign * place[axis] - b, sign * speed[axis]) for axis, sign, b in self._limits()]
+        return max(beyond, key=lambda side: side[0])
 
     def floor(self, height: Height | None) -> float:
         """Return the lowest z [m] of a plan over the ground that `height` tells.

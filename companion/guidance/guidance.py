@@ -182,7 +182,7 @@ class Guidance:
         v_max = s.v_max * min(1.0, reaction / s.cruise)
         speed, limit = self._speed(own, tracks, to_aim, fault, reaction)
         target = pass_on_right(own, tracks, known.cylinders, aim, s.right_of_way)
-        if not np.array_equal(target, aim):
+        if target.tolist() != aim.tolist():
             route = (*route, "right of way")
         planes = corridor_planes(own.p, aim, known.points, s.surfaces)
         return Reference(

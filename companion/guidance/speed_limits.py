@@ -23,7 +23,6 @@ from companion.guidance.gaze import wrap
 from companion.guidance.right_of_way import AHEAD_COSINE, RightOfWayConfig, same_level
 from companion.types import Track
 from mavlink_bridge.shared.arrays import Vector, norm
-from mavlink_bridge.shared.distance import between
 from mavlink_bridge.shared.settings import Contradiction, StrictModel
 from mavlink_bridge.wire.messages import VehicleState
 
@@ -130,7 +129,7 @@ def relative_speed_limit(
     """
     bound = v_max
     for t in tracks:
-        distance = float(between(t.p, own.p))
+        distance = norm(t.p - own.p)
         calm = config.relative_speed + (distance - config.clearance)
         bound = min(bound, max(calm, speed) if t.lost else calm + norm(t.v))
     return max(bound, min(_MAKE_WAY, v_max))

@@ -8,14 +8,13 @@ A larger threat is worse.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
-import numpy as np
 from pydantic import Field
 
 from companion.types import Track
 from mavlink_bridge.shared.arrays import Vector, norm
-from mavlink_bridge.shared.distance import between
 from mavlink_bridge.shared.settings import StrictModel
 from mavlink_bridge.wire.messages import VehicleState
 
@@ -45,7 +44,7 @@ def threat(own: VehicleState, p: Vector, v: Vector, d_ref: float, config: Threat
     offset = p - own.p
     distance = norm(offset)
     closing = float(offset @ (own.v - v)) / max(distance, 1e-6)
-    return float(max(closing, config.closing_floor) * np.exp(d_ref - distance))
+    return max(closing, config.closing_floor) * math.exp(d_ref - distance)
 
 
 def rated_neighbours(
@@ -55,6 +54,6 @@ def rated_neighbours(
 
     The first `critical` of them are the critical neighbours.
     """
-    near = [t for t in tracks if between(t.p, own.p) <= config.range_max]
+    near = [t for t in tracks if norm(t.p - own.p) <= config.range_max]
     rated = [(t, threat(own, t.p, t.v, d_ref, config)) for t in near]
     return sorted(rated, key=lambda r: (-r[1], r[0].id))

@@ -28,7 +28,7 @@ _FAR = 1e3  # m: nothing is farther
 
 @dataclass(frozen=True)
 class Bounds:
-    """See `CertificateConfig`. standing: what is at rest counts, too; no need to end at rest."""
+    """See `CertificateConfig`."""
 
     radius: float
     neighbour_radius: float
@@ -44,7 +44,6 @@ class Bounds:
     fence_over: float
     c_max: float
     omega_max: float
-    standing: bool = False
 
 
 @dataclass(frozen=True)
@@ -75,10 +74,14 @@ class Trajectories:
 
 @dataclass(frozen=True)
 class Findings:
-    """margin (n,): m left over at the tightest place, < 0: refused; cause (n,): what is there."""
+    """margin (n,): m left over at the tightest place, < 0: refused; cause (n,): what is there.
+
+    course (n,): m, likewise, where neighbours keep their courses, also while the drone is at rest.
+    """
 
     margin: Vector
     cause: tuple[str, ...]
+    course: Vector
 
 
 def check(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, bounds: Bounds) -> Findings:
@@ -93,97 +96,96 @@ def check(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, bounds: Bou
             for a in (way.u, way.p, way.v):
                 good &= np.isfinite(a).reshape(n, -1).all(axis=1)
     except (ValueError, TypeError, IndexError, AttributeError):  # shapes that do not fit
-        return Findings(np.full(n, -_FAR), (CAUSES[-1],) * n)
-    worst = np.where(good, margins.argmin(axis=1), len(CAUSES) - 1)
-    least = np.where(good, margins.min(axis=1), -_FAR)
-    return Findings(least, tuple(CAUSES[k] for k in worst))
+        return Findings(np.full(n, -_FAR), (CAUSES[-1],) * n, np.full(n, -_FAR))
+    by_cause, course = margins[:, :-1], np.where(good, margins[:, -1], -_FAR)
+    worst = np.where(good, by_cause.argmin(axis=1), len(CAUSES) - 1)
+    least = np.where(good, by_cause.min(axis=1), -_FAR)
+    return Findings(least, tuple(CAUSES[k] for k in worst), course)
 
 
 def _margins(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, b: Bounds) -> Vector:
-    """Return the margin (n,7) m by cause; the last is -_FAR where the drone cannot fly it."""
+    """Return the margins (n,8) m: by cause, the last of them -_FAR or _FAR; and to courses."""
     p, t = way.p, DT * np.arange(way.p.shape[1])
-    fast: Vector = (_length(way.v) > b.rest) | b.standing
+    fast: Vector = _length(way.v) > b.rest
     later: Vector = np.cumsum(fast[:, ::-1], axis=1)[:, ::-1] > 0  # not yet at rest for good
-    moving, tube = later[:, :-1], b.track + b.track_rate * t[1:]  # by steps
+    tube = b.track + b.track_rate * t[1:]  # by steps
     sides = scene.planes[:, :3]  # a drone that is farther out than it may be goes no farther
     limits = np.maximum(scene.planes[:, 3] + b.fence_over, sides @ x0[:3])
-    columns = [
-        *_neighbours(p, t, moving, tube, scene.neighbours, b),
-        *_obstacles(p, t, moving, tube, scene, b),
-        (limits - p @ sides.T)[:, 1:].min(axis=(1, 2), initial=_FAR),
-        _unseen(p, t, moving, scene.free, b),
-        np.where(_flyable(way, x0, wind, b), _FAR, -_FAR),
-    ]
-    margins: Vector = np.minimum(np.stack(columns, axis=1), _FAR)
-    return margins
+    fence = (limits - p @ sides.T)[:, 1:].min(axis=(1, 2), initial=_FAR)
+    flyable = np.where(_flyable(way, x0, wind, b), _FAR, -_FAR)
+    on_course, *rooms = _neighbours(p, t, tube, scene.neighbours, b)
+    rooms += [*_obstacles(p, t, tube, scene, b), _unseen(p, t, scene.free, b)]
+    margins = [_least(np.where(later[:, None, :-1], room, _FAR)) for room in rooms]
+    course = [_least(room) for room in (on_course, *rooms[1:4])]  # without what is unseen
+    stops = np.where(fast[:, -1], -_FAR, flyable)
+    least = np.minimum(np.min(course, axis=0), np.minimum(fence, flyable))
+    return np.minimum(np.stack([*margins[:4], fence, margins[4], stops, least], axis=1), _FAR)
 
 
-def _neighbours(
-    p: Vector, t: Vector, moving: Vector, tube: Vector, rows: Vector, b: Bounds
-) -> tuple[Vector, Vector]:
-    """Return the margins (n,) to what neighbours in sight, and remembered ones, can reach."""
+def _neighbours(p: Vector, t: Vector, tube: Vector, rows: Vector, b: Bounds) -> list[Vector]:
+    """Return the room (n,k,T-1) m to courses in sight, what they can reach, and remembered ones."""
     gap = _apart(p[:, None] - (rows[:, None, :3] + rows[:, None, 3:6] * t[:, None]))  # (n,k,T-1)
     touch, later = b.radius + b.neighbour_radius + tube, t[1:]
     spread = rows[:, 6:7] + 2.0 * later * rows[:, 7:8] + later**2 * rows[:, 8:9]
     fastest = b.neighbour_speed + _length(rows[:, 3:6])[:, None]
     reach = np.minimum(0.5 * b.neighbour_acceleration * later**2, fastest * later)
-    room = gap - touch - reach - b.sigmas * np.sqrt(np.maximum(spread, 0.0))
+    doubt = b.sigmas * np.sqrt(np.maximum(spread, 0.0))
     # A remembered one has not touched the drone so far, so that it is where the drone is not.
     away = np.maximum(_length(rows[:, :3] - p[0, 0])[:, None] - b.unseen_way, 0.0)
     claim = np.minimum(touch + b.unseen_speed * rows[:, 9:10], away) + b.unseen_speed * later
-    seen = rows[:, 9] <= 0.0
-    return _least(room[:, seen], moving), _least((gap - claim)[:, ~seen], moving)
+    seen, room = rows[:, 9] <= 0.0, gap - touch
+    return [(room - doubt)[:, seen], (room - reach - doubt)[:, seen], (gap - claim)[:, ~seen]]
 
 
-def _obstacles(
-    p: Vector, t: Vector, moving: Vector, tube: Vector, scene: Scene, b: Bounds
-) -> tuple[Vector, Vector]:
-    """Return the margins (n,) to upright cylinders, some of which move, and to surface points."""
+def _obstacles(p: Vector, t: Vector, tube: Vector, scene: Scene, b: Bounds) -> list[Vector]:
+    """Return the room (n,k,T-1) m to upright cylinders, some of which move, and to the points."""
     rows, near = scene.cylinders, scene.points
     centre = rows[:, None, :2] + rows[:, None, 4:6] * t[1:, None]
     gap = _length(p[:, None, 1:, :2] - centre) - rows[:, 2:3] - b.obstacle_sigmas * rows[:, 3:4]
     near = near[_length(near - p[0, 0]) < _length(p - p[:1, :1]).max() + b.radius + tube[-1]]
     square = (p**2).sum(axis=2)[:, 1:, None] + (near**2).sum(axis=1) - 2.0 * p[:, 1:] @ near.T
     closest = np.sqrt(np.maximum(square.min(axis=2, initial=_FAR**2), 0.0))[:, None]
-    return _least(gap - b.radius - tube, moving), _least(closest - b.radius - tube, moving)
+    return [gap - b.radius - tube, closest - b.radius - tube]
 
 
-def _unseen(p: Vector, t: Vector, moving: Vector, free: Vector, b: Bounds) -> Vector:
-    """Return how far (n,) the drone stays from space that it has not looked at lately."""
+def _unseen(p: Vector, t: Vector, free: Vector, b: Bounds) -> Vector:
+    """Return the room (n,1,T-1) m to space that the drone has not looked at lately."""
     off = p[:, 1:, :2] - p[:1, :1, :2]
     sector = np.round(np.arctan2(off[..., 1], off[..., 0]) * len(free) / (2.0 * np.pi))
     known = free[sector.astype(int) % len(free)] - b.unseen_speed * t[1:]
     way = _length(off)
     room = np.where(way < b.unseen_way, _FAR, known - way - b.radius - b.neighbour_radius)
-    return _least(room[:, None], moving)
+    return room[:, None]
 
 
 def _flyable(way: Trajectories, x0: Vector, wind: Vector, b: Bounds) -> Vector:
     """Return which trajectories (n,) begin with their command and stay within thrust and rates."""
     p, v, u, q = way.p, way.v, way.u, x0[6:10] / _length(x0[6:10])
     weight, half = np.array([0.0, 0.0, G]) - wind, 0.5 * DT * u[:, 1:4]
-    axis = np.stack([half[:, 1], -half[:, 0], np.ones(len(u))], axis=1)  # of the thrust, body
-    twice = 2.0 * np.cross(q[1:], axis)
-    axis = axis + q[0] * twice + np.cross(q[1:], twice)  # world
+    axis = np.column_stack([half[:, 1], -half[:, 0], np.ones(len(u))])  # of the thrust, body
+    w, x, y, z = q
+    turn = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])  # q[1:] × …
+    axis = axis @ (np.eye(3) + 2.0 * (w * turn + turn @ turn)).T  # world
     then = x0[3:6] + DT * (u[:, :1] * axis / _length(axis)[:, None] - weight)
     good = _length(p[:, 0] - x0[:3]) + _length(v[:, 0] - x0[3:6]) < _ROUNDING
     good &= _length(v[:, 1] - then) < _SPEED
-    good &= (_length(np.diff(p, axis=1) - 0.5 * DT * (v[:, 1:] + v[:, :-1])) < _PLACE).all(axis=1)
+    steps, between = p[:, 1:] - p[:, :-1], 0.5 * (v[:, 1:] + v[:, :-1])
+    good &= (_length(steps - DT * between) < _PLACE).all(axis=1)
     good &= (np.abs(u[:, 1:4]) <= b.omega_max + _ROUNDING).all(axis=1) & (u[:, 0] <= b.c_max)
-    force = np.diff(v, axis=1) / DT + weight  # per mass, that the propellers have to give
+    force = (v[:, 1:] - v[:, :-1]) / DT + weight  # per mass, that the propellers have to give
     size = _length(force)
     along = force / size[..., None]
-    turn = np.arccos(np.clip((along[:, 1:] * along[:, :-1]).sum(axis=2), -1.0, 1.0))
-    good &= (turn <= np.sqrt(2.0) * b.omega_max * DT + _ROUNDING).all(axis=1)
-    good &= (size <= b.c_max + _ROUNDING).all(axis=1)
-    return good & ((_length(v[:, -1]) <= b.rest) | b.standing)
+    turned = min(np.sqrt(2.0) * b.omega_max * DT + _ROUNDING, np.pi)
+    good &= ((along[:, 1:] * along[:, :-1]).sum(axis=2) >= np.cos(turned)).all(axis=1)
+    result: Vector = good & (size <= b.c_max + _ROUNDING).all(axis=1)
+    return result
 
 
 def _apart(offsets: Vector) -> Vector:
     """Return the least distance from 0 (...,T-1) on each step between offsets (...,T,d)."""
-    a, d = offsets[..., :-1, :], np.diff(offsets, axis=-2)
-    s = np.clip(-(a * d).sum(axis=-1) / np.maximum((d * d).sum(axis=-1), 1e-12), 0.0, 1.0)
-    return _length(a + s[..., None] * d)
+    a, d = offsets[..., :-1, :], offsets[..., 1:, :] - offsets[..., :-1, :]
+    s = np.maximum(-(a * d).sum(axis=-1) / np.maximum((d * d).sum(axis=-1), 1e-12), 0.0)
+    return _length(a + np.minimum(s, 1.0)[..., None] * d)
 
 
 def _length(a: Vector) -> Vector:
@@ -191,8 +193,7 @@ def _length(a: Vector) -> Vector:
     return size
 
 
-def _least(room: Vector, moving: Vector) -> Vector:
-    """Return the least room (n,) of room (n,k,T-1) while the drone moves."""
-    counted = np.where(moving[:, None], room, _FAR)
-    least: Vector = counted.min(axis=(1, 2), initial=_FAR)
+def _least(room: Vector) -> Vector:
+    """Return the least room (n,) of room (n,k,T-1), or _FAR."""
+    least: Vector = room.min(axis=(1, 2), initial=_FAR)
     return least

@@ -26,7 +26,6 @@ from mavlink_bridge.wire.messages import RateCommand
 
 _SIDE = 1.2, 0.5  # m/s, s: a step aside
 _FAR_SIDE = 1.8, 0.8  # from what comes fast
-_ANYWHERE = 1e3  # m
 _SPEED_TUBE = 0.1  # m/s that the drone may be faster than on its way
 _GAIN = 0.1  # m of room that an evasion must save before it replaces a plan that holds
 # For so many ticks after a refusal a plan needs so much room [m] to be flown again: where it would
@@ -136,6 +135,11 @@ def _carried(scene: Scene, dt: float) -> Scene:
     return replace(scene, neighbours=neighbours, cylinders=cylinders)
 
 
+def _sides(v: Vector) -> Ways:
+    """Return the ways to step aside from the velocity v (3,) m/s, near and far."""
+    return aside(v, *_SIDE).then(aside(v, *_FAR_SIDE))
+
+
 class Certifier:
     """Finds ways to stop, and remembers the one that was accepted last."""
 
@@ -144,12 +148,8 @@ class Certifier:
         self._guard = guard
         self._enforce = config.enforce
         given = config.model_dump(exclude={"seen_range", "enforce"})
-        self._bounds = Bounds(
-            radius=radius, standing=False, c_max=guard.c_max, omega_max=guard.omega_max, **given
-        )
+        self._bounds = Bounds(radius=radius, c_max=guard.c_max, omega_max=guard.omega_max, **given)
         self._bounds = replace(self._bounds, rest=config.rest - _SPEED_TUBE)
-        # Where the drone stops, neighbours count by their course. A plan may lead there as long as
-        # a way out is left after it.
         # A way that was accepted is flown on within its tube, which deviations may have used up.
         self._continued = replace(
             self._bounds,
@@ -159,7 +159,6 @@ class Certifier:
             obstacle_sigmas=0.5 * config.obstacle_sigmas,
             unseen_way=2.0 * config.unseen_way,
         )
-        self._courses = replace(self._bounds, neighbour_acceleration=0.0, standing=True)
         self.reset()
 
     def reset(self) -> None:
@@ -184,12 +183,11 @@ class Certifier:
         if not self._enforce and self._ticks % _SHADOW:
             return None
         law, v = self._law(delay), prediction.x0[3:6]
-        sides = aside(v, *_SIDE).then(aside(v, *_FAR_SIDE))
         scene = _carried(around(), prediction.delay)
         first = np.array([command.c, *within_doubt(command.omega, delay)])
         after = self._tried(STRAIGHT, first, prediction, scene, law)
         if after[0].room < 0.0:
-            after += self._tried(sides, first, prediction, scene, law)
+            after += self._tried(_sides(v), first, prediction, scene, law)
         safe = max(after, key=lambda way: way.margin)
         leaves = max(way.course for way in after)
         asked = _ROOM if self._wary else 0.0
@@ -197,7 +195,10 @@ class Certifier:
         if safe.margin >= asked and leaves >= 0.0:
             self._last = max(after, key=lambda way: way.room).way if safe.room < 0.0 else safe.way
             return Certified(Flown.COMMAND, safe.margin, safe.cause)
-        now = self._tried(STRAIGHT.then(sides), None, prediction, scene, law)
+        if safe.margin < 0.0 and not self._enforce:  # no matter what else there is
+            self._last = None
+            return Certified(Flown.NONE, safe.margin, safe.cause)
+        now = self._tried(STRAIGHT.then(_sides(v)), None, prediction, scene, law)
         if safe.margin >= asked:
             best = max(now, key=lambda way: way.course)
             if best.course < leaves + _GAIN:
@@ -208,7 +209,7 @@ class Certifier:
         held = [way for way in last if way.margin >= 0.0]
         best = max(held or now, key=lambda way: way.rank)
         if safe.margin < 0.0:
-            self._wary = _WARY if self._enforce else 0
+            self._wary = _WARY
         elif best.margin < 0.0:  # the plan holds, and nothing else does
             self._last = safe.way
             return Certified(Flown.COMMAND, safe.margin, safe.cause)
@@ -241,17 +242,16 @@ class Certifier:
         """Return what the ways leave over, flown after the command `first` (4,) or at once."""
         x0, wind = prediction.x0, prediction.disturbance
         flown = simulate(x0, ways, wind, law, first)
-        found = check(flown, x0, wind, scene, bounds or self._bounds)
+        # A plan may lead to a stop on a neighbour's course, as long as a way out is left after it.
         # Space not looked at counts for what is accepted, not for what is better than contact.
-        looked = replace(scene, free=np.full(len(scene.free), _ANYWHERE))
-        course = check(flown, x0, wind, looked, self._courses).margin
+        found = check(flown, x0, wind, scene, bounds or self._bounds)
         return [
             _Try(
                 ways.one(k),
                 RateCommand(flown.u[k, 1:4], float(flown.u[k, 0])),
                 float(found.margin[k]),
                 found.cause[k],
-                float(course[k]),
+                float(found.course[k]),
             )
             for k in range(len(ways))
         ]

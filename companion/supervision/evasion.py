@@ -80,55 +80,67 @@ def simulate(x0: Vector, ways: Ways, wind: Vector, law: Law, first: Vector | Non
     """
     n = len(ways)
     r = rotation_matrix(x0[6:10])
-    p, v = np.tile(x0[:3], (n, 1)), np.tile(x0[3:6], (n, 1))
-    axis = np.tile(r[:, 2], (n, 1))
-    weight = np.array([0.0, 0.0, GRAVITY]) - wind
-    places, speeds = np.empty((n, STEPS + 1, 3)), np.empty((n, STEPS + 1, 3))
-    places[:, 0], speeds[:, 0] = p, v
-    u = np.zeros((n, 4))
+    p, v = np.tile(x0[:3, None], n), np.tile(x0[3:6, None], n)  # (3,n), as all vectors here
+    axis = np.tile(r[:, 2:], n)
+    weight = np.array([[0.0], [0.0], [GRAVITY]]) - wind[:, None]
+    places, speeds = np.empty((STEPS + 1, 3, n)), np.empty((STEPS + 1, 3, n))
+    places[0], speeds[0] = p, v
+    u = np.zeros((4, n))
+    velocity, latest = ways.velocity.T, float(ways.hold.max(initial=0.0))
     for k in range(STEPS):
         if k == 0 and first is not None:
-            u[:] = first
-            half = DT * (r @ [first[2], -first[1], 0.0])
-            after = axis + half
-            after /= np.linalg.norm(after, axis=1, keepdims=True)
-            c = u[:, :1]
+            u[:] = first[:, None]
+            after = axis + DT * (r @ [[first[2]], [-first[1]], [0.0]])
+            after /= _length(after)
+            c = u[0]
         else:
-            wanted = np.where((ways.hold > DT * k)[:, None], ways.velocity, 0.0)
-            force = _force(v, wanted, weight, law)
-            after, turn = _turned(axis, force, law)
-            c = np.clip((force * axis).sum(axis=1, keepdims=True), law.c_min, law.c_max)
+            wanted = velocity * (ways.hold > DT * k)
+            c, after, turn = _thrust(axis, _force(v, wanted, weight, law), law)
             if k == 0:
-                u[:, :1], body = c, turn / DT @ r
-                u[:, 1:4] = np.clip(body, -law.omega_max, law.omega_max)
+                rates = r.T @ cross(axis.T, turn.T).T / DT
+                u[0], u[1:4] = c, _bounded(rates, -law.omega_max, law.omega_max)
         a0, a1 = c * axis - weight, c * after - weight
         p = p + DT * v + DT**2 / 6.0 * (2.0 * a0 + a1)
         v, axis = v + 0.5 * DT * (a0 + a1), after
-        places[:, k + 1], speeds[:, k + 1] = p, v
-        if k > 0 and (np.abs(v) < _STILL).all() and (ways.hold <= DT * k).all():
-            places[:, k + 2 :], speeds[:, k + 2 :] = p[:, None], 0.0
+        places[k + 1], speeds[k + 1] = p, v
+        if k > 0 and latest <= DT * k and (np.abs(v) < _STILL).all():
+            places[k + 2 :], speeds[k + 2 :] = p, 0.0
             break
-    return Trajectories(u, places, speeds)
+    return Trajectories(u.T, places.transpose(2, 0, 1), speeds.transpose(2, 0, 1))
 
 
 def _force(v: Vector, wanted: Vector, weight: Vector, law: Law) -> Vector:
-    """Return the specific force (n,3) m/s² that leads from velocities v to the wanted ones."""
+    """Return the specific force (3,n) m/s² that leads from velocities v to the wanted ones."""
     a = law.brake_gain * (wanted - v)
-    size = np.hypot(a[:, 0], a[:, 1])[:, None]
-    a[:, :2] *= np.minimum(1.0, law.brake_max / np.maximum(size, 1e-9))
-    a[:, 2] = np.clip(a[:, 2], -_VERTICAL, _VERTICAL)
+    a[:2] *= np.minimum(1.0, law.brake_max / np.maximum(np.hypot(a[0], a[1]), 1e-9))
+    a[2] = _bounded(a[2], -_VERTICAL, _VERTICAL)
     force: Vector = a + weight
     return force
 
 
-def _turned(axis: Vector, force: Vector, law: Law) -> tuple[Vector, Vector]:
-    """Return thrust axes (n,3) turned towards the force for one tick, and the turns (n,3) rad."""
-    towards = force / np.linalg.norm(force, axis=1, keepdims=True)
-    across = cross(axis, towards)
-    sine = np.linalg.norm(across, axis=1, keepdims=True)
-    angle = np.arctan2(sine, (axis * towards).sum(axis=1, keepdims=True))
-    most = np.minimum(law.attitude_gain * DT, 1.0) * angle
-    most = np.minimum(most, law.omega_max * DT)
-    normal = across / np.maximum(sine, 1e-9)
-    turned = np.cos(most) * axis + np.sin(most) * cross(normal, axis)
-    return turned, most * normal
+def _thrust(axis: Vector, force: Vector, law: Law) -> tuple[Vector, Vector, Vector]:
+    """Return the thrusts (n,) m/s² of a tick, their axes (3,n) at its end, and how these turn.
+
+    turns: (3,n) rad, each along what its axis turns towards, and across the axis.
+    """
+    size = _length(force)
+    towards = force / size
+    cosine = (axis * towards).sum(axis=0)
+    aside = towards - cosine * axis
+    sine = _length(aside)
+    aside /= np.maximum(sine, 1e-9)
+    turn = min(law.attitude_gain * DT, 1.0) * np.arctan2(sine, cosine)
+    turn = np.minimum(turn, law.omega_max * DT)
+    turned = np.cos(turn) * axis + np.sin(turn) * aside
+    return _bounded(size * cosine, law.c_min, law.c_max), turned, turn * aside
+
+
+def _length(a: Vector) -> Vector:
+    """Return the lengths (n,) of vectors (3,n)."""
+    size: Vector = np.sqrt((a * a).sum(axis=0))
+    return size
+
+
+def _bounded(a: Vector, least: float, most: float) -> Vector:
+    """Return a within bounds: what numpy.clip does, which takes five times as long for a few."""
+    return np.minimum(np.maximum(a, least), most)

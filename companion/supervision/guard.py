@@ -24,6 +24,7 @@ Braking and levelling are laws in closed form, without any solver.
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
 from typing import Self
@@ -381,8 +382,8 @@ class Guard:
     def _bounded(self, u: Vector) -> RateCommand:
         """Return an input u (4,) c, omega as a command within the bounds."""
         c = self._config
-        omega = np.clip(u[1:4], -c.omega_max, c.omega_max)
-        return RateCommand(omega, float(np.clip(u[0], c.c_min, c.c_max)))
+        omega = np.minimum(np.maximum(u[1:4], -c.omega_max), c.omega_max)
+        return RateCommand(omega, min(max(float(u[0]), c.c_min), c.c_max))
 
 
 def brake(own: VehicleState, config: GuardConfig) -> RateCommand:
@@ -453,7 +454,7 @@ def _usable(plan: Plan | None) -> Plan | None:
 
 
 def _finite(values: Vector) -> bool:
-    return bool(np.isfinite(values).all())
+    return all(map(math.isfinite, values.tolist()))
 
 
 def _state_finite(own: VehicleState) -> bool:

@@ -106,10 +106,10 @@ class Monitors:
         self._time = -math.inf
         self._swings: tuple[deque[float], deque[float]] = (deque(), deque())
         self._sides = [0, 0]
-        self._turns: deque[tuple[float, Vector, float]] = deque()
+        self._turns: deque[tuple[float, list[float], float]] = deque()
         self._offsets: deque[tuple[float, Vector]] = deque()
         self._disturbance: Vector = np.zeros(3)
-        self._before: Attitude | None = None
+        self._before: tuple[Attitude, Vector] | None = None  # and its matrix
 
     def update(
         self, time: float, vehicle: VehicleEstimate, motion: MotionEstimate, phase: Phase
@@ -230,22 +230,26 @@ class Monitors:
         """Compare the attitude's turn with the sum of the rates, over a second of telemetry."""
         c = self._config
         for now in attitudes:
-            before, self._before = self._before, now
-            dt = math.inf if before is None else now.time - before.time
+            before, self._before = self._before, (now, rotation_matrix(now.q_wb))
+            dt = math.inf if before is None else now.time - before[0].time
             if before is None or not 0.0 < dt < _LONGEST_GAP:
                 self._turns.clear()
                 continue
-            seen = _turn(rotation_matrix(before.q_wb).T @ rotation_matrix(now.q_wb))
+            seen = _turn(before[1].T @ self._before[1])
+            half, rates, then = 0.5 * dt, now.omega.tolist(), before[0].omega.tolist()
+            off = [s - half * (a + b) for s, a, b in zip(seen, then, rates, strict=True)]
             # When the rate changed between two samples is not known.
-            spread = 0.5 * dt * norm(now.omega - before.omega)
-            self._turns.append((now.time, seen - 0.5 * dt * (before.omega + now.omega), spread))
+            self._turns.append((now.time, off, half * math.dist(rates, then)))
             while now.time - self._turns[0][0] > _TURN_TIME:
                 self._turns.popleft()
-        off = norm(sum((o for _, o, _ in self._turns), start=np.zeros(3)))
-        between = math.sqrt(sum(s * s for _, _, s in self._turns))
-        if not off > c.turn + _SPREADS * between:
+        if not self._turns:
             return None
-        finding = f"gyro: attitude and gyro differ by {math.degrees(off):.0f}° in a second"
+        axes = zip(*(off for _, off, _ in self._turns), strict=True)
+        size = math.hypot(*(sum(axis) for axis in axes))
+        between = math.sqrt(sum(s * s for _, _, s in self._turns))
+        if not size > c.turn + _SPREADS * between:
+            return None
+        finding = f"gyro: attitude and gyro differ by {math.degrees(size):.0f}° in a second"
         return Broken(finding, Reaction.HOLD)
 
     def _sliding(self, time: float, slid: Vector) -> Broken | None:
@@ -259,7 +263,7 @@ class Monitors:
         return Broken(finding, Reaction.SLOW)
 
 
-def _turn(r: Vector) -> Vector:
+def _turn(r: Vector) -> list[float]:
     """Return the rotation vector (3,) rad of a small rotation r (3,3)."""
-    twice: Vector = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
-    return 0.5 * twice
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = r.tolist()
+    return [0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)]

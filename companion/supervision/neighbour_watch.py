@@ -12,8 +12,6 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from companion.types import Track
 from mavlink_bridge.shared.arrays import Vector, norm
 
@@ -89,6 +87,5 @@ def _mean_velocity(before: Track, t: Track, dt: float) -> tuple[Vector, float]:
 
 def _sigma(t: Track, later: float) -> float:
     """Return 1 σ [m] of a track's place along one axis, `later` [s] on."""
-    blocks = ((0, 0), (0, 3), (3, 3))
-    a, b, d = (float(np.trace(t.P[i : i + 3, j : j + 3])) / 3.0 for i, j in blocks)
+    a, b, d = t.variances
     return math.sqrt(max(a + 2.0 * later * b + later * later * d, 0.0))

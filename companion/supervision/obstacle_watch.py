@@ -7,6 +7,7 @@ serve: a trunk that moves is found by depth, not by pixels.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -53,46 +54,53 @@ class ObstacleWatch:
         """Return the trunks that move, at the tick of `time` [s]."""
         if seen.own is not None and seen.searched:
             trunks = [t for t in seen.trunks if t.sigma <= _SHARP and not t.assumed]
-            level = [_level(t.direction, seen.own, self._mount) for t in trunks]
-            looks = [
-                Detection(t.direction, t.distance / along, _BEARING, max(t.sigma, _LEAST))
-                for t, along in zip(trunks, level, strict=True)
-            ]
-            self._tracker.update(seen.time, looks, seen.own, self._mount)
-            self._remember_radii(seen.own, looks, trunks)
+            self._look(seen.time, seen.own, trunks)
         self._tracker.predict(time)
         moving = [t for t in self._tracker.tracks() if _moves(t)]
+        if not moving:
+            return Moving()
         rows = [[*t.p[:2], self._radii.get(t.id, 0.5), _sigma(t), *t.v[:2]] for t in moving]
         broken = tuple(
-            f"obstacle {t.id}: moves at {float(np.hypot(*t.v[:2])):.1f} m/s, 0 m/s are assumed"
+            f"obstacle {t.id}: moves at {_level_speed(t):.1f} m/s, 0 m/s are assumed"
             for t in moving
         )
-        return Moving(np.array(rows, float).reshape(-1, 6), broken)
+        return Moving(np.array(rows, float), broken)
 
-    def _remember_radii(
-        self, own: VehicleState, looks: Sequence[Detection], trunks: Sequence[Trunk]
-    ) -> None:
+    def _look(self, time: float, own: VehicleState, trunks: Sequence[Trunk]) -> None:
+        """Take in the trunks of a frame taken at `time` [s] in the state `own`."""
+        turn = rotation_matrix(own.q_wb) @ rotation_matrix(self._mount)
+        looks, places = [], []
+        for t in trunks:
+            ray = turn @ t.direction
+            x, y, _ = ray.tolist()
+            away = t.distance / max(math.hypot(x, y), 0.1)
+            looks.append(Detection(t.direction, away, _BEARING, max(t.sigma, _LEAST)))
+            places.append(own.p + ray * away)
+        self._tracker.update(time, looks, own, self._mount)
+        self._remember_radii(np.array(places).reshape(-1, 3), trunks)
+
+    def _remember_radii(self, places: Vector, trunks: Sequence[Trunk]) -> None:
+        """Give the tracks the radii of the trunks that stand at places (n,3) m."""
         tracks = self._tracker.tracks()
         self._radii = {t.id: self._radii.get(t.id, 0.5) for t in tracks}
-        turn = rotation_matrix(own.q_wb) @ rotation_matrix(self._mount)
-        for look, trunk in zip(looks, trunks, strict=True):
-            place = own.p + turn @ look.direction * look.range
-            for t in tracks:
-                if np.hypot(*(t.p - place)[:2]) < _SAME:
-                    self._radii[t.id] = trunk.radius
-
-
-def _level(direction: Vector, own: VehicleState, mount: Vector) -> float:
-    """Return how much of a unit direction, camera frame, lies along the ground."""
-    world = rotation_matrix(own.q_wb) @ rotation_matrix(mount) @ direction
-    return max(float(np.hypot(world[0], world[1])), 0.1)
+        if not tracks:
+            return
+        apart = places[:, None, :2] - np.array([t.p[:2] for t in tracks])
+        same = np.hypot(apart[..., 0], apart[..., 1]) < _SAME
+        for n, k in np.argwhere(same).tolist():
+            self._radii[tracks[k].id] = trunks[n].radius
 
 
 def _moves(t: Track) -> bool:
-    doubt = float(np.sqrt(np.trace(t.P[3:5, 3:5]) / 2.0))
-    known = t.age >= _AGE and t.unseen <= _FORGET
-    return known and float(np.hypot(*t.v[:2])) > max(_SPEED, _SIGMAS * doubt)
+    if t.age < _AGE or t.unseen > _FORGET:
+        return False
+    doubt = math.sqrt(max(float(t.P[3, 3] + t.P[4, 4]), 0.0) / 2.0)
+    return _level_speed(t) > max(_SPEED, _SIGMAS * doubt)
+
+
+def _level_speed(t: Track) -> float:
+    return math.hypot(t.v[0], t.v[1])
 
 
 def _sigma(t: Track) -> float:
-    return float(np.sqrt(np.trace(t.P[:2, :2]) / 2.0))
+    return math.sqrt(max(float(t.P[0, 0] + t.P[1, 1]), 0.0) / 2.0)

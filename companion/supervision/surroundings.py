@@ -92,14 +92,8 @@ def neighbour_rows(tracks: list[Track], away: list[bool]) -> Vector:
     away: whether each is out of view. One that is lost in plain view may be anywhere that it can
     reach; one out of view is remembered.
     """
-    blocks = ((0, 0), (0, 3), (3, 3))
     rows = [
-        [
-            *t.p,
-            *t.v,
-            *(float(np.trace(t.P[i : i + 3, j : j + 3])) / 3.0 for i, j in blocks),
-            t.unseen if t.lost and out else 0.0,
-        ]
+        [*t.p.tolist(), *t.v.tolist(), *t.variances, t.unseen if t.lost and out else 0.0]
         for t, out in zip(tracks, away, strict=True)
     ]
     return np.array(rows, float).reshape(-1, 10)
