@@ -111,8 +111,8 @@ def _vote(points: Vector, tolerance: float) -> Triple | None:
     a, b, c = z.take(order).take(_triples(n))
     b, c = b - a, c - a
     cross = 2.0 * (b.real * c.imag - b.imag * c.real)
-    cross[np.abs(cross) < 1e-12] = np.nan
-    centre = (c * _squared(b) - b * _squared(c)) * (-1j / cross)
+    cross[np.abs(cross) < 1e-12] = np.inf  # on a line: a circle of no radius
+    centre = (c * _squared(b) - b * _squared(c)) * (-1j * (1.0 / cross))
     r = np.abs(centre)
     extent = max(x.max() - x.min(), y.max() - y.min())
     good = ((r < 1.2 * extent) & (r > 0.1 * extent)).nonzero()[0]
