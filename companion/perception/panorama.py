@@ -100,5 +100,4 @@ def _enlarge(knots: Vector) -> NDArray[np.float32]:
     half = KNOT // 2
     size = (knots.shape[1] * KNOT, knots.shape[0] * KNOT)
     big = cv2.resize(knots.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
-    result: NDArray[np.float32] = np.ascontiguousarray(big[half:-half, half:-half])
-    return result
+    return np.asarray(big, np.float32)[half:-half, half:-half]
