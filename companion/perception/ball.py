@@ -17,6 +17,7 @@ from pydantic import Field
 
 from companion.perception.camera import Camera
 from companion.perception.circles import fit_circles
+from companion.perception.reduced import Reduced
 from companion.types import Detection, Image
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import StrictModel
@@ -104,8 +105,13 @@ class ColorDetector:
 
     def detect(self, image: Image) -> list[Detection]:
         """Return the marked drones in image (H,W,3) uint8 BGR, nearest first."""
-        s = self.settings
-        outlines, _ = cv2.findContours(self._mask(image), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        return self.search(Reduced(image))
+
+    def search(self, picture: Reduced) -> list[Detection]:
+        """Return the marked drones in a picture, whose half size others may have made, too."""
+        s, image = self.settings, picture.image
+        mask = self._mask(picture)
+        outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         boxes = [box for box in map(cv2.boundingRect, outlines) if box[2] * box[3] >= s.min_area]
         if len(boxes) > _MOST_BLOBS:
             boxes = sorted(boxes, key=lambda box: -box[2] * box[3])[:_MOST_BLOBS]
@@ -114,14 +120,14 @@ class ColorDetector:
             found += self._blob(image, x, y, w, h)
         return sorted(found, key=lambda d: d.range)
 
-    def _mask(self, image: Image) -> Image:
+    def _mask(self, picture: Reduced) -> Image:
         """Return (H,W) 255 where the picture has the marker's chroma, else 0.
 
         It is made where half the picture's size shows a trace of that chroma.
         """
+        image = picture.image
         height, width = image.shape[:2]
-        half = (width + 1) // 2, (height + 1) // 2
-        small = np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), np.uint8)
+        small = picture.colour((width + 1) // 2, (height + 1) // 2)
         least = self.settings.min_chroma
         trace = cv2.threshold(self._chroma(small), _TRACE * least, 255, cv2.THRESH_BINARY)[1]
         outlines, _ = cv2.findContours(
