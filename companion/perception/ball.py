@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -16,6 +17,7 @@ from pydantic import Field
 
 from companion.perception.camera import Camera
 from companion.perception.circles import fit_circles
+from companion.perception.reduced import Reduced
 from companion.types import Detection, Image
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import StrictModel
@@ -33,6 +35,9 @@ _MOST_BLOBS = 40
 # are lost, all farther than 16 m.
 _TRACE = 0.4
 _AROUND = np.ones((5, 5), np.uint8)
+# Rows and columns of two pixels at each corner of a patch.
+_CORNERS = np.array([0, 0, -1, -1] * 2), np.array([0, -1, 0, -1, 1, -2, 1, -2])
+Pixels = NDArray[np.float32]
 
 
 class Detector(Protocol):
@@ -92,16 +97,21 @@ class ColorDetector:
         self._pure = np.array([blue, green, red])
         self._strong = [i for i in range(3) if self._pure[i] >= 0.5]
         self._weak = [i for i in range(3) if self._pure[i] < 0.5]
-        self._weights = np.zeros(3, np.float32)
-        self._weights[self._strong] = 1.0 / len(self._strong)
-        self._weights[self._weak] = -1.0 / len(self._weak)
+        self._weights = np.zeros((1, 3), np.float32)
+        self._weights[0, self._strong] = 1.0 / len(self._strong)
+        self._weights[0, self._weak] = -1.0 / len(self._weak)
         # Made here, and not in the first tick.
         self._directions, self._solid_angle = camera.directions, camera.solid_angle
 
     def detect(self, image: Image) -> list[Detection]:
         """Return the marked drones in image (H,W,3) uint8 BGR, nearest first."""
-        s = self.settings
-        outlines, _ = cv2.findContours(self._mask(image), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        return self.search(Reduced(image))
+
+    def search(self, picture: Reduced) -> list[Detection]:
+        """Return the marked drones in a picture, whose half size others may have made, too."""
+        s, image = self.settings, picture.image
+        mask = self._mask(picture)
+        outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         boxes = [box for box in map(cv2.boundingRect, outlines) if box[2] * box[3] >= s.min_area]
         if len(boxes) > _MOST_BLOBS:
             boxes = sorted(boxes, key=lambda box: -box[2] * box[3])[:_MOST_BLOBS]
@@ -110,14 +120,14 @@ class ColorDetector:
             found += self._blob(image, x, y, w, h)
         return sorted(found, key=lambda d: d.range)
 
-    def _mask(self, image: Image) -> Image:
+    def _mask(self, picture: Reduced) -> Image:
         """Return (H,W) 255 where the picture has the marker's chroma, else 0.
 
         It is made where half the picture's size shows a trace of that chroma.
         """
+        image = picture.image
         height, width = image.shape[:2]
-        half = (width + 1) // 2, (height + 1) // 2
-        small = np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), np.uint8)
+        small = picture.colour((width + 1) // 2, (height + 1) // 2)
         least = self.settings.min_chroma
         trace = cv2.threshold(self._chroma(small), _TRACE * least, 255, cv2.THRESH_BINARY)[1]
         outlines, _ = cv2.findContours(
@@ -151,19 +161,17 @@ class ColorDetector:
         x1, y1 = min(x + w + 3, width), min(y + h + 3, height)
         patch = image[y0:y1, x0:x1].astype(np.float32)
         # Chroma is linear in the light: a pixel half covered by the ball reads half.
-        chroma = patch @ self._weights
+        chroma: Pixels = cv2.transform(patch, self._weights)  # type: ignore[assignment]
         inside = chroma[y - y0 : y - y0 + h, x - x0 : x - x0 + w].ravel()
         quarter = min(max(2, inside.size // 4), inside.size)
-        full = float(np.partition(inside, -quarter)[-quarter:].mean())
-        corners = sorted(
-            chroma[[0, 0, -1, -1, 0, 0, -1, -1], [0, -1, 0, -1, 1, -2, 1, -2]].tolist()
-        )
+        full = float(np.partition(inside, -quarter)[-quarter:].sum() / quarter)
+        corners = sorted(chroma[_CORNERS].tolist())
         base = min(0.5 * (corners[3] + corners[4]), 0.3 * full)
         cover = (chroma - base) / max(full - base, 1.0)
-        if not self._right_hue(patch[cover > 0.7]):
+        if not self._right_hue(cv2.mean(patch, (cover > 0.7).view(np.uint8))):
             return []
         # The weight by solid angle takes the lens' stretch out of the area.
-        solid = cover.clip(0, 1) * (cover > 0.15) * self._solid_angle[y0:y1, x0:x1]
+        solid = np.minimum(cover, 1.0) * (cover > 0.15) * self._solid_angle[y0:y1, x0:x1]
         area = float(solid.sum())
         clipped = x == 0 or y == 0 or x + w == width or y + h == height
         pixel = float(np.sqrt(self._solid_angle[y + h // 2, x + w // 2]))
@@ -178,14 +186,12 @@ class ColorDetector:
         found = [self._detection(ball, pixel, clipped, area / whole) for ball in balls]
         return [d for d in found if d is not None]
 
-    def _right_hue(self, pixels: Vector) -> bool:
-        """Return whether the mean hue of pixels (n,3) BGR is the marker's."""
-        if not len(pixels):
-            return False
-        b, g, r = pixels.mean(axis=0)
-        hue = np.degrees(np.arctan2(np.sqrt(3.0) * (g - b), 2.0 * r - g - b))
+    def _right_hue(self, mean: Sequence[float]) -> bool:
+        """Return whether the hue of a mean BGR colour is the marker's; black is of no hue."""
+        b, g, r, *_ = mean
+        hue = math.degrees(math.atan2(math.sqrt(3.0) * (g - b), 2.0 * r - g - b))
         off = (hue - self.settings.hue_deg + 180.0) % 360.0 - 180.0
-        return bool(abs(off) <= self.settings.hue_width_deg)
+        return b + g + r > 0.0 and abs(off) <= self.settings.hue_width_deg
 
     def _outline(self, cover: Vector, x0: int, y0: int, pixel: float) -> list[_Ball]:
         """Return the balls by the outline of `cover` in a patch whose corner is pixel (x0, y0)."""
@@ -196,19 +202,20 @@ class ColorDetector:
             return []
         middle = rays.sum(axis=1)
         middle /= math.sqrt(float(middle @ middle))
-        e1, e2 = _tangents(middle)
+        axes = _axes(*middle.tolist())
         # Stereographic plane: circles on the sphere of directions stay circles.
-        depth, px, py = np.array([middle, e1, e2]) @ rays
+        depth, px, py = axes @ rays
         scale = 2.0 / (1.0 + depth)
         px, py = px * scale, py * scale
-        extent = float(max(np.ptp(px), np.ptp(py)))
+        extent = float(max(px.max() - px.min(), py.max() - py.min()))
         balls = []
         for c in fit_circles(px, py, 0.4 * pixel + 0.02 * extent):
             radial = math.hypot(c.x, c.y)
             near, far = 2 * math.atan((radial - c.r) / 2), 2 * math.atan((radial + c.r) / 2)
             turn, angle = (near + far) / 2, (far - near) / 2
-            side = (c.x * e1 + c.y * e2) / max(radial, 1e-12)
-            balls.append(_Ball(math.cos(turn) * middle + math.sin(turn) * side, angle, c.arc))
+            side = math.sin(turn) / max(radial, 1e-12)
+            axis = np.array([math.cos(turn), side * c.x, side * c.y]) @ axes
+            balls.append(_Ball(axis, angle, c.arc))
         return balls
 
     def _small(self, solid: Vector, area: float, x0: int, y0: int) -> _Ball:
@@ -255,28 +262,31 @@ def _crossings(values: Vector, threshold: float, rays: NDArray[np.float32]) -> V
     w = values.shape[1]
     flat, of = values.ravel(), rays.reshape(-1, 3)
     above = values >= threshold
-    across = np.flatnonzero(above[:, 1:] != above[:, :-1])
+    across = (above[:, 1:] != above[:, :-1]).ravel().nonzero()[0]
     across += across // (w - 1)  # of the left one, in the whole patch
-    down = np.flatnonzero(above[1:] != above[:-1])
+    down = (above[1:] != above[:-1]).ravel().nonzero()[0]
     first = np.concatenate([across, down])
     second = np.concatenate([across + 1, down + w])
-    a, b = flat[first], flat[second]
-    share = (threshold - a) / (b - a)
-    start = of[first].T
-    result: Vector = start + share * (of[second].T - start)
+    a, b = flat.take(first), flat.take(second)
+    share = ((threshold - a) / (b - a))[:, None]
+    start = of.take(first, axis=0)
+    result: Vector = (start + share * (of.take(second, axis=0) - start)).T
     return result
 
 
-def _tangents(axis: Vector) -> tuple[Vector, Vector]:
-    """Return two unit vectors (3,) that complete the axis (3,) to an orthonormal basis.
+def _axes(x: float, y: float, z: float) -> Vector:
+    """Return an orthonormal basis, by rows (3,3), the first of which is the unit vector x, y, z.
 
     Frisvad, "Building an orthonormal basis from a 3D unit vector without normalization", 2012.
     """
-    x, y, z = axis.tolist()
     # About the pole that is farther.
     sign = 1.0 if z >= 0.0 else -1.0
     a = -1.0 / (sign + z)
     b = x * y * a
-    return np.array([1.0 + sign * x * x * a, sign * b, -sign * x]), np.array(
-        [b, sign + y * y * a, -y]
+    return np.array(
+        [
+            [x, y, z],
+            [1.0 + sign * x * x * a, sign * b, -sign * x],
+            [b, sign + y * y * a, -y],
+        ]
     )

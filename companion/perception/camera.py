@@ -25,6 +25,7 @@ FORWARD = (0.5, -0.5, 0.5, -0.5)
 KEYS = ("width", "height", "fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
 NEWTON_STEPS = 8
 FOV_DEG = (40.0, 240.0)  # across the picture; outside, a focal length is mistaken
+_TINY = 1e-300  # in place of 0, by which nothing is divided
 _BAND = 16  # rows of all rays that are worked out at a time
 
 
@@ -180,9 +181,12 @@ class Camera:
         rho = np.hypot(x, y)
         theta = np.arctan2(rho, z)
         # On the axis the image direction is undefined and its radius 0.
-        scale = self.radius(theta) / np.where(rho > 0.0, rho, 1.0)
-        scale = np.where(theta <= self.max_angle + 1e-9, scale, np.nan)
-        return np.stack([self.cx + self.fx * scale * x, self.cy + self.fy * scale * y], axis=1)
+        scale = self.radius(theta) / np.maximum(rho, _TINY)
+        scale[theta > self.max_angle + 1e-9] = np.nan
+        pixels = np.empty((len(x), 2))
+        pixels[:, 0] = self.cx + self.fx * scale * x
+        pixels[:, 1] = self.cy + self.fy * scale * y
+        return pixels
 
     def unproject(self, pixels: Vector) -> Vector:
         """Return the unit directions (n,3), camera frame, of pixels (n,2)."""
@@ -190,8 +194,10 @@ class Camera:
         mx, my = (u - self.cx) / self.fx, (v - self.cy) / self.fy
         radius = np.hypot(mx, my)
         theta = self._angle(radius)
-        scale = np.where(radius > 0.0, np.sin(theta) / np.where(radius > 0.0, radius, 1.0), 1.0)
-        return np.stack([scale * mx, scale * my, np.cos(theta)], axis=1)
+        scale = np.sin(theta) / np.maximum(radius, _TINY)
+        rays = np.empty((len(mx), 3))
+        rays[:, 0], rays[:, 1], rays[:, 2] = scale * mx, scale * my, np.cos(theta)
+        return rays
 
     @cached_property
     def directions(self) -> NDArray[np.float32]:
@@ -223,6 +229,8 @@ class Camera:
 
     def radius(self, theta: Vector) -> Vector:
         """Return the normalised image radius of an angle from the axis [rad]: the polynomial."""
+        if not self.k.any():
+            return theta
         t2 = theta * theta
         k1, k2, k3, k4 = self.k
         result: Vector = theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))

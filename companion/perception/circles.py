@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mavlink_bridge.shared.arrays import Vector
 
@@ -43,9 +45,10 @@ def fit_circles(x: Vector, y: Vector, tolerance: float, most: int = 4) -> list[C
         found.append(circle)
         if not len(found) < most:
             break
-        points = points[:, _off(points, (circle.x, circle.y, circle.r)) > 2.0 * tolerance]
-        if points.shape[1] < least:
+        others = _off(points, (circle.x, circle.y, circle.r)) > 2.0 * tolerance
+        if np.count_nonzero(others) < least:
             break
+        points = points[:, others]
     return found
 
 
@@ -60,12 +63,11 @@ def _off(points: Vector, circle: Triple) -> Vector:
 def _best_circle(points: Vector, tolerance: float) -> Circle | None:
     """Return the circle of a single fit, or else the best of many through triples of points."""
     n = points.shape[1]
-    circle, off = _trimmed(points, _least_squares(points), tolerance)
-    outside = np.count_nonzero(off > tolerance)
+    circle, off = _trimmed(points, _least_squares(points @ points.T), tolerance)
     on = np.abs(off) < tolerance
     count = np.count_nonzero(on)
-    if not (count > 0.7 * n and outside < 0.04 * n):
-        start = _vote(points[0], points[1], tolerance)
+    if not (count > 0.7 * n and np.count_nonzero(off > tolerance) < 0.04 * n):
+        start = _vote(points, tolerance)
         if start is None:
             return None
         circle, off = _trimmed(points, start, tolerance)
@@ -91,50 +93,75 @@ def _trimmed(points: Vector, circle: Triple, tolerance: float) -> tuple[Triple, 
         if count < 4 or count == before:
             break
         before = count
-        circle = _least_squares(points[:, near])
+        circle = _least_squares((points * near) @ points.T)
         off = _off(points, circle)
     return circle, off
 
 
-def _vote(x: Vector, y: Vector, tolerance: float) -> Triple | None:
-    """Return the circle through three points that most points support; None where there is none."""
+def _vote(points: Vector, tolerance: float) -> Triple | None:
+    """Return the circle through three of the points (4,n) that most of them support.
+
+    None where there is none.
+    """
+    x, y = points[:2]
     n = len(x)
-    order = np.argsort(np.arctan2(y - y.mean(), x - x.mean()), kind="stable")
-    # Triples are spread around the outline at several strides: one of them lies on one ball only.
-    starts = np.arange(0, n, max(1, n // 24))
-    strides = np.array(sorted({max(1, n // k) for k in (3, 4, 5, 7, 10)}))
-    first = np.tile(starts, len(strides))
-    step = np.repeat(strides, len(starts))
-    a, b, c = order[first], order[(first + step) % n], order[(first + 2 * step) % n]
-    bx, by, cx, cy = x[b] - x[a], y[b] - y[a], x[c] - x[a], y[c] - y[a]
-    cross = 2.0 * (bx * cy - by * cx)
-    cross = np.where(np.abs(cross) > 1e-12, cross, np.nan)
-    bb, cc = bx * bx + by * by, cx * cx + cy * cy
-    ux, uy = (cy * bb - by * cc) / cross, (bx * cc - cx * bb) / cross
-    mx, my, r = x[a] + ux, y[a] + uy, np.sqrt(ux * ux + uy * uy)
+    order = np.arctan2(y - y.sum() / n, x - x.sum() / n).argsort(kind="stable")
+    # The plane is that of complex numbers: the circle through 0, b and c is about `centre`.
+    z = x + 1j * y
+    a, b, c = z.take(order).take(_triples(n))
+    b, c = b - a, c - a
+    cross = 2.0 * (b.real * c.imag - b.imag * c.real)
+    cross[np.abs(cross) < 1e-12] = np.inf  # on a line: a circle of no radius
+    centre = (c * _squared(b) - b * _squared(c)) * (-1j * (1.0 / cross))
+    r = np.abs(centre)
     extent = max(x.max() - x.min(), y.max() - y.min())
-    good = np.isfinite(r) & (r < 1.2 * extent) & (r > 0.1 * extent)
-    if not good.any():
+    good = ((r < 1.2 * extent) & (r > 0.1 * extent)).nonzero()[0]
+    if not len(good):
         return None
-    mx, my, r = mx[good], my[good], r[good]
-    thin = slice(None, None, max(1, n // 80))
-    dx, dy = x[thin] - mx[:, None], y[thin] - my[:, None]
-    off = np.sqrt(dx * dx + dy * dy) - r[:, None]
+    centre, r = (centre + a).take(good), r.take(good)
+    # Squared distances to all centres (n,k) in one product; single precision is enough to vote.
+    about = np.array([-2.0 * centre.real, -2.0 * centre.imag, np.ones(len(r)), _squared(centre)])
+    few = points[:, :: max(1, n // 80)]
+    squared = few.T.astype(np.float32) @ about.astype(np.float32)
+    outer, inner = np.square([r + tolerance, np.maximum(r - tolerance, 0.0)]).astype(np.float32)
+    within, inside = _count(squared < outer), _count(squared < inner)
     # A ball hides nothing outside itself, so points outside count against it; with a second ball
     # in the blob some must lie outside.
-    support = (np.abs(off) < tolerance).sum(axis=1) - 0.5 * (off > tolerance).sum(axis=1)
-    best = int(np.argmax(support))
-    return float(mx[best]), float(my[best]), float(r[best])
+    outside = few.shape[1] - within
+    best = int(np.argmax(within - inside - 0.5 * outside))
+    return float(centre[best].real), float(centre[best].imag), float(r[best])
 
 
-def _least_squares(points: Vector) -> Triple:
-    """Return the algebraic circle fit (Kåsa, 1976) to points (4,n) x, y, x² + y², 1.
+@lru_cache(maxsize=256)
+def _triples(n: int) -> NDArray[np.intp]:
+    """Return triples (3,k) of n points in their order around an outline.
 
-    NaN where they lie on a line.
+    They are spread around it at several strides: one of them lies on one ball only.
     """
-    (sxx, sxy, sxz, sx), (_, syy, syz, sy), (_, _, _, sz), (_, _, _, n) = (
-        points @ points.T
-    ).tolist()
+    starts = np.arange(0, n, max(1, n // 24))
+    strides = np.array(sorted({max(1, n // k) for k in (3, 4, 5, 7, 10)}))
+    first, step = np.tile(starts, len(strides)), np.repeat(strides, len(starts))
+    return np.array([first, (first + step) % n, (first + 2 * step) % n])
+
+
+def _squared(z: NDArray[np.complex128]) -> Vector:
+    """Return the squared lengths of complex numbers."""
+    result: Vector = z.real * z.real + z.imag * z.imag
+    return result
+
+
+def _count(mask: NDArray[np.bool_]) -> NDArray[np.int16]:
+    """Return how many are true in each column of mask (n,k)."""
+    result: NDArray[np.int16] = np.add.reduce(mask, axis=0, dtype=np.int16)
+    return result
+
+
+def _least_squares(sums: Vector) -> Triple:
+    """Return the algebraic circle fit (Kåsa, 1976); NaN where the points lie on a line.
+
+    sums: (4,4) of the products of x, y, x² + y², 1 over the points.
+    """
+    (sxx, sxy, sxz, sx), (_, syy, syz, sy), (_, _, _, sz), (_, _, _, n) = sums.tolist()
     mx, my, mz = sx / n, sy / n, sz / n
     # About the mean.
     sxx, syy, sxy = sxx - sx * mx, syy - sy * my, sxy - sx * my

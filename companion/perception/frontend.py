@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.perception.ball import ColorDetector
 from companion.perception.camera_alignment import Alignment, CameraAlignment, StateAt
 from companion.perception.camera_health import CameraFault, CameraHealth, CameraHealthConfig
 from companion.perception.config import CameraConfig, SensingConfig
@@ -209,8 +210,12 @@ class PerceptionFrontend:
             drones = [Detection(r[:3], float(r[3]), float(r[4]), float(r[5])) for r in rows]
         elif network is not None and self._sensing.detector == "network":
             drones = network.drones()
-        elif image is not None:
-            drones = self._drones.detect(image)
+        elif picture is not None:
+            drones = (
+                self._drones.search(picture)
+                if isinstance(self._drones, ColorDetector)
+                else self._drones.detect(picture.image)
+            )
         self._frames += 1
         shown = frame.arrays.keys() - ({"image"} if image is None else set())
         searched = (

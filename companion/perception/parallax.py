@@ -9,6 +9,7 @@ moves across its epipolar line is no fixed point, and is dropped.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import cv2
@@ -25,6 +26,7 @@ from mavlink_bridge.wire.messages import VehicleState
 _WIDTH = 320  # px of the reduced picture
 _CORNERS = 120
 _QUALITY, _APART = 0.01, 6  # of a corner against the best one; px between corners
+_AROUND = np.ones((2 * _APART + 1, 2 * _APART + 1), np.uint8)
 _SOUGHT = 500  # corners, of which those are taken that stand in the way
 _LEVEL = 0.4  # sine of the angle from the horizon, within which things stand in the way
 _REFILL = 3  # pictures from one search for new corners to the next
@@ -90,11 +92,13 @@ class FixedPoints:
 class _Corners:
     """The corners that are followed.
 
-    pixels (n,2). origins (n,3) m, rays (n,3): first look, own ENU frame. inverse (n,) 1/m, and its
+    pixels (n,2), sights (n,3): where they are in the newest picture, and their rays there, camera
+    frame. origins (n,3) m, rays (n,3): first look, own ENU frame. inverse (n,) 1/m, and its
     variance (n,). names (n,). first (n,): s, time of the first look.
     """
 
     pixels: NDArray[np.float32]
+    sights: Vector
     origins: Vector
     rays: Vector
     inverse: Vector
@@ -103,7 +107,12 @@ class _Corners:
     first: Vector
 
     def __getitem__(self, kept: NDArray[np.bool_]) -> _Corners:
-        return _Corners(*(getattr(self, f)[kept] for f in self.__dataclass_fields__))
+        which = kept.nonzero()[0]
+        if len(which) == len(kept):
+            return self
+        return _Corners(
+            *(getattr(self, f).take(which, axis=0) for f in self.__dataclass_fields__)
+        )
 
     def __len__(self) -> int:
         return len(self.inverse)
@@ -118,6 +127,7 @@ def _no_corners() -> _Corners:
     none = np.zeros((0, 3))
     return _Corners(
         np.zeros((0, 2), np.float32),
+        none,
         none,
         none,
         np.zeros(0),
@@ -163,7 +173,7 @@ class Parallax:
         height = float(own.p[2]) - ground
         if self._before is not None and len(self._corners):
             self._follow(grey, own.p, rotation, then, height, trunks[:_NEAR_TRUNKS])
-            self._drop_drones(own.p, rotation, drones)
+            self._drop_drones(drones)
         if self._pictures % _REFILL == 0:
             self._refill(grey, own.p, rotation)
         self._pictures += 1
@@ -186,7 +196,8 @@ class Parallax:
         guess = self._camera.project((self._corners.places - p) @ rotation)
         limits = np.array([self._camera.width, self._camera.height]) - 1 - _MARGIN
         with np.errstate(invalid="ignore"):
-            inside = np.all((guess > _MARGIN) & (guess < limits), axis=1)
+            u, v = ((guess > _MARGIN) & (guess < limits)).T
+            inside = u & v
         c, guess = self._corners[inside], guess[inside].astype(np.float32)
         if not len(c) or self._before is None:
             self._corners = c
@@ -202,26 +213,26 @@ class Parallax:
         )
         pixels = np.asarray(found, np.float32)[:, 0]
         kept = (status[:, 0] == 1) & (change[:, 0] < _LOST)
-        rays = self._camera.unproject(pixels.astype(float)) @ rotation.T
+        sights = self._camera.unproject(pixels)
+        rays = sights @ rotation.T
         if self._turned is not None:
             turned, height_then = self._turned
             low = kept & (rays[:, 2] < -STEEP)
             low[low] = ~hidden_by(trunks, p[:2], rays[low], height)
-            before = self._camera.unproject(c.pixels[low].astype(float)) @ turned.T
+            before = c.sights[low] @ turned.T
             way = way_over_ground(before, rays[low], height_then, height)
             if way is not None:
                 self.flow = GroundFlow(then, self._time, way, height)
         inverse, variance, fits = refined(
             c.origins - p, c.rays, rays, c.inverse, c.variance, self._sigma
         )
-        self._corners = replace(c, pixels=pixels, inverse=inverse, variance=variance)[kept & fits]
+        now = replace(c, pixels=pixels, sights=sights, inverse=inverse, variance=variance)
+        self._corners = now[kept & fits]
 
-    def _drop_drones(self, p: Vector, rotation: Vector, drones: list[Detection]) -> None:
-        rays = self._camera.unproject(self._corners.pixels.astype(float))
-        kept = np.ones(len(rays), bool)
+    def _drop_drones(self, drones: list[Detection]) -> None:
         for drone in drones:
-            kept &= rays @ drone.direction < np.cos(min(_DRONE / max(drone.range, 0.1), 1.0))
-        self._corners = self._corners[kept]
+            apart = math.cos(min(_DRONE / max(drone.range, 0.1), 1.0))
+            self._corners = self._corners[self._corners.sights @ drone.direction < apart]
 
     def _refill(self, grey: NDArray[np.uint8], p: Vector, rotation: Vector) -> None:
         """Add corners where none is followed."""
@@ -229,8 +240,9 @@ class Parallax:
         if wanted <= 0:
             return
         free = np.full(grey.shape, 255, np.uint8)
-        for u, v in self._corners.pixels.round().astype(int).tolist():
-            free[max(v - _APART, 0) : v + _APART + 1, max(u - _APART, 0) : u + _APART + 1] = 0
+        u, v = self._corners.pixels.round().astype(np.intp).T
+        free[v, u] = 0
+        free = np.asarray(cv2.erode(free, _AROUND), np.uint8)
         new = cv2.goodFeaturesToTrack(grey, _SOUGHT, _QUALITY, _APART, mask=free)
         if new is None:
             return
@@ -241,11 +253,12 @@ class Parallax:
         pixels = np.concatenate(
             [found[level][:wanted], found[~level][: min(wanted, _CORNERS // 4)]]
         )
-        n, c = len(pixels), self._corners
+        n, c, sights = len(pixels), self._corners, self._camera.unproject(pixels)
         self._corners = _Corners(
             np.concatenate([c.pixels, pixels]),
+            np.concatenate([c.sights, sights]),
             np.concatenate([c.origins, np.tile(p, (n, 1))]),
-            np.concatenate([c.rays, self._camera.unproject(pixels.astype(float)) @ rotation.T]),
+            np.concatenate([c.rays, sights @ rotation.T]),
             np.concatenate([c.inverse, np.full(n, _PRIOR[0])]),
             np.concatenate([c.variance, np.full(n, _PRIOR[1] ** 2)]),
             np.concatenate([c.names, self._named + np.arange(n)]),
@@ -259,9 +272,9 @@ class Parallax:
         if not len(c):
             return FixedPoints.none()
         places = c.places
-        lengths = np.linalg.norm(places - p, axis=1)
+        lengths = _lengths(places - p)
         moved = c.origins - p
-        across = np.linalg.norm(cross(moved, c.rays), axis=1)
+        across = _lengths(cross(moved, c.rays))
         parallax = across / np.maximum(lengths, _NEAREST)
         sigmas = np.sqrt(c.variance) / c.inverse**2
         sure = (sigmas < SURE * lengths) & (parallax > _LEAST_PARALLAX)
@@ -277,21 +290,32 @@ def refined(
     the first look and of this one. inverse (n,), variance (n,): before it. sigma: rad, of a ray.
     """
     sight = first + inverse[:, None] * moved
-    length = np.linalg.norm(sight, axis=1)
-    sight = sight / length[:, None]
-    slope = (moved - np.einsum("ij,ij->i", moved, sight)[:, None] * sight) / length[:, None]
-    steep = np.linalg.norm(slope, axis=1)
+    length = _lengths(sight)[:, None]
+    sight = sight / length
+    slope = (moved - _dots(moved, sight)[:, None] * sight) / length
+    steep = _lengths(slope)
     line = slope / np.maximum(steep, 1e-9)[:, None]
     error = now - sight
-    along = np.einsum("ij,ij->i", error, line)
+    along = _dots(error, line)
     rest = error - along[:, None] * line
-    across = np.linalg.norm(rest - np.einsum("ij,ij->i", rest, sight)[:, None] * sight, axis=1)
+    across = _lengths(rest - _dots(rest, sight)[:, None] * sight)
     spread = variance * steep**2 + sigma**2
     fits = (across < _GATE * sigma) & (np.abs(along) < _GATE * np.sqrt(spread))
     gain = variance * steep / spread
     low, high = 1.0 / _FARTHEST, 1.0 / _NEAREST
     return (
-        np.clip(inverse + gain * along, low, high),
+        np.minimum(np.maximum(inverse + gain * along, low), high),
         np.maximum((1.0 - gain * steep) * variance, 1e-8),
         fits,
     )
+
+
+def _dots(a: Vector, b: Vector) -> Vector:
+    """Return the products (n,) of vectors (n,3) and (n,3)."""
+    result: Vector = np.einsum("ij,ij->i", a, b)
+    return result
+
+
+def _lengths(vectors: Vector) -> Vector:
+    """Return the lengths (n,) of vectors (n,3)."""
+    return np.sqrt(_dots(vectors, vectors))

@@ -33,7 +33,7 @@ class Reduced:
         height, width = self.image.shape[:2]
         if width < _WIDE:
             return self.image
-        return _resized(self.image, width // 2, height // 2)
+        return _resized(self.image, (width + 1) // 2, (height + 1) // 2)
 
     @cached_property
     def _small_grey(self) -> Grey:

@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.perception.percentile import percentile
 from mavlink_bridge.shared.arrays import Vector
 
 _FEW = 4  # columns; fewer do not show what bark looks like
@@ -68,7 +69,7 @@ def score(
     share = np.count_nonzero(ground) / count
     gap = _GAP
     if np.count_nonzero(above) >= _FEW:
-        gap = typical - float(np.percentile(bark[above], 75))
+        gap = typical - percentile(bark[above], 75)
     near = known[:, :12]
     footless = above & (foot_row <= 2) & (np.count_nonzero(near, axis=1) >= 8)
     footless &= typical - bark < _TOLD

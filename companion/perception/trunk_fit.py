@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from companion.perception.panorama import LevelFrame
+from companion.perception.percentile import percentile
 from companion.types import Trunk
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import Contradiction, StrictModel
@@ -133,7 +134,7 @@ def _fit(
         radius = distance * sine
         surface = distance - radius
         tilt = (surface * surface + altitude * altitude) / altitude
-        blur = float(np.median(columns.blur[first : last + 1][use]))
+        blur = percentile(columns.blur[first : last + 1][use], 50)
         noise = math.hypot(s.attitude_sigma, step / math.sqrt(use.sum()), blur)
         sigma = math.hypot(0.02 * distance, tilt * noise)
     elif not s.radius:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from companion.perception.camera import Camera
 from companion.perception.panorama import LevelFrame, Panorama
+from companion.perception.percentile import percentile
 from companion.perception.separation import Separation, score
 from companion.perception.trunk_fit import Columns, Mask, TrunkSettings, find_trunks
 from companion.types import Image, Trunk
@@ -60,7 +61,7 @@ class TrunkDetector:
         """Return the panorama's columns, each split at the foot of the object in it."""
         h = self._horizon
         # Columns become rows: sums down a column then run over adjacent memory.
-        blue, green, red = (cv2.transpose(plane) for plane in cv2.split(cv2.blur(view, (3, 3))))
+        blue, green, red, _ = map(cv2.transpose, cv2.split(cv2.blur(view, (3, 3))))
         high = np.asarray(cv2.max(red, green), np.uint8)
         # A neighbour's marker is neither bark nor ground; the pixels behind it stay unknown.
         known = seen.T & (cv2.subtract(cv2.min(red, blue), green) < 28)
@@ -106,7 +107,7 @@ class TrunkDetector:
         part = np.s_[::4, below.shape[1] // 3 :: 3]
         sample = below[part][known_below[part]]
         # A high percentile: a near trunk may fill more than half of the lower picture.
-        return float(np.percentile(sample, 75)) if sample.size > 50 else None
+        return percentile(sample, 75) if sample.size > 50 else None
 
     def _bark(self, warmth: Image, known: Mask, above: Mask) -> tuple[Vector, Mask]:
         """Return the saturation of what stands before the sky, by column, and where it is known."""
@@ -149,7 +150,7 @@ class TrunkDetector:
         covered = np.count_nonzero(ok, axis=1)
         if covered.sum() < 50:
             return np.ones(len(band), bool), np.zeros(len(band), bool)
-        sky = float(np.percentile(band[::4, ::2], 90))
+        sky = percentile(band[::4, ::2], 90)
         # Sky and cloud are bright and never warmer than neutral.
         dark = np.count_nonzero(((band < 0.72 * sky) | (warmth[:, self._above] > 30)) & ok, axis=1)
         tall: Mask = dark >= 0.5 * covered

@@ -8,12 +8,14 @@ the corner has little weight (the epipolar constraint for known translation).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from companion.perception.camera import Camera
+from companion.perception.percentile import percentile
 from companion.perception.reduced import Grey, Reduced
 from mavlink_bridge.shared.arrays import Vector, cross
 
@@ -81,26 +83,24 @@ def fit_rotation(
     flow = (after @ moved)[:, None] * after - moved  # of a point 1 m away
     length = np.linalg.norm(flow, axis=1) / _DISTANCE
     along = flow / np.maximum(length * _DISTANCE, 1e-9)[:, None]
-    across = cross(after, along)
     if length.max() < 1e-6:  # without motion any two directions will do
         along = cross(after, np.array([0.0, 1.0, 1e-3]))
         along /= np.linalg.norm(along, axis=1)[:, None]
-        across = cross(after, along)
+    ways = np.stack([along, cross(after, along)])  # along the flow, and across
     weights = np.stack([1.0 / (sigma**2 + length**2), np.full(len(after), sigma**-2)])
+    expected = np.stack([length, np.zeros(len(after))])
     rotation, trust = np.eye(3), np.ones(len(after))
     for _ in range(_STEPS):
         turned = before @ rotation.T
-        error = after - turned
-        a = np.einsum("ij,ij->i", error, along) - length
-        b = np.einsum("ij,ij->i", error, across)
-        rows = np.concatenate([cross(turned, along), cross(turned, across)])
-        w = (weights * trust).ravel()
-        information = (rows * w[:, None]).T @ rows + 1e-6 * np.eye(3)
-        step = np.linalg.solve(information, rows.T @ (w * np.concatenate([a, b])))
+        error = np.einsum("ij,kij->ki", after - turned, ways) - expected
+        rows = cross(turned, ways).reshape(-1, 3)
+        weighted = rows * (weights * trust).reshape(-1, 1)
+        information = weighted.T @ rows + 1e-6 * np.eye(3)
+        step = np.linalg.solve(information, error.ravel() @ weighted)
         rotation = cv2.Rodrigues(step)[0] @ rotation
         # Geman and McClure: moving things and wrong matches lose their weight.
-        misfit = (weights[0] * a**2 + weights[1] * b**2) / 2
-        spread = max(float(np.median(misfit)) / np.log(2.0), 1.0)
+        misfit = (weights * error**2).sum(axis=0) / 2
+        spread = max(percentile(misfit, 50) / math.log(2.0), 1.0)
         trust = (1.0 + misfit / (4.0 * spread)) ** -2
     if spread > _DISAGREE:
         return None
