@@ -251,4 +251,5 @@ def _rounded(values: ArrayLike) -> list[Any]:
     """Return an array as nested lists, which JSON takes sooner than small arrays."""
     if isinstance(values, list) and not values:
         return []
-    return np.asarray(values, dtype=np.float64).round(_DIGITS).tolist()
+    rounded: list[Any] = np.asarray(values, dtype=np.float64).round(_DIGITS).tolist()
+    return rounded

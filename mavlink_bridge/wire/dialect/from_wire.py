@@ -131,7 +131,8 @@ def _turned(turn: Vector | None, along: Sequence[float]) -> Vector:
     """Return a vector (3,) turned by a matrix (3,3); NaN where there is none, or it is infinite."""
     if turn is None or not all(map(math.isfinite, along)):
         return _no_vector()
-    return turn @ np.array(along)
+    turned: Vector = turn @ np.array(along)
+    return turned
 
 
 def _told(upper: Sequence[float]) -> bool:

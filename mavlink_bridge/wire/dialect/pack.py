@@ -24,7 +24,8 @@ def _layout(kind: Any) -> tuple[struct.Struct, list[str], list[int] | None]:
 
 def packed(message: Any) -> bytes:
     """Return the payload of a generated message, all its bytes."""
-    form, names, lengths = _layout(type(message))
+    kind: Any = type(message)
+    form, names, lengths = _layout(kind)
     fields = [getattr(message, name) for name in names]
     if lengths is None:
         return form.pack(*fields)

@@ -21,7 +21,8 @@ class _Layout:
     def __init__(self, message_id: int) -> None:
         kind = mavlink.mavlink_map[message_id]
         self.form: struct.Struct = kind.unpacker
-        self.fields: Any = namedtuple(kind.msgname, kind.ordered_fieldnames)
+        make: Any = namedtuple
+        self.fields: Any = make(kind.msgname, kind.ordered_fieldnames)
         self.fields.msgname = kind.msgname
         self.places: list[int | slice] = []  # of each field among the values
         at = 0
@@ -47,7 +48,7 @@ def unpacked(message_id: int, payload: bytes) -> Any:
     values = layout.form.unpack(payload[:size].ljust(size, b"\0"))
     if layout.plain:
         return layout.fields._make(values)
-    found = [values[place] for place in layout.places]
+    found: list[Any] = [values[place] for place in layout.places]
     for n in layout.texts:
         found[n] = found[n].partition(b"\0")[0]
     return layout.fields._make(found)
