@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from companion.perception.percentile import percentile
+from companion.perception.pixels import percentile
 from companion.perception.reduced import Reduced
 from companion.types import Image
 from mavlink_bridge.shared.settings import StrictModel

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.perception.percentile import percentile
+from companion.perception.pixels import percentile, row_sums
 from mavlink_bridge.shared.arrays import Vector
 
 _FEW = 4  # columns; fewer do not show what bark looks like
@@ -70,8 +70,7 @@ def score(
     gap = _GAP
     if np.count_nonzero(above) >= _FEW:
         gap = typical - percentile(bark[above], 75)
-    near = known[:, :12]
-    footless = above & (foot_row <= 2) & (np.count_nonzero(near, axis=1) >= 8)
+    footless = above & (foot_row <= 2) & (row_sums(known[:, :12]) >= 8)
     footless &= typical - bark < _TOLD
     low, high = _GROUND
     parts = (

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from companion.perception.panorama import LevelFrame
-from companion.perception.percentile import percentile
+from companion.perception.pixels import percentile
 from companion.types import Trunk
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import Contradiction, StrictModel
@@ -111,11 +111,12 @@ def _fit(
 ) -> Trunk | None:
     """Return the trunk in a run of columns first…last; None where it is none."""
     step = float(columns.azimuth[1] - columns.azimuth[0])
-    low, high = columns.azimuth[first] - step / 2, columns.azimuth[last] + step / 2
-    t, az = columns.t[first : last + 1], columns.azimuth[first : last + 1]
-    foot = columns.foot[first : last + 1]
+    low = float(columns.azimuth[first]) - step / 2
+    high = float(columns.azimuth[last]) + step / 2
     if high - low < math.radians(s.min_width_deg):
         return None
+    t, az = columns.t[first : last + 1], columns.azimuth[first : last + 1]
+    foot = columns.foot[first : last + 1]
     free_low, free_high = _free(columns, first, -1), _free(columns, last, 1)
     free = (free_low, free_high)
     if not s.radius:
@@ -127,15 +128,16 @@ def _fit(
     delta = np.sin(az - axis)
     inner = np.abs(delta) < 0.8 * sine
     use = inner & foot
-    assumed = use.sum() < max(2, 0.25 * inner.sum())
+    count = int(np.count_nonzero(use))
+    assumed = count < max(2, 0.25 * np.count_nonzero(inner))
     if not assumed:
         shape = np.cos(az[use] - axis) - np.sqrt(sine * sine - delta[use] ** 2)
-        distance = float(np.sort(t[use] / np.maximum(shape, 0.02))[np.count_nonzero(use) // 2])
+        distance = float(np.sort(t[use] / np.maximum(shape, 0.02))[count // 2])
         radius = distance * sine
         surface = distance - radius
         tilt = (surface * surface + altitude * altitude) / altitude
         blur = percentile(columns.blur[first : last + 1][use], 50)
-        noise = math.hypot(s.attitude_sigma, step / math.sqrt(use.sum()), blur)
+        noise = math.hypot(s.attitude_sigma, step / math.sqrt(count), blur)
         sigma = math.hypot(0.02 * distance, tilt * noise)
     elif not s.radius:
         surface, sigma = within(float(t.min()), sine, s)
@@ -174,13 +176,14 @@ def _runs(columns: Columns, max_range: float) -> list[tuple[int, int]]:
     t = np.where(near, np.minimum(columns.t, 2.0 * max_range), np.inf)
     both = columns.foot[1:] & columns.foot[:-1]
     with np.errstate(invalid="ignore"):
-        rise = np.diff(t)
+        rise = t[1:] - t[:-1]
         jump = np.abs(rise) > 0.35 + 0.12 * np.minimum(t[1:], t[:-1])
     # Without a foot, t is only an upper bound: a foot beyond it parts two trunks, as an upright
     # edge does.
     farther = jump & np.where(rise > 0, columns.foot[1:], columns.foot[:-1])
     edge = columns.edge[:-1]
-    crest = (edge > EDGE) & (edge >= np.roll(edge, 1)) & (edge >= np.roll(edge, -1))
+    before, after = np.append(edge[-1:], edge[:-1]), np.append(edge[1:], edge[:1])
+    crest = (edge > EDGE) & (edge >= before) & (edge >= after)
     part = np.where(both, jump, crest | farther) & near[1:] & near[:-1]
     bounds = np.flatnonzero((near[1:] != near[:-1]) | part) + 1
     return [(a, b - 1) for a, b in itertools.pairwise([0, *bounds.tolist(), len(t)]) if near[a]]

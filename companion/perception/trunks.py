@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from companion.perception.camera import Camera
 from companion.perception.panorama import LevelFrame, Panorama
-from companion.perception.percentile import percentile
+from companion.perception.pixels import percentile, row_sums
 from companion.perception.separation import Separation, score
 from companion.perception.trunk_fit import Columns, Mask, TrunkSettings, find_trunks
 from companion.types import Image, Trunk
@@ -82,14 +82,14 @@ class TrunkDetector:
             self._separation.follow(told)
         rows = np.arange(vote.shape[1])
         after = rows >= foot_row[:, None]
-        ground_below = np.count_nonzero(ground & after, axis=1)
-        known_after = np.count_nonzero(known_below & after, axis=1)
+        ground_below = row_sums(ground & after)
+        known_after = row_sums(known_below & after)
         e = self._panorama.elevation[h:]
         edge_row = self._sub_row(below, foot_row, threshold)
         slope = np.tan(-(e[0] + edge_row * (e[1] - e[0])))
         t = altitude / np.maximum(slope, 1e-3)
         t[foot_row == 0] = np.inf
-        blind = np.count_nonzero(known_below, axis=1) < 6
+        blind = row_sums(known_below) < 6
         # Without ground in view, an object before the sky may be near.
         t = np.where(blind & above, 2.0 * self.settings.max_range, t)
         return Columns(
@@ -112,8 +112,8 @@ class TrunkDetector:
     def _bark(self, warmth: Image, known: Mask, above: Mask) -> tuple[Vector, Mask]:
         """Return the saturation of what stands before the sky, by column, and where it is known."""
         ok = known[:, self._above]
-        rows = ok.sum(axis=1)
-        bark: Vector = np.where(ok, warmth[:, self._above], 0).sum(axis=1) / np.maximum(rows, 1)
+        rows = row_sums(ok)
+        bark: Vector = row_sums(warmth[:, self._above] * ok) / np.maximum(rows, 1)
         return bark, above & (rows >= 8)
 
     def _threshold(self, typical: float | None, bark: Vector, above: Mask) -> Vector:
@@ -129,10 +129,10 @@ class TrunkDetector:
     def _edges(self, high: Image, known: Mask) -> Vector:
         """Return the mean upright contrast of neighbouring columns around the horizon; last: 0."""
         band = slice(0, self._horizon + 30)
-        grey, ok = high[:, band].astype(np.int16), known[:, band]
+        grey, ok = high[:, band], known[:, band]
         both = ok[1:] & ok[:-1]
-        step = np.where(both, grey[1:] - grey[:-1], 0).sum(axis=1)
-        contrast = np.abs(step) / np.maximum(np.count_nonzero(both, axis=1), 8)
+        step = row_sums(grey[1:] * both) - row_sums(grey[:-1] * both)
+        contrast = np.abs(step) / np.maximum(row_sums(both), 8)
         return np.append(contrast, 0.0)
 
     @staticmethod
@@ -147,11 +147,11 @@ class TrunkDetector:
     def _stands(self, high: Image, warmth: Image, known: Mask) -> tuple[Mask, Mask]:
         """Return the columns whose object may rise above the horizon, and those where it does."""
         band, ok = high[:, self._above], known[:, self._above]
-        covered = np.count_nonzero(ok, axis=1)
+        covered = row_sums(ok)
         if covered.sum() < 50:
             return np.ones(len(band), bool), np.zeros(len(band), bool)
         sky = percentile(band[::4, ::2], 90)
         # Sky and cloud are bright and never warmer than neutral.
-        dark = np.count_nonzero(((band < 0.72 * sky) | (warmth[:, self._above] > 30)) & ok, axis=1)
+        dark = row_sums(((band < 0.72 * sky) | (warmth[:, self._above] > 30)) & ok)
         tall: Mask = dark >= 0.5 * covered
         return tall | (covered < 4), tall & (covered >= 4)

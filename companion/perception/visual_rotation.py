@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from companion.perception.camera import Camera
-from companion.perception.percentile import percentile
+from companion.perception.pixels import percentile
 from companion.perception.reduced import Grey, Reduced
 from mavlink_bridge.shared.arrays import Vector, cross
 
