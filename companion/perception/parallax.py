@@ -110,9 +110,7 @@ class _Corners:
         which = kept.nonzero()[0]
         if len(which) == len(kept):
             return self
-        return _Corners(
-            *(getattr(self, f).take(which, axis=0) for f in self.__dataclass_fields__)
-        )
+        return _Corners(*(getattr(self, f).take(which, axis=0) for f in self.__dataclass_fields__))
 
     def __len__(self) -> int:
         return len(self.inverse)
