@@ -193,7 +193,7 @@ class ColorDetector:
         off = (hue - self.settings.hue_deg + 180.0) % 360.0 - 180.0
         return b + g + r > 0.0 and abs(off) <= self.settings.hue_width_deg
 
-    def _outline(self, cover: Vector, x0: int, y0: int, pixel: float) -> list[_Ball]:
+    def _outline(self, cover: Pixels, x0: int, y0: int, pixel: float) -> list[_Ball]:
         """Return the balls by the outline of `cover` in a patch whose corner is pixel (x0, y0)."""
         h, w = cover.shape
         pixels = self._directions[y0 : y0 + h, x0 : x0 + w]
@@ -218,7 +218,7 @@ class ColorDetector:
             balls.append(_Ball(axis, angle, c.arc))
         return balls
 
-    def _small(self, solid: Vector, area: float, x0: int, y0: int) -> _Ball:
+    def _small(self, solid: Pixels, area: float, x0: int, y0: int) -> _Ball:
         """Return a ball of few pixels, by centroid and area."""
         v, u = np.indices(solid.shape)
         centre = [(solid * u).sum() / area + x0, (solid * v).sum() / area + y0]
@@ -254,7 +254,7 @@ def _pure(hue_deg: float) -> tuple[float, float, float]:
     return r, g, b
 
 
-def _crossings(values: Vector, threshold: float, rays: NDArray[np.float32]) -> Vector:
+def _crossings(values: Pixels, threshold: float, rays: Pixels) -> Pixels:
     """Return the rays (3,n) of where values (h,w) cross the threshold between pixels.
 
     rays: (h,w,3) of the pixels. Between neighbours they change linearly but for 1e-6 rad.
@@ -270,7 +270,7 @@ def _crossings(values: Vector, threshold: float, rays: NDArray[np.float32]) -> V
     a, b = flat.take(first), flat.take(second)
     share = ((threshold - a) / (b - a))[:, None]
     start = of.take(first, axis=0)
-    result: Vector = (start + share * (of.take(second, axis=0) - start)).T
+    result: Pixels = (start + share * (of.take(second, axis=0) - start)).T
     return result
 
 

@@ -211,7 +211,7 @@ class Parallax:
         )
         pixels = np.asarray(found, np.float32)[:, 0]
         kept = (status[:, 0] == 1) & (change[:, 0] < _LOST)
-        sights = self._camera.unproject(pixels)
+        sights = self._camera.unproject(pixels.astype(float))
         rays = sights @ rotation.T
         if self._turned is not None:
             turned, height_then = self._turned
