@@ -36,8 +36,7 @@ class KnownObstacles:
         if not len(self.occluders) or not len(places):
             return [False] * len(places)
         gaps = to_ways(self.occluders[:, :2], viewpoint[:2], places[:, :2])
-        hidden: list[bool] = (gaps < self.occluders[:, 2]).any(axis=1).tolist()
-        return hidden
+        return [bool(row.any()) for row in gaps < self.occluders[:, 2]]
 
 
 class ObstacleEstimator:

@@ -119,7 +119,8 @@ def _margins(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, b: Bound
     course = [_least(room) for room in (on_course, *rooms[1:4])]  # without what is unseen
     stops = np.where(fast[:, -1], -_FAR, flyable)
     least = np.minimum(np.min(course, axis=0), np.minimum(fence, flyable))
-    return np.minimum(np.stack([*margins[:4], fence, margins[4], stops, least], axis=1), _FAR)
+    found: Vector = np.stack([*margins[:4], fence, margins[4], stops, least], axis=1)
+    return np.minimum(found, _FAR)
 
 
 def _neighbours(p: Vector, t: Vector, tube: Vector, rows: Vector, b: Bounds) -> list[Vector]:
