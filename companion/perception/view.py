@@ -43,11 +43,13 @@ class View:
         self.camera = camera
         self.half_view = camera.width / 2 / camera.fx
         self.mount = camera.mount
+        self._to_body = rotation_matrix(camera.mount)
+        self._size = np.array([camera.width, camera.height])
         self._needs_foot = needs_foot
 
     def rotation(self, own: VehicleState) -> Vector:
         """Return the (3,3) rotation camera → world."""
-        return rotation_matrix(own.q_wb) @ rotation_matrix(self.mount)
+        return rotation_matrix(own.q_wb) @ self._to_body
 
     def to_camera(self, own: VehicleState, vectors: Vector) -> Vector:
         """Return world vectors (n,3) in the camera frame."""
@@ -61,9 +63,9 @@ class View:
         if not len(points):
             return []
         pixels = self.camera.project(self.to_camera(own, points - own.p))
-        w, h = self.camera.width, self.camera.height
-        inside = (pixels > np.array([w, h]) * margin) & (pixels < np.array([w, h]) * (1 - margin))
-        return [bool(b[0] and b[1]) for b in inside]
+        inside = (pixels > self._size * margin) & (pixels < self._size * (1 - margin))
+        shown: list[bool] = (inside[:, 0] & inside[:, 1]).tolist()
+        return shown
 
     def visibility(self, own: VehicleState, places: Vector, ranges: Ranges | None) -> Vector:
         """Return how much of a look at a trunk at each of `places` (n,3) m a frame is, (n,) 0…1.

@@ -29,6 +29,12 @@ def finite(v: Vector) -> bool:
     return all(map(math.isfinite, v.tolist()))
 
 
+def lengths(v: Vector) -> Vector:
+    """Return the lengths (...,) of vectors (...,n): the bits of numpy.linalg.norm, sooner."""
+    found: Vector = np.sqrt((v * v).sum(axis=-1))
+    return found
+
+
 def norm(v: Vector) -> float:
     """Return the length of a vector (n,): the bits of numpy.linalg.norm in a tenth of its time."""
     return math.sqrt(v.dot(v))

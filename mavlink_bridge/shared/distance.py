@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, lengths
 
 
 def between(a: Vector, b: Vector, vertical_scale: float = 1.0) -> Vector:
@@ -15,8 +15,7 @@ def between(a: Vector, b: Vector, vertical_scale: float = 1.0) -> Vector:
 
     vertical_scale: divides the height difference, as in the NMPC's ellipsoid.
     """
-    apart: Vector = np.linalg.norm((a - b) / np.array([1.0, 1.0, vertical_scale]), axis=-1)
-    return apart
+    return lengths((a - b) / np.array([1.0, 1.0, vertical_scale]))
 
 
 def to_cylinder(p: Vector, x: Vector | float, y: Vector | float, radius: Vector | float) -> Vector:
@@ -33,5 +32,4 @@ def to_ways(points: Vector, start: Vector, ends: Vector) -> Vector:
     way, offsets = ends - start, points - start
     square = np.maximum((way**2).sum(axis=1), 1e-12)
     along = np.clip(way @ offsets.T / square[:, None], 0.0, 1.0)
-    gap: Vector = np.linalg.norm(offsets - along[..., None] * way[:, None], axis=2)
-    return gap
+    return lengths(offsets - along[..., None] * way[:, None])
