@@ -34,9 +34,12 @@ _SIGMA_RATE = 0.03  # rad/s, least error of filtered rates: rate loop, gyro, vib
 _SIGMA_MIN = 0.003  # s: the delay of a real chain jitters
 _SETTLED = 3.0 * _LOW  # s until the filters have forgotten their start
 _LONGEST_GAP = 0.15  # s without telemetry, over which the rates are not known
-_ATTITUDE_DOUBT = 0.03  # rad, of the tilt that a wrong prediction may cost
+# rad of tilt that a wrong prediction may cost: by the delay's doubt, and by a rate loop, which is
+# not a mere delay. With a third of the first a drone that was taken over in a gust could not level
+# for a second and a half, and drifted into its neighbour.
+_BY_DOUBT, _BY_LOOP = 0.1, 0.03
 _SIGMAS = 3.0  # of the delay's doubt
-_RATE_LOOP = 0.1  # of the delay: a rate loop is not a mere delay
+_RATE_LOOP = 0.1  # of the delay
 _YAW = 3.0  # times faster: the yaw tilts no thrust
 
 
@@ -178,8 +181,8 @@ class DelayEstimator:
 
 def within_doubt(omega: Vector, delay: Delay) -> Vector:
     """Return body rates (3,) [rad/s], made slower where the delay is too little known for them."""
-    doubt = math.hypot(_SIGMAS * delay.sigma, _RATE_LOOP * delay.value)
-    fastest = _ATTITUDE_DOUBT / max(doubt, 1e-3)
+    cost = math.hypot(_SIGMAS * delay.sigma / _BY_DOUBT, _RATE_LOOP * delay.value / _BY_LOOP)
+    fastest = 1.0 / max(cost, 1e-2)
     share = min(1.0, fastest / max(norm(omega[:2]), 1e-9))
     roll, pitch, yaw = omega.tolist()
     yaw = min(max(yaw, -_YAW * fastest), _YAW * fastest)

@@ -58,12 +58,6 @@ def free_heading(p: Vector, goal: Vector, points: Vector, clearance: float, reac
     return goal
 
 
-def unseen_sides(place: Vector, room: float) -> Vector:
-    """Return the sides of a square, `room` [m] around a place (3,): (4,4) half-spaces n·x <= b."""
-    normals = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
-    return np.column_stack([normals, normals @ place + room])
-
-
 def corridor_planes(p: Vector, goal: Vector, points: Vector, config: SurfaceConfig) -> Vector:
     """Return the free room around p (3,) m towards the goal (3,), cut by surface points (n,3).
 

@@ -12,7 +12,7 @@ from companion.estimation.height import Height
 from companion.estimation.known_obstacles import KnownObstacles
 from companion.estimation.surface_map import SurfaceConfig
 from companion.guidance.commissioning import Commissioning
-from companion.guidance.corridor import corridor_planes, free_heading, unseen_sides
+from companion.guidance.corridor import corridor_planes, free_heading
 from companion.guidance.detour import Detour
 from companion.guidance.fence import FenceConfig
 from companion.guidance.gaze import GazeConfig, bearing, make_gaze, nearest_bearing
@@ -36,7 +36,6 @@ from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.wire.messages import HomePosition, VehicleState
 
 _AT_ONCE = Delay(0.0, 0.0)
-_UNSEEN = 0.3  # m, by which space is entered that was never looked at, as certificate.unseen_way
 _NO_OFFSET = np.zeros(3)
 
 
@@ -113,7 +112,6 @@ class Guidance:
         s = self._settings
         self._detour = Detour(s.fence.sides())
         self._gaze = make_gaze(s.gaze)
-        self._looks_from: Vector | None = None
         self._landing = Landing(s.mission, s.d_agent, turns=s.gaze.survey > 0.0)
 
     def set_goals(self, goals: Sequence[Vector]) -> None:
@@ -187,8 +185,6 @@ class Guidance:
         if target.tolist() != aim.tolist():
             route = (*route, "right of way")
         planes = corridor_planes(own.p, aim, known.points, s.surfaces)
-        if (place := self._looks_round_at(own, mine)) is not None:
-            planes = np.vstack([planes, unseen_sides(place, _UNSEEN + s.d_obstacle)])
         return Reference(
             progress=progress,
             aim=aim,
@@ -211,17 +207,6 @@ class Guidance:
             obstacles=Obstacles(known.cylinders, planes, known.points, known.sigmas),
             land=self._land(own, tracks, progress.complete and phase.flying),
         )
-
-    def _looks_round_at(self, own: VehicleState, mine: bool) -> Vector | None:
-        """Return where the drone began to look round (3,) m; None when it has done so.
-
-        What it sees come may drive it aside, but not far to where it has not looked yet.
-        """
-        if not mine or self._gaze.surveyed:
-            self._looks_from = None
-        elif self._looks_from is None:
-            self._looks_from = own.p
-        return self._looks_from
 
     def _progress(
         self, own: VehicleState, map_offset: Vector, floor: float, points: Vector

@@ -13,7 +13,7 @@ def test_a_known_short_delay_lets_plans_pass():
 
 
 @pytest.mark.parametrize(
-    ("delay", "fastest"), [(Delay(0.06, 0.1), 0.1), (Delay(0.3, 0.004), 0.928)]
+    ("delay", "fastest"), [(Delay(0.06, 0.1), 0.333), (Delay(0.3, 0.004), 0.993)]
 )
 def test_a_delay_in_doubt_or_long_slows_tilting(delay, fastest):
     omega = np.array([1.8, -2.4, 0.1])
