@@ -30,6 +30,7 @@ from companion.estimation.neighbours import NeighbourEstimator
 from companion.estimation.vehicle import VehicleEstimate, VehicleEstimator
 from companion.guidance.goals import resolved
 from companion.guidance.guidance import Guidance, Reference
+from companion.perception.camera_health import CameraFault
 from companion.perception.frontend import Detections, PerceptionFrontend, make_view
 from companion.services.services import Served, Services, Situation, Wish, nearest
 from companion.settings.config import CompanionConfig
@@ -156,6 +157,8 @@ class Companion:
             inputs.horizon,
             last.obstacles.cylinders,
         )
+        if seen.fault is not CameraFault.NONE and not phase.on_mission:
+            run("forget", None, self._forget_seen)
         run("height", None, self._vehicle.see_ground, seen.own, seen.fixed)
         run("velocity", None, self._vehicle.see_flow, seen.flow, seen.fault)
         obstacles = run(
@@ -285,6 +288,14 @@ class Companion:
         if command is None:
             return None
         return RateSetpoint(time, np.zeros(3), self._hover, self._system_id)
+
+    def _forget_seen(self) -> None:
+        """Forget what the camera has shown before the mission: it may have been at fault for long.
+
+        A drone with a camera upside down, taken over, fled from what it had seen at take-off.
+        """
+        self._obstacles.reset()
+        self._neighbours.reset()
 
     def _start_over(self) -> None:
         """Forget what is tied to the vehicle's clock and place: it has started anew."""
