@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from companion.perception.camera import FORWARD, Camera
+from companion.perception.camera_health import CameraFault
 from companion.pipeline import Companion
 from companion.settings.config import CompanionConfig
 from companion.tick import TickInputs
@@ -24,8 +25,11 @@ def wall_ranges():
     return np.where(np.abs(up * ranges) < 1.9, ranges, np.inf).reshape(32, 32).astype(np.float32)
 
 
-def engaged(shown, **changes):
-    """The last tick of a drone that has seen `shown` for two seconds and was handed over."""
+def engaged(shown, handed=10, shows=20, ticks=20, **changes):
+    """The last tick of a drone that has seen `shown`, and was handed over.
+
+    Pictures come in the first `shows` ticks; the pilot hands over in tick `handed`.
+    """
     config = CompanionConfig.model_validate(
         {
             "fileversion": 2,
@@ -42,15 +46,35 @@ def engaged(shown, **changes):
         "trunks": np.zeros((0, 6)),
         "ranges": np.full((32, 32), np.inf, np.float32),
     }
-    for k in range(20):
+    for k in range(ticks):
         now = 10.0 + k / 10
-        mode = MODES["hold" if k < 10 else "offboard"]
+        mode = MODES["hold" if k < handed else "offboard"]
         heard = [Received(vehicle, Heartbeat(12, 2, True, mode, 4))]
         for t in now - 0.08 + 0.02 * np.arange(5):
             heard.append(Received(vehicle, Attitude(t, LEVEL, np.zeros(3))))
             heard.append(Received(vehicle, LocalPosition(t, PLACE, np.zeros(3))))
-        tick = companion.tick(TickInputs(now, heard, Frame(now - 0.03, empty | shown)))
+        frame = Frame(now - 0.03, empty | shown) if k < shows else None
+        tick = companion.tick(TickInputs(now, heard, frame))
     return config, tick
+
+
+def trunks_at(axes):
+    """Looks at trunks of 0.4 m with axes (n,2) m, east and north of the drone."""
+    distance = np.hypot(*axes.T)
+    n, to_camera = len(axes), rotation_matrix(np.array(FORWARD))  # east is ahead
+    rays = np.column_stack([axes, np.zeros(n)]) / distance[:, None] @ to_camera
+    return np.column_stack([rays, distance, np.full(n, 0.4), np.full(n, 0.03)])
+
+
+@pytest.mark.parametrize(("handed", "known"), [(40, 0), (5, 1)])
+def test_what_a_camera_at_fault_has_shown_is_forgotten_before_the_mission_alone(handed, known):
+    """Taken over with a camera upside down a drone fled from what it had seen at take-off."""
+    seen = {"trunks": trunks_at(np.array([[2.5, 0.5]]))}
+    _, before = engaged(seen, handed, shows=20)
+    assert len(before.obstacles.cylinders) == 1
+    _, after = engaged(seen, handed, shows=20, ticks=36)
+    assert after.seen.fault is not CameraFault.NONE
+    assert len(after.obstacles.cylinders) == known
 
 
 def test_the_planes_of_walls_reach_the_solver_inside_a_narrow_fence():
@@ -66,11 +90,7 @@ def test_the_planes_of_walls_reach_the_solver_inside_a_narrow_fence():
 @pytest.mark.parametrize(("apart", "turned"), [(1.5, True), (2.2, False)])
 def test_the_aim_leads_round_two_trunks_without_room_between(apart, turned):
     axes = np.array([[2.5, 0.5 * apart + 0.1], [2.5, 0.1 - 0.5 * apart]])
-    distance = np.hypot(*axes.T)
-    to_camera = rotation_matrix(np.array(FORWARD))  # east is ahead
-    rays = np.column_stack([axes, np.zeros(2)]) / distance[:, None] @ to_camera
-    trunks = np.column_stack([rays, distance, np.full(2, 0.4), np.full(2, 0.03)])
-    _, tick = engaged({"trunks": trunks}, gaze={"survey": 0.0})
+    _, tick = engaged({"trunks": trunks_at(axes)}, gaze={"survey": 0.0})
     assert len(tick.obstacles.cylinders) == 2
     aside = tick.reference.aim[1] / tick.reference.aim[0]
     assert (abs(aside) > 0.3) == turned
