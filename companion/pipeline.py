@@ -30,7 +30,6 @@ from companion.estimation.neighbours import NeighbourEstimator
 from companion.estimation.vehicle import VehicleEstimate, VehicleEstimator
 from companion.guidance.goals import resolved
 from companion.guidance.guidance import Guidance, Reference
-from companion.perception.camera_health import CameraFault
 from companion.perception.frontend import Detections, PerceptionFrontend, make_view
 from companion.services.services import Served, Services, Situation, Wish, nearest
 from companion.settings.config import CompanionConfig
@@ -157,7 +156,7 @@ class Companion:
             inputs.horizon,
             last.obstacles.cylinders,
         )
-        if seen.fault is not CameraFault.NONE and not phase.on_mission:
+        if seen.fault.misleads and not phase.on_mission:
             run("forget", None, self._forget_seen)
         run("height", None, self._vehicle.see_ground, seen.own, seen.fixed)
         run("velocity", None, self._vehicle.see_flow, seen.flow, seen.fault)

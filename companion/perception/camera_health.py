@@ -48,6 +48,11 @@ class CameraFault(Enum):
     UNCLEAR = "unclear"  # nothing can be told apart in it: fog, night, one colour
     SENSELESS = "senseless"  # what is found in it is no number, or the detector fails
 
+    @property
+    def misleads(self) -> bool:
+        """Whether what was found in the pictures before may be as wrong, and none of it there."""
+        return self in (CameraFault.MISALIGNED, CameraFault.UNCLEAR, CameraFault.SENSELESS)
+
 
 class CameraHealthConfig(StrictModel):
     """When a picture counts as faulty."""

@@ -25,10 +25,10 @@ def wall_ranges():
     return np.where(np.abs(up * ranges) < 1.9, ranges, np.inf).reshape(32, 32).astype(np.float32)
 
 
-def engaged(shown, handed=10, shows=20, ticks=20, **changes):
-    """The last tick of a drone that has seen `shown`, and was handed over.
+def engaged(shown, handed=10, ticks=20, later=None, **changes):
+    """The last tick of a drone that has seen `shown` for two seconds, and was handed over.
 
-    Pictures come in the first `shows` ticks; the pilot hands over in tick `handed`.
+    handed: the tick in which the pilot does so. later: what it sees then; None: no pictures.
     """
     config = CompanionConfig.model_validate(
         {
@@ -53,7 +53,8 @@ def engaged(shown, handed=10, shows=20, ticks=20, **changes):
         for t in now - 0.08 + 0.02 * np.arange(5):
             heard.append(Received(vehicle, Attitude(t, LEVEL, np.zeros(3))))
             heard.append(Received(vehicle, LocalPosition(t, PLACE, np.zeros(3))))
-        frame = Frame(now - 0.03, empty | shown) if k < shows else None
+        sight = shown if k < 20 else later
+        frame = None if sight is None else Frame(now - 0.03, empty | sight)
         tick = companion.tick(TickInputs(now, heard, frame))
     return config, tick
 
@@ -66,14 +67,24 @@ def trunks_at(axes):
     return np.column_stack([rays, distance, np.full(n, 0.4), np.full(n, 0.03)])
 
 
-@pytest.mark.parametrize(("handed", "known"), [(40, 0), (5, 1)])
-def test_what_a_camera_at_fault_has_shown_is_forgotten_before_the_mission_alone(handed, known):
+@pytest.mark.parametrize(
+    ("handed", "shows", "fault", "known"),
+    [
+        (40, True, CameraFault.SENSELESS, 0),
+        (5, True, CameraFault.SENSELESS, 1),
+        (40, False, CameraFault.DEAD, 1),
+    ],
+)
+def test_what_a_camera_that_misleads_has_shown_is_forgotten_before_the_mission_alone(
+    handed, shows, fault, known
+):
     """Taken over with a camera upside down a drone fled from what it had seen at take-off."""
     seen = {"trunks": trunks_at(np.array([[2.5, 0.5]]))}
-    _, before = engaged(seen, handed, shows=20)
+    _, before = engaged(seen, handed)
     assert len(before.obstacles.cylinders) == 1
-    _, after = engaged(seen, handed, shows=20, ticks=36)
-    assert after.seen.fault is not CameraFault.NONE
+    senseless = seen | {"neighbours": np.full((1, 6), np.nan)}
+    _, after = engaged(seen, handed, ticks=36, later=senseless if shows else None)
+    assert after.seen.fault is fault
     assert len(after.obstacles.cylinders) == known
 
 
