@@ -289,9 +289,10 @@ class Companion:
         return RateSetpoint(time, np.zeros(3), self._hover, self._system_id)
 
     def _forget_seen(self) -> None:
-        """Forget what the camera has shown before the mission: it may have been at fault for long.
+        """Forget what the camera has shown: it may have been at fault for long.
 
-        A drone with a camera upside down, taken over, fled from what it had seen at take-off.
+        Only while no mission is flown: nothing depends on it, and a look round comes before one. A
+        drone with a camera upside down, taken over, fled from what it had seen at take-off.
         """
         self._obstacles.reset()
         self._neighbours.reset()

@@ -12,7 +12,7 @@ from companion.guidance.fence import FenceConfig
 from companion.guidance.guidance import Reference
 from companion.guidance.reciprocity import ReciprocityConfig, give_way_velocity
 from companion.types import Obstacles, Track
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, lengths
 from mavlink_bridge.shared.distance import between
 from mavlink_bridge.wire.messages import VehicleState
 
@@ -127,7 +127,7 @@ def widened(obstacles: Obstacles, p: Vector, kappa: float, safety: float) -> Vec
         return cylinders
     x, y, radii = cylinders.T
     room = np.hypot(x - p[0], y - p[1]) - radii - safety
-    gaps = np.sqrt((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2)
+    gaps = lengths(cylinders[:, None, :2] - cylinders[:, :2])
     gaps = gaps - radii[:, None] - radii - 2.0 * safety - _ROOM_KEPT
     gaps[gaps < -_ROOM_KEPT] = np.inf  # closed anyway, or from a trunk to itself
     bound = np.maximum(np.minimum(room, 0.5 * gaps.min(axis=1)), 0.0)

@@ -63,9 +63,6 @@ class InputHistory:
         self._sent.clear()
         self.epoch += 1
 
-    def __iter__(self) -> Iterator[SentInput]:
-        return iter(self._sent)
-
     def __reversed__(self) -> Iterator[SentInput]:
         return reversed(self._sent)
 

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from mavlink_bridge.shared.arrays import Vector, norm
+from mavlink_bridge.shared.arrays import Vector, lengths, norm
 from mavlink_bridge.shared.distance import to_ways
 
 _NODES = 8  # around a trunk
@@ -56,14 +56,13 @@ class Detour:
         p, goal: (2,) m.
         """
         axes, reach = cylinders[:, :2], cylinders[:, 2] + room
-        x, y = axes.T
-        apart = np.sqrt((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2)
-        first, second = (apart < reach[:, None] + reach).nonzero()
-        once = first < second  # of a pair and its reverse
+        apart = lengths(axes[:, None] - axes)
+        one, other = (apart < reach[:, None] + reach).nonzero()
+        once = one < other  # of a pair and its reverse
         if not once.any():
             self._side = 0.0
             return None
-        closed = np.column_stack([first[once], second[once]])
+        closed = np.column_stack([one[once], other[once]])
         ends = np.stack([p, goal])
         doors, wall = axes[closed], np.unique(closed)
         # Where the drone or its goal is nearer to a trunk than `room`, that distance is allowed.

@@ -50,7 +50,7 @@ class CameraFault(Enum):
 
     @property
     def misleads(self) -> bool:
-        """Whether what was found in the pictures before may be as wrong, and none of it there."""
+        """Whether earlier pictures may have shown things that were not there."""
         return self in (CameraFault.MISALIGNED, CameraFault.UNCLEAR, CameraFault.SENSELESS)
 
 

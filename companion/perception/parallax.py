@@ -20,7 +20,7 @@ from companion.perception.ground_flow import STEEP, GroundFlow, hidden_by, way_o
 from companion.perception.reduced import Reduced
 from companion.perception.view import View
 from companion.types import Detection
-from mavlink_bridge.shared.arrays import Vector, cross
+from mavlink_bridge.shared.arrays import Vector, cross, lengths
 from mavlink_bridge.wire.messages import VehicleState
 
 _WIDTH = 320  # px of the reduced picture
@@ -270,12 +270,12 @@ class Parallax:
         if not len(c):
             return FixedPoints.none()
         places = c.places
-        lengths = _lengths(places - p)
+        away = lengths(places - p)
         moved = c.origins - p
-        across = _lengths(cross(moved, c.rays))
-        parallax = across / np.maximum(lengths, _NEAREST)
+        across = lengths(cross(moved, c.rays))
+        parallax = across / np.maximum(away, _NEAREST)
         sigmas = np.sqrt(c.variance) / c.inverse**2
-        sure = (sigmas < SURE * lengths) & (parallax > _LEAST_PARALLAX)
+        sure = (sigmas < SURE * away) & (parallax > _LEAST_PARALLAX)
         return FixedPoints(places, sigmas, c.names, across, self._time - c.first)[sure]
 
 
@@ -288,15 +288,15 @@ def refined(
     the first look and of this one. inverse (n,), variance (n,): before it. sigma: rad, of a ray.
     """
     sight = first + inverse[:, None] * moved
-    length = _lengths(sight)[:, None]
+    length = lengths(sight)[:, None]
     sight = sight / length
     slope = (moved - _dots(moved, sight)[:, None] * sight) / length
-    steep = _lengths(slope)
+    steep = lengths(slope)
     line = slope / np.maximum(steep, 1e-9)[:, None]
     error = now - sight
     along = _dots(error, line)
     rest = error - along[:, None] * line
-    across = _lengths(rest - _dots(rest, sight)[:, None] * sight)
+    across = lengths(rest - _dots(rest, sight)[:, None] * sight)
     spread = variance * steep**2 + sigma**2
     fits = (across < _GATE * sigma) & (np.abs(along) < _GATE * np.sqrt(spread))
     gain = variance * steep / spread
@@ -312,8 +312,3 @@ def _dots(a: Vector, b: Vector) -> Vector:
     """Return the products (n,) of vectors (n,3) and (n,3)."""
     result: Vector = np.einsum("ij,ij->i", a, b)
     return result
-
-
-def _lengths(vectors: Vector) -> Vector:
-    """Return the lengths (n,) of vectors (n,3)."""
-    return np.sqrt(_dots(vectors, vectors))

@@ -24,7 +24,6 @@ Braking and levelling are laws in closed form, without any solver.
 from __future__ import annotations
 
 import itertools
-import math
 from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
 from typing import Self
@@ -33,7 +32,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from companion.types import Plan
-from mavlink_bridge.shared.arrays import Vector, norm
+from mavlink_bridge.shared.arrays import Vector, finite, norm
 from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.frames import integrate, rotation_matrix
 from mavlink_bridge.shared.settings import Contradiction, StrictModel
@@ -328,7 +327,7 @@ class Guard:
         r = s.plan
         over = s.time - self._bad_since >= self._config.bad_land - 1e-6
         request = AutopilotRequest.LAND if over else AutopilotRequest.NONE
-        if r is not None and self._bad_ticks <= self._config.shifted_max and _finite(r.u[0]):
+        if r is not None and self._bad_ticks <= self._config.shifted_max and finite(r.u[0]):
             return self._verdict(self._bounded(r.u[0]), Reason.SHIFTED_PLAN, request)
         return self._verdict(brake(_acting(s, own), self._config), Reason.BRAKE, request)
 
@@ -437,7 +436,7 @@ def _towards(force: Vector, own: VehicleState, config: GuardConfig) -> RateComma
         error = error / max(norm(error), 1e-6)
     omega = np.clip(config.attitude_gain * error, -config.omega_max, config.omega_max)
     c = float(np.clip(force @ r[:, 2], config.c_min, config.c_max))
-    if not (_finite(omega) and np.isfinite(c)):  # numbers too large to be squared
+    if not (finite(omega) and np.isfinite(c)):  # numbers too large to be squared
         return RateCommand(np.zeros(3), GRAVITY)
     return RateCommand(omega, c)
 
@@ -449,13 +448,9 @@ def _acting(s: GuardInputs, own: VehicleState) -> VehicleState:
 
 def _usable(plan: Plan | None) -> Plan | None:
     """Return a plan of this tick with a finite first input; None where there is none."""
-    good = plan is not None and plan.usable and _finite(plan.u[0])
+    good = plan is not None and plan.usable and finite(plan.u[0])
     return plan if good else None
 
 
-def _finite(values: Vector) -> bool:
-    return all(map(math.isfinite, values.tolist()))
-
-
 def _state_finite(own: VehicleState) -> bool:
-    return all(_finite(a) for a in (own.p, own.v, own.q_wb, own.omega))
+    return all(finite(a) for a in (own.p, own.v, own.q_wb, own.omega))
