@@ -11,7 +11,7 @@ from mavlink_bridge.wire.udp import Address
 
 _READ_PACKETS = 2048  # most packets read in one tick; a vehicle sends about 25
 _READ_BYTES = 4 << 20  # most bytes read in one tick
-_KEPT_PACKETS, _KEPT_BYTES = 256, 64 << 10  # most that are decoded; a vehicle sends about 10 kB
+_KEPT_PACKETS, _KEPT_BYTES = 256, 32 << 10  # most that are decoded; a vehicle sends about 10 kB
 _MESSAGES = 300  # most messages made of them
 _SHARE_OF_STRANGERS = 8  # other addresses than the vehicle's have one eighth of it
 _DOUBTFUL_PACKETS, _DOUBTFUL_BYTES = 32, 8 << 10  # that do not begin with an accepted frame
