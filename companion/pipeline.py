@@ -155,6 +155,7 @@ class Companion:
             ground,
             inputs.horizon,
             last.obstacles.cylinders,
+            vehicle.doubt.wander,
         )
         if seen.fault.misleads and not phase.on_mission:
             run("forget", None, self._forget_seen)

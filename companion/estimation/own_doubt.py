@@ -33,12 +33,17 @@ class OwnDoubt:
     rejects: bool = False
     inhibit_reason: str = ""
 
+    @property
+    def wander(self) -> float:
+        """Return how far the way flown may be wrong, as a random walk, [m/√s]."""
+        return self.velocity * math.sqrt(2.0 * _VELOCITY_TIME)
+
     def drift(self, dt: float) -> Drift:
         """Return how far the pose may have drifted within `dt` [s]."""
-        share = math.sqrt(2.0 * max(dt, 0.0))
+        root = math.sqrt(max(dt, 0.0))
         return Drift(
-            self.velocity * math.sqrt(_VELOCITY_TIME) * share,
-            self.yaw / math.sqrt(_ATTITUDE_TIME) * share,
+            self.wander * root,
+            self.yaw * math.sqrt(2.0 / _ATTITUDE_TIME) * root,
             self.tilt,
             math.exp(-max(dt, 0.0) / _ATTITUDE_TIME),
         )

@@ -42,6 +42,7 @@ _LOW = 0.5  # m over the ground, below which nearly all that is seen is near
 _SURPRISE, _IN_A_ROW = 0.5, 2  # share of the turn, and turns, from which the camera has moved
 _KEEP = 0.97  # of the evidence, from one pair of pictures to the next
 _FLOOR, _SHARE = 0.002, 0.03  # rad, and share of the turn: errors of attitude and tracking
+_NOISE_PRIOR = 12.0  # components; in so few the sigma of a turn is believed, later their misfit
 _PRIOR = np.array([0.5, 0.5, 0.5, 0.5]) ** -2.0  # information on s − 1 and δ [rad] before any look
 _SIGMAS = 3.0  # a finding differs from none by so many standard deviations
 # A lens that was as configured does not change little by little; the vehicle's attitude may.
@@ -51,6 +52,7 @@ _MEASURES = 0.03  # 1 σ of the scale, beyond which a focal length is not yet ch
 _LAG_FLOOR = 0.007  # s; the parabola through the grid is no better
 _LAG_SIGMA = 0.02  # s; a less certain lag is not used
 _LAG_USED = 0.02  # s; smaller lags are within the stamps' own errors
+_LAG_PRIOR = 0.05  # s, 1 σ before any look
 _SPARE = (2, 8)  # once all is known, so many pictures of so many are looked at
 _KNOWN = (0.01, 0.02, 0.08)  # 1 σ of lag [s], scale and angles [rad] below which all is known
 _LAG_FLOWN = 0.2  # s; a picture later than this shows what was
@@ -119,15 +121,22 @@ class CameraAlignment:
         self._squares = np.zeros(n)
         self._pairs = 0.0
         self._surprises = 0
+        self._fits = True  # the last turn fits what was known
         self._settled = False
 
     def update(
-        self, time: float, stamp: float, picture: Reduced, at: StateAt, ground: float = 0.0
+        self,
+        time: float,
+        stamp: float,
+        picture: Reduced,
+        at: StateAt,
+        ground: float = 0.0,
+        wander: float = 0.0,
     ) -> None:
         """Take in a picture, stamped `stamp` [s], at a tick's `time`.
 
         at: returns the own state at a time [s] of the last second. ground: m, its level in the own
-        frame.
+        frame. wander: m/√s, 1 σ of what the own way is told wrong.
         """
         # The attitude after a capture is known a little later.
         while self._waiting and self._waiting[0].end - _LAGS[0] <= time:
@@ -141,15 +150,15 @@ class CameraAlignment:
         shot = _Shot(stamp, self._gyro.reduce(picture))
         before, self._before = self._before, shot
         if before is not None and 0.0 < stamp - before.time < _LONGEST:
-            self._compare(before, shot, at, ground)
+            self._compare(before, shot, at, ground, wander)
 
     @property
     def _known(self) -> bool:
-        return (
-            not self._surprises and not self.estimate.contradiction and _sure(self.estimate.sigmas)
-        )
+        return self._fits and not self.estimate.contradiction and _sure(self.estimate.sigmas)
 
-    def _compare(self, before: _Shot, after: _Shot, at: StateAt, ground: float) -> None:
+    def _compare(
+        self, before: _Shot, after: _Shot, at: StateAt, ground: float, wander: float
+    ) -> None:
         """Measure the rotation between two pictures, where the drone turned around that time."""
         then, now = at(before.time), at(after.time)
         if then is None or now is None:
@@ -165,7 +174,8 @@ class CameraAlignment:
         if seen is not None:
             # Near the ground, as in take-off, all that is seen is near.
             near = min(height, 1.0) ** 2
-            sigma = math.hypot(seen.sigma, _PARALLAX / near * norm(moved))
+            unknown = wander * math.sqrt(after.time - before.time) / height
+            sigma = math.hypot(seen.sigma, _PARALLAX / near * norm(moved), unknown)
             self._waiting.append(_Turn(before.time, after.time, seen.vector, sigma))
 
     def _learn(self, turn: _Turn, at: StateAt) -> None:
@@ -191,6 +201,7 @@ class CameraAlignment:
         error = turn.vector - self.estimate.scale * (
             nearest + np.cross(self.estimate.tilt, nearest)
         )
+        self._fits = norm(error) < _SIGMAS * sigma
         self._surprises = (self._surprises + 1) * int(
             known and norm(error) > max(_SURPRISE * norm(nearest), 2.0 * _SIGMAS * sigma)
         )
@@ -225,7 +236,7 @@ class CameraAlignment:
         misfit = self._squares - np.einsum("lj,lj->l", solution, self._weighted)
         freedom = 3.0 * self._pairs - 4.0
         lag, lag_sigma, best = _minimum(misfit, freedom)
-        noise = max(float(misfit[best]) / freedom, 1.0)
+        noise = _noise(float(misfit[best]), freedom)
         covariance = np.linalg.inv(information[best]) * noise
         found, per_second = _between(solution, lag, best)
         # While the drone begins to turn, a picture dated wrongly looks like one of another scale.
@@ -233,7 +244,8 @@ class CameraAlignment:
         scale = 1.0 + float(found[0])
         x, y, z = (float(a) / max(abs(scale), 0.2) for a in found[1:])
         sigmas = (lag_sigma, float(deviation[0]), float(deviation[1:].max()))
-        used = lag if abs(lag) > max(_LAG_USED, _SIGMAS * lag_sigma) else 0.0
+        likely = lag / (1.0 + (lag_sigma / _LAG_PRIOR) ** 2)
+        used = likely if abs(likely) > _LAG_USED else 0.0
         text = _contradiction(
             scale, np.array([x, y, z]), deviation, _SETTLED if self._settled else 1.0
         )
@@ -244,7 +256,8 @@ class CameraAlignment:
         sure = _sure(sigmas)
         if not text and not sure:  # a contradiction ends by evidence, not for want of it
             text = self.estimate.contradiction
-        self._settled |= sure and not text and sigmas[2] < _ANGLE / _SIGMAS
+        settled = sure and not text and sigmas[2] < _ANGLE / _SIGMAS
+        self._settled |= settled and self._pairs >= _PAIRS_AGAINST
         return Alignment(used if lag_sigma < _LAG_SIGMA else 0.0, scale, (x, y, z), sigmas, text)
 
 
@@ -281,8 +294,13 @@ def _minimum(misfit: Vector, freedom: float) -> tuple[float, float, int]:
     if bend <= 0.0:
         return float(_LAGS[best]), math.inf, best
     lag = float(_LAGS[best]) + 0.5 * step * (left - right) / bend
-    noise = max(middle / freedom, 1.0)
+    noise = _noise(middle, freedom)
     return lag, math.hypot(_LAG_FLOOR, step * math.sqrt(2.0 * noise / bend)), best
+
+
+def _noise(misfit: float, freedom: float) -> float:
+    """Return the square error of a turn as a share of what its sigma says."""
+    return (misfit + _NOISE_PRIOR) / (freedom + _NOISE_PRIOR)
 
 
 def _between(solution: Vector, lag: float, best: int) -> tuple[Vector, Vector]:

@@ -132,13 +132,15 @@ class PerceptionFrontend:
         ground: float = 0.0,
         horizon: float | None = None,
         trunks: Vector = _NO_TRUNKS,
+        wander: float = 0.0,
     ) -> Detections:
         """Return the detections of the newest frame at the tick of `time` [s]; each frame once.
 
         at: returns the vehicle's state at a time [s] of the last second, where it is known.
         ground: m, the ground's level in the own frame.
         horizon: s, the latest that the vehicle's clock can show; None: `time`. trunks (k,3): known
-        ones, x, y, radius [m], nearest first.
+        ones, x, y, radius [m], nearest first. wander: m/√s, 1 σ of what the own
+        way is told wrong.
         """
         if frame is not None and self._lag:
             frame = replace(frame, time=frame.time - self._lag)
@@ -154,7 +156,7 @@ class PerceptionFrontend:
         picture = None if image is None else Reduced(image)
         fault = self._health.check(time, frame, not misfit, not wrong, horizon, picture)
         if stamped is not None and picture is not None and fault in _COMPARED:
-            self._alignment.update(time, stamped.time, picture, at, ground)
+            self._alignment.update(time, stamped.time, picture, at, ground, wander)
         new = frame is not None and frame.time > self._newest and self._health.usable
         found = Detections()
         if new and frame is not None and (own := at(captured)) is not None:

@@ -39,22 +39,29 @@ def sphere():
 TEXTURE = sphere()
 
 
-def picture(time, camera=CAMERA, mount=None):
-    """What a camera sees of the sphere at `time`, its mount turned by `mount` (3,) rad."""
+def picture(time, camera=CAMERA, mount=None, place=None):
+    """What a camera sees of the sphere at `time`, its mount turned by `mount` (3,) rad.
+
+    place: (3,), of the camera in a sphere of radius 1; None: in its middle.
+    """
     turned = Rotation.from_rotvec([0.0, 0, 0] if mount is None else mount).as_matrix()
     rays = camera.directions @ turned.T @ rotation_matrix(camera.mount).T
     rays = rays @ attitude(time).as_matrix().T
+    if place is not None:
+        along = rays @ place
+        far = np.sqrt(along**2 + 1.0 - place @ place) - along
+        rays = far[..., None] * rays + place
     u = (np.arctan2(rays[..., 1], rays[..., 0]) / (2 * np.pi) + 0.5) * 1023
     v = (np.arcsin(np.clip(rays[..., 2], -1, 1)) / np.pi + 0.5) * 511
     grey = cv2.remap(TEXTURE, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
     return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
 
 
-def estimate(taken, seconds=4.0, alignment=None, start=0.0, ground=0.0):
+def estimate(taken, seconds=4.0, alignment=None, start=0.0, ground=0.0, wander=0.0):
     alignment = alignment or CameraAlignment(View(CAMERA, needs_foot=False))
     for n in range(round(seconds / PERIOD)):
         time = start + n * PERIOD
-        alignment.update(time, time, Reduced(taken(time)), state, ground)
+        alignment.update(time, time, Reduced(taken(time)), state, ground, wander)
     return alignment
 
 
@@ -115,6 +122,28 @@ def test_a_camera_that_is_knocked_in_flight_is_noticed_within_three_seconds():
     assert alignment.estimate.contradiction == ""
     knocked = estimate(lambda t: picture(t, mount=[0.0, 0.0, 0.4]), 3.0, alignment, 4.0)
     assert "off its mount" in knocked.estimate.contradiction
+
+
+def test_a_velocity_that_is_told_wrong_is_no_fault_of_the_camera():
+    """All that is seen is 4 m away, and the drone moves at up to 1 m/s that nobody tells."""
+
+    def swaying(time):
+        phases = 2.3 * time + np.array([0.0, 1.0, 0.0])
+        return picture(time, place=0.1 * np.sin(phases) * [1.0, 1.0, 0.0])
+
+    def standard_deviations_off(wander):
+        found = estimate(swaying, 8.0, wander=wander).estimate
+        return abs(found.scale - 1.0) / found.sigmas[1]
+
+    assert standard_deviations_off(0.0) > 2.0
+    assert standard_deviations_off(0.3) < 1.0
+
+
+def test_a_lag_that_is_known_by_half_is_used():
+    """Turns of a GPS drone tell the lag to 0.015 s at first: what it most likely is serves."""
+    found = estimate(lambda t: picture(t - 0.035), 2.4, wander=0.3).estimate
+    assert 3.0 * found.sigmas[0] > 0.035
+    assert found.lag == pytest.approx(0.035, abs=0.005)
 
 
 def test_pictures_from_near_the_ground_tell_nothing():
