@@ -31,6 +31,7 @@ from companion.estimation.vehicle import VehicleEstimate, VehicleEstimator
 from companion.guidance.goals import resolved
 from companion.guidance.guidance import Guidance, Reference
 from companion.perception.frontend import Detections, PerceptionFrontend, make_view
+from companion.perception.ground_plane import LEVEL
 from companion.services.services import Served, Services, Situation, Wish, nearest
 from companion.settings.config import CompanionConfig
 from companion.stage_clock import StageClock
@@ -141,7 +142,7 @@ class Companion:
         if vehicle.rebooted:
             run("start over", None, self._start_over)
         own, phase = vehicle.state, self._supervision.phase
-        ground = 0.0 if vehicle.height is None else vehicle.height.ground
+        ground = LEVEL if vehicle.height is None else vehicle.height.ground
         served = run("serve", Served(), self._services.update, time, inputs.received, self._before)
         if served.goals is not None:
             run("set goals", None, self._guidance.set_goals, served.goals)
@@ -201,6 +202,7 @@ class Companion:
             tracks,
             vehicle.map_offset,
             phase,
+            ground,
         )
         supervised = self._supervise(
             run,

@@ -18,8 +18,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from companion.estimation.own_doubt import OwnDoubt
+from companion.estimation.slope import Slope
+from companion.perception.ground_plane import LEVEL, GroundPlane
 from companion.perception.parallax import FixedPoints
 from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.frames import rotation_matrix
@@ -46,14 +49,14 @@ _SCALE = 0.06  # of the height, least error of such a look: a drone that speeds 
 
 @dataclass(frozen=True)
 class Height:
-    """Height over ground [m], its 1 σ [m], and the ground's level in the own frame [m].
+    """Height over ground [m], its 1 σ [m], and the ground in the own frame.
 
-    drift: m, how much of that level is an error of the own height, and no hill.
+    drift: m, how much of the ground's level is an error of the own height, and no hill.
     """
 
     value: float
     sigma: float
-    ground: float = 0.0
+    ground: GroundPlane = LEVEL
     drift: float = 0.0
 
 
@@ -66,6 +69,7 @@ class HeightEstimator:
     def reset(self) -> None:
         """Forget the ground: the own frame has begun anew."""
         self._level, self._variance = 0.0, _SIGMA**2  # m and m², in the own frame
+        self._slope = Slope()
         self._before: tuple[float, Vector] | None = None
         self._refused: dict[str, int] = {}  # looks in a row that were refused, by what looked
         self._pictured = -math.inf  # s, of the last look of the camera
@@ -86,23 +90,32 @@ class HeightEstimator:
             dt, way = own.time - self._before[0], norm((own.p - self._before[1])[:2])
             drift = max(_DRIFT**2, 2.0 * doubt**2 / _WANDER_TIME)  # m²/s
             self._variance += drift * max(dt, 0.0) + _SLOPE**2 * float(way)
+            self._slope.move(float(way))
         self._before = own.time, own.p
         if stands:
             self._level, self._variance = float(own.p[2]), _SIGMA**2
         for look in looks:
-            self._look(own, look)
+            self._look(own, look, doubt)
         value = float(own.p[2]) - self._level
         drift = self._level * doubt**2 / (doubt**2 + _TERRAIN**2)
-        return Height(value, math.sqrt(self._variance), self._level, drift)
+        x, y, _ = own.p.tolist()
+        ground = GroundPlane(self._level, (x, y), self._slope.rise)
+        return Height(value, math.sqrt(self._variance), ground, drift)
 
-    def _look(self, own: VehicleState, look: DistanceSensor) -> None:
-        """Correct the level by one look of a rangefinder."""
-        upright = float(rotation_matrix(own.q_wb)[2, 2])
+    def _look(self, own: VehicleState, look: DistanceSensor, doubt: float) -> None:
+        """Correct the level by one look of a rangefinder. doubt: m, 1 σ of the own height."""
+        up = rotation_matrix(own.q_wb)[:, 2]
+        upright = float(up[2])
         heard = look.minimum < look.distance < look.maximum and look.quality != _NO_ECHO
         if look.orientation != SensorRotation.DOWN or not heard or upright < _TILT_MIN:
             return
-        z = float(own.p[2] + own.v[2] * (look.time - own.time))
-        self._correct("range", z - look.distance * upright, max(look.sigma, _SENSOR))
+        p = own.p + own.v * (look.time - own.time)
+        place, sigma = p - look.distance * up, max(look.sigma, _SENSOR)
+        east, north = self._slope.rise
+        level = float(place[2] + look.distance * (east * up[0] + north * up[1]))
+        if self._correct("range", level, sigma):
+            drift = doubt * math.sqrt(2.0 / _WANDER_TIME)
+            self._slope.pass_over(place, look.time, sigma, drift)
 
     def see(self, own: VehicleState, fixed: FixedPoints, doubt: OwnDoubt) -> None:
         """Take in the points of a picture taken in state `own`; most of those below are ground.
@@ -118,9 +131,12 @@ class HeightEstimator:
         below = rays[:, 2] < -_STEEP * lengths
         if np.count_nonzero(below) < _POINTS:
             return
-        level = _common(fixed.places[below, 2], _AGREE * float(own.p[2] - self._level))
-        if level is None:
+        places = fixed.places[below]
+        levels = places[:, 2] - rays[below, :2] @ self._slope.rise
+        ground = _alike(levels, _AGREE * float(own.p[2] - self._level))
+        if ground is None:
             return
+        level = float(levels[ground].mean())
         away = statistics.median(np.hypot(rays[below, 0], rays[below, 1]).tolist())  # m
         spread = statistics.median((fixed.sigmas / lengths)[below].tolist())
         scale = math.hypot(spread, doubt.velocity / speed, _SCALE)
@@ -129,12 +145,14 @@ class HeightEstimator:
         dt = min(max(own.time - self._pictured, 0.02), _LASTS)
         self._pictured = own.time
         often = once * math.sqrt(2.0 * _LASTS / dt)
-        self._correct("picture", level, often, math.hypot(once, least), least)
+        if self._correct("picture", level, often, math.hypot(once, least), least):
+            heights = (fixed.sigmas * -rays[:, 2] / lengths)[below][ground]
+            self._slope.see(places[ground], heights, 2.0 * _LASTS / dt, doubt.tilt)
 
     def _correct(
         self, by: str, level: float, sigma: float, alone: float | None = None, least: float = 0.0
-    ) -> None:
-        """Correct the level [m] by a look with 1 σ [m].
+    ) -> bool:
+        """Correct the level [m] by a look with 1 σ [m]; return whether it is believed.
 
         alone: m, 1 σ of this look by itself, where looks share an error. least: m, 1 σ that any
         number of looks leaves.
@@ -143,20 +161,21 @@ class HeightEstimator:
         if off * off > _GATE**2 * (self._variance + (alone or sigma) ** 2):
             self._refused[by] = self._refused.get(by, 0) + 1
             if self._refused[by] < _INSIST:
-                return
+                return False
             self._variance = off * off
         self._refused[by] = 0
         gain = self._variance / (self._variance + noise)
         self._level += gain * off
         self._variance = max((1.0 - gain) * self._variance, min(self._variance, least**2))
+        return True
 
 
-def _common(levels: Vector, to: float) -> float | None:
-    """Return the mean level [m] of the points (n,) m that agree most, to so many metres.
+def _alike(levels: Vector, to: float) -> NDArray[np.bool_] | None:
+    """Return which levels (n,) m agree most, to so many metres.
 
     None where too few do: a trunk fills the picture, whose points are at any level.
     """
     agree = np.abs(levels[:, None] - levels[None]) < to
     most = agree[int(np.argmax(agree.sum(axis=1)))]
     count = np.count_nonzero(most)
-    return float(levels[most].mean()) if count >= max(_POINTS, _SHARE * len(levels)) else None
+    return most if count >= max(_POINTS, _SHARE * len(levels)) else None

@@ -11,6 +11,7 @@ from companion.estimation.own_doubt import OwnDoubt
 from companion.estimation.parallax_map import ParallaxMap, doubted, with_others
 from companion.estimation.surface_map import SurfaceConfig, SurfaceMap
 from companion.perception.frontend import Detections
+from companion.perception.ground_plane import LEVEL, GroundPlane
 from companion.perception.view import View
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.distance import to_ways
@@ -61,11 +62,11 @@ class ObstacleEstimator:
         seen: Detections,
         own: VehicleState | None,
         doubt: OwnDoubt,
-        ground: float = 0.0,
+        ground: GroundPlane = LEVEL,
     ) -> KnownObstacles:
         """Take in one frame's detections; return what is known around the own state now.
 
-        doubt: of the own state. ground: m, the ground's level in the own frame.
+        doubt: of the own state.
         """
         if seen.own is not None:
             if seen.searched:
@@ -84,7 +85,7 @@ class ObstacleEstimator:
             if seen.ranges is not None:
                 self._surfaces.update(seen.ranges, seen.own)
             fixed = doubted(seen.fixed, seen.own.p, doubt.drift(1.0))
-            self._map.see_through(seen.own.p, fixed)
+            self._map.see_through(seen.own.p, fixed, ground)
             pictured = 0.0 if self._pictured is None else seen.own.time - self._pictured
             self._pictured = seen.own.time
             drift = doubt.drift(pictured)

@@ -17,6 +17,7 @@ from pydantic import Field
 
 from companion.estimation.landmark_places import Drift, Foot, LandmarkPlaces, Look
 from companion.model import yaw_of
+from companion.perception.ground_plane import LEVEL, GroundPlane
 from companion.perception.parallax import FixedPoints
 from companion.types import Trunk
 from mavlink_bridge.shared.arrays import Vector
@@ -120,14 +121,13 @@ class ObstacleMap:
         half_view: float,
         visibility: Callable[[Vector], Vector] = lambda places: np.ones(len(places)),
         drift: Drift = _STILL,
-        ground: float = 0.0,
+        ground: GroundPlane = LEVEL,
     ) -> None:
         """Take in the trunks of one frame, seen in state `own`.
 
         q_bc: (4,) camera → body. half_view: half the field of view [rad]. visibility: returns how
         far the frame shows each of places (n,3), as (n,) 0…1. A trunk counts as missed only as far
-        as the frame shows its place. drift: of the own pose since the last frame. ground: m, its
-        level in the own frame.
+        as the frame shows its place. drift: of the own pose since the last frame.
 
         A near thin trunk looks like a thick one far off where its foot is out of the picture, or
         where the picture's edge cuts it: a landmark in that direction is that trunk. Where both
@@ -137,7 +137,7 @@ class ObstacleMap:
         r_wc = r_wb @ rotation_matrix(q_bc)
         x, y, z = own.p.tolist()
         turning = _TIMING * abs(float(r_wb[2] @ own.omega))
-        here = _Here((x, y), z - ground, yaw_of(own.q_wb), turning, own.time)
+        here = _Here((x, y), ground.under(own.p), yaw_of(own.q_wb), turning, own.time)
         self._places.drift(here.p, drift)
         self._refresh()
         seen: set[int] = set()
@@ -162,7 +162,7 @@ class ObstacleMap:
                 self._landmarks[n].misses += look
         self._forget(here)
 
-    def see_through(self, p: Vector, fixed: FixedPoints) -> None:
+    def see_through(self, p: Vector, fixed: FixedPoints, ground: GroundPlane = LEVEL) -> None:
         """Count points seen from p (3,) m behind a landmark as looks that missed it.
 
         Two lines of sight through its middle, of points that stand clearly behind it, are a look.
@@ -177,7 +177,7 @@ class ObstacleMap:
         along = (to[:, 0] * x + to[:, 1] * y) / length
         aside = np.abs(to[:, 0] * y - to[:, 1] * x) / length
         behind = length - along > radius + _BEHIND + _MATCH_SIGMAS * fixed.sigmas
-        height = p[2] + up * along / length
+        height = p[2] + up * along / length - ground.below(trunks)[:, None]
         through = (along > radius) & (aside < 0.6 * radius) & behind & (height > _LOW)
         for k, count in zip(self._landmarks, through.sum(axis=1).tolist(), strict=True):
             if count >= 2:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.estimation.landmark_places import Drift
+from companion.perception.ground_plane import LEVEL, GroundPlane
 from companion.perception.parallax import SURE, FixedPoints
 from mavlink_bridge.shared.arrays import Vector
 
@@ -66,18 +67,18 @@ class ParallaxMap:
         fixed: FixedPoints,
         p: Vector,
         time: float,
-        floor: float = 0.0,
+        ground: GroundPlane = LEVEL,
         drift: Drift = _STILL,
     ) -> None:
         """Take in the points of one picture, taken at p (3,) m and `time` [s].
 
-        floor: m, height of the ground. drift: of the own pose since the last picture.
+        drift: of the own pose since the last picture.
         """
         self._updates += 1
         if len(self._points):
             self._forget(fixed, p, time, drift)
         if len(fixed.names):
-            self._add(fixed, p, time, floor)
+            self._add(fixed, p, time, ground)
 
     def _forget(self, fixed: FixedPoints, p: Vector, time: float, drift: Drift) -> None:
         """Let the points drift; drop those that are old, or tell nothing any more.
@@ -92,11 +93,12 @@ class ParallaxMap:
         known = (time - points[:, _SEEN] < _MEMORY) & (sigmas < _POOR)
         self._points = points[known & ~again]
 
-    def _add(self, fixed: FixedPoints, p: Vector, time: float, floor: float) -> None:
+    def _add(self, fixed: FixedPoints, p: Vector, time: float, ground: GroundPlane) -> None:
         """Add the points of one picture that are near and in the way."""
         places = fixed.places
         near = np.linalg.norm(places - p, axis=1) < _RANGE
-        stands = (places[:, 2] > floor + _STANDS) & (np.abs(places[:, 2] - p[2]) < _LEVELS)
+        stands = places[:, 2] > ground.below(places) + _STANDS
+        stands &= np.abs(places[:, 2] - p[2]) < _LEVELS
         seen = np.full(len(places), time)
         rows = np.column_stack([places, fixed.sigmas, fixed.names, seen])[near & stands]
         self._points = np.concatenate([self._points, rows])[-_MOST:]

@@ -23,6 +23,12 @@ class FenceConfig(StrictModel):
     altitude_min: float = Field(
         0.8, description="Least height [m] over ground of a plan in flight, and of a goal."
     )
+    ground_min: float = Field(
+        0.0,
+        le=0.0,
+        description="Lowest level [m] of the ground: on a slope goals may be as low as "
+        "altitude_min over it.",
+    )
     altitude_max: float = Field(5.0, gt=1, description="Highest altitude [m].")
     altitude_band: float = Field(
         1.0,
@@ -53,6 +59,11 @@ class FenceConfig(StrictModel):
             for sign, limit in zip((-1.0, 1.0), limits or (), strict=False)
         ]
         return [*sides, (2, 1.0, self.altitude_max)]
+
+    @property
+    def goal_min(self) -> float:
+        """Lowest altitude of a goal [m]."""
+        return self.ground_min + self.altitude_min
 
     def planes(self) -> Vector:
         """Return the sides, and the top last, as (H,4) half-spaces n·p <= b."""
@@ -92,7 +103,11 @@ class FenceConfig(StrictModel):
         """
         if height is None:
             return self.altitude_min
-        return height.ground + self.altitude_min + min(max(height.sigma - _SURE, 0.0), _DOUBT_MAX)
+        return (
+            height.ground.level
+            + self.altitude_min
+            + min(max(height.sigma - _SURE, 0.0), _DOUBT_MAX)
+        )
 
     def altitude_planes(self, goal_altitude: float, floor: float) -> Vector:
         """Return the band around the goal's height [m] above the floor [m], as (2,4) half-spaces.

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.perception.ground_plane import LEVEL, GroundPlane
 from companion.perception.reduced import Grey, Reduced
 from companion.perception.view import View
 from companion.perception.visual_rotation import VisualGyro
@@ -130,13 +131,13 @@ class CameraAlignment:
         stamp: float,
         picture: Reduced,
         at: StateAt,
-        ground: float = 0.0,
+        ground: GroundPlane = LEVEL,
         wander: float = 0.0,
     ) -> None:
         """Take in a picture, stamped `stamp` [s], at a tick's `time`.
 
-        at: returns the own state at a time [s] of the last second. ground: m, its level in the own
-        frame. wander: m/√s, 1 σ of what the own way is told wrong.
+        at: returns the own state at a time [s] of the last second. wander: m/√s, 1 σ of what the
+        own way is told wrong.
         """
         # The attitude after a capture is known a little later.
         while self._waiting and self._waiting[0].end - _LAGS[0] <= time:
@@ -157,13 +158,13 @@ class CameraAlignment:
         return self._fits and not self.estimate.contradiction and _sure(self.estimate.sigmas)
 
     def _compare(
-        self, before: _Shot, after: _Shot, at: StateAt, ground: float, wander: float
+        self, before: _Shot, after: _Shot, at: StateAt, ground: GroundPlane, wander: float
     ) -> None:
         """Measure the rotation between two pictures, where the drone turned around that time."""
         then, now = at(before.time), at(after.time)
         if then is None or now is None:
             return
-        height = float(now.p[2]) - ground
+        height = ground.under(now.p)
         if height < _LOW:
             return
         turning = max(norm(s.omega) for s in (then, now))
@@ -246,8 +247,10 @@ class CameraAlignment:
         sigmas = (lag_sigma, float(deviation[0]), float(deviation[1:].max()))
         likely = lag / (1.0 + (lag_sigma / _LAG_PRIOR) ** 2)
         used = likely if abs(likely) > _LAG_USED else 0.0
+        # What turns share, as a gyro that is a little late, no number of them averages out.
+        shared = deviation / math.sqrt(min(noise, 1.0))
         text = _contradiction(
-            scale, np.array([x, y, z]), deviation, _SETTLED if self._settled else 1.0
+            scale, np.array([x, y, z]), shared, _SETTLED if self._settled else 1.0
         )
         if self._pairs < _PAIRS_AGAINST:
             text = self.estimate.contradiction

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from companion.perception.camera import Camera
+from companion.perception.ground_plane import LEVEL, GroundPlane
 from companion.types import Detection, Ranges, Trunk
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import StrictModel
@@ -59,13 +60,14 @@ class DepthReader:
         r_wc: Vector,
         altitude: float,
         drones: Sequence[Detection],
+        ground: GroundPlane = LEVEL,
     ) -> tuple[list[Trunk], Ranges]:
         """Return the trunks, nearest first, and the ranges (h/2,w/2) m to all surfaces.
 
         depth: (h,w) m along each pixel's ray; inf where the view is free; NaN or ≤ 0 where the
         camera cannot tell. r_wc: (3,3) camera → world. altitude: m above ground. drones: detected
-        in the same frame. Ranges are inf where the view is free up to `range`, and NaN where that
-        is unknown, as behind a drone.
+        in the same frame. ground: its slope is used. Ranges are inf where the view is free up to
+        `range`, and NaN where that is unknown, as behind a drone.
         """
         if self._rays.shape[:2] != depth.shape:
             self._rays = self._camera.scaled(depth.shape[1], depth.shape[0]).directions
@@ -75,7 +77,7 @@ class DepthReader:
         self._hide(ranges, drones)
         with np.errstate(invalid="ignore"):
             offsets = (self._rays @ r_wc.T) * np.where(far, 0.0, ranges)[..., None]
-        ranges[altitude + offsets[..., 2] < c.ground] = np.inf
+        ranges[altitude - ground.drop(offsets) < c.ground] = np.inf
         trunks = self._trunks(offsets[np.isfinite(ranges)], r_wc, altitude)
         return trunks, _halved(ranges).astype(np.float16)
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from companion.perception.camera import Camera
 from companion.perception.heat_map import Cells
-from companion.perception.panorama import LevelFrame, Panorama
+from companion.perception.panorama import LEVEL_GROUND, LevelFrame, Panorama
 from companion.perception.trunk_fit import Columns, FootSettings, Mask, find_trunks
 from companion.types import Trunk
 from mavlink_bridge.shared.arrays import Vector
@@ -46,10 +46,13 @@ class FootFinder:
         self._above = slice(0, int(np.searchsorted(-elevation, -math.radians(3.0))))
         self.clarity = 1.0
 
-    def find(self, scene: Cells, gravity_c: Vector, altitude: float) -> list[Trunk]:
+    def find(
+        self, scene: Cells, gravity_c: Vector, altitude: float, rise_c: Vector = LEVEL_GROUND
+    ) -> list[Trunk]:
         """Return the obstacles in classes (2,h,w), nearest first, and set `clarity`.
 
         gravity_c: (3,) unit vector down, camera frame. altitude: m, camera above the ground.
+        rise_c: (3,) m/m, how steeply the ground rises, along the steepest way, camera frame.
         """
         if not altitude > 0.1 or not np.isfinite(gravity_c).all():
             return []
@@ -63,7 +66,8 @@ class FootFinder:
         obstacle = np.ascontiguousarray(view[..., 0].T).astype(np.int16)
         ground = np.ascontiguousarray(view[..., 1].T).astype(np.int16)
         self.clarity = self._clearness(obstacle, ground, seen.T)
-        columns = self._columns(obstacle, ground, np.ascontiguousarray(seen.T), altitude)
+        rise = self._panorama.along(rise_c, level)
+        columns = self._columns(obstacle, ground, np.ascontiguousarray(seen.T), altitude, rise)
         return find_trunks(columns, self._settings, altitude, level)
 
     def _clearness(self, obstacle: Votes, ground: Votes, seen: Mask) -> float:
@@ -74,8 +78,13 @@ class FootFinder:
             return 1.0
         return max(0.0, float(1.5 * likeliest.mean() / _SURE - 0.5))
 
-    def _columns(self, obstacle: Votes, ground: Votes, known: Mask, altitude: float) -> Columns:
-        """Return the columns, each split at the foot of the obstacle in it."""
+    def _columns(
+        self, obstacle: Votes, ground: Votes, known: Mask, altitude: float, rise: Vector
+    ) -> Columns:
+        """Return the columns, each split at the foot of the obstacle in it.
+
+        rise: (columns,) m/m, of the ground.
+        """
         h = self._horizon
         vote = np.where(known, ground - obstacle, 0)  # > 0: ground
         below, known_below = vote[:, h:], known[:, h:]
@@ -87,7 +96,7 @@ class FootFinder:
         after = (rows >= foot_row[:, None]) & known_below
         known_after = np.count_nonzero(after, axis=1)
         ground_after = np.count_nonzero(after & (below > 0), axis=1)
-        t = altitude / np.maximum(self._slope(below, foot_row), 1e-3)
+        t = altitude / np.maximum(self._slope(below, foot_row) + rise, 1e-3)
         t[foot_row == 0] = np.inf
         high = vote[:, self._above]
         above = np.count_nonzero(high < -_SURE // 2, axis=1) > 0.5 * np.maximum(

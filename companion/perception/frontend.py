@@ -18,6 +18,7 @@ from companion.perception.camera_health import CameraFault, CameraHealth, Camera
 from companion.perception.config import CameraConfig, SensingConfig
 from companion.perception.detectors import make_detector
 from companion.perception.ground_flow import GroundFlow
+from companion.perception.ground_plane import LEVEL, GroundPlane
 from companion.perception.parallax import FixedPoints, Parallax
 from companion.perception.reduced import Reduced
 from companion.perception.view import View, load_camera
@@ -129,7 +130,7 @@ class PerceptionFrontend:
         time: float,
         frame: Frame | None,
         at: StateAt,
-        ground: float = 0.0,
+        ground: GroundPlane = LEVEL,
         horizon: float | None = None,
         trunks: Vector = _NO_TRUNKS,
         wander: float = 0.0,
@@ -137,7 +138,6 @@ class PerceptionFrontend:
         """Return the detections of the newest frame at the tick of `time` [s]; each frame once.
 
         at: returns the vehicle's state at a time [s] of the last second, where it is known.
-        ground: m, the ground's level in the own frame.
         horizon: s, the latest that the vehicle's clock can show; None: `time`. trunks (k,3): known
         ones, x, y, radius [m], nearest first. wander: m/√s, 1 σ of what the own
         way is told wrong.
@@ -192,7 +192,7 @@ class PerceptionFrontend:
         frame: Frame,
         picture: Reduced | None,
         own: VehicleState,
-        ground: float,
+        ground: GroundPlane,
         standing: Vector,
     ) -> Detections:
         """Return the detections in `frame` and its picture, taken in state `own`.
@@ -232,7 +232,7 @@ class PerceptionFrontend:
         elif self._sensing.obstacles == "depth":
             depth: NDArray[np.float32] = frame.arrays["depth"]
             trunks, ranges = self._depth.read(
-                depth, self._view.rotation(own), float(own.p[2]) - ground, drones
+                depth, self._view.rotation(own), ground.under(own.p), drones, ground
             )
         else:
             trunks = self._find_trunks(frame, image, own, ground)
@@ -270,7 +270,7 @@ class PerceptionFrontend:
         picture: Reduced | None,
         own: VehicleState,
         drones: list[Detection],
-        ground: float,
+        ground: GroundPlane,
         trunks: Vector,
     ) -> tuple[FixedPoints, GroundFlow | None]:
         """Return the points that own motion shows, and the flow of the ground."""
@@ -285,7 +285,7 @@ class PerceptionFrontend:
         return fixed, self._parallax.flow if self._alignment.estimate.measures else None
 
     def _find_trunks(
-        self, frame: Frame, image: Image | None, own: VehicleState, ground: float
+        self, frame: Frame, image: Image | None, own: VehicleState, ground: GroundPlane
     ) -> list[Trunk]:
         if self._sensing.obstacles == "map":
             rows = frame.arrays.get("trunks", np.zeros((0, 6)))
@@ -296,11 +296,11 @@ class PerceptionFrontend:
                 for r in wide
             ]
         assert image is not None  # or nothing is searched for
-        down = self._view.to_camera(own, np.array([[0.0, 0.0, -1.0]]))[0]
-        height = float(own.p[2]) - ground
+        down, rise = self._view.to_camera(own, np.array([[0.0, 0.0, -1.0], [*ground.rise, 0.0]]))
+        height = ground.under(own.p)
         if self._sensing.obstacles == "network" and self._network is not None:
-            return self._network.trunks(down, height)
-        return self._trunks.detect(image, down, height)
+            return self._network.trunks(down, height, rise)
+        return self._trunks.detect(image, down, height, rise)
 
     def _misfit(self, frame: Frame | None) -> str:
         """Return why the picture, if there is one, is not one that the calibration is for."""

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.perception.ground_plane import LEVEL, GroundPlane
 from mavlink_bridge.shared.arrays import Vector
 
 STEEP = 0.35  # sine of the angle below the horizon; flatter lines meet the ground too far off
@@ -50,7 +51,9 @@ class GroundFlow:
         return GroundFlow(before, after, np.array(row[2:4], float), height)
 
 
-def hidden_by(trunks: Vector, here: Vector, rays: Vector, height: float) -> NDArray[np.bool_]:
+def hidden_by(
+    trunks: Vector, here: Vector, rays: Vector, height: float, ground: GroundPlane = LEVEL
+) -> NDArray[np.bool_]:
     """Return which lines of sight (n,) meet a known trunk before the ground.
 
     trunks (k,3): x, y, radius, m. here (2,) m. rays (n,3): unit, below the horizon, own ENU axes.
@@ -58,7 +61,7 @@ def hidden_by(trunks: Vector, here: Vector, rays: Vector, height: float) -> NDAr
     """
     level = np.maximum(np.linalg.norm(rays[:, :2], axis=1), 1e-6)
     u = rays[:, :2] / level[:, None]
-    reach = height * level / -rays[:, 2]
+    reach = height * level / np.maximum(ground.drop(rays), 1e-3)
     to = trunks[:, :2] - here
     along = u @ to.T
     across = np.abs(u[:, :1] * to[:, 1] - u[:, 1:] * to[:, 0])
@@ -69,20 +72,25 @@ def hidden_by(trunks: Vector, here: Vector, rays: Vector, height: float) -> NDAr
 
 
 def way_over_ground(
-    before: Vector, after: Vector, height_before: float, height: float
+    before: Vector,
+    after: Vector,
+    height_before: float,
+    height: float,
+    ground: GroundPlane = LEVEL,
 ) -> Vector | None:
     """Return the way (2,) m flown between two pictures; None where too few corners agree.
 
     before, after (n,3): unit rays to the same corners, own ENU axes. height_before, height: m over
     the ground, at each picture.
     """
-    below = (before[:, 2] < -STEEP) & (after[:, 2] < -STEEP)
+    below = (ground.drop(before) > STEEP) & (ground.drop(after) > STEEP)
     if np.count_nonzero(below) < _LEAST or min(height_before, height) < _LOW:
         return None
     a, b = before[below], after[below]
-    ways = height_before * a[:, :2] / -a[:, 2:] - height * b[:, :2] / -b[:, 2:]
+    drop = ground.drop(b)
+    ways = height_before * a[:, :2] / ground.drop(a)[:, None] - height * b[:, :2] / drop[:, None]
     # The farther a corner, the more a pixel's noise moves it: s² + h² over h.
-    reach = _AGREE * height / b[:, 2] ** 2
+    reach = _AGREE * height / drop**2
     x, y = ways.T
     apart = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2
     near, known = apart < reach**2, reach**-2

@@ -9,6 +9,7 @@ from companion.perception.config import SensingConfig
 from companion.perception.eyes import PACKAGED, SCENE, Eyes, Look
 from companion.perception.feet import FootFinder
 from companion.perception.heat_map import HeatMap
+from companion.perception.panorama import LEVEL_GROUND
 from companion.types import Detection, Image, Trunk
 from mavlink_bridge.shared.arrays import Vector
 
@@ -56,6 +57,10 @@ class NetworkSearch:
         self.look(image)
         return self.trunks(gravity_c, altitude)
 
-    def trunks(self, gravity_c: Vector, altitude: float) -> list[Trunk]:
+    def trunks(
+        self, gravity_c: Vector, altitude: float, rise_c: Vector = LEVEL_GROUND
+    ) -> list[Trunk]:
         """Return the obstacles in the newest picture, nearest first; see `FootFinder.find`."""
-        return [] if self._look is None else self._feet.find(self._look.scene, gravity_c, altitude)
+        if self._look is None:
+            return []
+        return self._feet.find(self._look.scene, gravity_c, altitude, rise_c)

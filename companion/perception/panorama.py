@@ -16,6 +16,7 @@ from companion.perception.camera import Camera
 from companion.types import Image
 from mavlink_bridge.shared.arrays import Vector, norm
 
+LEVEL_GROUND = np.zeros(3)  # m/m, its rise
 KNOT = 8  # pixels of panorama between directions that are projected exactly
 
 
@@ -73,6 +74,14 @@ class Panorama:
         """Return the panorama in which the feet of obstacles are sought, `step` [rad] a pixel."""
         side = min(camera.max_angle, np.radians(92.0))
         return Panorama(camera, side, np.radians(14.0), np.radians(-76.0), step)
+
+    def along(self, gradient_c: Vector, level: LevelFrame) -> Vector:
+        """Return how much a quantity grows per metre along each column (n,).
+
+        gradient_c: (3,), horizontal, camera frame. level: the panorama's axes.
+        """
+        ahead, aside = float(level.forward @ gradient_c), float(level.right @ gradient_c)
+        return np.cos(self.azimuth) * ahead + np.sin(self.azimuth) * aside
 
     def resample(self, image: Image, level: LevelFrame) -> tuple[Image, NDArray[np.bool_]]:
         """Return the panorama of a frame (H,W,3), and the mask (rows,cols) that it covers.

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.perception.ground_flow import STEEP, GroundFlow, hidden_by, way_over_ground
+from companion.perception.ground_plane import LEVEL, GroundPlane
 from companion.perception.reduced import Reduced
 from companion.perception.view import View
 from companion.types import Detection
@@ -155,22 +156,22 @@ class Parallax:
         picture: Reduced,
         own: VehicleState,
         drones: list[Detection],
-        ground: float = 0.0,
+        ground: GroundPlane = LEVEL,
         trunks: Vector = _NO_TRUNKS,
     ) -> FixedPoints:
         """Return the points known after `picture`, taken in `own`.
 
-        drones: the neighbours in the picture; what moves with them is no fixed point. ground: m,
-        the ground's level in the own frame. trunks (k,3): known ones, x, y, radius, nearest first.
+        drones: the neighbours in the picture; what moves with them is no fixed point. trunks (k,3):
+        known ones, x, y, radius, nearest first.
         """
         grey = picture.grey(self._camera.width, self._camera.height)
         rotation = self._view.rotation(own)
         if own.time - self._time > _LONGEST:
             self._corners, self._before = _no_corners(), None
         then, self._time, self.flow = self._time, own.time, None
-        height = float(own.p[2]) - ground
+        height = ground.under(own.p)
         if self._before is not None and len(self._corners):
-            self._follow(grey, own.p, rotation, then, height, trunks[:_NEAR_TRUNKS])
+            self._follow(grey, own.p, rotation, then, height, ground, trunks[:_NEAR_TRUNKS])
             self._drop_drones(drones)
         if self._pictures % _REFILL == 0:
             self._refill(grey, own.p, rotation)
@@ -185,6 +186,7 @@ class Parallax:
         rotation: Vector,
         then: float,
         height: float,
+        ground: GroundPlane,
         trunks: Vector,
     ) -> None:
         """Find the corners in the next picture, and refine their distances.
@@ -215,10 +217,10 @@ class Parallax:
         rays = sights @ rotation.T
         if self._turned is not None:
             turned, height_then = self._turned
-            low = kept & (rays[:, 2] < -STEEP)
-            low[low] = ~hidden_by(trunks, p[:2], rays[low], height)
+            low = kept & (ground.drop(rays) > STEEP)
+            low[low] = ~hidden_by(trunks, p[:2], rays[low], height, ground)
             before = c.sights[low] @ turned.T
-            way = way_over_ground(before, rays[low], height_then, height)
+            way = way_over_ground(before, rays[low], height_then, height, ground)
             if way is not None:
                 self.flow = GroundFlow(then, self._time, way, height)
         inverse, variance, fits = refined(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.perception.camera import Camera
-from companion.perception.panorama import LevelFrame, Panorama
+from companion.perception.panorama import LEVEL_GROUND, LevelFrame, Panorama
 from companion.perception.pixels import percentile, row_sums
 from companion.perception.separation import Separation, score
 from companion.perception.trunk_fit import Columns, Mask, TrunkSettings, find_trunks
@@ -45,20 +45,26 @@ class TrunkDetector:
         """Return the clarity."""
         return self._separation.clarity
 
-    def detect(self, image: Image, gravity_c: Vector, altitude: float) -> list[Trunk]:
+    def detect(
+        self, image: Image, gravity_c: Vector, altitude: float, rise_c: Vector = LEVEL_GROUND
+    ) -> list[Trunk]:
         """Return the trunks in image (H,W,3) uint8 BGR, nearest first.
 
         gravity_c: (3,) unit vector down, camera frame. altitude: m, camera above the ground.
+        rise_c: (3,) m/m, how steeply the ground rises, along the steepest way, camera frame.
         """
         if not altitude > 0.1 or not np.isfinite(gravity_c).all():
             return []
         level = LevelFrame.along(gravity_c)
         view, seen = self._panorama.resample(image, level)
-        columns = self._scan(view, seen, altitude)
+        columns = self._scan(view, seen, altitude, self._panorama.along(rise_c, level))
         return find_trunks(columns, self.settings, altitude, level)
 
-    def _scan(self, view: Image, seen: Mask, altitude: float) -> Columns:
-        """Return the panorama's columns, each split at the foot of the object in it."""
+    def _scan(self, view: Image, seen: Mask, altitude: float, rise: Vector) -> Columns:
+        """Return the panorama's columns, each split at the foot of the object in it.
+
+        rise: (columns,) m/m, of the ground.
+        """
         h = self._horizon
         # Columns become rows: sums down a column then run over adjacent memory.
         blue, green, red, _ = map(cv2.transpose, cv2.split(cv2.blur(view, (3, 3))))
@@ -87,7 +93,7 @@ class TrunkDetector:
         e = self._panorama.elevation[h:]
         edge_row = self._sub_row(below, foot_row, threshold)
         slope = np.tan(-(e[0] + edge_row * (e[1] - e[0])))
-        t = altitude / np.maximum(slope, 1e-3)
+        t = altitude / np.maximum(slope + rise, 1e-3)
         t[foot_row == 0] = np.inf
         blind = row_sums(known_below) < 6
         # Without ground in view, an object before the sky may be near.

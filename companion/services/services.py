@@ -253,7 +253,7 @@ class Services:
 
     def _out_of_bounds(self, goal: Vector) -> str:
         beyond, _ = self._fence.across(goal, np.zeros(3))
-        low = goal[2] < self._fence.altitude_min
+        low = goal[2] < self._fence.goal_min
         return "outside the fence" if beyond > 0.0 or low else ""
 
     def _camera_information(self) -> CameraInformation:

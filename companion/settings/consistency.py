@@ -98,9 +98,9 @@ def _goals(config: CompanionSections) -> Iterator[Contradiction]:
         if goal is None:  # its place is known, and checked, once the vehicle tells its home
             continue
         for what, height in ("goal", goal[2]), ("way to it", goal[2] + mission.level):
-            if not fence.altitude_min <= height <= fence.altitude_max:
+            if not fence.goal_min <= height <= fence.altitude_max:
                 yield Contradiction(
-                    (key, "mission.level", low, high),
+                    (key, "mission.level", low, "fence.ground_min", high),
                     f"the {what}, {height:g} m high, must lie inside the fence",
                 )
         last = n == len(mission.goals) - 1
@@ -109,7 +109,7 @@ def _goals(config: CompanionSections) -> Iterator[Contradiction]:
         sides = {
             "fence.east": (goal[0], fence.east),
             "fence.north": (goal[1], fence.north),
-            low: (goal[2], [fence.altitude_min, fence.altitude_max]),
+            low: (goal[2], [fence.goal_min, fence.altitude_max]),
         }
         for side, (place, limits) in sides.items():
             if limits is None:

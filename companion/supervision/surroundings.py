@@ -12,6 +12,7 @@ from companion.estimation.seen_space import SECTORS, SeenSpace
 from companion.guidance.fence import FenceConfig
 from companion.perception.camera_health import CameraFault
 from companion.perception.frontend import Detections
+from companion.perception.ground_plane import LEVEL, GroundPlane
 from companion.perception.view import View
 from companion.supervision.certificate import Scene
 from companion.supervision.certify import CertificateConfig
@@ -62,6 +63,7 @@ class SurroundingsEstimator:
         tracks: list[Track],
         map_offset: Vector,
         phase: Phase,
+        ground: GroundPlane = LEVEL,
     ) -> Surroundings:
         """Return what is around `own` at the tick of `time` [s]; nothing where own is not known."""
         if own is None:
@@ -72,9 +74,9 @@ class SurroundingsEstimator:
 
         def scene() -> Scene:
             planes = self._fence.planes()
-            if phase is Phase.FLY:
-                planes = np.vstack([planes, [0.0, 0.0, -1.0, -self._fence.altitude_min]])
             planes[:, 3] -= planes[:, :3] @ map_offset
+            if phase is Phase.FLY:
+                planes = np.vstack([planes, ground.half_space(self._fence.altitude_min)])
             places = np.array([t.p for t in watched.tracks]).reshape(-1, 3)
             hidden = known.hidden(own.p, places)
             shown = self._view.shows(own, places)

@@ -5,6 +5,7 @@ import pytest
 
 from companion.estimation.height import Height
 from companion.guidance.fence import FenceConfig
+from companion.perception.ground_plane import GroundPlane
 from mavlink_bridge.shared.settings import SettingsError, parse_yaml, validate
 
 
@@ -34,10 +35,10 @@ def test_a_side_that_is_crossed_lets_the_drone_go_no_farther():
 def test_the_floor_follows_the_ground_and_its_doubt():
     fence = FenceConfig(altitude_min=0.8)
     assert fence.floor(None) == 0.8
-    assert fence.floor(Height(1.5, 0.05, ground=0.5)) == pytest.approx(1.3)
-    assert fence.floor(Height(1.5, 0.4, ground=0.5)) == pytest.approx(1.5)
-    assert fence.floor(Height(1.5, 9.0, ground=0.5)) == pytest.approx(1.8)
-    assert fence.floor(Height(5.0, 0.05, ground=-3.0)) == pytest.approx(-2.2)
+    assert fence.floor(Height(1.5, 0.05, ground=GroundPlane(0.5))) == pytest.approx(1.3)
+    assert fence.floor(Height(1.5, 0.4, ground=GroundPlane(0.5))) == pytest.approx(1.5)
+    assert fence.floor(Height(1.5, 9.0, ground=GroundPlane(0.5))) == pytest.approx(1.8)
+    assert fence.floor(Height(5.0, 0.05, ground=GroundPlane(-3.0))) == pytest.approx(-2.2)
 
 
 def test_plans_stay_in_a_band_around_the_goal_above_the_floor():

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from companion.perception.camera import Camera
 from companion.perception.camera_alignment import Alignment, CameraAlignment
+from companion.perception.ground_plane import LEVEL, GroundPlane
 from companion.perception.reduced import Reduced
 from companion.perception.view import View
 from mavlink_bridge.shared.frames import rotation_matrix
@@ -57,7 +58,7 @@ def picture(time, camera=CAMERA, mount=None, place=None):
     return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
 
 
-def estimate(taken, seconds=4.0, alignment=None, start=0.0, ground=0.0, wander=0.0):
+def estimate(taken, seconds=4.0, alignment=None, start=0.0, ground=LEVEL, wander=0.0):
     alignment = alignment or CameraAlignment(View(CAMERA, needs_foot=False))
     for n in range(round(seconds / PERIOD)):
         time = start + n * PERIOD
@@ -148,7 +149,7 @@ def test_a_lag_that_is_known_by_half_is_used():
 
 def test_pictures_from_near_the_ground_tell_nothing():
     wide = Camera.equidistant(320, 200, 145.0)
-    found = estimate(lambda t: picture(t, wide), ground=1.7).estimate
+    found = estimate(lambda t: picture(t, wide), ground=GroundPlane(1.7)).estimate
     assert found.sigmas == (np.inf,) * 3
     assert found.contradiction == ""
 

@@ -6,6 +6,7 @@ import pytest
 
 from companion.perception.camera import Camera
 from companion.perception.ground_flow import GroundFlow, hidden_by, way_over_ground
+from companion.perception.ground_plane import GroundPlane
 from companion.perception.parallax import Parallax
 from companion.perception.reduced import Reduced
 from companion.perception.view import View
@@ -48,6 +49,17 @@ def bark(n, seed=3):
 def test_the_ground_tells_the_way():
     way = way_over_ground(*looks(ground(30)), HEIGHT, HEIGHT)
     assert way == pytest.approx(WAY, abs=0.006)
+
+
+def test_sloping_ground_tells_the_way():
+    plane = GroundPlane(0.0, (0.0, 0.0), (0.1, -0.15))
+    points = ground(30)
+    points[:, 2] = plane.below(points)
+    lower = HEIGHT - plane.below(WAY[None])[0]
+    way = way_over_ground(*looks(points), HEIGHT, lower, plane)
+    assert way == pytest.approx(WAY, abs=0.008)
+    level = way_over_ground(*looks(points), HEIGHT, lower)
+    assert level is None or np.abs(level - WAY).max() > 0.015
 
 
 @pytest.mark.parametrize("seed", range(10))

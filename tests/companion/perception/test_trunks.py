@@ -18,13 +18,19 @@ def gravity(pitch_deg, roll_deg):
     return np.array([np.sin(r) * down[1], np.cos(r) * down[1], down[2]])
 
 
-def picture(trunks, down, altitude, camera=CAMERA, ground_colour=GROUND, bark=BARK):
-    """Flat-coloured trunks (forward, right, radius) on flat ground under flat sky."""
+def picture(
+    trunks, down, altitude, camera=CAMERA, ground_colour=GROUND, bark=BARK, rise=(0.0, 0.0)
+):
+    """Flat-coloured trunks (forward, right, radius) on a plane under flat sky.
+
+    rise: m/m of the plane, forward and right.
+    """
     level = LevelFrame.along(down)
     rays = camera.directions.reshape(-1, 3).astype(float)
     f, r, d = rays @ level.forward, rays @ level.right, rays @ level.down
-    image = np.where((d > 0)[:, None], ground_colour, SKY)
-    ground = np.where(d > 1e-6, altitude / np.maximum(d, 1e-6), np.inf)
+    nearer = d + rise[0] * f + rise[1] * r
+    image = np.where((nearer > 0)[:, None], ground_colour, SKY)
+    ground = np.where(nearer > 1e-6, altitude / np.maximum(nearer, 1e-6), np.inf)
     best = ground
     for x, y, radius in trunks:
         a, b = f * f + r * r, f * x + r * y
@@ -48,6 +54,17 @@ def test_the_place_of_a_trunk_at_any_attitude(pitch, roll):
     truth = (5 * level.forward + 1 * level.right) / np.hypot(5, 1)
     assert np.degrees(np.arccos(found.direction @ truth)) < 0.7
     assert found.direction @ down == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("rise", [(0.17, 0.0), (-0.17, 0.0), (0.05, 0.17), (0.0, -0.17)])
+def test_the_place_of_a_trunk_on_a_slope(rise):
+    down = gravity(5, -10)
+    level = LevelFrame.along(down)
+    image = picture([(4.0, 2.0, 0.6)], down, 2.0, rise=rise)
+    rise_c = rise[0] * level.forward + rise[1] * level.right
+    (found,) = TrunkDetector(CAMERA).detect(image, down, 2.0, rise_c)
+    assert found.distance == pytest.approx(np.hypot(4, 2), rel=0.05)
+    assert found.radius == pytest.approx(0.6, rel=0.15)
 
 
 def test_the_nearer_of_two_overlapping_trunks_is_right_and_first():
