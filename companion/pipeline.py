@@ -160,7 +160,8 @@ class Companion:
         )
         if seen.fault.misleads and not phase.on_mission:
             run("forget", None, self._forget_seen)
-        run("height", None, self._vehicle.see_ground, seen.own, seen.fixed)
+        known = last.obstacles.cylinders
+        run("height", None, self._vehicle.see_ground, seen.own, seen.fixed, known)
         run("velocity", None, self._vehicle.see_flow, seen.flow, seen.fault)
         obstacles = run(
             "map", last.obstacles, self._obstacles.update, seen, own, vehicle.doubt, ground

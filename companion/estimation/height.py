@@ -37,14 +37,17 @@ _WANDER_TIME = 40.0  # s in which a height wanders by what its estimator doubts
 _SENSOR = 0.03  # m, where the rangefinder does not tell its error
 _TILT_MIN = 0.8  # cosine of the angle beyond which the beam looks aside
 _GATE = 5.0  # standard deviations; a look farther off is a bush or a neighbour below
-_INSIST = 5  # such looks in a row are the ground: a step
+# Such looks in a row are the ground: a step. Pictures in a row show the same corners.
+_INSIST = {"range": 5, "picture": 20}
 _NO_ECHO = 1  # quality of a look without an echo
 _STEEP = 0.3  # sine of the angle below the horizon; flatter sight lines say little of the level
+_BESIDE = 0.3  # m from the bark of a known trunk, within which a point may be the trunk's
 _MOVES = 0.4  # m/s; slower, the pictures say little
 _POINTS = 8  # points of the ground that make a look
 _AGREE, _SHARE = 0.1, 0.4  # of the height, to which they agree; their share of all below
 _LASTS = 0.7  # s for which the error of the own velocity lasts, and so that of all such looks
 _SCALE = 0.06  # of the height, least error of such a look: a drone that speeds up turns, too
+_NO_TRUNKS: Vector = np.zeros((0, 3))
 
 
 @dataclass(frozen=True)
@@ -117,10 +120,13 @@ class HeightEstimator:
             drift = doubt * math.sqrt(2.0 / _WANDER_TIME)
             self._slope.pass_over(place, look.time, sigma, drift)
 
-    def see(self, own: VehicleState, fixed: FixedPoints, doubt: OwnDoubt) -> None:
+    def see(
+        self, own: VehicleState, fixed: FixedPoints, doubt: OwnDoubt, trunks: Vector = _NO_TRUNKS
+    ) -> None:
         """Take in the points of a picture taken in state `own`; most of those below are ground.
 
-        doubt: of the own state. A wrong speed scales all distances, a wrong tilt moves all levels
+        trunks (k,3): known ones, x, y, radius, m; their points are not. doubt: of the own state. A
+        wrong speed scales all distances, a wrong tilt moves all levels
         alike: neither grows less by more points, the tilt's not even by more pictures.
         """
         speed = norm(own.v)
@@ -128,7 +134,7 @@ class HeightEstimator:
             return
         rays = fixed.places - own.p
         lengths = np.maximum(np.linalg.norm(rays, axis=1), 1e-6)
-        below = rays[:, 2] < -_STEEP * lengths
+        below = (rays[:, 2] < -_STEEP * lengths) & ~_on_trunks(fixed.places, trunks)
         if np.count_nonzero(below) < _POINTS:
             return
         places = fixed.places[below]
@@ -160,7 +166,7 @@ class HeightEstimator:
         off, noise = level - self._level, sigma**2
         if off * off > _GATE**2 * (self._variance + (alone or sigma) ** 2):
             self._refused[by] = self._refused.get(by, 0) + 1
-            if self._refused[by] < _INSIST:
+            if self._refused[by] < _INSIST[by]:
                 return False
             self._variance = off * off
         self._refused[by] = 0
@@ -168,6 +174,13 @@ class HeightEstimator:
         self._level += gain * off
         self._variance = max((1.0 - gain) * self._variance, min(self._variance, least**2))
         return True
+
+
+def _on_trunks(places: Vector, trunks: Vector) -> NDArray[np.bool_]:
+    """Return which places (n,3) may be of a trunk (k,3)."""
+    off = places[:, None, :2] - trunks[:, :2]
+    near = np.hypot(off[..., 0], off[..., 1]) < trunks[:, 2] + _BESIDE
+    return np.asarray(near.any(axis=1))
 
 
 def _alike(levels: Vector, to: float) -> NDArray[np.bool_] | None:

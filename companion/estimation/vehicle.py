@@ -208,10 +208,13 @@ class VehicleEstimator:
             return self._own.at(time)
         return self._flown_by.carried(known, time)
 
-    def see_ground(self, own: VehicleState | None, fixed: FixedPoints) -> None:
-        """Let the points of a picture, taken in state `own`, correct the height over ground."""
+    def see_ground(self, own: VehicleState | None, fixed: FixedPoints, trunks: Vector) -> None:
+        """Let the points of a picture, taken in state `own`, correct the height over ground.
+
+        trunks (k,3): known ones, x, y, radius, m.
+        """
         if own is not None:
-            self._height.see(own, fixed, self._doubt.doubt)
+            self._height.see(own, fixed, self._doubt.doubt, trunks)
 
     def see_flow(self, flow: GroundFlow | None, fault: CameraFault) -> None:
         """Let the ground that passes correct the velocity, from the next message on.

@@ -114,3 +114,31 @@ def test_a_vehicle_that_stands_on_the_ground_has_no_height_whatever_its_estimato
     height = estimator.update(own, [], 0.5)
     assert height.value == pytest.approx(2.0, abs=0.01)
     assert height.sigma == pytest.approx(0.112, abs=0.005)  # 0.1 m, and 0.2 s of wandering
+
+
+def bark_points(rng, p, n=40):
+    """Points of the bark of a trunk of 1 m radius, 1 m ahead of p, most at one height."""
+    angle = rng.uniform(0.8, 1.2, n) * np.pi
+    rows = np.zeros((n, 7))
+    rows[:, 0], rows[:, 1] = p[0] + 2.0 + np.cos(angle), p[1] + np.sin(angle)
+    rows[:, 2] = rng.normal(1.1, 0.05, n)
+    rows[:, 3] = 0.05
+    return FixedPoints.from_rows(rows)
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_a_trunk_that_fills_the_picture_is_no_step_of_the_ground(known):
+    """Held for a step of 1.1 m after half a second, it made a drone jump up among others."""
+    rng, estimator, doubt = np.random.default_rng(6), HeightEstimator(), OwnDoubt(height=0.1)
+    for k in range(40 if known else 15):
+        p, v = np.array([0.05 * k, 0.0, 2.0]), np.array([0.5, 0.0, 0.0])
+        own = VehicleState(0.1 * k, p, v, LEVEL, np.zeros(3))
+        height = estimator.update(own, [], doubt.height)
+        trunks = np.array([[p[0] + 2.0, 0.0, 1.0]]) if known else np.zeros((0, 3))
+        estimator.see(own, bark_points(rng, p), doubt, trunks)
+    assert height.value == pytest.approx(2.0, abs=0.05)
+
+
+def test_a_terrace_is_believed_by_sight_after_two_seconds():
+    errors, _ = fly_by_pictures(lambda x: 1.0 * (x > 15.0), seconds=20.0)
+    assert np.abs(errors[-50:]).max() < 0.3
