@@ -267,9 +267,11 @@ class PhaseMachine:
         if self.phase is Phase.ARM:
             return a.arm()
         if self.phase is Phase.TAKEOFF and not self._takeoff_seen:
-            # ArduCopter shows no mode of its own for it, and refuses to take off in the air.
+            # ArduCopter shows no mode of its own for it, and refuses to take off in the air. By GPS
+            # a vehicle on the ground may seem to climb, so that others are asked all the same.
+            shown = a.mode_after_takeoff != "offboard"
             up = own is not None and (self._height(own) > _LIFTED or own.v[2] > _CLIMBS)
-            return [] if up else a.takeoff(self._config.takeoff_altitude)
+            return [] if up and not shown else a.takeoff(self._config.takeoff_altitude)
         if self.phase is Phase.ENGAGE and self._auto:
             return a.offboard()
         if self.phase is Phase.LAND and mode != "land":

@@ -99,9 +99,16 @@ class SerialExecutor(Executor):
         return future
 
 
-def make_pool(serial: bool) -> Executor:
-    """Return what renders and delivers: this thread where `serial`, else threads of its own."""
-    if serial:
-        return SerialExecutor()
+def make_pools(in_process: bool, waits: bool) -> tuple[Executor, Executor]:
+    """Return what renders, and what delivers frames.
+
+    in_process: companions tick in this thread, in one order; pictures are rendered ahead in
+    another. waits: there are pictures to render, or answers to wait for; else this thread does all.
+    """
+    if not waits:
+        return SerialExecutor(), SerialExecutor()
+    if in_process:
+        return ThreadPoolExecutor(max_workers=1), SerialExecutor()
     # Deliveries wait for captures that were submitted before them, so not all can wait.
-    return ThreadPoolExecutor(max_workers=2 * (os.cpu_count() or 1))
+    pool = ThreadPoolExecutor(max_workers=2 * (os.cpu_count() or 1))
+    return pool, pool

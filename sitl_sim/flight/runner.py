@@ -31,7 +31,7 @@ from sitl_sim.faults.camera import FaultyCamera
 from sitl_sim.faults.link import FaultyLine, FaultyLink, FaultyTelemetry
 from sitl_sim.faults.world import FaultyWorld
 from sitl_sim.flight.autopilots import switch_on, true_airframes
-from sitl_sim.flight.in_process import LocalFrames, make_pool
+from sitl_sim.flight.in_process import LocalFrames, make_pools
 from sitl_sim.flight.inputs import write_inputs, write_world
 from sitl_sim.flight.sensors import Sensors
 from sitl_sim.flight.signed_lines import VehicleSigning, key_of
@@ -121,7 +121,8 @@ class Flight:
             self._restart_clock,
         )
         # Threads pay only where a frame takes time.
-        self._pool = make_pool(serial=in_process or not (self._real_time or self.sensors.renders))
+        waits = self.sensors.renders or (self._real_time and not in_process)
+        self._captures, self._deliveries = make_pools(in_process, waits)
         self._latency_ms = round(scenario.sensing.latency * 1e3 / QUANTUM_MS) * QUANTUM_MS
         self.truth = Truth(self.names)
         self._drifts = drifts
@@ -387,7 +388,7 @@ class Flight:
             return  # the last frame is still under way: this one is dropped
         stamp, now = (self._now + drone.boot_ms) / 1e3, self._now / 1e3
         p, q = self.vehicles.p.copy(), self.vehicles.q.copy()
-        drone.capture = self._pool.submit(self._capture, drone, now, stamp, p, q)
+        drone.capture = self._captures.submit(self._capture, drone, now, stamp, p, q)
 
     def _capture(
         self, drone: VehicleConnection, now: float, stamp: float, p: Vector, q: Vector
@@ -401,7 +402,7 @@ class Flight:
             return  # none was captured, or the companion is still busy with the last one
         stamp, now = (self._now + drone.boot_ms) / 1e3, self._now / 1e3
         packets = drone.companion.packets_out
-        drone.delivery = self._pool.submit(
+        drone.delivery = self._deliveries.submit(
             self._deliver_frame, drone, drone.capture, packets, stamp
         )
         drone.capture = None
@@ -470,8 +471,9 @@ class Flight:
             drone.close()
         for drone in getattr(self, "_drones", []):
             drone.end_process()
-        if hasattr(self, "_pool"):
-            self._pool.shutdown(wait=True, cancel_futures=True)
+        for pool in ("_captures", "_deliveries"):
+            if hasattr(self, pool):
+                getattr(self, pool).shutdown(wait=True, cancel_futures=True)
 
     def exit_codes(self) -> dict[str, int | None]:
         """Return how each companion ended, by drone name; negative: by that signal."""

@@ -195,6 +195,15 @@ def test_a_vehicle_that_a_pilot_stops_low_in_its_take_off_waits_there():
     assert all((d.phase, d.requests, d.stream) == (Phase.TAKEOFF, [], False) for d in stopped)
 
 
+def test_a_vehicle_whose_height_drifts_on_the_ground_is_asked_to_take_off():
+    """By GPS one seemed to stand 0.4 m up, was never asked, and disarmed after ten seconds."""
+    flown = Flown(Px4(1), PX4, auto=True)
+    flown.until(Phase.ARM)
+    flown.tick("hold", armed=False)
+    asked = [flown.tick("hold", height=0.4) for _ in range(15)]
+    assert Px4(1).takeoff(2.0) in [d.requests for d in asked]
+
+
 @pytest.mark.parametrize(("adapter", "modes"), ALL)
 def test_a_vehicle_that_stands_in_a_pilots_mode_takes_off_all_the_same(adapter, modes):
     flown = Flown(adapter, modes, auto=True)
