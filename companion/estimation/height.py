@@ -107,18 +107,19 @@ class HeightEstimator:
 
     def _look(self, own: VehicleState, look: DistanceSensor, doubt: float) -> None:
         """Correct the level by one look of a rangefinder. doubt: m, 1 σ of the own height."""
-        up = rotation_matrix(own.q_wb)[:, 2]
-        upright = float(up[2])
+        up = rotation_matrix(own.q_wb)[:, 2].tolist()
+        upright = up[2]
         heard = look.minimum < look.distance < look.maximum and look.quality != _NO_ECHO
         if look.orientation != SensorRotation.DOWN or not heard or upright < _TILT_MIN:
             return
-        p = own.p + own.v * (look.time - own.time)
-        place, sigma = p - look.distance * up, max(look.sigma, _SENSOR)
+        # In plain numbers: such looks come 50 times a second.
+        dt, far, sigma = look.time - own.time, look.distance, max(look.sigma, _SENSOR)
+        beam = zip(own.p.tolist(), own.v.tolist(), up, strict=True)
+        x, y, z = (p + v * dt - far * u for p, v, u in beam)
         east, north = self._slope.rise
-        level = float(place[2] + look.distance * (east * up[0] + north * up[1]))
-        if self._correct("range", level, sigma):
+        if self._correct("range", z + far * (east * up[0] + north * up[1]), sigma):
             drift = doubt * math.sqrt(2.0 / _WANDER_TIME)
-            self._slope.pass_over(place, look.time, sigma, drift)
+            self._slope.pass_over((x, y, z), look.time, sigma, drift)
 
     def see(
         self, own: VehicleState, fixed: FixedPoints, doubt: OwnDoubt, trunks: Vector = _NO_TRUNKS

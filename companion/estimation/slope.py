@@ -30,31 +30,32 @@ class Slope:
     def __init__(self) -> None:
         self._ranged, self._seen = _Evidence(), _Evidence()
         self._tilt = _TILT  # rad, 1 σ
-        self._under: tuple[Vector, float] | None = None  # a place (3,) of the ground, and when
+        self._under: tuple[tuple[float, float, float], float] | None = None  # a place, and when
         self.rise: tuple[float, float] = (0.0, 0.0)
 
     def move(self, way: float) -> None:
         """Let the evidence fade as the drone flies on by `way` [m]."""
-        kept = math.exp(-way / _LENGTH)
-        self._ranged.fade(kept)
-        self._seen.fade(kept)
+        self._ranged.fade(way)
+        self._seen.fade(way)
 
-    def pass_over(self, place: Vector, time: float, sigma: float, drift: float) -> None:
-        """Take in a place (3,) m of the ground that a rangefinder saw at `time` [s].
+    def pass_over(
+        self, place: tuple[float, float, float], time: float, sigma: float, drift: float
+    ) -> None:
+        """Take in a place x, y, z [m] of the ground that a rangefinder saw at `time` [s].
 
         sigma: m, 1 σ of its height. drift: m/√s, of the own height.
         """
         if self._under is None or time - self._under[1] > _LONG:
             self._under = place, time
             return
-        step = place - self._under[0]
-        length = math.hypot(step[0], step[1])
+        east, north, up = (b - a for a, b in zip(self._under[0], place, strict=True))
+        length = math.hypot(east, north)
         if length < _STEP:
             return
         since = time - self._under[1]
         variance = 2.0 * sigma**2 + drift**2 * since + _BUMPS**2 * length
         self._under = place, time
-        self._ranged.add(step[None, :2], step[2:], np.array([variance]))
+        self._ranged.faded().add(np.array([[east, north]]), np.array([up]), np.array([variance]))
         self._weigh()
 
     def see(self, places: Vector, sigmas: Vector, alike: float, tilt: float) -> None:
@@ -64,15 +65,15 @@ class Slope:
         """
         weights = sigmas**-2.0 / np.sum(sigmas**-2.0)
         offsets = places - weights @ places
-        self._seen.add(offsets[:, :2], offsets[:, 2], alike * sigmas**2)
+        self._seen.faded().add(offsets[:, :2], offsets[:, 2], alike * sigmas**2)
         self._tilt = max(tilt, _TILT)
         self._weigh()
 
     def _weigh(self) -> None:
         """Find the slope from all evidence."""
-        information, weighted = self._seen.blurred(self._tilt)
-        information = information + self._ranged.information
-        weighted = weighted + self._ranged.weighted
+        information, weighted = self._seen.faded().blurred(self._tilt)
+        ranged = self._ranged.faded()
+        information, weighted = information + ranged.information, weighted + ranged.weighted
         level, likely_level = _posterior(information, weighted, _LEVEL)
         sloping, likely_sloping = _posterior(information, weighted, _SLOPING)
         share = 1.0 / (1.0 + math.exp(min(likely_level - likely_sloping - _RARE, 50.0)))
@@ -87,11 +88,18 @@ class _Evidence:
     def __init__(self) -> None:
         self.information: Vector = np.zeros((2, 2))
         self.weighted: Vector = np.zeros(2)
+        self._way = 0.0  # m, flown since the last sum
 
-    def fade(self, kept: float) -> None:
-        """Keep that share."""
+    def fade(self, way: float) -> None:
+        """Let it fade as the drone flies on by `way` [m]."""
+        self._way += way
+
+    def faded(self) -> _Evidence:
+        """Return itself, faded by the way flown since the last time."""
+        kept, self._way = math.exp(-self._way / _LENGTH), 0.0
         self.information = self.information * kept
         self.weighted = self.weighted * kept
+        return self
 
     def add(self, ways: Vector, climbs: Vector, variances: Vector) -> None:
         """Add ways (n,2) m along which the ground climbs (n,) m; variances: (n,) m², of these."""

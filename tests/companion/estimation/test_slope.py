@@ -20,7 +20,7 @@ def pass_over(slope, rise, corners, seed=1):
             place = np.add(a, part * np.subtract(b, a))
             level = place @ rise + rng.normal(0.0, 0.03)
             slope.move(0.15)
-            slope.pass_over(np.array([*place, level]), time, 0.03, 0.01)
+            slope.pass_over((*place.tolist(), level), time, 0.03, 0.01)
             time += 0.1
     return np.array(slope.rise)
 
