@@ -127,8 +127,8 @@ class HeightEstimator:
         """Take in the points of a picture taken in state `own`; most of those below are ground.
 
         trunks (k,3): known ones, x, y, radius, m; their points are not. doubt: of the own state. A
-        wrong speed scales all distances, a wrong tilt moves all levels
-        alike: neither grows less by more points, the tilt's not even by more pictures.
+        wrong speed scales all distances, a wrong tilt moves all levels alike: neither grows less by
+        more points, the tilt's not even by more pictures.
         """
         speed = norm(own.v)
         if len(fixed.places) < _POINTS or speed < _MOVES:

@@ -25,6 +25,10 @@ def add_flight_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+_MANY = 3  # drones from which further processes pay for an in-process flight
+_HOSTS_MOST = 8  # this process, which simulates and renders, feeds no more
+
+
 @contextmanager
 def open_flight(
     options: argparse.Namespace, real_time: bool, in_process: bool = False
@@ -37,12 +41,14 @@ def open_flight(
     """
     import cv2
 
+    from sitl_sim.flight.hosts import cores
     from sitl_sim.flight.runner import flight
     from sitl_sim.flight.stop_signals import stop_on_signals
     from sitl_sim.recording.code_version import commit
     from sitl_sim.recording.new_run_folder import new_run_folder
     from sitl_sim.scenarios import scenario as scenarios
 
+    hosts = 0 if real_time or not in_process else min(cores(), _HOSTS_MOST)
     cv2.setNumThreads(1)
     commit()  # looked up now: a commit made during the flight did not fly
     changes = overrides(options)
@@ -50,10 +56,11 @@ def open_flight(
         changes.append(f"seed={options.seed}")
     scenario = scenarios.load(options.scenario, changes)
     require_controller(scenario.companion.get("controller"))
+    many = scenario.drones.count >= _MANY
     default = Path("runs") / f"{scenario.name}-{scenario.seed}"
     with (
         new_run_folder(options.out, default) as folder,
-        flight(scenario, folder, real_time, in_process) as f,
+        flight(scenario, folder, real_time, in_process, hosts if many else 0) as f,
         stop_on_signals(f),
     ):
         if options.out is None and folder != default:

@@ -46,7 +46,11 @@ class LocalFrames:
     def start_companion(self, config: Path, endpoint: MemoryEndpoint) -> None:
         """Start a companion of this configuration; its MAVLink link is `endpoint`."""
         self._error_log = config.with_name("stderr.log")
-        self._companion = companion_class("in_process")(config, endpoint)
+        self._companion = self._made(config, endpoint)
+
+    def _made(self, config: Path, endpoint: MemoryEndpoint) -> InProcessCompanion:
+        companion: InProcessCompanion = companion_class("in_process")(config, endpoint)
+        return companion
 
     @property
     def connected(self) -> bool:
@@ -99,15 +103,15 @@ class SerialExecutor(Executor):
         return future
 
 
-def make_pools(in_process: bool, waits: bool) -> tuple[Executor, Executor]:
+def make_pools(ticks_here: bool, waits: bool) -> tuple[Executor, Executor]:
     """Return what renders, and what delivers frames.
 
-    in_process: companions tick in this thread, in one order; pictures are rendered ahead in
+    ticks_here: companions tick in this thread, in one order; pictures are rendered ahead in
     another. waits: there are pictures to render, or answers to wait for; else this thread does all.
     """
     if not waits:
         return SerialExecutor(), SerialExecutor()
-    if in_process:
+    if ticks_here:
         return ThreadPoolExecutor(max_workers=1), SerialExecutor()
     # Deliveries wait for captures that were submitted before them, so not all can wait.
     pool = ThreadPoolExecutor(max_workers=2 * (os.cpu_count() or 1))

@@ -31,6 +31,7 @@ from sitl_sim.faults.camera import FaultyCamera
 from sitl_sim.faults.link import FaultyLine, FaultyLink, FaultyTelemetry
 from sitl_sim.faults.world import FaultyWorld
 from sitl_sim.flight.autopilots import switch_on, true_airframes
+from sitl_sim.flight.hosts import Host, HostedFrames
 from sitl_sim.flight.in_process import LocalFrames, make_pools
 from sitl_sim.flight.inputs import write_inputs, write_world
 from sitl_sim.flight.sensors import Sensors
@@ -64,12 +65,21 @@ class Flight:
     """
 
     def __init__(
-        self, scenario: Scenario, folder: Path, real_time: bool = False, in_process: bool = False
+        self,
+        scenario: Scenario,
+        folder: Path,
+        real_time: bool = False,
+        in_process: bool = False,
+        hosts: int = 0,
     ) -> None:
-        """Build everything; folder: the run folder, into which `write_inputs` writes first."""
+        """Build everything; folder: the run folder, into which `write_inputs` writes first.
+
+        hosts: processes among which the companions of an in-process flight are shared; 0: none.
+        """
         self.scenario = scenario
         self.folder = folder
         self._in_process = in_process
+        self._hosts = [Host() for _ in range(hosts)] if in_process else []
         self.names = scenarios.drone_names(scenario)
         self.key = key_of(scenario.seed) if scenario.drones.signing else None
         self._schedule = scenarios.fault_schedule(scenario)
@@ -121,8 +131,9 @@ class Flight:
             self._restart_clock,
         )
         # Threads pay only where a frame takes time.
-        waits = self.sensors.renders or (self._real_time and not in_process)
-        self._captures, self._deliveries = make_pools(in_process, waits)
+        ticks_here = in_process and not self._hosts
+        waits = bool(self.sensors.renders or self._hosts) or (self._real_time and not in_process)
+        self._captures, self._deliveries = make_pools(ticks_here, waits)
         self._latency_ms = round(scenario.sensing.latency * 1e3 / QUANTUM_MS) * QUANTUM_MS
         self.truth = Truth(self.names)
         self._drifts = drifts
@@ -161,7 +172,9 @@ class Flight:
     def _wire(self, system: int) -> tuple[FrameServer | LocalFrames, Endpoint, Endpoint]:
         """Return a vehicle's ends of frame channel, companion's link and ground stations' link."""
         if self._in_process:
-            return LocalFrames(), MemoryEndpoint(), MemoryEndpoint()
+            hosts = self._hosts
+            frames = HostedFrames(hosts[system % len(hosts)]) if hosts else LocalFrames()
+            return frames, MemoryEndpoint(), MemoryEndpoint()
         wire, timeout = self.scenario.wire, self.scenario.timing.answer_timeout
         try:
             return (
@@ -474,6 +487,8 @@ class Flight:
         for pool in ("_captures", "_deliveries"):
             if hasattr(self, pool):
                 getattr(self, pool).shutdown(wait=True, cancel_futures=True)
+        for host in getattr(self, "_hosts", []):
+            host.close()
 
     def exit_codes(self) -> dict[str, int | None]:
         """Return how each companion ended, by drone name; negative: by that signal."""
@@ -482,10 +497,14 @@ class Flight:
 
 @contextmanager
 def flight(
-    scenario: Scenario, folder: Path, real_time: bool = False, in_process: bool = False
+    scenario: Scenario,
+    folder: Path,
+    real_time: bool = False,
+    in_process: bool = False,
+    hosts: int = 0,
 ) -> Iterator[Flight]:
-    """Yield a flight whose processes and ports are released in every case."""
-    f = Flight(scenario, folder, real_time, in_process)
+    """Yield a flight whose processes and ports are released in every case; see `Flight`."""
+    f = Flight(scenario, folder, real_time, in_process, hosts)
     try:
         yield f
     finally:
