@@ -29,7 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_controller_argument(parser)
     parser.add_argument("--real-time", action="store_true", help="the world waits for no companion")
     parser.add_argument(
-        "--in-process", action="store_true", help="companions without sockets, in a process for each core: for studies"
+        "--in-process",
+        action="store_true",
+        help="companions without sockets, in a process for each core: for studies",
     )
     parser.add_argument("--json", action="store_true", help="print metrics.json instead of a table")
     parser.add_argument("--view", action="store_true", help="show the flight in the browser, live")
