@@ -225,6 +225,20 @@ def test_no_other_process_may_take_the_port_of_a_pinned_link(udp):
             thief.bind(("127.0.0.1", ours.endpoint.port))
 
 
+def slowness():
+    """Return how many times slower this core is now than one that a tenth of a tick is asked of.
+
+    Such a core adds up 100,000 squares in 8 ms. A core is not called faster than that.
+    """
+
+    def seconds():
+        began = time.thread_time()
+        sum(n * n % 7 for n in range(100_000))
+        return time.thread_time() - began
+
+    return max(min(seconds() for _ in range(3)) / 0.008, 1.0)
+
+
 FLOODS = {
     "0xFD": b"\xfd" * 1400,
     "0xFE": b"\xfe" * 1400,
@@ -254,7 +268,7 @@ def test_a_flood_from_five_senders_loses_no_packet_of_the_vehicle(udp, kind, not
         costs.append(time.thread_time() - began)
         own = [r for r in heard if r.source == VEHICLE]
         assert len(own) == (40 if len(flood) < 10 else 8), tick
-    assert sorted(costs)[-2] < 0.01, costs  # a tenth of a tick
+    assert sorted(costs)[-2] < 0.01 * slowness(), costs  # a tenth of a tick
     note(f"cost of a tick's flood, {kind} [s]", float(np.median(costs)))
 
 
@@ -275,7 +289,7 @@ def test_a_burst_on_one_line_is_read_in_bounded_time(kind, note):
         costs.append(time.thread_time() - began)
         assert len(heard) <= 300
     assert heard[-1].source == VEHICLE  # the newest is there
-    assert max(costs) < 0.05, costs
+    assert max(costs) < 0.05 * slowness(), costs
     note(f"cost of a tick of 4 MB on one line, {kind} [s]", max(costs))
 
 
@@ -345,7 +359,7 @@ def test_an_attacker_on_a_signed_line_displaces_no_packet(kind, note):
         heard = ours.receive()
         costs.append(time.thread_time() - began)
         assert [r.message.custom_mode for r in heard] == list(range(40))
-    assert min(costs) < 0.01, costs  # a tenth of a tick; a busy machine doubles some
+    assert min(costs) < 0.01 * slowness(), costs  # a tenth of a tick; a busy machine doubles some
     note(f"cost of a tick of 1000 packets, {kind} [s]", float(np.median(costs)))
 
 
