@@ -146,6 +146,9 @@ def _motion(record: dict[str, Any]) -> str:
     if record.get("height"):
         value, sigma = record["height"]
         texts.append(f"over ground {value:.1f} ± {sigma:.1f} m")
+    if any(record.get("ground_rise", [])):
+        slope = math.degrees(math.atan(math.hypot(*record["ground_rise"])))
+        texts.append(f"on a slope of {slope:.0f}°")
     if len(record.get("velocity_by_sight", [])) == 3:
         east, north, sigma = record["velocity_by_sight"]
         texts.append(f"velocity wrong by {math.hypot(east, north):.2f} ± {sigma:.2f} m/s")

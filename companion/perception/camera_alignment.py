@@ -136,8 +136,8 @@ class CameraAlignment:
     ) -> None:
         """Take in a picture, stamped `stamp` [s], at a tick's `time`.
 
-        at: returns the own state at a time [s] of the last second. wander: m/√s, 1 σ of what the
-        own way is told wrong.
+        at: returns the own state at a time [s] of the last second. wander: m/√s, 1 σ of
+        the error of the reported way, a random walk.
         """
         # The attitude after a capture is known a little later.
         while self._waiting and self._waiting[0].end - _LAGS[0] <= time:
@@ -247,7 +247,7 @@ class CameraAlignment:
         sigmas = (lag_sigma, float(deviation[0]), float(deviation[1:].max()))
         likely = lag / (1.0 + (lag_sigma / _LAG_PRIOR) ** 2)
         used = likely if abs(likely) > _LAG_USED else 0.0
-        # What turns share, as a gyro that is a little late, no number of them averages out.
+        # No number of turns averages out an error that they share, as of a gyro that is late.
         shared = deviation / math.sqrt(min(noise, 1.0))
         text = _contradiction(
             scale, np.array([x, y, z]), shared, _SETTLED if self._settled else 1.0

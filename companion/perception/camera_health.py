@@ -50,7 +50,7 @@ class CameraFault(Enum):
 
     @property
     def misleads(self) -> bool:
-        """Whether earlier pictures may have shown things that were not there."""
+        """Return whether earlier pictures may have shown things that were not there."""
         return self in (CameraFault.MISALIGNED, CameraFault.UNCLEAR, CameraFault.SENSELESS)
 
 

@@ -139,8 +139,8 @@ class PerceptionFrontend:
 
         at: returns the vehicle's state at a time [s] of the last second, where it is known.
         horizon: s, the latest that the vehicle's clock can show; None: `time`. trunks (k,3): known
-        ones, x, y, radius [m], nearest first. wander: m/√s, 1 σ of what the own
-        way is told wrong.
+        ones, x, y, radius [m], nearest first. wander: m/√s, 1 σ of the error
+        of the reported way, a random walk.
         """
         if frame is not None and self._lag:
             frame = replace(frame, time=frame.time - self._lag)

@@ -24,8 +24,8 @@ COMPANION_HEARTBEAT = Heartbeat(
     system_status=SystemState.ACTIVE,
 )
 _REPEAT = 1.0  # s between repeated requests
-_LIFTED, _CLIMBS = 0.3, 0.2  # m, m/s; a vehicle beyond either is taking off
 _REPEAT_RELEASE = 0.3  # s; the same while control is given back, as only two seconds are left
+_TAKEOFF_SHOWS = 3.0  # s after the request in which a take-off shows: an ArduCopter is 2 m up then
 _ARM_ANSWER = 2.0  # s after the request to arm in which an armed vehicle is the answer to it
 _STREAM_FIRST = 0.25  # s of setpoints before offboard is asked for: PX4 refuses it without any
 _NEVER = -1e9  # s, before any time
@@ -97,12 +97,13 @@ class PhaseMachine:
         ready: bool,
         complete: bool,
         known: bool = True,
+        airborne: bool = False,
     ) -> Decision:
         """Return the decision at `time` [s].
 
         heartbeat: the last one; None where the mode is not known. own: state now. ready: the drone
         is fit to fly. complete: the mission is. known: the hover thrust is; else the vehicle goes
-        on flying by itself.
+        on flying by itself. airborne: the vehicle has taken off.
         """
         self.waits_for_thrust = False
         if heartbeat is None:
@@ -111,7 +112,7 @@ class PhaseMachine:
         self._note_heartbeat(time, mode, heartbeat.armed)
         if own is None:  # ArduPilot sends no telemetry before it is requested
             waits = self.phase is Phase.WAIT
-            return Decision(self.phase, self._due_requests(time, mode, own) if waits else [])
+            return Decision(self.phase, self._due_requests(time, mode, airborne) if waits else [])
         if self._releasing:
             return self._release(time, mode, heartbeat.armed)
         before = self.phase
@@ -119,7 +120,7 @@ class PhaseMachine:
         if self.phase is Phase.ENGAGE is not before:
             self._engaged_at = time
         self._mode = mode
-        requests = self._due_requests(time, mode, own)
+        requests = self._due_requests(time, mode, airborne)
         if new and self.phase is not Phase.WAIT:  # in which the streams are requested anyway
             requests = self._autopilot.request_streams() + requests
         stream = self.phase in (Phase.ENGAGE, Phase.FLY) or (
@@ -140,13 +141,14 @@ class PhaseMachine:
         if self.phase is Phase.WAIT and armed and time - self._arm_requested_at > _ARM_ANSWER:
             self._armed_by_pilot = True
 
-    def _due_requests(self, time: float, mode: str, own: VehicleState | None) -> list[Message]:
-        """Return the requests of the phase where they are due, each second again."""
-        if time - self._requested_at < _REPEAT or self.phase in (Phase.DONE, Phase.PASSIVE):
+    def _due_requests(self, time: float, mode: str, airborne: bool) -> list[Message]:
+        """Return the requests of the phase where they are due, again and again until obeyed."""
+        repeat = _TAKEOFF_SHOWS if self.phase is Phase.TAKEOFF else _REPEAT
+        if time - self._requested_at < repeat or self.phase in (Phase.DONE, Phase.PASSIVE):
             return []
         if self.phase is Phase.ENGAGE and time - self._engaged_at < _STREAM_FIRST:
             return []
-        requests = self._requests(mode, own)
+        requests = self._requests(mode, airborne)
         if requests:
             self._requested_at = time
             if self.phase is Phase.ARM:
@@ -259,7 +261,7 @@ class PhaseMachine:
         """Return the height [m] above the place where it was armed."""
         return float(own.p[2]) - self._ground
 
-    def _requests(self, mode: str, own: VehicleState | None) -> list[Message]:
+    def _requests(self, mode: str, airborne: bool) -> list[Message]:
         """Return what to request of the autopilot in this phase, until HEARTBEAT shows it."""
         a = self._autopilot
         if self.phase is Phase.WAIT:
@@ -268,10 +270,8 @@ class PhaseMachine:
             return a.arm()
         if self.phase is Phase.TAKEOFF and not self._takeoff_seen:
             # ArduCopter shows no mode of its own for it, and refuses to take off in the air. By GPS
-            # a vehicle on the ground may seem to climb, so that others are asked all the same.
-            shown = a.mode_after_takeoff != "offboard"
-            up = own is not None and (self._height(own) > _LIFTED or own.v[2] > _CLIMBS)
-            return [] if up and not shown else a.takeoff(self._config.takeoff_altitude)
+            # a vehicle on the ground may seem to climb: what it tells itself counts.
+            return [] if airborne else a.takeoff(self._config.takeoff_altitude)
         if self.phase is Phase.ENGAGE and self._auto:
             return a.offboard()
         if self.phase is Phase.LAND and mode != "land":

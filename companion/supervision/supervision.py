@@ -141,6 +141,7 @@ class Supervision:
             ready=self_tested and not inhibit_reason and self._fit_to_fly(vehicle, seen),
             complete=reference is not None and reference.land,
             known=motion.hover.known,
+            airborne=vehicle.thrust.airborne,
         )
         if self._phases.waits_for_thrust and not inhibit_reason:
             inhibit_reason = motion.hover.unknown_reason

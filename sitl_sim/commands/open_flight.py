@@ -48,7 +48,6 @@ def open_flight(
     from sitl_sim.recording.new_run_folder import new_run_folder
     from sitl_sim.scenarios import scenario as scenarios
 
-    hosts = 0 if real_time or not in_process else min(cores(), _HOSTS_MOST)
     cv2.setNumThreads(1)
     commit()  # looked up now: a commit made during the flight did not fly
     changes = overrides(options)
@@ -56,11 +55,12 @@ def open_flight(
         changes.append(f"seed={options.seed}")
     scenario = scenarios.load(options.scenario, changes)
     require_controller(scenario.companion.get("controller"))
-    many = scenario.drones.count >= _MANY
+    shared = in_process and not real_time and scenario.drones.count >= _MANY
+    hosts = min(cores(), _HOSTS_MOST) if shared else 0
     default = Path("runs") / f"{scenario.name}-{scenario.seed}"
     with (
         new_run_folder(options.out, default) as folder,
-        flight(scenario, folder, real_time, in_process, hosts if many else 0) as f,
+        flight(scenario, folder, real_time, in_process, hosts) as f,
         stop_on_signals(f),
     ):
         if options.out is None and folder != default:

@@ -28,14 +28,12 @@ _PATIENCE = 5.0  # s for a process to end by itself
 
 
 class Host:
-    """A process that holds companions; one request at a time."""
+    """A process that holds companions; one request at a time. It starts with the first."""
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
-        self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
-        self._process.start()
-        theirs.close()
+        self._pipe, self._theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(self._theirs,), daemon=True)
         self._lock = threading.Lock()
 
     def ask(self, what: str, name: str, *args: Any) -> Any:
@@ -45,6 +43,9 @@ class Host:
             What it raises there; EOFError, OSError: the process has ended.
         """
         with self._lock:
+            if self._process.pid is None:
+                self._process.start()
+                self._theirs.close()
             self._pipe.send((what, name, args))
             done, result = self._pipe.recv()
         if not done:
@@ -54,13 +55,15 @@ class Host:
     def close(self) -> None:
         """End the process."""
         self._pipe.close()
+        if self._process.pid is None:
+            return
         self._process.join(_PATIENCE)
         if self._process.is_alive():
             self._process.kill()
 
 
 class HostedCompanion:
-    """A companion in another process, as one of this process is called."""
+    """A companion in another process; called as one in this process."""
 
     def __init__(self, host: Host, config: Path, endpoint: MemoryEndpoint) -> None:
         """Build the companion of a configuration; its MAVLink link is `endpoint`."""
@@ -70,7 +73,7 @@ class HostedCompanion:
 
     def answer(self, frame: Frame) -> Answer:
         """Let it tick on a frame and the packets sent before; return its answer."""
-        # Later ones wait already: the flight goes on while the companion ticks.
+        # Later packets may wait, too: the flight goes on while the companion ticks.
         arrived = self._endpoint.receive()
         packets = [next(arrived) for _ in range(frame.packets - self._taken)]
         self._taken = frame.packets

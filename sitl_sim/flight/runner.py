@@ -31,6 +31,7 @@ from sitl_sim.faults.camera import FaultyCamera
 from sitl_sim.faults.link import FaultyLine, FaultyLink, FaultyTelemetry
 from sitl_sim.faults.world import FaultyWorld
 from sitl_sim.flight.autopilots import switch_on, true_airframes
+from sitl_sim.flight.delays import Delays
 from sitl_sim.flight.hosts import Host, HostedFrames
 from sitl_sim.flight.in_process import LocalFrames, make_pools
 from sitl_sim.flight.inputs import write_inputs, write_world
@@ -41,7 +42,6 @@ from sitl_sim.recording.run_folder import own_frames
 from sitl_sim.recording.truth import Truth
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import check_companions, companion_config, companion_port
-from sitl_sim.scenarios.conditions import drawn
 from sitl_sim.scenarios.scenario import QUANTUM_MS, TICK_MS, Scenario
 from sitl_sim.vehicles.emulated import Autopilots
 from sitl_sim.vehicles.rigid_body import Vehicles
@@ -50,8 +50,6 @@ from sitl_sim.worlds.ground import Ground
 
 _TELEMETRY_MS = 20
 _CONNECT_TIMEOUT = 60.0  # s
-_COMPUTE_DRAW = 5  # of `conditions.drawn`
-_LONGEST_TICK = 80  # ms that a companion computes; a longer delay is the way to the vehicle
 
 
 class Flight:
@@ -137,12 +135,7 @@ class Flight:
         self._latency_ms = round(scenario.sensing.latency * 1e3 / QUANTUM_MS) * QUANTUM_MS
         self.truth = Truth(self.names)
         self._drifts = drifts
-        self._delays = drawn(
-            scenario.timing.compute_delay, len(self.names), scenario.seed, _COMPUTE_DRAW
-        )
-        self._jitters = [
-            np.random.default_rng([scenario.seed, 7, i]) for i in range(len(self.names))
-        ]
+        self._delays = Delays(scenario)
         self.wall_seconds = 0.0
         self.stopped_by: int | None = None
         self._now = 0  # ms since the flight began
@@ -420,17 +413,9 @@ class Flight:
         )
         drone.capture = None
         paused = sum(f.value for f in self._schedule.at(drone.index, now, "pause"))
-        delay = self._delay(drone.index)
-        computing = min(delay, _LONGEST_TICK)
+        computing, on_its_way = self._delays.draw(drone.index)
         drone.due_ms = self._now + round(computing + paused * 1e3)
-        drone.hold_ms = 0 if self._real_time else delay - computing
-
-    def _delay(self, i: int) -> int:
-        """Draw the time from this tick of drone i to its effect [ms]."""
-        delay, jitter = float(self._delays[i]), self.scenario.timing.compute_jitter
-        if jitter:
-            delay = max(delay + self._jitters[i].uniform(-jitter, jitter), 0.002)
-        return max(round(delay * 1e3 / QUANTUM_MS) * QUANTUM_MS, QUANTUM_MS)
+        drone.hold_ms = 0 if self._real_time else on_its_way
 
     @staticmethod
     def _deliver_frame(

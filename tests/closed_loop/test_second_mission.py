@@ -41,7 +41,8 @@ class Mission:
         own = VehicleState(a.t, s.p[0].copy(), s.v[0].copy(), s.q[0].copy(), s.omega[0].copy())
         self.flew += self.phases.phase is Phase.FLY
         complete = self.flew > 20
-        decision = self.phases.update(a.t, self.heartbeat, own, True, complete)
+        up = bool(s.p[0, 2] > 0.3)
+        decision = self.phases.update(a.t, self.heartbeat, own, True, complete, airborne=up)
         self.answers.ask(decision.requests)
         sent = list(decision.requests)
         if decision.stream:

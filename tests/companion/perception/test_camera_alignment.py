@@ -41,7 +41,7 @@ TEXTURE = sphere()
 
 
 def picture(time, camera=CAMERA, mount=None, place=None):
-    """What a camera sees of the sphere at `time`, its mount turned by `mount` (3,) rad.
+    """Return the picture of the sphere at `time` by a camera turned by `mount` (3,) rad.
 
     place: (3,), of the camera in a sphere of radius 1; None: in its middle.
     """

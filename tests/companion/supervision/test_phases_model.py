@@ -62,7 +62,8 @@ class Checked:
     def key(self):
         """What the machine's future depends on, with ages only as far as they matter."""
         m = self.machine
-        due = min(round(self.now - m._requested_at, 1), module._REPEAT)
+        repeat = module._TAKEOFF_SHOWS if m.phase is Phase.TAKEOFF else module._REPEAT
+        due = min(round(self.now - m._requested_at, 1), repeat)
         answer = min(round(self.now - m._arm_requested_at, 1), module._ARM_ANSWER + 0.1)
         streamed = min(round(self.now - m._engaged_at, 1), 0.3)
         return (
@@ -86,7 +87,15 @@ class Checked:
         if told.mode is not None:
             heartbeat = Heartbeat(a.autopilot, 2, told.armed, a.modes.get(told.mode, OTHER), 4)
         own = AT[told.height] if told.own else None
-        decision = m.update(self.now, heartbeat, own, told.ready, told.complete, told.known)
+        decision = m.update(
+            self.now,
+            heartbeat,
+            own,
+            told.ready,
+            told.complete,
+            told.known,
+            airborne=told.height > 0.0,
+        )
         self.check(told, before, decision)
         return decision
 
