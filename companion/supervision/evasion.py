@@ -7,12 +7,14 @@ what it simulates for a tick is what the rate loop does with the command of that
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from companion.supervision.certificate import DT, Trajectories
-from mavlink_bridge.shared.arrays import Vector, cross
+from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.frames import rotation_matrix
 
@@ -21,6 +23,7 @@ _CLIMB = 0.8  # m/s, up or down
 _SIDES = 8
 _STILL = 0.05  # m/s: a way this slow has ended
 _VERTICAL = 3.0  # m/s², most that height is corrected by
+_TINY = 1e-9
 
 
 @dataclass(frozen=True)
@@ -80,67 +83,103 @@ def simulate(x0: Vector, ways: Ways, wind: Vector, law: Law, first: Vector | Non
     """
     n = len(ways)
     r = rotation_matrix(x0[6:10])
-    p, v = np.tile(x0[:3, None], n), np.tile(x0[3:6, None], n)  # (3,n), as all vectors here
-    axis = np.tile(r[:, 2:], n)
-    weight = np.array([[0.0], [0.0], [GRAVITY]]) - wind[:, None]
-    places, speeds = np.empty((STEPS + 1, 3, n)), np.empty((STEPS + 1, 3, n))
-    places[0], speeds[0] = p, v
-    u = np.zeros((4, n))
-    velocity, latest = ways.velocity.T, float(ways.hold.max(initial=0.0))
-    for k in range(STEPS):
-        if k == 0 and first is not None:
-            u[:] = first[:, None]
-            after = axis + DT * (r @ [[first[2]], [-first[1]], [0.0]])
-            after /= _length(after)
-            c = u[0]
-        else:
-            wanted = velocity * (ways.hold > DT * k)
-            c, after, turn = _thrust(axis, _force(v, wanted, weight, law), law)
-            if k == 0:
-                rates = r.T @ cross(axis.T, turn.T).T / DT
-                u[0], u[1:4] = c, _bounded(rates, -law.omega_max, law.omega_max)
-        a0, a1 = c * axis - weight, c * after - weight
-        p = p + DT * v + DT**2 / 6.0 * (2.0 * a0 + a1)
-        v, axis = v + 0.5 * DT * (a0 + a1), after
-        places[k + 1], speeds[k + 1] = p, v
-        if k > 0 and latest <= DT * k and (np.abs(v) < _STILL).all():
-            places[k + 2 :], speeds[k + 2 :] = p, 0.0
-            break
-    return Trajectories(u.T, places.transpose(2, 0, 1), speeds.transpose(2, 0, 1))
+    start: list[float] = [*x0[:6].tolist(), *r[:, 2].tolist()]
+    wx, wy, wz = wind.tolist()
+    weight = -wx, -wy, GRAVITY - wz
+    command = None
+    if first is not None:
+        command = (float(first[0]), *(DT * (r @ [first[2], -first[1], 0.0])).tolist())
+    places, speeds = np.empty((n, STEPS + 1, 3)), np.empty((n, STEPS + 1, 3))
+    u = np.zeros((n, 4))
+    # Plain numbers: most often there is one way, of which arrays take ten times as long.
+    for k, (velocity, hold) in enumerate(
+        zip(ways.velocity.tolist(), ways.hold.tolist(), strict=True)
+    ):
+        states, c, turn = _flown(start, velocity, hold, weight, law, command)
+        rows, count = np.array(states), len(states)
+        places[k, :count], speeds[k, :count] = rows[:, :3], rows[:, 3:]
+        places[k, count:], speeds[k, count:] = rows[-1, :3], 0.0
+        u[k, 0] = c
+        u[k, 1:4] = r.T @ turn / DT
+    np.clip(u[:, 1:4], -law.omega_max, law.omega_max, out=u[:, 1:4])
+    if first is not None:
+        u[:] = first
+    return Trajectories(u, places, speeds)
 
 
-def _force(v: Vector, wanted: Vector, weight: Vector, law: Law) -> Vector:
-    """Return the specific force (3,n) m/s² that leads from velocities v to the wanted ones."""
-    a = law.brake_gain * (wanted - v)
-    a[:2] *= np.minimum(1.0, law.brake_max / np.maximum(np.hypot(a[0], a[1]), 1e-9))
-    a[2] = _bounded(a[2], -_VERTICAL, _VERTICAL)
-    force: Vector = a + weight
-    return force
+def _flown(
+    start: Sequence[float],
+    wanted: Sequence[float],
+    hold: float,
+    weight: tuple[float, float, float],
+    law: Law,
+    command: tuple[float, float, float, float] | None,
+) -> tuple[list[tuple[float, ...]], float, list[float]]:
+    """Return one way's places and velocities, and its first thrust and turn [m/s², rad; world].
 
-
-def _thrust(axis: Vector, force: Vector, law: Law) -> tuple[Vector, Vector, Vector]:
-    """Return the thrusts (n,) m/s² of a tick, their axes (3,n) at its end, and how these turn.
-
-    turns: (3,n) rad, each along what its axis turns towards, and across the axis.
+    start: p, v, and the axis of the thrust. weight: m/s², to be carried. command: thrust of the
+    first `DT`, and by how much it moves the axis.
     """
-    size = _length(force)
-    towards = force / size
-    cosine = (axis * towards).sum(axis=0)
-    aside = towards - cosine * axis
-    sine = _length(aside)
-    aside /= np.maximum(sine, 1e-9)
-    turn = min(law.attitude_gain * DT, 1.0) * np.arctan2(sine, cosine)
-    turn = np.minimum(turn, law.omega_max * DT)
-    turned = np.cos(turn) * axis + np.sin(turn) * aside
-    return _bounded(size * cosine, law.c_min, law.c_max), turned, turn * aside
+    px, py, pz, vx, vy, vz, ax, ay, az = start
+    states: list[tuple[float, ...]] = [(px, py, pz, vx, vy, vz)]
+    thrust, turn = 0.0, [0.0, 0.0, 0.0]
+    gx, gy, gz = weight
+    for k in range(STEPS):
+        if k == 0 and command is not None:
+            c, dx, dy, dz = command
+            bx, by, bz = ax + dx, ay + dy, az + dz
+            size = max(math.sqrt(bx * bx + by * by + bz * bz), _TINY)
+            bx, by, bz = bx / size, by / size, bz / size
+        else:
+            x, y, z = wanted if hold > DT * k else (0.0, 0.0, 0.0)
+            force = _force((x - vx, y - vy, z - vz), weight, law)
+            c, (bx, by, bz), sideways = _thrust((ax, ay, az), force, law)
+            if k == 0:
+                thrust, (sx, sy, sz) = c, sideways
+                turn = [ay * sz - az * sy, az * sx - ax * sz, ax * sy - ay * sx]
+        # The acceleration grows evenly from that of the old axis to that of the new one.
+        fx, fy, fz = c * ax - gx, c * ay - gy, c * az - gz
+        tx, ty, tz = c * bx - gx, c * by - gy, c * bz - gz
+        px += DT * vx + DT * DT / 6.0 * (2.0 * fx + tx)
+        py += DT * vy + DT * DT / 6.0 * (2.0 * fy + ty)
+        pz += DT * vz + DT * DT / 6.0 * (2.0 * fz + tz)
+        vx += 0.5 * DT * (fx + tx)
+        vy += 0.5 * DT * (fy + ty)
+        vz += 0.5 * DT * (fz + tz)
+        ax, ay, az = bx, by, bz
+        states.append((px, py, pz, vx, vy, vz))
+        if k > 0 and hold <= DT * k and max(abs(vx), abs(vy), abs(vz)) < _STILL:
+            break
+    return states, thrust, turn
 
 
-def _length(a: Vector) -> Vector:
-    """Return the lengths (n,) of vectors (3,n)."""
-    size: Vector = np.sqrt((a * a).sum(axis=0))
-    return size
+def _force(missing: Sequence[float], weight: Sequence[float], law: Law) -> tuple[float, ...]:
+    """Return the specific force [m/s²] that makes up for a missing velocity [m/s]."""
+    x, y, z = missing
+    gain = law.brake_gain
+    x, y, z = gain * x, gain * y, gain * z
+    less = min(1.0, law.brake_max / max(math.hypot(x, y), _TINY))
+    z = min(max(z, -_VERTICAL), _VERTICAL)
+    return less * x + weight[0], less * y + weight[1], z + weight[2]
 
 
-def _bounded(a: Vector, least: float, most: float) -> Vector:
-    """Return a within bounds: what numpy.clip does, which takes five times as long for a few."""
-    return np.minimum(np.maximum(a, least), most)
+def _thrust(
+    axis: Sequence[float], force: Sequence[float], law: Law
+) -> tuple[float, tuple[float, ...], tuple[float, ...]]:
+    """Return the thrust [m/s²] of a tick, its axis at the end, and how the axis turns.
+
+    That is along what it turns towards, and across the axis [rad].
+    """
+    (x, y, z), (fx, fy, fz) = axis, force
+    size = max(math.sqrt(fx * fx + fy * fy + fz * fz), _TINY)
+    fx, fy, fz = fx / size, fy / size, fz / size
+    cosine = x * fx + y * fy + z * fz
+    sx, sy, sz = fx - cosine * x, fy - cosine * y, fz - cosine * z
+    sine = math.sqrt(sx * sx + sy * sy + sz * sz)
+    turn = min(law.attitude_gain * DT, 1.0) * math.atan2(sine, cosine)
+    turn = min(turn, law.omega_max * DT)
+    unit = 1.0 / max(sine, _TINY)
+    along, across, share = math.cos(turn), math.sin(turn) * unit, turn * unit
+    turned = along * x + across * sx, along * y + across * sy, along * z + across * sz
+    c = min(max(size * cosine, law.c_min), law.c_max)
+    return c, turned, (share * sx, share * sy, share * sz)
