@@ -28,9 +28,6 @@ _SIDE = 1.2, 0.5  # m/s, s: a step aside
 _FAR_SIDE = 1.8, 0.8  # from what comes fast
 _SPEED_TUBE = 0.1  # m/s that the drone may be faster than on its way
 _GAIN = 0.1  # m of room that an evasion must save before it replaces a plan that holds
-# For so many ticks after a refusal a plan needs so much room [m] to be flown again: where it would
-# be accepted at every other tick, plan and way take turns, and the drone swings.
-_WARY, _ROOM = 10, 0.1
 _SHADOW = 5  # ticks from one judgement to the next where a certificate changes nothing
 
 
@@ -164,7 +161,6 @@ class Certifier:
     def reset(self) -> None:
         """Forget the way that was accepted last."""
         self._last: Ways | None = None
-        self._wary = 0  # ticks for which a plan needs more room
         self._ticks = 0
 
     def certify(
@@ -190,16 +186,14 @@ class Certifier:
             after += self._tried(_sides(v), first, prediction, scene, law)
         safe = max(after, key=lambda way: way.margin)
         leaves = max(way.course for way in after)
-        asked = _ROOM if self._wary else 0.0
-        self._wary = max(self._wary - 1, 0)
-        if safe.margin >= asked and leaves >= 0.0:
+        if safe.margin >= 0.0 and leaves >= 0.0:
             self._last = max(after, key=lambda way: way.room).way if safe.room < 0.0 else safe.way
             return Certified(Flown.COMMAND, safe.margin, safe.cause)
         if safe.margin < 0.0 and not self._enforce:  # no matter what else there is
             self._last = None
             return Certified(Flown.NONE, safe.margin, safe.cause)
         now = self._tried(STRAIGHT.then(_sides(v)), None, prediction, scene, law)
-        if safe.margin >= asked:
+        if safe.margin >= 0.0:
             best = max(now, key=lambda way: way.course)
             if best.course < leaves + _GAIN:
                 self._last = safe.way
@@ -208,11 +202,6 @@ class Certifier:
         last = self._going_on(prediction, scene, law)
         held = [way for way in last if way.margin >= 0.0]
         best = max(held or now, key=lambda way: way.rank)
-        if safe.margin < 0.0:
-            self._wary = _WARY
-        elif best.margin < 0.0:  # the plan holds, and nothing else does
-            self._last = safe.way
-            return Certified(Flown.COMMAND, safe.margin, safe.cause)
         return self._fly(best, safe.margin, safe.cause)
 
     def _going_on(self, prediction: Prediction, scene: Scene, law: Law) -> list[_Try]:

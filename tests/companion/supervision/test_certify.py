@@ -117,26 +117,3 @@ def test_a_certificate_that_is_not_enforced_is_only_judged():
     assert before == [None] * 4  # it costs a tick more than it tells
     assert (found.flown, found.instead) == (Flown.NONE, None)
     assert found.margin < 0.0
-
-
-def test_plan_and_way_do_not_take_turns():
-    """A plan that was refused flies again once it has 0.1 m of room, or after a second."""
-    seen = np.linspace(1.0, 4.0, 301)
-    found = [certifier().certify(HOVER, moving(1.6), scene(free=f), KNOWN) for f in seen]
-    margins = np.array([each.margin for each in found])
-    near = seen[np.argmin(np.abs(margins - 0.05))]
-    far = seen[np.argmin(np.abs(margins - 0.15))]
-    assert certifier().certify(HOVER, moving(1.6), scene(free=near), KNOWN).flown is Flown.COMMAND
-
-    def refused():
-        c = certifier()
-        c.certify(HOVER, moving(1.6), scene(free=4.0), KNOWN)
-        narrow = scene(free=seen[np.argmin(np.abs(margins + 0.05))])
-        assert c.certify(HOVER, moving(1.6), narrow, KNOWN).flown is Flown.WAY
-        return c
-
-    flown = [refused().certify(HOVER, moving(1.6), scene(free=far), KNOWN).flown]
-    assert flown == [Flown.COMMAND]
-    c = refused()
-    flown = [c.certify(HOVER, moving(1.6), scene(free=near), KNOWN).flown for _ in range(12)]
-    assert flown == [Flown.WAY] * 10 + [Flown.COMMAND] * 2
