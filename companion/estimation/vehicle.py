@@ -15,6 +15,7 @@ from companion.estimation.odometry_frame import OdometryFrame
 from companion.estimation.own_doubt import OwnDoubt, OwnDoubtEstimator
 from companion.estimation.own_state import OwnState
 from companion.estimation.prediction import StatePredictor
+from companion.estimation.turns import Turn, UnexplainedTurns
 from companion.estimation.velocity_by_sight import VelocityBySight, VelocityFromGround
 from companion.estimation.velocity_lag import Lag, VelocityLag
 from companion.perception.camera_health import CameraFault
@@ -54,7 +55,8 @@ class VehicleEstimate:
     last silence. rebooted: the vehicle has started anew since the tick before. inhibit_reason: why
     this vehicle is not to be flown; empty: it is. thrust: what it tells of its thrust. refusals:
     what the autopilot refused since the tick before, in words. attitudes: those that came since the
-    tick before, in order of time. doubt: of the state. map_offset: (3,) m, position on the map less
+    tick before, in order of time. turns: of these, as far as the gyro does not show them. doubt: of
+    the state. map_offset: (3,) m, position on the map less
     that of the state, see `odometry_frame.py`. height: over ground; None before a state is known.
     lag: of the reported position and velocity, which the state makes up for. home: where the
     vehicle took off, as it tells; None: it has not told. by_sight: what the pictures say of the
@@ -75,6 +77,7 @@ class VehicleEstimate:
     thrust: AutopilotThrust = field(default_factory=AutopilotThrust)
     refusals: tuple[str, ...] = ()
     attitudes: tuple[Attitude, ...] = ()
+    turns: tuple[Turn, ...] = ()
     doubt: OwnDoubt = _UNREPORTED
     height: Height | None = None
     map_offset: Vector = field(default_factory=lambda: np.zeros(3))
@@ -98,6 +101,7 @@ class VehicleEstimate:
             mode_known=known,
             refusals=(),
             attitudes=(),
+            turns=(),
         )
 
 
@@ -118,6 +122,7 @@ class VehicleEstimator:
         self._height = HeightEstimator()
         self._frame = OdometryFrame()
         self._ground = VelocityFromGround()
+        self._turns = UnexplainedTurns()
         self._velocity: Vector = np.zeros(3)  # m/s, of the last tick
         self._height_now: Height | None = None
         self._lag = VelocityLag()
@@ -150,6 +155,8 @@ class VehicleEstimator:
         by_sight = self._ground.decide(before, self._velocity, doubt)
         self._frame.by_sight = by_sight
         self._own.add(self._frame.localised(messages, doubt.velocity), horizon)
+        turns = tuple(self._turns.update(self._own.new_attitudes))
+        self._ground.turn(turns)
         self._identity.hear(messages)
         rebooted = self._notice_reboot(time)
         gap = time - self._time if np.isfinite(self._time) else 0.0
@@ -183,6 +190,7 @@ class VehicleEstimator:
             thrust=self._thrust.read(messages, state),
             refusals=tuple(self._answers.refusals(messages)),
             attitudes=tuple(self._own.new_attitudes),
+            turns=turns,
             doubt=doubt,
             height=self._height_now,
             map_offset=self._frame.offset,

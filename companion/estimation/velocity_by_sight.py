@@ -15,12 +15,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from companion.estimation.height import Height
 from companion.estimation.own_doubt import OwnDoubt
+from companion.estimation.turns import Turn
 from companion.perception.ground_flow import GroundFlow
 from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.wire.messages import VehicleState
@@ -30,6 +32,9 @@ _ALONG, _ACROSS = 0.0115, 0.0085
 _SCALE = 0.05  # of the flow, 1 σ: feet of trunks pass faster than the ground
 _SHORT, _LONG = 1.5, 5.0  # s: how long an error of the velocity lasts, a small one and a wrong one
 _HEADING_LASTS = 300.0  # s: magnetic fields on the way, and the declination
+# rad and s: turns that the gyro does not show in so long count from that sum on, as gyros drift;
+# and the share of them that is doubted.
+_TURN, _TURN_TIME, _TURN_DOUBT = 0.05, 3.0, 0.5
 _AVERAGED = 0.6  # s over which innovations are averaged
 _FOLLOWED = 2.0  # the error over that mean: the filter has followed by half
 _SURE = 2.0  # standard deviations up to which their mean may be noise
@@ -76,6 +81,7 @@ class VelocityFromGround:
         self._time = -math.inf  # s, of the last flow
         self._innovation: Vector = np.zeros(2)  # m/s, averaged
         self._wrong = 0.0  # m²/s², variance of an error that the autopilot does not know of
+        self._unexplained = 0.0  # rad, by which the heading has turned lately and the gyro has not
         self._made: deque[tuple[float, VelocityBySight]] = deque(maxlen=_MADE)
 
     def see(
@@ -115,6 +121,17 @@ class VelocityFromGround:
         p = p - gain @ hp
         self._covariance = 0.5 * (p + p.T)
         self._time = flow.after
+
+    def turn(self, turns: Iterable[Turn]) -> None:
+        """Take in turns that the gyro does not show: so the error of the heading changes."""
+        for turn in turns:
+            self._unexplained = math.exp(-turn.dt / _TURN_TIME) * self._unexplained + turn.up
+            if abs(self._unexplained) < _TURN:
+                continue
+            self._mean[2] += self._unexplained
+            if self._covariance is not None:
+                self._covariance[2, 2] += (_TURN_DOUBT * self._unexplained) ** 2
+            self._unexplained = 0.0
 
     def decide(self, time: float, v: Vector, doubt: OwnDoubt) -> VelocityBySight:
         """Return what is made of it at the tick of `time` [s]; the correction holds from then.

@@ -31,13 +31,13 @@ from pydantic import Field
 
 from companion.estimation.delay import Delay
 from companion.estimation.motion import MotionEstimate
+from companion.estimation.turns import Turn
 from companion.estimation.vehicle import VehicleEstimate
 from companion.supervision.guard import Broken, Reaction
 from companion.types import Phase
 from mavlink_bridge.shared.arrays import Vector, norm
-from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.shared.settings import StrictModel
-from mavlink_bridge.wire.messages import Attitude, VehicleState
+from mavlink_bridge.wire.messages import VehicleState
 
 _SWING_TIME = 3.0  # s in which the swings are counted
 _SPREADS = 2.0  # of what sparse samples leave open of a turn
@@ -106,10 +106,9 @@ class Monitors:
         self._time = -math.inf
         self._swings: tuple[deque[float], deque[float]] = (deque(), deque())
         self._sides = [0, 0]
-        self._turns: deque[tuple[float, list[float], float]] = deque()
+        self._turns: deque[Turn] = deque()
         self._offsets: deque[tuple[float, Vector]] = deque()
         self._disturbance: Vector = np.zeros(3)
-        self._before: tuple[Attitude, Vector] | None = None  # and its matrix
 
     def update(
         self, time: float, vehicle: VehicleEstimate, motion: MotionEstimate, phase: Phase
@@ -132,7 +131,7 @@ class Monitors:
             self._turned(vehicle),
             self._low(time, vehicle),
             self._swinging(time, own),
-            self._turning(vehicle.attitudes),
+            self._turning(vehicle.turns),
             self._sliding(time, vehicle.slid),
         ]
         self._time = time
@@ -226,27 +225,21 @@ class Monitors:
         finding = f"swing: {most} times to and fro in {_SWING_TIME:g} s"
         return self._lasting("swing", time, finding, hold_after=c.persist)
 
-    def _turning(self, attitudes: Iterable[Attitude]) -> Broken | None:
+    def _turning(self, turns: Iterable[Turn]) -> Broken | None:
         """Compare the attitude's turn with the sum of the rates, over a second of telemetry."""
         c = self._config
-        for now in attitudes:
-            before, self._before = self._before, (now, rotation_matrix(now.q_wb))
-            dt = math.inf if before is None else now.time - before[0].time
-            if before is None or not 0.0 < dt < _LONGEST_GAP:
+        for turn in turns:
+            if not turn.follows:
                 self._turns.clear()
-                continue
-            seen = _turn(before[1].T @ self._before[1])
-            half, rates, then = 0.5 * dt, now.omega.tolist(), before[0].omega.tolist()
-            off = [s - half * (a + b) for s, a, b in zip(seen, then, rates, strict=True)]
-            # When the rate changed between two samples is not known.
-            self._turns.append((now.time, off, half * math.dist(rates, then)))
-            while now.time - self._turns[0][0] > _TURN_TIME:
+            self._turns.append(turn)
+            while turn.time - self._turns[0].time > _TURN_TIME:
                 self._turns.popleft()
         if not self._turns:
             return None
-        axes = zip(*(off for _, off, _ in self._turns), strict=True)
+        axes = zip(*(turn.off for turn in self._turns), strict=True)
         size = math.hypot(*(sum(axis) for axis in axes))
-        between = math.sqrt(sum(s * s for _, _, s in self._turns))
+        # When the rate changed between two samples is not known.
+        between = math.sqrt(sum(turn.spread**2 for turn in self._turns))
         if not size > c.turn + _SPREADS * between:
             return None
         finding = f"gyro: attitude and gyro differ by {math.degrees(size):.0f}° in a second"
@@ -261,9 +254,3 @@ class Monitors:
             return None
         finding = f"place: the position went {way:.1f} m that the velocity does not show"
         return Broken(finding, Reaction.SLOW)
-
-
-def _turn(r: Vector) -> list[float]:
-    """Return the rotation vector (3,) rad of a small rotation r (3,3)."""
-    (_, xy, xz), (yx, _, yz), (zx, zy, _) = r.tolist()
-    return [0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)]

@@ -6,6 +6,7 @@ import pytest
 from companion.estimation.height import Height
 from companion.estimation.odometry_frame import OdometryFrame
 from companion.estimation.own_doubt import OwnDoubt
+from companion.estimation.turns import Turn
 from companion.estimation.velocity_by_sight import VelocityBySight, VelocityFromGround
 from companion.perception.ground_flow import GroundFlow
 from mavlink_bridge.wire.messages import LocalPosition, VehicleState
@@ -129,3 +130,26 @@ def test_what_is_seen_stays_where_it_is_with_a_wrong_heading(degrees):
     *_, alone, _ = fly(lambda t: np.zeros(3), turn=np.radians(degrees), sees=lambda t: False)
     *_, p, _ = fly(lambda t: np.zeros(3), turn=np.radians(degrees), yaw=0.05)
     assert np.linalg.norm(p[-1] - p[-200]) < 0.3 * np.linalg.norm(alone[-1] - alone[-200])
+
+
+def of_the_gyro(angle, seconds=2.0, begin=0.0):
+    """A heading that turns by `angle` [rad], and the gyro does not."""
+    dt = 0.02
+    return [
+        Turn(begin + k * dt, dt, True, (0.0, 0.0, 0.0), 0.0, angle * dt / seconds)
+        for k in range(round(seconds / dt))
+    ]
+
+
+@pytest.mark.parametrize("degrees", [-20.0, 10.0])
+def test_a_heading_that_turns_without_the_gyro_turns_the_velocity(degrees):
+    ground = VelocityFromGround()
+    ground.turn(of_the_gyro(np.radians(degrees)))
+    made = ground.decide(2.0, np.array([1.5, 0.0, 0.0]), OwnDoubt())
+    assert np.degrees(made.turn) == pytest.approx(degrees, abs=3.0)
+
+
+def test_a_gyro_that_drifts_turns_nothing():
+    ground = VelocityFromGround()
+    ground.turn(of_the_gyro(np.radians(30.0), seconds=60.0))  # 0.5 °/s
+    assert ground.decide(60.0, np.array([1.5, 0.0, 0.0]), OwnDoubt()).turn == 0.0

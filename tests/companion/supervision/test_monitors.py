@@ -11,6 +11,7 @@ from companion.estimation.hover_thrust import HoverEstimate
 from companion.estimation.motion import MotionEstimate
 from companion.estimation.own_doubt import OwnDoubt
 from companion.estimation.prediction import Prediction
+from companion.estimation.turns import UnexplainedTurns
 from companion.estimation.vehicle import VehicleEstimate
 from companion.estimation.velocity_by_sight import VelocityBySight
 from companion.supervision.guard import (
@@ -47,9 +48,12 @@ def motion(delay=0.05, disturbance=(0.3, 0.0, 0.2)):
 def watched(seconds, vehicle_at, motion_at=lambda t: motion(), phase=Phase.FLY):
     """The findings of each tick of a flight: time [s] and what is broken."""
     monitors, found = Monitors(MonitorConfig(), V_MAX), []
+    turns = UnexplainedTurns()
     for tick in range(round(10 * seconds)):
         t = 0.1 * tick
-        broken = monitors.update(t, vehicle_at(t), motion_at(t), phase)
+        vehicle = vehicle_at(t)
+        vehicle = replace(vehicle, turns=tuple(turns.update(vehicle.attitudes)))
+        broken = monitors.update(t, vehicle, motion_at(t), phase)
         if broken is not None:
             found.append((t, broken))
     return found

@@ -1,0 +1,50 @@
+"""What the gyro does not show of a turn is the estimator's."""
+
+import numpy as np
+import pytest
+
+from companion.estimation.turns import UnexplainedTurns
+from mavlink_bridge.shared.frames import integrate, multiply
+from mavlink_bridge.wire.messages import Attitude
+
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def swaying(t):
+    return np.array([0.4 * np.sin(3.0 * t), 0.5 * np.cos(2.0 * t), 1.2 * np.sin(1.5 * t)])
+
+
+def told(heading, seconds=8.0):
+    """Attitudes at 50 Hz of a drone that sways; heading(t): rad, by which their yaw is wrong."""
+    q, attitudes = LEVEL, []
+    for k in range(round(seconds * 50)):
+        t = k / 50
+        half = 0.5 * heading(t)
+        wrong = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
+        attitudes.append(Attitude(t, multiply(wrong, q), swaying(t)))
+        for part in range(10):
+            q = integrate(q, swaying(t + part / 500), 1 / 500)
+    return attitudes
+
+
+def test_a_turn_of_the_estimate_about_the_vertical_is_found():
+    attitudes = told(lambda t: np.radians(20.0) * (1.0 - np.exp(-max(t - 3.0, 0.0) / 2.0)))
+    turns = UnexplainedTurns().update(attitudes)
+    sums = np.cumsum([turn.up for turn in turns])
+    assert np.abs(sums[:150]).max() < np.radians(0.5)
+    assert sums[-1] == pytest.approx(np.radians(20.0) * (1.0 - np.exp(-2.5)), abs=np.radians(1.0))
+
+
+def test_a_true_turn_is_none():
+    turns = UnexplainedTurns().update(told(lambda t: 0.3))
+    assert np.abs(np.cumsum([turn.off for turn in turns], axis=0)).max() < np.radians(1.0)
+
+
+def test_rates_are_not_summed_up_over_a_gap():
+    attitudes = told(lambda t: 0.0)
+    reader = UnexplainedTurns()
+    first = reader.update(attitudes[:50])
+    later = reader.update(attitudes[100:103])
+    assert [turn.follows for turn in first[:3]] == [False, True, True]
+    assert [turn.follows for turn in later] == [False, True]
+    assert later[0].time == attitudes[101].time
