@@ -123,13 +123,16 @@ class VelocityFromGround:
         self._time = flow.after
 
     def turn(self, turns: Iterable[Turn]) -> None:
-        """Take in turns that the gyro does not show: so the error of the heading changes."""
+        """Take in turns that the gyro does not show: so the error of the heading changes.
+
+        Before ground was seen nothing tells whether the heading is wrong now, or was before.
+        """
         for turn in turns:
             self._unexplained = math.exp(-turn.dt / _TURN_TIME) * self._unexplained + turn.up
             if abs(self._unexplained) < _TURN:
                 continue
-            self._mean[2] += self._unexplained
             if self._covariance is not None:
+                self._mean[2] += self._unexplained
                 self._covariance[2, 2] += (_TURN_DOUBT * self._unexplained) ** 2
             self._unexplained = 0.0
 

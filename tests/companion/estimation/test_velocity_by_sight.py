@@ -141,15 +141,35 @@ def of_the_gyro(angle, seconds=2.0, begin=0.0):
     ]
 
 
+def that_has_seen_ground():
+    """A filter to which the ground has passed as told for five seconds, at 1.5 m/s."""
+    ground, v = VelocityFromGround(), np.array([1.5, 0.0, 0.0])
+    for k in range(1, 51):
+        before, after = (
+            VehicleState(0.1 * j, 0.1 * j * v, v, LEVEL, np.zeros(3)) for j in (k - 1, k)
+        )
+        flow = GroundFlow(before.time, after.time, 0.1 * v[:2], HEIGHT.value)
+        ground.see(flow, before, after, HEIGHT, OwnDoubt())
+    return ground
+
+
 @pytest.mark.parametrize("degrees", [-20.0, 10.0])
 def test_a_heading_that_turns_without_the_gyro_turns_the_velocity(degrees):
-    ground = VelocityFromGround()
-    ground.turn(of_the_gyro(np.radians(degrees)))
-    made = ground.decide(2.0, np.array([1.5, 0.0, 0.0]), OwnDoubt())
+    ground = that_has_seen_ground()
+    ground.turn(of_the_gyro(np.radians(degrees), begin=5.0))
+    made = ground.decide(7.0, np.array([1.5, 0.0, 0.0]), OwnDoubt())
     assert np.degrees(made.turn) == pytest.approx(degrees, abs=3.0)
+    assert made.turn_sigma > np.radians(1.0)
+
+
+def test_a_heading_that_is_reset_before_ground_was_seen_turns_nothing():
+    ground = VelocityFromGround()
+    ground.turn(of_the_gyro(np.radians(20.0)))
+    assert ground.decide(2.0, np.array([1.5, 0.0, 0.0]), OwnDoubt()).turn == 0.0
 
 
 def test_a_gyro_that_drifts_turns_nothing():
-    ground = VelocityFromGround()
-    ground.turn(of_the_gyro(np.radians(30.0), seconds=60.0))  # 0.5 °/s
-    assert ground.decide(60.0, np.array([1.5, 0.0, 0.0]), OwnDoubt()).turn == 0.0
+    ground = that_has_seen_ground()
+    ground.turn(of_the_gyro(np.radians(30.0), seconds=60.0, begin=5.0))  # 0.5 °/s
+    turn = ground.decide(65.0, np.array([1.5, 0.0, 0.0]), OwnDoubt()).turn
+    assert turn == pytest.approx(0.0, abs=1e-6)
