@@ -45,6 +45,7 @@ from companion.supervision.surroundings import Surroundings, SurroundingsEstimat
 from companion.tick import Tick, TickInputs
 from companion.types import Phase
 from mavlink_bridge.autopilots.registry import Identity, adapter
+from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.thrust import ThrustMap
 from mavlink_bridge.wire.messages import RateCommand, RateSetpoint, Source
 
@@ -163,6 +164,8 @@ class Companion:
         known = last.obstacles.cylinders
         run("height", None, self._vehicle.see_ground, seen.own, seen.fixed, known)
         run("velocity", None, self._vehicle.see_flow, seen.flow, seen.fault)
+        if vehicle.turned and own is not None:
+            run("turn", None, self._turn, own.p, vehicle.turned)
         obstacles = run(
             "map", last.obstacles, self._obstacles.update, seen, own, vehicle.doubt, ground
         )
@@ -291,6 +294,11 @@ class Companion:
         if command is None:
             return None
         return RateSetpoint(time, np.zeros(3), self._hover, self._system_id)
+
+    def _turn(self, p: Vector, angle: float) -> None:
+        """Turn all that was seen about p (3,) m: the told heading has turned by `angle` [rad]."""
+        self._obstacles.turn(p, angle)
+        self._neighbours.turn(p, angle)
 
     def _forget_seen(self) -> None:
         """Forget what the camera has shown: it may have been at fault for long.

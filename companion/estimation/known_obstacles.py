@@ -57,6 +57,14 @@ class ObstacleEstimator:
         self._surfaces = SurfaceMap(self._view.camera, surfaces)
         self._parallax = ParallaxMap()
 
+    def turn(self, p: Vector, angle: float) -> None:
+        """Turn all that is remembered left about p (3,) m by a small `angle` [rad].
+
+        A depth camera's surfaces are left: each frame shows them anew.
+        """
+        self._map.turn(p, angle)
+        self._parallax.turn(p, angle)
+
     def update(
         self,
         seen: Detections,

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.estimation.turns import turn_about
 from mavlink_bridge.shared.arrays import Vector
 
 Place = tuple[float, float]
@@ -145,6 +146,10 @@ class LandmarkPlaces:
         moved[0::2, 0] = moved[1::2, 1] = drift.position
         moved[0::2, 2], moved[1::2, 2] = -drift.yaw * arms[:, 1], drift.yaw * arms[:, 0]
         self._covariance[_POSE:, _POSE:] += moved @ moved.T
+
+    def turn(self, here: Place, angle: float) -> None:
+        """Turn all places left about the drone at `here` by a small `angle` [rad]."""
+        turn_about(self._mean[_POSE:].reshape(-1, 2), np.array(here), angle)
 
     def _drift_tilt(self, drift: Drift) -> None:
         kept = drift.tilt_kept if len(self) else 0.0  # nothing has told it before

@@ -7,6 +7,7 @@ from companion.estimation.tracker import Tracker, TrackerConfig
 from companion.perception.frontend import Detections
 from companion.perception.view import View
 from companion.types import Track
+from mavlink_bridge.shared.arrays import Vector
 
 
 class NeighbourEstimator:
@@ -20,6 +21,10 @@ class NeighbourEstimator:
     def reset(self) -> None:
         """Forget all neighbours: the vehicle's frame has begun anew."""
         self._tracker = Tracker(self._config)
+
+    def turn(self, p: Vector, angle: float) -> None:
+        """Turn all tracks left about p (3,) m by a small `angle` [rad]."""
+        self._tracker.turn(p, angle)
 
     def update(self, time: float, seen: Detections, obstacles: KnownObstacles) -> list[Track]:
         """Return the confirmed tracks at the tick of `time` [s], oldest first."""

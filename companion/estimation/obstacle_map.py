@@ -162,6 +162,11 @@ class ObstacleMap:
                 self._landmarks[n].misses += look
         self._forget(here)
 
+    def turn(self, p: Vector, angle: float) -> None:
+        """Turn all trunks left about p (3,) m by a small `angle` [rad]."""
+        self._places.turn((float(p[0]), float(p[1])), angle)
+        self._refresh()
+
     def see_through(self, p: Vector, fixed: FixedPoints, ground: GroundPlane = LEVEL) -> None:
         """Count points seen from p (3,) m behind a landmark as looks that missed it.
 

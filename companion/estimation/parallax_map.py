@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.estimation.landmark_places import Drift
+from companion.estimation.turns import turn_about
 from companion.perception.ground_plane import LEVEL, GroundPlane
 from companion.perception.parallax import SURE, FixedPoints
 from mavlink_bridge.shared.arrays import Vector
@@ -79,6 +80,11 @@ class ParallaxMap:
             self._forget(fixed, p, time, drift)
         if len(fixed.names):
             self._add(fixed, p, time, ground)
+
+    def turn(self, p: Vector, angle: float) -> None:
+        """Turn all points left about p (3,) m by `angle` [rad]."""
+        turn_about(self._points, p, angle)
+        self._standing = self._grouped()
 
     def _forget(self, fixed: FixedPoints, p: Vector, time: float, drift: Drift) -> None:
         """Let the points drift; drop those that are old, or tell nothing any more.

@@ -18,6 +18,7 @@ from pydantic import Field
 
 from companion.estimation import track_size
 from companion.estimation.assignment import assign
+from companion.estimation.turns import turn_about
 from companion.types import Detection, Track
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.frames import rotation_matrix
@@ -92,6 +93,7 @@ _FADE_AFTER = 0.15  # s unseen in the frames that came: more than a tick
 _FRAME_AGE_MAX = 0.25  # s without a frame during which no neighbour counts as out of sight
 _STALE_AFTER = 0.5  # s unseen, after which the place of a neighbour is a guess
 _IDENTITY = np.eye(3)
+_NOWHERE = np.zeros(3)
 
 
 class Tracker:
@@ -189,6 +191,15 @@ class Tracker:
         b[:] = keep * (b + dt * d) + dt**3 / 2 * q
         c[:, 3:, :3] = b.transpose(0, 2, 1)
         d[:] = keep * keep * d + dt * dt * q
+
+    def turn(self, p: Vector, angle: float) -> None:
+        """Turn all tracks left about p (3,) m by a small `angle` [rad]."""
+        for mean in (self._mean, self._last[1]):
+            scale = mean[:, 6:] if self._sized else np.ones((len(mean), 1))
+            places = mean[:, :3] / scale
+            turn_about(places, p, angle)
+            mean[:, :3] = places * scale
+            turn_about(mean[:, 3:6], _NOWHERE, angle)
 
     def _rewind(self, time: float) -> None:
         """Go back to the last frame where `time` [s] lies between it and the last tick.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -27,6 +28,13 @@ class Turn:
     off: tuple[float, float, float]
     spread: float
     up: float
+
+
+def turn_about(places: Vector, p: Vector, angle: float) -> None:
+    """Turn places (n,≥2), x and y first, left about p (≥2,) by `angle` [rad], in place."""
+    arms, (c, s) = places[:, :2] - p[:2], (math.cos(angle), math.sin(angle))
+    places[:, 0] = p[0] + c * arms[:, 0] - s * arms[:, 1]
+    places[:, 1] = p[1] + s * arms[:, 0] + c * arms[:, 1]
 
 
 class UnexplainedTurns:

@@ -55,9 +55,11 @@ class VehicleEstimate:
     last silence. rebooted: the vehicle has started anew since the tick before. inhibit_reason: why
     this vehicle is not to be flown; empty: it is. thrust: what it tells of its thrust. refusals:
     what the autopilot refused since the tick before, in words. attitudes: those that came since the
-    tick before, in order of time. turns: of these, as far as the gyro does not show them. doubt: of
-    the state. map_offset: (3,) m, position on the map less
-    that of the state, see `odometry_frame.py`. height: over ground; None before a state is known.
+    tick before, in order of time. turns: of these, as far as the gyro does not show them. turned:
+    rad, to the left, that the told heading has turned by lately and the drone has not: what was
+    seen before has to turn by as much about the drone. doubt: of the state. map_offset: (3,) m,
+    position on the map less that of the state, see `odometry_frame.py`. height: over ground; None
+    before a state is known.
     lag: of the reported position and velocity, which the state makes up for. home: where the
     vehicle took off, as it tells; None: it has not told. by_sight: what the pictures say of the
     velocity, with which the state is corrected. slid: (3,) m, the part of map_offset by steps and
@@ -78,6 +80,7 @@ class VehicleEstimate:
     refusals: tuple[str, ...] = ()
     attitudes: tuple[Attitude, ...] = ()
     turns: tuple[Turn, ...] = ()
+    turned: float = 0.0
     doubt: OwnDoubt = _UNREPORTED
     height: Height | None = None
     map_offset: Vector = field(default_factory=lambda: np.zeros(3))
@@ -102,6 +105,7 @@ class VehicleEstimate:
             refusals=(),
             attitudes=(),
             turns=(),
+            turned=0.0,
         )
 
 
@@ -156,7 +160,7 @@ class VehicleEstimator:
         self._frame.by_sight = by_sight
         self._own.add(self._frame.localised(messages, doubt.velocity), horizon)
         turns = tuple(self._turns.update(self._own.new_attitudes))
-        self._ground.turn(turns)
+        turned = self._ground.turn(turns)
         self._identity.hear(messages)
         rebooted = self._notice_reboot(time)
         gap = time - self._time if np.isfinite(self._time) else 0.0
@@ -191,6 +195,7 @@ class VehicleEstimator:
             refusals=tuple(self._answers.refusals(messages)),
             attitudes=tuple(self._own.new_attitudes),
             turns=turns,
+            turned=turned,
             doubt=doubt,
             height=self._height_now,
             map_offset=self._frame.offset,

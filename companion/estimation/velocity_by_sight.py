@@ -34,7 +34,7 @@ _SHORT, _LONG = 1.5, 5.0  # s: how long an error of the velocity lasts, a small 
 _HEADING_LASTS = 300.0  # s: magnetic fields on the way, and the declination
 # rad and s: turns that the gyro does not show in so long count from that sum on, as gyros drift;
 # and the share of them that is doubted.
-_TURN, _TURN_TIME, _TURN_DOUBT = 0.05, 3.0, 0.5
+_TURN, _TURN_TIME, _TURN_DOUBT = 0.03, 3.0, 0.5
 _AVERAGED = 0.6  # s over which innovations are averaged
 _FOLLOWED = 2.0  # the error over that mean: the filter has followed by half
 _SURE = 2.0  # standard deviations up to which their mean may be noise
@@ -122,11 +122,13 @@ class VelocityFromGround:
         self._covariance = 0.5 * (p + p.T)
         self._time = flow.after
 
-    def turn(self, turns: Iterable[Turn]) -> None:
+    def turn(self, turns: Iterable[Turn]) -> float:
         """Take in turns that the gyro does not show: so the error of the heading changes.
 
-        Before ground was seen nothing tells whether the heading is wrong now, or was before.
+        Return by how much the told heading has turned [rad], and the drone has not. Before ground
+        was seen nothing tells whether the heading is wrong now, or was before.
         """
+        whole = 0.0
         for turn in turns:
             self._unexplained = math.exp(-turn.dt / _TURN_TIME) * self._unexplained + turn.up
             if abs(self._unexplained) < _TURN:
@@ -134,7 +136,9 @@ class VelocityFromGround:
             if self._covariance is not None:
                 self._mean[2] += self._unexplained
                 self._covariance[2, 2] += (_TURN_DOUBT * self._unexplained) ** 2
+            whole += self._unexplained
             self._unexplained = 0.0
+        return whole
 
     def decide(self, time: float, v: Vector, doubt: OwnDoubt) -> VelocityBySight:
         """Return what is made of it at the tick of `time` [s]; the correction holds from then.

@@ -80,10 +80,11 @@ class MonitorConfig(StrictModel):
         "which to fly slowly: the velocity is corrected, but goals and fence move with it.",
     )
     heading_wrong: float = Field(
-        0.14,
+        0.6,
         gt=0,
         description="Error of the heading [rad], by the ground in the pictures and beyond doubt, "
-        "from which to fly slowly.",
+        "from which to fly slowly. Up to there the velocity is corrected and goals are found: a "
+        "swarm in which all slow down because of 20° swings, and ends in HOLD.",
     )
     height: float = Field(0.5, ge=0, description="Least height [m] over ground.")
     persist: float = Field(

@@ -3,9 +3,14 @@
 import numpy as np
 import pytest
 
+from companion.estimation.obstacle_map import ObstacleConfig, ObstacleMap
+from companion.estimation.parallax_map import ParallaxMap
+from companion.estimation.tracker import Tracker, TrackerConfig
 from companion.estimation.turns import UnexplainedTurns
+from companion.perception.parallax import FixedPoints
+from companion.types import Detection, Trunk
 from mavlink_bridge.shared.frames import integrate, multiply
-from mavlink_bridge.wire.messages import Attitude
+from mavlink_bridge.wire.messages import Attitude, VehicleState
 
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -48,3 +53,26 @@ def test_rates_are_not_summed_up_over_a_gap():
     assert [turn.follows for turn in first[:3]] == [False, True, True]
     assert [turn.follows for turn in later] == [False, True]
     assert later[0].time == attitudes[101].time
+
+
+@pytest.mark.parametrize("sized", [False, True])
+def test_what_is_remembered_turns_about_the_drone(sized):
+    own = VehicleState(
+        1.0, np.array([2.0, 1.0, 2.0]), np.array([1.0, 0.0, 0.0]), LEVEL, np.zeros(3)
+    )
+    trunks, points = ObstacleMap(ObstacleConfig(hits_to_confirm=1)), ParallaxMap()
+    trunks.update([Trunk(np.array([1.0, 0.0, 0.0]), 3.0, 0.3, 0.05)], own, LEVEL, 1.4)
+    there = own.p + np.array([3.0, 0.0, 0.0])
+    fixed = FixedPoints(there[None], np.array([0.05]), np.array([7]), np.ones(1), np.ones(1))
+    points.update(fixed, own.p, 1.0)
+    tracker = Tracker(TrackerConfig(size_sigma=0.3 if sized else 0.0))
+    detection = Detection(np.array([1.0, 0.0, 0.0]), 3.0, 0.02, 0.1)
+    tracker.update(1.0, [detection], own, LEVEL)
+    (axis,), (before,) = trunks.occluders()[:, :2], tracker.positions()
+    for each in (trunks, points, tracker):
+        each.turn(own.p, np.pi / 2)
+    east, north = axis - own.p[:2]
+    assert trunks.occluders()[0, :2] == pytest.approx(own.p[:2] + np.array([-north, east]))
+    east, north, up = before - own.p
+    assert tracker.positions()[0] == pytest.approx(own.p + np.array([-north, east, up]))
+    assert points._points[0, :3] == pytest.approx([2.0, 4.0, there[2]])

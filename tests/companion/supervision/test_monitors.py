@@ -156,12 +156,12 @@ def test_a_velocity_that_the_ground_contradicts_slows_the_drone_and_never_asks_f
 
 def test_a_heading_that_the_ground_contradicts_slows_the_drone():
     def turned(t):
-        by_sight = VelocityBySight(turn=-0.2 if 1.0 <= t < 3.0 else 0.17, turn_sigma=0.02)
+        by_sight = VelocityBySight(turn=-0.7 if 1.0 <= t < 3.0 else 0.63, turn_sigma=0.02)
         return VehicleEstimate(state(t), by_sight=by_sight)
 
     found = watched(5.0, turned)
     assert {b.reaction for _, b in found} == {Reaction.SLOW}
-    assert found[0][1].finding == "heading: wrong by -11°"
+    assert found[0][1].finding == "heading: wrong by -40°"
     assert (found[0][0], found[-1][0]) == pytest.approx((1.0, 2.9), abs=0.11)
 
 
