@@ -133,6 +133,11 @@ class OwnState:
             elif isinstance(message, LocalPosition) and self._sane_position(message):
                 self._positions.append(message)
 
+    @property
+    def rates_by_gyro(self) -> bool:
+        """Whether the body rates are measured; those of coarse telemetry follow from the angles."""
+        return self._coarse is None
+
     def _credible(self, messages: Iterable[Message]) -> list[Message]:
         """Return the messages without samples of the future, which are counted."""
         known = list(messages)

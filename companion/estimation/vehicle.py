@@ -160,7 +160,7 @@ class VehicleEstimator:
         self._frame.by_sight = by_sight
         self._own.add(self._frame.localised(messages, doubt.velocity), horizon)
         turns = tuple(self._turns.update(self._own.new_attitudes))
-        turned = self._ground.turn(turns)
+        turned = self._ground.turn(turns) if self._own.rates_by_gyro else 0.0
         self._identity.hear(messages)
         rebooted = self._notice_reboot(time)
         gap = time - self._time if np.isfinite(self._time) else 0.0

@@ -33,8 +33,9 @@ _SCALE = 0.05  # of the flow, 1 σ: feet of trunks pass faster than the ground
 _SHORT, _LONG = 1.5, 5.0  # s: how long an error of the velocity lasts, a small one and a wrong one
 _HEADING_LASTS = 300.0  # s: magnetic fields on the way, and the declination
 # rad and s: turns that the gyro does not show in so long count from that sum on, as gyros drift;
-# and the share of them that is doubted.
-_TURN, _TURN_TIME, _TURN_DOUBT = 0.03, 3.0, 0.5
+# and the share of them that is doubted. What sparse samples leave open of a turn, in so many parts,
+# does not count.
+_TURN, _TURN_TIME, _TURN_DOUBT, _OPEN = 0.03, 3.0, 0.5, 0.5
 _AVERAGED = 0.6  # s over which innovations are averaged
 _FOLLOWED = 2.0  # the error over that mean: the filter has followed by half
 _SURE = 2.0  # standard deviations up to which their mean may be noise
@@ -82,6 +83,7 @@ class VelocityFromGround:
         self._innovation: Vector = np.zeros(2)  # m/s, averaged
         self._wrong = 0.0  # m²/s², variance of an error that the autopilot does not know of
         self._unexplained = 0.0  # rad, by which the heading has turned lately and the gyro has not
+        self._open = 0.0  # rad², variance of it that sparse samples leave open
         self._made: deque[tuple[float, VelocityBySight]] = deque(maxlen=_MADE)
 
     def see(
@@ -130,8 +132,10 @@ class VelocityFromGround:
         """
         whole = 0.0
         for turn in turns:
-            self._unexplained = math.exp(-turn.dt / _TURN_TIME) * self._unexplained + turn.up
-            if abs(self._unexplained) < _TURN:
+            kept = math.exp(-turn.dt / _TURN_TIME)
+            self._unexplained = kept * self._unexplained + turn.up
+            self._open = kept * kept * self._open + turn.spread * turn.spread
+            if abs(self._unexplained) < _TURN + _OPEN * math.sqrt(self._open):
                 continue
             if self._covariance is not None:
                 self._mean[2] += self._unexplained

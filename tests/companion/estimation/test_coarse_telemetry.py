@@ -138,3 +138,11 @@ def test_samples_that_are_not_finite_or_normal_are_refused_and_counted(bad):
     own.add([Attitude(0.02, level, spoilt), LocalPosition(0.02, 0.02 * v, spoilt)])
     assert own.counters.not_finite == 2
     assert (own.at(0.1).p, own.at(0.1).v) == (pytest.approx(0.1 * v), pytest.approx(v))
+
+
+def test_rates_of_coarse_telemetry_are_not_by_gyro():
+    own = OwnState()
+    own.add(telemetry(0.0, True))
+    assert not own.rates_by_gyro
+    own.add([Attitude(0.1, quaternion_from_euler(0.0, 0.0, 0.5), np.zeros(3))])
+    assert own.rates_by_gyro

@@ -1,5 +1,7 @@
 """A velocity that is wrong with its position is corrected by the ground; a right one is not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -166,6 +168,13 @@ def test_a_heading_that_is_reset_before_ground_was_seen_turns_nothing():
     ground = VelocityFromGround()
     ground.turn(of_the_gyro(np.radians(20.0)))
     assert ground.decide(2.0, np.array([1.5, 0.0, 0.0]), OwnDoubt()).turn == 0.0
+
+
+def test_what_sparse_samples_leave_open_of_a_turn_does_not_count():
+    ground = that_has_seen_ground()
+    turns = [replace(turn, spread=0.02) for turn in of_the_gyro(np.radians(4.0), begin=5.0)]
+    ground.turn(turns)
+    assert ground.decide(7.0, np.array([1.5, 0.0, 0.0]), OwnDoubt()).turn == pytest.approx(0.0)
 
 
 def test_a_gyro_that_drifts_turns_nothing():
