@@ -123,11 +123,12 @@ class HoverThrust:
         self._P = self._P + _DRIFTED * dt
         start, end = before.time, own.time
         thrust = self._of_ours(start, end) if ours else self._of_autopilot(start, end)
+        open_ = self._open(start, end, thrust) if ours and thrust else 0.0
         last, self._thrust_before = self._thrust_before, thrust
         if thrust is None or last is None or not told.airborne:
             return self.estimate
         if _THRUSTS[0] < min(thrust, last) and max(thrust, last) < _THRUSTS[1]:
-            self._observe(thrust, last, _acceleration(before, own) / GRAVITY, dt)
+            self._observe(thrust, last, _acceleration(before, own) / GRAVITY, dt, open_)
             self._source = "flight" if ours else "autopilot"
         return self.estimate
 
@@ -145,8 +146,11 @@ class HoverThrust:
             self._correct(math.log(hover) - self._x[0], _PARAMETER**2, np.array([1.0, 0.0]))
             self._source = "parameter"
 
-    def _observe(self, thrust: float, last: float, share: float, dt: float) -> None:
-        """Correct by one observation; share: acceleration over g that `thrust` gave."""
+    def _observe(self, thrust: float, last: float, share: float, dt: float, open_: float) -> None:
+        """Correct by one observation; share: acceleration over g that `thrust` gave.
+
+        open_: 1 σ of the logarithm of the thrust.
+        """
         if not _SHARES[0] < share < _SHARES[1]:
             return
         more, exponent = math.log(thrust) - self._x[0], self._x[1]
@@ -158,7 +162,7 @@ class HoverThrust:
             weight = max(dt / _NOISE_TIME, 1.0 / (self._observed + 1))
             self._noise += weight * (0.5 * change**2 - self._noise)
         noise = max(self._noise, _NOISE**2)
-        noise += (_LAG * exponent * math.log(thrust / last)) ** 2
+        noise += exponent**2 * ((_LAG * math.log(thrust / last)) ** 2 + open_**2)
         self._correct(self._believed(error, noise, slope), noise, slope)
 
     def _believed(self, error: float, noise: float, slope: Vector) -> float:
@@ -183,6 +187,18 @@ class HoverThrust:
         """Return the mean thrust of the autopilot from `start` to `end` [s]; None: not told."""
         seen = [x for at, x in self._targets if start < at + _TARGET_DELAY <= end]
         return sum(seen) / len(seen) if seen else None
+
+    def _open(self, start: float, end: float, thrust: float) -> float:
+        """Return how far the delay's doubt leaves open which thrust acted: 1 σ of its logarithm.
+
+        While the thrust changes, an acceleration is otherwise taken for the work of the wrong one.
+        """
+        sigma, open_ = self._history.delay_sigma, 0.0
+        for shift in (-sigma, sigma):
+            other = self._of_ours(start + shift, end + shift)
+            if other:
+                open_ = max(open_, abs(math.log(other / thrust)))
+        return open_
 
     def _of_ours(self, start: float, end: float) -> float | None:
         """Return the mean thrust that acted from `start` to `end` [s]; None: not all was ours."""

@@ -22,11 +22,14 @@ class SentInput:
 
 
 class InputHistory:
-    """The last inputs sent, oldest first. An input acts `delay` [s] after its tick."""
+    """The last inputs sent, oldest first.
+
+    delay: s, from an input's tick to its effect. delay_sigma: its 1 σ, where it is measured.
+    """
 
     def __init__(self, delay: float) -> None:
         """delay: s from a tick to its effect: compute, transport, rate loop."""
-        self.delay = delay
+        self.delay, self.delay_sigma = delay, 0.0
         self.epoch = 0  # grows whenever the inputs are forgotten
         self._sent: deque[SentInput] = deque(maxlen=_KEPT)
 

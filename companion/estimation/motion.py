@@ -75,7 +75,7 @@ class MotionEstimator:
         if own is None or not phase.flying:
             return MotionEstimate(None, hover, self._delay.estimate)
         delay = self._delay.measured(own.time, attitudes)
-        self._history.delay = delay.value
+        self._history.delay, self._history.delay_sigma = delay.value, delay.sigma
         return MotionEstimate(self.predictor.update(own), hover, delay)
 
     def sent(self, sent: SentInput) -> None:

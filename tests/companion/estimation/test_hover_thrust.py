@@ -197,3 +197,22 @@ def test_a_companion_that_starts_in_flight_believes_the_landed_state():
     reader = AutopilotThrustReader(identity)
     assert not read(reader, identity, heartbeat(True), height=9.0).airborne
     assert read(reader, identity, ExtendedSystemState(2), height=9.0).airborne
+
+
+@pytest.mark.parametrize(("sigma", "falls"), [(0.0, True), (0.1, False)])
+def test_while_the_delay_is_in_doubt_a_changing_thrust_tells_little(sigma, falls):
+    """A drone fell: 0.3 s late, it took a third of its hover thrust for the whole."""
+    drone = Drone(0.33)
+    drone.fly(30, ours=True)
+    drone.history.delay_sigma = sigma
+    shares = [1.0, 1.0, 1.0, 1.33, 1.36, 1.36, 1.3, 1.1, 0.93, 0.7, 0.5, 0.4, 0.4, 0.4]
+    furthest = 0.0
+    for k in range(3, len(shares)):
+        drone.history.add(SentInput(drone.time - 0.06, np.zeros(4), 0.33 * shares[k]))
+        drone.time += 0.1  # what acts was sent three ticks before
+        drone.v = drone.v + 0.1 * GRAVITY * np.array([0.0, 0.0, shares[k - 3] - 1.0])
+        own = VehicleState(drone.time, np.zeros(3), drone.v, LEVEL, np.zeros(3))
+        seen = drone.hover.update(own, AutopilotThrust((), airborne=True), ours=True)
+        furthest = max(furthest, abs(np.log(seen.map.hover_thrust / 0.33)))
+    assert (furthest > 0.3) == falls
+    assert furthest > 0.3 or furthest < 0.06
