@@ -211,7 +211,7 @@ class ObstacleMap:
         another trunk stands before it.
         """
         best, nearest = None, math.inf
-        half = math.asin(min(trunk.radius / trunk.distance, 1.0))
+        half = _half_width(trunk)
         for n, k in enumerate(self._landmarks):
             offset = (k.axis[0] - p[0], k.axis[1] - p[1])
             distance = math.hypot(*offset)
@@ -219,7 +219,9 @@ class ObstacleMap:
                 continue
             known_half = math.asin(k.radius / distance)
             widest = max(_WIDER * known_half, known_half + _COLUMNS)
-            if _angle(along, offset) < max(half, known_half) and half < widest:
+            # Where an edge is cut off, the axis is a guess: it is enough that the two overlap.
+            within = max(half, known_half) if trunk.half_width else half + known_half
+            if _angle(along, offset) < within and half < widest:
                 best, nearest = n, distance
         return best
 
@@ -233,7 +235,7 @@ class ObstacleMap:
             here.p,
             place,
             trunk.sigma,
-            math.hypot(_BEARING, here.turning) * trunk.distance,
+            math.hypot(math.hypot(_BEARING, here.turning) * trunk.distance, _cut(trunk)),
             # Without a foot in the picture its width tells the distance: no tilt shifts that.
             None if trunk.assumed else Foot(here.yaw, here.height, trunk.radius),
         )
@@ -382,6 +384,22 @@ class ObstacleMap:
             if _angle(offset, other) < covers + math.asin(min(target.radius / distance, 1.0)):
                 return True
         return False
+
+
+def _half_width(trunk: Trunk) -> float:
+    """Return half the angle [rad] that a trunk covers, by its radius and distance."""
+    return math.asin(min(trunk.radius / trunk.distance, 1.0))
+
+
+def _cut(trunk: Trunk) -> float:
+    """Return the 1 σ [m], across the line of sight, by which a cut-off edge leaves the axis open.
+
+    The axis is the edge that shows and half the width, which follows from the assumed distance: an
+    error e of that turns it by e tan(β) / distance.
+    """
+    if not trunk.assumed or trunk.half_width:
+        return 0.0
+    return trunk.sigma * math.tan(min(_half_width(trunk), _WIDEST))
 
 
 def _angle(a: _Place, b: _Place) -> float:

@@ -268,3 +268,24 @@ def test_a_trunk_cut_by_the_pictures_edge_moves_nothing():
         found = fly(known, 0.0, cut_off, drift=drift, visibility=lambda p: np.zeros(len(p)))
     assert found[:, 2] == pytest.approx([1.0, 0.9], abs=0.1)
     assert found[:, :2] == pytest.approx(np.array([near, far]), abs=0.12)
+
+
+def test_a_near_trunk_whose_edge_is_cut_off_keeps_its_place():
+    """Its axis, a guess by its assumed width, lay 0.7 rad beside it: the map moved by 1.1 m."""
+    known = ObstacleMap(ObstacleConfig())
+    near, far = np.array([0.3, 1.9]), np.array([5.0, -3.0])
+
+    def seen(place):
+        distance = float(np.hypot(*place))
+        return Trunk(np.array([-place[1], 0.0, place[0]]) / distance, distance, 1.0, 0.1)
+
+    drift = Drift(position=0.02, yaw=0.002)
+    for _ in range(12):
+        fly(known, 0.0, seen(near), seen(far), drift=drift)
+    guess = np.array([-1.4, 1.3])
+    distance = float(np.hypot(*guess))
+    direction = np.array([-guess[1], 0.0, guess[0]]) / distance
+    cut = Trunk(direction, distance, 1.0, 0.49, assumed=True)
+    hidden = {"visibility": lambda places: np.zeros(len(places))}
+    found = fly(known, 0.0, cut, drift=drift, **hidden)
+    assert found[:, :2] == pytest.approx(np.array([near, far]), abs=0.05)
