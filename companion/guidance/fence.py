@@ -33,8 +33,8 @@ class FenceConfig(StrictModel):
     altitude_band: float = Field(
         1.0,
         gt=0,
-        description="Most [m] above or below the goal's height: a drone that evades farther up or "
-        "down leaves the others' view.",
+        description="Most [m] above or below the straight way from goal to goal: a drone that "
+        "evades farther up or down leaves the others' view.",
     )
     east: list[float] | None = Field(
         None, min_length=2, max_length=2, description="[least, most] x [m]; null: no limit."
@@ -109,12 +109,12 @@ class FenceConfig(StrictModel):
             + min(max(height.sigma - _SURE, 0.0), _DOUBT_MAX)
         )
 
-    def altitude_planes(self, goal_altitude: float, floor: float) -> Vector:
-        """Return the band around the goal's height [m] above the floor [m], as (2,4) half-spaces.
+    def altitude_planes(self, altitude: float, floor: float) -> Vector:
+        """Return the band around an altitude [m] above the floor [m], as (2,4) half-spaces.
 
         Where the floor is near the ceiling, the floor counts.
         """
-        top = min(self.altitude_max, goal_altitude + self.altitude_band)
-        bottom = max(floor, goal_altitude - self.altitude_band)
+        top = min(self.altitude_max, altitude + self.altitude_band)
+        bottom = max(floor, altitude - self.altitude_band)
         top = max(top, bottom + _ROOM)
         return np.array([[0, 0, 1, top], [0, 0, -1, -bottom]], dtype=float)

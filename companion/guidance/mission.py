@@ -18,6 +18,7 @@ from mavlink_bridge.wire.messages import VehicleState
 _STRAIGHT = 0.6  # rad; a smaller turn counts as left
 _U_TURN = 2.8  # rad; a larger turn counts as left, too
 _AHEAD = 0.8  # rad round the island by which the aim leads the drone
+_CLIMB_AHEAD = 2.0  # m ahead on the way, whose height the drone keeps
 _LEVEL_FROM, _LEVEL_FULL = 0.5, 1.5  # m from a goal: its own height, and the drone's level
 _RING = 0.1  # m, least width between island and tolerance
 _LEAVING = 0.35  # rad before the place where the way leaves the island: the next goal is aimed at
@@ -95,12 +96,14 @@ class MissionConfig(StrictModel):
 class MissionProgress:
     """Where the mission stands.
 
-    goal: (3,) m to fly to. index: of the present goal. complete: the last goal is reached.
+    goal: (3,) m to fly to. index: of the present goal. complete: the last goal is reached. climb:
+    m, by which the straight way from the goal before is still below the present one.
     """
 
     goal: Vector
     index: int
     complete: bool
+    climb: float = 0.0
 
 
 class Mission:
@@ -146,7 +149,8 @@ class Mission:
                 self._index += 1
             else:
                 self._complete = True
-        return MissionProgress(self._aim(own.p), self._index, self._complete)
+        goal, climb = self._aim(own.p), self._climb(own.p)
+        return MissionProgress(goal, self._index, self._complete, climb)
 
     def opening(self, p: Vector) -> tuple[Vector, Vector] | None:
         """Return place (3,) m and way (2,) of the present goal if it is an opening; else None.
@@ -191,6 +195,20 @@ class Mission:
         straight = self._last or self._openings[self._index]
         aim = goal if straight else self._roundabout().aim(p)
         return np.array([aim[0], aim[1], goal[2]])
+
+    def _climb(self, p: Vector) -> float:
+        """Return how far [m] the way is below the present goal, a little ahead of p (3,) m.
+
+        The height changes evenly from goal to goal: over ground that rises from one to the next, a
+        drone that climbed at once would lose the ground out of sight, or fly into it.
+        """
+        if not self._index:
+            return 0.0
+        goal, before = self._goal, self._goals[self._index - 1]
+        length = math.hypot(goal[0] - before[0], goal[1] - before[1])
+        ahead = math.hypot(goal[0] - p[0], goal[1] - p[1]) - _CLIMB_AHEAD
+        left = min(max(ahead / length, 0.0), 1.0) if length > 1e-3 else 0.0
+        return left * float(goal[2] - max(before[2], self._floor))
 
     @property
     def _goal(self) -> Vector:

@@ -8,6 +8,7 @@ from companion.control.nmpc import NmpcConfig
 from companion.estimation.prediction import Prediction
 from companion.guidance.fence import FenceConfig
 from companion.guidance.guidance import Reference
+from companion.guidance.mission import MissionProgress
 from companion.guidance.reciprocity import ReciprocityConfig
 from companion.model import HOVER
 from companion.types import Obstacles
@@ -47,7 +48,19 @@ def test_doubt_does_not_close_the_way_between_two_trunks():
 def reference(land):
     """Hover at the last goal."""
     return Reference(
-        None, OWN.p, OWN.p, (), 0.0, 1.0, "", 1.8, [], [], frozenset(), obstacles([], []), land
+        MissionProgress(OWN.p, 0, True),
+        OWN.p,
+        OWN.p,
+        (),
+        0.0,
+        1.0,
+        "",
+        1.8,
+        [],
+        [],
+        frozenset(),
+        obstacles([], []),
+        land,
     )
 
 

@@ -134,3 +134,18 @@ def test_a_goal_that_lies_too_low_is_reached_at_the_floor():
     assert mission.update(at([0.0, 0.0, 2.0]), floor=1.8).goal.tolist() == [5.0, 0.0, 1.8]
     assert not mission.update(at([5.0, 0.0, 1.0]), floor=1.8).complete
     assert mission.update(at([5.0, 0.0, 1.8]), floor=1.8).complete
+
+
+def test_the_way_from_goal_to_goal_is_straight():
+    """Over a slope a drone that climbed at once flew 5 m above the ground, where it saw little."""
+    goals = [[0.0, 0.0, 2.0], [40.0, 0.0, 10.0], [80.0, 0.0, 10.0]]
+    mission = Mission(MissionConfig(goals=goals, tolerance=1.0, island=0.5))
+    assert mission.update(at([-5.0, 0.0, 1.0])).climb == 0.0
+    walk(mission, [-2.0, 0.0, 2.0], most=60)
+    half_way = mission.update(at([20.0, 0.0, 6.0]))
+    assert half_way.index == 1
+    assert half_way.climb == pytest.approx(0.2 * 18.0)  # 2 m ahead
+    assert mission.update(at([36.0, 0.0, 9.0])).climb == pytest.approx(0.4)
+    walk(mission, [36.0, 0.0, 9.2], most=120)
+    level = mission.update(at([50.0, 0.0, 10.0]))
+    assert (level.index, level.climb) == (2, 0.0)
