@@ -26,10 +26,10 @@ from mavlink_bridge.shared.arrays import Vector
 class RecordedInputs:
     """The inputs of one tick.
 
-    time: s, of the tick. datagrams: since the tick before. frame_time: s, of the newest frame;
-    drones, trunks, ranges, fixed, flow: its detections, where it was new. leave: whether control
-    was to be given back. shown: whether the camera showed anything. latest: s, the latest that the
-    vehicle's clock could show, where that was not `time`.
+    time: s, of the tick. datagrams: since the tick before. frame_time: s, when the newest frame was
+    taken; lag: s, by which its stamp is later. drones, trunks, ranges, fixed, flow: its detections,
+    where it was new. leave: whether control was to be given back. shown: whether the camera showed
+    anything. latest: s, the latest that the vehicle's clock could show, where that was not `time`.
     """
 
     time: float
@@ -43,6 +43,7 @@ class RecordedInputs:
     shown: bool = True
     latest: float | None = None
     flow: Vector | None = None
+    lag: float = 0.0
 
 
 class InputsError(ValueError):
@@ -83,12 +84,14 @@ def encode(
     leave: bool = False,
     shown: bool = True,
     latest: float | None = None,
+    lag: float = 0.0,
 ) -> bytes:
     """Return one tick's inputs as bytes; seen: empty where the frame was not new."""
     ranges, fixed = seen.ranges, seen.fixed.rows
     header = {
         "time": time,
         "frame": frame_time,
+        "lag": lag,
         "datagrams": [len(d) for d in datagrams],
         "rows": {name: len(getattr(seen, name)) for name in _TABLES},
         "columns": _COLUMNS,
@@ -149,6 +152,7 @@ def decode(data: bytes) -> RecordedInputs:
             shown=shown,
             latest=header.get("latest"),
             flow=np.array(header["flow"], float) if header.get("flow") else None,
+            lag=float(header.get("lag", 0.0)),
         )
     except (ValueError, TypeError, KeyError) as error:
         raise InputsError(f"not a tick's inputs: {error}") from error

@@ -150,12 +150,12 @@ class Recorder:
 
     def _write_inputs(self, inputs: TickInputs, tick: Tick, packets: Packets) -> None:
         # A replay has no pictures to find their lag by.
-        lag = tick.seen.alignment.lag
-        frame_time = None if inputs.frame is None else inputs.frame.time - lag
+        stamp, lag = tick.seen.stamp, tick.seen.alignment.lag
+        frame_time = None if stamp is None else stamp - lag
         came = [data for sent, data in packets if not sent]
         shown = tick.seen.fault in (CameraFault.NONE, CameraFault.LATE)
         data = recorded.encode(
-            tick.time, came, frame_time, tick.seen, inputs.leave, shown, inputs.latest
+            tick.time, came, frame_time, tick.seen, inputs.leave, shown, inputs.latest, lag
         )
         self._add("/inputs", tick.time, data)
 

@@ -161,8 +161,9 @@ def _frame(inputs: RecordedInputs) -> Frame | None:
     """Return the newest frame with its detections, in the layout of the frame channel."""
     if inputs.frame_time is None:
         return None
+    stamp, lag = inputs.frame_time + inputs.lag, inputs.lag
     if not inputs.shown:
-        return Frame(inputs.frame_time)
+        return Frame(stamp, lag=lag)
     drones = [[*d.direction, d.range, d.sigma_bearing, d.sigma_range] for d in inputs.drones]
     trunks = [
         [*t.direction, t.distance, t.radius, t.sigma, t.assumed, t.half_width]
@@ -178,7 +179,7 @@ def _frame(inputs: RecordedInputs) -> Frame | None:
         arrays["flow"] = inputs.flow
     if inputs.ranges is not None:
         arrays["ranges"] = inputs.ranges
-    return Frame(inputs.frame_time, arrays)
+    return Frame(stamp, arrays, lag=lag)
 
 
 def _gap(recorded: dict[str, Any], today: dict[str, Any], name: str) -> float:

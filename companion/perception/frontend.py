@@ -6,6 +6,7 @@ behind this page is the same.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -41,6 +42,8 @@ _ARRAYS = {
 # Faults of pictures that can still be compared with the gyro: corners need no clear colours.
 _COMPARED = (CameraFault.NONE, CameraFault.LATE, CameraFault.MISALIGNED, CameraFault.UNCLEAR)
 _NO_TRUNKS: Vector = np.zeros((0, 3))
+_FORESEEN = 0.05  # s after the tick that an own state may be, to take a picture's place by it
+_HELD = 8  # pictures that wait for telemetry, at most
 _LENGTHS = (1e-6, 1e4)  # m; distances, radii and standard deviations lie between
 
 
@@ -48,13 +51,14 @@ _LENGTHS = (1e-6, 1e4)  # m; distances, radii and standard deviations lie betwee
 class Detections:
     """What the newest frame showed, and how the camera is.
 
-    time: s, when the frame was taken. own: the vehicle's state then; None where there was no new
-    frame. searched: whether trunks were looked for. ranges: (h,w) m to other surfaces, where there
-    is a depth image. fixed: points known by parallax. flow: of the ground, where it shows. fault:
-    of the camera; blind: s that it has lasted. started: whether any frame has been looked at.
-    inhibit_reason: why the frames cannot be flown by; empty where they can. alignment: how the
-    pictures turn, against the gyro. problem: of the detectors; empty where there is none. clarity:
-    0…1, how surely obstacle, ground and the rest are told apart; 1 where no picture is asked.
+    time: s, when the frame was taken. stamp: s, its stamp; None where no frame was looked at. own:
+    the vehicle's state then; None where there was no new frame. searched: whether trunks were
+    looked for. ranges: (h,w) m to other surfaces, where there is a depth image. fixed: points known
+    by parallax. flow: of the ground, where it shows. fault: of the camera; blind: s that it has
+    lasted. started: whether any frame has been looked at. inhibit_reason: why the frames cannot be
+    flown by; empty where they can. alignment: how the pictures turn, against the gyro. problem: of
+    the detectors; empty where there is none. clarity: 0…1, how surely obstacle, ground and the rest
+    are told apart; 1 where no picture is asked.
     """
 
     time: float = 0.0
@@ -72,6 +76,7 @@ class Detections:
     problem: str = ""
     clarity: float = 1.0
     flow: GroundFlow | None = None
+    stamp: float | None = None
 
 
 class PerceptionFrontend:
@@ -123,7 +128,8 @@ class PerceptionFrontend:
         self._health = CameraHealth(self._health_config, self._arrays)
         self._alignment = CameraAlignment(self._view)
         self._parallax = Parallax(self._view)
-        self._newest = -np.inf
+        self._newest = self._arrived = -np.inf
+        self._waiting: deque[Frame] = deque(maxlen=_HELD)
 
     def see(
         self,
@@ -144,12 +150,14 @@ class PerceptionFrontend:
         """
         if frame is not None and self._lag:
             frame = replace(frame, time=frame.time - self._lag)
+        frame = self._told(time, frame)
         misfit = self._misfit(frame)
         alignment = self._alignment.estimate
         wrong = "" if self._measuring else alignment.contradiction
         stamped = frame
-        captured = -np.inf if frame is None else frame.time - alignment.lag
-        if frame is not None and alignment.lag:
+        lag = alignment.lag if frame is None or frame.lag is None else frame.lag
+        captured = -np.inf if frame is None else frame.time - lag
+        if frame is not None and lag:
             # A picture from later than now: telemetry is late, and tells that time not yet.
             frame = replace(frame, time=min(captured, max(time, frame.time)))
         image = None if frame is None or misfit else frame.arrays.get("image")
@@ -185,7 +193,27 @@ class PerceptionFrontend:
             found.problem,
             found.clarity,
             found.flow,
+            None if stamped is None else stamped.time,
         )
+
+    def _told(self, time: float, frame: Frame | None) -> Frame | None:
+        """Return the newest frame, or one that waited, of a time of which telemetry tells by now.
+
+        Telemetry that is late against the camera tells a picture's attitude only later. A state
+        foreseen for it is wrong by some hundredths of a radian while the drone manoeuvres: ground
+        and feet then seem to move.
+        """
+        lag = self._alignment.estimate.lag
+        if lag > -_FORESEEN or (frame is not None and (frame.lag is not None or frame.time > time)):
+            self._waiting.clear()
+            return frame
+        if frame is not None and frame.time > self._arrived:
+            self._arrived = frame.time
+            self._waiting.append(frame)
+        due = None
+        while self._waiting and self._waiting[0].time - lag <= time + _FORESEEN:
+            due = self._waiting.popleft()
+        return due
 
     def _detect(
         self,

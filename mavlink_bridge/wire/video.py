@@ -53,7 +53,8 @@ class Frame:
     (m,6), `trunks` (k,6) and `ranges` (h,w) float32 m to walls (camera frame) where the simulator
     replaces the detector.
     packets: MAVLink packets that the vehicle sent to the companion before this frame. due: time of
-    sending [s], where it differs from the capture. local: `time` is CLOCK_MONOTONIC.
+    sending [s], where it differs from the capture. local: `time` is CLOCK_MONOTONIC. lag: s, of the
+    picture behind `time`, where a log tells it; None: it has to be measured.
     """
 
     time: float
@@ -61,6 +62,7 @@ class Frame:
     packets: int = 0
     due: float | None = None
     local: bool = False
+    lag: float | None = None
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from companion.perception.camera_alignment import Alignment
 from companion.perception.camera_health import CameraFault
 from companion.perception.frontend import PerceptionFrontend, make_view
 from companion.settings.config import CompanionConfig
@@ -130,3 +131,34 @@ def test_a_measuring_flight_looks_for_nothing_and_forgives_its_mount():
     assert found.started
     assert not found.searched
     assert not found.drones
+
+
+@pytest.mark.parametrize("lag", [0.0, -0.2])
+def test_a_picture_waits_until_telemetry_tells_of_its_time(lag):
+    """Late telemetry: what it says now was so 0.2 s before a picture that comes now."""
+    perception = frontend(neighbours="truth", obstacles="map")
+    perception._alignment.estimate = Alignment(lag=lag)
+    asked, seen = [], []
+
+    def told(time):
+        asked.append(time)
+        return at(time)
+
+    for n in range(1, 9):
+        time = 0.1 * n
+        arrays = {"neighbours": np.array([[0.0, 0.0, 1.0, n, 0.01, 0.1]]), "trunks": NO_TRUNKS}
+        found = perception.see(time, Frame(time - 0.02, arrays), told)
+        assert found.fault is CameraFault.NONE or n < 3
+        if found.own is not None:
+            assert found.own.time == pytest.approx(found.stamp - lag, abs=1e-9)
+            seen.append((n, round(found.drones[0].range)))
+    assert max(asked) < 0.8 + 0.05
+    waits = 2 if lag else 0
+    assert seen == [(n, n - waits) for n in range(1 + waits, 9)]
+
+
+def test_a_recorded_frame_does_not_wait_again():
+    perception = frontend(neighbours="truth", obstacles="map")
+    arrays = {"neighbours": NO_DRONES, "trunks": NO_TRUNKS}
+    found = perception.see(0.5, Frame(0.3, arrays, lag=-0.2), at)
+    assert found.own.time == pytest.approx(0.5)
