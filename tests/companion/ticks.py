@@ -55,7 +55,7 @@ def detections(rng, time, own):
     """Four drones and five trunks somewhere in view."""
     drones = [Detection(rng.normal(size=3), rng.uniform(1, 9), 0.01, 0.1, 0.9) for _ in range(4)]
     trunks = [Trunk(rng.normal(size=3), rng.uniform(1, 9), 1.0, 0.1) for _ in range(5)]
-    return Detections(time, own, drones, trunks)
+    return Detections(time, own, drones, trunks, stamp=time)
 
 
 def reference(tracks):
