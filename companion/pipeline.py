@@ -296,7 +296,7 @@ class Companion:
         return RateSetpoint(time, np.zeros(3), self._hover, self._system_id)
 
     def _turn(self, p: Vector, angle: float) -> None:
-        """Turn all that was seen about p (3,) m: the told heading has turned by `angle` [rad]."""
+        """Turn trunks, points and tracks about p (3,) m, as the told heading turned, by `angle`."""
         self._obstacles.turn(p, angle)
         self._neighbours.turn(p, angle)
 

@@ -147,9 +147,9 @@ class LandmarkPlaces:
         moved[0::2, 2], moved[1::2, 2] = -drift.yaw * arms[:, 1], drift.yaw * arms[:, 0]
         self._covariance[_POSE:, _POSE:] += moved @ moved.T
 
-    def turn(self, here: Place, angle: float) -> None:
-        """Turn all places left about the drone at `here` by a small `angle` [rad]."""
-        turn_about(self._mean[_POSE:].reshape(-1, 2), np.array(here), angle)
+    def turn(self, p: Vector, angle: float) -> None:
+        """Turn all places left about the drone at p (≥2,) m by a small `angle` [rad]."""
+        turn_about(self._mean[_POSE:].reshape(-1, 2), p, angle)
 
     def _drift_tilt(self, drift: Drift) -> None:
         kept = drift.tilt_kept if len(self) else 0.0  # nothing has told it before

@@ -164,7 +164,7 @@ class ObstacleMap:
 
     def turn(self, p: Vector, angle: float) -> None:
         """Turn all trunks left about p (3,) m by a small `angle` [rad]."""
-        self._places.turn((float(p[0]), float(p[1])), angle)
+        self._places.turn(p, angle)
         self._refresh()
 
     def see_through(self, p: Vector, fixed: FixedPoints, ground: GroundPlane = LEVEL) -> None:

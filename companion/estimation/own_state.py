@@ -135,7 +135,7 @@ class OwnState:
 
     @property
     def rates_by_gyro(self) -> bool:
-        """Whether the body rates are measured; those of coarse telemetry follow from the angles."""
+        """Return whether body rates are measured; those of coarse telemetry follow from angles."""
         return self._coarse is None
 
     def _credible(self, messages: Iterable[Message]) -> list[Message]:

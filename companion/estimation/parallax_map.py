@@ -84,7 +84,7 @@ class ParallaxMap:
     def turn(self, p: Vector, angle: float) -> None:
         """Turn all points left about p (3,) m by `angle` [rad]."""
         turn_about(self._points, p, angle)
-        self._standing = self._grouped()
+        self._updates = _ANEW  # what stands is grouped anew
 
     def _forget(self, fixed: FixedPoints, p: Vector, time: float, drift: Drift) -> None:
         """Let the points drift; drop those that are old, or tell nothing any more.

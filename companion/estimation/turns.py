@@ -15,7 +15,7 @@ _LONGEST_GAP = 0.25  # s between two attitudes, over which rates are not summed 
 
 @dataclass(frozen=True)
 class Turn:
-    """What the body rates do not show of the turn between two attitudes.
+    """The part of the turn between two attitudes that the body rates do not show.
 
     time: s, at its end. dt: s. follows: whether the turn before ends where it begins. off: rad,
     rotation vector, body. spread: rad, by how much the rates changed between. up: rad, of `off`,
@@ -54,13 +54,14 @@ class UnexplainedTurns:
                 self._follows = False
                 continue
             matrix = self._before[1]
+            # Sines of so small a turn are its angles; in plain numbers, at each attitude.
             (_, xy, xz), (yx, _, yz), (zx, zy, _) = (before[1].T @ matrix).tolist()
             seen = 0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)
-            x, y, z = now.omega.tolist()
-            a, b, c = before[0].omega.tolist()
+            x, y, z = rates = now.omega.tolist()
+            a, b, c = earlier = before[0].omega.tolist()
             half = 0.5 * dt
             off = seen[0] - half * (x + a), seen[1] - half * (y + b), seen[2] - half * (z + c)
-            spread = half * ((x - a) ** 2 + (y - b) ** 2 + (z - c) ** 2) ** 0.5
+            spread = half * math.dist(rates, earlier)
             down: list[float] = matrix[2].tolist()
             up = down[0] * off[0] + down[1] * off[1] + down[2] * off[2]
             turns.append(Turn(now.time, dt, self._follows, off, spread, up))

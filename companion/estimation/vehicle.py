@@ -59,11 +59,10 @@ class VehicleEstimate:
     rad, to the left, that the told heading has turned by lately and the drone has not: what was
     seen before has to turn by as much about the drone. doubt: of the state. map_offset: (3,) m,
     position on the map less that of the state, see `odometry_frame.py`. height: over ground; None
-    before a state is known.
-    lag: of the reported position and velocity, which the state makes up for. home: where the
-    vehicle took off, as it tells; None: it has not told. by_sight: what the pictures say of the
-    velocity, with which the state is corrected. slid: (3,) m, the part of map_offset by steps and
-    slides that the velocity did not show.
+    before a state is known. lag: of the reported position and velocity, which the state makes up
+    for. home: where the vehicle took off, as it tells; None: it has not told. by_sight: what the
+    pictures say of the velocity, with which the state is corrected. slid: (3,) m, the part of
+    map_offset by steps and slides that the velocity did not show.
     """
 
     state: VehicleState | None = None

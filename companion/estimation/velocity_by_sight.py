@@ -8,7 +8,8 @@ what is seen. The told velocity differs from it by an error that comes and goes,
 stays (the error of the heading), and by a factor (the height over ground); a Kalman filter tells
 the three apart by how long they last. An error far beyond what the autopilot says of itself shows
 as innovations that agree for longer than noise does: then the filter believes that the velocity may
-be as wrong as they say.
+be as wrong as they say. Where the told heading turns and the gyro does not (`turns.py`), the turn
+is known at once.
 """
 
 from __future__ import annotations
@@ -32,9 +33,9 @@ _ALONG, _ACROSS = 0.0115, 0.0085
 _SCALE = 0.05  # of the flow, 1 σ: feet of trunks pass faster than the ground
 _SHORT, _LONG = 1.5, 5.0  # s: how long an error of the velocity lasts, a small one and a wrong one
 _HEADING_LASTS = 300.0  # s: magnetic fields on the way, and the declination
-# rad and s: turns that the gyro does not show in so long count from that sum on, as gyros drift;
-# and the share of them that is doubted. What sparse samples leave open of a turn, in so many parts,
-# does not count.
+# rad and s: turns that the gyro does not show, summed up over this time, count from this sum on, as
+# gyros drift; this share of them is doubted. Between sparse samples the rates may change: a share
+# of that change is left open, and does not count.
 _TURN, _TURN_TIME, _TURN_DOUBT, _OPEN = 0.03, 3.0, 0.5, 0.5
 _AVERAGED = 0.6  # s over which innovations are averaged
 _FOLLOWED = 2.0  # the error over that mean: the filter has followed by half

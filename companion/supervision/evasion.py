@@ -91,7 +91,7 @@ def simulate(x0: Vector, ways: Ways, wind: Vector, law: Law, first: Vector | Non
         command = (float(first[0]), *(DT * (r @ [first[2], -first[1], 0.0])).tolist())
     places, speeds = np.empty((n, STEPS + 1, 3)), np.empty((n, STEPS + 1, 3))
     u = np.zeros((n, 4))
-    # Plain numbers: most often there is one way, of which arrays take ten times as long.
+    # Plain numbers: most often there is one way, of which arrays take eight times as long.
     for k, (velocity, hold) in enumerate(
         zip(ways.velocity.tolist(), ways.hold.tolist(), strict=True)
     ):

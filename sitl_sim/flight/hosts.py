@@ -56,6 +56,7 @@ class Host:
         """End the process."""
         self._pipe.close()
         if self._process.pid is None:
+            self._theirs.close()
             return
         self._process.join(_PATIENCE)
         if self._process.is_alive():

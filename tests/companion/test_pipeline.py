@@ -9,7 +9,7 @@ from companion.pipeline import Companion
 from companion.settings.config import CompanionConfig
 from companion.tick import TickInputs
 from mavlink_bridge.autopilots.px4 import MODES
-from mavlink_bridge.shared.frames import rotation_matrix
+from mavlink_bridge.shared.frames import quaternion_from_euler, rotation_matrix
 from mavlink_bridge.wire.messages import Attitude, Heartbeat, LocalPosition, Received, Source
 from mavlink_bridge.wire.video import Frame
 
@@ -25,10 +25,11 @@ def wall_ranges():
     return np.where(np.abs(up * ranges) < 1.9, ranges, np.inf).reshape(32, 32).astype(np.float32)
 
 
-def engaged(shown, handed=10, ticks=20, later=None, **changes):
+def engaged(shown, handed=10, ticks=20, later=None, heading=lambda time: 0.0, **changes):
     """The last tick of a drone that has seen `shown` for two seconds, and was handed over.
 
     handed: the tick in which the pilot does so. later: what it sees then; None: no pictures.
+    heading: rad, as the vehicle tells it at a time [s]; its gyro tells of no turn.
     """
     config = CompanionConfig.model_validate(
         {
@@ -51,7 +52,8 @@ def engaged(shown, handed=10, ticks=20, later=None, **changes):
         mode = MODES["hold" if k < handed else "offboard"]
         heard = [Received(vehicle, Heartbeat(12, 2, True, mode, 4))]
         for t in now - 0.08 + 0.02 * np.arange(5):
-            heard.append(Received(vehicle, Attitude(t, LEVEL, np.zeros(3))))
+            told = quaternion_from_euler(0.0, 0.0, heading(t))
+            heard.append(Received(vehicle, Attitude(t, told, np.zeros(3))))
             heard.append(Received(vehicle, LocalPosition(t, PLACE, np.zeros(3))))
         sight = shown if k < 20 else later
         frame = None if sight is None else Frame(now - 0.03, empty | sight)
@@ -107,3 +109,21 @@ def test_the_aim_leads_round_two_trunks_without_room_between(apart, turned):
     assert (abs(aside) > 0.3) == turned
     assert np.allclose(tick.planned.instance.goal, tick.reference.aim)
     assert np.allclose(tick.reference.progress.goal, [4.5, 0.0, 2.0])
+
+
+def test_what_was_seen_turns_with_a_heading_that_turns_without_the_gyro():
+    """A compass goes wrong by 0.2 rad after the last picture."""
+    shown = {
+        "neighbours": np.array([[0.0, 0.0, 1.0, 3.0, 0.01, 0.05]]),
+        "trunks": np.array([[0.6, 0.0, 0.8, 4.0, 0.3, 0.1]]),
+    }
+
+    def wrong(time):
+        return 0.2 * np.clip((time - 12.0) / 0.4, 0.0, 1.0)
+
+    _, tick = engaged(shown, ticks=27, heading=wrong)
+    (trunk,), (track,) = tick.obstacles.cylinders, tick.tracks
+    c, s = np.cos(0.2), np.sin(0.2)
+    east, north = 3.2, -2.4  # as it was seen, to the right
+    assert trunk[:2] == pytest.approx([c * east - s * north, s * east + c * north], abs=0.15)
+    assert track.p[:2] == pytest.approx([3.0 * c, 3.0 * s], abs=0.15)

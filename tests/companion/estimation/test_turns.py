@@ -1,4 +1,4 @@
-"""What the gyro does not show of a turn is the estimator's."""
+"""Turns that the attitude shows and the gyro does not, and what turns with them."""
 
 import numpy as np
 import pytest
