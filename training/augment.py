@@ -19,6 +19,11 @@ _NOISE = 1 << 21
 # Of gain, gamma and tint (σ of the logarithm). The rendered looks vary already: what is then made
 # much brighter, harder or noisier shows drones that nobody can see, and teaches to guess.
 _LIGHT = 0.15
+_GROUPS = (GROUND,), (OBSTACLE, FAR), (OTHER,), (DRONE,)
+_MEMBERS = {  # 255 where a class is of the group
+    group: np.where(np.isin(np.arange(256), group), 255, 0).astype(np.uint8) for group in _GROUPS
+}
+_WHITE = (255.0, 255.0, 255.0, 255.0)
 
 
 class Strange:
@@ -32,20 +37,25 @@ class Strange:
 
     def repaint(self, rng: np.random.Generator, image: Picture, classes: Picture) -> Picture:
         """Return the picture with each class of its pixels, some of the time, made another."""
-        grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
-        out = image.astype(np.float32)
-        for group in ((GROUND,), (OBSTACLE, FAR), (OTHER,), (DRONE,)):
-            mask = np.isin(classes, group)
+        grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        out = image.copy()
+        for group in _GROUPS:
+            mask = _MEMBERS[group][classes]
             if not mask.any() or rng.random() < (0.5 if group == (DRONE,) else 0.25):
                 continue
-            level = grey[mask]
-            shade = (level + 8.0) / (level.mean() + 8.0)
-            shade = shade ** float(rng.uniform(0.2, 1.5))
-            texture = self._texture(rng, image.shape[:2])[mask]
-            new = texture * shade[:, None]
+            level = cv2.mean(grey, mask)[0]
+            power = float(rng.uniform(0.2, 1.5))
+            shade = (((np.arange(256) + 8.0) / (level + 8.0)) ** power).astype(np.float32)
+            lit = cv2.multiply(
+                self._texture(rng, image.shape[:2]),
+                cv2.cvtColor(cv2.LUT(grey, shade), cv2.COLOR_GRAY2BGR),
+            )
             share = float(rng.uniform(0.5, 1.0))
-            out[mask] = (1 - share) * out[mask] + share * new
-        return np.clip(out, 0, 255).astype(np.uint8)
+            new = cv2.addWeighted(
+                image, 1 - share, cv2.convertScaleAbs(cv2.min(lit, _WHITE)), share, 0
+            )
+            cv2.copyTo(new, mask, out)
+        return out
 
     def light(self, rng: np.random.Generator, image: Picture) -> Picture:
         """Return the picture in other light, through another lens and sensor."""

@@ -15,10 +15,10 @@ from training.data import DRONE, MOST, OPEN, SIZE, SMALLEST, UNCLEAR, WANTED, Sh
 from training.shapes import drawn_drone
 from training.videos import CutOut
 
-CROP = (192, 256)  # px, height and width
+CROP = (256, 320)  # px, height and width
 _REAL = 0.2  # share of crops that are photographs
 _PASTED = (0, 0, 0, 0, 1, 1, 2)  # objects added to a crop, each as likely
-_REPAINTED = 0.2  # share of rendered crops
+_REPAINTED = 0.3  # share of rendered crops
 
 
 class Batch(NamedTuple):

@@ -17,7 +17,7 @@ from torch.nn.functional import interpolate, pixel_shuffle, relu
 STRIDE, SCENE_STRIDE = 8, 4  # px of the picture per cell
 CHANNELS = 5  # heat (logit), offset u and v [cells], log size [px], log scale of its error
 CLASSES = 3  # logits: obstacle, ground, other (sky, drones)
-WIDTHS = (16, 32, 48, 64)
+WIDTHS = (16, 32, 64, 128)
 _PREFIX = "network."  # of the weights' names in a file
 
 

@@ -44,12 +44,19 @@ def drawn_drone(
         centre: tuple[int, int], a: float, b: float, c: tuple[float, ...], alpha: float
     ) -> None:
         axes = max(int(a * scale), 1), max(int(b * scale), 1)
-        mask = np.zeros_like(opacity)
-        cv2.ellipse(mask, centre, axes, np.degrees(roll), 0, 360, 255, -1)
+        reach = max(axes) + 2
+        u, v = centre
+        part = np.s_[max(v - reach, 0) : max(v + reach, 0), max(u - reach, 0) : max(u + reach, 0)]
+        mask = np.zeros_like(opacity[part])
+        if not mask.size:
+            return
+        corner = u - part[1].start, v - part[0].start
+        cv2.ellipse(mask, corner, axes, np.degrees(roll), 0, 360, 255, -1)
         hit = mask > 0
-        share = alpha * (1 - opacity[hit, None] / 255.0 * 0.7)
-        picture[hit] = (1 - share) * picture[hit] + share * np.array(c)
-        opacity[hit] = np.maximum(opacity[hit], int(255 * alpha))
+        before, shown = opacity[part], picture[part]
+        share = alpha * (1 - before[hit, None] / 255.0 * 0.7)
+        shown[hit] = (1 - share) * shown[hit] + share * np.array(c)
+        before[hit] = np.maximum(before[hit], int(255 * alpha))
 
     def line(a: tuple[int, int], b: tuple[int, int], w: float, c: tuple[float, ...]) -> None:
         cv2.line(picture, a, b, c, max(int(w * scale), 1))

@@ -1,13 +1,14 @@
 """Train the packaged network and write it as ONNX.
 
     nice -n 19 python -m training.train --work DIR [--videos DIR] [--shards N] [--steps K]
-        [--minutes M] [--device cpu|cuda] [--workers W] [--batch B] [--rate R] [--anew]
+        [--minutes M] [--finish M] [--device cpu|cuda] [--workers W] [--batch B] [--rate R] [--anew]
         [--out FILE]
 
 Training goes on from the packaged network (--anew: from random weights). The work folder keeps
 pictures and the checkpoint: the same command goes on where it was ended. Data and weights hang on
 seeds and the step alone: with one build of torch, on a CPU, the same network comes out. --steps
-sets the fall of the learning rate; --minutes ends sooner, to be resumed. --workers processes
+sets the fall of the learning rate, --finish lets it fall within so many minutes; --minutes ends
+sooner, to be resumed. --workers processes
 render and cut pictures beside the training: on a GPU, as many as there are cores.
 """
 
@@ -17,7 +18,7 @@ import argparse
 import copy
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -48,16 +49,21 @@ class Training:
         self.steps, self.rate, self.device = steps, rate, device
         self.network = Network().to(device, memory_format=torch.channels_last)
         self.average = copy.deepcopy(self.network)
-        self.optimiser = torch.optim.AdamW(self.network.parameters(), lr=rate, weight_decay=1e-4)
+        self.optimiser = torch.optim.AdamW(
+            self.network.parameters(), lr=rate, weight_decay=1e-4, fused=device == "cuda"
+        )
         self.step = 0
 
-    def advance(self, batch: Batch) -> Tensor:
-        """Take one step on a batch and return the two losses (2,): of drones and of the scene."""
+    def advance(self, batch: Sequence[Tensor], passed: float) -> Tensor:
+        """Take one step on a batch and return the two losses (2,): of drones and of the scene.
+
+        batch: as `Batch`. passed: 0…1, share of the time that this training may take.
+        """
         self.step += 1
-        share = min(self.step / self.steps, 1.0)
+        share = min(max(self.step / self.steps, passed), 1.0)
         falling = 0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * share))
         self.optimiser.param_groups[0]["lr"] = self.rate * min(1.0, self.step / 300) * falling
-        pictures, gains, labels, classes = (torch.from_numpy(x).to(self.device) for x in batch)
+        pictures, gains, labels, classes = (x.to(self.device, non_blocking=True) for x in batch)
         lit = (pictures * gains[:, None, None, None]).permute(0, 3, 1, 2)  # channels last in memory
         drones, scene = self.network(lit)
         of_drones = drone_loss(drones, *drone_targets(labels, *drones.shape[2:]))
@@ -73,9 +79,10 @@ class Training:
     def _follow(self, share: float) -> None:
         """Move the average's weights and statistics towards the network's."""
         fast = self.network.state_dict()
-        for name, slow in self.average.state_dict().items():
-            if slow.is_floating_point():
-                slow.lerp_(fast[name], share)
+        follow = [k for k, slow in self.average.state_dict().items() if slow.is_floating_point()]
+        torch._foreach_lerp_(
+            [self.average.state_dict()[k] for k in follow], [fast[k] for k in follow], share
+        )
 
     def save(self, path: Path) -> None:
         """Write the checkpoint; a crash while writing leaves the last one."""
@@ -125,6 +132,7 @@ def main() -> None:
     parser.add_argument("--shards", type=int, default=80, help="of 250 rendered pictures (80)")
     parser.add_argument("--steps", type=int, default=150000)
     parser.add_argument("--minutes", type=float, default=math.inf, help="end after these")
+    parser.add_argument("--finish", type=float, default=math.inf, help="be done after these")
     parser.add_argument("--device", choices=["cpu", "cuda"], default="cpu")
     parser.add_argument("--workers", type=int, default=0, help="processes for pictures (0)")
     parser.add_argument("--batch", type=int, default=16, help="crops in a step (16)")
@@ -147,13 +155,14 @@ def main() -> None:
         batches,
         batch_size=None,
         num_workers=options.workers,
-        collate_fn=_unchanged,
+        collate_fn=_tensors,
         prefetch_factor=4 if options.workers else None,
+        pin_memory=options.device == "cuda",
     )
     begun, losses = time.monotonic(), []
     for batch in loader:
-        losses.append(training.advance(batch))
         minutes = (time.monotonic() - begun) / 60
+        losses.append(training.advance(batch, minutes / options.finish))
         if training.step % _TEXT_EVERY == 0:
             drones, scene = torch.stack(losses[-_TEXT_EVERY:]).mean(dim=0).tolist()
             losses.clear()
@@ -161,16 +170,16 @@ def main() -> None:
             print(f"{text}, {minutes:.1f} min", flush=True)
         if training.step % SAVE_EVERY == 0:
             training.save(checkpoint)
-        if minutes >= options.minutes:
+        if minutes >= min(options.minutes, options.finish):
             break
     training.save(checkpoint)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     export(training.average, str(options.out), LENS.width, LENS.height)
 
 
-def _unchanged(batch: Batch) -> Batch:
-    """Return the batch as it is: the loader's own would make tensors of it."""
-    return batch
+def _tensors(batch: Batch) -> tuple[Tensor, ...]:
+    """Return the batch as tensors: they come from a worker without being copied through a pipe."""
+    return tuple(torch.from_numpy(each) for each in batch)
 
 
 def _crops(options: argparse.Namespace) -> Crops:
