@@ -150,7 +150,7 @@ class PerceptionFrontend:
         """
         if frame is not None and self._lag:
             frame = replace(frame, time=frame.time - self._lag)
-        frame = self._told(time, frame)
+        frame = self._told(time, frame, time if horizon is None else horizon)
         misfit = self._misfit(frame)
         alignment = self._alignment.estimate
         wrong = "" if self._measuring else alignment.contradiction
@@ -196,7 +196,7 @@ class PerceptionFrontend:
             None if stamped is None else stamped.time,
         )
 
-    def _told(self, time: float, frame: Frame | None) -> Frame | None:
+    def _told(self, time: float, frame: Frame | None, horizon: float) -> Frame | None:
         """Return the newest frame, or one that waited, of a time of which telemetry tells by now.
 
         Telemetry that is late against the camera tells a picture's attitude only later. A state
@@ -204,7 +204,8 @@ class PerceptionFrontend:
         and feet then seem to move.
         """
         lag = self._alignment.estimate.lag
-        if lag > -_FORESEEN or (frame is not None and (frame.lag is not None or frame.time > time)):
+        told = frame is not None and (frame.lag is not None or frame.time > horizon)
+        if lag > -_FORESEEN or told:  # a log's frame has waited; one of the future is judged now
             self._waiting.clear()
             return frame
         if frame is not None and frame.time > self._arrived:

@@ -69,8 +69,9 @@ class Reaction(IntEnum):
     """What the drone does where an assumption is broken, weakest first."""
 
     SLOW = 1  # fly the plan slowly
-    CLIMB = 2  # brake and climb
-    HOLD = 3  # brake and request HOLD
+    HOVER = 2  # brake
+    CLIMB = 3  # brake and climb
+    HOLD = 4  # brake and request HOLD
 
 
 @dataclass(frozen=True)
@@ -341,7 +342,7 @@ class Guard:
         return None
 
     def _gravely_broken(self, s: GuardInputs, own: VehicleState) -> Verdict | None:
-        """Rule 7: brake, or climb, where the flight assumes what does not hold; None elsewhere."""
+        """Rule 7: brake or climb where the flight assumes what does not hold; None elsewhere."""
         if s.broken is None or s.broken.reaction is Reaction.SLOW:
             return None
         if s.broken.reaction is Reaction.CLIMB:
@@ -349,6 +350,8 @@ class Guard:
             sinks = replace(acting, v=acting.v - np.array([0.0, 0.0, _CLIMB]))
             return self._verdict(brake(sinks, self._config), Reason.ASSUMPTION)
         command = brake(_acting(s, own), self._config)
+        if s.broken.reaction is Reaction.HOVER:
+            return self._verdict(command, Reason.ASSUMPTION)
         return self._verdict(command, Reason.ASSUMPTION, AutopilotRequest.HOLD)
 
     def _broken(self, s: GuardInputs, own: VehicleState, plan: Plan) -> Verdict | None:

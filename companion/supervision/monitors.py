@@ -5,7 +5,7 @@ Each monitor watches one assumption and says what the drone does where it does n
 | monitor | evidence | slow | HOLD |
 |---|---|---|---|
 | speed | faster than `speed_over` × v_max | at once | after `persist` |
-| swing | roll or pitch rate goes to and fro by `swing_rate` | after `swings` | after `persist` |
+| swing | roll or pitch rate to and fro by `swing_rate`, `swings` times | at once | in hover |
 | model | mean disturbance (drag, wind, thrust) above `disturbance` | at once | after `persist` |
 | delay | from a tick to its effect, longer than `delay_slow`, `delay_hold` | at once | at once |
 | gyro | attitude turns otherwise than the gyro tells, by `turn` in 1 s | – | at once |
@@ -15,6 +15,8 @@ Each monitor watches one assumption and says what the drone does where it does n
 | sight | the ground in the pictures passes otherwise, by `velocity_wrong` | after `persist` | – |
 | heading | the ground in the pictures passes from another side, by `heading_wrong` | at once | – |
 | height | less than `height` over ground | climbs | after 2 × `persist` |
+
+A drone that swings hovers after `persist`; HOLD follows where it swings in hover for as long.
 
 A camera that does not fit (`camera_alignment.py`) is a camera fault, a clock that jumps, stale
 telemetry and a state that cannot be are the guard's first rules.
@@ -209,8 +211,12 @@ class Monitors:
         return Broken(finding, max(lasting.reaction, Reaction.CLIMB))
 
     def _swinging(self, time: float, own: VehicleState) -> Broken | None:
-        """Count how often roll and pitch rate go from one side to the other."""
-        c, most = self._config, 0
+        """Count how often roll and pitch rate go from one side to the other.
+
+        A plan among many neighbours swings, too: in hover no plan is flown, and that ends. A rate
+        loop that is not stable goes on swinging.
+        """
+        c, most, lately = self._config, 0, 0
         for axis, swings in enumerate(self._swings):
             rate = float(own.omega[axis])
             side = 0 if abs(rate) < c.swing_rate else int(math.copysign(1, rate))
@@ -220,11 +226,16 @@ class Monitors:
             while swings and time - swings[0] > _SWING_TIME:
                 swings.popleft()
             most = max(most, len(swings))
+            lately = max(lately, sum(time - swing <= c.persist for swing in swings))
         if most < c.swings:
             self._since.pop("swing", None)
             return None
         finding = f"swing: {most} times to and fro in {_SWING_TIME:g} s"
-        return self._lasting("swing", time, finding, hold_after=c.persist)
+        lasts = time - self._since.setdefault("swing", time) + 1e-6
+        if lasts < c.persist:
+            return Broken(finding, Reaction.SLOW)
+        still = lasts >= 2.0 * c.persist and lately >= c.swings * c.persist / _SWING_TIME
+        return Broken(finding, Reaction.HOLD if still else Reaction.HOVER)
 
     def _turning(self, turns: Iterable[Turn]) -> Broken | None:
         """Compare the attitude's turn with the sum of the rates, over a second of telemetry."""
