@@ -60,7 +60,8 @@ PLANS = {
     "none": None,
 }
 BRAKES = (Reason.FAILURE, Reason.BRAKE, Reason.FENCE, Reason.ASSUMPTION, Reason.BLIND)
-BROKEN = [None, *(Broken("found", r) for r in Reaction)]
+SLOW_DOWN, HOVER, CLIMB, GIVE_BACK = (Broken("found", r) for r in Reaction)
+BROKEN = [None, SLOW_DOWN, HOVER, CLIMB, GIVE_BACK]
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,7 @@ class Checked:
         if verdict.reason not in (Reason.BLIND, Reason.ASSUMPTION):
             return False
         hovers = told.misled or told.blind > C.blind_hover
-        hovers = hovers if verdict.reason is Reason.BLIND else told.broken is not BROKEN[1]
+        hovers = hovers if verdict.reason is Reason.BLIND else told.broken is not SLOW_DOWN
         return not hovers and math.hypot(*told.own.v.tolist()) <= C.blind_speed
 
     def _expected(self, told):
@@ -234,7 +235,7 @@ def check(found, told):
 def in_short(found):
     """The inputs on one side and the other of what decides, in each state of the memory."""
     few = ((-1.0, 0.0), (0.5, 1.0), (1.1, -1.0))
-    broken = (None, BROKEN[1], BROKEN[3])
+    broken = (None, SLOW_DOWN, GIVE_BACK)
     told = combinations(
         ("beyond the bounds", "none"), (SLOW, FAST), few, (0.0, 2.0, 5.1), (0.1, 0.4), broken
     )
@@ -252,7 +253,7 @@ def ends_in_a_request(found):
         "no telemetry": (Told(own=None, age=math.inf), 0.0),
         "wrong": (Told(plausible=False), 0.0),
         "blind": (Told(blind=5.1), 0.0),
-        "grave": (Told(broken=BROKEN[3]), 0.0),
+        "grave": (Told(broken=GIVE_BACK), 0.0),
         "outside": (Told(outside=(1.1, 0.0)), 0.0),
     }
     for state, (name, (told, within)) in itertools.product(found.states.values(), lasting.items()):
