@@ -23,7 +23,6 @@ _GROUPS = (GROUND,), (OBSTACLE, FAR), (OTHER,), (DRONE,)
 _MEMBERS = {  # 255 where a class is of the group
     group: np.where(np.isin(np.arange(256), group), 255, 0).astype(np.uint8) for group in _GROUPS
 }
-_WHITE = (255.0, 255.0, 255.0, 255.0)
 
 
 class Strange:
@@ -51,9 +50,8 @@ class Strange:
                 cv2.cvtColor(cv2.LUT(grey, shade), cv2.COLOR_GRAY2BGR),
             )
             share = float(rng.uniform(0.5, 1.0))
-            new = cv2.addWeighted(
-                image, 1 - share, cv2.convertScaleAbs(cv2.min(lit, _WHITE)), share, 0
-            )
+            painted = np.clip(lit, 0, 255).astype(np.uint8)
+            new = cv2.addWeighted(image, 1 - share, painted, share, 0)
             cv2.copyTo(new, mask, out)
         return out
 

@@ -7,8 +7,8 @@
 Training goes on from the packaged network (--anew: from random weights). The work folder keeps
 pictures and the checkpoint: the same command goes on where it was ended. Data and weights hang on
 seeds and the step alone: with one build of torch, on a CPU, the same network comes out. --steps
-sets the fall of the learning rate, --finish lets it fall within so many minutes; --minutes ends
-sooner, to be resumed. --workers processes
+sets the fall of the learning rate, --minutes ends sooner, to be resumed; with --finish the rate
+falls within so many minutes, and the network hangs on the machine's speed, too. --workers processes
 render and cut pictures beside the training: on a GPU, as many as there are cores.
 """
 
@@ -79,10 +79,9 @@ class Training:
     def _follow(self, share: float) -> None:
         """Move the average's weights and statistics towards the network's."""
         fast = self.network.state_dict()
-        follow = [k for k, slow in self.average.state_dict().items() if slow.is_floating_point()]
-        torch._foreach_lerp_(
-            [self.average.state_dict()[k] for k in follow], [fast[k] for k in follow], share
-        )
+        for name, slow in self.average.state_dict().items():
+            if slow.is_floating_point():
+                slow.lerp_(fast[name], share)
 
     def save(self, path: Path) -> None:
         """Write the checkpoint; a crash while writing leaves the last one."""

@@ -123,11 +123,11 @@ class HoverThrust:
         self._P = self._P + _DRIFTED * dt
         start, end = before.time, own.time
         thrust = self._of_ours(start, end) if ours else self._of_autopilot(start, end)
-        open_ = self._open(start, end, thrust) if ours and thrust else 0.0
         last, self._thrust_before = self._thrust_before, thrust
         if thrust is None or last is None or not told.airborne:
             return self.estimate
         if _THRUSTS[0] < min(thrust, last) and max(thrust, last) < _THRUSTS[1]:
+            open_ = self._open(start, end, thrust) if ours else 0.0
             self._observe(thrust, last, _acceleration(before, own) / GRAVITY, dt, open_)
             self._source = "flight" if ours else "autopilot"
         return self.estimate

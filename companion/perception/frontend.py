@@ -148,9 +148,10 @@ class PerceptionFrontend:
         ones, x, y, radius [m], nearest first. wander: m/√s, 1 σ of the error
         of the reported way, a random walk.
         """
+        frame = self._told(time, frame, time if horizon is None else horizon)
+        stamp = None if frame is None else frame.time
         if frame is not None and self._lag:
             frame = replace(frame, time=frame.time - self._lag)
-        frame = self._told(time, frame, time if horizon is None else horizon)
         misfit = self._misfit(frame)
         alignment = self._alignment.estimate
         wrong = "" if self._measuring else alignment.contradiction
@@ -193,7 +194,7 @@ class PerceptionFrontend:
             found.problem,
             found.clarity,
             found.flow,
-            None if stamped is None else stamped.time,
+            stamp,
         )
 
     def _told(self, time: float, frame: Frame | None, horizon: float) -> Frame | None:
@@ -203,7 +204,7 @@ class PerceptionFrontend:
         foreseen for it is wrong by some hundredths of a radian while the drone manoeuvres: ground
         and feet then seem to move.
         """
-        lag = self._alignment.estimate.lag
+        lag = self._lag + self._alignment.estimate.lag
         told = frame is not None and (frame.lag is not None or frame.time > horizon)
         if lag > -_FORESEEN or told:  # a log's frame has waited; one of the future is judged now
             self._waiting.clear()

@@ -19,3 +19,9 @@ def test_a_picture_without_ground_has_none():
     recorded = decode(encode(1.2, [], 1.1, Detections()))
     assert recorded.flow is None
     assert "flow" not in _frame(recorded).arrays
+
+
+def test_the_lag_of_a_picture_is_replayed():
+    """Else a picture 0.2 s younger than telemetry would be one of the future."""
+    frame = _frame(decode(encode(1.2, [], 1.2, Detections(), lag=-0.2)))
+    assert (frame.time, frame.lag) == (1.0, -0.2)

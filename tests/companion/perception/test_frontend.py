@@ -97,6 +97,7 @@ def test_a_configured_lag_dates_the_picture_and_its_state_back():
 
     found = perception.see(0.5, Frame(0.5, {"image": PICTURE}), told)
     assert found.own.time == pytest.approx(0.42)
+    assert found.stamp == 0.5  # from which a replay takes the lag off again
     assert 0.42 in [pytest.approx(t) for t in asked]
 
 
@@ -162,3 +163,12 @@ def test_a_recorded_frame_does_not_wait_again():
     arrays = {"neighbours": NO_DRONES, "trunks": NO_TRUNKS}
     found = perception.see(0.5, Frame(0.3, arrays, lag=-0.2), at)
     assert found.own.time == pytest.approx(0.5)
+
+
+def test_a_configured_lag_waits_too():
+    config = CompanionConfig.model_validate({"camera": {"lag": -0.2}})
+    view = make_view(config.camera, config.sensing)
+    perception = PerceptionFrontend(view, config.sensing, config.camera_health, config.camera.lag)
+    found = [perception.see(0.1 * n, Frame(0.1 * n, {"image": PICTURE}), at) for n in range(1, 4)]
+    assert [f.stamp for f in found] == [None, None, pytest.approx(0.1)]
+    assert found[-1].own.time == pytest.approx(0.3)
