@@ -62,11 +62,11 @@ class TrackerConfig(StrictModel):
     unseen_max: float = Field(4.0, gt=0, description="Longest memory [s] out of view.")
     sigma_max: float = Field(3.0, gt=0, description="Std of position [m] that ends a track.")
     damping: float = Field(
-        1.5,
+        0.7,
         ge=0,
         description="Rate [1/s] at which the velocity of an unseen neighbour fades: to the own "
-        "velocity where it flew along, else to rest. Near others every drone slows down, and a "
-        "track that flew on in memory would leave the neighbour's place free.",
+        "velocity where it flew along, else to rest, see `along`. Near others every drone slows "
+        "down, and a track that flew on in memory would leave the neighbour's place free.",
     )
     speed_max: float = Field(
         3.0,
@@ -75,10 +75,11 @@ class TrackerConfig(StrictModel):
         "another shows wider look by look, as if it approached at 6 m/s.",
     )
     along: float = Field(
-        0.7,
-        ge=0,
-        description="A neighbour flies along where its velocity differs by less [m/s] from the "
-        "own one.",
+        1.5,
+        gt=0,
+        description="Scale of how far a neighbour flies along: where its velocity differs by d "
+        "[m/s] from the own one when last seen, the share exp(-(d/along)²) of the own velocity is "
+        "what its velocity fades to.",
     )
     size_sigma: float = Field(
         0.0,
@@ -116,7 +117,7 @@ class Tracker:
         self._seen: Vector = np.zeros(0)
         self._hits = np.zeros(0, dtype=int)
         self._misses = np.zeros(0, dtype=int)
-        self._along = np.zeros(0, dtype=bool)  # flew along when last seen
+        self._along: Vector = np.zeros(0)  # share of the own velocity to which theirs fade
         self._own_velocity: Vector = np.zeros(3)
         self._last = (-np.inf, self._mean, self._covariance)  # as after the last frame
         self._noise = config.acceleration**2 * _IDENTITY
@@ -149,7 +150,7 @@ class Tracker:
             self._hits[track] += clear[looks]
             self._misses[track] = 0
             off = np.linalg.norm(self._velocities[track] - own.v, axis=1)
-            self._along[track] = off < self._config.along
+            self._along[track] = np.exp(-((off / self._config.along) ** 2))
         self._own_velocity = own.v
         fresh = sorted(set(range(len(z))) - {d for _, d in assigned})
         self._end_tracks(time)
@@ -175,7 +176,7 @@ class Tracker:
         fading = time - min(time - self._looked, _FRAME_AGE_MAX) - self._seen > _FADE_AFTER
         keep = np.ones((len(fading), 1))
         keep[fading] = math.exp(-self._config.damping * dt)
-        to = np.where(self._along[:, None], self._own_velocity, 0.0)
+        to = self._along[:, None] * self._own_velocity
         if self._sized:
             sigma = self._config.acceleration
             self._covariance = track_size.grow(before, self._covariance, dt, keep[:, 0], to, sigma)
@@ -334,7 +335,7 @@ class Tracker:
         self._seen = np.append(self._seen, time)
         self._hits = np.append(self._hits, int(clear))
         self._misses = np.append(self._misses, 0)
-        self._along = np.append(self._along, False)
+        self._along = np.append(self._along, 0.0)
         self._next_id += 1
 
     def _end_tracks(self, time: float) -> None:

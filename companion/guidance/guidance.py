@@ -172,7 +172,7 @@ class Guidance:
         progress = MissionProgress(own.p, 0, False)
         if mine:
             drift = 0.0 if height is None else height.drift
-            progress = self._progress(own, map_offset - [0.0, 0.0, drift], floor, known.points)
+            progress = self._progress(own, map_offset - [0.0, 0.0, drift], floor, known)
         aim, route = self._route(own, progress.goal, known)
         to_aim = aim - own.p
         near = rated_neighbours(own, tracks, s.d_ref, s.threat)
@@ -209,12 +209,12 @@ class Guidance:
         )
 
     def _progress(
-        self, own: VehicleState, map_offset: Vector, floor: float, points: Vector
+        self, own: VehicleState, map_offset: Vector, floor: float, known: KnownObstacles
     ) -> MissionProgress:
         """Return the mission's progress; its goals are on the map, the one returned is not.
 
         map_offset: with it the own place is on the map, at its height less what that is wrong by.
-        points: (n,3) m, on surfaces, among which an opening is looked for.
+        known: among its points an opening is looked for; its trunks may stand at goals.
         """
         on_map = replace(own, p=own.p + map_offset)
         if self._commissioning is not None:
@@ -222,8 +222,12 @@ class Guidance:
             return replace(progress, goal=progress.goal - map_offset)
         if (opening := self._mission.opening(on_map.p)) is not None:
             goal, way = opening
-            self._mission.shift = self._opening.update(own.p, goal - map_offset, way, points)
-        progress = self._mission.update(on_map, self._gaze.surveyed, floor + float(map_offset[2]))
+            at = goal - map_offset
+            self._mission.shift = self._opening.update(own.p, at, way, known.points)
+        keep_out = known.cylinders + np.array([*map_offset[:2], self._settings.d_obstacle])
+        progress = self._mission.update(
+            on_map, self._gaze.surveyed, floor + float(map_offset[2]), keep_out
+        )
         return replace(progress, goal=progress.goal - map_offset)
 
     def _route(

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from companion.guidance.goals import Goal, GoalConfig, resolved
-from mavlink_bridge.shared.arrays import Vector, norm
+from mavlink_bridge.shared.arrays import Vector, lengths, norm
 from mavlink_bridge.shared.settings import Contradiction, StrictModel
 from mavlink_bridge.wire.messages import VehicleState
 
@@ -22,6 +23,10 @@ _CLIMB_AHEAD = 2.0  # m ahead on the way, whose height the drone keeps
 _LEVEL_FROM, _LEVEL_FULL = 0.5, 1.5  # m from a goal: its own height, and the drone's level
 _RING = 0.1  # m, least width between island and tolerance
 _LEAVING = 0.35  # rad before the place where the way leaves the island: the next goal is aimed at
+_STEP = 0.1  # rad between the places on the way round that are looked at
+_CIRCLES = 4  # circles, most, out of which a place is moved
+_MARGIN = 1e-3  # m
+_NOTHING = np.zeros((0, 3))
 
 
 class MissionConfig(StrictModel):
@@ -125,18 +130,24 @@ class Mission:
         self._turn = 0.0  # +1: left, -1: right at the present goal; 0: not known yet
         self._start: VehicleState | None = None
         self._floor = -math.inf  # m
+        self._keep_out: Vector = _NOTHING
 
     def update(
-        self, own: VehicleState, surveyed: bool = True, floor: float = -math.inf
+        self,
+        own: VehicleState,
+        surveyed: bool = True,
+        floor: float = -math.inf,
+        keep_out: Vector = _NOTHING,
     ) -> MissionProgress:
         """Advance past the goals that are done; return the progress from the own state.
 
         floor: m, the lowest z that may be flown now; a goal below it is flown to, and reached, at
-        that height. Until the drone has looked round (`surveyed`) and waited, and without goals for
+        that height. keep_out: (K,3) x, y, radius [m] of the circles around trunks that no drone
+        flies into. Until the drone has looked round (`surveyed`) and waited, and without goals for
         ever, it holds where the first update found it.
         """
         self._start = self._start or own
-        self._floor = floor
+        self._floor, self._keep_out = floor, keep_out
         # A vehicle's clock that begins anew, after a reboot, must not make the wait endless.
         waits = 0.0 <= own.time - self._start.time < self._config.wait
         if not self._goals or waits or not (surveyed or self._complete):
@@ -184,16 +195,22 @@ class Mission:
         if self._turn == 0.0:
             before = self._goals[self._index - 1] if self._index else own.p
             self._turn = turn_side(before, goal, self._goals[self._index + 1])
-        return self._near and self._roundabout().passed(own.p)
+        way_round = self._roundabout()
+        return self._near and (
+            way_round.passed(own.p) or way_round.aim(own.p, self._keep_out) is None
+        )
 
     def _aim(self, p: Vector) -> Vector:
         """Return where to fly (3,) m on the drone's level.
 
-        To the last goal, through an opening, or round any other.
+        To the last goal, through an opening, or round any other – or, where trunks leave no way
+        round it, as near to it as they allow.
         """
         goal = self._goal_on_level(p)
-        straight = self._last or self._openings[self._index]
-        aim = goal if straight else self._roundabout().aim(p)
+        if self._last or self._openings[self._index]:
+            return goal
+        aim = self._roundabout().aim(p, self._keep_out)
+        aim = outside(goal, p, self._keep_out) if aim is None else aim
         return np.array([aim[0], aim[1], goal[2]])
 
     def _climb(self, p: Vector) -> float:
@@ -241,6 +258,30 @@ def turn_side(before: Vector, goal: Vector, following: Vector) -> float:
     return -1.0 if -_U_TURN < angle < -_STRAIGHT else 1.0
 
 
+def outside(place: Vector, p: Vector, keep_out: Vector) -> Vector:
+    """Return `place` (3,) m, moved out of the circles keep_out (K,3) m, the deepest one first.
+
+    From the very centre it is moved towards p (3,) m.
+    """
+    for _ in range(_CIRCLES):
+        offsets = place[:2] - keep_out[:, :2]
+        deep = keep_out[:, 2] - np.hypot(offsets[:, 0], offsets[:, 1])
+        if not len(deep) or deep.max() <= _MARGIN:
+            break
+        x, y, radius = keep_out[deep.argmax()]
+        way = offsets[deep.argmax()] if radius - deep.max() > _MARGIN else p[:2] - [x, y]
+        way = way / max(norm(way), 1e-6)
+        place = np.array([x + radius * way[0], y + radius * way[1], place[2]])
+    return place
+
+
+def _free(places: Vector, keep_out: Vector) -> NDArray[np.bool_]:
+    """Return which places (n,3) m are in none of the circles keep_out (K,3) m, as (n,)."""
+    offsets = places[:, None, :2] - keep_out[:, :2]
+    free: NDArray[np.bool_] = np.all(lengths(offsets) >= keep_out[:, 2], axis=1)
+    return free
+
+
 @dataclass(frozen=True)
 class Roundabout:
     """The way past `centre` (3,) m to `following` (3,) m around an island of `radius` [m].
@@ -253,18 +294,34 @@ class Roundabout:
     following: Vector
     side: float
 
-    def aim(self, p: Vector) -> Vector:
+    def aim(self, p: Vector, keep_out: Vector = _NOTHING) -> Vector | None:
         """Return where to fly from p (3,) m: along the tangent to the island, or on around it.
 
         On the rim the aim lies `_AHEAD` round the island and a little outside it, on the tangent: a
-        drone on the rim keeps its distance, and a drone too far out or in comes back to it.
+        drone on the rim keeps its distance, and a drone too far out or in comes back to it. Where
+        that place is in one of the circles keep_out (K,3) m, the aim is the next place on the rim
+        that is not: the drone gets round what stands there. None: there is no such place.
         """
         angle, distance = self._polar(p)
         touch = math.acos(min(self.radius / max(distance, 1e-6), 1.0))
-        ahead = min(max(touch, _AHEAD), max(self._remaining(angle), _LEAVING))
+        remaining = max(self._remaining(angle), _LEAVING)
+        ahead = min(max(touch, _AHEAD), remaining)
         radius = self.radius if touch > _AHEAD else self.radius / math.cos(ahead)
-        at = angle + self.side * ahead
-        return self.centre + radius * np.array([math.cos(at), math.sin(at), 0.0])
+        places = self._places(np.array([angle + self.side * ahead]), radius)
+        free = _free(places, keep_out)
+        if not free[0]:
+            turns = np.arange(ahead + _STEP, remaining, _STEP)
+            places = self._places(angle + self.side * turns, self.radius)
+            free = _free(places, keep_out)
+        for place in places[free]:
+            return np.array(place)
+        return None
+
+    def _places(self, angles: Vector, radius: float) -> Vector:
+        """Return the places (n,3) m at these angles (n,) rad and this radius [m]."""
+        around = np.stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))], axis=1)
+        places: Vector = self.centre + radius * around
+        return places
 
     def passed(self, p: Vector) -> bool:
         """Return whether p (3,) m has come to where the way to `following` leaves the island."""

@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from companion.guidance.mission import Mission, MissionConfig, Roundabout, turn_side
+from companion.guidance.mission import Mission, MissionConfig, Roundabout, outside, turn_side
 from mavlink_bridge.wire.messages import VehicleState
 
+NOTHING = np.zeros((0, 3))
 GOALS = [[0.0, 20.0, 2.0], [15.0, 20.0, 2.0], [15.0, 0.0, 2.0]]
 
 
@@ -16,16 +17,60 @@ def at(p, v=(0.0, 0.0, 0.0), time=0.0):
     return VehicleState(time, np.array(p, float), np.array(v, float), level, np.zeros(3))
 
 
-def walk(mission, p, step=0.1, most=2000):
-    """The places of a point that goes where the mission leads it, and its last progress."""
+def walk(mission, p, step=0.1, most=2000, keep_out=NOTHING):
+    """The places of a point that goes where the mission leads it, and its last progress.
+
+    It slides along the circles keep_out (K,3) m, to the right where its aim is right behind one.
+    """
     path = [np.array(p, float)]
     for _ in range(most):
-        progress = mission.update(at(path[-1]))
+        progress = mission.update(at(path[-1]), keep_out=keep_out)
         if progress.complete:
             break
         d = progress.goal - path[-1]
         path.append(path[-1] + d * min(step / max(np.linalg.norm(d), 1e-9), 1.0))
+        for x, y, radius in keep_out:
+            out = path[-1][:2] - [x, y]
+            if (off := np.linalg.norm(out)) < radius:
+                ahead = abs(d[0] * out[1] - d[1] * out[0]) < 0.06 * np.hypot(*d[:2]) * off
+                angle = math.atan2(out[1], out[0]) + 0.05 * (ahead and d[:2] @ out < 0)
+                path[-1][:2] = x + radius * math.cos(angle), y + radius * math.sin(angle)
     return np.array(path), progress
+
+
+def random_trunk(seed, most):
+    """A circle (1,3) m around a trunk at most `most` [m] from the goal (0, 20)."""
+    rng = np.random.default_rng(seed)
+    angle, off = rng.uniform(-math.pi, math.pi), rng.uniform(0.0, most)
+    return np.array([[off * math.sin(angle), 20.0 + off * math.cos(angle), rng.uniform(0.7, 1.6)]])
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_trunk_in_the_way_round_a_goal_is_got_round(seed):
+    trunk = random_trunk(seed, 3.3)
+    mission = Mission(MissionConfig(goals=GOALS, tolerance=3.0))
+    path, progress = walk(mission, [0.0, 0.0, 2.0], keep_out=trunk)
+    assert progress.complete
+    assert np.linalg.norm(path - GOALS[0], axis=1).min() <= 3.0
+    assert np.hypot(*(path[:, :2] - trunk[0, :2]).T).min() > trunk[0, 2] - 1e-6
+
+
+def test_a_goal_that_a_trunk_stands_at_is_reached_as_near_as_it_allows():
+    """The whole way round, 0.65 m from the goal, lies in the trunk or too near to it."""
+    trunk = np.array([[0.1, 20.05, 0.9]])
+    path, progress = walk(Mission(MissionConfig(goals=GOALS)), [0.0, 0.0, 2.0], keep_out=trunk)
+    assert progress.complete
+    assert np.linalg.norm(path - GOALS[0], axis=1).min() <= 1.0
+
+
+def test_a_place_in_trunks_is_moved_out_of_them():
+    here, trunks = np.array([4.0, 0.0, 1.0]), np.array([[0.0, 0.0, 1.0], [1.2, -0.3, 0.5]])
+    middle = np.array([0.0, 0.0, 2.0])
+    assert np.allclose(outside(middle, here, trunks[:1]), [1.0, 0.0, 2.0])  # towards the drone
+    x, y, _ = outside(np.array([0.9, 0.0, 2.0]), here, trunks)  # in both
+    assert (np.hypot(x - trunks[:, 0], y - trunks[:, 1]) > trunks[:, 2] - 0.03).all()
+    assert np.hypot(x - 0.9, y) < 0.3
+    assert np.array_equal(outside(here, here, trunks), here)
 
 
 def test_goals_are_reached_in_order_within_the_tolerance():
