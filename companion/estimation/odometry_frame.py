@@ -98,7 +98,7 @@ class OdometryFrame:
             return here
         unexplained = here.p - before.p - 0.5 * dt * (self._told + m.v)
         if norm(unexplained) < _GATE:  # else it is a step
-            self._velocity.update(unexplained, dt, velocity_sigma)
+            self._velocity.update(unexplained, dt, velocity_sigma, self.by_sight.shown)
             here = LocalPosition(m.time, here.p, m.v + self._velocity.error)
         step = here.p - before.p - 0.5 * dt * (before.v + here.v)
         announced = 0.0 <= m.time - self._reset_at < _ANNOUNCED

@@ -53,13 +53,15 @@ class VelocityBySight:
 
     turn: rad, by which the told yaw is too large, as seen from the told velocity. error: (3,) m/s,
     to be added to the turned velocity. sigma: m/s, largest 1 σ of the corrected velocity.
-    turn_sigma: rad, 1 σ.
+    turn_sigma: rad, 1 σ. shown: m/s, 1 σ to which the ground shows the velocity; infinite where
+    none was seen lately.
     """
 
     turn: float = 0.0
     error: Vector = field(default_factory=lambda: np.zeros(3))
     sigma: float = OwnDoubt().velocity
     turn_sigma: float = OwnDoubt().yaw
+    shown: float = math.inf
 
     def corrected(self, v: Vector) -> Vector:
         """Return the velocity (3,) m/s of a told one."""
@@ -156,7 +158,8 @@ class VelocityFromGround:
         sigma = math.sqrt(float(np.linalg.eigvalsh(h @ p[:3, :3] @ h.T)[1]))
         error_east, error_north, turn, _ = mean.tolist()
         error = np.array([error_east, error_north, 0.0])
-        found = VelocityBySight(turn, error, sigma, math.sqrt(float(p[2, 2])))
+        shown = sigma if time - self._time < _SHORT else math.inf
+        found = VelocityBySight(turn, error, sigma, math.sqrt(float(p[2, 2])), shown)
         self._made.append((time, found))
         return found
 

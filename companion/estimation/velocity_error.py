@@ -5,7 +5,8 @@ half a metre a second, for seconds, while GPS keeps its position right. Position
 another reason (a signal that takes another path, an RTK solution that floats) do so now and then,
 by little. So the velocity is corrected only where its disagreement with the positions goes on for
 long and is larger than its own doubt: the share by which it is corrected is that of a Wiener
-filter, wrong velocity against sliding position.
+filter, wrong velocity against sliding position. Where the ground in the pictures shows the velocity
+it cannot be more wrong than that leaves open, and the rest of the disagreement is slides.
 """
 
 from __future__ import annotations
@@ -31,15 +32,19 @@ class VelocityError:
         self._rate: Vector = np.zeros(3)  # m/s, of the positions less the velocity
         self._power = 0.0  # mean square of the horizontal rate
 
-    def update(self, unexplained: Vector, dt: float, sigma: float) -> None:
+    def update(
+        self, unexplained: Vector, dt: float, sigma: float, by_sight: float = math.inf
+    ) -> None:
         """Take in a motion (3,) m within dt [s] that the reported velocity does not explain.
 
-        sigma: m/s, 1 σ of the velocity as the estimator reports it.
+        sigma: m/s, 1 σ of the velocity as the estimator reports it. by_sight: m/s, 1 σ to which the
+        ground in the pictures shows it; infinite where none does.
         """
         share = 1.0 - math.exp(-dt / _AVERAGED)
         self._rate = self._rate + share * (unexplained / dt - self._rate)
         square = float(self._rate[0] ** 2 + self._rate[1] ** 2)
         self._power += (1.0 - math.exp(-dt / _REMEMBERED)) * (square - self._power)
         wrong = self._power > max(_SURE * sigma, _HARMLESS) ** 2
-        trust = self._power / (self._power + _SLIDES**2) if wrong else 0.0
-        self.error = trust * self._rate
+        velocity = min(self._power, by_sight**2)
+        slides = max(self._power - velocity, _SLIDES**2)
+        self.error = (velocity / (velocity + slides) if wrong else 0.0) * self._rate

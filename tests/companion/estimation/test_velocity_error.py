@@ -1,20 +1,24 @@
 """A velocity that is wrong for seconds is told from a position that slides now and then."""
 
 import numpy as np
+import pytest
 
 from companion.estimation.odometry_frame import OdometryFrame
+from companion.estimation.velocity_by_sight import VelocityBySight
 from mavlink_bridge.wire.messages import LocalPosition
 
 V = np.array([0.0, 1.5, 0.0])
 
 
-def fly(wrong, slide, seconds=60.0, sigma=0.1):
+def fly(wrong, slide, seconds=60.0, sigma=0.1, shown=np.inf):
     """Fly north at 50 Hz with 1 cm of noise.
 
-    wrong(t): (3,) m/s that the velocity is off; slide(t): (3,) m that the position is. Return the
-    frame, and errors of place [m] and velocity [m/s] that are left in the odometry, (T,3) each.
+    wrong(t): (3,) m/s that the velocity is off; slide(t): (3,) m that the position is. shown: m/s,
+    1 σ to which the ground shows the velocity. Return the frame, and errors of place [m] and
+    velocity [m/s] that are left in the odometry, (T,3) each.
     """
     frame, rng, places, speeds = OdometryFrame(), np.random.default_rng(3), [], []
+    frame.by_sight = VelocityBySight(shown=shown)
     for k in range(round(seconds * 50)):
         t = k / 50
         p = V * t + slide(t) + rng.normal(0.0, 0.01, 3)
@@ -50,6 +54,20 @@ def test_a_velocity_that_wavers_is_corrected_by_the_positions():
 def test_a_position_that_slides_once_leaves_the_velocity_as_it_is():
     _, _, speeds = fly(none, lambda t: east(0.4 * np.clip((t - 20.0) / 1.5, 0.0, 1.0)))
     np.testing.assert_array_equal(speeds, 0.0)
+
+
+@pytest.mark.parametrize(("shown", "most"), [(np.inf, 1.5), (0.12, 0.3)])
+def test_what_the_ground_shows_bounds_what_sliding_positions_say_of_the_velocity(shown, most):
+    """GPS signals take another path for 0.7 s, and back: two slides of 1.3 m, one after another."""
+
+    def slides(t):
+        out, back = (1.0 - np.exp(-max(t - since, 0.0)) for since in (20.0, 20.7))
+        return east(1.5 * out - 2.5 * back)
+
+    _, _, speeds = fly(none, slides, sigma=0.15, shown=shown)
+    worst = np.abs(speeds).max()
+    assert worst < most
+    assert np.isfinite(shown) or worst > 0.4  # without ground in sight the two cannot be told apart
 
 
 def test_a_velocity_within_its_own_doubt_is_believed():
