@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import cv2
@@ -36,6 +36,10 @@ _MOST_BLOBS = 40
 _TRACE = 0.4
 _AROUND = np.ones((5, 5), np.uint8)
 # Rows and columns of two pixels at each corner of a patch.
+# Two outlines are of one ball where their middles differ by less than this share of the larger
+# angle, and the angles by less than this factor: a body through the middle of a ball parts it in
+# two. Of a second ball so near behind the first less than a third would show.
+_SAME_PLACE, _SAME_ANGLE = 0.5, 1.33
 _CORNERS = np.array([0, 0, -1, -1] * 2), np.array([0, -1, 0, -1, 1, -2, 1, -2])
 Pixels = NDArray[np.float32]
 
@@ -76,12 +80,38 @@ class ColorSettings(StrictModel):
 class _Ball:
     """A ball's outline as a cone.
 
-    axis: (3,) unit vector, camera frame. angle: rad, half its opening. arc: share seen, 0…1.
+    axis: (3,) unit vector, camera frame. angle: rad, half its opening. arc: share seen, 0…1. fill:
+    solid angle of its blob over that of all balls in it. pixel: rad, at its place. clipped: whether
+    the frame cuts the blob. spread: of the angles that its parts have, over the angle.
     """
 
     axis: Vector
     angle: float
     arc: float
+    fill: float = 1.0
+    pixel: float = 0.0
+    clipped: bool = False
+    spread: float = 0.0
+
+    def same_as(self, other: _Ball) -> bool:
+        """Return whether both are parts of one ball."""
+        small, large = sorted((self.angle, other.angle))
+        off = math.dist(self.axis.tolist(), other.axis.tolist())
+        return off < _SAME_PLACE * large and large < _SAME_ANGLE * small
+
+    def joined(self, other: _Ball) -> _Ball:
+        """Return the ball of which both are parts: what lies between them hides no outline."""
+        share = self.arc / max(self.arc + other.arc, 1e-9)
+        axis = share * self.axis + (1.0 - share) * other.axis
+        return replace(
+            self,
+            axis=axis / math.sqrt(float(axis @ axis)),
+            angle=share * self.angle + (1.0 - share) * other.angle,
+            arc=min(self.arc + other.arc, 1.0),
+            fill=1.0,
+            clipped=self.clipped or other.clipped,
+            spread=max(self.spread, abs(self.angle / other.angle - 1.0)),
+        )
 
 
 class ColorDetector:
@@ -115,10 +145,16 @@ class ColorDetector:
         boxes = [box for box in map(cv2.boundingRect, outlines) if box[2] * box[3] >= s.min_area]
         if len(boxes) > _MOST_BLOBS:
             boxes = sorted(boxes, key=lambda box: -box[2] * box[3])[:_MOST_BLOBS]
-        found: list[Detection] = []
+        balls: list[_Ball] = []
         for x, y, w, h in boxes:
-            found += self._blob(image, x, y, w, h)
-        return sorted(found, key=lambda d: d.range)
+            for ball in self._blob(image, x, y, w, h):
+                same = next((n for n, b in enumerate(balls) if b.same_as(ball)), None)
+                if same is None:
+                    balls.append(ball)
+                else:
+                    balls[same] = balls[same].joined(ball)
+        found = (self._detection(ball) for ball in balls)
+        return sorted((d for d in found if d is not None), key=lambda d: d.range)
 
     def _mask(self, picture: Reduced) -> Image:
         """Return (H,W) 255 where the picture has the marker's chroma, else 0.
@@ -154,7 +190,7 @@ class ColorDetector:
         )
         return cv2.subtract(strong, weak)  # type: ignore[return-value]
 
-    def _blob(self, image: Image, x: int, y: int, w: int, h: int) -> list[Detection]:
+    def _blob(self, image: Image, x: int, y: int, w: int, h: int) -> list[_Ball]:
         """Return the balls in one blob's bounding box [px]."""
         height, width = image.shape[:2]
         x0, y0 = max(x - 3, 0), max(y - 3, 0)
@@ -183,8 +219,7 @@ class ColorDetector:
         whole = sum(2.0 * math.pi * (1.0 - math.cos(ball.angle)) for ball in balls)
         if whole <= 0.0:
             return []
-        found = [self._detection(ball, pixel, clipped, area / whole) for ball in balls]
-        return [d for d in found if d is not None]
+        return [replace(b, fill=area / whole, pixel=pixel, clipped=clipped) for b in balls]
 
     def _right_hue(self, mean: Sequence[float]) -> bool:
         """Return whether the hue of a mean BGR colour is the marker's; black is of no hue."""
@@ -225,12 +260,9 @@ class ColorDetector:
         axis = self.camera.unproject(np.array([centre]))[0]
         return _Ball(axis, float(np.sqrt(area / np.pi)), 1.0)
 
-    def _detection(self, ball: _Ball, pixel: float, clipped: bool, fill: float) -> Detection | None:
-        """Return the detection of one ball of a blob; None where it is not credible.
-
-        fill: the blob's solid angle over that of all its balls.
-        """
-        s = self.settings
+    def _detection(self, ball: _Ball) -> Detection | None:
+        """Return the detection of a ball; None where it is not credible."""
+        s, pixel = self.settings, ball.pixel
         if not 1e-4 < ball.angle < 1.4 or ball.arc < _LEAST_ARC:
             return None
         distance = s.marker_radius / math.sin(ball.angle)
@@ -238,11 +270,13 @@ class ColorDetector:
             return None
         # Measured on 466 rendered balls up to 10 m: the circle's radius is known to some 0.06 px,
         # less well by a short arc.
-        weak = 1.0 / max(ball.arc, 0.15) * (2.0 if clipped else 1.0)
+        weak = 1.0 / max(ball.arc, 0.15) * (2.0 if ball.clipped else 1.0)
         sigma_angle = 0.06 * pixel * weak
-        hidden = max(0.0, _WHOLE_ARC - ball.arc), max(0.0, _WHOLE_FILL - fill)
+        hidden = max(0.0, _WHOLE_ARC - ball.arc), max(0.0, _WHOLE_FILL - ball.fill)
         sigma_hidden = 0.6 * hidden[0] + 0.8 * hidden[1]
-        sigma_range = distance * math.hypot(0.008, sigma_angle / ball.angle, sigma_hidden)
+        sigma_range = distance * math.hypot(
+            0.008, sigma_angle / ball.angle, sigma_hidden, 0.5 * ball.spread
+        )
         score = min(1.0, max(0.3, ball.angle / (2.0 * pixel))) * min(1.0, 0.5 + ball.arc)
         return Detection(ball.axis, distance, math.hypot(0.002, sigma_angle), sigma_range, score)
 

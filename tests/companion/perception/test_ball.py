@@ -55,6 +55,20 @@ def test_the_place_of_half_a_ball_behind_a_trunk(distance):
     assert np.degrees(np.arccos(min(found.direction @ direction, 1.0))) < 0.5
 
 
+@pytest.mark.parametrize("distance", [0.6, 1.0, 1.4])
+@pytest.mark.parametrize("half", [0.25, 0.45])
+def test_a_ball_that_a_body_parts_in_two_is_one(distance, half):
+    """A bar before the middle hides this share of the ball's height; its caps are two blobs."""
+    direction = towards(20.0)
+    bar = half * 0.1 / distance
+    image = picture((direction, distance, 0.1), hide=lambda r: np.abs(r[:, 1]) < bar, noise=2.0)
+    (found,) = ColorDetector(CAMERA).detect(image)
+    assert found.range == pytest.approx(distance, rel=0.05)
+    assert np.degrees(np.arccos(min(found.direction @ direction, 1.0))) < 0.5
+    assert abs(found.range - distance) < 3 * found.sigma_range
+    assert found.sigma_range < 0.12 * distance
+
+
 def test_two_balls_that_overlap_are_two():
     near, far = towards(0.0), towards(6.0)
     image = picture((far, 2.0, 0.1), (near, 1.2, 0.1))
