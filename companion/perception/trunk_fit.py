@@ -190,13 +190,16 @@ def _runs(columns: Columns, max_range: float) -> list[tuple[int, int]]:
 
 
 def _free(columns: Columns, index: int, side: int) -> bool:
-    """Return whether the edge at a run's end is the trunk's own: its background is farther."""
+    """Return whether the edge at a run's end is the trunk's own: its background is farther.
+
+    Of two neighbouring objects without feet either may be the nearer one, or both are one trunk.
+    """
     beyond = index + side
     if not 0 <= beyond + side < len(columns.t) or not columns.seen[[beyond, beyond + side]].all():
         return False
-    if not (columns.foot[index] and columns.foot[beyond]):
-        return True
-    return bool(columns.t[beyond] > columns.t[index])
+    if columns.foot[index] and columns.foot[beyond]:
+        return bool(columns.t[beyond] > columns.t[index])
+    return bool(columns.foot[beyond]) or not math.isfinite(columns.t[beyond])
 
 
 def _assumed(

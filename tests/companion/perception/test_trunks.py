@@ -5,6 +5,7 @@ import pytest
 
 from companion.perception.camera import Camera
 from companion.perception.panorama import LevelFrame, Panorama
+from companion.perception.trunk_fit import Columns, TrunkSettings, find_trunks
 from companion.perception.trunks import TrunkDetector
 
 CAMERA = Camera.equidistant(640, 400)
@@ -182,3 +183,24 @@ def test_colours_that_do_not_part_trunks_from_ground_are_unclear(colours):
 
 def test_from_close_to_the_ground_nothing_is_said():
     assert clarity(12, altitude=0.4, ground_colour=ASPHALT) == 1.0
+
+
+@pytest.mark.parametrize("parted", [False, True])
+def test_parts_of_a_trunk_whose_foot_is_out_of_the_picture_have_no_edge_between_them(parted):
+    """1.3 m from its axis; a drone before it draws an upright edge across it."""
+    azimuth = np.radians(np.arange(-79.8, 80.0, 0.6))
+    trunk = np.abs(azimuth) < np.arcsin(1.0 / 1.3)
+    edge = np.where(np.arange(len(azimuth)) == 150, 40.0 * parted, 0.0)
+    columns = Columns(
+        azimuth,
+        t=np.where(trunk, 2.0, np.inf),
+        foot=~trunk,
+        seen=np.ones(len(azimuth), bool),
+        edge=edge,
+        blur=np.zeros(len(azimuth)),
+    )
+    found = find_trunks(columns, TrunkSettings(), 1.8, LevelFrame.along(gravity(0.0, 0.0)))
+    assert all(t.assumed for t in found)
+    assert [t.half_width > 0.0 for t in found] == ([False, False] if parted else [True])
+    if not parted:
+        assert found[0].distance == pytest.approx(1.3, rel=0.05)
