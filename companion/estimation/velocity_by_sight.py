@@ -9,7 +9,8 @@ stays (the error of the heading), and by a factor (the height over ground); a Ka
 the three apart by how long they last. An error far beyond what the autopilot says of itself shows
 as innovations that agree for longer than noise does: then the filter believes that the velocity may
 be as wrong as they say. Where the told heading turns and the gyro does not (`turns.py`), the turn
-is known at once.
+is known at once; and so is a step of the told velocity that the tilt does not explain
+(`velocity_lag.py`).
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ _HEADING_LASTS = 300.0  # s: magnetic fields on the way, and the declination
 # gyros drift; this share of them is doubted. Between sparse samples the rates may change: a share
 # of that change is left open, and does not count.
 _TURN, _TURN_TIME, _TURN_DOUBT, _OPEN = 0.03, 3.0, 0.5, 0.5
+_STEP_DOUBT = 0.5  # share of a step of the velocity
 _AVERAGED = 0.6  # s over which innovations are averaged
 _FOLLOWED = 2.0  # the error over that mean: the filter has followed by half
 _SURE = 2.0  # standard deviations up to which their mean may be noise
@@ -146,6 +148,18 @@ class VelocityFromGround:
             whole += self._unexplained
             self._unexplained = 0.0
         return whole
+
+    def step(self, step: Vector) -> bool:
+        """Take in by how much the told velocity has stepped (2,) m/s: its error has, too.
+
+        Return whether that counts: before ground was seen nothing tells whether the velocity is
+        wrong now, or was before.
+        """
+        if self._covariance is None:
+            return False
+        self._mean[:2] -= step
+        self._covariance[:2, :2] += _STEP_DOUBT**2 * np.outer(step, step)
+        return True
 
     def decide(self, time: float, v: Vector, doubt: OwnDoubt) -> VelocityBySight:
         """Return what is made of it at the tick of `time` [s]; the correction holds from then.

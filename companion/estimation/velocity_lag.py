@@ -11,6 +11,8 @@ From one tick to the next, on each axis,
     Δv_told − a dt = −L Δa_slow − d v dt + b dt,
 
 with the drag d, and b for wind and for an error of the tilt. Recursive least squares find all four.
+What is left is noise, unless the told velocity steps: its estimator has followed a GPS signal that
+took another path, or has found out an error.
 """
 
 from __future__ import annotations
@@ -36,6 +38,7 @@ _LONGEST_GAP = 0.25  # s between two states that still belong together
 _LIFT = (0.3, 2.0)  # shares of g; with another lift the tilt does not tell the acceleration
 _SURE = 2.5  # standard deviations from none, from which a lag is believed
 _HARMLESS, _MOST = 0.03, 0.3  # s
+_STEP, _STEP_SIGMAS = 0.25, 4.5  # m/s, and standard deviations: more is a step; gusts make 0.15
 
 
 @dataclass(frozen=True)
@@ -57,13 +60,15 @@ class Lag:
 class VelocityLag:
     """Estimates the lag; one `update` a tick.
 
-    lag: the present estimate; a lag that may be none, or does no harm, is none.
+    lag: the present estimate; a lag that may be none, or does no harm, is none. step: (2,) m/s, by
+    which the told velocity has just stepped along the ground; None: it has not.
     """
 
     def __init__(self) -> None:
         self._x: Vector = np.zeros(4)  # L, d, b east and north
         self._p: Vector = np.diag(_PRIOR**2)
         self._noise = _NOISE**2
+        self.step: Vector | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -86,7 +91,7 @@ class VelocityLag:
 
     def update(self, own: VehicleState | None, flying: bool) -> Lag:
         """Take in the state as the autopilot tells it; flying: it is carried by its rotors."""
-        before, self._before = self._before, own
+        before, self._before, self.step = self._before, own, None
         if own is None or before is None or not 0.0 < own.time - before.time < _LONGEST_GAP:
             self.reset()
             self._before = own
@@ -109,11 +114,22 @@ class VelocityLag:
         self.lag = self._estimate()
         return self.lag
 
+    def corrected(self, own: VehicleState) -> None:
+        """Go on from this state: the step is taken out of it, and will be from the next ones."""
+        self._before = own
+
     def _learn(self, missing: Vector, slower: Vector, v: Vector, dt: float) -> None:
         """Take in what the tilt does not explain of a change of velocity (2,) m/s."""
         self._p = np.minimum(self._p * math.exp(dt / _MEMORY) + _DRIFTED * dt, _LARGEST)
+        rows = np.zeros((2, 4))
+        rows[:, 0], rows[:, 1], rows[0, 2], rows[1, 3] = -slower, -v * dt, dt, dt
+        errors = missing - rows @ self._x
+        variance = float(np.trace(rows @ self._p @ rows.T)) + 2.0 * max(self._noise, _NOISE**2)
+        if norm(errors) > max(_STEP, _STEP_SIGMAS * math.sqrt(variance)):
+            self.step = errors
+            return
         for k in range(2):
-            row = np.array([-slower[k], -v[k] * dt, dt * (k == 0), dt * (k == 1)])
+            row = rows[k]
             error = float(missing[k] - row @ self._x)
             self._noise += dt / _MEMORY * (error**2 - self._noise)
             noise = max(self._noise, _NOISE**2)

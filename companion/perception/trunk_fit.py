@@ -199,7 +199,7 @@ def _free(columns: Columns, index: int, side: int) -> bool:
         return False
     if columns.foot[index] and columns.foot[beyond]:
         return bool(columns.t[beyond] > columns.t[index])
-    return bool(columns.foot[beyond]) or not math.isfinite(columns.t[beyond])
+    return bool(columns.foot[[index, beyond]].any()) or not math.isfinite(columns.t[beyond])
 
 
 def _assumed(

@@ -182,3 +182,27 @@ def test_a_gyro_that_drifts_turns_nothing():
     ground.turn(of_the_gyro(np.radians(30.0), seconds=60.0, begin=5.0))  # 0.5 °/s
     turn = ground.decide(65.0, np.array([1.5, 0.0, 0.0]), OwnDoubt()).turn
     assert turn == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_step_of_the_told_velocity_is_taken_back_at_once_and_fades():
+    ground, v = that_has_seen_ground(), np.array([1.5, 0.0, 0.0])
+    before = ground.decide(5.0, v, OwnDoubt())
+    assert ground.step(np.array([0.3, -0.4]))
+    made = ground.decide(5.0, v, OwnDoubt())
+    assert made.error - before.error == pytest.approx([-0.3, 0.4, 0.0], abs=0.01)
+    assert made.sigma > before.sigma + 0.1
+    later = ground.decide(9.0, v, OwnDoubt())  # no ground in view since
+    assert np.linalg.norm(later.error) < 0.1
+
+
+def test_a_step_before_ground_was_seen_does_not_count():
+    ground = VelocityFromGround()
+    assert not ground.step(np.array([0.3, -0.4]))
+    assert not ground.decide(1.0, np.zeros(3), OwnDoubt()).error.any()
+
+
+def test_where_ground_passes_its_doubt_bounds_that_of_the_told_velocity():
+    ground, v = that_has_seen_ground(), np.array([1.5, 0.0, 0.0])
+    assert ground.decide(5.0, v, OwnDoubt()).shown < 0.15
+    assert ground.decide(8.0, v, OwnDoubt()).shown == np.inf
+    assert VelocityFromGround().decide(0.0, v, OwnDoubt()).shown == np.inf

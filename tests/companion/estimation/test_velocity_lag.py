@@ -1,5 +1,7 @@
 """The lag of a reported velocity, from motions whose truth is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -66,6 +68,22 @@ def test_wind_that_the_drone_leans_against_is_no_acceleration(wind):
             corrected.append((found.made_up(own).v - v)[1])
     assert found.value == pytest.approx(0.14, abs=0.03)
     assert abs(np.mean(corrected)) < 0.03
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_step_of_the_told_velocity_is_told_from_motion(seed):
+    """From 20 s on 0.4 m/s are told that are not flown: a GPS signal takes another path."""
+    estimator, steps = VelocityLag(), []
+    wrong = np.array([0.32, -0.24, 0.0])
+    for own, _ in flight(0.14, seed=seed):
+        told = replace(own, v=own.v + wrong * (own.time >= 20.0))
+        estimator.update(told, flying=True)
+        if estimator.step is not None:
+            steps.append((own.time, estimator.step))
+    ((time, step),) = steps
+    assert time == pytest.approx(20.0)
+    assert np.linalg.norm(step - wrong[:2]) < 0.15
+    assert estimator.lag.value == pytest.approx(0.14, abs=0.03)
 
 
 def test_a_velocity_without_lag_stays_as_it_is():
