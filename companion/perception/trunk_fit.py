@@ -119,6 +119,7 @@ def _fit(
     foot = columns.foot[first : last + 1]
     free_low, free_high = _free(columns, first, -1), _free(columns, last, 1)
     free = (free_low, free_high)
+    sure = all(free) and _alone(columns, first, -1) and _alone(columns, last, 1)
     if not s.radius:
         axis, sine = (low + high) / 2, math.sin(min((high - low) / 2, 1.3))
     elif all(free) and foot.any():
@@ -146,13 +147,13 @@ def _fit(
     else:
         # The foot is out of the picture: the width and the assumed radius give the distance.
         distance = s.radius / max(sine, 1e-3)
-        radius, sigma = s.radius, (0.1 if all(free) else 0.2) * distance + 0.1
+        radius, sigma = s.radius, (0.1 if sure else 0.2) * distance + 0.1
         # Only near trunks are wide enough to be measured by width alone.
         if distance - radius > 0.6 * s.max_range:
             return None
     if not s.min_radius <= radius <= s.max_radius or distance - radius > s.max_range:
         return None
-    half_width = float(high - low) / 2 if all(free) else 0.0
+    half_width = float(high - low) / 2 if sure else 0.0
     return Trunk(level.direction(float(axis)), distance, radius, sigma, assumed, half_width)
 
 
@@ -190,16 +191,22 @@ def _runs(columns: Columns, max_range: float) -> list[tuple[int, int]]:
 
 
 def _free(columns: Columns, index: int, side: int) -> bool:
-    """Return whether the edge at a run's end is the trunk's own: its background is farther.
-
-    Of two neighbouring objects without feet either may be the nearer one, or both are one trunk.
-    """
+    """Return whether the edge at a run's end is the trunk's own: its background is farther."""
     beyond = index + side
     if not 0 <= beyond + side < len(columns.t) or not columns.seen[[beyond, beyond + side]].all():
         return False
-    if columns.foot[index] and columns.foot[beyond]:
-        return bool(columns.t[beyond] > columns.t[index])
-    return bool(columns.foot[[index, beyond]].any()) or not math.isfinite(columns.t[beyond])
+    if not (columns.foot[index] and columns.foot[beyond]):
+        return True
+    return bool(columns.t[beyond] > columns.t[index])
+
+
+def _alone(columns: Columns, index: int, side: int) -> bool:
+    """Return whether no other object without a foot begins at a run's end that has none either.
+
+    Of two such neighbours either may be the nearer one, or both are one trunk.
+    """
+    ends = [index, index + side]
+    return bool(columns.foot[ends].any()) or not math.isfinite(columns.t[index + side])
 
 
 def _assumed(
