@@ -35,11 +35,11 @@ _MOST_BLOBS = 40
 # are lost, all farther than 16 m.
 _TRACE = 0.4
 _AROUND = np.ones((5, 5), np.uint8)
-# Rows and columns of two pixels at each corner of a patch.
 # Two outlines are of one ball where their middles differ by less than this share of the larger
 # angle, and the angles by less than this factor: a body through the middle of a ball parts it in
 # two. Of a second ball so near behind the first less than a third would show.
 _SAME_PLACE, _SAME_ANGLE = 0.5, 1.33
+# Rows and columns of two pixels at each corner of a patch.
 _CORNERS = np.array([0, 0, -1, -1] * 2), np.array([0, -1, 0, -1, 1, -2, 1, -2])
 Pixels = NDArray[np.float32]
 
