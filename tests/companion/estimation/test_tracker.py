@@ -126,6 +126,7 @@ def test_a_neighbour_that_flew_along_keeps_the_own_velocity_out_of_sight():
         state = VehicleState(k / 10, p, v, LEVEL, np.zeros(3))
         tracker.update(k / 10, [], state, LEVEL, None)
     (lost,) = tracker.tracks()
+    # It follows the own velocity at 0.7 1/s: of a fall by 1 m/s half is left after a second.
     assert np.linalg.norm(lost.v - v) < 0.6
     assert np.linalg.norm(lost.p - p - abeam) < 0.9  # at rest it would be 2 m behind by now
 
