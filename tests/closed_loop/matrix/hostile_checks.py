@@ -55,8 +55,8 @@ def row_27(note):
     assert {o.verdict.reason for _, o in cut.companions[0].ticks(6.5, 10.0)} == {Reason.PLAN}
     assert cut.companions[0].echoes == 0
     cut.check_always()
-    for faults in ([], [{"kind": "link_flood", "amount": 1e7, "at": 6.0}]):
-        ticks, f = costs_of_ticks(faults, 6.5, **SHORT)
+    flood = {"kind": "link_flood", "amount": 1e7, "at": 6.0}
+    for ticks, f in costs_of_ticks(6.5, [], [flood], **SHORT):
         c = f.companions[0]
         assert f.speed(10.0) > 1.2
         f.check_always()

@@ -82,8 +82,7 @@ def row_10(note):
         {"kind": "link_foreign", "amount": 200.0, "at": 6.0},
     ]
     costs, slowest = [], []
-    for faults in ([], noisy):
-        ticks, f = costs_of_ticks(faults, 6.5, **SHORT)
+    for ticks, f in costs_of_ticks(6.5, [], noisy, **SHORT):
         assert f.speed(10.0) > 1.2
         f.check_always()
         c = f.companions[0]

@@ -39,11 +39,11 @@ def flown_with(spoil, faults=(), **options):
     return fly(faults, at={0.0: spoil}, **options)
 
 
-def costs_of_ticks(faults, since, flights=3, **options):
-    """Processor time [s] of each tick from `since` [s] on, and one of the flights.
+def costs_of_ticks(since, *disturbed, rounds=4, **options):
+    """For each list of faults: processor time [s] of each tick from `since` [s] on, and a flight.
 
-    The same flight is flown several times, and a tick's least time counts: what else the machine
-    does makes a tick dearer in one of them, by its caches, and not in all.
+    A machine is now slow, now fast, also for longer than a flight takes: so the flights take turns,
+    and of each tick the least time of all rounds counts.
     """
 
     def watch(f):
@@ -51,13 +51,16 @@ def costs_of_ticks(faults, since, flights=3, **options):
 
     gc.collect()
     gc.freeze()  # a daemon has no thousand other tests' objects to look through
-    flown = [flown_with(watch, faults, **options) for _ in range(flights)]
+    flown = [[flown_with(watch, faults, **options) for faults in disturbed] for _ in range(rounds)]
     gc.unfreeze()
-    rows = [
-        [s for s, o in zip(c.seconds, c.outs, strict=True) if o.time > since]
-        for c in (f.companions[0] for f in flown)
-    ]
-    return np.min(rows, axis=0), flown[-1]
+    result = []
+    for flights in zip(*flown, strict=True):
+        rows = [
+            [s for s, o in zip(c.seconds, c.outs, strict=True) if o.time > since]
+            for c in (f.companions[0] for f in flights)
+        ]
+        result.append((np.min(rows, axis=0), flights[-1]))
+    return result
 
 
 def seconds_until(flight, since, holds, i=0):
