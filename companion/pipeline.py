@@ -156,12 +156,12 @@ class Companion:
             self._vehicle.at,
             ground,
             inputs.horizon,
-            last.obstacles.cylinders,
+            last.obstacles.widest,
             vehicle.doubt.wander,
         )
         if seen.fault.misleads and not phase.on_mission:
             run("forget", None, self._forget_seen)
-        known = last.obstacles.cylinders
+        known = last.obstacles.widest
         run("height", None, self._vehicle.see_ground, seen.own, seen.fixed, known)
         run("velocity", None, self._vehicle.see_flow, seen.flow, seen.fault)
         if vehicle.turned and own is not None:

@@ -32,6 +32,13 @@ class KnownObstacles:
     occluders: Vector = field(default_factory=lambda: np.zeros((0, 3)))
     sigmas: Vector = field(default_factory=lambda: np.zeros(0))
 
+    @property
+    def widest(self) -> Vector:
+        """(K,3) x, y, radius [m] of the trunks with all that may be theirs: radii 2 σ larger."""
+        widened = self.cylinders.copy()
+        widened[:, 2] += 2.0 * self.sigmas
+        return widened
+
     def hidden(self, viewpoint: Vector, places: Vector) -> list[bool]:
         """Return whether a trunk stands between viewpoint (3,) and each place (n,3) m; eq. (6)."""
         if not len(self.occluders) or not len(places):

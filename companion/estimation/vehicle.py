@@ -167,8 +167,9 @@ class VehicleEstimator:
         self._flown_by = predictor if phase.flying and not rebooted else None
         told = self._state(time)
         self._lag.update(told, phase.flying)
-        if told is not None and self._lag.step is not None and self._ground.step(self._lag.step):
-            told = replace(told, v=told.v - np.array([*self._lag.step, 0.0]))
+        step = self._lag.step
+        if told is not None and step is not None and self._ground.step(step):
+            told = replace(told, v=told.v - np.array([*step.change, 0.0]))
             self._lag.corrected(told)
         state = None if told is None else self._lag.lag.made_up(told)
         self._velocity = self._velocity if state is None else state.v

@@ -8,9 +8,10 @@ what is seen. The told velocity differs from it by an error that comes and goes,
 stays (the error of the heading), and by a factor (the height over ground); a Kalman filter tells
 the three apart by how long they last. An error far beyond what the autopilot says of itself shows
 as innovations that agree for longer than noise does: then the filter believes that the velocity may
-be as wrong as they say. Where the told heading turns and the gyro does not (`turns.py`), the turn
-is known at once; and so is a step of the told velocity that the tilt does not explain
-(`velocity_lag.py`).
+be as wrong as they say. An error of the velocity changes slowly; flows that jump from one to the
+next are wrong themselves, by a trunk whose corners pass for the ground's. Where the told heading
+turns and the gyro does not (`turns.py`), the turn is known at once; and so is a step of the told
+velocity that the tilt does not explain (`velocity_lag.py`).
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ import numpy as np
 from companion.estimation.height import Height
 from companion.estimation.own_doubt import OwnDoubt
 from companion.estimation.turns import Turn
+from companion.estimation.velocity_lag import Step
 from companion.perception.ground_flow import GroundFlow
 from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.wire.messages import VehicleState
@@ -43,6 +45,7 @@ _AVERAGED = 0.6  # s over which innovations are averaged
 _FOLLOWED = 2.0  # the error over that mean: the filter has followed by half
 _SURE = 2.0  # standard deviations up to which their mean may be noise
 _OUTLIER, _OUTLIER_SIGMAS = 0.6, 2.0  # m/s, and standard deviations; more counts as this much
+_JUMP_SIGMAS = 2.0  # standard deviations up to which two flows in turn may differ by their noise
 _LONGEST_GAP = 0.25  # s between two pictures
 _SLOWEST = 0.2  # m/s; the direction of a slower one is not known
 _MADE = 32  # corrections that are remembered: three seconds
@@ -86,7 +89,10 @@ class VelocityFromGround:
         self._covariance: Vector | None = None  # None: no ground was seen yet
         self._time = -math.inf  # s, of the last flow
         self._innovation: Vector = np.zeros(2)  # m/s, averaged
+        self._spread: Vector | None = None  # (2,2) m²/s², covariance of that mean
         self._wrong = 0.0  # m²/s², variance of an error that the autopilot does not know of
+        self._last: tuple[float, Vector] | None = None  # s, and (2,) m/s, the last flow's error
+        self._step: Step | None = None  # the last one
         self._unexplained = 0.0  # rad, by which the heading has turned lately and the gyro has not
         self._open = 0.0  # rad², variance of it that sparse samples leave open
         self._made: deque[tuple[float, VelocityBySight]] = deque(maxlen=_MADE)
@@ -106,19 +112,26 @@ class VelocityFromGround:
         dt = flow.after - flow.before
         if not 0.0 < dt < _LONGEST_GAP or flow.after <= self._time:
             return
+        step = self._step
+        if step is not None and flow.before < step.until and flow.after > step.since:
+            return
         scale = math.hypot(height.sigma / flow.height, _SCALE)
         mean, p = self._predicted(flow.after, doubt, scale)
         made = self._at(0.5 * (flow.before + flow.after))
         told = made.told(0.5 * (before.v + after.v))[:2]
         east, north = told.tolist()
         h = np.array([[1.0, 0.0, -north, east], [0.0, 1.0, east, north]])
-        off = flow.way / dt - told - h @ mean
+        error = flow.way / dt - told
+        off = error - h @ mean
         off = off * min(1.0, _OUTLIER / max(norm(off), 1e-9))
         hp = h @ p
         expected = hp @ h.T
         noise = _noise(told, flow.height / dt)
+        share = float(np.trace(expected + noise))
+        noise = noise + self._jump(error, flow.after, noise)
         whole = expected + noise
-        self._notice(off, whole, dt)
+        share /= float(np.trace(whole))
+        self._notice(off, whole, share * dt)
         if not self._wrong:
             sigmas = math.sqrt(float(off @ np.linalg.solve(whole, off)))
             noise = noise + (max(sigmas / _OUTLIER_SIGMAS, 1.0) - 1.0) * whole
@@ -149,16 +162,19 @@ class VelocityFromGround:
             self._unexplained = 0.0
         return whole
 
-    def step(self, step: Vector) -> bool:
-        """Take in by how much the told velocity has stepped (2,) m/s: its error has, too.
+    def step(self, step: Step) -> bool:
+        """Take in by how much the told velocity has stepped: its error has, too.
 
-        Return whether that counts: before ground was seen nothing tells whether the velocity is
-        wrong now, or was before.
+        A flow over that time shows a part of it, and does not count. Return whether the step does:
+        before ground was seen nothing tells whether the velocity is wrong now, or was before.
         """
         if self._covariance is None:
             return False
-        self._mean[:2] -= step
-        self._covariance[:2, :2] += _STEP_DOUBT**2 * np.outer(step, step)
+        self._step = step
+        if self._last is not None:
+            self._last = self._last[0], self._last[1] - step.change
+        self._mean[:2] -= step.change
+        self._covariance[:2, :2] += _STEP_DOUBT**2 * np.outer(step.change, step.change)
         return True
 
     def decide(self, time: float, v: Vector, doubt: OwnDoubt) -> VelocityBySight:
@@ -193,6 +209,19 @@ class VelocityFromGround:
         grown[:2] += self._wrong * (1.0 - math.exp(-2.0 * gap / _SHORT))
         return kept * self._mean, kept[:, None] * self._covariance * kept + np.diag(grown)
 
+    def _jump(self, error: Vector, time: float, noise: Vector) -> Vector:
+        """Return the covariance (2,2) m²/s² of which a jump tells, beyond a flow's `noise`.
+
+        error: (2,) m/s, of the told velocity by the flow at `time` [s].
+        """
+        last, self._last = self._last, (time, error)
+        if last is None or time - last[0] > _AVERAGED:
+            return np.zeros((2, 2))
+        jump = error - last[1]
+        square = float(jump @ np.linalg.solve(2.0 * noise, jump))
+        beyond = max(0.0, 1.0 - _JUMP_SIGMAS**2 / max(square, 1e-9))
+        return 0.5 * beyond * np.outer(jump, jump)
+
     def _notice(self, off: Vector, expected: Vector, dt: float) -> None:
         """Take in an innovation (2,) m/s of covariance `expected` after dt [s].
 
@@ -201,8 +230,11 @@ class VelocityFromGround:
         """
         share = 1.0 - math.exp(-dt / _AVERAGED)
         self._innovation = self._innovation + share * (off - self._innovation)
-        covariance = share / (2.0 - share) * expected
-        square = float(self._innovation @ np.linalg.solve(covariance, self._innovation))
+        if self._spread is None:
+            self._spread = share / (2.0 - share) * expected
+        else:
+            self._spread = (1.0 - share) ** 2 * self._spread + share**2 * expected
+        square = float(self._innovation @ np.linalg.solve(self._spread, self._innovation))
         beyond = max(0.0, 1.0 - _SURE**2 / max(square, 1e-9))
         self._wrong = beyond * (_FOLLOWED * norm(self._innovation)) ** 2
 

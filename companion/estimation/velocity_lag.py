@@ -57,18 +57,27 @@ class Lag:
         return replace(state, p=state.p + self.position, v=state.v + self.velocity)
 
 
+@dataclass(frozen=True)
+class Step:
+    """A step of the told velocity along the ground, (2,) m/s, between two times [s]."""
+
+    change: Vector
+    since: float
+    until: float
+
+
 class VelocityLag:
     """Estimates the lag; one `update` a tick.
 
-    lag: the present estimate; a lag that may be none, or does no harm, is none. step: (2,) m/s, by
-    which the told velocity has just stepped along the ground; None: it has not.
+    lag: the present estimate; a lag that may be none, or does no harm, is none. step: by which the
+    told velocity has just stepped; None: it has not.
     """
 
     def __init__(self) -> None:
         self._x: Vector = np.zeros(4)  # L, d, b east and north
         self._p: Vector = np.diag(_PRIOR**2)
         self._noise = _NOISE**2
-        self.step: Vector | None = None
+        self.step: Step | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -110,7 +119,9 @@ class VelocityLag:
         slower = share * (a - self._acceleration)
         self._acceleration = self._acceleration + slower
         self._velocity = self._velocity + share * (own.v - self._velocity)
-        self._learn((told - a)[:2] * dt, slower[:2], own.v[:2], dt)
+        change = self._learn((told - a)[:2] * dt, slower[:2], own.v[:2], dt)
+        if change is not None:
+            self.step = Step(change, before.time, own.time)
         self.lag = self._estimate()
         return self.lag
 
@@ -118,16 +129,18 @@ class VelocityLag:
         """Go on from this state: the step is taken out of it, and will be from the next ones."""
         self._before = own
 
-    def _learn(self, missing: Vector, slower: Vector, v: Vector, dt: float) -> None:
-        """Take in what the tilt does not explain of a change of velocity (2,) m/s."""
+    def _learn(self, missing: Vector, slower: Vector, v: Vector, dt: float) -> Vector | None:
+        """Take in what the tilt does not explain of a change of velocity (2,) m/s.
+
+        Return what is left of it where that is a step, of which nothing is learnt.
+        """
         self._p = np.minimum(self._p * math.exp(dt / _MEMORY) + _DRIFTED * dt, _LARGEST)
         rows = np.zeros((2, 4))
         rows[:, 0], rows[:, 1], rows[0, 2], rows[1, 3] = -slower, -v * dt, dt, dt
         errors = missing - rows @ self._x
         variance = float(np.trace(rows @ self._p @ rows.T)) + 2.0 * max(self._noise, _NOISE**2)
         if norm(errors) > max(_STEP, _STEP_SIGMAS * math.sqrt(variance)):
-            self.step = errors
-            return
+            return errors
         for k in range(2):
             row = rows[k]
             error = float(missing[k] - row @ self._x)
@@ -138,3 +151,4 @@ class VelocityLag:
             self._x = self._x + gain * min(max(error, -bound), bound)
             p = self._p - np.outer(gain, row @ self._p)
             self._p = 0.5 * (p + p.T)
+        return None

@@ -10,11 +10,13 @@ from companion.estimation.odometry_frame import OdometryFrame
 from companion.estimation.own_doubt import OwnDoubt
 from companion.estimation.turns import Turn
 from companion.estimation.velocity_by_sight import VelocityBySight, VelocityFromGround
+from companion.estimation.velocity_lag import Step
 from companion.perception.ground_flow import GroundFlow
 from mavlink_bridge.wire.messages import LocalPosition, VehicleState
 
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 HEIGHT = Height(2.0, 0.15)
+STEP = Step(np.array([0.3, -0.4]), 4.9, 5.0)  # m/s, s
 
 
 def true_velocity(t):
@@ -187,7 +189,7 @@ def test_a_gyro_that_drifts_turns_nothing():
 def test_a_step_of_the_told_velocity_is_taken_back_at_once_and_fades():
     ground, v = that_has_seen_ground(), np.array([1.5, 0.0, 0.0])
     before = ground.decide(5.0, v, OwnDoubt())
-    assert ground.step(np.array([0.3, -0.4]))
+    assert ground.step(STEP)
     made = ground.decide(5.0, v, OwnDoubt())
     assert made.error - before.error == pytest.approx([-0.3, 0.4, 0.0], abs=0.01)
     assert made.sigma > before.sigma + 0.1
@@ -195,9 +197,38 @@ def test_a_step_of_the_told_velocity_is_taken_back_at_once_and_fades():
     assert np.linalg.norm(later.error) < 0.1
 
 
+def test_a_flow_over_a_step_does_not_count():
+    ground, v = that_has_seen_ground(), np.array([1.5, 0.0, 0.0])
+    ground.step(STEP)
+    made = ground.decide(5.0, v, OwnDoubt())
+    states = [VehicleState(t, np.zeros(3), v, LEVEL, np.zeros(3)) for t in (4.95, 5.02)]
+    flow = GroundFlow(4.95, 5.02, np.array([0.3, 0.0]), 2.0)
+    ground.see(flow, *states, HEIGHT, OwnDoubt())
+    assert ground.decide(5.0, v, OwnDoubt()).error == pytest.approx(made.error)
+
+
+def test_flows_that_jump_from_one_to_the_next_move_little():
+    """Three flows of the corners of a trunk, among those of the ground; or three that agree."""
+    moved, v = [], np.array([1.5, 0.0, 0.0])
+    for errors in ([0.8, 1.6, 0.5], [1.0, 1.0, 1.0]):
+        ground, worst = that_has_seen_ground(), 0.0
+        for k, error in enumerate([0.0, *errors, *10 * [None]]):
+            t = 4.9 + 0.1 * k
+            if error is not None:
+                states = [VehicleState(s, np.zeros(3), v, LEVEL, np.zeros(3)) for s in (t, t + 0.1)]
+                flow = GroundFlow(t, t + 0.1, np.array([0.15, 0.1 * error]), 2.0)
+                ground.see(flow, *states, HEIGHT, OwnDoubt())
+            worst = max(worst, abs(ground.decide(t + 0.1, v, OwnDoubt()).error[1]))
+        moved.append((worst, abs(ground.decide(t + 0.1, v, OwnDoubt()).error[1])))
+    (jumping, left), (agreeing, _) = moved
+    assert jumping < 0.05
+    assert left < 0.02
+    assert agreeing > 0.06
+
+
 def test_a_step_before_ground_was_seen_does_not_count():
     ground = VelocityFromGround()
-    assert not ground.step(np.array([0.3, -0.4]))
+    assert not ground.step(STEP)
     assert not ground.decide(1.0, np.zeros(3), OwnDoubt()).error.any()
 
 

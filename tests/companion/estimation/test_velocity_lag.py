@@ -79,10 +79,10 @@ def test_a_step_of_the_told_velocity_is_told_from_motion(seed):
         told = replace(own, v=own.v + wrong * (own.time >= 20.0))
         estimator.update(told, flying=True)
         if estimator.step is not None:
-            steps.append((own.time, estimator.step))
-    ((time, step),) = steps
-    assert time == pytest.approx(20.0)
-    assert np.linalg.norm(step - wrong[:2]) < 0.15
+            steps.append(estimator.step)
+    (step,) = steps
+    assert step.since < step.until == pytest.approx(20.0)
+    assert np.linalg.norm(step.change - wrong[:2]) < 0.15
     assert estimator.lag.value == pytest.approx(0.14, abs=0.03)
 
 

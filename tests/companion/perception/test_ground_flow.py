@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from companion.estimation.known_obstacles import KnownObstacles
 from companion.perception.camera import Camera
 from companion.perception.ground_flow import GroundFlow, hidden_by, way_over_ground
 from companion.perception.ground_plane import GroundPlane
@@ -90,6 +91,19 @@ def test_corners_of_known_trunks_do_not_count():
     assert way == pytest.approx(WAY, abs=0.01)
     behind = hidden_by(np.array([[-1.6, 0.0, 0.4]]), here[:2], after, HEIGHT)
     assert not behind.any()
+
+
+def test_a_trunk_known_at_the_wrong_place_does_not_pass_for_the_ground():
+    """Its place is 0.4 m off, and as doubtful."""
+    points, here = np.concatenate([ground(14), bark(40)]), np.array([0.0, 0.0, HEIGHT])
+    before, after = looks(points)
+    known = KnownObstacles(np.array([[1.6, 0.4, 0.4]]), sigmas=np.array([0.2]))
+    hidden = hidden_by(known.cylinders, here[:2], after, HEIGHT)
+    assert not hidden[14:].all()
+    hidden = hidden_by(known.widest, here[:2], after, HEIGHT)
+    assert hidden[14:].all()
+    way = way_over_ground(before[~hidden], after[~hidden], HEIGHT, HEIGHT)
+    assert way is None or way == pytest.approx(WAY, abs=0.01)
 
 
 def test_too_few_corners_or_too_low_tell_nothing():
