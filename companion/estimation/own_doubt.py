@@ -14,7 +14,7 @@ from mavlink_bridge.wire.messages import EstimatorStatus, Message, Odometry
 _ATTITUDE_KNOWN, _PLACE_KNOWN = 0x1, 0x8 | 0x10  # ESTIMATOR_STATUS_FLAGS: relative or absolute
 _POSITION_MAX = 5.0  # m; with more doubt no goal can be flown to
 _REJECTED = 1.0  # test ratio above which the estimator rejects what it measures
-_VELOCITY_TIME, _ATTITUDE_TIME = 0.7, 10.0  # s for which errors of velocity and attitude last
+_VELOCITY_TIME, ATTITUDE_TIME = 0.7, 10.0  # s for which errors of velocity and attitude last
 
 
 @dataclass(frozen=True)
@@ -43,9 +43,9 @@ class OwnDoubt:
         root = math.sqrt(max(dt, 0.0))
         return Drift(
             self.wander * root,
-            self.yaw * math.sqrt(2.0 / _ATTITUDE_TIME) * root,
+            self.yaw * math.sqrt(2.0 / ATTITUDE_TIME) * root,
             self.tilt,
-            math.exp(-max(dt, 0.0) / _ATTITUDE_TIME),
+            math.exp(-max(dt, 0.0) / ATTITUDE_TIME),
         )
 
 

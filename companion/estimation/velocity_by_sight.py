@@ -11,7 +11,8 @@ as innovations that agree for longer than noise does: then the filter believes t
 be as wrong as they say. An error of the velocity changes slowly; flows that jump from one to the
 next are wrong themselves, by a trunk whose corners pass for the ground's. Where the told heading
 turns and the gyro does not (`turns.py`), the turn is known at once; and so is a step of the told
-velocity that the tilt does not explain (`velocity_lag.py`).
+velocity that the tilt does not explain (`velocity_lag.py`). A told attitude that leans shows the
+ground shifted, ahead or aside; a drone that turns on the spot then sees it move.
 """
 
 from __future__ import annotations
@@ -24,9 +25,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from companion.estimation.height import Height
-from companion.estimation.own_doubt import OwnDoubt
+from companion.estimation.own_doubt import ATTITUDE_TIME, OwnDoubt
 from companion.estimation.turns import Turn
 from companion.estimation.velocity_lag import Step
+from companion.model import yaw_of
 from companion.perception.ground_flow import GroundFlow
 from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.wire.messages import VehicleState
@@ -46,6 +48,9 @@ _FOLLOWED = 2.0  # the error over that mean: the filter has followed by half
 _SURE = 2.0  # standard deviations up to which their mean may be noise
 _OUTLIER, _OUTLIER_SIGMAS = 0.6, 2.0  # m/s, and standard deviations; more counts as this much
 _JUMP_SIGMAS = 2.0  # standard deviations up to which two flows in turn may differ by their noise
+# How far the ground shows shifted, ahead and to the side, over height times tilt: flat lines of
+# sight farther than steep ones. From flights.
+_SHIFT = np.array([1.65, 1.27])
 _LONGEST_GAP = 0.25  # s between two pictures
 _SLOWEST = 0.2  # m/s; the direction of a slower one is not known
 _MADE = 32  # corrections that are remembered: three seconds
@@ -80,12 +85,12 @@ class VelocityBySight:
 class VelocityFromGround:
     """Follows what the told velocity lacks; `decide` once a tick, `see` for each flow.
 
-    States: the velocity's error east and north [m/s], the turn [rad], and the share by which the
-    flow is too long.
+    States: the velocity's error east and north [m/s], the turn [rad], the share by which the flow
+    is too long, and the tilt by which the ground shows too far ahead and to the left [rad].
     """
 
     def __init__(self) -> None:
-        self._mean: Vector = np.zeros(4)
+        self._mean: Vector = np.zeros(6)
         self._covariance: Vector | None = None  # None: no ground was seen yet
         self._time = -math.inf  # s, of the last flow
         self._innovation: Vector = np.zeros(2)  # m/s, averaged
@@ -120,7 +125,8 @@ class VelocityFromGround:
         made = self._at(0.5 * (flow.before + flow.after))
         told = made.told(0.5 * (before.v + after.v))[:2]
         east, north = told.tolist()
-        h = np.array([[1.0, 0.0, -north, east], [0.0, 1.0, east, north]])
+        leaning = flow.height / dt * _shifted(before.q_wb, after.q_wb)
+        h = np.column_stack([_LEVEL, [-north, east], told, leaning])
         error = flow.way / dt - told
         off = error - h @ mean
         off = off * min(1.0, _OUTLIER / max(norm(off), 1e-9))
@@ -186,7 +192,7 @@ class VelocityFromGround:
         east, north, _ = v.tolist()
         h = np.array([[1.0, 0.0, -north], [0.0, 1.0, east]])
         sigma = math.sqrt(float(np.linalg.eigvalsh(h @ p[:3, :3] @ h.T)[1]))
-        error_east, error_north, turn, _ = mean.tolist()
+        error_east, error_north, turn = mean[:3].tolist()
         error = np.array([error_east, error_north, 0.0])
         shown = sigma if time - self._time < _SHORT else math.inf
         found = VelocityBySight(turn, error, sigma, math.sqrt(float(p[2, 2])), shown)
@@ -194,17 +200,19 @@ class VelocityFromGround:
         return found
 
     def _predicted(self, time: float, doubt: OwnDoubt, scale: float) -> tuple[Vector, Vector]:
-        """Return mean (4,) and covariance (4,4) at `time` [s].
+        """Return mean (6,) and covariance (6,6) at `time` [s].
 
         scale: 1 σ of the share by which the flow is too long.
         """
         velocity = doubt.velocity * doubt.velocity
-        prior = np.array([velocity, velocity, doubt.yaw * doubt.yaw, scale * scale])
+        tilt = doubt.tilt * doubt.tilt
+        prior = np.array([velocity, velocity, doubt.yaw * doubt.yaw, scale * scale, tilt, tilt])
         if self._covariance is None:
             return self._mean, np.diag(prior)
         gap = max(time - self._time, 0.0)
         lasts = _LONG if self._wrong else _SHORT
-        kept = np.exp(-gap / np.array([lasts, lasts, _HEADING_LASTS, _LONG]))
+        times = np.array([lasts, lasts, _HEADING_LASTS, _LONG, ATTITUDE_TIME, ATTITUDE_TIME])
+        kept = np.exp(-gap / times)
         grown = prior * (1.0 - kept**2)
         grown[:2] += self._wrong * (1.0 - math.exp(-2.0 * gap / _SHORT))
         return kept * self._mean, kept[:, None] * self._covariance * kept + np.diag(grown)
@@ -255,6 +263,24 @@ def _noise(v: Vector, scale: float) -> Vector:
     along, across = (_ALONG * scale) ** 2, (_ACROSS * scale) ** 2
     noise: Vector = across * _LEVEL + (along - across) * (u[:, None] * u)
     return noise
+
+
+def _shifted(before: Vector, after: Vector) -> Vector:
+    """Return by how much (2,2) ground of height 1 m moves in pictures between two attitudes (4,).
+
+    Columns: where the told attitude leans so that the ground shows 1 m too far ahead, or left.
+    """
+    begin = yaw_of(before)
+    half = 0.5 * math.remainder(yaw_of(after) - begin, math.tau)
+    turned = _SHIFT[:, None] * (_rotation(-half) - _rotation(half))
+    shift: Vector = _rotation(begin + half) @ turned
+    return shift
+
+
+def _rotation(angle: float) -> Vector:
+    """Return the rotation (2,2) to the left by `angle` [rad]."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s], [s, c]])
 
 
 def _turned(v: Vector, angle: float) -> Vector:

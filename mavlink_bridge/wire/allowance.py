@@ -52,11 +52,6 @@ class Allowance:
         """Whether no more is to be read."""
         return self.packets <= 0 or self.bytes <= 0 or self.messages <= 0
 
-    def take(self, size: int) -> None:
-        """Count one packet of `size` bytes."""
-        self.packets -= 1
-        self.bytes -= size
-
     def take_doubtful(self, size: int) -> bool:
         """Return whether a packet that does not begin with an accepted frame is looked through.
 

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from mavlink_bridge.wire import framing
-from mavlink_bridge.wire.allowance import Claim, Packet
+from mavlink_bridge.wire.allowance import Claim
 from mavlink_bridge.wire.dialect import FROM_WIRE, TO_WIRE
 from mavlink_bridge.wire.dialect.pack import packed
 from mavlink_bridge.wire.dialect.unpack import unpacked
-from mavlink_bridge.wire.framing import HEADER, SIGNED, V2, RawFrame
+from mavlink_bridge.wire.framing import HEADER, SIGNED, V1, V2, RawFrame
 from mavlink_bridge.wire.messages import Message, Received, Source
 from mavlink_bridge.wire.sequence import FrameCount
 from mavlink_bridge.wire.signing import Check, Signing
@@ -69,8 +69,9 @@ class Codec:
             raise ValueError(f"MAVLink system id must be 1…255, got {system}")
         self.statistics = CodecStatistics()
         self._own, self._sequence = Source(system, component), 0
-        self._allow = None if allow is None else frozenset((a.system, a.component) for a in allow)
-        self._start = framing.start_pattern(self._allow)
+        pairs = None if allow is None else frozenset((a.system, a.component) for a in allow)
+        self._allow = _allowed_ids(pairs)
+        self._start = framing.start_pattern(pairs)
         self._signing = signing
         if signing is not None:
             signing.own = (system, component)
@@ -112,38 +113,39 @@ class Codec:
         """
         if len(data) < HEADER or self._start.match(data) is None:
             return Claim.GARBAGE
+        v1 = data[0] == V1
         length = framing.frame_length(data, 0)
         if length > len(data):
             return Claim.GARBAGE
-        _, system, component, message_id = framing.header(data, 0)
-        if not self._allowed(system, component):
+        system, component = data[3:5] if v1 else data[5:7]
+        if not self._allow[system << 8 | component]:
             return Claim.FOREIGN
         frame, signing = data[:length], self._signing
         if signing is not None:
-            if frame[0] != V2 or not frame[2] & SIGNED:
+            if v1 or not frame[2] & SIGNED:
                 return Claim.UNSIGNED
             if not signing.may_be_new(frame, system, component):
                 return Claim.OLD
+        message_id = framing.header(data, 0)[3]
         if framing.is_known(message_id) and not framing.checksum_holds(frame, message_id):
             return Claim.GARBAGE
         if signing is not None and not signing.preview(frame, system, component):
             return Claim.UNSIGNED
         return Claim.ACCEPTED
 
-    def refuse(self, packet: Packet) -> None:
-        """Count a packet that is not decoded, as what its first frame is."""
+    def refuse(self, claim: Claim, size: int) -> None:
+        """Count a packet of `size` bytes that is not decoded, as what its first frame is."""
         counts = self.statistics
-        match packet.claim:
-            case Claim.ACCEPTED:
-                counts.dropped += len(packet.data)
-            case Claim.GARBAGE:
-                counts.bad_bytes += len(packet.data)
-            case Claim.FOREIGN:
-                counts.foreign += 1
-            case Claim.UNSIGNED:
-                counts.unsigned += 1
-            case Claim.OLD:
-                counts.replayed += 1
+        if claim is Claim.GARBAGE:
+            counts.bad_bytes += size
+        elif claim is Claim.OLD:
+            counts.replayed += 1
+        elif claim is Claim.FOREIGN:
+            counts.foreign += 1
+        elif claim is Claim.UNSIGNED:
+            counts.unsigned += 1
+        else:
+            counts.dropped += size
 
     def restart(self) -> None:
         """Forget the incomplete frame of a stream: what would complete it is lost."""
@@ -256,7 +258,7 @@ class Codec:
         if not framing.checksum_holds(frame, message_id):
             s.bad_frames += 1
             return False
-        if not self._allowed(system, component):
+        if not self._allow[system << 8 | component]:
             s.foreign += 1
         elif self._signed(frame, system, component):
             source = Source(system, component)
@@ -279,7 +281,7 @@ class Codec:
         if not (end == len(data) or data[end : end + 1] in _MAGIC or 0 < step <= _NEXT):
             return False
         frame = bytes(data[start:end])
-        if not self._allowed(system, component):
+        if not self._allow[system << 8 | component]:
             self.statistics.foreign += 1
         elif self._signed(frame, system, component):
             self.statistics.unknown += 1
@@ -295,10 +297,6 @@ class Codec:
                 self._counts[source] = count
         return count
 
-    def _allowed(self, system: int, component: int) -> bool:
-        allow = self._allow
-        return allow is None or (system, component) in allow or (system, 0) in allow
-
     def _signed(self, frame: bytes, system: int, component: int) -> bool:
         """Return whether a frame is signed correctly and new, or signing is off."""
         if self._signing is None:
@@ -310,3 +308,14 @@ class Codec:
         self.statistics.unsigned += check is Check.FORGED
         self.statistics.replayed += check is Check.OLD
         return check is Check.GOOD
+
+
+def _allowed_ids(pairs: Collection[tuple[int, int]] | None) -> bytes:
+    """Return for each system × 256 + component whether it is heard; see `Codec`'s `allow`."""
+    if pairs is None:
+        return bytes([1]) * (1 << 16)
+    ids = bytearray(1 << 16)
+    for system, component in pairs:
+        first = system << 8 | component
+        ids[first : first + (1 if component else 256)] = bytes([1]) * (1 if component else 256)
+    return bytes(ids)

@@ -259,35 +259,43 @@ class Link:
         what was cut, forged or played back has a share of its own. strangers: read the packets of
         other addresses than the vehicle's, too.
         """
-        udp = self.endpoint
+        udp = self.endpoint if isinstance(self.endpoint, UdpEndpoint) else None
+        allowance, whole, claims = self._allowance, self._whole, self.codec.claim
+        if allowance.spent:
+            return []
+        pinned = None if self._vehicle is None else self._pinned
         near, far = Newest(), Newest.of_strangers()
         doubtful: list[Packet] = []
-        packets = udp.receive(strangers) if isinstance(udp, UdpEndpoint) else udp.receive()
-        number = 0
-        while not self._allowance.spent and (data := next(packets, None)) is not None:
-            self._allowance.take(len(data))
-            place = udp.sender if isinstance(udp, UdpEndpoint) else None
-            strange = self._pinned is not None and self._is_strange(place)
-            if not strange:
-                self.packets_in += 1
-                self._pinned_heard = time.monotonic()
+        place, strange, heard = None, False, 0
+        packets = self.endpoint.receive() if udp is None else udp.receive(strangers)
+        number, left, room = 0, allowance.packets, allowance.bytes
+        while number < left and room > 0 and (data := next(packets, None)) is not None:
+            size = len(data)
+            room -= size
+            if udp is not None:
+                place = udp.sender
+                strange = pinned is not None and place != pinned
+            heard += not strange
             number += 1
-            claim = self.codec.claim(data) if self._whole else Claim.ACCEPTED
-            packet = Packet(number, data, place, claim)
-            if strange and claim not in (Claim.GARBAGE, Claim.FOREIGN):
-                self._drop(far.add(packet))
+            claim = claims(data) if whole else Claim.ACCEPTED
+            if strange and claim is not Claim.GARBAGE and claim is not Claim.FOREIGN:
+                self._drop(far.add(Packet(number, data, place, claim)))
             elif claim is Claim.ACCEPTED:
-                self._drop(near.add(packet))
-            elif not strange and self._allowance.take_doubtful(len(data)):
-                doubtful.append(packet)
+                self._drop(near.add(Packet(number, data, place, claim)))
+            elif not strange and allowance.take_doubtful(size):
+                doubtful.append(Packet(number, data, place, claim))
             else:
-                self.codec.refuse(packet)
+                self.codec.refuse(claim, size)
+        allowance.packets, allowance.bytes = left - number, room
+        self.packets_in += heard
+        if heard:
+            self._pinned_heard = time.monotonic()
         return [*far.packets, *heapq.merge(doubtful, near.packets)]
 
     def _drop(self, packets: list[Packet]) -> None:
         """Count packets that are not decoded."""
         for packet in packets:
-            self.codec.refuse(packet)
+            self.codec.refuse(packet.claim, len(packet.data))
             if not self._whole:
                 self.codec.restart()
 

@@ -11,7 +11,8 @@ from companion.estimation.own_doubt import OwnDoubt
 from companion.estimation.turns import Turn
 from companion.estimation.velocity_by_sight import VelocityBySight, VelocityFromGround
 from companion.estimation.velocity_lag import Step
-from companion.perception.ground_flow import GroundFlow
+from companion.perception.ground_flow import GroundFlow, way_over_ground
+from mavlink_bridge.shared.frames import quaternion_from_euler, rotation_matrix
 from mavlink_bridge.wire.messages import LocalPosition, VehicleState
 
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
@@ -237,3 +238,42 @@ def test_where_ground_passes_its_doubt_bounds_that_of_the_told_velocity():
     assert ground.decide(5.0, v, OwnDoubt()).shown < 0.15
     assert ground.decide(8.0, v, OwnDoubt()).shown == np.inf
     assert VelocityFromGround().decide(0.0, v, OwnDoubt()).shown == np.inf
+
+
+def flow_as_it_looks(t, v, rate, lean, rng):
+    """The flow from `t` on, of ground before a camera; told attitudes lean by `lean` (2,) rad.
+
+    The drone turns at `rate` [rad/s]; lean: about its axes ahead and to the left.
+    """
+    yaws = rate * t, rate * (t + 0.1)
+    off, away = rng.uniform(-1.3, 1.3, 60), 5.0 * np.sqrt(rng.random(60))
+    ground = np.column_stack([away * np.cos(off + yaws[0]), away * np.sin(off + yaws[0])])
+    rays = []
+    for k, yaw in enumerate(yaws):
+        points = np.column_stack([ground - 0.1 * k * v[:2], np.full(60, -HEIGHT.value)])
+        seen = points @ rotation_matrix(quaternion_from_euler(0.0, 0.0, yaw))  # in the body
+        told = rotation_matrix(quaternion_from_euler(*lean, yaw))
+        rays.append(seen @ told.T / np.linalg.norm(points, axis=1)[:, None])
+    way = way_over_ground(*rays, HEIGHT.value, HEIGHT.value)
+    return None if way is None else GroundFlow(t, t + 0.1, way, HEIGHT.value)
+
+
+@pytest.mark.parametrize("lean", [[0.05, 0.0], [0.0, -0.05], [-0.035, 0.035]])
+@pytest.mark.parametrize("rate", [2.0, -1.0])
+def test_an_attitude_that_leans_moves_the_velocity_little_while_the_drone_turns(lean, rate):
+    ground, v, rng = VelocityFromGround(), np.array([0.3, 0.0, 0.0]), np.random.default_rng(3)
+    doubt = OwnDoubt(velocity=0.15, tilt=0.025, yaw=0.05)
+    errors, shown = [], []
+    for k in range(150):
+        t = 0.1 * k
+        flow = flow_as_it_looks(t, v, rate, lean, rng)
+        if flow is not None:
+            states = [
+                VehicleState(s, np.zeros(3), v, quaternion_from_euler(*lean, rate * s), np.zeros(3))
+                for s in (t, t + 0.1)
+            ]
+            ground.see(flow, *states, HEIGHT, doubt)
+            shown.append(np.linalg.norm(flow.way / 0.1 - v[:2]))
+        errors.append(np.linalg.norm(ground.decide(t + 0.1, v, doubt).corrected(v) - v))
+    assert np.mean(shown) > 0.05 * abs(rate)  # so wrong is what the ground shows
+    assert np.mean(errors[50:]) < 0.12
