@@ -144,7 +144,8 @@ def test_sigkill_loses_less_than_a_second(tmp_path):
     context = multiprocessing.get_context("fork")
     rng = np.random.default_rng(20)
     for n in range(20):
-        path, latest = tmp_path / f"{n}.mcap", context.Value("d", 0.0)
+        # Without a lock: one that dies with the process would never be let go.
+        path, latest = tmp_path / f"{n}.mcap", context.Value("d", 0.0, lock=False)
         process = context.Process(target=_fly_for_ever, args=(path, latest))
         process.start()
         while latest.value < rng.uniform(1.0, 6.0):
