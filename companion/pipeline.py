@@ -147,6 +147,7 @@ class Companion:
         served = run("serve", Served(), self._services.update, time, inputs.received, self._before)
         if served.goals is not None:
             run("set goals", None, self._guidance.set_goals, served.goals)
+        known = last.obstacles.widest
         seen = run(
             "see",
             Detections(),
@@ -156,12 +157,11 @@ class Companion:
             self._vehicle.at,
             ground,
             inputs.horizon,
-            last.obstacles.widest,
+            known,
             vehicle.doubt.wander,
         )
         if seen.fault.misleads and not phase.on_mission:
             run("forget", None, self._forget_seen)
-        known = last.obstacles.widest
         run("height", None, self._vehicle.see_ground, seen.own, seen.fixed, known)
         run("velocity", None, self._vehicle.see_flow, seen.flow, seen.fault)
         if vehicle.turned and own is not None:

@@ -5,14 +5,14 @@ nothing that it tells shows the error. A compass that is wrong turns all that is
 velocity that a satellite receiver measures: a drone that flies straight at a trunk sees it come
 from the side. The ground shows both (`ground_flow.py`): its flow is the velocity in the frame of
 what is seen. The told velocity differs from it by an error that comes and goes, by a turn that
-stays (the error of the heading), and by a factor (the height over ground); a Kalman filter tells
-the three apart by how long they last. An error far beyond what the autopilot says of itself shows
-as innovations that agree for longer than noise does: then the filter believes that the velocity may
-be as wrong as they say. An error of the velocity changes slowly; flows that jump from one to the
-next are wrong themselves, by a trunk whose corners pass for the ground's. Where the told heading
-turns and the gyro does not (`turns.py`), the turn is known at once; and so is a step of the told
-velocity that the tilt does not explain (`velocity_lag.py`). A told attitude that leans shows the
-ground shifted, ahead or aside; a drone that turns on the spot then sees it move.
+stays (the error of the heading), and by a factor (the height over ground); a told attitude that
+leans lets the ground seem to move while the drone turns on the spot. A Kalman filter tells the four
+apart by how long they last, and by how the drone moves. An error far beyond what the autopilot says
+of itself shows as innovations that agree for longer than noise does: then the filter believes that
+the velocity may be as wrong as they say. An error of the velocity changes slowly; flows that jump
+from one to the next are wrong themselves, by a trunk whose corners pass for the ground's. Where the
+told heading turns and the gyro does not (`turns.py`), the turn is known at once; and so is a step
+of the told velocity that the tilt does not explain (`velocity_lag.py`).
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ _SURE = 2.0  # standard deviations up to which their mean may be noise
 _OUTLIER, _OUTLIER_SIGMAS = 0.6, 2.0  # m/s, and standard deviations; more counts as this much
 _JUMP_SIGMAS = 2.0  # standard deviations up to which two flows in turn may differ by their noise
 # How far the ground shows shifted, ahead and to the side, over height times tilt: flat lines of
-# sight farther than steep ones. From flights.
+# sight farther than steep ones. Fitted to four drones of one flight: it is 1 and the mean of the
+# squared cotangent of the angles below the horizon, of the ground that happens to be in view.
 _SHIFT = np.array([1.65, 1.27])
 _LONGEST_GAP = 0.25  # s between two pictures
 _SLOWEST = 0.2  # m/s; the direction of a slower one is not known

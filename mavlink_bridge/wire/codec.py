@@ -316,6 +316,6 @@ def _allowed_ids(pairs: Collection[tuple[int, int]] | None) -> bytes:
         return bytes([1]) * (1 << 16)
     ids = bytearray(1 << 16)
     for system, component in pairs:
-        first = system << 8 | component
-        ids[first : first + (1 if component else 256)] = bytes([1]) * (1 if component else 256)
+        first, count = system << 8 | component, 1 if component else 256
+        ids[first : first + count] = bytes([1]) * count
     return bytes(ids)
