@@ -86,13 +86,23 @@ class Neighbours:
                 wanted[n] = -3.0 * self.v[n] / bound
             elif BEHAVIOURS[kind] == "attack":
                 wanted[n] = ahead[n]
-            if not shown[n] and np.linalg.norm(ahead[n]) < 4.0:
-                wanted[n] = -ahead[n]  # what is not seen keeps away
+            if not shown[n]:
+                wanted[n] = self._unseen(p - self.p[n], self.v[n], wanted[n])
         size = np.maximum(np.linalg.norm(wanted, axis=1, keepdims=True), 1.0)
         self.v = self.v + dt * bound * wanted / size
         speed = np.linalg.norm(self.v, axis=1, keepdims=True)
         self.v *= np.minimum(1.0, 0.8 * self._config.neighbour_speed / np.maximum(speed, 1e-9))
         self.p = self.p + dt * self.v
+
+    def _unseen(self, off, v, wanted):
+        """Return what one out of the drone's sight wants: it stops coming nearer, and keeps away.
+
+        off, v (3,): to the drone, m; own velocity, m/s.
+        """
+        closing = v @ off / np.linalg.norm(off)
+        if closing > self._config.unseen_speed:
+            return -3.0 * closing * off
+        return -off if np.linalg.norm(off) < 4.0 else wanted
 
 
 class Episode:

@@ -36,4 +36,4 @@ def test_without_the_checker_it_does(monkeypatch):
 def test_nor_in_forty_thousand_ticks():
     counts = adversary.fly(40_000, seed=2902)
     assert contacts(counts, "moving, certified") == {}
-    assert contacts(counts, "moving, uncertified, neighbour") == {}
+    assert counts["flown: none"] < 0.1 * counts["ticks"]
