@@ -126,14 +126,14 @@ def _margins(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, b: Bound
 def _neighbours(p: Vector, t: Vector, tube: Vector, rows: Vector, b: Bounds) -> list[Vector]:
     """Return the room (n,k,T-1) m to courses, what those in sight can reach, and the remembered."""
     gap = _apart(p[:, None] - (rows[:, None, :3] + rows[:, None, 3:6] * t[:, None]))  # (n,k,T-1)
-    touch, later = b.radius + b.neighbour_radius + tube, t[1:]
+    most, later, close = b.neighbour_acceleration, t[1:], b.radius + b.neighbour_radius
+    far, speed = _length(rows[:, :3] - p[0, 0])[:, None], _length(rows[:, 3:6])[:, None]
     spread = rows[:, 6:7] + 2.0 * later * rows[:, 7:8] + later**2 * rows[:, 8:9]
-    most, speed = b.neighbour_acceleration, _length(rows[:, 3:6])[:, None]
     reach = np.minimum(0.5 * most * later**2, (b.neighbour_speed + speed) * later)
-    room = gap - touch - b.sigmas * np.sqrt(np.maximum(spread, 0.0))
+    room = gap - close - tube - b.sigmas * np.sqrt(np.maximum(spread, 0.0))
     # A remembered one has not touched the drone so far, so that it is where the drone is not.
-    away = np.maximum(_length(rows[:, :3] - p[0, 0])[:, None] - b.unseen_way, 0.0)
-    claim = np.minimum(touch + b.unseen_speed * rows[:, 9:10], away) + b.unseen_speed * later
+    away = np.maximum(far - b.unseen_way, np.minimum(far, close))
+    claim = np.minimum(close + tube + b.unseen_speed * rows[:, 9:10], away) + b.unseen_speed * later
     fast = rows[:, 9] <= np.maximum(speed[:, 0] - b.unseen_speed, 0.0) / most  # in sight, or just
     return [room[:, fast], (room - reach)[:, fast], (gap - claim)[:, rows[:, 9] > 0.0]]
 

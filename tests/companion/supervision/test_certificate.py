@@ -55,6 +55,7 @@ def test_braking_in_the_open_is_accepted():
         ({"neighbours": neighbour((1.7, 0.0, 2.0), (-2.0, 0.0, 0.0))}, "neighbour"),
         ({"neighbours": neighbour((0.0, -1.2, 2.0), (0.0, 2.0, 0.0))}, "neighbour"),
         ({"neighbours": neighbour((0.9, 0.0, 2.0), unseen=2.0)}, "remembered"),
+        ({"neighbours": neighbour((0.3, 0.42, 2.0), unseen=1.0)}, "remembered"),
         # Just out of sight, it cannot have slowed down yet.
         ({"neighbours": neighbour((-0.5, 0.3, 2.0), (2.3, 0.0, 0.0), unseen=0.5)}, "neighbour"),
         ({"cylinders": np.array([[1.0, 0.0, 0.5, 0.0, 0.0, 0.0]])}, "obstacle"),
