@@ -50,10 +50,10 @@ class Bounds:
 class Scene:
     """What has to be kept clear of, at the time of the prediction; metres, own ENU frame.
 
-    neighbours (n,10): p, v, position variance, covariance of both, velocity variance along one
-    axis, and the time unseen [s]; 0: in sight. cylinders (k,6): x, y, radius, σ, velocity x, y.
-    points (m,3). planes (h,4): n·p <= b. free (s,): how far it is known to be free, in s equal
-    sectors from the drone, the first one centred on east, counted anticlockwise.
+    neighbours (n,11): p, v, position variance, covariance of both, velocity variance along one
+    axis, s since it was seen, and 1 where it is out of view, else 0. cylinders (k,6): x, y, radius,
+    σ, velocity x, y. points (m,3). planes (h,4): n·p <= b. free (s,): how far it is known to be
+    free, in s equal sectors from the drone, the first centred on east, counted anticlockwise.
     """
 
     neighbours: Vector
@@ -126,16 +126,16 @@ def _margins(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, b: Bound
 def _neighbours(p: Vector, t: Vector, tube: Vector, rows: Vector, b: Bounds) -> list[Vector]:
     """Return the room (n,k,T-1) m to courses, what those in sight can reach, and the remembered."""
     gap = _apart(p[:, None] - (rows[:, None, :3] + rows[:, None, 3:6] * t[:, None]))  # (n,k,T-1)
-    most, later, close = b.neighbour_acceleration, t[1:], b.radius + b.neighbour_radius
-    far, speed = _length(rows[:, :3] - p[0, 0])[:, None], _length(rows[:, 3:6])[:, None]
+    later, close, unseen = t[1:], b.radius + b.neighbour_radius, rows[:, 9:10]
+    most, speed = b.neighbour_acceleration, _length(rows[:, 3:6])[:, None]
     spread = rows[:, 6:7] + 2.0 * later * rows[:, 7:8] + later**2 * rows[:, 8:9]
-    reach = np.minimum(0.5 * most * later**2, (b.neighbour_speed + speed) * later)
+    reach = np.minimum(0.5 * most * (later + unseen), b.neighbour_speed + speed) * (later + unseen)
     room = gap - close - tube - b.sigmas * np.sqrt(np.maximum(spread, 0.0))
-    # A remembered one has not touched the drone so far, so that it is where the drone is not.
-    away = np.maximum(far - b.unseen_way, np.minimum(far, close))
-    claim = np.minimum(close + tube + b.unseen_speed * rows[:, 9:10], away) + b.unseen_speed * later
-    fast = rows[:, 9] <= np.maximum(speed[:, 0] - b.unseen_speed, 0.0) / most  # in sight, or just
-    return [room[:, fast], (room - reach)[:, fast], (gap - claim)[:, rows[:, 9] > 0.0]]
+    far = _length(rows[:, :3] - p[0, 0])[:, None]
+    away = np.maximum(far - b.unseen_way, np.minimum(far, close))  # it is not where the drone is
+    claim = np.minimum(close + tube + b.unseen_speed * unseen, away) + b.unseen_speed * later
+    out, fast = rows[:, 10] > 0.0, (most * unseen <= speed - b.unseen_speed)[:, 0]  # or was just
+    return [room[:, ~out | fast], (room - reach)[:, ~out | fast], (gap - claim)[:, out]]
 
 
 def _obstacles(p: Vector, t: Vector, tube: Vector, scene: Scene, b: Bounds) -> list[Vector]:

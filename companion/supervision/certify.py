@@ -151,7 +151,6 @@ class Certifier:
         self._continued = replace(
             self._bounds,
             track=0.0,
-            rest=config.rest,
             sigmas=0.5 * config.sigmas,
             obstacle_sigmas=0.5 * config.obstacle_sigmas,
             unseen_way=2.0 * config.unseen_way,

@@ -25,7 +25,7 @@ from mavlink_bridge.wire.messages import VehicleState
 
 def _nothing() -> Scene:
     none = np.zeros((0, 3))
-    return Scene(np.zeros((0, 10)), np.zeros((0, 6)), none, np.zeros((0, 4)), np.zeros(SECTORS))
+    return Scene(np.zeros((0, 11)), np.zeros((0, 6)), none, np.zeros((0, 4)), np.zeros(SECTORS))
 
 
 @dataclass(frozen=True)
@@ -89,16 +89,16 @@ class SurroundingsEstimator:
 
 
 def neighbour_rows(tracks: list[Track], away: list[bool]) -> Vector:
-    """Return the tracks (n,10) as the checker takes them.
+    """Return the tracks (n,11) as the checker takes them.
 
     away: whether each is out of view. One that is lost in plain view may be anywhere that it can
     reach; one out of view is remembered.
     """
     rows = [
-        [*t.p.tolist(), *t.v.tolist(), *t.variances, t.unseen if t.lost and out else 0.0]
+        [*t.p.tolist(), *t.v.tolist(), *t.variances, t.unseen, t.lost and out]
         for t, out in zip(tracks, away, strict=True)
     ]
-    return np.array(rows, float).reshape(-1, 10)
+    return np.array(rows, float).reshape(-1, 11)
 
 
 def _cylinder_rows(known: KnownObstacles) -> Vector:

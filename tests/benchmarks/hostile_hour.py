@@ -98,7 +98,8 @@ def main():
     heard = max(ours.received - theirs.sent, 0) + max(theirs.received - ours.sent, 0)
     print(
         f"{len(calm)} calm ticks, p99 {np.percentile(calm, 99) * 1e3:.1f} ms; "
-        f"{len(under)} attacked, p99 {np.percentile(under, 99) * 1e3:.1f} ms, most {under.max() * 1e3:.1f} ms"
+        f"{len(under)} attacked, p99 {np.percentile(under, 99) * 1e3:.1f} ms, "
+        f"most {under.max() * 1e3:.1f} ms"
     )
     attacked = attacks * ATTACKED
     print(f"{c.bytes / attacked / 1e6:.1f} MB/s in {c.packets / attacked:.0f} packets a second")

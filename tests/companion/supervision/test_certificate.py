@@ -22,7 +22,7 @@ BOUNDS = Bounds(
 )
 CALM = np.zeros(3)
 EMPTY = Scene(
-    np.zeros((0, 10)), np.zeros((0, 6)), np.zeros((0, 3)), np.zeros((0, 4)), np.full(36, 5.0)
+    np.zeros((0, 11)), np.zeros((0, 6)), np.zeros((0, 3)), np.zeros((0, 4)), np.full(36, 5.0)
 )
 
 
@@ -32,7 +32,13 @@ def state(speed=1.6, q=(1.0, 0.0, 0.0, 0.0)):
 
 
 def neighbour(p, v=(0.0, 0.0, 0.0), unseen=0.0):
-    return np.array([[*p, *v, 0.001, 0.0, 0.01, unseen]], float)
+    return np.array([[*p, *v, 0.001, 0.0, 0.01, unseen, unseen > 0.0]], float)
+
+
+def lost_in_view(p, seconds):
+    rows = neighbour(p, unseen=seconds)
+    rows[:, 10] = 0.0
+    return rows
 
 
 def braking(speed=1.6):
@@ -56,6 +62,8 @@ def test_braking_in_the_open_is_accepted():
         ({"neighbours": neighbour((0.0, -1.2, 2.0), (0.0, 2.0, 0.0))}, "neighbour"),
         ({"neighbours": neighbour((0.9, 0.0, 2.0), unseen=2.0)}, "remembered"),
         ({"neighbours": neighbour((0.3, 0.42, 2.0), unseen=1.0)}, "remembered"),
+        # What was seen half a second ago may have turned since.
+        ({"neighbours": lost_in_view((0.2, -1.1, 2.0), 0.5)}, "neighbour"),
         # Just out of sight, it cannot have slowed down yet.
         ({"neighbours": neighbour((-0.5, 0.3, 2.0), (2.3, 0.0, 0.0), unseen=0.5)}, "neighbour"),
         ({"cylinders": np.array([[1.0, 0.0, 0.5, 0.0, 0.0, 0.0]])}, "obstacle"),
@@ -74,6 +82,7 @@ def test_what_stands_or_may_come_in_the_way_refuses(scene, cause):
     [
         {"neighbours": neighbour((1.6, 0.0, 2.0))},
         {"neighbours": neighbour((0.0, -1.2, 2.0))},
+        {"neighbours": lost_in_view((0.2, -1.1, 2.0), 0.1)},
         {"neighbours": neighbour((2.0, 0.0, 2.0), (2.0, 0.0, 0.0))},
         {"cylinders": np.array([[1.4, 0.0, 0.5, 0.0, 0.0, 0.0]])},
         {"points": np.array([[0.9, 0.1, 2.0]])},
@@ -163,7 +172,7 @@ def test_any_numbers_give_a_finite_answer(values, count):
     numbers = np.array(values)
     with np.errstate(all="ignore"):
         scene = Scene(
-            numbers[: 10 * count].reshape(-1, 10),
+            numbers[: 11 * count].reshape(-1, 11),
             numbers[:12].reshape(-1, 6),
             numbers[:9].reshape(-1, 3),
             numbers[:8].reshape(-1, 4),

@@ -27,7 +27,7 @@ def moving(speed):
 
 
 def scene(*neighbours, free=5.0):
-    rows = np.array([[*p, *v, 1e-4, 0.0, 1e-3, 0.0] for p, v in neighbours]).reshape(-1, 10)
+    rows = np.array([[*p, *v, 1e-4, 0.0, 1e-3, 0.0, 0.0] for p, v in neighbours]).reshape(-1, 11)
     none = np.zeros((0, 3))
     made = Scene(rows, np.zeros((0, 6)), none, np.zeros((0, 4)), np.full(36, free))
     return lambda: made
