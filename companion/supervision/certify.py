@@ -137,6 +137,14 @@ def _sides(v: Vector) -> Ways:
     return aside(v, *_SIDE).then(aside(v, *_FAR_SIDE))
 
 
+def braking_law(guard: GuardConfig, delay: Delay) -> Law:
+    """Return the law of the guard's brake; delay: limits the body rates."""
+    fastest = within_doubt(np.array([guard.omega_max, 0.0, 0.0]), delay)[0]
+    return Law(
+        guard.brake_gain, guard.brake_max, guard.attitude_gain, fastest, guard.c_min, guard.c_max
+    )
+
+
 class Certifier:
     """Finds ways to stop, and remembers the one that was accepted last."""
 
@@ -177,7 +185,7 @@ class Certifier:
         self._ticks += 1
         if not self._enforce and self._ticks % _SHADOW:
             return None
-        law, v = self._law(delay), prediction.x0[3:6]
+        law, v = braking_law(self._guard, delay), prediction.x0[3:6]
         scene = _carried(around(), prediction.delay)
         first = np.array([command.c, *within_doubt(command.omega, delay)])
         after = self._tried(STRAIGHT, first, prediction, scene, law)
@@ -243,8 +251,3 @@ class Certifier:
             )
             for k in range(len(ways))
         ]
-
-    def _law(self, delay: Delay) -> Law:
-        g = self._guard
-        fastest = within_doubt(np.array([g.omega_max, 0.0, 0.0]), delay)[0]
-        return Law(g.brake_gain, g.brake_max, g.attitude_gain, fastest, g.c_min, g.c_max)

@@ -7,6 +7,7 @@ cruise, swerve, stop and attack as they like within the certificate's bounds: th
 speed are limited, and one that the drone cannot see stays away.
 
     python -m tests.closed_loop.adversary --ticks 100000 --seed 1
+    python -m tests.closed_loop.adversary --brake 150 --seed 1    # how well a way is flown
 """
 
 import argparse
@@ -26,7 +27,8 @@ from companion.guidance.fence import FenceConfig
 from companion.perception.config import CameraConfig
 from companion.perception.frontend import Detections
 from companion.perception.view import View, load_camera
-from companion.supervision.certify import CertificateConfig, Certifier, Flown
+from companion.supervision.certify import CertificateConfig, Certifier, Flown, braking_law
+from companion.supervision.evasion import STEPS, STRAIGHT, simulate
 from companion.supervision.guard import GuardConfig, brake
 from companion.supervision.surroundings import SurroundingsEstimator
 from companion.types import Detection, Phase
@@ -44,6 +46,7 @@ NEIGHBOURS, TRUNKS = 4, 3
 MISSES, GHOSTS, LATE = 0.2, 0.05, 0.1  # shares; s
 BEHAVIOURS = ("cruise", "swerve", "stop", "attack")
 EPISODE = 200  # ticks
+FAST = 1.3  # m/s from which a way to stop is flown to measure it
 SEEN = 1.5  # s in view before a contact, for the neighbour to count as seen
 
 
@@ -108,7 +111,8 @@ class Neighbours:
 class Episode:
     """One drone, its neighbours and trunks, from a start at rest."""
 
-    def __init__(self, seed, config, guard, view):
+    def __init__(self, seed, config, guard, view, alone=False):
+        """alone: neighbours and trunks are far away."""
         self.rng = np.random.default_rng(seed)
         self._config, self._guard, self._view = config, guard, view
         self.vehicles = Vehicles(Airframe(), [[0.0, 0.0, 2.0]], self.rng.uniform(-3.0, 3.0))
@@ -117,6 +121,9 @@ class Episode:
         self._loop = make_rate_loop([RateGains()], [Airframe()])
         self.others = Neighbours(self.rng, config)
         angle, away = self.rng.uniform(-3, 3, TRUNKS), self.rng.uniform(2.0, 6.0, TRUNKS)
+        if alone:
+            self.others.p += 1e3
+            away += 1e3
         radius = self.rng.uniform(0.15, 0.8, TRUNKS)
         self.trunks = np.column_stack(
             [(away + radius) * np.cos(angle), (away + radius) * np.sin(angle), radius]
@@ -227,14 +234,36 @@ class Episode:
         self.cost += time.thread_time() - began
         self.flown, self.broken = found.flown, around.broken
         command = command if found.instead is None else found.instead
-        self._advance(TO_EFFECT)
-        omega = within_doubt(command.omega, KNOWN)
-        self._command = command = RateCommand(omega, command.c)
-        u = np.array([command.c, *command.omega])
-        self._history.add(SentInput(self.time, u, 0.3))
-        self._advance(TICK - TO_EFFECT)
-        self.time = round(self.time + TICK, 6)
+        self._send(command, TICK - TO_EFFECT)
         return self._contacts()
+
+    def brake(self, count):
+        """Brake to rest without looking; return how far beside the way [m] and how much faster.
+
+        (count + 1,) each, by ticks.
+        """
+        beside, faster, way = [], [], None
+        for k in range(count + 1):
+            ahead = self._predictor.update(self._own())
+            flown = simulate(
+                ahead.x0, STRAIGHT, ahead.disturbance, braking_law(self._guard, KNOWN), None
+            )
+            way = way or flown
+            self._send(RateCommand(flown.u[0, 1:4], float(flown.u[0, 0])), DELAY - TO_EFFECT)
+            state = self.vehicles.state
+            beside.append(float(np.linalg.norm(state.p[0] - way.p[0, k])))
+            faster.append(float(np.linalg.norm(state.v[0]) - np.linalg.norm(way.v[0, k])))
+            self._advance(TICK - DELAY)
+        return beside, faster
+
+    def _send(self, command, dt):
+        """Send a command, and fly until `dt` [s] after it has arrived."""
+        self._advance(TO_EFFECT)
+        self._command = RateCommand(within_doubt(command.omega, KNOWN), command.c)
+        u = np.array([self._command.c, *self._command.omega])
+        self._history.add(SentInput(self.time, u, 0.3))
+        self._advance(dt)
+        self.time = round(self.time + TICK, 6)
 
     def _advance(self, dt):
         self._gust += 0.3 * self.rng.normal(size=3) - 0.1 * self._gust
@@ -299,11 +328,37 @@ def fly(ticks, seed, config=None, guard=None, costs=None):
     return counts
 
 
+def braking(count, seed):
+    """Print how well `count` ways to stop are flown from cruise, far from all else."""
+    config, guard = CertificateConfig(enforce=True), GuardConfig()
+    view = View(load_camera(CameraConfig()), needs_foot=False)
+    runs = []
+    for number in range(count):
+        episode = Episode([seed, number], config, guard, view, alone=True)
+        while np.linalg.norm(episode.vehicles.state.v[0]) < FAST:
+            episode.tick()
+        runs.append(episode.brake(STEPS))
+    beside, faster = np.array(runs).transpose(1, 0, 2)
+    t = TICK * np.arange(STEPS + 1)
+    for k in (2, 5, 10, STEPS):
+        print(
+            f"after {t[k]:.1f} s: beside its way by {np.median(beside[:, k]):.2f} m (median), "
+            f"{np.quantile(beside[:, k], 0.99):.2f} m (99 %); "
+            f"faster by {np.quantile(faster[:, k], 0.99):.2f} m/s (99 %)"
+        )
+    within = (beside <= config.track + config.track_rate * t).all(axis=1)
+    print(f"within the bound all along: {within.mean():.0%}")
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--ticks", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--brake", type=int, default=0, metavar="N", help="N ways to stop instead")
     options = parser.parse_args()
+    if options.brake:
+        braking(options.brake, options.seed)
+        raise SystemExit
     costs = []
     print(
         json.dumps(fly(options.ticks, options.seed, costs=costs), indent=1, sort_keys=True),
