@@ -7,7 +7,7 @@ a stream, every tick that ends counts: a companion that waits for a pilot is wat
 
 from __future__ import annotations
 
-from companion.supervision.guard import FALLBACK_MAX
+from companion.supervision.guard_config import FALLBACK_MAX
 from companion.tick import Tick
 
 

@@ -24,7 +24,7 @@ from companion.perception.camera_health import CameraHealthConfig
 from companion.perception.config import CameraConfig, SensingConfig
 from companion.settings.renamed import REMOVED, RENAMED
 from companion.supervision.certify import CertificateConfig
-from companion.supervision.guard import GuardConfig
+from companion.supervision.guard_config import GuardConfig
 from companion.supervision.monitors import MonitorConfig
 from mavlink_bridge.autopilots.registry import AutopilotName
 from mavlink_bridge.shared.settings import (

@@ -19,7 +19,7 @@ from companion.estimation.delay import Delay, within_doubt
 from companion.estimation.prediction import Prediction
 from companion.supervision.certificate import DT, Bounds, Scene, check
 from companion.supervision.evasion import STRAIGHT, Law, Ways, aside, simulate
-from companion.supervision.guard import GuardConfig
+from companion.supervision.guard_config import GuardConfig
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import StrictModel
 from mavlink_bridge.wire.messages import RateCommand

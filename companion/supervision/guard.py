@@ -23,30 +23,20 @@ Braking and levelling are laws in closed form, without any solver.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
-from typing import Self
 
 import numpy as np
-from pydantic import Field, model_validator
 
+from companion.supervision.braking import brake, brake_late, level
+from companion.supervision.guard_config import GuardConfig
 from companion.types import Plan
 from mavlink_bridge.shared.arrays import Vector, finite, norm
 from mavlink_bridge.shared.constants import GRAVITY
-from mavlink_bridge.shared.frames import integrate, rotation_matrix
-from mavlink_bridge.shared.settings import Contradiction, StrictModel
 from mavlink_bridge.wire.messages import RateCommand, VehicleState
 
-# s that shifted plans and braking may last before the watchdog takes the companion for dead
-FALLBACK_MAX = 2.5
-_LATE_GAIN = 0.7  # of the error, per command: 1 would be dead-beat
-_LATE_BRAKE = 0.25  # of the attitude's gain
-_UNTIL_TURNED = 0.1  # s, from a command's effect until the frame has turned most of its way
-_UNTIL_ACTING = 0.75  # share of the time between late commands before a command acts
 _LOSSY_HELD = 0.3  # s that a command is in force where half of them are lost
 _CLIMB = 0.5  # m/s, where the ground is too near
-_TURN_MAX = 0.5  # s; the body rates of the last command are assumed for no longer
 
 
 class Reason(Enum):
@@ -89,118 +79,6 @@ class AutopilotRequest(Enum):
     HOLD = "hold"
     LAND = "land"
     SILENCE = "silence"  # no setpoint is sent, so that its own failsafe takes over
-
-
-class GuardConfig(StrictModel):
-    """Bounds and thresholds."""
-
-    omega_max: float = Field(3.0, ge=0.5, description="Highest body rate [rad/s], each axis.")
-    c_min: float = Field(2.0, ge=0, lt=GRAVITY, description="Least collective acceleration [m/s²].")
-    c_max: float = Field(20.0, gt=GRAVITY, description="Most collective acceleration [m/s²].")
-    shifted_max: int = Field(
-        2, ge=0, description="Ticks that a shifted plan may fly: the third bad solve brakes."
-    )
-    bad_land: float = Field(
-        2.0,
-        gt=0,
-        lt=FALLBACK_MAX,
-        description="Time [s] without a usable plan after which LAND is requested: a solver that "
-        "has failed for so long does not recover.",
-    )
-    stale_predict: float = Field(
-        0.15,
-        gt=0,
-        description="Age [s] of telemetry from which the model predicts the state. At 50 Hz: 7 "
-        "samples lost.",
-    )
-    stale_stop: float = Field(
-        0.3,
-        gt=0,
-        description="Age [s] of telemetry from which there is no state: stop turning, request "
-        "HOLD. The drone flies 0.5 m meanwhile.",
-    )
-    stale_land: float = Field(
-        1.0, gt=0, description="Age [s] of telemetry from which LAND is requested."
-    )
-    stale_silent: float = Field(
-        2.0,
-        gt=0,
-        description="Age [s] of telemetry from which no setpoint is sent: the autopilot's own "
-        "failsafe lands the drone.",
-    )
-    fence_land: float = Field(
-        1.0,
-        ge=0,
-        description="Distance [m] outside the fence beyond which LAND is requested; the drone "
-        "stops within 1 m more.",
-    )
-    fence_drift: float = Field(
-        0.2,
-        ge=0,
-        description="Outward speed [m/s] outside the fence up to which the plan flies: it leads "
-        "back.",
-    )
-    blind_speed: float = Field(
-        0.4, gt=0, description="Highest speed [m/s] while the camera has a fault."
-    )
-    blind_hover: float = Field(
-        1.4, gt=0, description="Time [s] of a camera fault after which the drone brakes and hovers."
-    )
-    blind_hold: float = Field(
-        5.0,
-        gt=0,
-        description="Time [s] of a camera fault after which HOLD is requested: the guard's braking "
-        "drifts, the autopilot's hold does not.",
-    )
-    hold_doubt: float = Field(
-        0.4,
-        gt=0,
-        description="1 σ [m] of the autopilot's position from which LAND is requested instead of "
-        "HOLD: a drone that is held by such a position drifts into what it kept clear of.",
-    )
-    late: float = Field(
-        0.15,
-        gt=0,
-        description="Time [s] for which a command may be in force. Twice in a row longer is late: "
-        "body rates meant for 0.1 s turn the drone too far in 0.2 s.",
-    )
-    lossy: float = Field(
-        0.05,
-        gt=0,
-        le=1,
-        description="Share of telemetry lost in a second above which each setpoint is sent three "
-        "times. Where half of all packets are lost, a setpoint is then held for 0.5 s every 7 "
-        "minutes, not every 2 s.",
-    )
-    lost: float = Field(
-        0.4,
-        gt=0,
-        le=1,
-        description="Share of telemetry lost in a second above which the plan does not fly: as "
-        "many setpoints are lost.",
-    )
-    lost_hold: float = Field(
-        1.0, gt=0, description="Time [s] of such a loss after which HOLD is requested."
-    )
-    brake_gain: float = Field(4.5, gt=0, description="Deceleration per speed [1/s].")
-    brake_max: float = Field(6.0, gt=0, description="Most horizontal deceleration [m/s²]: 31°.")
-    attitude_gain: float = Field(
-        6.0,
-        gt=0,
-        description="Body rate per attitude error [1/s]: most of it is gone when the next command "
-        "acts, and a delay that is known wrongly by 60 ms makes no swing.",
-    )
-
-    @model_validator(mode="after")
-    def _check_ages(self) -> Self:
-        """Refuse ages of which a stronger reaction comes before a milder one."""
-        names = ("stale_predict", "stale_stop", "stale_land", "stale_silent")
-        for mild, strong in itertools.pairwise(names):
-            before, after = getattr(self, mild), getattr(self, strong)
-            if not before < after:
-                text = f"{strong}, {after:g}, must be above {mild}, {before:g}"
-                raise Contradiction((strong, mild), text)
-        return self
 
 
 @dataclass(frozen=True)
@@ -386,62 +264,6 @@ class Guard:
         c = self._config
         omega = np.minimum(np.maximum(u[1:4], -c.omega_max), c.omega_max)
         return RateCommand(omega, min(max(float(u[0]), c.c_min), c.c_max))
-
-
-def brake(own: VehicleState, config: GuardConfig) -> RateCommand:
-    """Return the command that brakes: tilt against the velocity, thrust for the height.
-
-    The wanted specific force is −gain·v + g e_z, bounded; v is the velocity when the frame can have
-    turned, as its present tilt goes on accelerating it until then.
-    """
-    tilted = GRAVITY * rotation_matrix(own.q_wb)[:, 2]
-    then = own.v + _UNTIL_TURNED * np.array([tilted[0], tilted[1], 0.0])
-    return _towards(_against(then, config.brake_gain, config.brake_gain, config), own, config)
-
-
-def brake_late(own: VehicleState, config: GuardConfig, held: float) -> RateCommand:
-    """Return the command that brakes, with gains low enough for a command held for `held` [s].
-
-    The body rates of the last command go on turning the frame until this one acts.
-    """
-    q_then = integrate(own.q_wb, own.omega, min(held, _TURN_MAX) * _UNTIL_ACTING)
-    gain = min(_LATE_GAIN / held, config.attitude_gain)
-    force = _against(own.v, min(_LATE_BRAKE * gain, config.brake_gain), gain, config)
-    slower = config.model_copy(update={"attitude_gain": gain})
-    return _towards(force, replace(own, q_wb=q_then), slower)
-
-
-def _against(v: Vector, horizontal: float, vertical: float, config: GuardConfig) -> Vector:
-    """Return the specific force (3,) [m/s²; world] that brakes v (3,) m/s by these gains [1/s]."""
-    sideways = -horizontal * v[:2]
-    size = float(np.hypot(*sideways))
-    if size > config.brake_max:
-        sideways = sideways * (config.brake_max / size)
-    up = float(np.clip(-vertical * v[2], -3.0, 3.0))
-    return np.array([sideways[0], sideways[1], GRAVITY + up])
-
-
-def level(own: VehicleState, config: GuardConfig) -> RateCommand:
-    """Return the command that levels the frame and carries the weight; only q_wb is used."""
-    return _towards(np.array([0.0, 0.0, GRAVITY]), own, config)
-
-
-def _towards(force: Vector, own: VehicleState, config: GuardConfig) -> RateCommand:
-    """Return the command that turns the thrust towards a specific force (3,) [m/s²; world].
-
-    The attitude error is the rotation between the body's z axis and the force; the thrust is the
-    part of the force along that axis.
-    """
-    r = rotation_matrix(own.q_wb)
-    wanted = r.T @ (force / norm(force))  # in the body frame
-    error = np.cross([0.0, 0.0, 1.0], wanted)
-    if wanted[2] < 0.0:  # more than 90° off: turn at full rate
-        error = error / max(norm(error), 1e-6)
-    omega = np.clip(config.attitude_gain * error, -config.omega_max, config.omega_max)
-    c = float(np.clip(force @ r[:, 2], config.c_min, config.c_max))
-    if not (finite(omega) and np.isfinite(c)):  # numbers too large to be squared
-        return RateCommand(np.zeros(3), GRAVITY)
-    return RateCommand(omega, c)
 
 
 def _acting(s: GuardInputs, own: VehicleState) -> VehicleState:

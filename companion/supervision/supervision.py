@@ -18,11 +18,11 @@ from companion.supervision.guard import (
     AutopilotRequest,
     Broken,
     Guard,
-    GuardConfig,
     GuardInputs,
     Reason,
     Verdict,
 )
+from companion.supervision.guard_config import GuardConfig
 from companion.supervision.phases import GiveBack, PhaseMachine
 from companion.supervision.surroundings import Surroundings
 from companion.types import Phase, Plan

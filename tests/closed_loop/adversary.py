@@ -27,9 +27,10 @@ from companion.guidance.fence import FenceConfig
 from companion.perception.config import CameraConfig
 from companion.perception.frontend import Detections
 from companion.perception.view import View, load_camera
+from companion.supervision.braking import brake
 from companion.supervision.certify import CertificateConfig, Certifier, Flown, braking_law
 from companion.supervision.evasion import STEPS, STRAIGHT, simulate
-from companion.supervision.guard import GuardConfig, brake
+from companion.supervision.guard_config import GuardConfig
 from companion.supervision.surroundings import SurroundingsEstimator
 from companion.types import Detection, Phase
 from mavlink_bridge.shared.frames import rotation_matrix

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from companion.supervision.guard import Guard, GuardConfig, GuardInputs
+from companion.supervision.guard import Guard, GuardInputs
+from companion.supervision.guard_config import GuardConfig
 from companion.types import Plan, PlanStatus
 from mavlink_bridge.wire.messages import VehicleState
 from tests.fuzz import mutate, targets

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from companion.supervision.certificate import CAUSES, DT, Bounds, Scene, Trajectories, check
 from companion.supervision.certify import CertificateConfig
 from companion.supervision.evasion import STRAIGHT, Law, aside, simulate
-from companion.supervision.guard import GuardConfig
+from companion.supervision.guard_config import GuardConfig
 
 GUARD = GuardConfig()
 LAW = Law(GUARD.brake_gain, GUARD.brake_max, GUARD.attitude_gain, 3.0, 2.0, 20.0)

@@ -7,7 +7,7 @@ from companion.estimation.delay import Delay
 from companion.estimation.prediction import Prediction
 from companion.supervision.certificate import Scene
 from companion.supervision.certify import CertificateConfig, Certifier, Flown
-from companion.supervision.guard import GuardConfig
+from companion.supervision.guard_config import GuardConfig
 from companion.supervision.neighbour_watch import NeighbourWatch
 from companion.types import Track
 from mavlink_bridge.shared.constants import GRAVITY

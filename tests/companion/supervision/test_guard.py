@@ -8,15 +8,9 @@ import pytest
 from companion.estimation.input_history import InputHistory, SentInput
 from companion.estimation.prediction import StatePredictor
 from companion.model import predict
-from companion.supervision.guard import (
-    AutopilotRequest,
-    Guard,
-    GuardConfig,
-    GuardInputs,
-    Reason,
-    brake,
-    brake_late,
-)
+from companion.supervision.braking import brake, brake_late
+from companion.supervision.guard import AutopilotRequest, Guard, GuardInputs, Reason
+from companion.supervision.guard_config import GuardConfig
 from companion.types import Plan, PlanStatus
 from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.wire.messages import RateCommand, VehicleState

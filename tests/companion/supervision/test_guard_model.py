@@ -18,11 +18,11 @@ from companion.supervision.guard import (
     AutopilotRequest,
     Broken,
     Guard,
-    GuardConfig,
     GuardInputs,
     Reaction,
     Reason,
 )
+from companion.supervision.guard_config import GuardConfig
 from companion.types import Plan, PlanStatus
 from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.wire.messages import VehicleState

@@ -18,11 +18,11 @@ from companion.supervision.guard import (
     AutopilotRequest,
     Broken,
     Guard,
-    GuardConfig,
     GuardInputs,
     Reaction,
     Reason,
 )
+from companion.supervision.guard_config import GuardConfig
 from companion.supervision.monitors import MonitorConfig, Monitors
 from companion.types import Phase, Plan, PlanStatus
 from mavlink_bridge.shared.constants import GRAVITY

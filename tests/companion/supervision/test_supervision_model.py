@@ -18,7 +18,8 @@ from companion.perception.camera_health import CameraFault
 from companion.perception.frontend import Detections
 from companion.supervision import supervision as module
 from companion.supervision.certify import CertificateConfig, Certifier
-from companion.supervision.guard import AutopilotRequest, Broken, GuardConfig, Reaction
+from companion.supervision.guard import AutopilotRequest, Broken, Reaction
+from companion.supervision.guard_config import GuardConfig
 from companion.supervision.phases import GiveBack
 from companion.supervision.supervision import Supervision
 from companion.types import Phase
