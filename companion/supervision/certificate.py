@@ -50,7 +50,7 @@ class Bounds:
 class Scene:
     """What has to be kept clear of, at the time of the prediction; metres, own ENU frame.
 
-    neighbours (n,11): p, v, position variance, covariance of both, velocity variance along one
+    neighbours (n,11): p, v, most variance of p, covariance of both, and variance of v along any
     axis, s since it was seen, and 1 where it is out of view, else 0. cylinders (k,6): x, y, radius,
     σ, velocity x, y. points (m,3). planes (h,4): n·p <= b. free (s,): how far it is known to be
     free, in s equal sectors from the drone, the first centred on east, counted anticlockwise.

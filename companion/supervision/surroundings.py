@@ -94,11 +94,17 @@ def neighbour_rows(tracks: list[Track], away: list[bool]) -> Vector:
     away: whether each is out of view. One that is lost in plain view may be anywhere that it can
     reach; one out of view is remembered.
     """
-    rows = [
-        [*t.p.tolist(), *t.v.tolist(), *t.variances, t.unseen, t.lost and out]
-        for t, out in zip(tracks, away, strict=True)
-    ]
-    return np.array(rows, float).reshape(-1, 11)
+    if not tracks:
+        return np.zeros((0, 11))
+    covariance = np.array([t.P for t in tracks])
+    b = covariance[:, :3, 3:]
+    blocks = covariance[:, :3, :3], 0.5 * (b + b.transpose(0, 2, 1)), covariance[:, 3:, 3:]
+    # Along the axis where each is largest: a range is less sure than a bearing.
+    variances = [np.linalg.eigvalsh(block)[:, -1] for block in blocks]
+    unseen = np.array([t.unseen for t in tracks])
+    out = np.array([t.lost and out for t, out in zip(tracks, away, strict=True)], float)
+    places, speeds = np.array([t.p for t in tracks]), np.array([t.v for t in tracks])
+    return np.column_stack([places, speeds, *variances, unseen, out])
 
 
 def _cylinder_rows(known: KnownObstacles) -> Vector:
