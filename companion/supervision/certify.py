@@ -132,11 +132,6 @@ def _carried(scene: Scene, dt: float) -> Scene:
     return replace(scene, neighbours=neighbours, cylinders=cylinders)
 
 
-def _sides(v: Vector) -> Ways:
-    """Return the ways to step aside from the velocity v (3,) m/s, near and far."""
-    return aside(v, *_SIDE).then(aside(v, *_FAR_SIDE))
-
-
 def braking_law(guard: GuardConfig, delay: Delay) -> Law:
     """Return the law of the guard's brake; delay: limits the body rates."""
     fastest = within_doubt(np.array([guard.omega_max, 0.0, 0.0]), delay)[0]
@@ -185,12 +180,10 @@ class Certifier:
         self._ticks += 1
         if not self._enforce and self._ticks % _SHADOW:
             return None
-        law, v = braking_law(self._guard, delay), prediction.x0[3:6]
+        law = braking_law(self._guard, delay)
         scene = _carried(around(), prediction.delay)
         first = np.array([command.c, *within_doubt(command.omega, delay)])
-        after = self._tried(STRAIGHT, first, prediction, scene, law)
-        if after[0].room < 0.0:
-            after += self._tried(_sides(v), first, prediction, scene, law)
+        after = self._out(first, prediction, scene, law)
         safe = max(after, key=lambda way: way.margin)
         leaves = max(way.course for way in after)
         if safe.margin >= 0.0 and leaves >= 0.0:
@@ -199,17 +192,28 @@ class Certifier:
         if safe.margin < 0.0 and not self._enforce:  # no matter what else there is
             self._last = None
             return Certified(Flown.NONE, safe.margin, safe.cause)
-        now = self._tried(STRAIGHT.then(_sides(v)), None, prediction, scene, law)
         if safe.margin >= 0.0:
-            best = max(now, key=lambda way: way.course)
+            best = max(self._out(None, prediction, scene, law), key=lambda way: way.course)
             if best.course < leaves + _GAIN:
                 self._last = safe.way
                 return Certified(Flown.COMMAND, safe.margin, safe.cause)
             return self._fly(best, safe.margin, "course")
         last = self._going_on(prediction, scene, law)
         held = [way for way in last if way.margin >= 0.0]
-        best = max(held or now, key=lambda way: way.rank)
+        best = max(held or self._out(None, prediction, scene, law), key=lambda way: way.rank)
         return self._fly(best, safe.margin, safe.cause)
+
+    def _out(
+        self, first: Vector | None, prediction: Prediction, scene: Scene, law: Law
+    ) -> list[_Try]:
+        """Return ways to stop after the command `first` (4,) or at once, until one has room."""
+        found = self._tried(STRAIGHT, first, prediction, scene, law)
+        for side in (_SIDE, _FAR_SIDE):
+            if max(way.room for way in found) >= 0.0:
+                break
+            sides = aside(prediction.x0[3:6], *side)
+            found += self._tried(sides, first, prediction, scene, law)
+        return found
 
     def _going_on(self, prediction: Prediction, scene: Scene, law: Law) -> list[_Try]:
         """Return what the way leaves over that was accepted last; nothing where none was."""
