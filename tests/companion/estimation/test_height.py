@@ -57,6 +57,17 @@ def test_a_tilted_beam_measures_the_height():
     assert np.abs(errors).max() < 0.1
 
 
+@pytest.mark.parametrize("climb", [1.5, -1.5])
+def test_a_look_counts_for_the_moment_at_which_it_was_taken(climb):
+    """Its beam is a tenth of a second older than the state that it is compared with."""
+    estimator = HeightEstimator()
+    for t in np.arange(0.0, 3.0, 0.1):
+        p, v = np.array([0.0, 0.0, 5.0 + climb * t]), np.array([0.0, 0.0, climb])
+        look = DistanceSensor(t - 0.1, p[2] - 0.1 * climb, 0.1, 12.0, DOWN, LASER)
+        h = estimator.update(VehicleState(t, p, v, LEVEL, np.zeros(3)), [look])
+    assert h.value == pytest.approx(p[2], abs=0.02)
+
+
 def ground_points(rng, p, ground, trunks=0.2, n=60):
     """Points that parallax shows around p: ground at depressions of 20 to 60°, some on trunks."""
     azimuth, depression = rng.uniform(-1.2, 1.2, n), rng.uniform(0.35, 1.05, n)

@@ -67,6 +67,13 @@ def test_a_large_jump_that_nothing_announces_stays_a_fault():
     assert not frame.offset.any()
 
 
+def test_the_first_count_of_resets_announces_none():
+    frame, jump = OdometryFrame(), np.array([3.0, 0.0, 0.0])
+    found = fly(frame, lambda t: jump * (t >= 0.2), seconds=1.0, resets=lambda t: 4)
+    assert errors(found)[-1] == pytest.approx(3.0)
+    assert not frame.offset.any()
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("axis", range(3))
 def test_a_velocity_that_is_no_number_spoils_nothing_after_it(bad, axis):
