@@ -204,7 +204,7 @@ class Flight:
         return frames.arrays if isinstance(frames, LocalFrames) else {}
 
     def wire_table(self) -> list[str]:
-        """Return a line for each vehicle: its system id and its ports."""
+        """Return a line for each vehicle with a companion: its system id and its ports."""
         if self._in_process:
             return []
         w = self.scenario.wire
@@ -212,6 +212,7 @@ class Flight:
             f"{d.name}: system {d.index + 1}, companion UDP {companion_port(w, d.index + 1)}, "
             f"frames TCP {w.frame_port + d.index + 1}, ground station UDP {w.gcs_port}"
             for d in self._drones
+            if d.name in self._with_companion
         ]
 
     def write_inputs(self) -> None:
