@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import SettingsError
-from sitl_sim.commands.extras import require, require_controller
+from sitl_sim.commands.extras import require, require_controllers
 from sitl_sim.recording.run_folder import Run, load_run, salvage_ticks
 from sitl_sim.recording.run_folder import log_path as _log_path
 from sitl_sim.recording.tables import truth_columns
@@ -219,7 +219,7 @@ def fly(
         scenario = load(scenario, seed=seed, drones=drones, controller=controller, changes=changes)
     elif any(a is not None for a in asked):
         raise SettingsError(["seed, drones, controller and changes belong into load(…)"])
-    require_controller(scenario.companion.get("controller"))
+    require_controllers(scenarios.controllers(scenario))
     commit()  # looked up now: a commit made during the flight did not fly
     started = time.monotonic()
     default = Path("runs") / f"{scenario.name}-{scenario.seed}"
@@ -271,7 +271,7 @@ def campaign(
     folder = Path("runs") / "-".join(parts) if out is None else Path(out)
     overrides = _overrides(None, drones, controller, changes)
     wanted = Campaign(str(scenario), overrides, runs, seed, folder, not processes)
-    require_controller(wanted.controller)
+    require_controllers(wanted.controllers)
 
     @contextmanager
     def told(total: int, done: int) -> Iterator[Callable[[int, str], None]]:

@@ -93,7 +93,11 @@ class SwarmEnv(ParallelEnv[str, Seen, Vector]):  # type: ignore[misc]
             "companion.controller_options": {"meeting": self._key},
         }
         loaded = self._load(0)
-        self.possible_agents = scenarios.drone_names(loaded)
+        foreign = loaded.drones.foreign
+        self._index = {
+            n: i for i, n in enumerate(scenarios.drone_names(loaded)) if n not in foreign
+        }
+        self.possible_agents = list(self._index)
         self.agents: list[str] = []
         if action == "rates":
             low, high = (np.array(end, np.float32) for end in _INPUTS)
@@ -149,7 +153,7 @@ class SwarmEnv(ParallelEnv[str, Seen, Vector]):  # type: ignore[misc]
         hit = self._touching()
         over = self._meeting.over
         rewards, ended = {}, {}
-        for i, name in enumerate(self.possible_agents):
+        for name, i in self._index.items():
             if name in agents:
                 way = self._meeting.seen[name][2:4].astype(float)
                 size = max(float(np.linalg.norm(way)), _SLOW)

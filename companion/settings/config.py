@@ -7,14 +7,15 @@ below the drone's own file. Angles that a person writes are in degrees and say s
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from pydantic import model_validator
 
-from companion.control.baselines import is_rule
+from companion.control.baselines import CONTROLLERS, is_rule
 from companion.guidance.guidance import GuidanceSettings
 from companion.settings.consistency import contradictions
 from companion.settings.sections import CompanionSections
+from mavlink_bridge.shared.parts import PartKind
 from mavlink_bridge.shared.settings import (
     Document,
     assignments,
@@ -30,6 +31,9 @@ DEFAULT, AIRFRAMES, BRIDGES = "default.yaml", "airframes", "bridges"
 
 class CompanionConfig(CompanionSections):
     """The whole configuration of one drone."""
+
+    controllers: ClassVar[PartKind] = CONTROLLERS
+    """What `controller` may be."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

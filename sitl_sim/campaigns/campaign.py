@@ -30,14 +30,14 @@ class Campaign:
     folder: Path
     in_process: bool = False
     name: str = field(init=False)
-    controller: str | None = field(init=False)
+    controllers: set[str] = field(init=False)
 
     def __post_init__(self) -> None:
         """Read the scenario, so that bad input shows before anything flies."""
         loaded = scenarios.load(self.scenario, [*self.overrides, f"seed={self.first_seed}"])
         check_companions(loaded, self.in_process)
         object.__setattr__(self, "name", loaded.name)
-        object.__setattr__(self, "controller", loaded.companion.get("controller"))
+        object.__setattr__(self, "controllers", scenarios.controllers(loaded))
 
     @property
     def seeds(self) -> range:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from mavlink_bridge.shared.options import count
 from sitl_sim.commands.exit_status import EXIT_FELL_SHORT, EXIT_OK
-from sitl_sim.commands.extras import require, require_controller
+from sitl_sim.commands.extras import require, require_controllers
 from sitl_sim.commands.progress import run_progress
 from sitl_sim.commands.scenario_options import (
     add_controller_argument,
@@ -70,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
         folder,
         options.in_process,
     )
-    require_controller(campaign.controller)
+    require_controllers(campaign.controllers)
     workers = options.workers or os.cpu_count() or 1
     result = fly(campaign, workers, options.scheduler, options.table)
     print(json.dumps(result, indent=1) if options.json else table(result))

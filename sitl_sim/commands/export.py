@@ -62,7 +62,7 @@ def _mcap(flight: Run, path: Path) -> list[Path]:
     from sitl_sim.recording.swarm_log import write_swarm_log
 
     layout = path.with_name(f"{path.stem}.foxglove.json")
-    return [write_swarm_log(flight, path), write_foxglove_layout(flight.names, layout)]
+    return [write_swarm_log(flight, path), write_foxglove_layout(_names(flight), layout)]
 
 
 def _rerun(flight: Run, path: Path) -> Path:
@@ -70,8 +70,18 @@ def _rerun(flight: Run, path: Path) -> Path:
     from sitl_sim.recording.layouts import write_rerun
     from sitl_sim.recording.run_folder import radii
     from sitl_sim.recording.swarm_log import write_swarm_log
+    from sitl_sim.scenarios.scenario import companion_names
 
+    names = _names(flight)
     with TemporaryDirectory() as folder:
         log = write_swarm_log(flight, Path(folder) / "swarm.mcap")
-        sizes = radii(flight.world, flight.names)
-        return write_rerun(log, dict(zip(flight.names, sizes.tolist(), strict=True)), path)
+        sizes = dict(zip(names, radii(flight.world, names).tolist(), strict=True))
+        return write_rerun(log, sizes, path, companion_names(flight.scenario))
+
+
+def _names(flight: Run) -> list[str]:
+    """Return the names of the drones; those with companions first, as the first one's is shown."""
+    from sitl_sim.scenarios.scenario import companion_names
+
+    flown = companion_names(flight.scenario)
+    return [*flown, *(n for n in flight.names if n not in flown)]

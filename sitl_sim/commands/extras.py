@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from importlib.util import find_spec
 
 from mavlink_bridge.shared.settings import SettingsError
@@ -37,13 +38,13 @@ def require(*modules: str) -> None:
         raise SettingsError([_advice(missing)])
 
 
-def require_controller(controller: str | None) -> None:
-    """Refuse to start where the controller of this name needs a module that is not installed.
+def require_controllers(controllers: Collection[str]) -> None:
+    """Refuse to start where one of these controllers needs a module that is not installed.
 
     Raises:
         SettingsError: as `require`.
     """
-    if controller == "orca":
+    if "orca" in controllers:
         require("pyrvo")
 
 

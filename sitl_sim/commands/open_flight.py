@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sitl_sim.commands.extras import require_controller
+from sitl_sim.commands.extras import require_controllers
 from sitl_sim.commands.scenario_options import add_scenario_arguments, overrides
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def open_flight(
     if options.seed is not None:
         changes.append(f"seed={options.seed}")
     scenario = scenarios.load(options.scenario, changes)
-    require_controller(scenario.companion.get("controller"))
+    require_controllers(scenarios.controllers(scenario))
     shared = in_process and not real_time and scenario.drones.count >= _MANY
     hosts = min(cores(), _HOSTS_MOST) if shared else 0
     default = Path("runs") / f"{scenario.name}-{scenario.seed}"

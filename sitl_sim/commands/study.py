@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from mavlink_bridge.shared.options import count
 from sitl_sim.commands.campaign import add_executor_arguments, fly, require_for_campaigns
 from sitl_sim.commands.exit_status import EXIT_FELL_SHORT, EXIT_OK
-from sitl_sim.commands.extras import require, require_controller
+from sitl_sim.commands.extras import require, require_controllers
 
 if TYPE_CHECKING:
     from sitl_sim.campaigns.study import Study
@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
     folder = options.out or Path("runs") / f"study-{name}"
     cells = studies.cells(study, folder, options.runs, options.seed, not options.processes)
     for cell in cells:
-        require_controller(cell.campaign.controller)
+        require_controllers(cell.campaign.controllers)
     rows = []
     for cell in cells:
         print(f"{cell.scenario}, {cell.case}", file=sys.stderr, flush=True)

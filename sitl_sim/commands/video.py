@@ -44,11 +44,13 @@ def run(options: argparse.Namespace) -> int:
     from mavlink_bridge.shared.settings import SettingsError
     from sitl_sim.figures.film import Film, span, write_film
     from sitl_sim.recording.run_folder import load_run
+    from sitl_sim.scenarios.scenario import companion_names
 
     cv2.setNumThreads(1)
     flight = load_run(options.folder)
     names = flight.names
-    drone = options.drone or names[len(names) // 2]
+    flown = companion_names(flight.scenario)
+    drone = options.drone or flown[len(flown) // 2]
     if drone not in names:
         raise SettingsError([f"--drone {drone}: no such drone; valid: {', '.join(names)}"])
     if min(options.speed, options.rate) <= 0:

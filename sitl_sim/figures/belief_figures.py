@@ -12,7 +12,7 @@ from sitl_sim.figures.curves import add_map, colours, window
 from sitl_sim.figures.events import Event, faults
 from sitl_sim.figures.metrics import AIRBORNE
 from sitl_sim.figures.perception import FrameScore
-from sitl_sim.recording.run_folder import Run
+from sitl_sim.recording.run_folder import Run, ours
 
 _SYMBOLS = {
     "fault": "hexagram",
@@ -38,6 +38,8 @@ def chosen_times(run: Run) -> list[float]:
     apart = np.linalg.norm(p[:, :, None] - p[:, None], axis=-1)
     apart[~(flying[:, :, None] & flying[:, None])] = np.inf
     apart[:, *np.diag_indices(p.shape[1])] = np.inf
+    foreign = ~ours(run.world, run.names)
+    apart[:, foreign[:, None] & foreign] = np.inf
     if np.isfinite(apart).any():
         times.append(float(t[np.unravel_index(int(apart.argmin()), apart.shape)[0]]))
     return sorted(times)

@@ -14,7 +14,7 @@ from plotly.subplots import make_subplots
 
 from mavlink_bridge.shared.arrays import Vector
 from sitl_sim.figures.metrics import AIRBORNE
-from sitl_sim.recording.run_folder import Run, Truth
+from sitl_sim.recording.run_folder import Run, Truth, ours
 from sitl_sim.worlds.world import surface_distance
 
 OBSTACLE, TARGET, LIMIT = "#9c8567", "#d00000", "#b00000"
@@ -226,10 +226,15 @@ def curves(run: Run) -> go.Figure:
     return figure
 
 
-def pair_distances(p: Vector, flying: NDArray[np.bool_]) -> tuple[Vector, NDArray[np.bool_]]:
-    """Return the distance (T,pairs) m of each two drones, and whether both were in the air."""
+def pair_distances(
+    p: Vector, flying: NDArray[np.bool_], own: NDArray[np.bool_]
+) -> tuple[Vector, NDArray[np.bool_]]:
+    """Return the distance (T,pairs) m of each two drones, and whether both were in the air.
+
+    own: (N,) which drones are ours; of two foreign ones there is none.
+    """
     pairs = np.array(list(itertools.combinations(range(p.shape[1]), 2)), int).reshape(-1, 2)
-    a, b = pairs.T
+    a, b = pairs[own[pairs].any(axis=1)].T
     return np.linalg.norm(p[:, a] - p[:, b], axis=-1), flying[:, a] & flying[:, b]
 
 
@@ -256,14 +261,16 @@ def band(t: Vector, values: Vector, valid: NDArray[np.bool_]) -> Band | None:
 
 
 def bands(run: Run) -> list[tuple[str, float | None, Band]]:
-    """Return name, contact [m] or None, and band of distances and speed, those that exist."""
+    """Return name, contact [m] or None, and band of our distances and speed, those that exist."""
     t, p = run.truth["t"], run.truth["position"].astype(float)
     flying, radius = p[..., 2] > AIRBORNE, run.world["drone_radius"]
-    found = [("between drones [m]", 2 * radius, band(t, *pair_distances(p, flying)))]
+    own = ours(run.world, run.names)
+    found = [("between drones [m]", 2 * radius, band(t, *pair_distances(p, flying, own)))]
+    p, flying = p[:, own], flying[:, own]
     if run.world["cylinders"] or run.world["boxes"]:
         surface = surface_distance(p, run.world)
         found.append(("to nearest obstacle [m]", radius, band(t, surface, flying)))
-    speed = np.linalg.norm(run.truth["velocity"].astype(float), axis=-1)
+    speed = np.linalg.norm(run.truth["velocity"][:, own].astype(float), axis=-1)
     found.append(("speed [m/s]", None, band(t, speed, flying)))
     return [(name, contact, b) for name, contact, b in found if b is not None]
 

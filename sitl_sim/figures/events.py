@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from sitl_sim.figures.metrics import AIRBORNE
-from sitl_sim.recording.run_folder import Run, own_frames, radii
-from sitl_sim.scenarios.scenario import fault_schedule
+from sitl_sim.recording.run_folder import Run, ours, own_frames, radii
+from sitl_sim.scenarios.scenario import companion_names, fault_schedule
 from sitl_sim.worlds.world import surface_distance
 
 _SILENCE = 1.0  # s without a tick
@@ -108,6 +108,8 @@ def _of_drone(run: Run, i: int, name: str) -> list[Event]:
 
 def _end_of_log(run: Run, name: str, boot: float) -> list[Event]:
     """Return an event where a log ends before the flight, unless its companion was done."""
+    if name not in companion_names(run.scenario):
+        return []
     if not run.logs[name]:
         return [Event(0.0, name, "silence", "no log")]
     last = run.logs[name][-1]
@@ -131,18 +133,21 @@ def _of_vehicle(run: Run, i: int, name: str) -> list[Event]:
 
 
 def collisions(run: Run) -> list[Collision]:
-    """Return each pair, and each drone with an obstacle, at the first instant of contact."""
+    """Return each pair, and each drone with an obstacle, at the first instant of contact.
+
+    One of ours is in each, as in the figures.
+    """
     t, p = run.truth["t"], run.truth["position"].astype(float)
-    radius = radii(run.world, run.names)
+    radius, own = radii(run.world, run.names), ours(run.world, run.names)
     flying = p[..., 2] > AIRBORNE
     found = []
     for i, j in itertools.combinations(range(p.shape[1]), 2):
         apart = np.linalg.norm(p[:, i] - p[:, j], axis=-1)
         hit = np.flatnonzero(flying[:, i] & flying[:, j] & (apart < radius[i] + radius[j]))
-        if len(hit):
+        if len(hit) and (own[i] or own[j]):
             found.append(Collision(float(t[hit[0]]), i, j, float(apart[hit].min())))
     surface = np.where(flying, surface_distance(p, run.world), np.inf)
-    for i in range(p.shape[1]):
+    for i in np.flatnonzero(own).tolist():
         hit = np.flatnonzero(surface[:, i] < radius[i])
         if len(hit):
             found.append(Collision(float(t[hit[0]]), i, None, float(surface[hit, i].min())))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.distance import between
-from sitl_sim.recording.run_folder import radii
+from sitl_sim.recording.run_folder import ours, radii
 from sitl_sim.scenarios.scenario import TICK_MS
 from sitl_sim.worlds.ground import Ground
 from sitl_sim.worlds.world import surface_distance
@@ -32,16 +32,21 @@ STANDING = 0.5  # m: a drone that stays within this of a place makes no progress
 def safety(
     truth: dict[str, NDArray[Any]], world: dict[str, Any], names: list[str]
 ) -> dict[str, Any]:
-    """Return distances, collisions, targets and speeds, from the truth alone."""
+    """Return distances, collisions, targets and speeds, from the truth alone.
+
+    Of our drones: foreign ones count where one of ours comes near them, and nowhere else.
+    """
     t, p, v = truth["t"], truth["position"].astype(float), truth["velocity"].astype(float)
-    radius = radii(world, names)
+    radius, own = radii(world, names), ours(world, names)
     above = p[..., 2] - Ground(world).height(p[..., 0], p[..., 1])
     flying = above > AIRBORNE
     speed = np.linalg.norm(v, axis=-1)
-    moving = flying & (speed > MOVING)
-    surface = np.where(flying, surface_distance(p, world), np.inf)
+    moving = flying & own & (speed > MOVING)
+    surface = np.where(flying & own, surface_distance(p, world), np.inf)
     pairs, rooms = [], []
     for i, j in itertools.combinations(range(p.shape[1]), 2):
+        if not (own[i] or own[j]):
+            continue
         both = flying[:, i] & flying[:, j]
         apart = np.where(both, between(p[:, i], p[:, j]), np.inf)
         k = int(apart.argmin())
@@ -54,10 +59,11 @@ def safety(
     instants = {
         name: reached_in_order(path[:, i], world["targets"][name], tolerance)
         for i, name in enumerate(names)
+        if own[i]
     }
     reached = {name: len(at) for name, at in instants.items()}
-    wanted = {name: len(world["targets"][name]) for name in names}
-    complete = all(reached[n] == wanted[n] > 0 for n in names)
+    wanted = {name: len(world["targets"][name]) for name in reached}
+    complete = all(reached[n] == wanted[n] > 0 for n in reached)
     closest = min(pairs, default=None)
     nearest = np.unravel_index(int(surface.argmin()), surface.shape)
     near_any = bool(np.isfinite(surface[nearest]))  # there are obstacles, and a drone flew
@@ -66,11 +72,11 @@ def safety(
         "duration_s": float(t[-1] - t[0]),
         "mission_complete": complete,
         "mission_time_s": float(t[max(at[-1] for at in instants.values())]) if complete else None,
-        "targets_reached": {n: f"{reached[n]}/{wanted[n]}" for n in names},
+        "targets_reached": {n: f"{reached[n]}/{wanted[n]}" for n in reached},
         "largest_estimate_error_m": _largest_error(truth) if believed else None,
         "agent_collisions": sum(d < touch for d, touch in rooms),
         "obstacle_collisions": int((surface.min(axis=0) < radius).sum()),
-        "ground_strikes": int(ground_strikes(above, v, radius).sum()),
+        "ground_strikes": int((ground_strikes(above, v, radius) & own).sum()),
         "min_agent_distance_m": closest[0] if closest else None,
         "min_agent_distance_at": list(closest[1:]) if closest else None,
         "min_obstacle_distance_m": float(surface[nearest]) if near_any else None,
@@ -79,8 +85,8 @@ def safety(
         "below_obstacle_safety": bool((surface < OBSTACLE_SAFETY * radius).any()),
         **standstills(
             t,
-            p,
-            flying,
+            p[:, own],
+            flying[:, own],
             [
                 at[wanted[n] - 1] if len(at) == wanted[n] > 0 else len(t)
                 for n, at in instants.items()
@@ -88,8 +94,9 @@ def safety(
         ),
         "mean_speed_m_s": float(speed[moving].mean()) if moving.any() else 0.0,
         "std_speed_m_s": float(speed[moving].std()) if moving.any() else 0.0,
-        "never_flew": [n for i, n in enumerate(names) if not flying[:, i].any()],
-        **flocking(p, v, flying, moving),
+        "never_flew": [n for i, n in enumerate(names) if own[i] and not flying[:, i].any()],
+        **flocking(p, v, flying & own, moving),
+        **({} if own.all() else {"foreign": [n for n, o in zip(names, own, strict=True) if not o]}),
     }
 
 

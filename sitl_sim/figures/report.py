@@ -18,7 +18,7 @@ from sitl_sim.figures.page import PLOTLY, draw, page
 from sitl_sim.figures.panel import panel
 from sitl_sim.figures.perception import FrameScore, perception, score_frames
 from sitl_sim.figures.verdict import head
-from sitl_sim.recording.run_folder import Run
+from sitl_sim.recording.run_folder import Run, ours
 
 _COLLISIONS = 8
 # Ended from outside: at the end of a flight, or by a test of a lost companion.
@@ -40,11 +40,13 @@ def summarise(
     """Return the figures of `metrics.json` that truth and logs give, and the verdict.
 
     exits: how each companion ended, as `Flight.exit_codes` returns it. interrupted: the flight
-    was stopped before its end.
+    was stopped before its end. Only our companions' logs count.
     """
-    summary = safety(run.truth, run.world, run.names) | timing(run.logs) | certificates(run.logs)
+    own = {n for n, o in zip(run.names, ours(run.world, run.names), strict=True) if o}
+    logs = {n: log for n, log in run.logs.items() if n in own}
+    summary = safety(run.truth, run.world, run.names) | timing(logs) | certificates(logs)
     summary["interrupted"] = interrupted
-    summary["perception"] = perception(scores)
+    summary["perception"] = perception({n: s for n, s in scores.items() if n in own})
     summary["faults_in_truth"] = sanity(run.truth)
     summary["companion_errors"] = {
         n: code for n, code in exits.items() if code is not None and code not in _ENDED

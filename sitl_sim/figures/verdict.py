@@ -14,8 +14,8 @@ def head(summary: dict[str, Any], radius: float) -> str:
     if summary["ok"]:
         kind, word = "good", "OK"
         said = (
-            f"{_drones(summary['drones'])} reached all targets in "
-            f"{summary['mission_time_s']:.1f} s and touched nothing."
+            f"{_drones(len(summary['targets_reached']))} reached all targets in "
+            f"{summary['mission_time_s']:.1f} s and touched nothing{_among(summary)}."
         )
     else:
         kind, word, said = "bad", "FALLS SHORT", "; ".join(shortcomings(summary)) + "."
@@ -53,11 +53,16 @@ def _drones(count: int) -> str:
     return "The drone" if count == 1 else f"All {count} drones"
 
 
+def _among(s: dict[str, Any]) -> str:
+    foreign = len(s.get("foreign", []))
+    return f", among {foreign} foreign drone{'s' * (foreign > 1)}" if foreign else ""
+
+
 def _tiles(s: dict[str, Any], radius: float) -> Iterator[tuple[str, str, str]]:
     """Yield name, value and explanation of the figures that say most; times lead to the cursor."""
     done = [a.split("/") for a in s["targets_reached"].values()]
     reached = sum(a == b for a, b in done)
-    yield "reached all targets", f"{reached} of {s['drones']}", f"flown {s['duration_s']:.1f} s"
+    yield "reached all targets", f"{reached} of {len(done)}", f"flown {s['duration_s']:.1f} s"
     for what, key, touch in (
         ("closest two drones", "min_agent_distance", 2 * radius),
         ("closest to an obstacle", "min_obstacle_distance", radius),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from sitl_sim.vehicles.airframe import Airframe, RateGains
 from sitl_sim.vehicles.airframes import Deviation
 from sitl_sim.vehicles.emulated import Autopilots
 from sitl_sim.vehicles.firmware.late_samples import TelemetryLag
+from sitl_sim.vehicles.foreign import ForeignFleet, Hover, Pilot, Pursue, Straight
 from sitl_sim.vehicles.grades import GRADES
 from sitl_sim.vehicles.rigid_body import Vehicles
 from sitl_sim.worlds.geodesy import GeoReference, LocalFrame
@@ -83,6 +84,28 @@ def switch_on(
         rate_gains=[d.gains(RateGains()) for d in deviations_of(scenario)],
         air=AirModel(scenario.wind.turbulence, scenario.air.downwash, scenario.air.ground_effect),
     )
+
+
+def foreign_fleet(scenario: Scenario, autopilots: Autopilots, start: Vector) -> ForeignFleet:
+    """Return what flies the foreign drones without companions; start: (n,3) m, world."""
+    return ForeignFleet(autopilots, _pilots(scenario, start))
+
+
+def _pilots(scenario: Scenario, start: Vector) -> Iterator[Pilot]:
+    names = scenarios.drone_names(scenario)
+    foreign, targets = scenario.drones.foreign, scenarios.targets(scenario, start)
+    ours = [i for i, name in enumerate(names) if name not in foreign]
+    for i, name in enumerate(names):
+        config = foreign.get(name)
+        if config is None or not config.piloted:
+            continue
+        place = start[i] + np.array([0.0, 0.0, scenario.mission.altitude])
+        if config.does == "straight":
+            yield Straight(i, place, targets[name], config.fastest)
+        elif config.does == "pursue":
+            yield Pursue(i, place, ours, start[:, 2], config.fastest, config.begins)
+        else:
+            yield Hover(i, place)
 
 
 def deviations_of(scenario: Scenario) -> list[Deviation]:

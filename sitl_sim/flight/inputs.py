@@ -9,8 +9,10 @@ from typing import Any
 
 import yaml
 
+from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import SettingsError
 from sitl_sim.recording.run_folder import holds_flight
+from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import KEY_FILE
 from sitl_sim.scenarios.scenario import Scenario
 
@@ -45,6 +47,17 @@ def write_inputs(
         (drone / "config.yaml").write_text(text, encoding="utf-8")
         if key is not None:
             _write_key(drone / KEY_FILE, key)
+
+
+def whose_targets(scenario: Scenario, start: Vector) -> dict[str, Any]:
+    """Return the targets of our drones and the names of the others, as `world.json` has them.
+
+    start: (n,3) m, world.
+    """
+    foreign = scenarios.foreign_names(scenario)
+    targets = scenarios.targets(scenario, start)
+    ours = {name: goals for name, goals in targets.items() if name not in foreign}
+    return {"targets": ours} | ({"foreign": foreign} if foreign else {})
 
 
 def _write_key(path: Path, key: bytes) -> None:

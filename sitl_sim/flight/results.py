@@ -13,7 +13,7 @@ from sitl_sim.figures.verdict import shortcomings
 from sitl_sim.recording.code_version import commit
 from sitl_sim.recording.run_folder import Run, log_path, salvage_ticks
 from sitl_sim.recording.truth import Truth
-from sitl_sim.scenarios.scenario import Scenario
+from sitl_sim.scenarios.scenario import Scenario, companion_names
 
 
 class Flown(Protocol):
@@ -61,13 +61,13 @@ def finish(
     metrics["controller"] = flight.scenario.companion.get("controller", "nmpc")
     metrics["per_drone"] = {
         n: {
-            "targets": metrics["targets_reached"][n],
+            "targets": metrics["targets_reached"].get(n),
             "companion_exit": codes[n],
             **timing({n: logs[n]}),
             **certificates({n: logs[n]}),
             "perception": perception({n: scores[n]}),
         }
-        for n in flight.names
+        for n in companion_names(flight.scenario)
     }
     (folder / "metrics.json").write_text(json.dumps(metrics, indent=1), encoding="utf-8")
     write_report(run, metrics, scores, of_campaign)
@@ -82,7 +82,8 @@ def table(m: dict[str, Any], folder: Path) -> str:
     detection = (m["perception"][k] for k in ("recall", "precision"))
     rows = [
         ("scenario, seed, drones", f"{m['scenario']}, {m['seed']}, {m['drones']}"),
-        ("all targets reached by", f"{complete} of {m['drones']}"),
+        ("all targets reached by", f"{complete} of {len(m['targets_reached'])}"),
+        *([("foreign drones", ", ".join(m["foreign"]))] if m.get("foreign") else []),
         ("collisions, drones / obstacles", collisions),
         ("ground strikes", str(m["ground_strikes"])),
         ("least distance between drones", _metres(m["min_agent_distance_m"])),

@@ -30,11 +30,11 @@ from sitl_sim.faults import catalogue as faults
 from sitl_sim.faults.camera import FaultyCamera
 from sitl_sim.faults.link import FaultyLine, FaultyLink, FaultyTelemetry
 from sitl_sim.faults.world import FaultyWorld
-from sitl_sim.flight.autopilots import switch_on, true_airframes
+from sitl_sim.flight.autopilots import foreign_fleet, switch_on, true_airframes
 from sitl_sim.flight.delays import Delays
 from sitl_sim.flight.hosts import Host, HostedFrames
 from sitl_sim.flight.in_process import LocalFrames, make_pools
-from sitl_sim.flight.inputs import write_inputs, write_world
+from sitl_sim.flight.inputs import whose_targets, write_inputs, write_world
 from sitl_sim.flight.sensors import Sensors
 from sitl_sim.flight.signed_lines import VehicleSigning, key_of
 from sitl_sim.flight.vehicle_connection import Capture, VehicleConnection
@@ -44,6 +44,7 @@ from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import check_companions, companion_config, companion_port
 from sitl_sim.scenarios.scenario import QUANTUM_MS, TICK_MS, Scenario
 from sitl_sim.vehicles.emulated import Autopilots
+from sitl_sim.vehicles.foreign import ForeignFleet
 from sitl_sim.vehicles.rigid_body import Vehicles
 from sitl_sim.worlds.generators import build
 from sitl_sim.worlds.ground import Ground
@@ -83,11 +84,13 @@ class Flight:
         self._schedule = scenarios.fault_schedule(scenario)
         faults.check(scenario.faults, processes=not in_process)
         check_companions(scenario, in_process)
+        self._with_companion = set(scenarios.companion_names(scenario))
+        self._foreign = set(scenarios.foreign_names(scenario))
         start = scenarios.starts(scenario)
         self.world: dict[str, Any] = {
             "drone_radius": scenario.drones.radius,
             **build(scenario.world, scenario.seed),
-            "targets": scenarios.targets(scenario, start),
+            **whose_targets(scenario, start),
             "target_tolerance": scenario.mission.tolerance,
         }
         drifts = scenario.drones.state != "mocap" and not scenario.drones.real
@@ -121,6 +124,9 @@ class Flight:
         elif isinstance(self._autopilots, Autopilots):  # real ones pass messages on themselves
             for drone in self._drones:
                 drone.route()
+        self._pilots: ForeignFleet | None = None
+        if self._foreign and isinstance(self._autopilots, Autopilots):
+            self._pilots = foreign_fleet(scenario, self._autopilots, start)
         self._faults = FaultyWorld(
             self._schedule,
             self.vehicles,
@@ -198,7 +204,7 @@ class Flight:
         return frames.arrays if isinstance(frames, LocalFrames) else {}
 
     def wire_table(self) -> list[str]:
-        """Return a line for each vehicle: its system id and its ports."""
+        """Return a line for each vehicle with a companion: its system id and its ports."""
         if self._in_process:
             return []
         w = self.scenario.wire
@@ -206,6 +212,7 @@ class Flight:
             f"{d.name}: system {d.index + 1}, companion UDP {companion_port(w, d.index + 1)}, "
             f"frames TCP {w.frame_port + d.index + 1}, ground station UDP {w.gcs_port}"
             for d in self._drones
+            if d.name in self._with_companion
         ]
 
     def write_inputs(self) -> None:
@@ -214,7 +221,11 @@ class Flight:
         Raises:
             SettingsError: the folder holds a flight, or cannot be created.
         """
-        companions = {d.name: self.companion_config(d.index) for d in self._drones}
+        companions = {
+            d.name: self.companion_config(d.index)
+            for d in self._drones
+            if d.name in self._with_companion
+        }
         write_inputs(self.folder, self.scenario, self.world, companions, self.key)
 
     def companion_config(self, i: int) -> dict[str, Any]:
@@ -222,7 +233,7 @@ class Flight:
         return companion_config(self.scenario, i, self.folder, clock=self._real_time)
 
     def launch(self) -> None:
-        """Start a companion for each drone.
+        """Start a companion for each drone that has one.
 
         Raises:
             KeyboardInterrupt: the flight was stopped.
@@ -230,7 +241,8 @@ class Flight:
         urgent = isinstance(self._autopilots, RealFleet)
         for drone in self._drones:
             self._raise_if_stopped()
-            drone.launch(self.folder / "drones" / drone.name, urgent)
+            if drone.name in self._with_companion:
+                drone.launch(self.folder / "drones" / drone.name, urgent)
 
     def wait_for_companions(self) -> None:
         """Wait until every launched companion is on its frame channel.
@@ -251,7 +263,7 @@ class Flight:
     def run(
         self, progress: Callable[[float], None] = lambda t: None, until_stopped: bool = False
     ) -> None:
-        """Fly until every companion has landed, the time limit, or `stop`.
+        """Fly until every drone of ours has landed, the time limit, or `stop`.
 
         progress: called with the simulated time [s]. until_stopped: only `stop` ends the flight.
 
@@ -297,10 +309,11 @@ class Flight:
         return self._now / 1e3
 
     def _over(self) -> bool:
-        """Return whether all have landed, or lost their companions and are disarmed."""
+        """Return whether all of ours have landed, or lost their companions and are disarmed."""
         return self._now > 1000 and all(
             d.landed or (d.companion_lost and not self._autopilots.armed[d.index])
             for d in self._drones
+            if d.name not in self._foreign
         )
 
     def _instant(self) -> None:
@@ -321,6 +334,8 @@ class Flight:
             if boot % TICK_MS == 0:
                 self._send_frame(drone)
         if self._now % _TELEMETRY_MS == 0:
+            if self._pilots is not None:
+                self._pilots.update(self._now / 1e3)
             self.truth.record(
                 self._now / 1e3, self.vehicles, self._autopilots.armed, self._estimate()
             )

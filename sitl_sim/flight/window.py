@@ -25,7 +25,7 @@ from mavlink_bridge.wire.messages import VehicleState
 from mavlink_bridge.wire.video import Frame, FrameServer
 from sitl_sim.external.watched_vehicle import WatchedVehicle
 from sitl_sim.figures.metrics import AIRBORNE
-from sitl_sim.flight.inputs import write_inputs, write_world
+from sitl_sim.flight.inputs import whose_targets, write_inputs, write_world
 from sitl_sim.flight.sensors import Sensors
 from sitl_sim.recording.run_folder import OwnFrame
 from sitl_sim.recording.truth import RATE_HZ, Truth
@@ -75,7 +75,7 @@ class Window:
         self.world: dict[str, Any] = {
             "drone_radius": scenario.drones.airframe(0).radius,
             **build(scenario.world, scenario.seed),
-            "targets": scenarios.targets(scenario, self._start),
+            **whose_targets(scenario, self._start),
             "target_tolerance": scenario.mission.tolerance,
         }
         self.truth = Truth(self.names)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -72,11 +72,14 @@ def write_foxglove_layout(names: Sequence[str], path: Path) -> Path:
     return path
 
 
-def write_rerun(swarm_log: Path, radii: Mapping[str, float], path: Path) -> Path:
+def write_rerun(
+    swarm_log: Path, radii: Mapping[str, float], path: Path, believing: Collection[str]
+) -> Path:
     """Write a swarm's log with its blueprint as a recording of Rerun; needs rerun-sdk.
 
-    radii: of each drone by its name [m]. Rerun draws no poses by themselves: so each drone is a
-    flat body where it truly was, and a wire frame, a fifth larger, where it believed itself.
+    radii: of each drone by its name [m]. believing: drones with companions. Rerun draws no poses by
+    themselves: so each drone is a flat body where it truly was, and a wire frame, a fifth larger,
+    where it believed itself.
     """
     import rerun
 
@@ -92,6 +95,8 @@ def write_rerun(swarm_log: Path, radii: Mapping[str, float], path: Path) -> Path
                 (f"/truth/{name}/pose", radius, fill.Solid, [name]),
                 (f"/{name}/pose", 1.2 * radius, fill.MajorWireframe, None),
             ):
+                if not topic.startswith("/truth") and name not in believing:
+                    continue
                 body = rerun.Ellipsoids3D(
                     half_sizes=[[size, size, _FLAT * size]], fill_mode=mode, labels=labels
                 )

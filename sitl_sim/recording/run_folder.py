@@ -57,7 +57,10 @@ class OwnFrame:
 
 @dataclass(frozen=True)
 class Run:
-    """One flight. truth: arrays of `truth.npz`. logs: each drone's tick records, in its frame."""
+    """One flight. truth: arrays of `truth.npz`. logs: each drone's tick records, in its frame.
+
+    A foreign drone without a companion has an empty log.
+    """
 
     folder: Path
     scenario: Scenario
@@ -133,10 +136,17 @@ def load_run(folder: Path) -> Run:
     truth = _truth(folder / "truth.npz")
     try:
         scenario = scenarios.load(str(folder / "scenario.yaml"), [])
-        logs = {str(n): read_ticks(log_path(folder, str(n))) for n in truth["names"]}
+        flown = scenarios.companion_names(scenario)
+        logs = {
+            str(n): read_ticks(log_path(folder, str(n))) if str(n) in flown else []
+            for n in truth["names"]
+        }
     except (SettingsError, LogError) as error:
         raise RunError(str(error)) from error
-    world["targets"] = {n: world["targets"].get(n, world["targets"].get("*", [])) for n in logs}
+    shared = world["targets"].get("*", [])
+    world["targets"] = {
+        n: world["targets"].get(n, shared) for n in logs if n not in world.get("foreign", [])
+    }
     if scenario.drones.count != len(logs):
         raise RunError(
             f"{folder}: scenario.yaml has {scenario.drones.count} drones, truth.npz {len(logs)}"
@@ -162,6 +172,7 @@ def _world(path: Path) -> dict[str, Any]:
             "cylinders": [_cylinder(c) for c in world["cylinders"]],
             "boxes": [b | {k: _point(b[k]) for k in ("min", "max")} for b in world["boxes"]],
             "targets": {n: [_point(t) for t in ts] for n, ts in world["targets"].items()},
+            **({"foreign": [str(n) for n in world["foreign"]]} if "foreign" in world else {}),
             "target_tolerance": float(world.get("target_tolerance", _TOLERANCE)),
             "frames": {n: _frame(f) for n, f in world.get("frames", {}).items()},
         }
@@ -177,6 +188,11 @@ def radii(world: dict[str, Any], names: Sequence[str]) -> Vector:
     """Return the radius (n,) m of each drone."""
     own = world.get("drone_radii", {})
     return np.array([own.get(n, world["drone_radius"]) for n in names], float)
+
+
+def ours(world: dict[str, Any], names: Sequence[str]) -> NDArray[np.bool_]:
+    """Return (n,) which drones are ours, not foreign."""
+    return np.array([n not in world.get("foreign", []) for n in names], bool)
 
 
 def _cylinder(c: dict[str, Any]) -> dict[str, float]:

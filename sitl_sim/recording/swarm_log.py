@@ -36,6 +36,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from mavlink_bridge.shared.mcap_file import check_whole
 from sitl_sim.recording.camera_topics import write_cameras
 from sitl_sim.recording.run_folder import OwnFrame, Run, log_path, own_frames
+from sitl_sim.scenarios import scenario as scenarios
 
 WORLD = "world"
 _NANO = 1_000_000_000
@@ -54,7 +55,8 @@ def write_swarm_log(run: Run, path: Path) -> Path:
         LogError: a drone's log is missing or cut off.
     """
     frames = dict(zip(run.names, own_frames(run.scenario, run.world), strict=True))
-    for name in run.names:
+    flown = scenarios.companion_names(run.scenario)
+    for name in flown:
         check_whole(log_path(run.folder, name))
     unfinished = path.with_name(f"{path.name}.part")
     with unfinished.open("wb") as file:
@@ -65,6 +67,8 @@ def write_swarm_log(run: Run, path: Path) -> Path:
         truth.write(frames)
         write_cameras(truth.put, run, frames)
         for name, frame in frames.items():
+            if name not in flown:
+                continue
             _copy(writer, log_path(run.folder, name), name, frame)
         writer.finish()  # type: ignore[no-untyped-call]
     unfinished.rename(path)

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import yaml
 
+from mavlink_bridge.shared.parts import PartError
 from mavlink_bridge.shared.settings import SettingsError, overlay, parse_yaml, validate
 from sitl_sim.external.fleet import BRIDGE_DELAY, EXPONENT, HOVER
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_entry_points import companion_class
+from sitl_sim.scenarios.foreign import PILOTS
 from sitl_sim.scenarios.scenario import Scenario, WireConfig
 from sitl_sim.worlds.geodesy import GeoReference, LocalFrame
 
@@ -84,6 +86,8 @@ def companion_config(
         config["airframe"] = {"hover_thrust": HOVER, "thrust_exponent": EXPONENT}
         config["timing"]["delay"] = BRIDGE_DELAY
     overlay(config, s.companion)
+    if name in s.drones.foreign:
+        config["controller"] = s.drones.foreign[name].does
     return config
 
 
@@ -91,13 +95,29 @@ def check_companions(scenario: Scenario, in_process: bool) -> None:
     """Check the companions' configurations before anything flies.
 
     Raises:
-        SettingsError: with every mistake of the first wrong one, or companions in this process
-            cannot fly autopilots that keep their own time.
+        SettingsError: with every mistake of the first wrong one; a foreign drone does what no
+            pilot and no controller does; or companions in this process cannot fly autopilots that
+            keep their own time.
     """
     if in_process and scenario.drones.own_time:
         raise SettingsError(["a Betaflight talks to companions in processes: no --in-process"])
     model = companion_class("settings")
+    flown = scenarios.companion_names(scenario)
+    for name in scenarios.foreign_names(scenario):
+        if name in flown:
+            _check_controller(model, name, scenario.drones.foreign[name].does)
     for i, drone in enumerate(scenarios.drone_names(scenario)):
+        if drone not in flown:
+            continue
         file = f"drones/{drone}/config.yaml"  # as a run folder would have it
         config = yaml.safe_dump(companion_config(scenario, i, Path(), clock=True), sort_keys=False)
         validate(model, parse_yaml(config, file), file)
+
+
+def _check_controller(model: Any, name: str, does: str) -> None:
+    """Refuse a foreign drone that does what neither a pilot nor a controller does."""
+    try:
+        model.controllers.check(does)
+    except PartError as error:
+        pilots = ", ".join(PILOTS)
+        raise SettingsError([f"drones.foreign.{name}.does: {error}; or {pilots}"]) from error

@@ -26,6 +26,7 @@ from mavlink_bridge.shared.settings import (
 from sitl_sim.faults import catalogue as fault
 from sitl_sim.scenarios.airframes import ActualConfig, AirframeConfig, AirframeName
 from sitl_sim.scenarios.conditions import AirConfig, TimingConfig, WindConfig
+from sitl_sim.scenarios.foreign import ForeignConfig, check_names
 from sitl_sim.scenarios.sensing import SensingConfig
 from sitl_sim.sensors.looks.catalogue import PLAIN, check
 from sitl_sim.vehicles.airframe import Airframe
@@ -79,6 +80,9 @@ class DronesConfig(StrictModel):
     binary: str = Field(
         "",
         description="Your own SITL binary, which flies instead of the one named above.",
+    )
+    foreign: dict[str, ForeignConfig] = Field(
+        {}, description="Drones that are not ours, by name: they give way to nobody."
     )
     state: StateGrade = Field(
         "mocap",
@@ -202,6 +206,7 @@ class Scenario(StrictModel):
             "drones.airframes": bool(self.drones.airframes),
             "drones.actual": self.drones.actual != ActualConfig(),
             "drones.signing": self.drones.signing,
+            "drones.foreign": bool(self.drones.foreign),
             "wind.turbulence": self.wind.turbulence != "none",
             "air.downwash": self.air.downwash,
             "air.ground_effect": self.air.ground_effect,
@@ -260,6 +265,7 @@ def load(scenario: str, overrides: list[str]) -> Scenario:
         raise SettingsError(
             [f"mission.targets_of: no drone {unknown[0]!r}; valid: {', '.join(names_)}"]
         )
+    check_names(loaded.drones.foreign, names_)
     return loaded
 
 
@@ -357,6 +363,24 @@ def fault_schedule(scenario: Scenario) -> fault.Schedule:
 def drone_names(scenario: Scenario) -> list[str]:
     """Return drone1 … droneN."""
     return [f"drone{i + 1}" for i in range(scenario.drones.count)]
+
+
+def foreign_names(scenario: Scenario) -> list[str]:
+    """Return the names of the drones that are not ours, by number."""
+    return [name for name in drone_names(scenario) if name in scenario.drones.foreign]
+
+
+def companion_names(scenario: Scenario) -> list[str]:
+    """Return the names of the drones that have a companion, by number."""
+    foreign = scenario.drones.foreign
+    return [n for n in drone_names(scenario) if n not in foreign or not foreign[n].piloted]
+
+
+def controllers(scenario: Scenario) -> set[str]:
+    """Return the controllers of all companions, where the scenario names them."""
+    foreign = scenario.drones.foreign
+    named = {foreign[n].does for n in companion_names(scenario) if n in foreign}
+    return named | {str(c) for c in [scenario.companion.get("controller")] if c is not None}
 
 
 def starts(scenario: Scenario) -> Vector:

@@ -276,6 +276,21 @@ class Autopilots:
         setpoints.p[i] = p
         setpoints.limits[i, 0] = speed
 
+    def fly_with(self, i: int, v: ArrayLike) -> None:
+        """Fly vehicle i with the velocity v (3,) m/s, world, as long as it is in HOLD."""
+        setpoints = self._shared.setpoints
+        setpoints.p[i] = np.nan
+        setpoints.v[i] = v
+        setpoints.limits[i] = np.linalg.norm(setpoints.v[i])  # as fast as asked, in any direction
+
+    def take_off(self, i: int, height: float) -> None:
+        """Arm vehicle i and let it climb by `height` [m], each in its autopilot's way."""
+        unit = self.units[i]
+        if not unit.flavour.takeoff_mode:
+            unit.commander.set_mode(Mode.OFFBOARD)
+        unit.commander.arm()
+        unit.commander.take_off(height)
+
     def reboot(self, i: int) -> None:
         """Restart the autopilot of vehicle i: clock 0, disarmed, parameters and mission reset."""
         self._shared.setpoints.control[i] = Control.OFF

@@ -170,3 +170,19 @@ def test_a_step_asks_every_actor_once():
     thread.join(10.0)
     assert meeting.over
     assert said == [(k, n, k + 1.0) for k in range(3) for n in "ab"]
+
+
+def test_a_foreign_drone_is_no_agent_and_a_contact_with_it_ends_an_episode(make):
+    env = make(changes={"drones.foreign": {"drone1": {"does": "hover"}}})
+    assert env.possible_agents == ["drone2"]
+    seen, _ = env.reset(seed=3)
+    assert set(seen) == {"drone2"}
+    still = {"drone2": np.zeros(2, np.float32)}
+    _, _, ended, _, _ = env.step(still)
+    assert ended == {"drone2": False}
+    p = env._flight.vehicles.p
+    p[0] = p[1] + [0.2, 0.0, 0.0]
+    _, rewards, ended, _, _ = env.step(still)
+    assert ended == {"drone2": True}
+    assert rewards["drone2"] < -9.0
+    assert env.agents == []

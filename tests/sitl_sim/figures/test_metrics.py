@@ -93,6 +93,63 @@ def test_targets_count_by_the_estimate_where_the_state_drifts():
     assert safety(flown, world | {"targets_by": "truth"}, ["a", "b"])["mission_complete"]
 
 
+def among_foreign(names):
+    """Return truth and world: a and b fly 0.3 m apart, and b flies through the trunk's edge."""
+    wanted = {"a": [[10.0, 0.0, 2.0]], "b": [[10.0, 0.3, 2.0]]}
+    world = {
+        "drone_radius": 0.2,
+        "cylinders": [TRUNK | {"y": 0.8}],
+        "boxes": [],
+        "target_tolerance": 0.5,
+        "targets": {n: t for n, t in wanted.items() if n not in names},
+        "foreign": names,
+    }
+    flown = truth(0.3, (), ())
+    flown["velocity"][:, 1] *= 3.0
+    return flown, world
+
+
+def test_a_foreign_drone_counts_where_it_meets_ours_and_nowhere_else():
+    flown, world = among_foreign(["b"])
+    both = safety(
+        flown, world | {"foreign": [], "targets": world["targets"] | {"b": []}}, ["a", "b"]
+    )
+    assert (both["agent_collisions"], both["obstacle_collisions"]) == (1, 1)
+    assert not both["mission_complete"]
+    assert "foreign" not in both
+    found = safety(flown, world, ["a", "b"])
+    assert (found["agent_collisions"], found["obstacle_collisions"]) == (1, 0)
+    assert found["min_obstacle_distance_at"][1] == "a"
+    assert found["mission_complete"]
+    assert found["targets_reached"] == {"a": "1/1"}
+    assert found["foreign"] == ["b"]
+    assert found["mean_speed_m_s"] == pytest.approx(1.0, abs=0.05)  # a's, not b's 3 m/s
+
+
+def test_foreign_drones_that_meet_never_fly_or_strike_the_ground_do_not_count():
+    flown, world = among_foreign(["b", "c"])
+    beside = flown["position"][:, :1] + [0.0, 5.0, 0.0]  # c, which is foreign as b is
+    third = {k: np.concatenate([v, w], axis=1) for k, v, w in [
+        ("position", flown["position"], flown["position"][:, 1:] + [0.0, 0.1, 0.0]),
+        ("velocity", flown["velocity"], flown["velocity"][:, 1:]),
+    ]}  # fmt: skip
+    third["position"][:, 0] = beside[:, 0]  # a, far from both
+    world["targets"] = {"a": [[10.0, 5.0, 2.0]]}
+    names = ["a", "b", "c"]
+    ours_alone = safety(flown | third, world, names)
+    assert ours_alone["agent_collisions"] == 0
+    assert ours_alone["min_agent_distance_m"] == pytest.approx(4.6)
+    assert not ours_alone["below_agent_safety"]
+    third["position"][:, 1, 2] = 0.0
+    third["position"][300:, 2, 2] = 0.0
+    grounded = safety(flown | third, world, names)
+    assert (grounded["never_flew"], grounded["ground_strikes"]) == ([], 0)
+    of_all = safety(
+        flown | third, world | {"foreign": [], "targets": {n: [] for n in names}}, names
+    )
+    assert (of_all["never_flew"], of_all["ground_strikes"]) == (["b"], 1)
+
+
 def test_heights_count_from_the_ground():
     """On a plateau 1.9 m high, drones at 2 m have not left the ground."""
     world = {
