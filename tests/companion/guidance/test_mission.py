@@ -313,3 +313,12 @@ def test_the_way_climbs_from_the_floor_where_the_goal_before_was_below():
     assert mission.update(at([24.0, 22.0, 6.0])).climb == pytest.approx((30.0 - 2.0) / 40.0 * 8.0)
     assert mission.update(at([0.0, -9.0, 2.0])).climb == pytest.approx(8.0)  # no more than all
     assert mission.update(at([0.0, 39.0, 2.0])).climb == 0.0
+
+
+def test_a_goal_at_which_the_way_turns_back_is_passed_there_and_not_on_the_way_to_it():
+    """All the way there, the drone is where the way back leaves the island."""
+    mission = Mission(MissionConfig(goals=[[0.0, 0.0, 2.0], [20.0, 0.0, 2.0], [0.0, 0.0, 2.0]]))
+    assert mission.update(at([0.0, 0.0, 2.0])).index == 1
+    for east in (5.0, 18.9):
+        assert mission.update(at([east, 0.0, 2.0])).index == 1
+    assert mission.update(at([19.1, 0.0, 2.0])).index == 2

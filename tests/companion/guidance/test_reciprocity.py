@@ -84,6 +84,8 @@ def test_the_change_is_finite_and_bounded(p, v, own):
         # In 0.3 s: 0.35 m in the least time of 0.4 s, at the highest speed.
         ([0.6, 0.1, 0.0], [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.8, 0.0]),
         ([0.6, 0.5, 0.0], [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.375, 0.0]),
+        # Slow: in 1 s all the same.
+        ([0.5, 0.2, 0.0], [-0.3, 0.0, 0.0], [0.2, 0.0, 0.0], [0.0, 0.3, 0.0]),
         # Goes away already, but is too near.
         ([0.5, 0.0, 0.0], [0.2, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.375, 0.0, 0.0]),
         # Both stand.
@@ -103,12 +105,13 @@ def test_the_change_is_what_lacks_by_the_time_of_the_pass(p, v, own, change):
 
 @pytest.mark.parametrize(
     ("speed", "cosine", "sees"),
-    [(0.5, 0.25, True), (0.5, 0.15, False), (0.31, 0.15, False), (0.29, -1.0, True)],
+    [(0.5, 0.25, True), (0.5, 0.15, False), (0.31, 0.15, False), (0.3, -1.0, True)],
 )
 def test_a_neighbour_sees_as_far_off_its_way_as_configured(speed, cosine, sees):
     way = np.array([-cosine, np.sqrt(1.0 - cosine**2), 0.0])
     assert yields([0.5, 0.0, 0.0], speed * way, own=(0.0, 0.0, 0.0)).any() == sees
     back = way * [1.0, -1.0, 1.0]
     assert yields([0.5, 0.0, 0.0], speed * back, own=(0.0, 0.0, 0.0)).any() == sees
-    wide = ReciprocityConfig(sees=-1.0)
+    wide, narrow = ReciprocityConfig(sees=-1.0), ReciprocityConfig(sees=1.0)
     assert yields([0.5, 0.0, 0.0], speed * way, own=(0.0, 0.0, 0.0), config=wide).any()
+    assert yields([0.5, 0.0, 0.0], [-0.5, 0.0, 0.0], own=(0.0, 0.0, 0.0), config=narrow).any()
