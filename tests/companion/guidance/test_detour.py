@@ -179,3 +179,23 @@ def test_only_the_nearest_forty_trunks_are_looked_at():
     goal = np.array([4.0, 0.0, 1.0])
     assert Detour(OPEN).aim(np.zeros(3), goal, np.vstack([far[:38], PAIR]), ROOM) is not goal
     assert Detour(OPEN).aim(np.zeros(3), goal, np.vstack([far[:39], PAIR]), ROOM) is goal
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.5, 1.4, 2.5, -1.0])
+def test_a_side_is_kept_whichever_way_the_drone_flies(turn):
+    """Though the drone has drifted to beyond the last trunk of the other side."""
+    c, s = np.cos(turn), np.sin(turn)
+    to_world = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    trunks = np.column_stack([PAIR[:, :2] @ to_world[:2, :2], PAIR[:, 2]])
+    goal, right, left = (
+        np.array(p) @ to_world for p in ([4.0, -0.4, 1.0], [0.0, -0.4, 1.0], [0.0, 1.2, 1.0])
+    )
+
+    def aside(detour, p):
+        aim = detour.aim(p, goal, trunks, ROOM)
+        return ((aim - p) @ to_world.T)[1]
+
+    kept = Detour(OPEN)
+    assert aside(kept, right) < -0.5
+    assert aside(kept, left) < -1.5
+    assert aside(Detour(OPEN), left) > -0.5  # past the left trunk

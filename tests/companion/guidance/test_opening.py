@@ -50,8 +50,9 @@ def test_where_nothing_has_been_seen_there_is_no_opening():
     assert middle(goal - [0, 4, 0], goal, NORTH, np.zeros((0, 3))) is None
     closed = wall(size=(0.1, 0.1))
     assert middle(goal - [0, 4, 0], goal, NORTH, closed) is None
-    half = wall()[wall()[:, 0] < 0.0]  # its right side is out of view
-    assert middle(goal - [0, 4, 0], goal, NORTH, half) is None
+    for side in (-1.0, 1.0):  # the other one is out of view
+        half = wall()[side * wall()[:, 0] > 0.0]
+        assert middle(goal - [0, 4, 0], goal, NORTH, half) is None
 
 
 def test_a_gap_too_narrow_is_none():
@@ -138,3 +139,12 @@ def test_of_two_openings_the_nearer_is_taken():
         goal = np.array([beside, 1.0, 2.0])
         seen = middle(goal - [0, 4, 0], goal, NORTH, points)
         assert goal[0] + seen[0] == pytest.approx(there, abs=0.15)
+
+
+@pytest.mark.parametrize("away", [(3.0, 0.0), (-3.0, 0.0), (0.0, 1.6), (0.0, -1.6)])
+def test_a_point_at_the_very_edge_of_the_picture_changes_nothing(away):
+    goal, points = np.zeros(3), wall(centre=(0.4, 0.3)) - [0.0, 1.0, 0.0]
+    x, z = (np.nextafter(a, 0.0) for a in away)
+    seen = middle(goal - [0, 4, 0], goal, NORTH, points)
+    more = np.concatenate([points, [[x, -1.0, z]]])
+    assert middle(goal - [0, 4, 0], goal, NORTH, more) == pytest.approx(seen, abs=0.02)
