@@ -130,3 +130,72 @@ def test_the_way_to_a_new_goal_takes_the_nearer_side():
     detour, here = Detour(OPEN), np.zeros(3)
     assert detour.aim(here, np.array([4.0, -0.2, 0.0]), pair, ROOM)[1] < 0.0
     assert detour.aim(here, np.array([4.0, 0.6, 0.0]), pair, ROOM)[1] > 0.0
+
+
+PAIR = np.array([[2.0, -0.4, 0.2], [2.0, 0.5, 0.2]])
+
+
+def test_the_aim_is_at_the_first_corner_of_the_way_stretched_to_its_length():
+    """The way touches three corners of an octagon around the right trunk.
+
+    It is 0.607 m out: 0.55 m · 1.02 / cos 22.5°.
+    """
+    goal = np.array([4.0, 0.0, 1.5])
+    aim = Detour(OPEN).aim(np.zeros(3), goal, PAIR, ROOM)
+    legs = [1.77622, 0.46476, 0.46476, 1.77622]
+    assert aim == pytest.approx(sum(legs) / legs[0] * np.array([1.57061, -0.82939, 0.0])
+                                + [0.0, 0.0, 1.5], abs=1e-3)  # fmt: skip
+
+
+@pytest.mark.parametrize(("moved", "left"), [(0.45, False), (0.55, True)])
+def test_a_goal_that_moves_a_little_keeps_the_side(moved, left):
+    detour = Detour(OPEN)
+    assert detour.aim(np.zeros(3), np.array([4.0, 0.0, 1.0]), PAIR, ROOM)[1] < 0.0
+    now = np.array([0.0, 0.3, 0.0])
+    aim = detour.aim(now, np.array([4.0, moved, 1.0]), PAIR, ROOM)
+    assert (aim[1] > now[1]) == left
+
+
+def test_once_the_way_was_free_the_side_is_chosen_anew():
+    goal = np.array([4.0, 0.3, 1.0])
+    here, left = np.array([0.0, -0.4, 0.0]), np.array([0.0, 0.5, 0.0])
+    for free in (PAIR[:1], PAIR + np.array([0.0, 9.0, 0.0])):  # one alone; both beside the way
+        detour = Detour(OPEN)
+        assert detour.aim(here, goal, PAIR, ROOM)[1] < here[1]
+        assert detour.aim(left, goal, PAIR, ROOM)[1] < left[1]  # kept
+        assert detour.aim(left, goal, free, ROOM) is goal
+        assert detour.aim(left, goal, PAIR, ROOM)[1] > left[1]
+
+
+def test_a_gap_of_just_twice_the_room_is_none_that_is_closed():
+    goal = np.array([4.0, 0.0, 1.0])
+    apart = np.array([[2.0, -0.56, 0.2], [2.0, 0.55, 0.2]])  # 0.71 m free, 0.7 m needed
+    assert Detour(OPEN).aim(np.zeros(3), goal, apart, ROOM) is goal
+    assert Detour(OPEN).aim(np.zeros(3), goal, apart * [1.0, 0.98, 1.0], ROOM) is not goal
+
+
+def test_only_the_nearest_forty_trunks_are_looked_at():
+    far = np.column_stack([np.full(40, 50.0), 3.0 * np.arange(40.0), np.full(40, 0.2)])
+    goal = np.array([4.0, 0.0, 1.0])
+    assert Detour(OPEN).aim(np.zeros(3), goal, np.vstack([far[:38], PAIR]), ROOM) is not goal
+    assert Detour(OPEN).aim(np.zeros(3), goal, np.vstack([far[:39], PAIR]), ROOM) is goal
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.5, 1.4, 2.5, -1.0])
+def test_a_side_is_kept_whichever_way_the_drone_flies(turn):
+    """Though the drone has drifted to beyond the last trunk of the other side."""
+    c, s = np.cos(turn), np.sin(turn)
+    to_world = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    trunks = np.column_stack([PAIR[:, :2] @ to_world[:2, :2], PAIR[:, 2]])
+    goal, right, left = (
+        np.array(p) @ to_world for p in ([4.0, -0.4, 1.0], [0.0, -0.4, 1.0], [0.0, 1.2, 1.0])
+    )
+
+    def aside(detour, p):
+        aim = detour.aim(p, goal, trunks, ROOM)
+        return ((aim - p) @ to_world.T)[1]
+
+    kept = Detour(OPEN)
+    assert aside(kept, right) < -0.5
+    assert aside(kept, left) < -1.5
+    assert aside(Detour(OPEN), left) > -0.5  # past the left trunk

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from companion.guidance.gaze import Gaze, GazeConfig, wrap
+from companion.guidance.gaze import Gaze, GazeConfig, nearest_bearing, wrap
+from tests.companion.tracks import track
 
 EAST = np.array([1.5, 0.0, 0.0])
 FAR = np.array([20.0, 0.0, 0.0])
@@ -99,3 +100,56 @@ def test_before_it_sets_out_the_drone_looks_once_all_round():
         assert abs(turn[-1]) == pytest.approx(2 * math.pi, abs=0.2)
     gaze.follow(9.0, 0.4)
     assert not gaze.surveyed  # after a pilot has flown it, the drone looks round again
+
+
+@pytest.mark.parametrize(
+    ("places", "bearing"),
+    [
+        ([], None),
+        ([(1.6, 2.0, 0.5)], 0.0),
+        ([(1.0, 2.9, 0.5)], math.pi / 2),
+        ([(0.5, 1.5, 0.5)], -3 * math.pi / 4),
+        ([(9.0, 2.0, 0.5), (1.0, 1.5, 0.5), (0.4, 2.0, 0.5)], -math.pi / 2),
+        ([(2.0, 2.0, 0.5)], None),  # 1 m away, the setting `close`
+        ([(1.9, 2.0, 1.1)], None),  # nearer only as seen from above
+        ([(1.0, 3.5, 0.5), (-4.0, 2.0, 0.5)], None),
+    ],
+)
+def test_the_nearest_neighbour_has_a_bearing_where_it_is_close(places, bearing):
+    tracks = [track(n, p) for n, p in enumerate(places)]
+    found = nearest_bearing(np.array([1.0, 2.0, 0.5]), tracks, GazeConfig())
+    assert found == (None if bearing is None else pytest.approx(bearing))
+
+
+def test_how_close_is_as_configured():
+    here, there = np.array([1.0, 2.0, 0.5]), [track(1, [2.5, 2.0, 0.5])]
+    assert nearest_bearing(here, there, GazeConfig(close=1.6)) == 0.0
+    assert nearest_bearing(here, there, GazeConfig(close=1.4)) is None
+
+
+@pytest.mark.parametrize(("bearing", "turns"), [(2.15, 0.8), (-2.15, -0.8), (2.25, 0.0)])
+def test_a_neighbour_counts_as_lost_up_to_where_the_widest_swing_shows_its_rim(bearing, turns):
+    """0.8 rad of swing, 1.2 rad of view, and 0.2 rad of rim."""
+    psi = looked(GazeConfig(survey=0.0, sigma=1e-6, seed=3), 10.0, lost=[bearing])
+    assert psi[20:] == pytest.approx(turns, abs=1e-4)
+
+
+def test_half_swings_alternate_sides_and_last_as_long_as_configured():
+    psi = looked(sweeping(mean=0.4, sigma=0.0, seed=3), 4.0)
+    ends = [psi[round(10 * t)] for t in (0.7, 1.6, 2.5, 3.4)]
+    assert np.abs(ends) == pytest.approx(0.4)
+    assert np.sign(ends[1:]).tolist() == (-np.sign(ends[:-1])).tolist()
+
+
+@pytest.mark.parametrize(
+    ("v", "to_goal", "psi"),
+    [
+        ([1.0, 0.0, 0.0], [0.0, 4.0, 9.0], math.atan2(1.5, 1.0)),  # a pull of 1.5 m/s
+        ([1.0, 1.0, 5.0], [0.0, -0.6, 0.0], math.atan2(-0.5, 1.0)),
+        ([1.0, 1.0, 0.0], [0.0, -0.5, 0.0], math.pi / 4),  # too near the goal
+        ([0.0, 0.3, 0.0], [0.0, 0.0, 4.0], math.pi / 2),
+        ([0.0, 0.29, 0.0], [0.4, 0.0, 0.0], 0.0),  # too slow to say a direction
+    ],
+)
+def test_the_drone_looks_along_its_motion_and_the_pull_of_the_goal(v, to_goal, psi):
+    assert looked(STILL, 3.0, np.array(v), np.array(to_goal))[-1] == pytest.approx(psi)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from companion.guidance.goals import Goal
 from companion.guidance.mission import Mission, MissionConfig, Roundabout, outside, turn_side
 from mavlink_bridge.wire.messages import VehicleState
 
@@ -194,3 +195,130 @@ def test_the_way_from_goal_to_goal_is_straight():
     walk(mission, [36.0, 0.0, 9.2], most=120)
     level = mission.update(at([50.0, 0.0, 10.0]))
     assert (level.index, level.climb) == (2, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("away", "above"),
+    [(9.0, 0.6), (1.6, 0.6), (1.5, 0.6), (1.25, 0.45), (1.0, 0.3), (0.6, 0.06), (0.5, 0.0)],
+)
+@pytest.mark.parametrize("bearing", [0.3, 2.0, -2.5])
+def test_the_level_is_left_from_a_metre_and_a_half_of_the_goal_on(away, above, bearing):
+    """The distance is that seen from above."""
+    mission = Mission(MissionConfig(goals=[[10.0, -4.0, 2.0]], level=0.6))
+    p = [10.0 - away * math.cos(bearing), -4.0 - away * math.sin(bearing), 7.0]
+    assert mission.update(at(p)).goal == pytest.approx([10.0, -4.0, 2.0 + above])
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("following", "leave"),
+    [
+        ([20.0, 0.0], -1.5457963),  # the tangent from far away: arccos 0.025 off
+        ([0.8, 0.0], -0.8956648),  # close by: arccos 0.625
+        ([0.0, 0.8], 0.6751315),  # a quarter of a turn on
+        ([0.4, 0.0], 0.0),  # on the island: straight to it
+    ],
+)
+def test_the_way_leaves_the_island_on_the_tangent_to_the_next_goal(following, leave, side):
+    """The island is 1 m wide; it is left 0.35 rad before, and up to a quarter of a turn behind."""
+    x, y = following
+    way = Roundabout(np.array([5.0, 5.0, 2.0]), 0.5, np.array([5.0 + x, 5.0 + side * y, 2.0]), side)
+
+    def passed(angle):
+        on_rim = 0.5 * np.array([math.cos(angle), side * math.sin(angle), 0.0])
+        return way.passed(way.centre + on_rim)
+
+    assert passed(leave)
+    assert passed(leave - 0.34)
+    assert not passed(leave - 0.36)
+    assert passed(leave + 1.56)
+    assert not passed(leave + 1.58)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("p", "angle", "out"),
+    [
+        ((math.pi, 5.0), math.pi + 1.3694384, 1.0),  # along the tangent: arccos 0.2 on
+        ((math.pi, 1.0), math.pi + 0.8, 1.4353242),  # on the rim: 0.8 rad on, 1 / cos 0.8 out
+        ((math.pi, 0.3), math.pi + 0.8, 1.4353242),
+        ((math.pi, 1.3), math.pi + 0.8, 1.4353242),
+        # Where less is left to go round, so far; and 0.35 rad at least.
+        ((0.0500209 - 0.5, 1.0), 0.0500209, 1.1394939),
+        ((0.0500209 - 0.1, 1.0), 0.3000209, 1.0645402),
+    ],
+)
+def test_the_aim_leads_on_round_the_island(p, angle, out, side):
+    """Of 1 m around the place (2, -3); the next goal is 20 m north of it, or south."""
+    centre = np.array([2.0, -3.0, 2.5])
+    way = Roundabout(centre, 1.0, centre + np.array([0.0, side * 20.0, 4.0]), side)
+
+    def place(at_angle, far):
+        return centre + far * np.array([math.cos(at_angle), side * math.sin(at_angle), 0.0])
+
+    assert way.aim(place(*p) + np.array([0.0, 0.0, 1.0])) == pytest.approx(
+        place(angle, out), abs=1e-6
+    )
+
+
+def test_an_aim_in_a_trunk_moves_on_along_the_rim_to_the_first_free_place():
+    way = Roundabout(np.zeros(3), 1.0, np.array([0.0, 20.0, 0.0]), 1.0)
+    here, angle = np.array([-1.0, 0.0, 0.0]), math.pi + 0.8
+    trunk = np.array([[1.4 * math.cos(angle), 1.4 * math.sin(angle), 0.45]])
+    on = way.aim(here, trunk)
+    turned = (math.atan2(on[1], on[0]) - math.pi) % (2.0 * math.pi)
+    assert np.hypot(on[0], on[1]) == pytest.approx(1.0)
+    assert turned == pytest.approx(1.0)  # 0.1 rad on it is still in the trunk
+    assert way.aim(here, np.array([[0.0, 0.0, 2.0]])) is None
+
+
+@pytest.mark.parametrize(
+    ("angle", "side"),
+    [(-0.59, 1), (-0.6, 1), (-0.61, -1), (-1.5, -1), (-2.79, -1), (-2.8, 1), (-2.81, 1),
+     (0.0, 1), (0.61, 1), (1.5, 1), (2.79, 1), (2.81, 1), (math.pi, 1)],
+)  # fmt: skip
+def test_a_way_turns_right_between_its_two_limits_alone(angle, side):
+    following = np.array([math.cos(angle), math.sin(angle), -3.0])
+    assert turn_side(np.array([-1.0, 0.0, 2.0]), np.zeros(3), following) == side
+    if angle in (-0.6, -2.8):  # the limits themselves, to the last bit
+        assert math.atan2(following[1], following[0]) == angle
+
+
+def test_an_opening_is_passed_along_the_way_from_the_goal_before():
+    goals = [Goal(np.array([0.0, 0.0, 2.0])), Goal(np.array([3.0, 4.0, 2.0]), opening=True)]
+    mission = Mission(MissionConfig(), [*goals, Goal(np.array([3.0, 4.0, 9.0]), opening=True)])
+    here = at([-1.0, 0.0, 2.0])
+    assert mission.opening(here.p) is None
+    walk(mission, here.p, most=30)
+    place, way = mission.opening(here.p)
+    assert place.tolist() == [3.0, 4.0, 2.0]
+    assert way == pytest.approx([0.6, 0.8])
+    assert mission.update(at([2.9, 3.9, 2.0])).index == 1
+    assert mission.update(at([3.1, 4.1, 2.0])).index == 2
+    assert mission.opening(here.p) is None  # straight above the one before: no way leads there
+
+
+def test_the_way_to_an_opening_that_comes_first_begins_where_the_mission_began():
+    mission = Mission(MissionConfig(), [Goal(np.array([3.0, 4.0, 2.0]), opening=True)])
+    assert mission.opening(np.array([3.0, 1.0, 2.0]))[1] == pytest.approx([0.0, 1.0])
+    mission.update(at([0.0, 0.0, 2.0]))
+    assert mission.opening(np.array([3.0, 1.0, 2.0]))[1] == pytest.approx([0.6, 0.8])
+
+
+def test_the_way_climbs_from_the_floor_where_the_goal_before_was_below():
+    mission = Mission(MissionConfig(goals=[[0.0, 0.0, 2.0], [0.0, 40.0, 10.0]]))
+    mission.update(at([0.0, 0.0, 2.0]))
+    assert mission.update(at([0.0, 18.0, 6.0])).climb == pytest.approx(0.5 * 8.0)
+    assert mission.update(at([0.0, 18.0, 6.0]), floor=4.0).climb == pytest.approx(0.5 * 6.0)
+    assert mission.update(at([24.0, 22.0, 6.0])).climb == pytest.approx((30.0 - 2.0) / 40.0 * 8.0)
+    assert mission.update(at([0.0, -9.0, 2.0])).climb == pytest.approx(8.0)  # no more than all
+    assert mission.update(at([0.0, 39.0, 2.0])).climb == 0.0
+
+
+def test_a_goal_at_which_the_way_turns_back_is_passed_there_and_not_on_the_way_to_it():
+    """All the way there, the drone is where the way back leaves the island."""
+    mission = Mission(MissionConfig(goals=[[0.0, 0.0, 2.0], [20.0, 0.0, 2.0], [0.0, 0.0, 2.0]]))
+    assert mission.update(at([0.0, 0.0, 2.0])).index == 1
+    for east in (5.0, 18.9):
+        assert mission.update(at([east, 0.0, 2.0])).index == 1
+    assert mission.update(at([19.1, 0.0, 2.0])).index == 2

@@ -50,8 +50,9 @@ def test_where_nothing_has_been_seen_there_is_no_opening():
     assert middle(goal - [0, 4, 0], goal, NORTH, np.zeros((0, 3))) is None
     closed = wall(size=(0.1, 0.1))
     assert middle(goal - [0, 4, 0], goal, NORTH, closed) is None
-    half = wall()[wall()[:, 0] < 0.0]  # its right side is out of view
-    assert middle(goal - [0, 4, 0], goal, NORTH, half) is None
+    for side in (-1.0, 1.0):  # the other one is out of view
+        half = wall()[side * wall()[:, 0] > 0.0]
+        assert middle(goal - [0, 4, 0], goal, NORTH, half) is None
 
 
 def test_a_gap_too_narrow_is_none():
@@ -83,3 +84,67 @@ def test_a_mission_flies_through_an_opening_and_past_its_goal():
     assert mission.update(at([0.0, 0.5, 2.0])).index == 0  # near, but not through
     assert mission.update(at([0.0, 1.1, 2.0])).index == 1
     assert mission.shift.tolist() == [0.0, 0.0, 0.0]
+
+
+GOAL = np.array([0.8, 1.0, 2.0])
+FROM = GOAL - [0.0, 4.0, 0.0]
+
+
+def test_the_first_look_counts_whole_and_each_later_one_a_quarter():
+    finder, beside = OpeningFinder(), wall(centre=(0.4, 2.0), seed=2)
+    assert finder.update(FROM, GOAL, NORTH, np.zeros((0, 3))).tolist() == [0.0, 0.0, 0.0]
+    first = finder.update(FROM, GOAL, NORTH, wall())
+    assert first.tolist() == middle(FROM, GOAL, NORTH, wall()).tolist()
+    other = middle(FROM, GOAL, NORTH, beside)
+    assert finder.update(FROM, GOAL, NORTH, beside) == pytest.approx(0.75 * first + 0.25 * other)
+    kept = finder.shift.tolist()
+    assert finder.update(FROM, GOAL, NORTH, np.zeros((0, 3))).tolist() == kept
+
+
+@pytest.mark.parametrize(
+    ("y", "seen"),
+    [(-3.2, False), (-2.8, True), (0.0, True), (1.8, True), (2.2, False)],
+)
+def test_a_wall_is_one_between_the_drone_and_a_metre_behind_the_goal(y, seen):
+    assert (middle(FROM, GOAL, NORTH, wall(y=y)) is not None) == seen
+
+
+def test_thirty_points_make_a_wall():
+    """Two jambs, 1 m to each side of the goal, at its height."""
+    z = np.linspace(1.0, 3.0, 15)
+    left, right = (np.column_stack([np.full(15, x), np.zeros(15), z]) for x in (-0.15, 1.85))
+    both = np.concatenate([left, right])
+    assert middle(FROM, GOAL, NORTH, both) == pytest.approx([0.05, 0.0, 0.0], abs=0.06)
+    assert middle(FROM, GOAL, NORTH, both[1:]) is None
+
+
+@pytest.mark.parametrize("out", [[1, 0, 0], [-1, 0, 0], [0, 0, 1], [0, 0, -1]])
+def test_points_far_aside_above_or_below_are_of_no_wall(out):
+    """Two jambs of too few points, and more beyond 3 m aside or 1.6 m up, or within."""
+    z = np.linspace(1.0, 3.0, 14)
+    jambs = [np.column_stack([np.full(14, x), np.zeros(14), z]) for x in (-0.15, 1.85)]
+    for far, seen in [(1.03, False), (0.97, True)]:
+        place = GOAL + far * np.array(out) * [3.0, 0.0, 1.6] - [0.0, 1.0, 0.0]
+        points = np.concatenate([*jambs, np.repeat(place[None], 9, axis=0)])
+        assert (middle(FROM, GOAL, NORTH, points) is not None) == seen
+
+
+def test_of_two_openings_the_nearer_is_taken():
+    x, z = np.meshgrid(np.arange(-2.0, 4.01, 0.2), np.arange(0.0, 4.01, 0.2))
+    x, z = x.ravel(), z.ravel()
+    low = np.abs(z - 2.0) < 0.9
+    free = low & ((np.abs(x + 0.4) < 0.9) | (np.abs(x - 2.4) < 0.9))
+    points = np.column_stack([x, np.zeros_like(x), z])[~free]
+    for beside, there in [(0.6, -0.4), (1.4, 2.4)]:
+        goal = np.array([beside, 1.0, 2.0])
+        seen = middle(goal - [0, 4, 0], goal, NORTH, points)
+        assert goal[0] + seen[0] == pytest.approx(there, abs=0.15)
+
+
+@pytest.mark.parametrize("away", [(3.0, 0.0), (-3.0, 0.0), (0.0, 1.6), (0.0, -1.6)])
+def test_a_point_at_the_very_edge_of_the_picture_changes_nothing(away):
+    goal, points = np.zeros(3), wall(centre=(0.4, 0.3)) - [0.0, 1.0, 0.0]
+    x, z = (np.nextafter(a, 0.0) for a in away)
+    seen = middle(goal - [0, 4, 0], goal, NORTH, points)
+    more = np.concatenate([points, [[x, -1.0, z]]])
+    assert middle(goal - [0, 4, 0], goal, NORTH, more) == pytest.approx(seen, abs=0.02)

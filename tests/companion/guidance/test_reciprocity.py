@@ -71,3 +71,47 @@ def test_the_change_is_finite_and_bounded(p, v, own):
     given_way = yields(p, v, own)
     assert np.isfinite(given_way).all()
     assert np.linalg.norm(given_way) <= CONFIG.most + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("p", "v", "own", "change"),
+    [
+        # Passes 0.2 m off in 1 s: half of the 0.6 m that lack, straight off.
+        ([2.0, 0.2, 0.0], [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.3, 0.0]),
+        ([-0.2, 2.0, 5.0], [0.0, -1.0, 0.4], [0.0, 1.0, -0.3], [-0.3, 0.0, 0.0]),
+        # In 1.7 s; looked ahead for 1.5 s, when it is (0.4, 0.2) off.
+        ([3.4, 0.2, 0.0], [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.10518, 0.05259, 0.0]),
+        # In 0.3 s: 0.35 m in the least time of 0.4 s, at the highest speed.
+        ([0.6, 0.1, 0.0], [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.8, 0.0]),
+        ([0.6, 0.5, 0.0], [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.375, 0.0]),
+        # Slow: in 1 s all the same.
+        ([0.5, 0.2, 0.0], [-0.3, 0.0, 0.0], [0.2, 0.0, 0.0], [0.0, 0.3, 0.0]),
+        # Goes away already, but is too near.
+        ([0.5, 0.0, 0.0], [0.2, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.375, 0.0, 0.0]),
+        # Both stand.
+        ([0.4, 0.3, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.3, 0.225, 0.0]),
+        # On a collision course: to the right of the line to it, whichever side it would pass.
+        ([2.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.4, 0.0]),
+        ([2.0, -0.05, 0.0], [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.00937, 0.37488, 0.0]),
+        ([2.0, -0.07, 0.0], [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, -0.365, 0.0]),
+        # Passes exactly at the distance, and in the very same place.
+        ([2.0, 0.8, 0.0], [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
+        ([0.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
+    ],
+)
+def test_the_change_is_what_lacks_by_the_time_of_the_pass(p, v, own, change):
+    assert yields(p, v, own) == pytest.approx(change, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("speed", "cosine", "sees"),
+    [(0.5, 0.25, True), (0.5, 0.15, False), (0.31, 0.15, False), (0.3, -1.0, True)],
+)
+def test_a_neighbour_sees_as_far_off_its_way_as_configured(speed, cosine, sees):
+    way = np.array([-cosine, np.sqrt(1.0 - cosine**2), 0.0])
+    assert yields([0.5, 0.0, 0.0], speed * way, own=(0.0, 0.0, 0.0)).any() == sees
+    back = way * [1.0, -1.0, 1.0]
+    assert yields([0.5, 0.0, 0.0], speed * back, own=(0.0, 0.0, 0.0)).any() == sees
+    wide, narrow = ReciprocityConfig(sees=-1.0), ReciprocityConfig(sees=1.0)
+    assert yields([0.5, 0.0, 0.0], speed * way, own=(0.0, 0.0, 0.0), config=wide).any()
+    assert yields([0.5, 0.0, 0.0], [-0.5, 0.0, 0.0], own=(0.0, 0.0, 0.0), config=narrow).any()

@@ -226,3 +226,27 @@ def test_a_simulated_fix_tells_both_accuracies_in_centimetres():
     assert (wire.lat, wire.lon, wire.alt) == (472500000, -85000000, 430500)
     assert (wire.vn, wire.ve, wire.vd, wire.vel) == (400, 300, -50, 500)
     assert (wire.time_usec, wire.fix_type) == (2500000, 3)
+
+
+FALSE_STARTS = [
+    bytes([0xFD, 255, 0]),  # a frame longer than the datagram
+    bytes([0xFD, 0, 0, 0, 0, 1, 1, 0, 0, 0, 9, 9]),  # a HEARTBEAT with a wrong checksum
+]
+
+
+@pytest.mark.parametrize("starts", [FALSE_STARTS[:1], FALSE_STARTS[1:], FALSE_STARTS])
+def test_a_datagram_with_sixteen_false_starts_is_garbage(starts):
+    good = Codec(7, 191).encode([EXAMPLES[2]])
+    for count in (0, 1, 15, 16, 17):
+        codec = Codec(1, 1)
+        before = b"".join(starts[n % len(starts)] for n in range(count))
+        assert len(codec.decode_datagram(before + good)) == (count < 16), count
+        assert codec.statistics.bad_bytes == len(before) + (0 if count < 16 else len(good))
+
+
+def test_false_starts_of_a_stream_hide_no_frame():
+    good = Codec(7, 191).encode([EXAMPLES[2]])
+    codec, before = Codec(1, 1), FALSE_STARTS[1] * 40
+    assert len(codec.decode(before + good)) == 1
+    assert codec.statistics.bad_bytes == len(before)
+    assert codec.statistics.bad_frames == 40
