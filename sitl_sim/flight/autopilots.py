@@ -86,12 +86,17 @@ def switch_on(
     )
 
 
-def foreign_fleet(scenario: Scenario, autopilots: Autopilots, start: Vector) -> ForeignFleet:
-    """Return what flies the foreign drones without companions; start: (n,3) m, world."""
-    return ForeignFleet(autopilots, _pilots(scenario, start))
+def foreign_fleet(
+    scenario: Scenario, autopilots: Autopilots, start: Vector, trunks: Vector
+) -> ForeignFleet:
+    """Return what flies the foreign drones without companions.
+
+    start: (n,3) m, world. trunks: (k,3) x, y, radius, m.
+    """
+    return ForeignFleet(autopilots, _pilots(scenario, start, trunks))
 
 
-def _pilots(scenario: Scenario, start: Vector) -> Iterator[Pilot]:
+def _pilots(scenario: Scenario, start: Vector, trunks: Vector) -> Iterator[Pilot]:
     names = scenarios.drone_names(scenario)
     foreign, targets = scenario.drones.foreign, scenarios.targets(scenario, start)
     ours = [i for i, name in enumerate(names) if name not in foreign]
@@ -101,7 +106,7 @@ def _pilots(scenario: Scenario, start: Vector) -> Iterator[Pilot]:
             continue
         place = start[i] + np.array([0.0, 0.0, scenario.mission.altitude])
         if config.does == "straight":
-            yield Straight(i, place, targets[name], config.fastest)
+            yield Straight(i, place, targets[name], config.fastest, trunks)
         elif config.does == "pursue":
             yield Pursue(i, place, ours, start[:, 2], config.fastest, config.begins)
         else:

@@ -48,6 +48,7 @@ from sitl_sim.vehicles.foreign import ForeignFleet
 from sitl_sim.vehicles.rigid_body import Vehicles
 from sitl_sim.worlds.generators import build
 from sitl_sim.worlds.ground import Ground
+from sitl_sim.worlds.world import Occluders
 
 _TELEMETRY_MS = 20
 _CONNECT_TIMEOUT = 60.0  # s
@@ -126,7 +127,8 @@ class Flight:
                 drone.route()
         self._pilots: ForeignFleet | None = None
         if self._foreign and isinstance(self._autopilots, Autopilots):
-            self._pilots = foreign_fleet(scenario, self._autopilots, start)
+            trunks = Occluders(self.world).cylinders[:, :3]
+            self._pilots = foreign_fleet(scenario, self._autopilots, start, trunks)
         self._faults = FaultyWorld(
             self._schedule,
             self.vehicles,

@@ -19,7 +19,7 @@ class ForeignConfig(StrictModel):
 
     does: str = Field(
         description="hover: takes off and stays; straight: takes off, flies from target to target "
-        "through everything, and stays at the last; pursue: takes off, then flies at the nearest "
+        "round trunks, and stays at the last; pursue: takes off, then flies at the nearest "
         "drone of ours; or the name of a controller, with which its companion flies.",
     )
     speed: float | None = Field(

@@ -22,6 +22,10 @@ APPROACH = 1.0  # 1/s: speed by the distance that is left; the position loop's o
 CLIMBED = 0.3  # m: a take-off this close to its place is over
 LIFTED = 0.5  # share of the climb after which the pilot takes over from the take-off
 LOWEST = 0.5  # m over the start: a pursuer stays in the air where its victim lands
+CLEAR = 0.6  # m between a way and a trunk
+_ROUND = 1.1  # places beside a trunk are this many times as far from it: ways cut their corners
+_BENDS = 4
+_NO_TRUNKS = np.zeros((0, 3))
 IN_THE_AIR = 0.3  # m over the start, as a flight's figures count it
 
 
@@ -49,14 +53,24 @@ class Hover:
 
 
 class Straight(Hover):
-    """Flies along the lines between its targets, through everything, and stays at the last."""
+    """Flies from target to target on straight lines round trunks, and stays at the last.
+
+    It gives way to nobody.
+    """
 
     def __init__(
-        self, i: int, place: ArrayLike, targets: Sequence[ArrayLike], speed: float
+        self,
+        i: int,
+        place: ArrayLike,
+        targets: Sequence[ArrayLike],
+        speed: float,
+        trunks: Floats = _NO_TRUNKS,
     ) -> None:
-        """targets: (3,) m each."""
+        """targets: (3,) m each. trunks: (k,3) x, y, radius, m."""
         super().__init__(i, place, speed)
-        self._route = [self.place, *(np.asarray(t, float) for t in targets)]
+        self._route = [self.place]
+        for target in targets:
+            self._route += _way(self._route[-1], np.asarray(target, float), trunks, _BENDS)
         self._climbed = False
 
     def velocity(self, now: float, p: Floats) -> Floats:
@@ -132,6 +146,31 @@ class ForeignFleet:
                 self._flying.add(i)
             elif not a.units[i].commander.armed:
                 a.take_off(i, height)
+
+
+def _way(start: Floats, end: Floats, trunks: Floats, bends: int) -> list[Floats]:
+    """Return the places (3,) m after `start` on a way to `end` round trunks, `end` the last.
+
+    bends: places at most between the two on each side of each; where they do not do, the way leads
+    through the trunk.
+    """
+    line = end[:2] - start[:2]
+    length = float(np.linalg.norm(line))
+    if length < 1e-6 or not bends:
+        return [end]
+    line = line / length
+    off = trunks[:, :2] - start[:2]
+    along, aside = off @ line, off @ np.array([-line[1], line[0]])  # aside: to the left
+    apart = trunks[:, 2] + CLEAR
+    meets = (np.abs(aside) < apart) & (along > apart) & (along < length - apart)
+    if not meets.any():
+        return [end]
+    k = int(np.where(meets, along, np.inf).argmin())
+    side = np.array([line[1], -line[0]]) * (1.0 if aside[k] > 0.0 else -1.0)
+    share = along[k] / length
+    place = start + share * (end - start)
+    place[:2] = trunks[k, :2] + _ROUND * apart[k] * side
+    return [*_way(start, place, trunks, bends - 1), *_way(place, end, trunks, bends - 1)]
 
 
 def _bounded(v: Floats, most: float) -> Floats:

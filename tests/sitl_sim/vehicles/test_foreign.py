@@ -77,3 +77,16 @@ def test_in_another_mode_it_is_not_the_pilot_that_flies(make_flight):
         f.autopilots.advance(9.0 + (k + 1) / 50)
     assert f.vehicles.p[0, 2] < 1.8  # it lands
     assert f.autopilots._shared.setpoints.limits[0] == pytest.approx(limits)
+
+
+@pytest.mark.parametrize("y", [-0.3, 0.0, 0.4])
+def test_a_straight_one_flies_round_trunks(make_flight, y):
+    f = make_flight(1, "px4")
+    trunks = np.array([[9.0, y, 1.0], [14.0, -y, 0.5], [40.0, 0.0, 1.0]])
+    pilot = Straight(0, [0.0, 0.0, 2.0], [[20.0, 0.0, 2.0]], 2.0, trunks)
+    p, v = flown(f, [pilot], 26.0)
+    apart = np.hypot(*(p[:, 0, None, :2] - trunks[:, :2]).transpose(2, 0, 1)) - trunks[:, 2]
+    assert apart.min() > 0.3
+    assert np.linalg.norm(p[-1, 0] - [20.0, 0.0, 2.0]) < 0.4
+    on_way = (p[:, 0, 0] > 3.0) & (p[:, 0, 0] < 17.0)
+    assert np.linalg.norm(v[on_way, 0], axis=1).min() > 1.4  # it does not slow down for them
