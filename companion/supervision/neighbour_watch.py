@@ -2,7 +2,8 @@
 
 Half a second of each track is remembered. What a track could have reached from there within the
 bounds is known; a track that is elsewhere has broken them. Its mean speed over that time counts
-where a track's own speed, which is limited, tells less.
+where a track's own speed, which is limited, tells less. A track that ends, because looks missed it,
+counts for a second more: no neighbour vanishes.
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ _WINDOW = 0.5  # s that are remembered
 _LEAST = 0.25  # s over which speeds are compared: two looks are noise
 _SIGMAS = 3.0  # of the places, beyond which a bound counts as broken
 _LATELY = 0.15  # s; a neighbour unseen for longer is where memory puts it
+_SURE = 0.5  # s that a track has lived before its end counts as no ghost's
+_KEPT = 1.0  # s for which it counts after its end
+_SAME = 1.0  # m; a track this close to one that has ended is the same neighbour
 _FASTER = 0.5  # m/s by which the mean speed must be above the track's to count
 
 
@@ -41,6 +45,7 @@ class NeighbourWatch:
     def reset(self) -> None:
         """Forget all tracks."""
         self._past: dict[int, deque[tuple[float, Track]]] = {}
+        self._latest: dict[int, tuple[float, Track]] = {}  # with those that have ended lately
 
     def update(self, time: float, tracks: Sequence[Track]) -> Watched:
         """Return the tracks at the tick of `time` [s], and the bounds that they have broken."""
@@ -64,7 +69,23 @@ class NeighbourWatch:
                 broken.append(found)
             if norm(mean) - _SIGMAS * doubt > norm(t.v) + _FASTER:
                 watched[-1] = replace(t, v=mean)
-        return Watched(watched, tuple(broken))
+        return Watched(watched + self._ended(time, tracks), tuple(broken))
+
+    def _ended(self, time: float, tracks: Sequence[Track]) -> list[Track]:
+        """Return the tracks that have ended lately, where they would be now."""
+        living = {t.id for t in tracks}
+        ended = []
+        for name, (then, t) in list(self._latest.items()):
+            if name in living:
+                continue
+            now = replace(t, p=t.p + (time - then) * t.v, unseen=t.unseen + time - then)
+            again = any(norm(other.p - now.p) < _SAME for other in tracks)
+            if again or t.age < _SURE or time - then > _KEPT:
+                del self._latest[name]
+            else:
+                ended.append(now)
+        self._latest |= {t.id: (time, t) for t in tracks}
+        return ended
 
     def _finding(self, before: Track, t: Track, dt: float, mean: Vector, doubt: float) -> str:
         """Return the bound that a track has broken within `dt` [s], in words; empty: none."""

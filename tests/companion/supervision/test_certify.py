@@ -117,3 +117,26 @@ def test_a_certificate_that_is_not_enforced_is_only_judged():
     assert before == [None] * 4  # it costs a tick more than it tells
     assert (found.flown, found.instead) == (Flown.NONE, None)
     assert found.margin < 0.0
+
+
+def ended(age, after, *others):
+    """What counts `after` s after a track that flew east at 1 m/s has ended; others: tracks."""
+    watch = NeighbourWatch(2.0, 3.0)
+    t = Track(3, np.array([4.0, 0.0, 2.0]), np.array([1.0, 0.0, 0.0]), np.eye(6), age, 0.3)
+    watch.update(5.0, [t])
+    return watch.update(5.0 + after, list(others)).tracks
+
+
+def test_a_track_that_ends_counts_for_a_second_more():
+    (kept,) = ended(2.0, 0.5)
+    assert (kept.id, kept.unseen) == (3, pytest.approx(0.8))
+    assert kept.p == pytest.approx([4.5, 0.0, 2.0])
+    assert ended(2.0, 1.1) == []
+
+
+def test_the_end_of_a_ghost_or_of_one_that_is_seen_again_is_an_end():
+    assert ended(0.3, 0.1) == []
+    again = Track(4, np.array([4.4, 0.3, 2.0]), np.zeros(3), np.eye(6), 0.0, 0.0)
+    assert ended(2.0, 0.2, again) == [again]
+    other = Track(4, np.array([8.0, 0.0, 2.0]), np.zeros(3), np.eye(6), 0.0, 0.0)
+    assert [t.id for t in ended(2.0, 0.2, other)] == [4, 3]
