@@ -48,12 +48,6 @@ class Ways:
     def __len__(self) -> int:
         return len(self.hold)
 
-    def then(self, other: Ways) -> Ways:
-        """Return these ways and the others after them."""
-        return Ways(
-            np.concatenate([self.velocity, other.velocity]), np.concatenate([self.hold, other.hold])
-        )
-
     def one(self, k: int) -> Ways:
         """Return way k alone."""
         return Ways(self.velocity[k : k + 1], self.hold[k : k + 1])

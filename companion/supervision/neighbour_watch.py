@@ -22,7 +22,7 @@ _SIGMAS = 3.0  # of the places, beyond which a bound counts as broken
 _LATELY = 0.15  # s; a neighbour unseen for longer is where memory puts it
 _SURE = 0.5  # s that a track has lived before its end counts as no ghost's
 _KEPT = 1.0  # s for which it counts after its end
-_SAME = 1.0  # m; a track this close to one that has ended is the same neighbour
+_SAME = 1.0  # m; a new track this close to one that has ended is the same neighbour
 _FASTER = 0.5  # m/s by which the mean speed must be above the track's to count
 
 
@@ -79,7 +79,9 @@ class NeighbourWatch:
             if name in living:
                 continue
             now = replace(t, p=t.p + (time - then) * t.v, unseen=t.unseen + time - then)
-            again = any(norm(other.p - now.p) < _SAME for other in tracks)
+            # Its new track may have begun while the old one was still being missed.
+            young = [other for other in tracks if other.age <= time - then + _SURE]
+            again = any(norm(other.p - now.p) < _SAME for other in young)
             if again or t.age < _SURE or time - then > _KEPT:
                 del self._latest[name]
             else:

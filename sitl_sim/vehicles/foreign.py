@@ -53,7 +53,7 @@ class Hover:
 
 
 class Straight(Hover):
-    """Flies from target to target on straight lines round trunks, and stays at the last.
+    """Flies from target to target on straight lines round upright trunks, and stays at the last.
 
     It gives way to nobody.
     """
@@ -151,8 +151,7 @@ class ForeignFleet:
 def _way(start: Floats, end: Floats, trunks: Floats, bends: int) -> list[Floats]:
     """Return the places (3,) m after `start` on a way to `end` round trunks, `end` the last.
 
-    bends: places at most between the two on each side of each; where they do not do, the way leads
-    through the trunk.
+    bends: how often a line may be split in two; after that it leads through what stands there.
     """
     line = end[:2] - start[:2]
     length = float(np.linalg.norm(line))

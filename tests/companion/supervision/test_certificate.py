@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from companion.supervision.certificate import CAUSES, DT, Bounds, Scene, Trajectories, check
 from companion.supervision.certify import CertificateConfig
-from companion.supervision.evasion import STRAIGHT, Law, aside, simulate
+from companion.supervision.evasion import STRAIGHT, Law, Ways, aside, simulate
 from companion.supervision.guard_config import GuardConfig
 
 GUARD = GuardConfig()
@@ -39,6 +39,13 @@ def lost_in_view(p, seconds):
     rows = neighbour(p, unseen=seconds)
     rows[:, 10] = 0.0
     return rows
+
+
+def with_straight(sides):
+    return Ways(
+        np.concatenate([STRAIGHT.velocity, sides.velocity]),
+        np.concatenate([STRAIGHT.hold, sides.hold]),
+    )
 
 
 def braking(speed=1.6):
@@ -191,7 +198,7 @@ def test_no_neighbour_within_the_bounds_can_touch_an_accepted_way():
     for _ in range(400):
         x0 = state(rng.uniform(0.3, 1.8))
         side = aside(x0[3:6], 1.2, 0.5)
-        ways = STRAIGHT.then(side)
+        ways = with_straight(side)
         rows = np.concatenate(
             [
                 neighbour(rng.uniform(-2.5, 2.5, 3) * [1, 1, 0.3] + [0, 0, 2], rng.normal(size=3))
@@ -227,7 +234,7 @@ def _least_gap(p, v, row, rng, steps=10):
 
 def test_the_family_ends_at_rest_and_is_what_the_checker_takes_for_flyable():
     sides = aside(np.array([1.0, 0.0, 0.0]), 1.8, 0.8)
-    way = simulate(state(1.85), STRAIGHT.then(sides), CALM, LAW, None)
+    way = simulate(state(1.85), with_straight(sides), CALM, LAW, None)
     assert (check(way, state(1.85), CALM, EMPTY, BOUNDS).margin >= 0.0).all()
 
 

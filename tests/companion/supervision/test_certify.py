@@ -140,3 +140,5 @@ def test_the_end_of_a_ghost_or_of_one_that_is_seen_again_is_an_end():
     assert ended(2.0, 0.2, again) == [again]
     other = Track(4, np.array([8.0, 0.0, 2.0]), np.zeros(3), np.eye(6), 0.0, 0.0)
     assert [t.id for t in ended(2.0, 0.2, other)] == [4, 3]
+    beside = Track(4, np.array([4.4, 0.3, 2.0]), np.zeros(3), np.eye(6), 3.0, 0.0)
+    assert [t.id for t in ended(2.0, 0.2, beside)] == [4, 3]  # it was there before
