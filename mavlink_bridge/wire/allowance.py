@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
-from enum import Enum
+from enum import IntEnum
 from typing import NamedTuple
 
 from mavlink_bridge.wire.udp import Address
@@ -17,14 +17,17 @@ _SHARE_OF_STRANGERS = 8  # other addresses than the vehicle's have one eighth of
 _DOUBTFUL_PACKETS, _DOUBTFUL_BYTES = 32, 8 << 10  # that do not begin with an accepted frame
 
 
-class Claim(Enum):
+class Claim(IntEnum):
     """Kind of a packet's first frame."""
 
-    ACCEPTED = "accepted: its checksum is right, and with signing its signature"
-    GARBAGE = "not whole, or with a wrong checksum"
-    FOREIGN = "of a sender that is not heard"
-    UNSIGNED = "not signed with the key"
-    OLD = "signed, and not new"
+    ACCEPTED = 0  # its checksum is right, and with signing its signature
+    GARBAGE = 1  # not whole, or with a wrong checksum
+    FOREIGN = 2  # of a sender that is not heard
+    UNSIGNED = 3  # not signed with the key
+    OLD = 4  # signed, and not new
+
+
+ACCEPTED, GARBAGE, FOREIGN, UNSIGNED, OLD = Claim  # found faster than an attribute of the class
 
 
 class Packet(NamedTuple):

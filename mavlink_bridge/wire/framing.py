@@ -22,6 +22,7 @@ LONGEST = 255 + 12 + SIGNATURE_BYTES  # bytes of a frame
 HEADER = 10  # bytes in front of the payload, MAVLink 2
 _V1_HEADER = 6
 _CHECKSUM = 2
+V1_AROUND, V2_AROUND = _V1_HEADER + _CHECKSUM, HEADER + _CHECKSUM  # bytes around the payload
 _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 _CRC_EXTRA = {  # of each known message, as one byte with its bits in reverse order
     number: bytes([_REVERSED[kind.crc_extra]]) for number, kind in mavlink.mavlink_map.items()
@@ -69,8 +70,8 @@ def frame_length(data: bytes | bytearray, start: int) -> int:
     """Return the number of bytes of the frame whose first three bytes are at `start`."""
     length = data[start + 1]
     if data[start] == V1:
-        return length + _V1_HEADER + _CHECKSUM
-    return length + HEADER + _CHECKSUM + (SIGNATURE_BYTES if data[start + 2] & SIGNED else 0)
+        return length + V1_AROUND
+    return length + V2_AROUND + (SIGNATURE_BYTES if data[start + 2] & SIGNED else 0)
 
 
 def header(data: bytes | bytearray, start: int) -> tuple[int, int, int, int]:

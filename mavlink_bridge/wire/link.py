@@ -13,7 +13,15 @@ from collections.abc import Callable, Iterable, Iterator
 from math import inf
 from typing import Protocol
 
-from mavlink_bridge.wire.allowance import Allowance, Claim, Newest, Packet
+from mavlink_bridge.wire.allowance import (
+    ACCEPTED,
+    FOREIGN,
+    GARBAGE,
+    Allowance,
+    Claim,
+    Newest,
+    Packet,
+)
 from mavlink_bridge.wire.bytestream import BAUD_RATES, ByteStream, SerialEndpoint, TcpEndpoint
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.framing import RawFrame
@@ -266,7 +274,8 @@ class Link:
         pinned = None if self._vehicle is None else self._pinned
         near, far = Newest(), Newest.of_strangers()
         doubtful: list[Packet] = []
-        place, strange, heard = None, False, 0
+        place, strange, heard, may_doubt = None, False, 0, True
+        counts, sizes = [0] * len(Claim), [0] * len(Claim)  # of what is refused, by its claim
         packets = self.endpoint.receive() if udp is None else udp.receive(strangers)
         number, left, room = 0, allowance.packets, allowance.bytes
         while number < left and room > 0 and (data := next(packets, None)) is not None:
@@ -277,16 +286,19 @@ class Link:
                 strange = pinned is not None and place != pinned
             heard += not strange
             number += 1
-            claim = claims(data) if whole else Claim.ACCEPTED
-            if strange and claim is not Claim.GARBAGE and claim is not Claim.FOREIGN:
+            claim = claims(data) if whole else ACCEPTED
+            if strange and claim is not GARBAGE and claim is not FOREIGN:
                 self._drop(far.add(Packet(number, data, place, claim)))
-            elif claim is Claim.ACCEPTED:
+            elif claim is ACCEPTED:
                 self._drop(near.add(Packet(number, data, place, claim)))
-            elif not strange and allowance.take_doubtful(size):
+            elif may_doubt and not strange and (may_doubt := allowance.take_doubtful(size)):
                 doubtful.append(Packet(number, data, place, claim))
             else:
-                self.codec.refuse(claim, size)
+                counts[claim] += 1
+                sizes[claim] += size
         allowance.packets, allowance.bytes = left - number, room
+        for claim in Claim:
+            self.codec.refuse(claim, counts[claim], sizes[claim])
         self.packets_in += heard
         if heard:
             self._pinned_heard = time.monotonic()
@@ -295,7 +307,7 @@ class Link:
     def _drop(self, packets: list[Packet]) -> None:
         """Count packets that are not decoded."""
         for packet in packets:
-            self.codec.refuse(packet.claim, len(packet.data))
+            self.codec.refuse(packet.claim, 1, len(packet.data))
             if not self._whole:
                 self.codec.restart()
 

@@ -103,13 +103,15 @@ class Signing:
         self.timestamp = min(max(self.timestamp, timestamp), LAST)
         return Check.GOOD
 
-    def may_be_new(self, frame: bytes, system: int, component: int) -> bool:
-        """Return whether the timestamp of the first frame of a packet is new; costs no hash.
+    def may_be_new(self, data: bytes, length: int, sender: int) -> bool:
+        """Return whether the timestamp of a packet's first frame is new; costs no hash.
 
         It is newer than what `check` has noted, and than the first frames already previewed: what
-        is played back at once is not new either.
+        is played back at once is not new either. length: of that frame; sender: system × 256 +
+        component.
         """
-        stream, timestamp = _stamp(frame, system, component)
+        timestamp = int.from_bytes(data[length - 12 : length - 6], "little")
+        stream = data[length - SIGNATURE_BYTES], sender >> 8, sender & 255
         if timestamp <= self._previewed.get(stream, 0) or timestamp <= self.streams.get(stream, 0):
             return False
         return timestamp > self._newest(stream) and not self._was_sent(timestamp, stream[1:])
