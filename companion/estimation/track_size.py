@@ -37,11 +37,13 @@ def birth(
     return np.concatenate([z, np.zeros(3), [1.0]]), covariance
 
 
-def grow(mean: Vector, covariance: Vector, dt: float, keep: Vector, to: Vector, a: float) -> Vector:
+def grow(
+    mean: Vector, covariance: Vector, dt: float, keep: Vector, to: Vector, a: Vector
+) -> Vector:
     """Return the covariance (n,7,7) after dt [s]; mean (n,7): before it.
 
-    keep: (n,) share of the velocity's difference from `to` (n,3) that is left. a: m/s², 1 σ of the
-    acceleration.
+    keep: (n,) share of the velocity's difference from `to` (n,3) that is left. a: (n,) m/s², 1 σ of
+    the acceleration.
     """
     step = np.tile(np.eye(STATES), (len(mean), 1, 1))
     step[:, :3, 3:6] = dt * np.eye(3)

@@ -1,10 +1,11 @@
 """Tracker: from detections to neighbours with position, velocity and covariance, own ENU frame.
 
-Each neighbour has a constant-velocity Kalman filter; all filters are kept as arrays. Detections
-are associated by Mahalanobis distance (Hungarian method). A track is confirmed after two looks. It
-ends when the neighbour should be in plain view and is not seen, or when its covariance is so large
-that the memory says nothing any more. Where neighbours differ in size, the size is part of the
-track (`track_size`).
+Each neighbour has two Kalman filters: in one it keeps its velocity, in the other it manoeuvres
+(`motion_modes`); all filters are kept as arrays. Detections are associated by Mahalanobis distance
+(Hungarian method). Of each track the odds are kept that there is such a neighbour: looks that see
+it raise them, looks at its place that do not lower them. A track ends when they are spent, or when
+its covariance is so large that the memory says nothing any more. Where neighbours differ in size,
+the size is part of the track (`track_size`).
 """
 
 from __future__ import annotations
@@ -18,9 +19,10 @@ from pydantic import Field
 
 from companion.estimation import track_size
 from companion.estimation.assignment import assign
+from companion.estimation.motion_modes import MANOEUVRES, Modes
 from companion.estimation.turns import turn_about
 from companion.types import Detection, Track
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, lengths
 from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.shared.settings import StrictModel
 from mavlink_bridge.wire.messages import VehicleState
@@ -30,7 +32,17 @@ class TrackerConfig(StrictModel):
     """Numbers of the tracker, each with its reason."""
 
     acceleration: float = Field(
-        1.5, gt=0, description="Std of a neighbour's acceleration [m/s²]; the NMPC uses ±2."
+        2.5,
+        gt=0,
+        description="Std of the acceleration [m/s²] of a neighbour that manoeuvres; the NMPC uses "
+        "±2 on each axis.",
+    )
+    drift: float = Field(
+        0.4, gt=0, description="Std of the acceleration [m/s²] of a neighbour that keeps on."
+    )
+    keeps_on: float = Field(3.0, gt=0, description="Mean time [s] for which a neighbour keeps on.")
+    manoeuvres: float = Field(
+        1.5, gt=0, description="Mean time [s] for which a neighbour manoeuvres."
     )
     velocity_birth: float = Field(
         1.2, gt=0, description="Std of velocity [m/s] of a neighbour just seen: up to cruise."
@@ -44,29 +56,43 @@ class TrackerConfig(StrictModel):
         description="Gate of the squared Mahalanobis distance: 99.9 % of chi² with 3 dof. With a "
         "smaller one a neighbour that swerves is lost.",
     )
-    hits_to_confirm: int = Field(2, ge=1, description="Clear looks before a neighbour counts.")
+    detected: float = Field(
+        0.85, gt=0, lt=1, description="Probability that a neighbour in plain view is seen."
+    )
+    ghosts: float = Field(
+        0.05,
+        gt=0,
+        lt=1,
+        description="Probability that something clear is seen at a place where no neighbour is.",
+    )
+    confirmed: float = Field(
+        0.9,
+        gt=0.5,
+        lt=1,
+        description="Probability that there is a neighbour from which it counts: two clear looks.",
+    )
+    surest: float = Field(
+        0.999,
+        gt=0.5,
+        lt=1,
+        description="Highest probability that there is a neighbour: four looks at its place "
+        "without seeing it end its track.",
+    )
     clear: float = Field(
         0.2, gt=0, description="Std of range, as a share of it, up to which a look is clear."
     )
-    life_per_look: float = Field(
-        0.4,
+    unseen_max: float = Field(
+        4.0,
         gt=0,
-        description="Memory [s] out of view for each look: a ghost of few looks ends soon.",
+        description="Longest memory [s] out of view, of the surest neighbour: others, and ghosts, "
+        "are forgotten sooner.",
     )
-    misses_to_drop: int = Field(
-        4,
-        ge=1,
-        description="Looks in a row at a neighbour's place without seeing it that end its track; "
-        "fewer where the neighbour itself was seen in fewer.",
-    )
-    unseen_max: float = Field(4.0, gt=0, description="Longest memory [s] out of view.")
     sigma_max: float = Field(3.0, gt=0, description="Std of position [m] that ends a track.")
     damping: float = Field(
         0.7,
         ge=0,
-        description="Rate [1/s] at which the velocity of an unseen neighbour fades: to the own "
-        "velocity where it flew along, else to rest, see `along`. Near others every drone slows "
-        "down, and a track that flew on in memory would leave the neighbour's place free.",
+        description="Rate [1/s] at which the velocity of an unseen neighbour that manoeuvres "
+        "fades: to the own velocity where it flew along, else to rest, see `along`.",
     )
     speed_max: float = Field(
         3.0,
@@ -98,9 +124,9 @@ _NOWHERE = np.zeros(3)
 
 
 class Tracker:
-    """Tracks neighbours as arrays: mean (n,6) of p, v; covariance (n,6,6); ids, births, looks.
+    """Tracks neighbours as arrays: mean (2,n,6) of p, v; covariance (2,n,6,6); ids, births, looks.
 
-    Where sizes are unknown, mean (n,7) and covariance (n,7,7) are as in `track_size`.
+    Where sizes are unknown, mean (2,n,7) and covariance (2,n,7,7) are as in `track_size`.
     """
 
     def __init__(self, config: TrackerConfig) -> None:
@@ -110,17 +136,19 @@ class Tracker:
         self._next_id = 1
         self._sized = config.size_sigma > 0.0
         states = track_size.STATES if self._sized else 6
-        self._mean: Vector = np.zeros((0, states))
-        self._covariance: Vector = np.zeros((0, states, states))
+        self._modes = Modes.none(states)
         self._ids = np.zeros(0, dtype=int)
         self._born: Vector = np.zeros(0)
         self._seen: Vector = np.zeros(0)
-        self._hits = np.zeros(0, dtype=int)
-        self._misses = np.zeros(0, dtype=int)
+        self._odds: Vector = np.zeros(0)  # log of the odds that there is such a neighbour
+        self._confirmed = np.zeros(0, dtype=bool)
         self._along: Vector = np.zeros(0)  # share of the own velocity to which theirs fade
         self._own_velocity: Vector = np.zeros(3)
-        self._last = (-np.inf, self._mean, self._covariance)  # as after the last frame
-        self._noise = config.acceleration**2 * _IDENTITY
+        self._last = (-np.inf, self._modes)  # as after the last frame
+        self._noise = (config.drift, config.acceleration)
+        self._rates = np.array([1.0 / config.keeps_on, 1.0 / config.manoeuvres])
+        self._hit = math.log(config.detected / config.ghosts)
+        self._surest = _log_odds(config.surest)
         self._identity = np.eye(states)
 
     def update(
@@ -133,8 +161,8 @@ class Tracker:
     ) -> None:
         """Take in the detections of one frame, captured at `time` [s] in the own state `own`.
 
-        q_bc: (4,) camera → body. in_view: whether each track should be visible, in the order of
-        `positions`; None: unknown.
+        q_bc: (4,) camera → body. in_view: whether a neighbour at each of `positions` would show;
+        None: unknown.
         """
         self.predict(time)
         self._looked = time
@@ -142,60 +170,81 @@ class Tracker:
         clear = np.array([d.sigma_range <= self._config.clear * d.range for d in detections], bool)
         assigned = self._associate(z, r, clear, own.p)
         if in_view is not None:
-            self._misses += np.asarray(in_view, bool)
+            self._miss(np.reshape(in_view, (2, -1)), [track for track, _ in assigned])
         if assigned:
             track, looks = (np.array(ids) for ids in zip(*assigned, strict=True))
             self._correct(track, z[looks], r[looks], own.p)
             self._seen[track] = time
-            self._hits[track] += clear[looks]
-            self._misses[track] = 0
-            off = np.linalg.norm(self._velocities[track] - own.v, axis=1)
+            self._odds[track] += clear[looks] * self._hit
+            self._odds = np.minimum(self._odds, self._surest)
+            self._confirmed |= self._odds >= _log_odds(self._config.confirmed)
+        mean, covariance = self._modes.mixture()
+        if assigned:
+            off = lengths(self._velocities(mean)[track] - own.v)
             self._along[track] = np.exp(-((off / self._config.along) ** 2))
         self._own_velocity = own.v
         fresh = sorted(set(range(len(z))) - {d for _, d in assigned})
-        self._end_tracks(time)
+        self._end_tracks(time, mean, covariance)
         for detection in fresh:
-            self._start_track(time, z[detection], r[detection], bool(clear[detection]), own.p)
-        self._last = (time, self._mean.copy(), self._covariance.copy())
+            self._start_track(time, z[detection], r[detection], own.p)
+        self._last = (time, self._modes.copy())
+
+    def _miss(self, in_view: NDArray[np.bool_], seen: list[int]) -> None:
+        """Note the tracks that were looked for and not seen; in_view: (2,n), by mode."""
+        missed = in_view.astype(float)
+        missed[:, seen] = 0.0
+        shows = (self._modes.weight * missed).sum(axis=0)
+        self._odds += np.log(1.0 - self._config.detected * shows)
+        self._modes.weigh(np.arange(len(self._ids)), np.log(1.0 - self._config.detected * missed))
 
     def predict(self, time: float) -> None:
-        """Carry all tracks to `time` [s] at constant velocity, eq. (14); their covariance grows.
+        """Carry all tracks to `time` [s]; their covariance grows.
 
-        The velocity of a neighbour out of sight fades, see `damping`.
+        A neighbour keeps its velocity, eq. (14); where it manoeuvres out of sight, that fades, see
+        `damping`.
         """
         self._rewind(time)
         dt = 0.0 if self._time is None else time - self._time
         self._time = time
         if dt == 0.0 or not len(self._ids):
             return
-        before = self._mean.copy() if self._sized else self._mean
-        self._mean[:, :3] += dt * self._mean[:, 3:6]
         if dt < 0.0:
+            self._modes.mean[:, :3] += dt * self._modes.mean[:, 3:6]
             return
+        self._modes.mix(1.0 - np.exp(-dt * self._rates))
         # A neighbour abeam in formation keeps the own velocity, or it would fall back in memory.
         fading = time - min(time - self._looked, _FRAME_AGE_MAX) - self._seen > _FADE_AFTER
-        keep = np.ones((len(fading), 1))
-        keep[fading] = math.exp(-self._config.damping * dt)
-        to = self._along[:, None] * self._own_velocity
+        keep = np.ones((2, len(fading)))
+        keep[MANOEUVRES, fading] = math.exp(-self._config.damping * dt)
+        to = np.tile(self._along[:, None] * self._own_velocity, (2, 1))
+        self._carry(dt, keep.ravel(), to, np.repeat(self._noise, len(fading)))
+
+    def _carry(self, dt: float, keep: Vector, to: Vector, sigma: Vector) -> None:
+        """Carry both modes of all tracks on by dt [s].
+
+        keep: (2n,) share of the velocity's difference from `to` (2n,3) that is left. sigma: (2n,)
+        m/s², 1 σ of the acceleration.
+        """
+        mean, c = self._modes.mean, self._modes.covariance
         if self._sized:
-            sigma = self._config.acceleration
-            self._covariance = track_size.grow(before, self._covariance, dt, keep[:, 0], to, sigma)
-            to = to * self._mean[:, 6:]
-        self._mean[:, 3:6] = to + keep * (self._mean[:, 3:6] - to)
+            c[:] = track_size.grow(mean, c, dt, keep, to, sigma)
+            to = to * mean[:, 6:]
+        mean[:, :3] += dt * mean[:, 3:6]
+        mean[:, 3:6] = to + keep[:, None] * (mean[:, 3:6] - to)
         if self._sized:
             return
         # F P F' + Q by blocks: a of positions, b of both, d of velocities
-        c, keep = self._covariance, keep[..., None]
-        q = self._noise
+        keep, q = keep[:, None, None], (dt * dt * sigma**2)[:, None, None] * _IDENTITY
         a, b, d = c[:, :3, :3], c[:, :3, 3:], c[:, 3:, 3:]
-        a += dt * (b + b.transpose(0, 2, 1)) + dt * dt * d + dt**4 / 4 * q
-        b[:] = keep * (b + dt * d) + dt**3 / 2 * q
+        a += dt * (b + b.transpose(0, 2, 1)) + dt * dt * (d + 0.25 * q)
+        b[:] = keep * (b + dt * d) + 0.5 * dt * q
         c[:, 3:, :3] = b.transpose(0, 2, 1)
-        d[:] = keep * keep * d + dt * dt * q
+        d[:] = keep * keep * d + q
 
     def turn(self, p: Vector, angle: float) -> None:
         """Turn all tracks left about p (3,) m by a small `angle` [rad]."""
-        for mean in (self._mean, self._last[1]):
+        for modes in (self._modes, self._last[1]):
+            mean = modes.mean
             scale = mean[:, 6:] if self._sized else np.ones((len(mean), 1))
             places = mean[:, :3] / scale
             turn_about(places, p, angle)
@@ -209,17 +258,13 @@ class Tracker:
         than the tick before it.
         """
         if self._time is not None and self._last[0] <= time < self._time:
-            self._time, self._mean, self._covariance = (
-                self._last[0],
-                self._last[1].copy(),
-                self._last[2].copy(),
-            )
+            self._time, self._modes = self._last[0], self._last[1].copy()
 
     def tracks(self) -> list[Track]:
         """Return the confirmed tracks, oldest first."""
         time = self._time or 0.0
-        sure = self._hits >= self._config.hits_to_confirm
-        mean, covariance = self._mean[sure], self._covariance[sure]
+        sure = self._confirmed
+        mean, covariance = self._modes.kept(sure).mixture()
         scales = np.ones(len(mean))
         if self._sized:
             scales = 1.0 / mean[:, 6]
@@ -236,13 +281,16 @@ class Tracker:
         return [Track(*row) for row in zip(*columns, strict=True)]
 
     def positions(self) -> Vector:
-        """Return the positions (n,3) m of all tracks, unconfirmed ones too."""
-        return self._mean[:, :3] / self._mean[:, 6:] if self._sized else self._mean[:, :3].copy()
+        """Return where neighbours may be, unconfirmed ones too: (2n,3) m, a row for each mode.
 
-    @property
-    def _velocities(self) -> Vector:
-        """(n,3) m/s of all tracks."""
-        return self._mean[:, 3:6] / self._mean[:, 6:] if self._sized else self._mean[:, 3:]
+        First all as if they kept on, then the same ones as if they manoeuvred.
+        """
+        mean = self._modes.mean
+        return mean[:, :3] / mean[:, 6:] if self._sized else mean[:, :3].copy()
+
+    def _velocities(self, mean: Vector) -> Vector:
+        """Return (m,3) m/s of tracks of such means (m,k)."""
+        return mean[:, 3:6] / mean[:, 6:] if self._sized else mean[:, 3:]
 
     @property
     def _stale(self) -> NDArray[np.bool_]:
@@ -289,7 +337,7 @@ class Tracker:
         """
         if not len(z) or not len(self._ids):
             return []
-        at, _, spread = self._expected(self._mean, self._covariance, here)
+        at, _, spread = self._expected(*self._modes.mixture(), here)
         s = spread[:, None] + r[None]
         residual = z[None] - at[:, None]
         solved = np.linalg.solve(s, residual[..., None])[..., 0]
@@ -302,25 +350,32 @@ class Tracker:
         return [pair for pair in assign(score) if score[pair] < 1e3]
 
     def _correct(self, n: NDArray[np.int_], z: Vector, r: Vector, here: Vector) -> None:
-        """Correct tracks n (k,) by positions z (k,3) of covariance r (k,3,3), in Joseph's form."""
-        p = self._covariance[n]
-        at, across, spread = self._expected(self._mean[n], p, here)
-        k = np.linalg.solve(spread + r, across).transpose(0, 2, 1)
-        self._mean[n] += (k @ (z - at)[..., None])[..., 0]
-        if self._sized:
-            self._mean[n] = track_size.bounded(self._mean[n])
-        speed = np.linalg.norm(self._velocities[n], axis=1)[:, None]
-        self._mean[n, 3:6] *= np.minimum(1.0, self._config.speed_max / np.maximum(speed, 1e-9))
+        """Correct tracks n (m,) by positions z (m,3) of covariance r (m,3,3), in Joseph's form."""
+        means, covariances = self._modes.mean, self._modes.covariance
+        n = np.concatenate([n, n + len(self._ids)])  # both modes
+        z, r = np.tile(z, (2, 1)), np.tile(r, (2, 1, 1))
+        mean, p = means[n], covariances[n]
+        at, across, spread = self._expected(mean, p, here)
+        s, off = spread + r, (z - at)[..., None]
+        solved = np.linalg.solve(s, np.concatenate([across, off], axis=2))
+        k = solved[..., :-1].transpose(0, 2, 1)
+        distance = (off * solved[..., -1:]).sum(axis=(1, 2))
+        mean += (k @ off)[..., 0]
         a = np.zeros(p.shape)
         a[:] = self._identity
         a[:, :, :3] -= k
         if self._sized:
             a[:, :, 6] += k @ here
+            mean = track_size.bounded(mean)
+        speed = lengths(self._velocities(mean))[:, None]
+        mean[:, 3:6] *= np.minimum(1.0, self._config.speed_max / np.maximum(speed, 1e-9))
         corrected = a @ p @ a.transpose(0, 2, 1) + k @ r @ k.transpose(0, 2, 1)
         # Without this, rounding errors grow from update to update until a variance is negative.
-        self._covariance[n] = 0.5 * (corrected + corrected.transpose(0, 2, 1))
+        means[n], covariances[n] = mean, 0.5 * (corrected + corrected.transpose(0, 2, 1))
+        fit = -0.5 * (distance + np.linalg.slogdet(s)[1])
+        self._modes.weigh(n[: len(n) // 2], fit.reshape(2, -1))
 
-    def _start_track(self, time: float, z: Vector, r: Vector, clear: bool, here: Vector) -> None:
+    def _start_track(self, time: float, z: Vector, r: Vector, here: Vector) -> None:
         """Start a track at rest at z (3,) of covariance r (3,3), seen from here (3,)."""
         c = self._config
         mean, covariance = np.concatenate([z, np.zeros(3)]), np.zeros((6, 6))
@@ -328,30 +383,33 @@ class Tracker:
         covariance[3:, 3:] = np.eye(3) * c.velocity_birth**2
         if self._sized:
             mean, covariance = track_size.birth(z, r, here, c.velocity_birth, c.size_sigma)
-        self._mean = np.vstack([self._mean, mean[None]])
-        self._covariance = np.concatenate([self._covariance, covariance[None]])
+        self._modes.add(mean, covariance)
         self._ids = np.append(self._ids, self._next_id)
         self._born = np.append(self._born, time)
         self._seen = np.append(self._seen, time)
-        self._hits = np.append(self._hits, int(clear))
-        self._misses = np.append(self._misses, 0)
+        self._odds = np.append(self._odds, 0.0)
+        self._confirmed = np.append(self._confirmed, False)
         self._along = np.append(self._along, 0.0)
         self._next_id += 1
 
-    def _end_tracks(self, time: float) -> None:
-        """Drop the tracks that are too old, missed too often, or too uncertain."""
+    def _end_tracks(self, time: float, mean: Vector, p: Vector) -> None:
+        """Drop the tracks of what is unlikely to be there, or may be anywhere.
+
+        Out of view the odds that still count fall with time. mean (n,k), p (n,k,k): of all tracks.
+        """
         c = self._config
-        p = self._covariance
         sigma = np.sqrt(p[:, 0, 0] + p[:, 1, 1] + p[:, 2, 2])
         if self._sized:
-            sigma = track_size.sigma_of_known_size(self._mean, self._covariance)
-        looks = np.maximum(self._hits, 1)
-        life = np.minimum(c.life_per_look * looks, c.unseen_max)
-        young = (time - self._seen <= life) & (self._misses < np.minimum(looks, c.misses_to_drop))
-        keep = young & (sigma < c.sigma_max)
+            sigma = track_size.sigma_of_known_size(mean, p)
+        known = self._odds >= self._surest / c.unseen_max * (time - self._seen)
+        keep = known & (sigma < c.sigma_max)
         if keep.all():
             return
-        self._mean, self._covariance = self._mean[keep], self._covariance[keep]
+        self._modes = self._modes.kept(keep)
         self._ids, self._born = self._ids[keep], self._born[keep]
-        self._seen, self._hits = self._seen[keep], self._hits[keep]
-        self._misses, self._along = self._misses[keep], self._along[keep]
+        self._seen, self._odds = self._seen[keep], self._odds[keep]
+        self._confirmed, self._along = self._confirmed[keep], self._along[keep]
+
+
+def _log_odds(probability: float) -> float:
+    return math.log(probability / (1.0 - probability))

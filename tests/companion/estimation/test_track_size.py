@@ -89,7 +89,7 @@ def test_where_the_flight_is_does_not_matter():
 
 
 def test_a_neighbour_out_of_sight_is_remembered_and_its_speed_fades():
-    tracker = Tracker(TrackerConfig(size_sigma=SIGMA))
+    tracker = Tracker(TrackerConfig(size_sigma=SIGMA, keeps_on=1e-3, manoeuvres=1e6))
     for k in range(12):
         offset = np.array([4.0, 0.1 * k, 0.0])
         away = float(np.linalg.norm(offset))

@@ -68,8 +68,122 @@ def still(time):
     return VehicleState(time, np.zeros(3), np.zeros(3), LEVEL, np.zeros(3))
 
 
-def test_a_track_out_of_sight_slows_down_but_not_at_the_first_miss():
+# A neighbour that is sure to manoeuvre: what the mode does by itself.
+MANOEUVRES = TrackerConfig(keeps_on=1e-3, manoeuvres=1e6)
+
+
+def stop_and_go(tracker, rng):
+    """See a neighbour fly for 3 s, now at 0.2 m/s, now at 1.8; return where it is."""
+    place, v = np.array([4.0, -2.0, 0.0]), 1.0
+    for k in range(30):
+        v = min(v + 0.3, 1.8) if k % 12 < 6 else max(v - 0.3, 0.2)
+        place = place + np.array([0.0, 0.1 * v, 0.0])
+        tracker.update(k / 10, [look(place, rng)], still(k / 10), LEVEL, None)
+    return place
+
+
+def test_a_neighbour_that_kept_on_is_remembered_to_keep_on():
+    off = []
+    for seed in range(20):
+        tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(seed)
+        for k in range(20):
+            place = np.array([4.0, -1.0 + 0.1 * k, 0.0])
+            tracker.update(k / 10, [look(place, rng)], still(k / 10), LEVEL, None)
+        for k in range(20, 40):
+            tracker.update(k / 10, [], still(k / 10), LEVEL, None)
+        (lost,) = tracker.tracks()
+        off.append(np.linalg.norm(lost.p - [4.0, 2.9, 0.0]))
+    assert max(off) < 0.5  # one that slows down stays 0.9 m behind
+    assert np.median(off) < 0.25
+
+
+def test_the_memory_of_one_that_swerved_covers_that_it_stops_and_that_it_flies_on():
+    for seed in range(20):
+        tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(seed)
+        place = stop_and_go(tracker, rng)
+        (seen,) = tracker.tracks()
+        for k in range(30, 45):
+            tracker.update(k / 10, [], still(k / 10), LEVEL, None)
+        (lost,) = tracker.tracks()
+        sigma = np.sqrt(lost.P[1, 1])
+        for there in (place[1] + 0.5, place[1] + 1.5 * 1.4):  # it brakes; it flies on
+            assert abs(lost.p[1] - there) < 2.5 * sigma
+        assert np.trace(lost.P[:3, :3]) > 10 * np.trace(seen.P[:3, :3])
+
+
+def test_a_neighbour_that_is_not_where_it_would_have_kept_on_to_has_slowed_down():
+    def remembered(in_view):
+        tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
+        for k in range(15):
+            place = np.array([4.0, -1.0 + 0.1 * k, 0.0])
+            tracker.update(k / 10, [look(place, rng)], still(k / 10), LEVEL, None)
+        for k in range(15, 35):
+            tracker.update(k / 10, [], still(k / 10), LEVEL, [False, False])
+        on, slower = tracker.positions()
+        assert on[1] > slower[1] + 0.1
+        tracker.update(3.5, [], still(3.5), LEVEL, in_view)
+        (track,) = tracker.tracks()
+        return track.p[1]
+
+    unlooked, not_on, not_slower = map(remembered, ([0, 0], [1, 0], [0, 1]))
+    assert not_on < unlooked - 0.03
+    assert not_slower > unlooked + 0.03
+
+
+@pytest.mark.parametrize(
+    ("looks", "least", "most"), [(2, 1.4, 1.9), (3, 3.0, 3.6), (4, 3.6, 4.1), (12, 3.6, 4.1)]
+)
+def test_the_more_looks_saw_a_neighbour_the_longer_it_is_remembered(looks, least, most):
     tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
+    list(follow(tracker, np.array([4.0, 0.0, 0.0]), CRUISE, looks, rng))
+    k = looks
+    while tracker.tracks():
+        tracker.update(k / 10, [], own(k / 10), LEVEL, [False, False])
+        k += 1
+    assert least < (k - looks) / 10 <= most
+
+
+@pytest.mark.parametrize(("looks", "misses"), [(1, 1), (2, 2), (3, 3), (12, 4)])
+def test_a_neighbour_that_is_not_at_its_place_is_given_up(looks, misses):
+    tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
+    list(follow(tracker, np.array([4.0, 0.0, 0.0]), CRUISE, looks, rng))
+    for k in range(misses):
+        assert len(tracker.positions()) == 2
+        time = (looks + k) / 10
+        tracker.update(time, [], own(time), LEVEL, [True, True])
+    assert not len(tracker.positions())
+
+
+def test_the_end_of_one_track_leaves_the_others_as_they_are():
+    def known(ghost_until):
+        tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
+        for k in range(30):
+            seen = [look(np.array([4.0, -1.0 + 0.1 * k, 0.0]), rng)]
+            if k < ghost_until:
+                aside = np.array([3.0, -5.0, 0.0])
+                seen.append(Detection(aside / np.linalg.norm(aside), 5.8, 0.005, 0.05))
+            in_view = [True] * len(tracker.positions())
+            tracker.update(k / 10, seen, still(k / 10), LEVEL, in_view)
+            tracker.predict(k / 10 + 0.05)
+        (track,) = tracker.tracks()
+        return track
+
+    alone, beside = known(0), known(6)
+    assert np.allclose(beside.p, alone.p)
+    assert np.allclose(beside.v, alone.v)
+    assert np.allclose(beside.P, alone.P)
+
+
+def test_a_look_that_is_not_clear_makes_nothing_more_likely():
+    tracker = Tracker(TrackerConfig())
+    for k in range(10):
+        seen = Detection(np.array([1.0, 0.0, 0.0]), 4.0, 0.003, sigma_range=1.0)
+        tracker.update(k / 10, [seen], own(k / 10), LEVEL, None)
+    assert not tracker.tracks()
+
+
+def test_a_track_out_of_sight_slows_down_but_not_at_the_first_miss():
+    tracker, rng = Tracker(MANOEUVRES), np.random.default_rng(3)
     for k in range(8):
         offset = np.array([4.0, -1.0 + 0.15 * k, 0.0])
         tracker.update(k / 10, [look(offset, rng)], still(k / 10), LEVEL, None)
@@ -89,7 +203,7 @@ def test_a_track_out_of_sight_slows_down_but_not_at_the_first_miss():
 @pytest.mark.parametrize("across", [0.5, 1.0, 2.0])
 def test_the_less_a_neighbour_flew_along_the_nearer_to_rest_it_is_believed_to_fade(across):
     """It flies ahead at cruise and drifts aside; then it is out of sight for 2.5 s."""
-    tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
+    tracker, rng = Tracker(MANOEUVRES), np.random.default_rng(3)
     velocity = np.array([CRUISE[0], across, 0.0])
     list(follow(tracker, np.array([3.0, -1.5, 0.0]), velocity, 12, rng))
     for k in range(12, 37):
@@ -116,7 +230,7 @@ def test_a_neighbour_that_comes_out_from_behind_another_is_not_tracked_as_fast()
 
 def test_a_neighbour_that_flew_along_keeps_the_own_velocity_out_of_sight():
     """A drone 2 m abeam leaves the view; both fly on, then both slow down to a third."""
-    tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
+    tracker, rng = Tracker(MANOEUVRES), np.random.default_rng(3)
     abeam = np.array([0.3, 2.0, 0.0])
     list(follow(tracker, abeam, CRUISE, 8, rng))
     p, v = CRUISE * 0.7, CRUISE

@@ -68,7 +68,7 @@ def test_what_is_remembered_turns_about_the_drone(sized):
     tracker = Tracker(TrackerConfig(size_sigma=0.3 if sized else 0.0))
     detection = Detection(np.array([1.0, 0.0, 0.0]), 3.0, 0.02, 0.1)
     tracker.update(1.0, [detection], own, LEVEL)
-    (axis,), (before,) = trunks.occluders()[:, :2], tracker.positions()
+    (axis,), before = trunks.occluders()[:, :2], tracker.positions()[0]
     for each in (trunks, points, tracker):
         each.turn(own.p, np.pi / 2)
     east, north = axis - own.p[:2]
