@@ -19,8 +19,14 @@ RENAMED = {
     "gaze.seen_none": "speed_limits.no_view",
     "gaze.creep": "speed_limits.no_view_share",
 }
-# Its value scaled every threat alike and changed no flight; moved to nmpc.d_ref it would.
-REMOVED = {"threat.d_ref": "nmpc.d_ref serves both; leave this key out"}
+_ODDS = "tracker.detected, ghosts and surest tell how sure looks make of a neighbour"
+REMOVED = {
+    # Its value scaled every threat alike and changed no flight; moved to nmpc.d_ref it would.
+    "threat.d_ref": "nmpc.d_ref serves both; leave this key out",
+    "tracker.hits_to_confirm": "tracker.confirmed tells from which probability on a track counts",
+    "tracker.life_per_look": _ODDS,
+    "tracker.misses_to_drop": _ODDS,
+}
 
 
 def upgraded(config: dict[str, Any], fileversion: int) -> dict[str, Any]:

@@ -68,6 +68,16 @@ def test_a_removed_key_is_not_to_be_moved(tmp_path):
     assert problem.startswith(f"{file}:2:10: threat.d_ref: was removed: nmpc.d_ref serves both")
 
 
+def test_a_count_of_looks_is_told_what_has_taken_its_place(tmp_path):
+    file = tmp_path / "old.yaml"
+    file.write_text("fileversion: 2\ntracker: {hits_to_confirm: 3, misses_to_drop: 4}\n")
+    with pytest.raises(SettingsError) as caught:
+        load_config(file)
+    first, second = caught.value.problems
+    assert first.startswith(f"{file}:2:11: tracker.hits_to_confirm: was removed: tracker.confirmed")
+    assert second.startswith(f"{file}:2:31: tracker.misses_to_drop: was removed: tracker.detected")
+
+
 def test_a_log_of_version_1_is_read_in_the_new_keys():
     before = copy.deepcopy(OLD)
     config = CompanionConfig.model_validate(upgraded(OLD, FILEVERSION))
