@@ -59,14 +59,15 @@ class Modes:
         """Pass over from mode to mode; change: (2,) probability that each mode is left."""
         leave = change[:, None] * self.weight
         weight = self.weight - leave + leave[::-1]
-        share = (leave[::-1] / weight).ravel()  # of each mode, what comes from the other one
+        share = leave[::-1] / weight  # of each mode, what comes from the other one
         n = self.weight.shape[1]
-        apart = np.concatenate([self.mean[n:], self.mean[:n]]) - self.mean
-        self.mean = self.mean + share[:, None] * apart
-        spread = (share * (1.0 - share))[:, None, None] * apart[:, :, None] * apart[:, None, :]
-        share = share[:, None, None]
-        other = np.concatenate([self.covariance[n:], self.covariance[:n]])
-        self.covariance = self.covariance + share * (other - self.covariance) + spread
+        apart = self.mean[n:] - self.mean[:n]
+        spread = apart[:, :, None] * apart[:, None, :]
+        wider = self.covariance[n:] - self.covariance[:n]
+        for rows, part, sign in ((slice(n), share[0], 1.0), (slice(n, None), share[1], -1.0)):
+            self.mean[rows] += (sign * part)[:, None] * apart
+            part = part[:, None, None]
+            self.covariance[rows] += sign * part * wider + part * (1.0 - part) * spread
         self.weight = weight
 
     def mixture(self) -> tuple[Vector, Vector]:

@@ -149,7 +149,6 @@ class Tracker:
         self._rates = np.array([1.0 / config.keeps_on, 1.0 / config.manoeuvres])
         self._hit = math.log(config.detected / config.ghosts)
         self._surest = _log_odds(config.surest)
-        self._identity = np.eye(states)
 
     def update(
         self,
@@ -193,6 +192,8 @@ class Tracker:
         """Note the tracks that were looked for and not seen; in_view: (2,n), by mode."""
         missed = in_view.astype(float)
         missed[:, seen] = 0.0
+        if not missed.any():
+            return
         shows = (self._modes.weight * missed).sum(axis=0)
         self._odds += np.log(1.0 - self._config.detected * shows)
         self._modes.weigh(np.arange(len(self._ids)), np.log(1.0 - self._config.detected * missed))
@@ -216,7 +217,8 @@ class Tracker:
         fading = time - min(time - self._looked, _FRAME_AGE_MAX) - self._seen > _FADE_AFTER
         keep = np.ones((2, len(fading)))
         keep[MANOEUVRES, fading] = math.exp(-self._config.damping * dt)
-        to = np.tile(self._along[:, None] * self._own_velocity, (2, 1))
+        to = self._along[:, None] * self._own_velocity
+        to = np.concatenate([to, to])
         self._carry(dt, keep.ravel(), to, np.repeat(self._noise, len(fading)))
 
     def _carry(self, dt: float, keep: Vector, to: Vector, sigma: Vector) -> None:
@@ -233,13 +235,11 @@ class Tracker:
         mean[:, 3:6] = to + keep[:, None] * (mean[:, 3:6] - to)
         if self._sized:
             return
-        # F P F' + Q by blocks: a of positions, b of both, d of velocities
-        keep, q = keep[:, None, None], (dt * dt * sigma**2)[:, None, None] * _IDENTITY
-        a, b, d = c[:, :3, :3], c[:, :3, 3:], c[:, 3:, 3:]
-        a += dt * (b + b.transpose(0, 2, 1)) + dt * dt * (d + 0.25 * q)
-        b[:] = keep * (b + dt * d) + 0.5 * dt * q
-        c[:, 3:, :3] = b.transpose(0, 2, 1)
-        d[:] = keep * keep * d + q
+        step = np.empty(c.shape)
+        step[:] = np.eye(6) + dt * np.eye(6, k=3)
+        step[:, 3:] *= keep[:, None, None]
+        jolt = dt * np.eye(6, 3, k=-3) + 0.5 * dt * dt * np.eye(6, 3)
+        c[:] = step @ c @ step.mT + (sigma * sigma)[:, None, None] * (jolt @ jolt.T)
 
     def turn(self, p: Vector, angle: float) -> None:
         """Turn all tracks left about p (3,) m by a small `angle` [rad]."""
@@ -264,7 +264,8 @@ class Tracker:
         """Return the confirmed tracks, oldest first."""
         time = self._time or 0.0
         sure = self._confirmed
-        mean, covariance = self._modes.kept(sure).mixture()
+        modes = self._modes if sure.all() else self._modes.kept(sure)
+        mean, covariance = modes.mixture()
         scales = np.ones(len(mean))
         if self._sized:
             scales = 1.0 / mean[:, 6]
@@ -338,40 +339,40 @@ class Tracker:
         if not len(z) or not len(self._ids):
             return []
         at, _, spread = self._expected(*self._modes.mixture(), here)
-        s = spread[:, None] + r[None]
         residual = z[None] - at[:, None]
-        solved = np.linalg.solve(s, residual[..., None])[..., 0]
-        cost = np.einsum("tdi,tdi->td", residual, solved)
-        fits = (cost < self._config.gate) & (clear | ~self._stale[:, None])
+        # No variance is larger than the trace: what is out of the gate by that is out of it.
+        most = np.trace(spread, axis1=1, axis2=2)[:, None] + np.trace(r, axis1=1, axis2=2)
+        fits = (residual * residual).sum(axis=2) < self._config.gate * most
+        fits &= clear | ~self._stale[:, None]
+        track, look = np.nonzero(fits)
+        off, s = residual[track, look][..., None], spread[track] + r[look]
+        cost = (off * np.linalg.solve(s, off)).sum(axis=(1, 2))
+        fits[track, look] = near = cost < self._config.gate
         if fits.sum(axis=0).max() <= 1 and fits.sum(axis=1).max() <= 1:  # there is no choice
             return [(track, detection) for track, detection in np.argwhere(fits).tolist()]
         # log det S keeps a track of large covariance from taking the detection of a sure track
-        score = np.where(fits, cost + np.linalg.slogdet(s)[1], 1e3)
+        score = np.full(fits.shape, 1e3)
+        score[track[near], look[near]] = (cost + np.linalg.slogdet(s)[1])[near]
         return [pair for pair in assign(score) if score[pair] < 1e3]
 
     def _correct(self, n: NDArray[np.int_], z: Vector, r: Vector, here: Vector) -> None:
-        """Correct tracks n (m,) by positions z (m,3) of covariance r (m,3,3), in Joseph's form."""
+        """Correct tracks n (m,) by positions z (m,3) of covariance r (m,3,3)."""
         means, covariances = self._modes.mean, self._modes.covariance
         n = np.concatenate([n, n + len(self._ids)])  # both modes
-        z, r = np.tile(z, (2, 1)), np.tile(r, (2, 1, 1))
+        z, r = np.concatenate([z, z]), np.concatenate([r, r])
         mean, p = means[n], covariances[n]
         at, across, spread = self._expected(mean, p, here)
         s, off = spread + r, (z - at)[..., None]
         solved = np.linalg.solve(s, np.concatenate([across, off], axis=2))
-        k = solved[..., :-1].transpose(0, 2, 1)
         distance = (off * solved[..., -1:]).sum(axis=(1, 2))
-        mean += (k @ off)[..., 0]
-        a = np.zeros(p.shape)
-        a[:] = self._identity
-        a[:, :, :3] -= k
+        mean += (solved[..., :-1].mT @ off)[..., 0]
         if self._sized:
-            a[:, :, 6] += k @ here
             mean = track_size.bounded(mean)
         speed = lengths(self._velocities(mean))[:, None]
         mean[:, 3:6] *= np.minimum(1.0, self._config.speed_max / np.maximum(speed, 1e-9))
-        corrected = a @ p @ a.transpose(0, 2, 1) + k @ r @ k.transpose(0, 2, 1)
+        corrected = p - across.mT @ solved[..., :-1]
         # Without this, rounding errors grow from update to update until a variance is negative.
-        means[n], covariances[n] = mean, 0.5 * (corrected + corrected.transpose(0, 2, 1))
+        means[n], covariances[n] = mean, 0.5 * (corrected + corrected.mT)
         fit = -0.5 * (distance + np.linalg.slogdet(s)[1])
         self._modes.weigh(n[: len(n) // 2], fit.reshape(2, -1))
 
