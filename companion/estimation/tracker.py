@@ -120,6 +120,8 @@ _FADE_AFTER = 0.15  # s unseen in the frames that came: more than a tick
 _FRAME_AGE_MAX = 0.25  # s without a frame during which no neighbour counts as out of sight
 _STALE_AFTER = 0.5  # s unseen, after which the place of a neighbour is a guess
 _IDENTITY = np.eye(3)
+_STAYS, _MOVES = np.eye(6), np.eye(6, k=3)  # of (p, v) from (p, v): 1, and p from v
+_IS_MOVED, _SPEEDS_UP = np.eye(6, 3), np.eye(6, 3, k=-3)  # p and v from the acceleration
 _NOWHERE = np.zeros(3)
 
 
@@ -236,9 +238,9 @@ class Tracker:
         if self._sized:
             return
         step = np.empty(c.shape)
-        step[:] = np.eye(6) + dt * np.eye(6, k=3)
+        step[:] = _STAYS + dt * _MOVES
         step[:, 3:] *= keep[:, None, None]
-        jolt = dt * np.eye(6, 3, k=-3) + 0.5 * dt * dt * np.eye(6, 3)
+        jolt = dt * _SPEEDS_UP + 0.5 * dt * dt * _IS_MOVED
         c[:] = step @ c @ step.mT + (sigma * sigma)[:, None, None] * (jolt @ jolt.T)
 
     def turn(self, p: Vector, angle: float) -> None:
