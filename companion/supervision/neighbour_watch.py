@@ -19,6 +19,7 @@ from mavlink_bridge.shared.arrays import Vector, norm
 _WINDOW = 0.5  # s that are remembered
 _LEAST = 0.25  # s over which speeds are compared: two looks are noise
 _SIGMAS = 3.0  # of the places, beyond which a bound counts as broken
+_LAG = 0.2  # s: what it did in the last two looks before, its track may not know yet
 _LATELY = 0.15  # s; a neighbour unseen for longer is where memory puts it
 _SURE = 0.5  # s that a track has lived before its end counts as no ghost's
 _KEPT = 1.0  # s for which it counts after its end
@@ -96,7 +97,7 @@ class NeighbourWatch:
             return f"neighbour {t.id}: {speed:.1f} m/s, {self._speed:g} m/s are assumed"
         off = norm(t.p - before.p - before.v * dt)
         spread = _SIGMAS * math.hypot(_sigma(before, dt), _sigma(t, 0.0))
-        more = 2.0 * (off - spread) / dt**2
+        more = (off - spread) / (0.5 * dt * dt + _LAG * dt)
         if more > self._acceleration:
             bound = f"{self._acceleration:g} m/s² are assumed"
             return f"neighbour {t.id}: {more:.1f} m/s² off its course, {bound}"
