@@ -126,9 +126,9 @@ _NOWHERE = np.zeros(3)
 
 
 class Tracker:
-    """Tracks neighbours as arrays: mean (2,n,6) of p, v; covariance (2,n,6,6); ids, births, looks.
+    """Tracks neighbours as arrays: their states in both modes, see `Modes`; ids, births, odds.
 
-    Where sizes are unknown, mean (2,n,7) and covariance (2,n,7,7) are as in `track_size`.
+    A state is p, v (6,); where sizes are unknown, it is that of `track_size` (7,).
     """
 
     def __init__(self, config: TrackerConfig) -> None:
