@@ -34,6 +34,7 @@ from mavlink_bridge.shared.settings import SettingsError
 from sitl_sim.api import load
 from sitl_sim.flight.runner import Flight, flight
 from sitl_sim.gym_actor import SIZE, UPRIGHT, Actor, FlightEnded, InputActor, Meeting
+from sitl_sim.scenarios import placement
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.scenario import Scenario
 from sitl_sim.worlds.world import surface_distance
@@ -217,7 +218,7 @@ class SwarmEnv(ParallelEnv[str, Seen, Vector]):  # type: ignore[misc]
         try:
             self._meeting.begin()
             scenario = self._load(self._seed)
-            self._yaws = scenarios.frame_yaws(scenario)
+            self._yaws = placement.frame_yaws(scenario)
             with (
                 tempfile.TemporaryDirectory() as folder,
                 flight(scenario, Path(folder), in_process=True) as f,

@@ -59,7 +59,7 @@ def draw_plan(scenario: Scenario, path: Path) -> None:
     from matplotlib.patches import Circle, Rectangle
 
     from sitl_sim.campaigns.study_page import new_figure
-    from sitl_sim.scenarios import scenario as scenarios
+    from sitl_sim.scenarios import placement
     from sitl_sim.worlds.generators import build
 
     figure = new_figure(4.2, 4.2)
@@ -73,9 +73,9 @@ def draw_plan(scenario: Scenario, path: Path) -> None:
         axes.add_patch(
             Rectangle((x0, y0), x1 - x0, y1 - y0, color="#777777", alpha=1 if inside else 0.25)
         )
-    start = scenarios.starts(scenario)
+    start = placement.starts(scenario)
     for k, (s, goals) in enumerate(
-        zip(start, scenarios.targets(scenario, start).values(), strict=True)
+        zip(start, placement.targets(scenario, start).values(), strict=True)
     ):
         path_xy = [s[:2], *(g[:2] for g in goals)]
         colour = f"C{k % 10}"

@@ -11,6 +11,7 @@ from mavlink_bridge.shared.arrays import Vector
 from sitl_sim.external.fleet import RealFleet, Wire
 from sitl_sim.external.lockstep_fleet import LockstepFleet
 from sitl_sim.flight.own_binary import boot_parameters, own_binary, own_path
+from sitl_sim.scenarios import placement
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import companion_port
 from sitl_sim.scenarios.conditions import drawn
@@ -42,7 +43,7 @@ def switch_on(
     Raises:
         ExternalError, NamespaceError: a real autopilot cannot be run; the message says why.
     """
-    names, yaws = scenarios.drone_names(scenario), scenarios.frame_yaws(scenario)
+    names, yaws = scenarios.drone_names(scenario), placement.frame_yaws(scenario)
     systems = list(range(1, len(names) + 1))
     folders = [folder / "drones" / name for name in names]
     boot = np.array(boot_ms) / 1e3
@@ -98,7 +99,7 @@ def foreign_fleet(
 
 def _pilots(scenario: Scenario, start: Vector, trunks: Vector) -> Iterator[Pilot]:
     names = scenarios.drone_names(scenario)
-    foreign, targets = scenario.drones.foreign, scenarios.targets(scenario, start)
+    foreign, targets = scenario.drones.foreign, placement.targets(scenario, start)
     ours = [i for i, name in enumerate(names) if name not in foreign]
     for i, name in enumerate(names):
         config = foreign.get(name)

@@ -12,6 +12,7 @@ import yaml
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import SettingsError
 from sitl_sim.recording.run_folder import holds_flight
+from sitl_sim.scenarios import placement
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import KEY_FILE
 from sitl_sim.scenarios.scenario import Scenario
@@ -55,7 +56,7 @@ def whose_targets(scenario: Scenario, start: Vector) -> dict[str, Any]:
     start: (n,3) m, world.
     """
     foreign = scenarios.foreign_names(scenario)
-    targets = scenarios.targets(scenario, start)
+    targets = placement.targets(scenario, start)
     ours = {name: goals for name, goals in targets.items() if name not in foreign}
     return {"targets": ours} | ({"foreign": foreign} if foreign else {})
 

@@ -40,6 +40,7 @@ from sitl_sim.flight.signed_lines import VehicleSigning, key_of
 from sitl_sim.flight.vehicle_connection import Capture, VehicleConnection
 from sitl_sim.recording.run_folder import own_frames
 from sitl_sim.recording.truth import Truth
+from sitl_sim.scenarios import placement
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import check_companions, companion_config, companion_port
 from sitl_sim.scenarios.scenario import QUANTUM_MS, TICK_MS, Scenario
@@ -87,7 +88,7 @@ class Flight:
         check_companions(scenario, in_process)
         self._with_companion = set(scenarios.companion_names(scenario))
         self._foreign = set(scenarios.foreign_names(scenario))
-        start = scenarios.starts(scenario)
+        start = placement.starts(scenario)
         self.world: dict[str, Any] = {
             "drone_radius": scenario.drones.radius,
             **build(scenario.world, scenario.seed),
@@ -103,9 +104,9 @@ class Flight:
         if len(set(radii.values())) > 1:
             self.world["drone_radii"] = radii
         self.vehicles = Vehicles(
-            true_airframes(scenario), start, scenarios.headings(scenario, start)
+            true_airframes(scenario), start, placement.headings(scenario, start)
         )
-        boot_ms = scenarios.boot_ms(scenario)
+        boot_ms = placement.boot_ms(scenario)
         self.sensors = Sensors(scenario, self.world)
         self._real_time = real_time or scenario.drones.own_time
         if self._real_time:

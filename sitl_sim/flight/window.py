@@ -29,6 +29,7 @@ from sitl_sim.flight.inputs import whose_targets, write_inputs, write_world
 from sitl_sim.flight.sensors import Sensors
 from sitl_sim.recording.run_folder import OwnFrame
 from sitl_sim.recording.truth import RATE_HZ, Truth
+from sitl_sim.scenarios import placement
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import companion_config
 from sitl_sim.scenarios.scenario import TICK_MS, Scenario
@@ -71,7 +72,7 @@ class Window:
         """Build the world; say: tells the user something while the window is open."""
         self.scenario, self.folder, self.vehicle = scenario, folder, vehicle
         self.names = scenarios.drone_names(scenario)
-        self._start = scenarios.starts(scenario)
+        self._start = placement.starts(scenario)
         self.world: dict[str, Any] = {
             "drone_radius": scenario.drones.airframe(0).radius,
             **build(scenario.world, scenario.seed),
@@ -112,7 +113,7 @@ class Window:
             KeyboardInterrupt: the window was stopped.
         """
         state = self.vehicle.await_stand(lambda: self.stopped_by is not None)
-        heading = float(scenarios.headings(self.scenario, self._start)[0])
+        heading = float(placement.headings(self.scenario, self._start)[0])
         yaw = heading - euler_from_quaternion(state.q_wb)[2]
         self._own = self._standing(state.p, yaw)
         poses = self.vehicle.poses

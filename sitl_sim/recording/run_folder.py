@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.mcap_file import LogError, read_messages, salvage
 from mavlink_bridge.shared.settings import SettingsError
+from sitl_sim.scenarios import placement
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.scenario import Scenario
 
@@ -92,8 +93,8 @@ def own_frames(scenario: Scenario, world: Mapping[str, Any]) -> list[OwnFrame]:
     if told := world.get("frames"):
         frames = [told[name] for name in scenarios.drone_names(scenario)]
         return [OwnFrame(np.array(f["origin"]), f["yaw"], f["boot"]) for f in frames]
-    start, yaws = scenarios.starts(scenario), scenarios.frame_yaws(scenario)
-    boots = scenarios.boot_ms(scenario)
+    start, yaws = placement.starts(scenario), placement.frame_yaws(scenario)
+    boots = placement.boot_ms(scenario)
     return [OwnFrame(o, float(y), b / 1e3) for o, y, b in zip(start, yaws, boots, strict=True)]
 
 

@@ -12,6 +12,7 @@ import yaml
 from mavlink_bridge.shared.parts import PartError
 from mavlink_bridge.shared.settings import SettingsError, overlay, parse_yaml, validate
 from sitl_sim.external.fleet import BRIDGE_DELAY, EXPONENT, HOVER
+from sitl_sim.scenarios import placement
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_entry_points import companion_class
 from sitl_sim.scenarios.foreign import PILOTS
@@ -41,9 +42,9 @@ def companion_config(
     frame: of the vehicle, where they are not as the scenario says.
     """
     s, wire, name = scenario, scenario.wire, scenarios.drone_names(scenario)[i]
-    start = scenarios.starts(s)
-    own = frame or LocalFrame(start[i], float(scenarios.frame_yaws(s)[i]), GeoReference())
-    goals = [own.point(np.array(g)) for g in scenarios.targets(s, start)[name]]
+    start = placement.starts(s)
+    own = frame or LocalFrame(start[i], float(placement.frame_yaws(s)[i]), GeoReference())
+    goals = [own.point(np.array(g)) for g in placement.targets(s, start)[name]]
     config: dict[str, Any] = {
         "fileversion": 2,
         "name": name,
@@ -67,8 +68,8 @@ def companion_config(
             "goals": [[round(float(a), 4) for a in g] for g in goals],
             "tolerance": round(s.mission.tolerance * 0.9, 4),
             "takeoff_altitude": s.mission.altitude,
-            "level": round(float(scenarios.levels(s)[i]), 4),
-            "wait": float(scenarios.waits(s)[i]),
+            "level": round(float(placement.levels(s)[i]), 4),
+            "wait": float(placement.waits(s)[i]),
             "auto": True,
         },
         "log": {"path": str((folder / "drones" / name / "flight.mcap").resolve())},

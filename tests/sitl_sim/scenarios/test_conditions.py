@@ -5,6 +5,7 @@ import pytest
 
 from mavlink_bridge.shared.settings import SettingsError
 from sitl_sim.flight.autopilots import true_airframes
+from sitl_sim.scenarios import placement
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import companion_config
 from sitl_sim.scenarios.conditions import WindConfig, drawn
@@ -127,11 +128,11 @@ def test_a_slope_is_one_plane_of_its_angle_and_has_no_walls():
 @pytest.mark.parametrize("options", [("ground=uneven", "look=clearing"), ("ground=slope",)])
 def test_starts_targets_and_trunks_stand_on_ground_that_is_not_flat(options):
     s = load(*(f"world.{option}" for option in options), "seed=3")
-    world, start = build(s.world, s.seed), scenarios.starts(s)
+    world, start = build(s.world, s.seed), placement.starts(s)
     ground = Ground(world)
     np.testing.assert_allclose(start[:, 2], ground.height(start[:, 0], start[:, 1]))
     assert np.ptp(start[:, 2]) > 0.02
-    goals = np.array([g for goals in scenarios.targets(s, start).values() for g in goals])
+    goals = np.array([g for goals in placement.targets(s, start).values() for g in goals])
     np.testing.assert_allclose(
         goals[:, 2] - ground.height(goals[:, 0], goals[:, 1]), 2.0, atol=1e-3
     )

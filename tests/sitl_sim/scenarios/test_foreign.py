@@ -7,6 +7,7 @@ import yaml
 
 from mavlink_bridge.shared.settings import SettingsError
 from sitl_sim.flight.inputs import whose_targets
+from sitl_sim.scenarios import placement
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import check_companions, companion_config
 
@@ -60,11 +61,11 @@ def test_a_controllers_companion_flies_with_it_alone(tmp_path):
 
 def test_the_world_names_the_foreign_ones_by_number_and_has_no_targets_of_theirs():
     s = loaded("{drone10: {does: rbl}, drone2: {does: pursue}}")
-    world = whose_targets(s, scenarios.starts(s))
+    world = whose_targets(s, placement.starts(s))
     assert world["foreign"] == ["drone2", "drone10"]
     assert set(world["targets"]) == {f"drone{n}" for n in (1, 3, 4, 5, 6, 7, 8, 9)}
     without = scenarios.load("crossing", [])
-    assert "foreign" not in whose_targets(without, scenarios.starts(without))
+    assert "foreign" not in whose_targets(without, placement.starts(without))
 
 
 def test_what_is_written_into_the_run_folder_is_read_again(tmp_path):

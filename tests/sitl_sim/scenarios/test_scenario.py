@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from mavlink_bridge.shared.settings import SettingsError
+from sitl_sim.scenarios import placement
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.worlds.generators import build
 from sitl_sim.worlds.world import surface_distance
@@ -46,8 +47,8 @@ def apart(points):
 def test_starts_and_targets_are_free_and_apart_with_any_seed(name, missions):
     for seed in range(5):
         s = load(name, seed, missions)
-        world, start = build(s.world, s.seed), scenarios.starts(s)
-        goals = scenarios.targets(s, start)
+        world, start = build(s.world, s.seed), placement.starts(s)
+        goals = placement.targets(s, start)
         assert len(start) == s.drones.count == len(goals)
         assert apart(start) > 1.1
         up = start + np.array([0, 0, s.mission.altitude])
@@ -63,7 +64,7 @@ def test_starts_and_targets_are_free_and_apart_with_any_seed(name, missions):
 def test_the_seed_alone_varies_world_and_starts(name, missions):
     def flown(seed):
         s = load(name, seed, missions)
-        return build(s.world, s.seed), scenarios.starts(s).tolist()
+        return build(s.world, s.seed), placement.starts(s).tolist()
 
     assert flown(3) == flown(3)
     assert flown(3) != flown(4)
@@ -71,9 +72,9 @@ def test_the_seed_alone_varies_world_and_starts(name, missions):
 
 def test_drones_face_their_first_target():
     s = scenarios.load("circle", ["seed=1"])
-    start = scenarios.starts(s)
+    start = placement.starts(s)
     inward = -start[:, :2] / np.linalg.norm(start[:, :2], axis=1)[:, None]
-    yaw = scenarios.headings(s, start)
+    yaw = placement.headings(s, start)
     assert (np.column_stack([np.cos(yaw), np.sin(yaw)]) * inward).sum(axis=1).min() > 0.999
 
 
@@ -81,9 +82,9 @@ def test_a_mission_comes_from_the_file_that_the_user_names(missions):
     s = load("lsc-forest", 3, missions, "drones.count=4")
     assert [c.y for c in s.world.cylinders] == [0.2]  # the second of two
     assert s.drones.radius == 0.15
-    start = scenarios.starts(s)
+    start = placement.starts(s)
     assert start[:, 1].tolist() == [0.0, 1.5, 3.0, 4.5]
-    assert scenarios.targets(s, start)["drone2"] == [[-3.0, 1.5, 1.0]]
+    assert placement.targets(s, start)["drone2"] == [[-3.0, 1.5, 1.0]]
     # What is written into the run folder stands by itself.
     assert scenarios.Scenario.model_validate(s.model_dump()) == s
 
@@ -128,8 +129,8 @@ def test_a_users_binary_has_parameters_of_its_own():
 
 def test_a_formation_spreads_around_its_last_target():
     s = scenarios.load("tunnel", ["seed=2"])
-    start = scenarios.starts(s)
-    goals = np.array(list(scenarios.targets(s, start).values()))
+    start = placement.starts(s)
+    goals = np.array(list(placement.targets(s, start).values()))
     assert (goals[:, :-1] == goals[0, :-1]).all()  # shared on the way
     ends = goals[:, -1]
     assert ends.mean(axis=0) == pytest.approx(s.mission.targets[-1], abs=1e-3)
@@ -137,16 +138,16 @@ def test_a_formation_spreads_around_its_last_target():
 
 
 def test_drones_are_distributed_over_the_levels_at_random(missions):
-    one, two = (scenarios.levels(load("lsc-forest", seed, missions)) for seed in (0, 1))
+    one, two = (placement.levels(load("lsc-forest", seed, missions)) for seed in (0, 1))
     heights, drones = np.unique(one, return_counts=True)
     assert heights.tolist() == [-0.4, 0.3, 1.0]
     assert drones.min() >= 6
     assert (one != two).any()
-    assert not scenarios.levels(load("crossing", 0, missions)).any()
+    assert not placement.levels(load("crossing", 0, missions)).any()
 
 
 def test_the_drones_of_each_level_are_distributed_over_the_waits(missions):
     scenario = load("lsc-forest", 0, missions)
-    level, wait = scenarios.levels(scenario), scenarios.waits(scenario)
+    level, wait = placement.levels(scenario), placement.waits(scenario)
     for height in scenario.mission.levels:
         assert np.unique(wait[level == height], return_counts=True)[1].min() >= 2
