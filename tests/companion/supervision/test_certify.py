@@ -6,7 +6,8 @@ import pytest
 from companion.estimation.delay import Delay
 from companion.estimation.prediction import Prediction
 from companion.supervision.certificate import Scene
-from companion.supervision.certify import CertificateConfig, Certifier, Flown
+from companion.supervision.certify import CertificateConfig, Certifier, Flown, braking_law
+from companion.supervision.evasion import STRAIGHT, simulate
 from companion.supervision.guard_config import GuardConfig
 from companion.supervision.neighbour_watch import NeighbourWatch
 from companion.types import Track
@@ -142,3 +143,27 @@ def test_the_end_of_a_ghost_or_of_one_that_is_seen_again_is_an_end():
     assert [t.id for t in ended(2.0, 0.2, other)] == [4, 3]
     beside = Track(4, np.array([4.4, 0.3, 2.0]), np.zeros(3), np.eye(6), 3.0, 0.0)
     assert [t.id for t in ended(2.0, 0.2, beside)] == [4, 3]  # it was there before
+
+
+def test_what_was_accepted_is_flown_on_with_half_of_the_doubt():
+    def doubtful(x, sigma):
+        row = [x, 0.0, 2.0, 0.0, 0.0, 0.0, sigma**2, 0.0, 1e-6, 0.0, 0.0]
+        none = np.zeros((0, 3))
+        made = Scene(np.array([row]), np.zeros((0, 6)), none, np.zeros((0, 4)), np.full(36, 5.0))
+        return lambda: made
+
+    c = certifier()
+    before = c.certify(HOVER, moving(1.2), doubtful(3.0, 0.01), KNOWN)
+    assert before.flown is Flown.COMMAND
+    sure = before.margin + 2.0 * 0.01  # m that are left without any doubt
+    found = c.certify(HOVER, moving(1.2), doubtful(3.0, 0.75 * sure), KNOWN)
+    assert found.margin < -0.1
+    assert found.flown is Flown.WAY
+
+
+def test_a_climb_comes_to_rest_before_its_way_ends():
+    state = np.array([0.0, 0.0, 2.0, 0.0, 0.0, 1.2, 1.0, 0.0, 0.0, 0.0])
+    way = simulate(state, STRAIGHT, np.zeros(3), braking_law(GuardConfig(), KNOWN), None)
+    still = int(np.argmax(way.v[0, :, 2] == 0.0))
+    assert way.v[0, still - 1, 2] < 0.05
+    assert way.p[0, -1, 2] - 2.0 == pytest.approx(1.2**2 / (2 * 3.0), abs=0.2)

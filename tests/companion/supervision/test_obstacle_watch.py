@@ -69,3 +69,14 @@ def test_reset_forgets():
     watch, _ = watched(np.array([1.5, 0.0]))
     watch.reset()
     assert watch.update(1.5, look(1.5, (6.25, 3.0))).broken == ()
+
+
+def test_two_trunks_side_by_side_keep_their_own_radii():
+    watch, velocity = ObstacleWatch(FORWARD), np.array([0.9, 0.0])
+    for time in np.arange(0.0, 1.5, 0.1):
+        one, other = (np.array([x, 3.0]) + time * velocity for x in (2.0, 5.0))
+        both, second = look(time, one, radius=0.2), look(time, other, radius=0.7)
+        both.trunks.extend(second.trunks)
+        found = watch.update(time, both)
+    radii = {round(float(row[0])): row[2] for row in found.cylinders}
+    assert radii == {3: 0.2, 6: 0.7}
