@@ -117,3 +117,11 @@ def test_the_noise_of_the_looks_does_not_shrink_the_distances():
     for n, place in enumerate(FEET):
         short.append(np.linalg.norm(np.array(k.places()[n]) - here) / np.linalg.norm(place - here))
     assert np.mean(short) == pytest.approx(1.0, abs=0.04)
+
+
+def test_a_look_is_doubtful_along_its_line_of_sight_and_across_it():
+    seen = Look(np.array([1.0, 0.0]), np.array([4.0, 4.0]), 0.5, 0.1)
+    noise = seen.noise(np.array([4.0, 4.0]))  # along (0.6, 0.8)
+    along, across = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
+    assert noise @ along == pytest.approx(0.25 * along)
+    assert noise @ across == pytest.approx(0.01 * across)

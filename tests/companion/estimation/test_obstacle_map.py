@@ -289,3 +289,21 @@ def test_a_near_trunk_whose_edge_is_cut_off_keeps_its_place():
     hidden = {"visibility": lambda places: np.zeros(len(places))}
     found = fly(known, 0.0, cut, drift=drift, **hidden)
     assert found[:, :2] == pytest.approx(np.array([near, far]), abs=0.05)
+
+
+@pytest.mark.parametrize(("beside", "misses"), [(0.0, 0), (0.3, 0), (0.55, 1), (0.9, 1)])
+def test_a_trunk_is_not_missed_where_a_nearer_one_covers_part_of_it(beside, misses):
+    """It is 6 m off, 0.2 m in radius; one of 0.25 m, 3 m off, covers it up to 0.35 m aside."""
+    config = ObstacleConfig(misses_to_forget=3)
+    known, far, near = ObstacleMap(config), np.array([6.0, 0.0]), np.array([3.0, beside])
+
+    def seen(x, axis, radius):
+        offset = axis - [x, 0.0]
+        direction = np.array([-offset[1], 0.0, offset[0]]) / np.linalg.norm(offset)
+        return Trunk(direction, float(np.linalg.norm(offset)), radius, 0.05)
+
+    for x in 0.01 * np.arange(6):
+        fly(known, x, seen(x, far, 0.2), seen(x, near, 0.25))
+    for x in 0.06 + 0.01 * np.arange(4):
+        found = fly(known, x, seen(x, near, 0.25))
+    assert len(found) == 2 - misses

@@ -98,3 +98,12 @@ def test_points_that_drift_has_made_poor_are_forgotten():
         sigmas += seen.standing().cylinders[:, 3].tolist()
     assert sigmas[0] < sigmas[-1] < 0.45
     assert not len(seen.standing().cylinders)
+
+
+def test_drift_makes_a_point_doubtful_by_its_distance_over_the_base_and_by_the_time():
+    """8 m off: yaw and what is left of the tilt add 8 m each, and 8 / 2 of it is along."""
+    fixed = points([[8.0, 0.0, 2.0]], base=2.0, since=0.5)
+    second = Drift(position=0.02, yaw=0.003, tilt=0.01, tilt_kept=0.6)
+    turn = 0.003**2 + 0.01**2 * (1.0 - 0.36)
+    expected = np.sqrt(0.1**2 + (0.02**2 + turn * 64.0) * 0.5 * 16.0)
+    assert doubted(fixed, HERE, second).sigmas == np.array([expected])

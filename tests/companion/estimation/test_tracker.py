@@ -295,3 +295,14 @@ def test_the_covariance_stays_symmetric_and_positive():
         for track in tracker.tracks():
             np.testing.assert_allclose(track.P, track.P.T, atol=1e-9)
             assert np.linalg.eigvalsh(track.P).min() > 0.0
+
+
+def test_a_time_before_the_last_frame_carries_the_places_back():
+    tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
+    list(follow(tracker, np.array([4.0, 0.0, 0.0]), CRUISE, 12, rng))
+    (now,) = tracker.tracks()
+    tracker.predict(0.9)
+    (then,) = tracker.tracks()
+    assert then.p == pytest.approx(now.p - 0.2 * now.v)
+    assert then.v == pytest.approx(now.v)
+    assert pytest.approx(now.P, rel=0.01) == then.P

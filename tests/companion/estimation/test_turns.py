@@ -3,11 +3,15 @@
 import numpy as np
 import pytest
 
+from companion.estimation.known_obstacles import ObstacleEstimator
 from companion.estimation.obstacle_map import ObstacleConfig, ObstacleMap
 from companion.estimation.parallax_map import ParallaxMap
+from companion.estimation.surface_map import SurfaceConfig
 from companion.estimation.tracker import Tracker, TrackerConfig
 from companion.estimation.turns import UnexplainedTurns
+from companion.perception.config import CameraConfig
 from companion.perception.parallax import FixedPoints
+from companion.perception.view import View, load_camera
 from companion.types import Detection, Trunk
 from mavlink_bridge.shared.frames import integrate, multiply
 from mavlink_bridge.wire.messages import Attitude, VehicleState
@@ -76,3 +80,12 @@ def test_what_is_remembered_turns_about_the_drone(sized):
     east, north, up = before - own.p
     assert tracker.positions()[0] == pytest.approx(own.p + np.array([-north, east, up]))
     assert points._points[0, :3] == pytest.approx([2.0, 4.0, there[2]])
+
+
+def test_the_turn_of_what_is_known_reaches_trunks_and_points(monkeypatch):
+    turned = []
+    for kind in (ObstacleMap, ParallaxMap):
+        monkeypatch.setattr(kind, "turn", lambda self, p, angle: turned.append((type(self), angle)))
+    view = View(load_camera(CameraConfig()), needs_foot=False)
+    ObstacleEstimator(view, ObstacleConfig(), SurfaceConfig()).turn(np.zeros(3), 0.1)
+    assert turned == [(ObstacleMap, 0.1), (ParallaxMap, 0.1)]

@@ -100,3 +100,17 @@ def test_on_the_ground_nothing_is_learnt():
         found = estimator.update(own, flying=False)
     assert found.value == 0.0
     assert found.sigma == pytest.approx(0.1)
+
+
+def test_a_state_that_is_corrected_is_the_one_from_which_the_next_change_counts():
+    """A step is taken out of the told velocity, and of all that follow: it shows once."""
+    estimator, steps = VelocityLag(), []
+    for own, _ in flight(0.0, seconds=12.0):
+        stepped = own.time > 10.0
+        told = replace(own, v=own.v + np.array([0.8 * stepped, 0.0, 0.0]))
+        estimator.update(told, flying=True)
+        if estimator.step is not None:
+            steps.append(estimator.step)
+            estimator.corrected(replace(told, v=told.v - np.array([*estimator.step.change, 0.0])))
+    assert len(steps) >= 2  # what is told next is again a step from what was corrected
+    assert steps[1].change == pytest.approx([0.8, 0.0], abs=0.25)
