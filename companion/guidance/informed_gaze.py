@@ -26,7 +26,7 @@ _SLOW, _FAST = 0.3, 0.8  # m/s: looks all round; swings within `limit`
 _TURN = 4.0  # sectors' worth of a radian beyond `limit`, and half a sector's of any
 _PRIOR = 0.5  # the same, of a radian squared off the random swing
 _THREAT, _MOST = 12.0, 2.0  # sectors' worth of 1 m/s of threat seen again after 1 s; m/s
-_IN_VIEW = 0.5  # s unseen as which one in view counts
+_IN_VIEW = 0.1  # s unseen as which one in view counts: a swing without it loses that much
 _FORGOTTEN = 3.0  # s unseen, from which it is no more worth
 _SETTLES = 0.15  # s after a turn until the next swing
 

@@ -56,9 +56,15 @@ def test_the_slower_it_is_the_farther_it_may_look_round():
     assert most == sorted(most, reverse=True)
 
 
-def test_who_threatens_in_view_keeps_the_look():
-    psi = looked(0.0, [Near(0.5, 2.0, 0.0)])
-    assert np.abs([wrap(0.5 - yaw) for yaw in psi]).max() < 1.3
+def test_who_threatens_is_not_lost_for_long_while_the_drone_looks_round():
+    gaze, psi, unseen, longest, farthest = make_gaze(INFORMED), 0.0, 0.0, 0.0, 0.0
+    for k in range(300):
+        gaze.mind([Near(0.5, 1.0, unseen)])
+        psi = gaze.update(k / 10, np.zeros(3), FAR, psi)
+        unseen = 0.0 if abs(wrap(0.5 - psi)) < 1.3 else unseen + 0.1
+        longest, farthest = max(longest, unseen), max(farthest, abs(psi))
+    assert farthest > 2.0
+    assert 0.5 < longest < 3.5
 
 
 def test_a_neighbour_behind_that_is_not_seen_is_looked_for():
