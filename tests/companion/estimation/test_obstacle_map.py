@@ -330,9 +330,17 @@ def test_numbers_of_the_map_that_mean_nothing_are_refused(name, value):
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("associate", 0.5), ("overlap", 0.0), ("keep_range", 0.5), ("view_range", 0.5)]
-    + [("hits_to_confirm", 1), ("hits_to_keep", 1), ("misses_to_forget", 1)]
-    + [("doubtful_unseen", 0.5), ("sigma_floor", 0.01)],
+    [
+        ("associate", 0.5),
+        ("overlap", 0.0),
+        ("hits_to_confirm", 1),
+        ("hits_to_keep", 1),
+        ("doubtful_unseen", 0.5),
+        ("misses_to_forget", 1),
+        ("keep_range", 0.5),
+        ("view_range", 0.5),
+        ("sigma_floor", 0.01),
+    ],
 )
 def test_small_numbers_of_the_map_are_taken(name, value):
     assert getattr(ObstacleConfig(**{name: value}), name) == value
