@@ -189,6 +189,8 @@ def test_points_that_stand_together_are_a_cylinder_round_them(known):
     assert found.cylinders == pytest.approx(np.array([[0.1, 3.0, 0.12], [4.0, 0.0, 0.5]]))
     assert found.sigmas[0] == pytest.approx(0.1)
     assert len(found.occluders) == 1
+    beyond = known.update(Detections(), at(x=9.0), SURE)
+    assert beyond.cylinders[:, 1] == pytest.approx([0.0, 3.0])  # the trunk is the nearer one
 
 
 def test_points_of_a_wide_shape_stay_points(known):
