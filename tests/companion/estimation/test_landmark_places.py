@@ -137,7 +137,9 @@ def test_a_drone_drifts_not_at_all_unless_it_is_told():
 
 
 def test_a_look_without_a_foot_is_not_shifted_by_a_tilt():
-    assert Look((0.0, 0.0), (3.0, 1.0), 0.1, 0.1).pose((3.0, 1.0)) == pytest.approx(np.zeros((2, 4)))
+    assert Look((0.0, 0.0), (3.0, 1.0), 0.1, 0.1).pose((3.0, 1.0)) == pytest.approx(
+        np.zeros((2, 4))
+    )
 
 
 @pytest.mark.parametrize("axis", range(4))

@@ -408,7 +408,7 @@ def test_the_trunk_with_the_nearest_surface_comes_first():
 
 
 @pytest.mark.parametrize(
-    ("looks", "later", "left"), [(5, 1.5, 1), (5, 1.6, 0), (6, 1.6, 1), (6, 99.0, 1)]
+    ("looks", "later", "left"), [(5, 1.5, 1), (5, 1.51, 0), (6, 1.51, 1), (6, 99.0, 1)]
 )
 def test_a_trunk_of_few_looks_is_forgotten_soon(looks, later, left):
     known = seen_times(looks, trunk(4.0))
@@ -426,6 +426,11 @@ def test_four_misses_make_a_trunk_forgotten_and_a_look_makes_good_for_all_of_the
     for _ in range(3):
         see(known)
     see(known, trunk(4.0))
+    assert [len(see(known)) for _ in range(4)] == [1, 1, 1, 0]
+
+
+def test_a_new_trunk_has_not_been_missed_yet():
+    known = seen_times(1, trunk(4.0), hits_to_confirm=1, hits_to_keep=1)
     assert [len(see(known)) for _ in range(4)] == [1, 1, 1, 0]
 
 
