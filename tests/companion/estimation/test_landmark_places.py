@@ -218,6 +218,16 @@ def test_a_place_is_never_surer_than_its_floor():
     assert k.variances() == pytest.approx([0.01, 0.008])
 
 
+@pytest.mark.parametrize("axis", range(2))
+def test_neither_axis_of_a_place_is_surer_than_its_floor(axis):
+    """A look tells one axis well; the next look moves it as far as its floor leaves it open."""
+    place = 4.0 * np.eye(2)[axis]
+    k = added(place)
+    k.correct(0, Look((0.0, 0.0), tuple(place), 0.001, 9.0), 0.008)
+    k.correct(0, look(place * 1.05), 0.0)
+    assert k.places()[0][axis] == pytest.approx(4.0 + 0.2 * 0.008 / (0.008 + 0.01))
+
+
 def test_places_turn_left_about_the_drone():
     k = added((4.0, 1.0), (1.0, 3.0))
     k.turn(np.array([1.0, 1.0, 9.0]), np.pi / 2)
@@ -258,9 +268,25 @@ def test_a_foot_that_seems_shifted_tells_a_tilt_as_far_as_the_tilt_may_have_chan
     far = ((6.0**2 + HEIGHT**2) / HEIGHT) / LEVER  # a foot at 6 m is shifted by so much more
     expected = 6.0 + RADIUS - far * by_tilt
     assert k.corrected(by_foot(0.0, 6.0 + RADIUS)) == pytest.approx((expected, 0.0))
+    now = ((4.05**2 + HEIGHT**2) / HEIGHT) / LEVER
+    k.correct(0, by_foot(0.05 + now * by_tilt), 0.0)  # as it is expected by now
+    assert k.places()[0] == pytest.approx((4.0 + RADIUS + 0.05, 0.0))
     k.drift((0.0, 0.0), Drift(tilt=TILT, tilt_kept=0.4))
     expected = 6.0 + RADIUS - 0.4 * far * by_tilt
     assert k.corrected(by_foot(0.0, 6.0 + RADIUS)) == pytest.approx((expected, 0.0))
+
+
+def test_a_tilt_shifts_feet_aside_by_less_and_along_their_line_of_sight():
+    """A drone that leans back: feet ahead seem far, and those at 53° by 0.6 of that."""
+    k = LandmarkPlaces()
+    k.drift((0.0, 0.0), Drift(tilt=TILT))
+    k.add(by_foot(0.0))
+    k.drift((0.0, 0.0), Drift(tilt=TILT, tilt_kept=0.0))
+    k.correct(0, by_foot(0.1), 0.0)
+    ahead = 0.05 * (LEVER * TILT) ** 2 / (SIGMA**2 + (LEVER * TILT) ** 2)
+    aside = np.array([0.6, 0.8])
+    seen = Look((0.0, 0.0), (4.0 + RADIUS) * aside, SIGMA, 0.05, Foot(0.0, HEIGHT, RADIUS))
+    assert k.corrected(seen) == pytest.approx((4.0 + RADIUS - 0.6 * ahead) * aside)
 
 
 def test_a_new_foot_is_placed_less_what_the_tilt_shifts_it():
