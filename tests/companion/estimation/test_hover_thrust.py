@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from companion.estimation.autopilot_thrust import AutopilotThrust, AutopilotThrustReader
-from companion.estimation.hover_thrust import KNOWN, HoverThrust
+from companion.estimation.hover_thrust import KNOWN, HoverEstimate, HoverThrust
 from companion.estimation.input_history import InputHistory, SentInput
 from mavlink_bridge.autopilots.px4 import MODES
 from mavlink_bridge.autopilots.registry import Identity
@@ -264,11 +264,12 @@ def test_an_acceleration_that_is_more_than_expected_means_a_lower_hover_thrust()
     assert found.map.exponent == 1.0
 
 
-def test_a_thrust_that_changes_tells_less_as_the_motors_lag():
+@pytest.mark.parametrize("exponent", [1.0, 2.0])
+def test_a_thrust_that_changes_tells_less_as_the_motors_lag(exponent):
     """Half of the change may not yet have been followed."""
-    lag = 0.5 * np.log(0.33 / 0.22)
-    found = observe(hover()[0], last=0.22)
-    assert found.doubt == pytest.approx(posterior(0.3, np.hypot(0.15, lag)))
+    lag = 0.5 * exponent * np.log(0.33 / 0.22)
+    found = observe(hover(exponent=exponent)[0], last=0.22)
+    assert found.doubt == pytest.approx(posterior(0.3, np.hypot(0.15, lag), exponent))
 
 
 @pytest.mark.parametrize(
@@ -392,7 +393,7 @@ def test_the_mismatch_is_the_mean_of_what_is_measured_over_what_is_expected():
     """A quarter of it is of the last 0.1 s, of 0.4 s."""
     assert observe(hover()[0], share=0.9).mismatch == pytest.approx(0.9**0.25 - 1.0)
     assert observe(hover()[0], share=1.2).mismatch == pytest.approx(1.2**0.25 - 1.0)
-    assert hover()[0].estimate.mismatch == 0.0
+    assert hover()[0].estimate.mismatch == HoverEstimate(ThrustMap(), 0.3).mismatch == 0.0
 
 
 @pytest.mark.parametrize(("share", "counts"), [(0.29, 0), (0.31, 1), (2.95, 1), (3.05, 0)])
@@ -422,6 +423,14 @@ def test_where_the_motors_saturate_nothing_is_learnt(thrust, last, counts):
 @pytest.mark.parametrize(("dt", "counts"), [(0.24, True), (0.26, False), (-0.05, False)])
 def test_two_states_far_apart_do_not_belong_together(dt, counts):
     assert (observe(hover()[0], dt=dt).source == "autopilot") == counts
+
+
+@pytest.mark.parametrize("ours", [True, False])
+def test_a_state_out_of_order_leaves_the_doubt_as_it_is(ours):
+    seen, _ = hover()
+    for time in (1.0, 0.95):
+        found = seen.update(state_at(time), AutopilotThrust(airborne=True), ours)
+    assert found.doubt == pytest.approx(0.3, rel=1e-9)
 
 
 def test_after_a_gap_the_thrust_of_before_is_not_compared():
@@ -521,3 +530,38 @@ def test_the_reason_why_it_is_not_known_tells_how_far_it_is_and_what_to_do():
     )
     assert not hover(doubt=0.051)[0].estimate.known
     assert hover(doubt=0.05)[0].estimate.unknown_reason == ""
+
+
+def test_observations_that_differ_are_noisy():
+    """The noise is half the square of what two differ by: with the first guess, a third of it."""
+    seen, _ = hover()
+    variance, noise = posterior(0.3, 0.15) ** 2, 0.15**2
+    observe(seen)
+    climb = GRAVITY * 0.3 * 0.1
+    found = seen.update(state_at(1.3, climb), told_at(1.3, 0.33), False)
+    variance += 0.1 * 0.01**2
+    noise = (2.0 * noise + 0.5 * np.log(1.3) ** 2) / 3.0
+    assert found.doubt == pytest.approx(np.sqrt(variance * noise / (variance + noise)))
+
+
+def test_steady_observations_are_trusted_more_and_more():
+    """Their noise is the mean of those so far, and later of 2 s; at first it is taken for 15 %."""
+    seen, _ = hover()
+    variance, noise = 0.3**2 + 0.2 * 0.01**2, 0.15**2
+    for k in range(16):
+        found = seen.update(state_at(1.0 + 0.2 * k), told_at(1.0 + 0.2 * k, 0.33), False)
+    for n in range(1, 15):
+        variance += 0.2 * 0.01**2
+        if n > 1:
+            noise *= 1.0 - max(0.2 / 2.0, 1.0 / (n + 1))
+        weight = max(noise, 0.05**2)
+        variance = variance * weight / (variance + weight)
+    assert found.doubt == pytest.approx(np.sqrt(variance))
+
+
+@pytest.mark.parametrize(("true", "bound"), [(0.7, 1.0), (2.6, 2.0)])
+def test_no_flight_takes_the_exponent_beyond_that_of_motors(true, bound):
+    drone = Drone(0.5, configured=0.5, exponent=true, assumed=1.5)
+    exponents = [e.map.exponent for e in drone.fly(120, ours=True, wave=0.3)]
+    assert exponents[-1] == pytest.approx(bound, abs=0.01)
+    assert 1.0 <= min(exponents) <= max(exponents) <= 2.0
