@@ -460,6 +460,15 @@ def test_a_target_that_acts_later_is_kept_until_then():
     assert seen.update(state_at(1.2), AutopilotThrust(airborne=True), False).source == "autopilot"
 
 
+def test_targets_of_before_a_reset_are_of_another_clock():
+    seen, _ = hover()
+    seen.update(state_at(1.0), AutopilotThrust(((1.15, 0.33),), airborne=True), False)
+    seen.reset()
+    seen.update(state_at(1.0), AutopilotThrust(airborne=True), False)
+    seen.update(state_at(1.1), told_at(1.1, 0.33), False)
+    assert seen.update(state_at(1.2), AutopilotThrust(airborne=True), False).source == "configured"
+
+
 def test_several_targets_of_one_tick_are_averaged():
     """Each of them far off, their mean as expected."""
     seen, _ = hover()
