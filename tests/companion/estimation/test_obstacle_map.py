@@ -614,8 +614,10 @@ def test_a_trunk_without_a_foot_that_covers_a_slimmer_one_is_that_one():
 
 
 def test_a_trunk_without_a_foot_is_the_nearest_of_two_in_its_direction():
-    for order in ((3.0, 5.0), (5.0, 3.0)):
-        known = seen_times(3, *(trunk(d) for d in order))
+    """The farther one is thicker, and shows as wide."""
+    near, far = trunk(3.0), trunk(5.0, 0.0, 0.8)
+    for order in ((near, far), (far, near)):
+        known = seen_times(3, *order)
         found = see(known, by_width(np.arcsin(0.5 / 2.9), both=True), drift=Drift(0.1))
         assert found[0, 0] < 2.995
         assert found[1, 0] == pytest.approx(5.0, abs=0.02)
@@ -723,3 +725,16 @@ def test_two_trunks_of_one_frame_that_meet_count_as_one_look_more():
     assert len(known.occluders()) == 1
     assert not len(known.cylinders(np.zeros(3)))
     assert len(see(known, trunk(4.0))) == 1
+
+
+@pytest.mark.parametrize(
+    ("x", "aside", "left"),
+    [(0.0, 0.28, 0), (0.0, 0.32, 1), (3.4, 0.0, 0), (3.6, 0.0, 1)],  # from within none is a look
+)
+def test_lines_of_sight_count_where_they_pass_the_middle_of_a_trunk_ahead(x, aside, left):
+    """It is 0.5 m in radius; its middle is 0.6 of that."""
+    known, p = seen_times(6, trunk(4.0)), np.array([x, aside, 2.0])
+    places = [[9.0, aside, 2.0, 0.05, n] for n in (0.0, 1.0)]
+    for _ in range(4):
+        known.see_through(p, FixedPoints.from_rows(np.array(places)))
+    assert len(see(known, visibility=hide)) == left

@@ -284,3 +284,18 @@ def test_what_was_watched_is_compared_with_once_the_own_inputs_fly():
     x[5] = 0.05
     f.observe(vehicle(1.1, x))
     assert f.disturbance == pytest.approx([0.0, 0.0, 0.05])
+
+
+def test_no_drag_is_known_unless_it_is_told():
+    f, x = StatePredictor(InputHistory(DELAY)), rest()
+    x[3:6] = 2.0, -1.0, 1.0
+    assert f.update(vehicle(0.0, x)).disturbance.tolist() == [0.0, 0.0, 0.0]
+
+
+def test_a_watched_state_out_of_order_tells_nothing_of_the_wind():
+    f, x = Predictor(DELAY), rest()
+    f.watch(vehicle(1.0, x))
+    x = x.copy()
+    x[3] = 0.05
+    f.watch(vehicle(0.95, x))
+    assert not f.disturbance.any()

@@ -191,3 +191,15 @@ def test_pictures_may_change_their_size():
     ranges[3, 4] = 3.0
     surfaces.update(ranges, state(P, time=0.1))
     assert surfaces.points(NO_TRUNKS) == pytest.approx(AHEAD)
+
+
+def test_a_cube_at_the_very_edge_of_the_picture_can_be_gone():
+    """It is seen in the leftmost column, and lies a third of a pixel right of it after a turn."""
+    surfaces, ranges = SurfaceMap(CAMERA, SurfaceConfig()), picture(FREE)
+    ranges[1, 0] = 3.0
+    for time in (0.0, 0.1):
+        surfaces.update(ranges, state(P, time=time))
+    assert count(surfaces) == 1
+    half = 0.5 * np.radians(160.0) / 5 * 0.3
+    surfaces.update(picture(FREE), state(P, [np.cos(half), 0.0, 0.0, np.sin(half)], 0.2))
+    assert count(surfaces) == 0
