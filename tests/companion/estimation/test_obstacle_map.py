@@ -738,3 +738,13 @@ def test_lines_of_sight_count_where_they_pass_the_middle_of_a_trunk_ahead(x, asi
     for _ in range(4):
         known.see_through(p, FixedPoints.from_rows(np.array(places)))
     assert len(see(known, visibility=hide)) == left
+
+
+@pytest.mark.parametrize(
+    ("assumed", "shift"), [(False, 0.01 * (3.5**2 + 2.0**2) / 2.0), (True, 0.0)]
+)
+def test_an_unsure_tilt_leaves_open_where_a_foot_is_and_not_a_width(assumed, shift):
+    """The foot of the trunk, 0.5 m nearer than its axis, is seen from 2 m up."""
+    known = ObstacleMap(ObstacleConfig(hits_to_confirm=1))
+    found = see(known, trunk(4.0, assumed=assumed), drift=Drift(tilt=0.01))
+    assert found[0, 3] == pytest.approx(np.hypot(0.1, shift))
