@@ -197,7 +197,8 @@ def that_answered(seconds=2.0, forth=0.005, back=0.005, rate=1.0, since=0.0):
 
 def is_taken_for_a_jump(clock, ahead, start):
     """Whether stamps that are `ahead` [s] of local time make the clock begin anew."""
-    return any([clock.hear(start + k / 16, start + k / 16 + ahead) for k in range(3)])
+    jumped = [clock.hear(start + k / 16, start + k / 16 + ahead) for k in range(3)]
+    return any(jumped)
 
 
 def test_an_estimate_is_a_line_over_local_time():
