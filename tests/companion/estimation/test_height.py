@@ -349,3 +349,16 @@ def test_a_step_by_sight_takes_twenty_pictures_in_a_row(pictures, believed):
     height = after_pictures(*rows, times=0.1 * np.arange(pictures), doubt=doubt)
     assert (height.value > 3.0) is believed
     assert believed or height.value == 2.0
+
+
+def test_a_slope_is_told_with_the_ground():
+    estimator = HeightEstimator()
+    fly(estimator, lambda x: -0.2 * x)
+    height = estimator.update(at(20.0, 30.0), [])
+    assert height.ground.rise == pytest.approx((-0.2, 0.0), abs=0.04)
+
+
+def test_a_height_whose_doubt_is_not_told_drifts_by_2_cm_a_root_second():
+    estimator = HeightEstimator()
+    estimator.update(at(0.0), [])
+    assert estimator.update(at(9.0), []).sigma == pytest.approx(np.sqrt(0.01 + 0.0036))
