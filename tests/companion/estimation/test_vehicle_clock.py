@@ -403,7 +403,7 @@ def test_four_answers_bound_a_clock(answers, bounded):
     assert clock.estimate.vehicle(103.0) == pytest.approx(103.0 if bounded else 102.995, abs=1e-5)
 
 
-@pytest.mark.parametrize(("since", "error"), [(1.4, -0.005), (1.0, 0.0)])
+@pytest.mark.parametrize(("since", "error"), [(1.3, -0.005), (1.2, 0.0)])
 def test_answers_of_less_than_eight_tenths_of_a_second_leave_the_line_above_the_stamps(
     since, error
 ):
@@ -411,14 +411,28 @@ def test_answers_of_less_than_eight_tenths_of_a_second_leave_the_line_above_the_
     assert clock.vehicle(102.0) - 102.0 == pytest.approx(error, abs=1e-5)
 
 
-def test_where_the_bounds_cross_by_more_the_last_second_alone_counts():
-    """The clock steps back by 5 ms, 1.5 s before the end; neither way takes any time."""
+def that_stepped_back(ago, by):
+    """A clock that was set back, so many s ago, of a link that takes no time; asked at 108.05 s."""
     clock = VehicleClock()
     for t in ticks(8.0):
-        stamp = t - 0.005 * (t > START + 6.5)
+        stamp = t - by * (t > 108.0 - ago)
         clock.hear(t, stamp)
         clock.hear_answer(t, stamp, t)
-    assert clock.estimate.vehicle(108.05) == pytest.approx(108.045, abs=1e-4)
+    return clock.estimate
+
+
+@pytest.mark.parametrize(("ago", "counts"), [(1.5, 1.0), (2.5, 2.0), (4.5, 4.0)])
+def test_where_the_bounds_cross_by_more_than_3_ms_only_later_ones_count(ago, counts):
+    """Those of one, two or four seconds; over these, 1 ms of the stamps is the rate's doubt."""
+    clock = that_stepped_back(ago, 0.005)
+    assert clock.vehicle(108.05) == pytest.approx(108.045, abs=1e-4)
+    assert clock.rate_doubt == pytest.approx(0.001 / counts, rel=0.12)
+
+
+@pytest.mark.parametrize(("by", "counts"), [(0.0026, False), (0.0034, True)])
+def test_bounds_that_cross_by_less_than_3_ms_all_count(by, counts):
+    clock = that_stepped_back(1.5, by)
+    assert (clock.rate_doubt > 0.0009) is counts
 
 
 @pytest.mark.parametrize(("early", "jumped"), [(0.19, False), (0.21, True)])
@@ -455,3 +469,16 @@ def test_after_a_jump_an_answer_refutes_what_no_change_of_the_rate_by_a_tenth_ex
     clock.hear(102.8, 107.8 + ahead)
     expected = 107.8 + ahead if moved else 107.8
     assert clock.estimate.vehicle(102.8) == pytest.approx(expected)
+
+
+def test_where_the_newest_stamp_is_late_the_floors_before_it_leave_more_in_doubt():
+    """It is 10 ms late, so that the bound of a tenth of a second before counts.
+
+    Of the rates in steps of 2.75 ms over the 2.11 s, three fit; they part over that tenth.
+    """
+    clock = that_answered()
+    clock.hear_answer(102.135, 102.14, 102.15)
+    clock = clock.estimate
+    assert clock.vehicle(107.0) == pytest.approx(107.0, abs=1e-6)
+    assert clock.rate_doubt == pytest.approx(0.00925 / 2.11, rel=1e-3)
+    assert clock.doubt == pytest.approx(0.006 + 0.1 * 0.00825 / 2.11, rel=1e-3)
