@@ -143,7 +143,7 @@ def test_body_rates_are_as_fast_as_the_doubt_of_the_delay_allows(delay, fastest)
         assert turned == pytest.approx([0.0, 0.0, bounded])
 
 
-def flown(gap=0.02, delay=0.1, axis=0, seconds=4.0):
+def flown(gap=0.02, delay=0.1, axis=0, seconds=4.0, bias=0.0):
     """The estimate for rates that follow a square wave of commands after a delay; times in s."""
     estimator, t = DelayEstimator(0.06), 0.0
     for k in range(round(seconds / 0.1)):
@@ -153,7 +153,7 @@ def flown(gap=0.02, delay=0.1, axis=0, seconds=4.0):
             since = np.floor((t - delay - PHASE) / 0.1)
             omega = np.zeros(3)
             omega[axis] = 0.5 * (-1.0) ** (since // 3) if since >= 0 else 0.0
-            attitudes.append(Attitude(t, LEVEL, omega))
+            attitudes.append(Attitude(t, LEVEL, omega + bias))
             t += gap
         estimate = estimator.measured(now, attitudes)
         u = np.zeros(4)
@@ -181,3 +181,11 @@ def test_rates_more_than_15_hundredths_of_a_second_apart_say_nothing(gap, measur
 def test_a_delay_takes_two_thirds_of_a_second_of_known_commands(seconds, measured):
     """0.4 s of the longest delay, and 0.24 s in which the filters settle."""
     assert (flown(seconds=seconds) != Delay(0.06, 0.1)) is measured
+
+
+def test_a_bias_of_the_gyro_is_no_error_after_some_seconds():
+    """The first seconds are forgotten with a time constant of 8 s, the bias itself within 1 s."""
+    exact, biased = (flown(seconds=16.0, bias=bias) for bias in (0.0, 0.2))
+    assert biased.value == pytest.approx(exact.value, abs=0.002)
+    assert exact.sigma < 0.0045
+    assert biased.sigma < 0.0045

@@ -213,3 +213,17 @@ def test_odometry_gives_the_place_after_half_a_second_without_local_positions(si
         list(frame.localised([told], 0.05))
     assert frame.steps == steps
     assert frame.offset[0] == pytest.approx(0.5 * steps)
+
+
+@pytest.mark.parametrize("v", [1.0, -0.5])
+def test_a_velocity_that_leaves_the_positions_behind_for_long_is_corrected(v):
+    """By 0.3 m/s, for a minute; a tenth of it may be the positions' own, which slide by 0.1 m/s."""
+    frame = OdometryFrame()
+    for k in range(600):
+        told = LocalPosition(
+            0.1 * k, np.array([0.1 * k * (v + 0.3), 0.0, 0.0]), np.array([v, 0, 0])
+        )
+        (local,) = frame.localised([told], 0.05)
+    assert local.v == pytest.approx([v + 0.27, 0.0, 0.0], abs=0.002)
+    (out,) = frame.localised([Odometry(60.0, local.p, np.array([v, 0, 0]), LEVEL, HOVER)], 0.05)
+    assert out.v == pytest.approx([v + 0.27, 0.0, 0.0], abs=0.002)

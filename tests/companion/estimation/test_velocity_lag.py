@@ -220,3 +220,28 @@ def test_what_a_lag_misses_is_the_motion_of_the_last_half_second_times_the_lag()
             slow += (1.0 - np.exp(-0.1 / 0.5)) * (own.v - slow)
         before = own
     assert found.position == pytest.approx(found.value * slow)
+
+
+def test_no_lag_of_more_than_three_tenths_of_a_second_is_made_up_for():
+    estimator = VelocityLag()
+    values = [estimator.update(own, flying=True).value for own, _ in flight(0.6, 15.0, noise=0.0)]
+    assert max(values) == 0.3
+    assert values[-1] == 0.3
+
+
+def test_a_lag_is_believed_from_two_and_a_half_standard_deviations_on():
+    estimator, ratios = VelocityLag(), []
+    for own, _ in flight(0.08):
+        found = estimator.update(own, flying=True)
+        if found.value:
+            ratios.append(found.value / found.sigma)
+    assert 2.5 <= min(ratios) < 2.8
+
+
+def test_a_lag_of_less_than_three_hundredths_of_a_second_does_no_harm():
+    estimator = VelocityLag()
+    for own, _ in flight(0.02, 20.0, noise=0.0):
+        found = estimator.update(own, flying=True)
+        assert found.value == 0.0 or found.value >= 0.03
+    assert found.value == 0.0
+    assert not found.position.any()
