@@ -517,3 +517,28 @@ def test_a_flow_of_a_slow_drone_has_no_direction():
     noise = QUIET + 0.25 * (0.115**2 - QUIET)
     expected = 0.1 * 0.01 / (0.01 + 0.1**2 * 0.05**2 + noise)
     assert error_of(ground, 0.1)[0] == pytest.approx(expected)
+
+
+def test_a_flow_is_compared_by_the_correction_that_held_amid_its_time():
+    """One that was made later, and differs, changes nothing of what was told then."""
+    found = []
+    for decides in (False, True):
+        ground = that_saw([0.1, 0.0])
+        made = ground.decide(0.1, STILL, CALM)
+        see(ground, np.array([0.3, 0.2]), after=0.15)
+        if decides:
+            assert error_of(ground, 0.16)[1] > 0.01
+        see(ground, -made.error[:2], after=0.2, v=made.error)
+        found.append(error_of(ground, 0.2))
+    assert found[1] == pytest.approx(found[0])
+
+
+def test_a_step_leaves_what_the_flow_showed_before_it_to_compare_with():
+    found = []
+    for steps in (False, True):
+        ground = that_saw([0.0, 0.0])
+        if steps:
+            ground.step(Step(np.zeros(2), 0.05, 0.1))
+        see(ground, np.array([4.0 * np.sqrt(QUIET), 0.0]), after=0.2)
+        found.append(error_of(ground, 0.2))
+    assert found[1] == pytest.approx(found[0])
