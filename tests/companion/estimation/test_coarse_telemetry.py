@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from companion.estimation.coarse_telemetry import CoarseTelemetry
 from companion.estimation.own_state import OwnState
 from mavlink_bridge.shared.frames import euler_from_quaternion, quaternion_from_euler
 from mavlink_bridge.wire.messages import (
@@ -146,3 +147,97 @@ def test_rates_of_coarse_telemetry_are_not_by_gyro():
     assert not own.rates_by_gyro
     own.add([Attitude(0.1, quaternion_from_euler(0.0, 0.0, 0.5), np.zeros(3))])
     assert own.rates_by_gyro
+
+
+def angles(time, roll=0.0, pitch=0.0, yaw=0.0):
+    return EulerAttitude(time, quaternion_from_euler(roll, pitch, yaw), np.zeros(3))
+
+
+def fix(north=0.0, east=0.0, altitude=100.0, v=(0.0, 0.0, 0.0)):
+    return GlobalPosition(0.0, north * METRE, east * METRE, altitude, 0.0, np.array(v))
+
+
+def that_stands(v=(0.0, 0.0, 0.0)):
+    """Coarse telemetry after angles and a first fix at 0 s."""
+    coarse = CoarseTelemetry()
+    assert coarse.add(angles(0.0)) == []  # the place is to come
+    assert coarse.add(fix(v=v)) == []
+    return coarse
+
+
+def test_angles_after_a_fix_give_an_attitude_and_a_position_of_their_time():
+    attitude, position = that_stands().add(angles(0.1))
+    assert type(attitude) is Attitude
+    assert type(position) is LocalPosition
+    assert attitude.time == position.time == 0.1
+    assert position.p.tolist() == position.v.tolist() == [0.0, 0.0, 0.0]
+    assert attitude.omega.tolist() == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("time", [0.0, -0.1])
+def test_angles_that_are_no_newer_give_nothing(time):
+    assert that_stands().add(angles(time)) == []
+
+
+def test_angles_that_are_no_numbers_give_nothing_and_leave_the_next_ones_as_they_are():
+    coarse = that_stands()
+    bad = EulerAttitude(0.1, np.array([1.0, 0.0, np.nan, 0.0]), np.zeros(3))
+    assert coarse.add(bad) == []
+    attitude, _ = coarse.add(angles(0.1))
+    assert np.isfinite(attitude.q_wb).all()
+
+
+def test_messages_of_other_kinds_give_nothing():
+    coarse = that_stands()
+    assert coarse.add(Attitude(0.1, np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))) == []
+
+
+def test_a_fix_before_all_angles_says_nothing():
+    coarse = CoarseTelemetry()
+    coarse.add(fix(altitude=500.0))
+    assert coarse.add(angles(0.0)) == []
+    coarse.add(fix(altitude=100.0))
+    _, position = coarse.add(angles(0.1))
+    assert position.p[2] == 0.0
+
+
+@pytest.mark.parametrize("up", [2.0, -0.5])
+def test_a_height_over_that_of_the_first_fix_is_followed_by_two_fifths_and_as_a_climb_by_half(up):
+    coarse = that_stands()
+    coarse.add(angles(0.1))
+    coarse.add(fix(altitude=100.0 + up))
+    _, position = coarse.add(angles(0.2))
+    assert position.v == pytest.approx([0.0, 0.0, 0.5 * up])
+    assert position.p == pytest.approx([0.0, 0.0, 0.4 * up + 0.1 * 0.5 * up])
+
+
+def test_a_fix_without_velocity_gives_one_by_how_far_off_it_is():
+    """1 m/s for each metre, and 0.35 of it at once."""
+    coarse = that_stands()
+    coarse.add(angles(0.1))
+    coarse.add(fix(east=2.0, north=-1.0))
+    _, position = coarse.add(angles(0.2))
+    assert position.v == pytest.approx([2.0, -1.0, 0.0], rel=1e-6)
+    assert position.p == pytest.approx([0.7 + 0.2, -0.35 - 0.1, 0.0], rel=1e-6)
+
+
+def test_a_velocity_along_the_ground_is_followed_by_two_fifths():
+    """The vertical one is the barometer's."""
+    coarse = that_stands(v=(1.0, 0.0, 0.0))
+    coarse.add(angles(0.1))
+    coarse.add(fix(east=0.1, v=(2.0, -1.0, 3.0)))
+    _, position = coarse.add(angles(0.2))
+    assert position.v == pytest.approx([1.4, -0.4, 0.0])
+    assert position.p == pytest.approx([0.1 + 0.14, -0.04, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_angles_beyond_half_of_their_step_of_a_tenth_of_a_degree_turn_the_attitude(axis):
+    """By half of what is beyond; and 0.35 of its slope is the body rate. The heading likewise."""
+    coarse, turned = that_stands(), 0.02 * np.eye(3)[axis]
+    attitude, _ = coarse.add(angles(0.1, *turned))
+    over = 0.02 - math.radians(0.05)
+    assert attitude.omega[axis] == pytest.approx(0.35 * over / 0.1)
+    assert euler_from_quaternion(attitude.q_wb)[axis] == pytest.approx(0.5 * over)
+    within, _ = that_stands().add(angles(0.1, *(0.0008 * np.eye(3)[axis])))
+    assert within.omega.tolist() == [0.0, 0.0, 0.0]

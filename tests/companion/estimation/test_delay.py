@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.estimation.delay import DelayEstimator
+from companion.estimation.delay import Delay, DelayEstimator, within_doubt
 from companion.estimation.input_history import SentInput
 from companion.model import HOVER
 from mavlink_bridge.wire.messages import Attitude
@@ -115,3 +115,77 @@ def test_the_doubt_of_a_delay_grows_with_the_errors_that_are_left(floor, weight)
 def test_a_delay_at_the_end_of_the_grid_stays_on_it(edge, value):
     cost = 10.0 * (GRID - GRID[edge]) ** 2
     assert _of_cost(cost, 1.0, prior=GRID[edge]).value == pytest.approx(value, abs=0.0051)
+
+
+def test_before_anything_is_measured_the_delay_is_as_configured():
+    assert DelayEstimator(0.06).estimate == Delay(0.06, 0.1)
+    assert DelayEstimator(0.06).measured(1.0, []) == Delay(0.06, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("delay", "fastest"),
+    [
+        (Delay(0.1, 0.0), 3.0),  # a tenth of it costs 0.03 rad
+        (Delay(0.0, 0.02), 1.0 / 0.6),  # 3 σ cost 0.1 rad
+        (Delay(0.24, 0.02), 1.0),  # both: 0.8 and 0.6
+        (Delay(0.0, 0.0), 100.0),
+    ],
+)
+def test_body_rates_are_as_fast_as_the_doubt_of_the_delay_allows(delay, fastest):
+    roll_pitch = 2.0 * fastest * np.array([0.6, -0.8])
+    slower = within_doubt(np.array([*roll_pitch, 1.5 * fastest]), delay)
+    assert slower == pytest.approx(fastest * np.array([0.6, -0.8, 1.5]))
+    slow = 0.9 * fastest * np.array([-0.6, 0.8, 0.0])
+    assert within_doubt(slow, delay) == pytest.approx(slow)
+    for yaw in (2.9, -2.9, 3.1, -3.1):
+        bounded = np.clip(yaw, -3.0, 3.0) * fastest
+        turned = within_doubt(np.array([0.0, 0.0, yaw * fastest]), delay)
+        assert turned == pytest.approx([0.0, 0.0, bounded])
+
+
+def flown(gap=0.02, delay=0.1, axis=0, seconds=4.0, bias=0.0):
+    """The estimate for rates that follow a square wave of commands after a delay; times in s."""
+    estimator, t = DelayEstimator(0.06), 0.0
+    for k in range(round(seconds / 0.1)):
+        now = PHASE + 0.1 * k
+        attitudes = []
+        while t < now:
+            since = np.floor((t - delay - PHASE) / 0.1)
+            omega = np.zeros(3)
+            omega[axis] = 0.5 * (-1.0) ** (since // 3) if since >= 0 else 0.0
+            attitudes.append(Attitude(t, LEVEL, omega + bias))
+            t += gap
+        estimate = estimator.measured(now, attitudes)
+        u = np.zeros(4)
+        u[1 + axis] = 0.5 * (-1.0) ** (k // 3)
+        estimator.sent(SentInput(now, u, 0.3))
+    return estimate
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("delay", [0.04, 0.1, 0.3])
+def test_rates_about_any_axis_that_follow_exactly_tell_the_delay(axis, delay):
+    """Samples are joined by straight lines: steps 7 ms after a sample seem to be at 5 ms."""
+    estimate = flown(gap=0.01, delay=delay, axis=axis)
+    assert estimate.value == pytest.approx(delay - 0.002, abs=0.001)
+    assert 0.003 <= estimate.sigma < 0.01
+
+
+@pytest.mark.parametrize(("gap", "measured"), [(0.14, True), (0.16, False)])
+def test_rates_more_than_15_hundredths_of_a_second_apart_say_nothing(gap, measured):
+    estimate = flown(gap=gap, delay=0.2)
+    assert (estimate != Delay(0.06, 0.1)) is measured
+
+
+@pytest.mark.parametrize(("seconds", "measured"), [(0.7, False), (1.2, True)])
+def test_a_delay_takes_two_thirds_of_a_second_of_known_commands(seconds, measured):
+    """0.4 s of the longest delay, and 0.24 s in which the filters settle."""
+    assert (flown(seconds=seconds) != Delay(0.06, 0.1)) is measured
+
+
+def test_a_bias_of_the_gyro_is_no_error_after_some_seconds():
+    """The first seconds are forgotten with a time constant of 8 s, the bias itself within 1 s."""
+    exact, biased = (flown(seconds=16.0, bias=bias) for bias in (0.0, 0.2))
+    assert biased.value == pytest.approx(exact.value, abs=0.002)
+    assert exact.sigma < 0.0045
+    assert biased.sigma < 0.0045

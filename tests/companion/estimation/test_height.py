@@ -154,3 +154,211 @@ def test_a_terrace_is_believed_by_sight():
     errors, _ = fly_by_pictures(lambda x: 1.0 * (x > 15.0), seconds=20.0)  # the first 5 s are cut
     assert errors[51:53].max() == pytest.approx(1.0, abs=0.2)
     assert np.abs(errors[75:]).max() < 0.3
+
+
+STILL = np.zeros(3)
+
+
+def at(time, x=0.0, y=0.0, z=2.0, q=LEVEL, v=(0.0, 0.0, 0.0)):
+    return VehicleState(time, np.array([x, y, z]), np.array(v), np.array(q), STILL)
+
+
+def look(distance, time=0.0, least=0.1, most=12.0, orientation=DOWN, sigma=0.0, quality=0):
+    return DistanceSensor(time, distance, least, most, orientation, LASER, sigma, quality)
+
+
+def test_where_the_own_frame_began_the_ground_is_at_0_to_a_decimetre():
+    height = HeightEstimator().update(at(5.0, 3.0, -4.0, 1.7), [])
+    assert height.value == pytest.approx(1.7)
+    assert height.sigma == pytest.approx(0.1)
+    assert (height.ground.level, height.ground.at) == (0.0, (3.0, -4.0))
+    assert height.ground.rise == (0.0, 0.0)
+    assert height.drift == 0.0
+
+
+@pytest.mark.parametrize(("doubt", "drift"), [(0.0, 0.02**2), (0.2, 0.002), (0.05, 0.02**2)])
+def test_without_a_look_the_doubt_grows_with_time_and_way(doubt, drift):
+    """4 s and 5 m along the ground; a doubt of 0.2 m wanders by 2 · 0.04 m² in 40 s."""
+    estimator = HeightEstimator()
+    estimator.update(at(10.0), [], doubt)
+    height = estimator.update(at(14.0, 3.0, 4.0, 9.0), [], doubt)
+    assert height.sigma == pytest.approx(np.sqrt(0.01 + 4.0 * drift + 5.0 * 0.01))
+    assert estimator.update(at(13.0, 3.0, 4.0, 9.0), [], doubt).sigma == height.sigma
+
+
+@pytest.mark.parametrize(("told", "sigma"), [(0.0, 0.03), (0.02, 0.03), (0.1, 0.1)])
+def test_a_look_counts_by_its_error_of_3_cm_or_more_as_told(told, sigma):
+    height = HeightEstimator().update(at(0.0), [look(1.8, sigma=told)])
+    gain = 0.01 / (0.01 + sigma**2)
+    assert height.value == pytest.approx(2.0 - 0.2 * gain)
+    assert height.sigma == pytest.approx(np.sqrt(0.01 * (1.0 - gain)))
+
+
+@pytest.mark.parametrize(
+    ("what", "heard"),
+    [
+        (look(1.8, least=1.79, most=1.81), True),
+        (look(1.8, least=1.8), False),
+        (look(1.8, most=1.8), False),
+        (look(1.8, quality=1), False),
+        (look(1.8, quality=2), True),
+        (look(1.8, orientation=24), False),
+    ],
+)
+def test_a_look_without_an_echo_or_elsewhere_says_nothing(what, heard):
+    height = HeightEstimator().update(at(0.0), [what])
+    assert (height.value < 1.99) is heard
+    assert (height.sigma < 0.09) is heard
+
+
+@pytest.mark.parametrize(("cosine", "heard"), [(0.81, True), (0.79, False)])
+def test_a_beam_that_looks_aside_says_nothing(cosine, heard):
+    half = 0.5 * np.arccos(cosine)
+    q = [np.cos(half), 0.0, np.sin(half), 0.0]
+    height = HeightEstimator().update(at(0.0, q=q), [look(1.8 / cosine)])
+    assert (height.value < 1.99) is heard
+
+
+@pytest.mark.parametrize(("off", "believed"), [(0.51, True), (0.53, False), (-0.53, False)])
+def test_a_look_beyond_five_standard_deviations_is_not_the_ground(off, believed):
+    """Of the level by 0.1 m, and of the look by 0.03 m: 0.522 m."""
+    height = HeightEstimator().update(at(0.0), [look(2.0 - off)])
+    assert (height.value != 2.0) is believed
+
+
+def test_the_fifth_such_look_in_a_row_is_a_step_of_the_ground_and_as_sure_as_one_look():
+    estimator = HeightEstimator()
+    assert estimator.update(at(0.0), 4 * [look(1.0)]).value == 2.0
+    height = estimator.update(at(0.0), [look(1.0)])
+    assert height.value == pytest.approx(1.0, abs=0.001)
+    assert height.sigma == pytest.approx(np.sqrt(0.0009 / 1.0009))
+
+
+def test_a_good_look_between_others_starts_their_count_anew():
+    estimator = HeightEstimator()
+    looks = [*4 * [look(1.0)], look(2.0), *4 * [look(1.0)]]
+    assert estimator.update(at(0.0), looks).value == pytest.approx(2.0)
+
+
+def test_of_a_level_so_much_is_drift_as_the_own_height_is_in_more_doubt_than_the_terrain():
+    """The terrain's is 0.3 m: with 0.4 m, 16 parts of 25."""
+    height = HeightEstimator().update(at(0.0), [look(1.8)], 0.4)
+    assert height.drift == pytest.approx(0.64 * height.ground.level)
+    assert height.ground.level == pytest.approx(2.0 - height.value)
+
+
+def test_a_look_from_a_drone_that_moves_and_leans_is_of_the_place_that_its_beam_meets():
+    """It leans by 0.5 rad ahead and climbs; the look is 0.2 s old."""
+    q = [np.cos(0.25), 0.0, np.sin(0.25), 0.0]
+    own = at(1.0, z=2.0, q=q, v=(1.0, 0.0, 0.5))
+    height = HeightEstimator().update(own, [look(1.9 / np.cos(0.5), time=0.8)])
+    assert height.value == pytest.approx(2.0, abs=1e-9)
+
+
+def test_after_a_reset_the_ground_is_at_0_again():
+    estimator = HeightEstimator()
+    estimator.update(at(0.0), 5 * [look(1.0)])
+    estimator.reset()
+    height = estimator.update(at(50.0, 30.0), 4 * [look(1.0)])
+    assert (height.value, height.sigma) == (2.0, pytest.approx(0.1))
+
+
+def ring(n=8, level=0.2, away=2.0, sigma=0.1):
+    """Points of the ground (n) around a drone at x = y = 0, `away` [m] from it."""
+    angles = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)
+    rows = np.zeros((n, 7))
+    rows[:, 0], rows[:, 1] = away * np.cos(angles), away * np.sin(angles)
+    rows[:, 2], rows[:, 3] = level, sigma
+    return rows
+
+
+def after_pictures(*rows, times=(0.0,), speed=1.0, doubt=None, trunks=None):
+    """The height [m] of 2 m over the frame's origin after pictures of points at some times [s]."""
+    estimator, own = HeightEstimator(), at(0.0, v=(speed, 0.0, 0.0))
+    doubt = doubt or OwnDoubt(velocity=0.1, tilt=0.0)
+    estimator.update(own, [])
+    more = () if trunks is None else (np.array(trunks),)
+    for t, row in zip(times, rows, strict=True):
+        estimator.see(at(t, v=own.v), FixedPoints.from_rows(row), doubt, *more)
+    return estimator.update(own, [])
+
+
+@pytest.mark.parametrize(("dt", "lasts"), [(0.1, 0.1), (0.01, 0.02), (2.0, 0.7)])
+@pytest.mark.parametrize("speed", [1.0, 2.0])
+def test_a_picture_counts_by_its_points_the_speed_and_how_soon_it_comes(dt, lasts, speed):
+    """The error of the speed lasts for 0.7 s: what comes sooner says less that is new."""
+    height = after_pictures(ring(), ring(), times=(0.0, dt), speed=speed)
+    scale = np.hypot(np.hypot(0.1 / np.hypot(2.0, 1.8), 0.1 / speed), 0.06)
+    first, then = (2.0 * 0.7 / since * (1.8 * scale) ** 2 for since in (0.7, lasts))
+    sure = 1.0 / 0.01 + 1.0 / first + 1.0 / then
+    assert height.value == pytest.approx(2.0 - 0.2 * (1.0 / first + 1.0 / then) / sure)
+    assert height.sigma == pytest.approx(1.0 / np.sqrt(sure))
+
+
+@pytest.mark.parametrize(("tilt", "least"), [(0.048, 0.096), (0.06, 0.1), (0.01, 0.0952)])
+def test_no_picture_makes_the_level_surer_than_the_tilt_does(tilt, least):
+    """2 m away a tilt of 0.048 rad is 0.096 m of level; the doubt of before was 0.1 m."""
+    height = after_pictures(ring(), doubt=OwnDoubt(velocity=0.1, tilt=tilt))
+    assert height.sigma == pytest.approx(least, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("how", "counts"),
+    [
+        ({"n": 8}, True),
+        ({"n": 7}, False),
+        ({"away": 1.8 * np.sqrt(1.0 / 0.31**2 - 1.0)}, True),
+        ({"away": 1.8 * np.sqrt(1.0 / 0.29**2 - 1.0)}, False),
+    ],
+)
+def test_eight_points_that_are_seen_steeply_enough_make_a_look(how, counts):
+    assert (after_pictures(ring(**how)).value < 1.999) is counts
+
+
+@pytest.mark.parametrize(("speed", "counts"), [(0.39, False), (0.41, True)])
+def test_a_drone_that_is_slower_than_40_cm_a_second_learns_nothing(speed, counts):
+    assert (after_pictures(ring(), speed=speed).value < 1.999) is counts
+
+
+@pytest.mark.parametrize(("radius", "counts"), [(0.19, True), (0.21, False)])
+def test_points_within_30_cm_of_a_known_bark_are_not_the_ground(radius, counts):
+    """The trunk is half a metre from one of the eight points."""
+    assert (after_pictures(ring(), trunks=[[2.5, 0.0, radius]]).value < 1.999) is counts
+    aside = after_pictures(ring(), trunks=[[2.0, 0.5, radius]]).value
+    assert (aside < 1.999) is counts
+
+
+@pytest.mark.parametrize(("others", "counts"), [(12, True), (13, False)])
+def test_two_fifths_of_all_points_below_have_to_agree(others, counts):
+    """The others are at levels 0.25 m apart, where 0.2 m is alike."""
+    rows = ring(8 + others)
+    rows[8:, 2] = -0.5 - 0.25 * np.arange(others)
+    assert (after_pictures(rows).value != 2.0) is counts
+
+
+@pytest.mark.parametrize(("apart", "counts"), [(0.19, True), (0.21, False)])
+def test_points_agree_within_a_tenth_of_the_height(apart, counts):
+    rows = ring(8)
+    rows[0, 2] += apart
+    assert (after_pictures(rows).value != 2.0) is counts
+
+
+@pytest.mark.parametrize(("pictures", "believed"), [(19, False), (20, True)])
+def test_a_step_by_sight_takes_twenty_pictures_in_a_row(pictures, believed):
+    rows, doubt = pictures * [ring(level=-2.5, sigma=0.01)], OwnDoubt(velocity=0.01, tilt=0.0)
+    height = after_pictures(*rows, times=0.1 * np.arange(pictures), doubt=doubt)
+    assert (height.value > 3.0) is believed
+    assert believed or height.value == 2.0
+
+
+def test_a_slope_is_told_with_the_ground():
+    estimator = HeightEstimator()
+    fly(estimator, lambda x: -0.2 * x)
+    height = estimator.update(at(20.0, 30.0), [])
+    assert height.ground.rise == pytest.approx((-0.2, 0.0), abs=0.04)
+
+
+def test_a_height_whose_doubt_is_not_told_drifts_by_2_cm_a_root_second():
+    estimator = HeightEstimator()
+    estimator.update(at(0.0), [])
+    assert estimator.update(at(9.0), []).sigma == pytest.approx(np.sqrt(0.01 + 0.0036))

@@ -5,6 +5,7 @@ import pytest
 
 from companion.estimation.odometry_frame import OdometryFrame
 from companion.estimation.velocity_by_sight import VelocityBySight
+from companion.estimation.velocity_error import VelocityError
 from mavlink_bridge.wire.messages import LocalPosition
 
 V = np.array([0.0, 1.5, 0.0])
@@ -79,3 +80,43 @@ def test_jumps_of_the_position_say_nothing_of_the_velocity():
     frame, _, speeds = fly(none, lambda t: east(0.5 * (int(t / 3.0) % 2)))
     assert frame.steps > 10
     np.testing.assert_array_equal(speeds, 0.0)
+
+
+def after(rate, sigma=0.0, **how):
+    """What is found after positions have left the velocity by a `rate` (3,) m/s for long."""
+    found = VelocityError()
+    found.update(1e3 * np.array(rate), 1e3, sigma, **how)
+    return found.error
+
+
+@pytest.mark.parametrize(
+    ("rate", "sigma", "wrong"),
+    [(0.149, 0.0, 0), (0.151, 0.0, 1), (0.299, 0.2, 0), (0.301, 0.2, 1), (-0.301, 0.2, 1)],
+)
+def test_a_velocity_is_wrong_from_15_cm_a_second_and_one_and_a_half_times_its_doubt_on(
+    rate, sigma, wrong
+):
+    """Positions slide by 0.1 m/s themselves: that share stays with them."""
+    expected = wrong * rate * rate**2 / (rate**2 + 0.1**2)
+    assert after([rate, 0.0, 0.0], sigma) == pytest.approx([expected, 0.0, 0.0])
+
+
+def test_what_is_wrong_along_the_ground_decides_for_the_climb_too():
+    assert after([0.3, 0.4, -0.2]) == pytest.approx(0.25 / 0.26 * np.array([0.3, 0.4, -0.2]))
+    assert after([0.0, 0.1, 0.5]).tolist() == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(("by_sight", "share"), [(0.3, 0.36), (0.1, 0.04), (0.6, 25 / 26)])
+def test_what_the_ground_leaves_open_is_the_most_that_the_velocity_is_wrong_by(by_sight, share):
+    """Of the square of 0.5 m/s."""
+    assert after([0.0, 0.5, 0.0], by_sight=by_sight) == pytest.approx([0.0, 0.5 * share, 0.0])
+
+
+def test_the_rate_is_averaged_over_four_tenths_of_a_second_and_its_square_over_ten_seconds():
+    found = VelocityError()
+    assert found.error.tolist() == [0.0, 0.0, 0.0]
+    found.update(np.array([500.0, 0.0, 0.0]), 1e3, 0.0)
+    found.update(np.zeros(3), 0.4, 0.0)
+    rate = 0.5 * np.exp(-1.0)
+    power = 0.25 * np.exp(-0.04) + rate**2 * (1.0 - np.exp(-0.04))
+    assert found.error == pytest.approx([rate * power / (power + 0.01), 0.0, 0.0])

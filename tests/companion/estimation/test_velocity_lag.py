@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from companion.estimation.velocity_lag import VelocityLag
+from companion.estimation.velocity_lag import Lag, VelocityLag
 from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.wire.messages import VehicleState
 
@@ -114,3 +114,134 @@ def test_a_state_that_is_corrected_is_the_one_from_which_the_next_change_counts(
             estimator.corrected(replace(told, v=told.v - np.array([*estimator.step.change, 0.0])))
     assert len(steps) >= 2  # what is told next is again a step from what was corrected
     assert steps[1].change == pytest.approx([0.8, 0.0], abs=0.25)
+
+
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+STILL = np.zeros(3)
+
+
+def told(time, v=STILL, q=LEVEL):
+    return VehicleState(time, STILL, np.array(v), np.array(q), STILL)
+
+
+def hover(seconds=0.0):
+    """An estimator of a drone that hovers level, at 10 Hz up to 0 s."""
+    estimator = VelocityLag()
+    for k in range(round(10 * seconds), -1, -1):
+        estimator.update(told(-0.1 * k), flying=True)
+    return estimator
+
+
+def test_what_a_lag_misses_is_added_to_a_state():
+    lag = Lag(0.1, 0.01, np.array([0.1, 0.2, 0.3]), np.array([1.0, -2.0, 0.5]))
+    state = lag.made_up(VehicleState(1.0, np.ones(3), np.ones(3), LEVEL, STILL))
+    assert state.p == pytest.approx([1.1, 1.2, 1.3])
+    assert state.v == pytest.approx([2.0, -1.0, 1.5])
+    assert state.time == 1.0
+
+
+def test_before_motion_there_is_no_lag_and_a_doubt_of_a_tenth_of_a_second():
+    estimator = VelocityLag()
+    assert (estimator.lag.value, estimator.lag.sigma) == (0.0, pytest.approx(0.1))
+    assert estimator.step is None
+    assert estimator.update(None, flying=True) is estimator.lag
+
+
+@pytest.mark.parametrize("east", [1.0, -0.6])
+@pytest.mark.parametrize(("size", "steps"), [(0.39, False), (0.43, True)])
+def test_before_anything_was_learnt_a_change_of_41_cm_a_second_is_a_step(east, size, steps):
+    """4.5 times the root of twice 0.04² m²/s² for noise and twice 0.05² for wind, and of the drag.
+
+    0.5 m/s² of wind are 0.05 m/s in 0.1 s.
+    """
+    estimator = hover()
+    change = size * np.array([east, np.sqrt(1.0 - east**2)])
+    estimator.update(told(0.1, [*change, 0.0]), flying=True)
+    assert (estimator.step is not None) is steps
+    if steps:
+        assert estimator.step.change == pytest.approx(change)
+        assert (estimator.step.since, estimator.step.until) == (0.0, 0.1)
+    estimator.update(told(0.2, [*change, 0.0]), flying=True)
+    assert estimator.step is None
+
+
+@pytest.mark.parametrize(("size", "steps"), [(0.24, False), (0.35, True)])
+def test_after_a_long_hover_a_change_of_a_third_of_a_metre_a_second_is_a_step(size, steps):
+    estimator = hover(30.0)
+    estimator.update(told(0.1, [0.0, -size, 0.0]), flying=True)
+    assert (estimator.step is not None) is steps
+
+
+@pytest.mark.parametrize(("gap", "steps"), [(0.24, True), (0.26, False), (0.0, False)])
+def test_states_more_than_a_quarter_of_a_second_apart_do_not_belong_together(gap, steps):
+    estimator = hover()
+    estimator.update(told(gap, [2.0, 0.0, 0.0]), flying=True)
+    assert (estimator.step is not None) is steps
+
+
+@pytest.mark.parametrize(
+    ("climb", "steps"), [(0.95, True), (1.0, False), (-0.65, True), (-0.72, False)]
+)
+def test_a_lift_beyond_three_tenths_and_two_of_the_weight_tells_no_acceleration(climb, steps):
+    """climb: of g, upwards, in the tenth of a second of the step."""
+    estimator = hover()
+    estimator.update(told(0.1, [2.0, 0.0, 0.1 * GRAVITY * climb + 1e-9]), flying=True)
+    assert (estimator.step is not None) is steps
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_an_acceleration_that_the_tilt_explains_is_no_step(axis):
+    """Leaning by 0.4 rad, it gains 0.41 m/s in a tenth of a second, without climbing."""
+    half = 0.2
+    q = [np.cos(half), -np.sin(half), 0.0, 0.0] if axis else [np.cos(half), 0, np.sin(half), 0]
+    gained = 0.1 * GRAVITY * np.tan(0.4) * np.eye(3)[axis]
+    for v, steps in ((gained, False), (-gained, True)):
+        estimator = VelocityLag()
+        estimator.update(told(0.0, q=q), flying=True)
+        estimator.update(told(0.1, v, q), flying=True)
+        assert (estimator.step is not None) is steps
+
+
+def test_after_a_break_the_motion_is_forgotten_and_the_lag_is_not():
+    estimator = VelocityLag()
+    for own, _ in flight(0.14, noise=0.0):
+        found = estimator.update(own, flying=True)
+    assert np.linalg.norm(found.position) > 0.01
+    after = estimator.update(None, flying=True)
+    assert after.value == pytest.approx(0.14, abs=0.03)
+    assert not after.position.any()
+
+
+def test_what_a_lag_misses_is_the_motion_of_the_last_half_second_times_the_lag():
+    estimator, slow, before = VelocityLag(), np.zeros(3), None
+    for own, _ in flight(0.14, noise=0.0, seconds=20.0):
+        found = estimator.update(own, flying=True)
+        if before is not None:
+            slow += (1.0 - np.exp(-0.1 / 0.5)) * (own.v - slow)
+        before = own
+    assert found.position == pytest.approx(found.value * slow)
+
+
+def test_no_lag_of_more_than_three_tenths_of_a_second_is_made_up_for():
+    estimator = VelocityLag()
+    values = [estimator.update(own, flying=True).value for own, _ in flight(0.6, 15.0, noise=0.0)]
+    assert max(values) == 0.3
+    assert values[-1] == 0.3
+
+
+def test_a_lag_is_believed_from_two_and_a_half_standard_deviations_on():
+    estimator, ratios = VelocityLag(), []
+    for own, _ in flight(0.08):
+        found = estimator.update(own, flying=True)
+        if found.value:
+            ratios.append(found.value / found.sigma)
+    assert 2.5 <= min(ratios) < 2.8
+
+
+def test_a_lag_of_less_than_three_hundredths_of_a_second_does_no_harm():
+    estimator = VelocityLag()
+    for own, _ in flight(0.02, 20.0, noise=0.0):
+        found = estimator.update(own, flying=True)
+        assert found.value == 0.0 or found.value >= 0.03
+    assert found.value == 0.0
+    assert not found.position.any()
