@@ -241,3 +241,16 @@ def test_angles_beyond_half_of_their_step_of_a_tenth_of_a_degree_turn_the_attitu
     assert euler_from_quaternion(attitude.q_wb)[axis] == pytest.approx(0.5 * over)
     within, _ = that_stands().add(angles(0.1, *(0.0008 * np.eye(3)[axis])))
     assert within.omega.tolist() == [0.0, 0.0, 0.0]
+
+
+def test_fixes_are_of_the_moment_at_which_they_come():
+    """East at 1 m/s, and up at 1 m/s from 0.8 m on: the fix of 0.3 s is where the drone is."""
+    coarse = that_stands(v=(1.0, 0.0, 0.0))
+    coarse.add(angles(0.1))
+    coarse.add(fix(east=0.1, altitude=102.0, v=(1.0, 0.0, 0.0)))
+    for time in (0.2, 0.3):
+        coarse.add(angles(time))
+    coarse.add(fix(east=0.3, altitude=101.0, v=(1.0, 0.0, 0.0)))
+    _, position = coarse.add(angles(0.4))
+    assert position.v == pytest.approx([1.0, 0.0, 1.0], abs=1e-6)
+    assert position.p == pytest.approx([0.4, 0.0, 1.1], abs=1e-6)
