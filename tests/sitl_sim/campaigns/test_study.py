@@ -100,7 +100,7 @@ def test_a_study_becomes_a_page_with_table_plot_and_failures(study, tmp_path, ca
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["leaderbord"], "no study 'leaderbord'; valid: certificate, estimation, faults"),
+        (["leaderbord"], "no study 'leaderbord'; valid: ablation, certificate, estimation"),
         (["leaderboard", "--scenarios", "forest,wood"], "no 'wood' in this study; valid: forest"),
         (["gaze", "--cases", "shut"], "no 'shut' in this study; valid: sweep off"),
     ],
