@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mavlink_bridge.shared.arrays import Vector
 
-KEEPS_ON, MANOEUVRES = 0, 1
+MANOEUVRES = 1  # index of this mode; 0: keeps on
 _LEAST = 1e-3  # of a mode's probability: what is all but sure can still turn out wrong
 
 

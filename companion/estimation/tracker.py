@@ -35,7 +35,8 @@ class TrackerConfig(StrictModel):
         2.5,
         gt=0,
         description="Std of the acceleration [m/s²] of a neighbour that manoeuvres; the NMPC uses "
-        "±2 on each axis.",
+        "±2. This, `drift` and the two times make remembered places likeliest on two recorded "
+        "flights.",
     )
     drift: float = Field(
         0.4, gt=0, description="Std of the acceleration [m/s²] of a neighbour that keeps on."
@@ -57,7 +58,11 @@ class TrackerConfig(StrictModel):
         "smaller one a neighbour that swerves is lost.",
     )
     detected: float = Field(
-        0.85, gt=0, lt=1, description="Probability that a neighbour in plain view is seen."
+        0.85,
+        gt=0,
+        lt=1,
+        description="Probability that a neighbour in plain view is seen. Assumed, as are `ghosts` "
+        "and `surest`: two clear looks make a neighbour, four misses end it.",
     )
     ghosts: float = Field(
         0.05,

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator, Field
@@ -26,20 +26,9 @@ _RIM = 0.2  # rad beyond `half_view` that the picture still shows, though badly
 GAZES = PartKind(
     "gaze",
     "swarm_companion.gazes",
-    {
-        "sweep": "companion.guidance.gaze:Gaze",
-        "informed": "companion.guidance.informed_gaze:InformedGaze",
-    },
-    (frozenset({"look_round", "mind", "update", "follow"}),),
+    {"sweep": "companion.guidance.gaze:Gaze"},
+    (frozenset({"look_round", "update", "follow"}),),
 )
-
-
-class Near(NamedTuple):
-    """A neighbour: world bearing [rad], threat [m/s], and time since it was seen [s]."""
-
-    bearing: float
-    threat: float
-    unseen: float
 
 
 class GazeConfig(StrictModel):
@@ -47,8 +36,7 @@ class GazeConfig(StrictModel):
 
     kind: Annotated[str, AfterValidator(GAZES.check)] = Field(
         "sweep",
-        description="sweep: eq. (7); informed: where most may be learnt, eq. (7) where that is "
-        "nothing; your own by the name of its entry point, or module:Class.",
+        description="sweep: eq. (7); your own by the name of its entry point, or module:Class.",
     )
     options: dict[str, Any] = Field({}, description="For your own gaze, which reads them.")
     mean: float = Field(0.0, description="μ [rad].")
@@ -102,9 +90,6 @@ class Gaze:
     def look_round(self) -> None:
         """Turn once all round on the spot, from now on."""
         self._to_survey = self._config.survey
-
-    def mind(self, near: Sequence[Near]) -> None:
-        """Take in all neighbours of this tick, the worst threat first; the sweep needs none."""
 
     def update(
         self,

@@ -15,7 +15,7 @@ from companion.guidance.commissioning import Commissioning
 from companion.guidance.corridor import corridor_planes, free_heading
 from companion.guidance.detour import Detour
 from companion.guidance.fence import FenceConfig
-from companion.guidance.gaze import GazeConfig, Near, bearing, make_gaze, nearest_bearing
+from companion.guidance.gaze import GazeConfig, bearing, make_gaze, nearest_bearing
 from companion.guidance.goals import Goal, resolved
 from companion.guidance.landing import Landing
 from companion.guidance.mission import Mission, MissionConfig, MissionProgress
@@ -177,7 +177,7 @@ class Guidance:
         to_aim = aim - own.p
         near = rated_neighbours(own, tracks, s.d_ref, s.threat)
         critical = near[: s.threat.critical]
-        yaw = self._look(own, tracks, near, to_aim, mine)
+        yaw = self._look(own, tracks, critical, to_aim, mine)
         reaction = reaction_speed(s.speed_limits, delay)
         v_max = s.v_max * min(1.0, reaction / s.cruise)
         speed, limit = self._speed(own, tracks, to_aim, fault, reaction)
@@ -245,19 +245,17 @@ class Guidance:
         self,
         own: VehicleState,
         tracks: Sequence[Track],
-        near: Sequence[tuple[Track, float]],
+        critical: Sequence[tuple[Track, float]],
         to_aim: Vector,
         mine: bool,
     ) -> float:
-        """Return the line of sight ψ [rad]; near: with their threats, the worst first."""
+        """Return the line of sight ψ [rad]."""
         yaw_now = yaw_of(own.q_wb)
         if not mine:
             return self._gaze.follow(own.time, yaw_now)
         if self._commissioning is not None:
             return self._commissioning.yaw(own.time)
-        critical = near[: self._settings.threat.critical]
         lost = [bearing(own.p, t) for t, _ in critical if t.lost]
-        self._gaze.mind([Near(bearing(own.p, t), danger, t.unseen) for t, danger in near])
         close = nearest_bearing(own.p, tracks, self._settings.gaze)
         return self._gaze.update(own.time, own.v, to_aim, yaw_now, lost, close)
 

@@ -93,7 +93,7 @@ class Signing:
         """Return whether a signed frame has the key's signature and is new; note its timestamp."""
         if not self._has_signature(frame):
             return Check.FORGED
-        stream, timestamp = _stamp(frame, system, component)
+        stream, timestamp = _stamp(frame, len(frame), system, component)
         if stream not in self.streams and len(self.streams) >= _STREAMS:
             return Check.OLD
         if timestamp <= self._newest(stream) or self._was_sent(timestamp, stream[1:]):
@@ -110,8 +110,7 @@ class Signing:
         is played back at once is not new either. length: of that frame; sender: system × 256 +
         component.
         """
-        timestamp = int.from_bytes(data[length - 12 : length - 6], "little")
-        stream = data[length - SIGNATURE_BYTES], sender >> 8, sender & 255
+        stream, timestamp = _stamp(data, length, sender >> 8, sender & 255)
         if timestamp <= self._previewed.get(stream, 0) or timestamp <= self.streams.get(stream, 0):
             return False
         return timestamp > self._newest(stream) and not self._was_sent(timestamp, stream[1:])
@@ -120,7 +119,7 @@ class Signing:
         """Return whether a frame that may be new has the key's signature; `check` still says so."""
         if not self._has_signature(frame):
             return False
-        stream, timestamp = _stamp(frame, system, component)
+        stream, timestamp = _stamp(frame, len(frame), system, component)
         self._previewed[stream] = timestamp
         return True
 
@@ -153,7 +152,7 @@ class Signing:
         return timestamp <= until or timestamp in self._sent_set
 
 
-def _stamp(frame: bytes, system: int, component: int) -> tuple[Stream, int]:
-    """Return the stream and the timestamp of a signed frame."""
-    stream = frame[-SIGNATURE_BYTES], system, component
-    return stream, int.from_bytes(frame[-12:-6], "little")
+def _stamp(data: bytes, length: int, system: int, component: int) -> tuple[Stream, int]:
+    """Return the stream and the timestamp of the signed frame that data begins with."""
+    stream = data[length - SIGNATURE_BYTES], system, component
+    return stream, int.from_bytes(data[length - 12 : length - 6], "little")

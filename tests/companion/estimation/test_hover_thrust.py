@@ -229,7 +229,7 @@ def state_at(time, climb=0.0, q=LEVEL):
 
 
 def told_at(time, *thrusts, airborne=True):
-    """What an autopilot tells whose thrusts all act within the 0.1 s before `time`."""
+    """The word of an autopilot whose thrusts all act within the 0.1 s before `time`."""
     return AutopilotThrust(tuple((time - 0.08, x) for x in thrusts), airborne=airborne)
 
 

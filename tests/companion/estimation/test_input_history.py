@@ -58,7 +58,7 @@ def test_later_inputs_come_oldest_first():
 
 
 def test_before_any_input_can_have_acted_the_oldest_one_stands_in():
-    """What flew before is not known; the oldest input is the best guess, and then acts itself."""
+    """Nobody knows what flew before; the oldest input is the best guess, and then acts itself."""
     assert acting(history(sent=1), -0.10, 0.10) == (1.0, [(pytest.approx(0.06), 1.0)])
 
 

@@ -38,7 +38,7 @@ def fly(known, phase, told=CARRIED, ticks=12, q=LEVEL, thrust=None):
 
 
 def hovers_at(thrust, tick):
-    """What an autopilot tells that holds the vehicle with this thrust."""
+    """The word of an autopilot that holds the vehicle with this thrust."""
     return AutopilotThrust(((0.1 * tick - 0.05, thrust),), airborne=True)
 
 

@@ -1,6 +1,7 @@
 """What stands around, from points known by parallax."""
 
 import numpy as np
+import pytest
 
 from companion.estimation.landmark_places import Drift
 from companion.estimation.parallax_map import ParallaxMap, doubted, with_others
@@ -106,4 +107,4 @@ def test_drift_makes_a_point_doubtful_by_its_distance_over_the_base_and_by_the_t
     second = Drift(position=0.02, yaw=0.003, tilt=0.01, tilt_kept=0.6)
     turn = 0.003**2 + 0.01**2 * (1.0 - 0.36)
     expected = np.sqrt(0.1**2 + (0.02**2 + turn * 64.0) * 0.5 * 16.0)
-    assert doubted(fixed, HERE, second).sigmas == np.array([expected])
+    assert doubted(fixed, HERE, second).sigmas == pytest.approx([expected])

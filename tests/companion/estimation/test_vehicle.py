@@ -183,7 +183,7 @@ def test_a_home_that_comes_again_is_no_new_one_and_another_one_is(other):
 
 @pytest.mark.parametrize(("back", "rebooted"), [(0.9, False), (1.1, True)])
 def test_a_time_that_goes_back_by_more_than_a_second_is_a_reboot(back, rebooted):
-    """What is tied to the clock and the frame is forgotten: home, and the level of the ground."""
+    """The estimator forgets what hangs on clock and frame: home, and the level of the ground."""
     vehicle = Vehicle()
     vehicle.tick(49.9, HOME, FLIES, *(5 * [DistanceSensor(49.9, 1.0, 0.1, 12.0, DOWN)]))
     assert vehicle.tick(50.0).height.value == pytest.approx(1.0, abs=0.01)
