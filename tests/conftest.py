@@ -1,6 +1,7 @@
 """Tests marked `row(name)` are rows of the fault matrix; `--fault-table FILE` writes what came."""
 
 import signal
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ settings.load_profile("same")
 HERE = Path(__file__).parent
 _HEAD = HERE / "closed_loop" / "matrix" / "matrix.md"
 _WITHOUT = "| without "  # how a line of the second table begins
+_MADE = "Made at "  # how the line begins that says by which tests
 _tests = {}  # of each test that counts, by its name: (outcome, properties)
 
 
@@ -48,7 +50,7 @@ def note(record_property):
 
 def pytest_runtest_logreport(report):
     found = {k: [v for name, v in report.user_properties if name == k]
-             for k in ("row", "measured", "forest", "without")}  # fmt: skip
+             for k in ("row", "measured", "forest", "alone", "without")}  # fmt: skip
     counts = report.when == "call" or report.outcome != "passed"
     if counts and (found["row"] or found["without"]):
         _tests[report.nodeid] = (report.outcome, found)
@@ -58,7 +60,11 @@ def pytest_sessionfinish(session):
     target = session.config.getoption("--fault-table", default=None)
     if target and _tests:
         # The table can be made in pieces: what earlier runs found stands until it is run again.
-        kept = session.config.cache.get("faults", {}) | _tests
+        commit = _commit()
+        now = {
+            name: (outcome, found | {"commit": commit}) for name, (outcome, found) in _tests.items()
+        }
+        kept = session.config.cache.get("faults", {}) | now
         session.config.cache.set("faults", kept)
         _tests.update(kept)
         page = Path(target)
@@ -80,8 +86,27 @@ def _page(text, before):
         number = line.split("|")[1].strip() if line.startswith("|") else ""
         if number.isdigit():
             line = f"{line.rstrip()} {_cells(number) or old.get(number, 'not run | – | – |')}"
+        if line.startswith(_MADE):
+            line = f"{_MADE}{_made()}."
         out += _mutations(before) if line.startswith(_WITHOUT) else [line]
     return "\n".join(out) + "\n"
+
+
+def _commit():
+    """The commit that is tested; + where the tree differs from it."""
+
+    def git(*args):
+        return subprocess.run(["git", *args], cwd=HERE, capture_output=True, text=True).stdout
+
+    changed = git("status", "--porcelain", "--untracked-files=no", ":/", ":!/docs")
+    return git("rev-parse", "--short", "HEAD").strip() + "+" * bool(changed.strip())
+
+
+def _made():
+    """By how many tests, at which commits."""
+    commits = {found["commit"] for _, found in _tests.values()}
+    failed = sum(outcome == "failed" for outcome, _ in _tests.values())
+    return f"{', '.join(sorted(commits))}: {len(_tests)} tests, {failed} failed"
 
 
 def _cells(number):
@@ -97,6 +122,9 @@ def _cells(number):
     flights = [tuple(f) for _, found in tests for f in found["forest"]]
     three, nine = ({f for f in flights if f[0] == n} for n in (3, 9))
     forest = f"{len({seed for _, seed in three})} seeds; {len(nine)} × 9" if flights else "–"
+    alone = {seed for _, found in tests for seed in found["alone"]}
+    if alone:
+        forest += f"; alone: {len(alone)} seeds"
     least = {}
     for what, value in (m for _, found in tests for m in found["measured"]):
         pick = min if what.startswith("least") else max

@@ -3,7 +3,9 @@
 import numpy as np
 
 from companion.supervision.certify import Certified, Flown
-from tests.closed_loop.matrix.inprocess import InProcess, run, scenario
+from tests.closed_loop.matrix.inprocess import SET_OUT_AT_ONCE, InProcess, fly, run, scenario
+
+_FAST = "3 m/s are assumed"
 
 
 def beyond(f, i):
@@ -14,6 +16,35 @@ def beyond(f, i):
 def believe(*args):
     """A certifier that accepts everything."""
     return Certified(Flown.COMMAND, 0.0, "neighbour")
+
+
+def row_39_attack(note):
+    """A drone flies at ours: at 1 m/s it is evaded; at 5 m/s its speed is named before it hits.
+
+    Whoever is three times as fast and turns at will meets whom it wants: no evasion avoids that.
+    """
+    for speed in (1.0, 5.0):
+        f = fly(
+            count=2,
+            world={},
+            mission__targets=[[0.0, -20.0, 2.0], [0.0, 0.0, 2.0]],
+            mission__time_limit=26.0,
+            drones__spacing=14.0,
+            drones__foreign={"drone2": {"does": "pursue", "speed": speed, "after": 6.0}},
+            companion=SET_OUT_AT_ONCE | {"certificate": {"enforce": True}},
+        )
+        truth = f.truth.arrays()
+        p = truth["position"].astype(float)
+        apart = np.linalg.norm(p[:, 0] - p[:, 1], axis=1)
+        apart[(p[..., 2] < 0.3).any(axis=1)] = np.inf
+        met = truth["t"][apart < 2 * f.scenario.drones.radius]
+        if speed == 1.0:
+            assert not len(met), apart.min()
+            note("least distance to a pursuer at 1 m/s [m]", float(apart.min()))
+            continue
+        said = next(t for t, o in f.companions[0].ticks(0.0) if any(_FAST in b for b in o.beyond))
+        assert said < met[0] - 0.5
+        note("least s from naming a pursuer's 5 m/s to its hit", float(met[0] - said))
 
 
 def row_39_trunk(note):

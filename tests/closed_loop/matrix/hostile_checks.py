@@ -11,9 +11,9 @@ from tests.closed_loop.matrix.measures import CRUISE, SHORT, costs_of_ticks, flo
 SIGNED = SHORT | {"drones__signing": True}
 
 
-def listening(f):
+def listening(f, i=0):
     """Count the companion's own frames that it hears."""
-    c = f.companions[0]
+    c = f.companions[i]
     c.echoes, own = 0, c.config.link.component_id
 
     def look(inputs):
@@ -68,27 +68,30 @@ def row_27(note):
     note("p99 of the tick [s], 10 MB/s", costs[1])
 
 
+def spoil_detector(f, kind, since, until=np.inf, i=0):
+    """Let drone i's detector fail in [since, until) s: give "nan", "inf", "huge", or "raises"."""
+    frontend = f.companions[i].companion._perception
+    detect = frontend._detect
+
+    def wrong(frame, *given):
+        if not since <= f._now / 1e3 < until:
+            return detect(frame, *given)
+        if kind == "raises":
+            raise ValueError("cannot convert float NaN to integer")
+        number = {"nan": np.nan, "inf": np.inf, "huge": 1e30}[kind]
+        rows = np.full((2, 6), number)
+        return detect(replace(frame, arrays=frame.arrays | {"neighbours": rows}), *given)
+
+    frontend._detect = wrong
+
+
 def row_28(note):
     """The detector gives NaN, infinite or huge numbers, or raises: as a camera that is blind."""
     for kind in ("nan", "inf", "huge", "raises"):
-
-        def spoil(f, kind=kind):
-            frontend = f.companions[0].companion._perception
-            detect = frontend._detect
-
-            def wrong(frame, *given):
-                if not f._now / 1e3 >= CRUISE:
-                    return detect(frame, *given)
-                if kind == "raises":
-                    raise ValueError("cannot convert float NaN to integer")
-                number = {"nan": np.nan, "inf": np.inf, "huge": 1e30}[kind]
-                rows = np.full((2, 6), number)
-                spoilt = replace(frame, arrays=frame.arrays | {"neighbours": rows})
-                return detect(spoilt, *given)
-
-            frontend._detect = wrong
-
-        f = flown_with(spoil, [], **(SHORT | {"mission__time_limit": 18.0}))
+        f = flown_with(
+            lambda f, kind=kind: spoil_detector(f, kind, CRUISE),
+            **(SHORT | {"mission__time_limit": 18.0}),
+        )
         c = f.companions[0]
         first = [o for _, o in c.ticks(CRUISE + 0.15)]
         assert all(o.verdict is None or o.verdict.reason is Reason.BLIND for o in first), kind
@@ -113,24 +116,26 @@ STAGES = {
 }
 
 
+def raises(f, stage, since, i=0):
+    """Let this stage of drone i raise from `since` [s] on."""
+    path, name = STAGES[stage]
+    part = f.companions[i].companion
+    for step in path.split("."):
+        part = getattr(part, step)
+    true = getattr(part, name)
+
+    def wrong(*args, **more):
+        if f._now / 1e3 >= since:
+            raise ZeroDivisionError("by zero")
+        return true(*args, **more)
+
+    setattr(part, name, wrong)
+
+
 def row_29(note):
     """Each stage raises in turn, from some tick on: HOLD, by the guard or without it."""
-    for stage, (path, name) in STAGES.items():
-
-        def spoil(f, path=path, name=name):
-            part = f.companions[0].companion
-            for step in path.split("."):
-                part = getattr(part, step)
-            true = getattr(part, name)
-
-            def wrong(*args, **more):
-                if f._now / 1e3 >= CRUISE:
-                    raise ZeroDivisionError("by zero")
-                return true(*args, **more)
-
-            setattr(part, name, wrong)
-
-        f = flown_with(spoil, [], **SHORT)
+    for stage in STAGES:
+        f = flown_with(lambda f, stage=stage: raises(f, stage, CRUISE), **SHORT)
         c = f.companions[0]
         hold = mode_after(f, CRUISE, "HOLD")
         assert hold <= 0.25, (stage, hold)  # a tick, its delay, and the autopilot's answer

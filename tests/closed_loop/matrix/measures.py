@@ -146,3 +146,4 @@ def slow_after(f, i, since, speed):
 
 def completes(f, i, kind, note):
     assert f.reached(i) >= 1, f"drone{i + 1} reached no target"
+    note("at its first target [s]", f.first_target(i))

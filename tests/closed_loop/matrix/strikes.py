@@ -1,6 +1,6 @@
 """Disturbances of the forest's rows that no fault of a scenario makes.
 
-Each takes the flight and a drone, and returns {flight time [s]: call()}.
+Each takes the flight, a drone and the kind, and returns {flight time [s]: call()}.
 """
 
 from dataclasses import replace
@@ -12,14 +12,14 @@ from tests.closed_loop.matrix.measures import nan_between, spoil_solves
 AT = 9.0  # s, when all faults begin
 
 
-def killed(f, i):
+def killed(f, i, kind):
     def gone():
         f.companions[i].connected = False
 
     return {AT: gone}
 
 
-def fence_moves(f, i):
+def fence_moves(f, i, kind):
     """Move the fence so that drone i is suddenly outside the side that it flies towards."""
 
     def cross():
@@ -35,7 +35,7 @@ def fence_moves(f, i):
     return {AT: cross}
 
 
-def released(f, i):
+def released(f, i, kind):
     """Let the pipeline leave, as the daemon does on SIGTERM."""
 
     def leave():
@@ -45,14 +45,14 @@ def released(f, i):
 
 
 def bad_solves(which):
-    def strike(f, i):
+    def strike(f, i, kind):
         spoil_solves(f, AT, which, i=i)
         return {}
 
     return strike
 
 
-def not_numbers(f, i):
+def not_numbers(f, i, kind):
     boot = f._drones[i].boot_ms / 1e3
     f.companions[i].before = nan_between(AT + boot, AT + boot + 3.0)
     spoil_solves(f, AT, range(0, 200, 20), u=lambda u: u * np.nan, i=i)

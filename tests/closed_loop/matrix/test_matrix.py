@@ -29,13 +29,42 @@ from mavlink_bridge.wire import allowance, codec, framing
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.messages import Attitude, Received, Source
 from mavlink_bridge.wire.signing import Signing
-from tests.closed_loop.matrix import attack_checks, checks, inprocess, power_checks, thrust_checks
+from tests.closed_loop.matrix import (
+    attack_checks,
+    checks,
+    inprocess,
+    power_checks,
+    thrust_checks,
+    world_checks,
+)
 
 
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("row", [pytest.param(r, marks=pytest.mark.row(r)) for r in checks.ROWS])
 def test_row(row, note):
     checks.ROWS[row](note)
+
+
+# Rows that the forest cannot show, with more seeds: they are flown with one above.
+ALONE = ("32", "32_late", "36", "36_in_flight", "39_trunk", "39_attack")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("seed", range(2, 11))
+@pytest.mark.parametrize("row", [pytest.param(r, marks=pytest.mark.row(r)) for r in ALONE])
+def test_row_of_another_seed(row, seed, note, monkeypatch, record_property):
+    monkeypatch.setattr(inprocess, "SEED", seed)
+    record_property("alone", seed)
+    checks.ROWS[row](note)
+
+
+@pytest.mark.slow
+@pytest.mark.row("43")
+@pytest.mark.parametrize("seed", range(11, 21))
+def test_the_estimate_slides(seed, note, record_property):
+    record_property("alone", seed)
+    world_checks.slides(seed, note)
 
 
 @pytest.mark.row("18")

@@ -9,7 +9,7 @@ CELLS = 4  # of a row: number, fault, what must happen, by when
 def said(path):
     """The lines of the page without results, and without the table of mutations."""
     lines = (ROOT / path).read_text(encoding="utf-8").splitlines()
-    rows = [line.split(" | ") for line in lines if not line.startswith("| without ")]
+    rows = [line.split(" | ") for line in lines if not line.startswith(("| without ", "Made at "))]
     return [" | ".join(cells[:CELLS]).removesuffix(" |") for cells in rows]
 
 
