@@ -100,10 +100,10 @@ class TrackerConfig(StrictModel):
         "fades: to the own velocity where it flew along, else to rest, see `along`.",
     )
     speed_max: float = Field(
-        3.0,
+        8.0,
         gt=0,
-        description="Highest speed of a track [m/s]. A neighbour that comes out from behind "
-        "another shows wider look by look, as if it approached at 6 m/s.",
+        description="Highest speed of a track [m/s]: above what attacks, so that a track keeps up "
+        "with it.",
     )
     along: float = Field(
         1.5,

@@ -48,7 +48,10 @@ class GazeConfig(StrictModel):
         1.2, gt=0, description="A neighbour this far [rad] off the line of sight is in view."
     )
     close: float = Field(
-        1.0, ge=0, description="The nearest neighbour stays in view if nearer than this [m]."
+        1.0,
+        ge=0,
+        description="The neighbour that comes nearest within a swing stays in view, if nearer than "
+        "this [m].",
     )
     half_period: float = Field(0.9, gt=0, description="Time [s] of one swing to one side.")
     slew: float = Field(2.0, gt=0, description="Fastest turn of the reference [rad/s].")
@@ -180,12 +183,26 @@ def bearing(p: Vector, track: Track) -> float:
     return math.atan2(track.p[1] - p[1], track.p[0] - p[0])
 
 
-def nearest_bearing(p: Vector, tracks: Sequence[Track], config: GazeConfig) -> float | None:
-    """Return the bearing [rad] of the neighbour nearest to p (3,) m; None beyond `close`."""
-    nearest = min(tracks, key=lambda t: norm(t.p - p), default=None)
-    if nearest is None or norm(nearest.p - p) >= config.close:
+def nearest_bearing(
+    p: Vector, v: Vector, tracks: Sequence[Track], config: GazeConfig
+) -> float | None:
+    """Return the bearing [rad] of the neighbour that comes nearest within a swing; None: none near.
+
+    p, v: (3,) m, m/s, the own. Near is nearer than `close` on the present courses.
+    """
+    coming = [(nearest_within(t.p - p, t.v - v, config.half_period), t) for t in tracks]
+    gap, nearest = min(coming, key=lambda c: c[0], default=(math.inf, None))
+    if nearest is None or gap >= config.close:
         return None
     return bearing(p, nearest)
+
+
+def nearest_within(offset: Vector, velocity: Vector, time: float) -> float:
+    """Return the least length [m] of offset (3,) m within `time` [s], moving at velocity (3,)."""
+    closing = -float(offset @ velocity)
+    square = float(velocity @ velocity)
+    at = min(max(closing / square, 0.0), time) if square > 0.0 else 0.0
+    return norm(offset + at * velocity)
 
 
 def wrap(angle: float) -> float:

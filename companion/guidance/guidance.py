@@ -256,7 +256,7 @@ class Guidance:
         if self._commissioning is not None:
             return self._commissioning.yaw(own.time)
         lost = [bearing(own.p, t) for t, _ in critical if t.lost]
-        close = nearest_bearing(own.p, tracks, self._settings.gaze)
+        close = nearest_bearing(own.p, own.v, tracks, self._settings.gaze)
         return self._gaze.update(own.time, own.v, to_aim, yaw_now, lost, close)
 
     def _speed(

@@ -132,11 +132,17 @@ def _carried(scene: Scene, dt: float) -> Scene:
     return replace(scene, neighbours=neighbours, cylinders=cylinders)
 
 
-def braking_law(guard: GuardConfig, delay: Delay) -> Law:
-    """Return the law of the guard's brake; delay: limits the body rates."""
+def braking_law(guard: GuardConfig, delay: Delay, yaw_rate: float = 0.0) -> Law:
+    """Return the law of the guard's brake; delay: limits the body rates. yaw_rate: rad/s, kept."""
     fastest = within_doubt(np.array([guard.omega_max, 0.0, 0.0]), delay)[0]
     return Law(
-        guard.brake_gain, guard.brake_max, guard.attitude_gain, fastest, guard.c_min, guard.c_max
+        guard.brake_gain,
+        guard.brake_max,
+        guard.attitude_gain,
+        fastest,
+        guard.c_min,
+        guard.c_max,
+        yaw_rate,
     )
 
 
@@ -180,9 +186,9 @@ class Certifier:
         self._ticks += 1
         if not self._enforce and self._ticks % _SHADOW:
             return None
-        law = braking_law(self._guard, delay)
-        scene = _carried(around(), prediction.delay)
         first = np.array([command.c, *within_doubt(command.omega, delay)])
+        law = braking_law(self._guard, delay, float(first[3]))  # it looks where the plan does
+        scene = _carried(around(), prediction.delay)
         after = self._out(first, prediction, scene, law)
         safe = max(after, key=lambda way: way.margin)
         leaves = max(way.course for way in after)
@@ -193,15 +199,20 @@ class Certifier:
             self._last = None
             return Certified(Flown.NONE, safe.margin, safe.cause)
         if safe.margin >= 0.0:
-            best = max(self._out(None, prediction, scene, law), key=lambda way: way.course)
-            if best.course < leaves + _GAIN:
-                self._last = safe.way
-                return Certified(Flown.COMMAND, safe.margin, safe.cause)
-            return self._fly(best, safe.margin, "course")
-        last = self._going_on(prediction, scene, law)
-        held = [way for way in last if way.margin >= 0.0]
-        best = max(held or self._out(None, prediction, scene, law), key=lambda way: way.rank)
-        return self._fly(best, safe.margin, safe.cause)
+            stays, ways = max(after, key=lambda way: way.course), []
+        else:
+            held = [way for way in self._going_on(prediction, scene, law) if way.margin >= 0.0]
+            ways = [] if held else self._out(None, prediction, scene, law)
+            stays = max(held or ways, key=lambda way: way.rank)
+        if stays.course < 0.0:  # it stops on somebody's course, and would be hit at rest
+            ways = ways or self._out(None, prediction, scene, law)
+            leaving = max(ways, key=lambda way: way.course)
+            if leaving.course >= stays.course + _GAIN:
+                return self._fly(leaving, safe.margin, "course")
+        if safe.margin >= 0.0:
+            self._last = safe.way
+            return Certified(Flown.COMMAND, safe.margin, safe.cause)
+        return self._fly(stays, safe.margin, safe.cause)
 
     def _out(
         self, first: Vector | None, prediction: Prediction, scene: Scene, law: Law

@@ -28,7 +28,7 @@ _TINY = 1e-9
 
 @dataclass(frozen=True)
 class Law:
-    """Gains and bounds of the law: 1/s, m/s², 1/s, rad/s, m/s²."""
+    """Gains and bounds of the law: 1/s, m/s², 1/s, rad/s, m/s²; rad/s by which it yaws."""
 
     brake_gain: float
     brake_max: float
@@ -36,6 +36,7 @@ class Law:
     omega_max: float
     c_min: float
     c_max: float
+    yaw_rate: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -95,6 +96,7 @@ def simulate(x0: Vector, ways: Ways, wind: Vector, law: Law, first: Vector | Non
         places[k, count:], speeds[k, count:] = rows[-1, :3], 0.0
         u[k, 0] = c
         u[k, 1:4] = r.T @ turn / DT
+    u[:, 3] += law.yaw_rate
     np.clip(u[:, 1:4], -law.omega_max, law.omega_max, out=u[:, 1:4])
     if first is not None:
         u[:] = first

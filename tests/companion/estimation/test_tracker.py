@@ -215,15 +215,25 @@ def test_the_less_a_neighbour_flew_along_the_nearer_to_rest_it_is_believed_to_fa
     assert lost.v[1] < 0.35 * across
 
 
-def test_a_neighbour_that_comes_out_from_behind_another_is_not_tracked_as_fast():
-    """It hovers 4.4 m away; half of it looks 8 m away, then more and more of it shows."""
+def test_a_neighbour_that_attacks_at_five_metres_a_second_keeps_its_track():
+    tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
+    velocity = np.array([-5.0, 0.4, 0.0])
+    named = {t.id for tracks in follow(tracker, np.array([13.0, 0.0, 0.0]), velocity, 16, rng)
+             for t in tracks}  # fmt: skip
+    (track,) = tracker.tracks()
+    assert named == {track.id}
+    assert np.linalg.norm(track.v - velocity) < 0.7
+
+
+def test_a_neighbour_that_comes_out_from_behind_another_is_tracked_as_half_as_fast_as_it_looks():
+    """It hovers 4.4 m away; half of it looks 8 m away, then more and more of it shows: 6 m/s."""
     tracker, still = Tracker(TrackerConfig()), np.zeros(3)
     for k in range(12):
         away = 8.0 - 0.6 * min(k, 6)
         seen = Detection(np.array([1.0, 0.0, 0.0]), away, 0.003, sigma_range=0.1 * away)
         state = VehicleState(k / 10, still, still, LEVEL, still)
         tracker.update(k / 10, [seen], state, LEVEL, None)
-        assert all(np.linalg.norm(t.v) <= 3.0 for t in tracker.tracks())
+        assert all(np.linalg.norm(t.v) <= 3.6 for t in tracker.tracks())
     (track,) = tracker.tracks()
     assert abs(track.p[0] - away) < 0.5
 

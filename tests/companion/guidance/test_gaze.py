@@ -1,6 +1,7 @@
 """The line of sight, eq. (7): along the way, swept at random, the nearest neighbour in view."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -117,14 +118,32 @@ def test_before_it_sets_out_the_drone_looks_once_all_round():
 )
 def test_the_nearest_neighbour_has_a_bearing_where_it_is_close(places, bearing):
     tracks = [track(n, p) for n, p in enumerate(places)]
-    found = nearest_bearing(np.array([1.0, 2.0, 0.5]), tracks, GazeConfig())
+    found = nearest_bearing(np.array([1.0, 2.0, 0.5]), np.zeros(3), tracks, GazeConfig())
     assert found == (None if bearing is None else pytest.approx(bearing))
 
 
 def test_how_close_is_as_configured():
     here, there = np.array([1.0, 2.0, 0.5]), [track(1, [2.5, 2.0, 0.5])]
-    assert nearest_bearing(here, there, GazeConfig(close=1.6)) == 0.0
-    assert nearest_bearing(here, there, GazeConfig(close=1.4)) is None
+    assert nearest_bearing(here, np.zeros(3), there, GazeConfig(close=1.6)) == 0.0
+    assert nearest_bearing(here, np.zeros(3), there, GazeConfig(close=1.4)) is None
+
+
+@pytest.mark.parametrize(
+    ("offset", "velocity", "bearing"),
+    [
+        ((0.0, 5.0, 0.0), (0.0, -5.0, 0.0), math.pi / 2),  # 0.5 m away at the end of a swing
+        ((0.0, 5.0, 0.0), (0.0, -4.0, 0.0), None),  # 1.4 m
+        ((0.0, 5.0, 0.0), (0.0, 5.0, 0.0), None),
+        ((2.0, 0.9, 0.0), (-4.0, 0.0, 0.0), math.atan2(0.9, 2.0)),  # passes 0.9 m aside
+        ((2.0, 1.1, 0.0), (-4.0, 0.0, 0.0), None),
+        ((-0.9, 0.0, 0.0), (-4.0, 0.0, 0.0), math.pi),  # close now, and leaving
+    ],
+)
+def test_a_neighbour_that_will_be_close_within_a_swing_is_close(offset, velocity, bearing):
+    here, own = np.array([1.0, 2.0, 0.5]), np.array([0.7, -0.3, 0.1])
+    coming = replace(track(1, here + offset), v=own + velocity)
+    found = nearest_bearing(here, own, [coming], GazeConfig())
+    assert found == (None if bearing is None else pytest.approx(bearing))
 
 
 @pytest.mark.parametrize(("bearing", "turns"), [(2.15, 0.8), (-2.15, -0.8), (2.25, 0.0)])

@@ -73,6 +73,33 @@ def test_a_hovering_drone_leaves_the_course_of_a_fast_neighbour_at_the_last_chan
     assert np.linalg.norm(found.instead.omega) > 1.0 or found.instead.c != pytest.approx(GRAVITY)
 
 
+def test_a_drone_at_rest_leaves_the_course_of_a_slow_neighbour_though_its_plan_is_refused():
+    """It could stand with a certificate, and would be run into."""
+    c, into = certifier(), RateCommand(np.array([0.0, 3.0, 0.0]), GRAVITY)
+    assert c.certify(HOVER, moving(0.0), scene(), KNOWN).flown is Flown.COMMAND
+    for x in np.arange(3.0, 0.6, -0.1):
+        found = c.certify(into, moving(0.0), scene(((x, 0.0, 2.0), (-1.0, 0.0, 0.0))), KNOWN)
+        if found.cause == "course":
+            break
+    assert found.cause == "course"
+    assert x > 0.9
+    assert np.linalg.norm(found.instead.omega[:2]) > 0.5
+
+
+def test_a_drone_that_evades_looks_where_its_plan_looks():
+    c = certifier()
+    at = ((1.4, 0.0, 2.0), (0.0, 0.0, 0.0))
+    c.certify(HOVER, moving(1.2), scene(at), KNOWN)
+    pushed = RateCommand(np.array([0.0, 3.0, -0.9]), GRAVITY)
+    found = c.certify(pushed, moving(1.45), scene(at), KNOWN)
+    assert found.flown is Flown.WAY
+    assert found.instead.omega[2] == pytest.approx(-0.9)
+    turning = c.certify(
+        RateCommand(np.array([0.0, 3.0, 99.0]), GRAVITY), moving(1.45), scene(at), KNOWN
+    )
+    assert 1.0 < turning.instead.omega[2] <= GuardConfig().omega_max
+
+
 def test_space_not_looked_at_is_not_flown_into():
     found = certifier().certify(HOVER, moving(1.6), scene(free=0.0), KNOWN)
     assert found.flown is not Flown.COMMAND
