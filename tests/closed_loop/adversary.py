@@ -234,7 +234,9 @@ class Episode:
         found = self._certifier.certify(command, prediction, around.scene, KNOWN)
         self.cost += time.thread_time() - began
         self.flown, self.broken = found.flown, around.broken
-        command = command if found.instead is None else found.instead
+        accepted = found.flown is Flown.COMMAND
+        self.refused = not accepted and found.instead is None  # and flown all the same
+        command = command if accepted or self.refused else found.instead
         self._send(command, TICK - TO_EFFECT)
         return self._contacts()
 
@@ -315,6 +317,7 @@ def fly(ticks, seed, config=None, guard=None, costs=None):
                 costs.append(episode.cost)
             counts["ticks"] += 1
             counts[f"flown: {episode.flown.value}"] += 1
+            counts["refused commands that flew"] += episode.refused
             counts["moving"] += moves
             counts["ticks with a broken bound"] += bool(episode.broken)
             counts["none right after command"] += (

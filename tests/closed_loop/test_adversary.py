@@ -17,6 +17,7 @@ def contacts(counts, how=""):
 def test_a_certified_drone_that_moves_touches_nothing():
     counts = adversary.fly(900, seed=2901)
     assert contacts(counts, "moving, certified") == {}
+    assert counts["refused commands that flew"] == 0
     assert counts["moving"] > 400
     assert counts["flown: way"] > 20  # the planner needs it
     # 0.095 in 542,497 ticks; in so few as these 0.04 to 0.16, by eight seeds.
@@ -37,4 +38,5 @@ def test_without_the_checker_it_does(monkeypatch):
 def test_nor_in_forty_thousand_ticks():
     counts = adversary.fly(40_000, seed=2902)
     assert contacts(counts, "moving, certified") == {}
+    assert counts["refused commands that flew"] == 0
     assert counts["flown: none"] < 0.1 * counts["ticks"]
