@@ -7,6 +7,7 @@ import statistics
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -161,6 +162,29 @@ def test_no_signal_of_a_user_kills_the_daemon(world, start_daemon, number):
     assert daemon.process.wait(PATIENCE) == 0  # a signal that kills gives its negative number
     assert "stopping" in daemon.log()
     assert "stopped" in daemon.log()
+
+
+WITHOUT_SIGNALS = """
+import sys
+from companion.__main__ import main
+from companion.process import daemon
+daemon._ENDING = daemon._ENDING[:2]
+sys.exit(main())
+"""
+
+
+@pytest.mark.mutation
+def test_row_38_fails_without_the_signals_that_end_a_daemon(world, start_daemon, record_property):
+    """SIGTERM and SIGINT alone end it in order then."""
+    command = (sys.executable, "-c", WITHOUT_SIGNALS)
+    start, said = partial(start_daemon, command=command), ""
+    try:
+        with pytest.raises(AssertionError) as failed:
+            test_no_signal_of_a_user_kills_the_daemon(world, start, signal.SIGHUP)
+        said = str(failed.traceback[-1].statement).strip()
+        assert "daemon.process.wait(PATIENCE) == 0" in said
+    finally:
+        record_property("without", ("the signals that end a daemon | 38", f"`{said}`"))
 
 
 @pytest.mark.row("23")
