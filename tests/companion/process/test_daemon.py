@@ -1,6 +1,7 @@
 """The daemon as a service manager sees it: real processes, an emulated vehicle on the link."""
 
 import os
+import re
 import resource
 import signal
 import statistics
@@ -51,6 +52,7 @@ def test_ready_watchdog_and_an_orderly_end_in_flight(world, start_daemon):
     assert used.ru_utime + used.ru_stime - before <= 2.0
     assert vehicle_mode(ground, 1) == (True, "hold")
     assert "stopped" in daemon.log()
+    assert "vehicle's address address=127.0.0.1:" in daemon.log()
     ground.close()
 
 
@@ -227,3 +229,38 @@ def test_a_disk_that_fills_ends_the_log_and_nothing_else(world, start_daemon, no
     kept = salvage(log, "/tick")
     assert len(kept) >= 5  # what was flushed before is there
     note("ticks kept", len(kept))
+
+
+# The line fails in flight, where no stage of the tick stands.
+BROKEN_LINE = """
+import signal, sys
+from companion.__main__ import main
+from mavlink_bridge.wire.link import Link
+asked = []
+signal.signal(signal.SIGRTMIN, lambda *_: asked.append(1))
+receive = Link.receive
+def broken(self, renew=True):
+    if asked:
+        raise ZeroDivisionError("of the line")
+    return receive(self, renew)
+Link.receive = broken
+sys.exit(main())
+"""
+
+
+@pytest.mark.row("29")
+def test_an_error_outside_the_stages_ends_in_hold_and_in_order(world, start_daemon):
+    ground = UdpEndpoint(local=("127.0.0.1", world.ground_port))
+    daemon = start_daemon(world.config(3, auto=True), (sys.executable, "-c", BROKEN_LINE))
+    assert daemon.listen(PATIENCE, until="READY=1"), daemon.log()
+    daemon.until_phase("fly")
+    daemon.process.send_signal(signal.SIGRTMIN)
+    assert daemon.listen(PATIENCE, until="STOPPING=1"), daemon.log()
+    assert daemon.process.wait(PATIENCE) == 69  # the service manager starts it anew
+    assert vehicle_mode(ground, 3) == (True, "hold")
+    ground.close()
+    failed, stopped = daemon.log().splitlines()[-2:]
+    assert re.fullmatch(r'failed what="ZeroDivisionError: of the line \(.*:\d+\)"', failed)
+    assert stopped.startswith("stopped deadline_misses=")
+    (log,) = daemon.folder.glob("flight-*.mcap")
+    assert read_log(log).ticks[-1]["phase"] == "fly"  # closed, and whole to the last tick
