@@ -90,14 +90,18 @@ sbom: setup
 
 # A release to publish: `make release KEY=~/.ssh/release` (docs/deploy.md).
 release: setup sbom kernels
-	$(BIN)/companion deploy --make-release dist/swarm-companion.tar $(if $(KEY),--sign $(KEY))
+	SOURCE_DATE_EPOCH=$$(git log -1 --format=%ct) \
+	    $(BIN)/companion deploy --make-release dist/swarm-companion.tar $(if $(KEY),--sign $(KEY))
 	cd dist && sha256sum swarm-companion.tar sbom.cdx.json > SHA256SUMS
 
-# Two builds of the committed state, in two folders: fails where wheel or release differ by a byte.
+# Two builds of the committed state, in two folders, with the kernels that a release has: fails where
+# wheel or release differ by a byte.
 reproducible: setup
 	rm -rf build/reproducible
 	for n in 1 2; do \
 	    git clone --quiet . build/reproducible/$$n && \
+	    (cd build/reproducible/$$n && \
+	        $(CURDIR)/$(BIN)/python -m companion.control.nmpc.build_kernels) && \
 	    SOURCE_DATE_EPOCH=$$(git log -1 --format=%ct) \
 	    $(BIN)/python -m build --wheel --outdir build/reproducible/out$$n build/reproducible/$$n \
 	        > build/reproducible/log$$n && \

@@ -5,6 +5,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -60,6 +61,27 @@ def run(program, *arguments, **more):
     return subprocess.run(
         [program, *map(str, arguments)], capture_output=True, text=True, env=environment, **more
     )
+
+
+def test_the_same_tree_makes_the_same_wheel_wherever_and_whenever(tmp_path):
+    """In two folders, by files of other times and rights, a whole build each; no network."""
+    listed = ["git", "-C", ROOT, "ls-files", "-z", "--", ":!docs", ":!tests", ":!training"]
+    files = subprocess.run(listed, capture_output=True, text=True, check=True).stdout
+    environment = {k: v for k, v in os.environ.items() if k != "SOURCE_DATE_EPOCH"}
+    made = []
+    for folder, age, mode in (("a", 0.0, 0o644), ("in/another folder", 4e7, 0o664)):
+        tree = tmp_path / folder
+        for name in filter(None, files.split("\0")):
+            (tree / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(ROOT / name, tree / name)
+            (tree / name).chmod(mode)
+            os.utime(tree / name, (1.7e9 - age, 1.7e9 - age))
+        command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", "out"]
+        subprocess.run(command, cwd=tree, env=environment, check=True, capture_output=True)
+        (wheel,) = (tree / "out").glob("*.whl")
+        made.append((wheel.name, wheel.read_bytes()))
+    assert made[0] == made[1]
+    assert f"swarm_companion-{PROJECT['version']}-" in made[0][0]
 
 
 @pytest.mark.parametrize("name", PROJECT["scripts"])

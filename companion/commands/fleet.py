@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from companion.ground.fleet import Row
-    from companion.settings.config import CompanionConfig
+    from companion.ground.row import Row
+    from companion.settings.conflicts import Drone
 
 HELP = "arm, take off, start, hold or land many vehicles at once"
 EXIT_FAILED, EXIT_BAD_INPUT = 1, 2
@@ -43,18 +43,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--patience", type=float, default=5.0, metavar="S", help="time for the vehicles to appear"
     )
+    parser.add_argument(
+        "--signing-key",
+        type=Path,
+        metavar="FILE",
+        help="of drones with link.signing, where it is not the file that they name",
+    )
     parser.add_argument("--json", action="store_true", help="for machines")
 
 
 def run(options: argparse.Namespace) -> int:
     """Act on all vehicles at once, and print a table; 1 where one did not do it."""
-    from companion.ground.fleet import act
     from mavlink_bridge.shared.settings import SettingsError
     from mavlink_bridge.wire.udp import EndpointError
 
     try:
         drones = _drones(options.drones, None if options.all else options.only)
-        rows = asyncio.run(act(options.action, drones, options.url, options.patience))
+        rows = _acted(options, drones)
     except SettingsError as error:
         print(error, file=sys.stderr)
         return EXIT_BAD_INPUT
@@ -68,7 +73,24 @@ def run(options: argparse.Namespace) -> int:
     return 0 if all(row.ok for row in rows) else EXIT_FAILED
 
 
-def _drones(folder: Path, names: list[str] | None) -> list[CompanionConfig]:
+def _acted(options: argparse.Namespace, drones: list[Drone]) -> list[Row]:
+    """Act on the vehicles by MAVSDK; by the ground station's own line where they sign.
+
+    Raises:
+        SettingsError: a signing key cannot be used.
+        EndpointError: the URL cannot be opened.
+    """
+    from companion.ground.signed_fleet import act_signed, key_of
+
+    configs, key = [d.config for d in drones], key_of(drones, options.signing_key)
+    if key is not None:
+        return act_signed(options.action, configs, key, options.url, options.patience)
+    from companion.ground.fleet import act
+
+    return asyncio.run(act(options.action, configs, options.url, options.patience))
+
+
+def _drones(folder: Path, names: list[str] | None) -> list[Drone]:
     """Return the drones of a folder, all or those named.
 
     Raises:
@@ -79,7 +101,7 @@ def _drones(folder: Path, names: list[str] | None) -> list[CompanionConfig]:
 
     drones, problems = read_drones(sorted(folder.glob("*.yaml")))
     problems += conflicts(drones)
-    known = {d.config.name: d.config for d in drones}
+    known = {d.config.name: d for d in drones}
     for name in names or []:
         if name not in known:
             problems.append(f"{folder}: no drone {name!r}; valid: {', '.join(known)}")

@@ -25,6 +25,7 @@ from mavsdk.logging import log_subscribe
 from mavsdk.plugins.action import ActionError
 from mavsdk.plugins.mavlink_direct import MavlinkMessage
 
+from companion.ground.row import Row
 from companion.ground.vehicle_monitor import VehicleMonitor
 from companion.settings.config import CompanionConfig
 from mavlink_bridge.autopilots.registry import Autopilot, adapter
@@ -67,23 +68,6 @@ SHOWN = {
     "hold": Shown("holding", lambda v: v.mode == "hold", 5.0),
     "land": Shown("landing", lambda v: v.mode == "land" or v.armed is False, 5.0),
 }
-
-
-@dataclass
-class Row:
-    """The result of an action for one vehicle, and the vehicle's state after it.
-
-    height: m above the place of take-off. None and empty: the vehicle did not tell.
-    """
-
-    drone: str
-    system: int
-    result: str = "not found"
-    ok: bool = False
-    armed: bool | None = None
-    mode: str = ""
-    height: float | None = None
-    battery_percent: float | None = None
 
 
 async def act(

@@ -198,7 +198,8 @@ class Station:
         if not isinstance(udp, UdpEndpoint):
             udp.send(self.codec.encode(messages))
             return
-        for place in {place for place, _ in self._addresses.values()}:
+        known = {place for place, _ in self._addresses.values()}
+        for place in known or ({udp.remote} - {None}):  # one that was given hears us first
             udp.remote = place
             udp.send(self.codec.encode(messages))
 

@@ -6,7 +6,7 @@ import threading
 import time
 
 from mavlink_bridge.wire.codec import Codec
-from mavlink_bridge.wire.messages import RateSetpoint
+from mavlink_bridge.wire.messages import Attitude, RateSetpoint
 
 _SO_TIMESTAMP = 29  # asm-generic/socket.h; Python has no name for it
 _STAMP = struct.Struct("@qq")  # struct timeval
@@ -17,10 +17,12 @@ class Relay:
     """Sits where the vehicle sends to; passes everything on to the daemon's port, and back.
 
     sent: (time, message) of the daemon; told: of the vehicle; CLOCK_MONOTONIC of the arrival.
+    passed_on: CLOCK_MONOTONIC at which the latest setpoint went on to the vehicle.
     """
 
     def __init__(self, vehicle_sends_to, daemon_port):
         self.sent, self.told = [], []
+        self.passed_on = None
         self._inner = self._socket(("127.0.0.1", vehicle_sends_to))
         self._outer = self._socket(("127.0.0.1", 0))
         self._daemon, self._vehicle = ("127.0.0.1", daemon_port), None
@@ -50,12 +52,19 @@ class Relay:
                 self._outer.sendto(data, self._daemon)
             elif self._vehicle is not None:
                 self._inner.sendto(data, self._vehicle)
-            at = _arrival(extra)
-            into.extend((at, r.message) for r in codec.decode_datagram(data))
+            at, passed_on = _arrival(extra), time.monotonic()
+            messages = [r.message for r in codec.decode_datagram(data)]
+            into.extend((at, m) for m in messages)
+            if any(isinstance(m, RateSetpoint) for m in messages):
+                self.passed_on = passed_on
 
     def setpoints(self, since):
         """Arrival of each setpoint from `since` on."""
         return [t for t, m in list(self.sent) if isinstance(m, RateSetpoint) and t >= since]
+
+    def vehicle_clock(self, moment):
+        """The vehicle's own time [s] at `moment`, as its newest attitude before told it."""
+        return max(m.time for t, m in list(self.told) if t <= moment and isinstance(m, Attitude))
 
     def until(self, found, since, seconds):
         """Arrival of the vehicle's first message from `since` on for which found(message) holds."""

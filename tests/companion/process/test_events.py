@@ -1,10 +1,19 @@
-"""Lines of the journal about what the line refuses."""
+"""Lines of the journal about what the line refuses, and where the vehicle's packets come from."""
 
+import logging
+import socket
+
+import numpy as np
 import pytest
 
 from companion.process import events as module
 from companion.process.events import Events
-from mavlink_bridge.wire.codec import CodecStatistics
+from companion.process.journal import Fields
+from mavlink_bridge.wire import link as links
+from mavlink_bridge.wire.codec import Codec, CodecStatistics
+from mavlink_bridge.wire.link import Link
+from mavlink_bridge.wire.messages import Attitude, Heartbeat, Source
+from mavlink_bridge.wire.udp import UdpEndpoint
 
 
 @pytest.fixture
@@ -39,3 +48,31 @@ def test_a_cause_that_was_silent_is_news_again(told):
 def test_without_a_refusal_nothing_is_told(told):
     hear(1200.0, lambda n: {"received": n})
     assert told == []
+
+
+def test_a_change_of_the_vehicles_address_is_a_warning_that_names_both(monkeypatch, caplog):
+    """A router that starts anew: each address once, however many ticks go by."""
+    clock = [100.0]
+    monkeypatch.setattr(links.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(logging.getLogger("companion"), "propagate", True)
+    caplog.set_level(logging.INFO, "companion")
+    vehicle, events = Codec(1, 1), Events()
+    ours = Link(UdpEndpoint(local=("127.0.0.1", 0)), Codec(1, 191), Source(1, 1))
+    routers = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2)]
+    told = [Heartbeat(12, 2, True, 0, 4), Attitude(1.0, np.array([1.0, 0, 0, 0]), np.zeros(3))]
+    places = []
+    events.address(ours.address)  # not known yet: nothing to tell
+    for router in routers:
+        clock[0] += 2.0  # the one before is silent
+        router.sendto(vehicle.encode(told), ("127.0.0.1", ours.endpoint.port))
+        places.append(f"127.0.0.1:{router.getsockname()[1]}")
+        for _ in range(3):
+            ours.receive()
+            events.address(ours.address)
+    for end in (ours, *routers):
+        end.close()
+    lines = [Fields(prefix=True).format(r) for r in caplog.records]
+    assert lines == [
+        f'<6>vehicle\'s address address={places[0]} before=""',
+        f"<4>vehicle's address address={places[1]} before={places[0]}",
+    ]

@@ -196,6 +196,20 @@ def test_every_setpoint_goes_to_the_vehicle(udp, clock, note):
     note("setpoints to others than the vehicle, of 60", sum(to_others))
 
 
+@pytest.mark.mutation
+def test_row_30_fails_without_the_pinned_address(udp, clock, monkeypatch, record_property):
+    """Whoever speaks last for the vehicle is its address then."""
+    follow = lambda self, place, frames: self.endpoint.answer_sender() or True  # noqa: E731
+    monkeypatch.setattr(Link, "_is_vehicle", follow)
+    said = ""
+    try:
+        with pytest.raises(AssertionError) as failed:
+            test_every_setpoint_goes_to_the_vehicle(udp, clock, lambda what, value: None)
+        said = str(failed.traceback[-1].statement).strip()
+    finally:
+        record_property("without", ("the pinned address | 30", f"`{said}`"))
+
+
 @pytest.mark.row("30")
 @pytest.mark.parametrize(("signed", "silence"), [(False, 1.5), (True, 0.2)])
 def test_a_vehicle_has_another_address_once_the_old_one_is_silent(udp, clock, signed, silence):
