@@ -33,7 +33,7 @@ _NOISE = 0.04  # m/s, least 1 σ of a change of velocity from tick to tick
 _PRIOR = np.array([0.1, 0.3, 0.5, 0.5])  # 1 σ of L [s], d [1/s] and b [m/s²]
 _DRIFT = np.array([0.002, 0.0, 0.1, 0.1])  # of the same, a root second
 _DRIFTED = np.diag(_DRIFT**2)  # covariance, a second
-_LARGEST = float((_PRIOR**2).max())  # element of the covariance
+_LARGEST = float((_PRIOR**2).max())  # variance
 _LONGEST_GAP = 0.25  # s between two states that still belong together
 _LIFT = (0.3, 2.0)  # shares of g; with another lift the tilt does not tell the acceleration
 _SURE = 2.5  # standard deviations from none, from which a lag is believed
@@ -134,7 +134,10 @@ class VelocityLag:
 
         Return what is left of it where that is a step, of which nothing is learnt.
         """
-        self._p = np.minimum(self._p * math.exp(dt / _MEMORY) + _DRIFTED * dt, _LARGEST)
+        p = self._p * math.exp(dt / _MEMORY) + _DRIFTED * dt
+        # Rows and columns alike: with its elements bounded each, it is no covariance any more.
+        shrunk = np.sqrt(np.minimum(1.0, _LARGEST / np.diagonal(p)))
+        self._p = p * np.outer(shrunk, shrunk)
         rows = np.zeros((2, 4))
         rows[:, 0], rows[:, 1], rows[0, 2], rows[1, 3] = -slower, -v * dt, dt, dt
         errors = missing - rows @ self._x

@@ -16,6 +16,7 @@ at the same second every day.
 from __future__ import annotations
 
 import itertools
+import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import IO, Any
@@ -185,6 +186,9 @@ class Recorder:
         self._count += 1
         if self._count % _TICKS_A_CHUNK == 0:
             self._writer.flush()
+            if os.fstat(self._file.fileno()).st_nlink == 0:
+                # Writing would go on without an error, to where nobody can read it.
+                raise FileNotFoundError(f"{self.path} was removed")
             if self._tlog is not None:
                 self._tlog.flush()
 

@@ -56,6 +56,8 @@ class FaultyCamera:
                 arrays = arrays | {"image": np.full_like(arrays["image"], level)}
         if "image" in arrays:
             image = self._mismounted(now, arrays["image"])
+            for fault in self._at(now, "camera_vibration"):
+                image = _seen_by(image, _shaken(fault.value, fault.rng), 1.0)
             for fault in self._at(now, "camera_fog"):
                 image = _fogged(image, fault.value, fault.rng)
             arrays = arrays | {"image": image}
@@ -111,6 +113,16 @@ def _fogged(image: Picture, lost: float, rng: np.random.Generator) -> Picture:
     noise = rng.normal(0.0, _NOISE, image.shape)
     fogged = grey + (1.0 - lost) * (image - grey) + noise
     return np.asarray(np.clip(fogged, 0, 255), np.uint8)
+
+
+def _shaken(peak: float, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Return the turn (3,) [rad; C] at one picture of a camera that shakes by `peak` degrees.
+
+    Motors shake a camera at 40 to 200 Hz, and at a rate that changes with their speed: pictures
+    that come at 10 Hz catch each axis at any phase. Blur is left out, as of a short exposure.
+    """
+    turn: NDArray[np.float64] = np.radians(peak) * np.sin(rng.uniform(0.0, 2.0 * np.pi, 3))
+    return turn
 
 
 def _seen_by(image: Picture, turn: NDArray[np.float64], focal: float) -> Picture:

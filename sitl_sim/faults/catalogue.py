@@ -26,7 +26,7 @@ Kind = Literal[
     "camera_dead", "camera_frozen", "camera_black", "camera_saturated", "camera_late",
     "camera_fog",
     "camera_mirrored", "camera_upside_down", "camera_rolled", "camera_pitched", "camera_yawed",
-    "camera_scaled", "camera_misdated",
+    "camera_scaled", "camera_misdated", "camera_vibration",
     "missed", "ghosts", "swaps", "range_bias",
     "stop", "turn_into", "kill", "disarm", "mode", "reboot",
     "battery", "motor", "thrust_scale", "gust", "gyro_bias",
@@ -88,6 +88,8 @@ KINDS: dict[str, Meaning] = {
     "camera_yawed": Meaning("° by which the camera looks too far left", 10.0, -30.0, 30.0),
     "camera_scaled": Meaning("factor on the focal length", 1.1, 0.5, 2.0),
     "camera_misdated": Meaning("s that stamps are after the capture", 0.1, -0.5, 0.5),
+    "camera_vibration": Meaning("° by which the camera shakes about each axis, at most; no gyro "
+                                "tells it", 1.0, 0.0, 10.0),
     "camera_late": Meaning("s that pictures come late", 0.2, 0.0, 5.0),
     "missed": Meaning("share of detections missed", 0.3),
     "ghosts": Meaning("share of frames with a neighbour that does not exist", 0.05),
@@ -146,6 +148,7 @@ PIXELS = frozenset(
         "camera_pitched",
         "camera_yawed",
         "camera_scaled",
+        "camera_vibration",
     }
 )
 """Kinds that only a camera can have: a perfect detector has no picture."""

@@ -15,6 +15,7 @@ from tests.closed_loop.matrix import (
     camera_checks,
     hostile_checks,
     link_checks,
+    more_checks,
     power_checks,
     thrust_checks,
     world_checks,
@@ -361,6 +362,7 @@ ROWS = {
         *vars(power_checks).items(),
         *vars(world_checks).items(),
         *vars(attack_checks).items(),
+        *vars(more_checks).items(),
         *globals().items(),
     ]
     if name.startswith("row_")

@@ -86,6 +86,21 @@ def test_a_step_of_the_told_velocity_is_told_from_motion(seed):
     assert estimator.lag.value == pytest.approx(0.14, abs=0.03)
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.03])
+def test_a_minute_straight_on_tells_nothing_and_spoils_nothing(noise):
+    """Its doubts grow up to a bound, drag and wind together: the root of one became imaginary."""
+    estimator, rng = VelocityLag(), np.random.default_rng(1)
+    for k in range(600):
+        v = np.array([1.65, 0.0, 0.0]) + noise * rng.normal(size=3)
+        level = np.array([1.0, 0.0, 0.0, 0.0])
+        lag = estimator.update(VehicleState(DT * k, v * DT * k, v, level, np.zeros(3)), flying=True)
+        assert lag.value == 0.0
+        assert 0.0 < lag.sigma <= 0.5
+    for own, _ in flight(0.14):
+        lag = estimator.update(replace(own, time=own.time + 60.0), flying=True)
+    assert lag.value == pytest.approx(0.14, abs=0.03)
+
+
 def test_a_velocity_without_lag_stays_as_it_is():
     estimator = VelocityLag()
     for own, _ in flight(0.0, drag=0.4):

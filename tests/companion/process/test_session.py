@@ -1,5 +1,7 @@
 """What a daemon and an in-process flight do at each tick: send, count, log."""
 
+import shutil
+
 import pytest
 
 from companion.flightlog.reader import read_log
@@ -92,6 +94,19 @@ def test_a_log_that_fails_is_told_once_and_the_flight_goes_on(wire, tmp_path):
     assert "No space left" in problems[0]
     assert wire.session.recorder is None
     assert wire.link.tap is None  # nothing is gathered for a log that is gone
+
+
+def test_a_log_that_is_removed_is_told_once_and_the_flight_goes_on(wire, tmp_path):
+    path = tmp_path / "logs" / "flight.mcap"
+    path.parent.mkdir()
+    wire.session.open_log(Recorder(config(path), path))
+    assert wire.fly(0) == (True, None)
+    shutil.rmtree(path.parent)
+    told = [wire.fly(n) for n in range(1, 12)]
+    assert all(sent for sent, _ in told)
+    assert [problem for _, problem in told if problem] == [f"flight log ended: {path} was removed"]
+    assert wire.session.recorder is None
+    assert not path.parent.exists()
 
 
 def test_without_a_log_a_session_flies(wire):

@@ -1,5 +1,6 @@
 """Faults of the camera and of a perfect detector's reports."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -38,3 +39,24 @@ def test_camera_faults(schedule):
     assert frames(schedule, "range_bias", amount=1.2)[0][1]["neighbours"][0, 3] == pytest.approx(
         4.8
     )
+
+
+def test_a_camera_that_shakes_turns_each_picture_to_any_side_up_to_its_amount(schedule):
+    """Of 160° in 640 px a degree is 4 px; the sines of a shake have a mean of 0, and 0.7 as rms."""
+    camera = FaultyCamera(schedule(kind="camera_vibration", amount=1.0), 0)
+    noise = np.random.default_rng(0).integers(0, 255, (400, 640, 3)).astype(np.uint8)
+    image = cv2.GaussianBlur(noise, (0, 0), 3.0)
+    middle = (slice(150, 250), slice(260, 380), 0)
+    before = image[middle].astype(float)
+    shifts = []
+    for k in range(60):
+        stamp, arrays = camera.alter(0.1 * k, 10.0, {"image": image})
+        assert stamp == 10.0
+        shifts.append(cv2.phaseCorrelate(before, arrays["image"][middle].astype(float))[0])
+    shifts = np.array(shifts)
+    assert np.abs(shifts).max() < 4.6  # as well as the shift can be measured
+    assert np.abs(shifts.mean(axis=0)).max() < 1.0
+    assert (shifts.std(axis=0) > 2.2).all()
+    assert (shifts.std(axis=0) < 3.4).all()
+    calm = FaultyCamera(schedule(kind="camera_vibration", amount=0.0), 0)
+    assert (calm.alter(0.0, 10.0, {"image": image})[1]["image"][middle] == image[middle]).all()
