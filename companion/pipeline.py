@@ -194,7 +194,9 @@ class Companion:
             vehicle.home,
         )
         planned = run("plan", Planned(), self._planning.plan, own, reference, motion.prediction)
-        broken = run("watch", None, self._monitors.update, time, vehicle, motion, phase)
+        broken = run(
+            "watch", None, self._monitors.update, time, vehicle, motion, phase, obstacles.blank
+        )
         surroundings = run(
             "look round",
             None,

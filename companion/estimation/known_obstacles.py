@@ -24,13 +24,14 @@ class KnownObstacles:
 
     cylinders: (K,3) x, y, radius [m] of confirmed trunks, nearest first; sigmas: (K,) m, 1 σ of
     their places. points: (P,3) m, surface points of other shapes. occluders: (J,3) x, y, radius [m]
-    of all trunks, unconfirmed ones too.
+    of all trunks, unconfirmed ones too. blank: whether the eyes show none where one is known.
     """
 
     cylinders: Vector = field(default_factory=lambda: np.zeros((0, 3)))
     points: Vector = field(default_factory=lambda: np.zeros((0, 3)))
     occluders: Vector = field(default_factory=lambda: np.zeros((0, 3)))
     sigmas: Vector = field(default_factory=lambda: np.zeros(0))
+    blank: bool = False
 
     @property
     def widest(self) -> Vector:
@@ -96,6 +97,7 @@ class ObstacleEstimator:
                     visibility=lambda places: self._view.visibility(at_capture, places, ranges),
                     drift=doubt.drift(since),
                     ground=ground,
+                    depth=ranges is not None,
                 )
             if seen.ranges is not None:
                 self._surfaces.update(seen.ranges, seen.own)
@@ -107,8 +109,8 @@ class ObstacleEstimator:
             self._parallax.update(fixed, seen.own.p, seen.own.time, ground, drift)
         occluders = self._map.occluders()
         if own is None:
-            return KnownObstacles(occluders=occluders)
+            return KnownObstacles(occluders=occluders, blank=self._map.blank)
         standing = self._parallax.standing()
         known = with_others(self._map.doubted_cylinders(own.p), standing.cylinders, own.p)
         points = np.concatenate([self._surfaces.points(known[:, :3]), standing.points])
-        return KnownObstacles(known[:, :3], points, occluders, known[:, 3])
+        return KnownObstacles(known[:, :3], points, occluders, known[:, 3], self._map.blank)

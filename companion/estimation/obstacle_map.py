@@ -103,6 +103,8 @@ class _Here:
 
 
 _STILL = Drift()
+_PLAIN = 0.5  # share of a place that the frame shows, from which it is in plain view
+_BLANK = 2  # looks in a row, from which the eyes have failed
 
 
 class ObstacleMap:
@@ -112,6 +114,15 @@ class ObstacleMap:
         self._config = config
         self._landmarks: list[_Landmark] = []
         self._places = LandmarkPlaces()
+        self._blank_looks = 0
+
+    @property
+    def blank(self) -> bool:
+        """Whether the last looks showed no trunk at all, with a trunk known for good in plain view.
+
+        Then it is likelier that the eyes fail than that the trunk is gone: it is kept.
+        """
+        return self._blank_looks >= _BLANK
 
     def update(
         self,
@@ -122,12 +133,14 @@ class ObstacleMap:
         visibility: Callable[[Vector], Vector] = lambda places: np.ones(len(places)),
         drift: Drift = _STILL,
         ground: GroundPlane = LEVEL,
+        depth: bool = False,
     ) -> None:
         """Take in the trunks of one frame, seen in state `own`.
 
         q_bc: (4,) camera → body. half_view: half the field of view [rad]. visibility: returns how
         far the frame shows each of places (n,3), as (n,) 0…1. A trunk counts as missed only as far
-        as the frame shows its place. drift: of the own pose since the last frame.
+        as the frame shows its place. drift: of the own pose since the last frame. depth: the frame
+        has distances, which show that a place is empty.
 
         A near thin trunk looks like a thick one far off where its foot is out of the picture, or
         where the picture's edge cuts it: a landmark in that direction is that trunk. Where both
@@ -156,9 +169,13 @@ class ObstacleMap:
         seen = self._merge_duplicates(seen)
         forward = (float(r_wc[0, 2]), float(r_wc[1, 2]))
         missed = list(self._missed(seen, here.p, forward, half_view))
-        if missed:
-            places = np.array([[*self._landmarks[n].axis, z] for n in missed])
-            for n, look in zip(missed, visibility(places).tolist(), strict=True):
+        places = np.array([[*self._landmarks[n].axis, z] for n in missed]).reshape(-1, 3)
+        looks = dict(zip(missed, visibility(places).tolist() if missed else [], strict=True))
+        known = [n for n, look in looks.items() if look > _PLAIN and self._for_good(n)]
+        blank = bool(known) and not seen and not depth
+        self._blank_looks = self._blank_looks + 1 if blank else 0
+        for n, look in looks.items():
+            if not blank or n not in known:
                 self._landmarks[n].misses += look
         self._forget(here)
 
@@ -357,6 +374,9 @@ class ObstacleMap:
             if n not in seen and in_view and not self._occluded(n, p):
                 yield n
 
+    def _for_good(self, n: int) -> bool:
+        return self._landmarks[n].hits >= self._config.hits_to_keep
+
     def _forget(self, here: _Here) -> None:
         """Drop landmarks that were missed too often, are far away, or are ghosts."""
         c = self._config
@@ -366,7 +386,7 @@ class ObstacleMap:
                 for n, k in enumerate(self._landmarks)
                 if k.misses < c.misses_to_forget
                 and math.dist(k.axis, here.p) < c.keep_range
-                and (k.hits >= c.hits_to_keep or here.time - k.seen <= c.doubtful_unseen)
+                and (self._for_good(n) or here.time - k.seen <= c.doubtful_unseen)
             ]
         )
 

@@ -14,6 +14,7 @@ Each monitor watches one assumption and says what the drone does where it does n
 | doubt | velocity less sure than `velocity_doubt` | at once | after `persist` |
 | sight | the ground in the pictures passes otherwise, by `velocity_wrong` | after `persist` | – |
 | heading | the ground in the pictures passes from another side, by `heading_wrong` | at once | – |
+| eyes | no trunk is seen, where one known for good is in plain view | at once | after `persist` |
 | height | less than `height` over ground | climbs | after 2 × `persist` |
 
 A drone that swings hovers after `persist`; HOLD follows where it swings in hover for as long.
@@ -114,11 +115,17 @@ class Monitors:
         self._disturbance: Vector = np.zeros(3)
 
     def update(
-        self, time: float, vehicle: VehicleEstimate, motion: MotionEstimate, phase: Phase
+        self,
+        time: float,
+        vehicle: VehicleEstimate,
+        motion: MotionEstimate,
+        phase: Phase,
+        blank: bool = False,
     ) -> Broken | None:
         """Return the gravest broken assumption at the tick of `time` [s]; None: all hold.
 
-        Nothing is watched where the companion does not fly its mission.
+        blank: the eyes show no trunk where one is known. Nothing is watched where the companion
+        does not fly its mission.
         """
         own, prediction = vehicle.state, motion.prediction
         if phase is not Phase.FLY:
@@ -132,6 +139,7 @@ class Monitors:
             self._doubt(time, vehicle),
             self._contradicted(time, vehicle),
             self._turned(vehicle),
+            self._blank(time, blank),
             self._low(time, vehicle),
             self._swinging(time, own),
             self._turning(vehicle.turns),
@@ -200,6 +208,13 @@ class Monitors:
         if not abs(turn) - _SURE * sigma > self._config.heading_wrong:
             return None
         return Broken(f"heading: wrong by {math.degrees(turn):.0f}°", Reaction.SLOW)
+
+    def _blank(self, time: float, blank: bool) -> Broken | None:
+        if not blank:
+            self._since.pop("eyes", None)
+            return None
+        finding = "eyes: no trunk is seen where one is known"
+        return self._lasting("eyes", time, finding, hold_after=self._config.persist)
 
     def _low(self, time: float, vehicle: VehicleEstimate) -> Broken | None:
         c, height = self._config, vehicle.height

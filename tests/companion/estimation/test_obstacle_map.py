@@ -112,7 +112,7 @@ def test_a_trunk_that_should_be_seen_and_is_not_is_forgotten():
     for _ in range(ObstacleConfig().misses_to_forget):
         assert len(fly(known, 1.0, None, visibility=lambda places: places[:, 0] < PLACE[0] - 0.5))
     for _ in range(ObstacleConfig().misses_to_forget):
-        left = fly(known, 1.0, None)
+        left = fly(known, 1.0, None, depth=True)
     assert not len(left)
 
 

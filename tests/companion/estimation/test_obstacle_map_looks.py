@@ -91,14 +91,43 @@ def test_the_time_unseen_counts_from_the_last_look():
 def test_four_misses_make_a_trunk_forgotten_and_a_look_makes_good_for_all_of_them():
     known = seen_times(6, trunk(4.0))
     for _ in range(3):
-        see(known)
+        see(known, depth=True)
     see(known, trunk(4.0))
-    assert [len(see(known)) for _ in range(4)] == [1, 1, 1, 0]
+    assert [len(see(known, depth=True)) for _ in range(4)] == [1, 1, 1, 0]
+
+
+def test_a_trunk_known_for_good_stays_where_no_trunk_at_all_is_seen_any_more():
+    """Eyes that fail are likelier than a trunk that is gone."""
+    known = seen_times(6, trunk(4.0))
+    assert not known.blank
+    told = []
+    for _ in range(9):
+        assert len(see(known)) == 1
+        told.append(known.blank)
+    assert told == [False] + 8 * [True]
+    see(known, trunk(4.0))
+    assert not known.blank
+
+
+@pytest.mark.parametrize("others", [[], [trunk(4.0, left=-2.5)]])
+def test_a_trunk_of_few_looks_or_beside_one_that_is_seen_is_missed(others):
+    known = seen_times(6 if others else 5, trunk(4.0), *others)
+    left = [len(see(known, *others)) - len(others) for _ in range(4)]
+    assert left == [1, 1, 1, 0]
+    assert not known.blank
+
+
+def test_eyes_do_not_fail_where_the_trunk_is_out_of_view_or_hidden():
+    known = seen_times(6, trunk(4.0))
+    for _ in range(4):
+        see(known, yaw=np.pi)
+        see(known, visibility=lambda places: 0.4 * np.ones(len(places)))
+        assert not known.blank
 
 
 def test_a_new_trunk_has_not_been_missed_yet():
     known = seen_times(1, trunk(4.0), hits_to_confirm=1, hits_to_keep=1)
-    assert [len(see(known)) for _ in range(4)] == [1, 1, 1, 0]
+    assert [len(see(known, depth=True)) for _ in range(4)] == [1, 1, 1, 0]
 
 
 @pytest.mark.parametrize(("distance", "left"), [(19.9, 1), (20.1, 0)])
@@ -114,7 +143,7 @@ def test_a_trunk_is_kept_up_to_20_m(distance, left):
 def test_a_trunk_must_be_seen_within_6_m_unless_it_is_very_near(distance, left):
     known = seen_times(6, trunk(4.0))
     for _ in range(4):
-        found = see(known, at=(4.0 - distance, 0.0))
+        found = see(known, at=(4.0 - distance, 0.0), depth=True)
     assert len(found) == left
 
 
@@ -123,7 +152,7 @@ def test_a_trunk_must_be_seen_within_6_m_unless_it_is_very_near(distance, left):
 def test_a_trunk_must_be_seen_up_to_02_rad_from_the_edge_of_the_view(side, aside, left):
     known = seen_times(6, trunk(4.0))
     for _ in range(4):
-        found = see(known, yaw=side * aside, half_view=1.0)
+        found = see(known, yaw=side * aside, half_view=1.0, depth=True)
     assert len(found) == left
 
 
@@ -301,7 +330,7 @@ def test_a_trunk_that_shows_without_its_foot_is_seen():
     known = seen_times(3, trunk(4.0))
     for n in range(8):
         see(known, by_width(0.12), time=1.0 * n)
-    assert [len(see(known, time=99.0)) for _ in range(4)] == [1, 1, 1, 0]
+    assert [len(see(known, time=99.0, depth=True)) for _ in range(4)] == [1, 1, 1, 0]
 
 
 def width_seen(half, aside=0.0, drift=0.2, turns=0.0):

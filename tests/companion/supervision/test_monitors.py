@@ -215,3 +215,14 @@ def test_the_guard_flies_slowly_climbs_or_holds():
     hold = judged(Reaction.HOLD, v=(1.5, 0.0, 0.0))
     assert hold.request is AutopilotRequest.HOLD
     assert hold.command.omega[1] < -0.5
+
+
+def test_eyes_that_show_no_trunk_where_one_is_known_slow_the_drone_down_and_then_hold_it():
+    monitors = Monitors(MonitorConfig(), V_MAX)
+    found = [
+        monitors.update(0.1 * k, VehicleEstimate(state(0.1 * k)), motion(), Phase.FLY, k != 3)
+        for k in range(20)
+    ]
+    reactions = [None if b is None else b.reaction for b in found]
+    assert reactions == 3 * [Reaction.SLOW] + [None] + 15 * [Reaction.SLOW] + [Reaction.HOLD]
+    assert found[-1].finding == "eyes: no trunk is seen where one is known"
