@@ -56,7 +56,7 @@ def test_a_vehicle_that_sends_only_heartbeats_is_asked_for_streams(wire_ends):
     link, vehicle = wire_ends
     wire, streams, said = Codec(1, 1), ArduPilot(1).request_streams(), []
     pace = ClockPace(link, NoFrames(), 0.1, Source(1, 1), streams)
-    until = time.monotonic() + 10.0
+    until = time.monotonic() + PATIENCE
 
     def hear():
         said.extend(r.message for data in vehicle.receive() for r in wire.decode_datagram(data))

@@ -16,6 +16,7 @@ from mavlink_bridge.wire.link import Link
 from mavlink_bridge.wire.messages import Attitude, Received, Source
 from mavlink_bridge.wire.udp import UdpEndpoint
 from mavlink_bridge.wire.video import VideoError
+from tests.companion.patience import PATIENCE
 
 
 def camera(source, **more):
@@ -106,7 +107,7 @@ def test_a_camera_that_breaks_off_is_opened_again(monkeypatch):
     monkeypatch.setattr(video_source, "_open", lambda *a: next(coming, made[1]))
     monkeypatch.setattr(video_source, "_REOPEN_PERIOD", 0.02)
     source = open_source(camera("device:0"))
-    until = time.monotonic() + 5.0
+    until = time.monotonic() + PATIENCE
     while made[-1].left > 0 and time.monotonic() < until:
         if source.waits(0.05):
             assert source.receive().arrays["image"].shape == (48, 64, 3)
