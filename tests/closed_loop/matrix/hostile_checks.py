@@ -113,6 +113,12 @@ STAGES = {
     "supervise": ("_supervision", "decide"),
     "guard": ("_supervision._guard", "judge"),
     "command": ("_actuation", "setpoint"),
+    "serve": ("_services", "update"),
+    "height": ("_vehicle", "see_ground"),
+    "velocity": ("_vehicle", "see_flow"),
+    "watch": ("_monitors", "update"),
+    "look round": ("_surroundings", "update"),
+    "ask": ("_vehicle", "ask"),
 }
 
 

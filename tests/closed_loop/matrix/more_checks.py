@@ -7,7 +7,7 @@ import numpy as np
 from sitl_sim.worlds.ground import Ground
 from tests.closed_loop.matrix.camera_checks import AMONG_TRUNKS, PIXELS
 from tests.closed_loop.matrix.inprocess import InProcess, fly, run, scenario
-from tests.closed_loop.matrix.measures import CRUISE, last_target
+from tests.closed_loop.matrix.measures import CRUISE, last_target, mode_after
 from tests.closed_loop.matrix.world_checks import FAR
 
 HILLS = {"ground": "uneven", "slope_deg": 8.0}
@@ -64,6 +64,29 @@ def _nothing_seen(f, gap, seconds):
 
     f.companions[0].before = spoil
     return began
+
+
+def row_28_trunk(note):
+    """A trunk is 3 m ahead, and from then on the detector shows none: slow, then HOLD before it."""
+    f = InProcess(scenario(mission__time_limit=16.0))
+    began, trunk = [], f.world["cylinders"][0]
+
+    def spoil(inputs):
+        x, y, _ = f.vehicles.p[0]
+        gap = np.hypot(x - trunk["x"], y - trunk["y"]) - trunk["radius"]
+        if not began and f._now / 1e3 > 5.0 and gap < 3.0:
+            began.append(f._now / 1e3)
+        if inputs.frame is None or not began:
+            return inputs
+        arrays = inputs.frame.arrays | {"trunks": np.zeros((0, inputs.frame.arrays["trunks"].shape[1]))}
+        return replace(inputs, frame=replace(inputs.frame, arrays=arrays))
+
+    f.companions[0].before = spoil
+    run(f)
+    hold = mode_after(f, began[0], "HOLD")
+    assert hold < 2.3
+    f.check_always()
+    note("no trunk is seen any more: HOLD", hold)
 
 
 def row_34_drift_on_slopes(note):

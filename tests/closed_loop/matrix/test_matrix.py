@@ -12,6 +12,7 @@ from companion.estimation import own_state, vehicle
 from companion.estimation.delay import Delay, DelayEstimator
 from companion.estimation.height import HeightEstimator
 from companion.estimation.hover_thrust import HoverEstimate, HoverThrust
+from companion.estimation.obstacle_map import ObstacleMap
 from companion.estimation.own_state import OwnState
 from companion.estimation.tracker import Tracker
 from companion.estimation.velocity_by_sight import VelocityFromGround
@@ -182,6 +183,10 @@ WITHOUT = {
     "28: the check of the detector's numbers": lambda p: p.setattr(
         CameraHealth, "searched", lambda self, *a, **k: self.fault
     ),
+    "28_neighbour: tracks": lambda p: p.setattr(Tracker, "tracks", lambda *a: []),
+    "28_trunk: eyes that are known to fail": lambda p: p.setattr(
+        ObstacleMap, "_for_good", lambda *a: False
+    ),
     "29: the boundary round each stage": catch_nothing,
     "29: the guard's answer to a failure": lambda p: p.setattr(
         Guard, "judge", _deaf_to_failures(Guard.judge)
@@ -193,6 +198,9 @@ WITHOUT = {
         camera_health, "contrast", lambda image: 255.0
     ),
     "34: the height over ground": lambda p: p.setattr(HeightEstimator, "_look", lambda *a: None),
+    "34_pixels: the height by pictures": lambda p: p.setattr(
+        HeightEstimator, "see", lambda *a, **k: None
+    ),
     "37: the delay's estimate": lambda p: p.setattr(
         DelayEstimator, "_best", lambda self: Delay(0.1, 0.0)
     ),

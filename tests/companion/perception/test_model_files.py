@@ -12,6 +12,7 @@ from companion.perception.detectors import ModelError
 from companion.perception.heat_map import HeatMapConfig
 from companion.perception.networks import OnnxNetwork
 from mavlink_bridge.wire.video import FrameServer
+from tests.companion.patience import PATIENCE
 
 PICTURE = np.random.default_rng(0).integers(50, 200, (400, 640, 3), np.uint8)
 
@@ -68,7 +69,10 @@ def test_a_daemon_does_not_start_with_the_network_of_another_detector(tmp_path, 
         f"sensing: {{detector: {detector}, model: {other.PACKAGED}}}\n"
     )
     ended = subprocess.run(
-        [sys.executable, "-m", "companion", "run", str(file)], capture_output=True, text=True
+        [sys.executable, "-m", "companion", "run", str(file)],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
     )
     frames.close()
     assert ended.returncode == 78
