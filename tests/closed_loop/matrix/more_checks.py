@@ -78,7 +78,9 @@ def row_28_trunk(note):
             began.append(f._now / 1e3)
         if inputs.frame is None or not began:
             return inputs
-        arrays = inputs.frame.arrays | {"trunks": np.zeros((0, inputs.frame.arrays["trunks"].shape[1]))}
+        arrays = inputs.frame.arrays | {
+            "trunks": np.zeros((0, inputs.frame.arrays["trunks"].shape[1]))
+        }
         return replace(inputs, frame=replace(inputs.frame, arrays=arrays))
 
     f.companions[0].before = spoil

@@ -40,8 +40,16 @@ from tests.closed_loop.matrix import (
 )
 
 
+# Rows of many seconds of flight, left to `make faults`.
+LONG = ("33_seen", "34_drift_on_slopes", "34_pixels", "34_range", "37_vibration")
+
+
+def marked(row):
+    return [pytest.mark.row(row), *([pytest.mark.slow] if row in LONG else [])]
+
+
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("row", [pytest.param(r, marks=pytest.mark.row(r)) for r in checks.ROWS])
+@pytest.mark.parametrize("row", [pytest.param(r, marks=marked(r)) for r in checks.ROWS])
 def test_row(row, note):
     checks.ROWS[row](note)
 
