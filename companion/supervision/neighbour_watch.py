@@ -3,7 +3,7 @@
 Half a second of each track is remembered. What a track could have reached from there within the
 bounds is known; a track that is elsewhere has broken them. Its mean speed over that time counts
 where a track's own speed, which is limited, tells less. A track that ends, because looks missed it,
-counts for a second more: no neighbour vanishes.
+counts until it has not been seen for a second: no neighbour vanishes.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _SIGMAS = 3.0  # of the places, beyond which a bound counts as broken
 _LAG = 0.2  # s: what it did in the last two looks before, its track may not know yet
 _LATELY = 0.15  # s; a neighbour unseen for longer is where memory puts it
 _SURE = 0.5  # s that a track has lived before its end counts as no ghost's
-_KEPT = 1.0  # s for which it counts after its end
+_KEPT = 1.0  # s for which it counts after it was seen
 _SAME = 1.0  # m; a new track this close to one that has ended is the same neighbour
 _FASTER = 0.5  # m/s by which the mean speed must be above the track's to count
 
@@ -83,7 +83,8 @@ class NeighbourWatch:
             # Its new track may have begun while the old one was still being missed.
             young = [other for other in tracks if other.age <= time - then + _SURE]
             again = any(norm(other.p - now.p) < _SAME for other in young)
-            if again or t.age < _SURE or time - then > _KEPT:
+            # One that had long been out of view was looked for where it was remembered, in vain.
+            if again or t.age < _SURE or now.unseen > _KEPT:
                 del self._latest[name]
             else:
                 ended.append(now)

@@ -147,19 +147,25 @@ def test_a_certificate_that_is_not_enforced_is_only_judged():
     assert found.margin < 0.0
 
 
-def ended(age, after, *others):
+def ended(age, after, *others, unseen=0.3):
     """What counts `after` s after a track that flew east at 1 m/s has ended; others: tracks."""
     watch = NeighbourWatch(2.0, 3.0)
-    t = Track(3, np.array([4.0, 0.0, 2.0]), np.array([1.0, 0.0, 0.0]), np.eye(6), age, 0.3)
+    t = Track(3, np.array([4.0, 0.0, 2.0]), np.array([1.0, 0.0, 0.0]), np.eye(6), age, unseen)
     watch.update(5.0, [t])
     return watch.update(5.0 + after, list(others)).tracks
 
 
-def test_a_track_that_ends_counts_for_a_second_more():
+def test_a_track_that_ends_counts_until_it_has_not_been_seen_for_a_second():
     (kept,) = ended(2.0, 0.5)
     assert (kept.id, kept.unseen) == (3, pytest.approx(0.8))
     assert kept.p == pytest.approx([4.5, 0.0, 2.0])
-    assert ended(2.0, 1.1) == []
+    assert len(ended(2.0, 0.65)) == 1
+    assert ended(2.0, 0.75) == []
+
+
+def test_a_memory_that_ends_is_no_neighbour():
+    """It was looked for where it was remembered, in vain; unseen for 3.6 s, it could be anywhere."""
+    assert ended(9.0, 0.1, unseen=3.6) == []
 
 
 def test_the_end_of_a_ghost_or_of_one_that_is_seen_again_is_an_end():
