@@ -39,7 +39,6 @@ from tests.closed_loop.matrix import (
     world_checks,
 )
 
-
 # Rows of many seconds of flight, left to `make faults`.
 LONG = ("33_seen", "34_drift_on_slopes", "34_pixels", "34_range", "37_vibration")
 

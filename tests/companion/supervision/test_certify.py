@@ -164,7 +164,7 @@ def test_a_track_that_ends_counts_until_it_has_not_been_seen_for_a_second():
 
 
 def test_a_memory_that_ends_is_no_neighbour():
-    """It was looked for where it was remembered, in vain; unseen for 3.6 s, it could be anywhere."""
+    """It was looked for where it was remembered, in vain; it may be anywhere."""
     assert ended(9.0, 0.1, unseen=3.6) == []
 
 
