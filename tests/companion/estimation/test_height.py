@@ -5,6 +5,7 @@ import pytest
 
 from companion.estimation.height import HeightEstimator
 from companion.estimation.own_doubt import OwnDoubt
+from companion.estimation.slope import Slope
 from companion.perception.parallax import FixedPoints
 from mavlink_bridge.wire.messages import DistanceSensor, VehicleState
 
@@ -315,7 +316,7 @@ def test_eight_points_that_are_seen_steeply_enough_make_a_look(how, counts):
     assert (after_pictures(ring(**how)).value < 1.999) is counts
 
 
-@pytest.mark.parametrize(("speed", "counts"), [(0.39, False), (0.41, True)])
+@pytest.mark.parametrize(("speed", "counts"), [(0.39, False), (0.4, True)])
 def test_a_drone_that_is_slower_than_40_cm_a_second_learns_nothing(speed, counts):
     assert (after_pictures(ring(), speed=speed).value < 1.999) is counts
 
@@ -362,3 +363,96 @@ def test_a_height_whose_doubt_is_not_told_drifts_by_2_cm_a_root_second():
     estimator = HeightEstimator()
     estimator.update(at(0.0), [])
     assert estimator.update(at(9.0), []).sigma == pytest.approx(np.sqrt(0.01 + 0.0036))
+
+
+RISE = np.array([-0.2, 0.15])  # of the ground, east and north
+
+
+def over_a_slope():
+    """An estimator that has flown to and fro over a slope, and is at x, y = 0, 0 at 16 s."""
+    estimator = HeightEstimator()
+    for k in range(161):
+        s = 0.1 * k % 8.0
+        x, y = 1.5 * min(s, 8.0 - s), 2.0 * np.sin(np.pi * s / 2.0)
+        estimator.update(at(0.1 * k, x, y), [look(2.0 - RISE @ (x, y), 0.1 * k)])
+    height = estimator.update(at(16.0), 5 * [look(2.0, 16.0)])
+    assert height.value == pytest.approx(2.0, abs=0.01)
+    assert height.ground.rise == pytest.approx(RISE, abs=0.02)
+    return estimator
+
+
+@pytest.mark.parametrize("axis", [(1.0, 0.0), (0.0, 1.0), (-0.6, 0.8)])
+def test_a_leaning_beam_that_meets_a_known_slope_aside_tells_the_level_below_the_drone(axis):
+    """It leans by 0.4 rad, and its beam meets the plane at z = rise · (x, y)."""
+    axis, estimator = np.array(axis), over_a_slope()
+    q = [np.cos(0.2), -np.sin(0.2) * axis[1], np.sin(0.2) * axis[0], 0.0]  # its top towards axis
+    far = 2.0 / (np.cos(0.4) - np.sin(0.4) * (RISE @ axis))
+    before = estimator.update(at(16.1), []).value
+    after = estimator.update(at(16.1, q=q), 5 * [look(far, 16.1)]).value
+    assert after == pytest.approx(before, abs=0.01)
+    wrong = estimator.update(at(16.1, q=q), 5 * [look(2.0 / np.cos(0.4), 16.1)]).value
+    assert abs(wrong - before) > 0.03
+
+
+def test_points_of_a_known_slope_tell_the_level_below_the_drone():
+    """They are up to 2 m aside, where the ground is up to half a metre higher or lower."""
+    rows, estimator = ring(level=0.0), over_a_slope()
+    rows[:, 2] = rows[:, :2] @ RISE
+    rows = np.concatenate([rows, 0.5 * rows])
+    rows[:, 3] = 0.1
+    own = at(16.1, v=(1.0, 0.0, 0.0))
+    before = estimator.update(own, [])
+    estimator.see(own, FixedPoints.from_rows(rows), OwnDoubt(velocity=0.01, tilt=0.0))
+    after = estimator.update(own, [])
+    assert after.sigma < before.sigma  # the points agree
+    assert after.value == pytest.approx(before.value, abs=0.01)
+
+
+@pytest.mark.parametrize("doubt", [0.0, 0.3])
+def test_a_slope_under_the_rangefinder_is_as_sure_as_the_own_height(doubt):
+    """In 40 s it wanders by what is doubted: by 2 · 0.3² / 40 m² in a second."""
+    estimator, slope = HeightEstimator(), Slope()
+    for k in range(12):
+        t, x = 1.0 * k, 1.0 * k
+        estimator.update(at(t, x), [look(2.0 + 0.1 * x, t)], doubt)
+        slope.move(min(x, 1.0))
+        slope.pass_over((x, 0.0, -0.1 * x), t, 0.03, np.sqrt(2.0 * doubt**2 / 40.0))
+    rise = estimator.update(at(11.0, 11.0), []).ground.rise
+    assert rise == pytest.approx(slope.rise)
+    assert rise[0] < -0.01
+
+
+def test_points_less_than_a_metre_away_count_by_their_distance_as_others_do():
+    """0.6 m above the ground and 0.45 m aside: 0.75 m away, known to 0.075 m, a tenth of it."""
+    estimator, own = HeightEstimator(), at(0.0, z=0.8, v=(1.0, 0.0, 0.0))
+    estimator.update(own, [])
+    points = FixedPoints.from_rows(ring(away=0.45, sigma=0.075))
+    estimator.see(own, points, OwnDoubt(velocity=0.0, tilt=0.0))
+    noise = 2.0 * (0.6 * np.hypot(0.1, 0.06)) ** 2  # twice: 2 · 0.7 s over 0.7 s
+    expected = 0.8 - 0.2 * 0.01 / (0.01 + noise)
+    assert estimator.update(own, []).value == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("apart", "counts"), [(0.09, True), (0.11, False)])
+def test_points_agree_within_a_tenth_of_the_height_over_the_ground_and_not_over_the_frame(
+    apart, counts
+):
+    estimator, own = HeightEstimator(), at(0.0, v=(1.0, 0.0, 0.0))
+    before = estimator.update(own, 5 * [look(1.0)])
+    rows = ring(8, level=before.ground.level)
+    rows[0, 2] += apart
+    estimator.see(own, FixedPoints.from_rows(rows), OwnDoubt(velocity=0.1, tilt=0.0))
+    assert (estimator.update(own, []).sigma < before.sigma) is counts
+
+
+@pytest.mark.parametrize("ahead", [(1.0, 0.0), (0.0, -1.0)])
+def test_a_tilt_in_doubt_moves_the_level_by_how_far_away_the_points_are(ahead):
+    """Eight points 1.9 to 2.1 m ahead; 0.03 rad there are 0.06 m of level."""
+    estimator, own = HeightEstimator(), at(0.0, v=(1.0, 0.0, 0.0))
+    estimator.update(own, [])
+    rows = ring()
+    rows[:, :2] = np.linspace(1.9, 2.1, 8)[:, None] * ahead
+    for k in range(200):
+        seen = at(0.7 * k, v=(1.0, 0.0, 0.0))
+        estimator.see(seen, FixedPoints.from_rows(rows), OwnDoubt(velocity=0.1, tilt=0.03))
+    assert estimator.update(own, []).sigma == pytest.approx(0.06, rel=0.01)
