@@ -65,3 +65,9 @@ def test_a_neighbour_close_ahead_blocks_the_way_beyond_the_next_goal():
     assert blocks_way(OWN, track(1, [1.5, 0.2, 0]), aim, CONFIG)
     assert not blocks_way(OWN, track(1, [2.5, 0.2, 0]), aim, CONFIG)
     assert not blocks_way(OWN, track(1, [1.5, 0.2, 0], [1.0, 0, 0]), aim, CONFIG)
+
+
+def test_a_thin_trunk_close_by_on_the_right_lets_the_drone_pass_on_the_left():
+    standing = track(1, [3, 0, 0])
+    assert aimed(standing, trunks=[[3.0, -0.9, 0.3]]) > 0.0
+    assert aimed(standing, trunks=[[3.0, 0.9, 0.3]]) < 0.0

@@ -241,3 +241,19 @@ def test_the_family_ends_at_rest_and_is_what_the_checker_takes_for_flyable():
 def test_straight_braking_ends_at_rest_where_the_delay_slows_the_rates():
     way = simulate(state(1.85), STRAIGHT, CALM, replace(LAW, omega_max=1.0), None)
     assert verdict(way=way, x0=state(1.85))[0]
+
+
+@pytest.mark.parametrize(("a", "flyable"), [(9.9, True), (10.3, False)])
+def test_a_climb_may_take_all_of_the_thrust_and_no_more(a, flyable):
+    """It climbs at so many m/s² for 0.2 s and falls back to rest; 20 m/s² are g and 10.2."""
+    v = np.zeros((1, 9, 3))
+    v[0, 2:5, 2] = DT * a, 2.0 * DT * a, DT * (2.0 * a - 9.0)
+    v[0, 5, 2] = max(v[0, 4, 2] - 0.9, 0.0)
+    p = np.cumsum(
+        np.concatenate([state()[None, None, :3], 0.5 * DT * (v[:, 1:] + v[:, :-1])], 1), 1
+    )
+    hover = Trajectories(np.array([[9.80665, 0.0, 0.0, 0.0]]), p, v)
+    expected = (True, None) if flyable else (False, "motion")
+    found = verdict(way=hover, x0=state(0.0))
+    assert found[0] == expected[0]
+    assert flyable or found[1] == expected[1]

@@ -1,5 +1,7 @@
 """The certifier: what flies where a command has no way to stop."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -201,3 +203,16 @@ def test_a_climb_comes_to_rest_before_its_way_ends():
     assert way.v[0, still - 1, 2] < 0.05
     # At 3 m/s² down to 0.67 m/s, from there by the gain of 4.5 1/s: 0.31 m.
     assert way.p[0, -1, 2] - 2.0 == pytest.approx(0.31, abs=0.05)
+
+
+def test_the_scene_is_that_of_when_the_command_acts():
+    """A neighbour that comes at 2 m/s is 0.8 m nearer after 0.4 s; a trunk at 1.5 m/s by 0.6 m."""
+    at, none = ((4.0, 0.0, 2.0), (-2.0, 0.0, 0.0)), np.zeros((0, 3))
+    trunk = np.array([[3.0, 0.0, 0.3, 0.01, -1.5, 0.0]])
+    walks = Scene(np.zeros((0, 11)), trunk, none, np.zeros((0, 4)), np.full(36, 5.0))
+    for around, nearer in ((scene(at), 0.8), (lambda: walks, 0.6)):
+        now, later = (
+            certifier().certify(HOVER, replace(moving(0.5), delay=delay), around, KNOWN).margin
+            for delay in (0.0, 0.4)
+        )
+        assert now - later == pytest.approx(nearer, abs=0.05)

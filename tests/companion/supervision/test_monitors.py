@@ -226,3 +226,12 @@ def test_eyes_that_show_no_trunk_where_one_is_known_slow_the_drone_down_and_then
     reactions = [None if b is None else b.reaction for b in found]
     assert reactions == 3 * [Reaction.SLOW] + [None] + 15 * [Reaction.SLOW] + [Reaction.HOLD]
     assert found[-1].finding == "eyes: no trunk is seen where one is known"
+
+
+def test_a_speed_that_was_allowed_in_between_begins_anew():
+    monitors = Monitors(MonitorConfig(), V_MAX)
+    for k in range(25):
+        v = (1.5 if k == 12 else 3.5, 0.0, 0.0)
+        broken = monitors.update(0.1 * k, VehicleEstimate(state(0.1 * k, v=v)), motion(), Phase.FLY)
+        assert (broken is None) == (k == 12)
+        assert broken is None or broken.reaction is Reaction.SLOW

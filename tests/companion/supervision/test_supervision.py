@@ -42,13 +42,13 @@ FREE = Scene(
 WALL = replace(FREE, points=np.array([[0.45, 0.0, 2.0]]))
 
 
-def decide(scene=FREE, enforce=True, plan=PLAN, vehicle=None, **more):
+def decide(scene=FREE, enforce=True, plan=PLAN, vehicle=None, ahead=AHEAD, **more):
     """One tick in flight, offboard, towards what is in the scene."""
     guard = GuardConfig()
     certifier = Certifier(CertificateConfig(enforce=enforce), guard, 0.2)
     supervision = Supervision(guard, MissionConfig(), FenceConfig(), PX4, certifier)
     supervision._phases.phase = Phase.FLY
-    motion = MotionEstimate(AHEAD, HoverEstimate(ThrustMap(), 0.01), Delay(0.05, 0.003))
+    motion = MotionEstimate(ahead, HoverEstimate(ThrustMap(), 0.01), Delay(0.05, 0.003))
     told = {"state": OWN, "age": 0.02, "tick_gap": 0.1, "heartbeat": FLYING, "mode_known": True}
     return supervision.decide(
         1.0, VehicleEstimate(**told | (vehicle or {})), Detections(started=True), None, plan,
@@ -100,3 +100,16 @@ def test_a_drone_that_does_not_know_its_place_lands_instead_of_holding(sigma, mo
     assert s.verdict.request is AutopilotRequest.HOLD
     wanted = {"hold": PX4.hold(), "land": PX4.land()}
     assert s.requests == wanted[mode]
+
+
+@pytest.mark.parametrize(("known", "phase"), [(True, Phase.PASSIVE), (False, Phase.FLY)])
+def test_a_mode_of_an_old_heartbeat_says_nothing(known, phase):
+    holds = replace(FLYING, custom_mode=PX4.modes["hold"])
+    assert decide(vehicle={"heartbeat": holds, "mode_known": known}).phase is phase
+
+
+def test_the_brake_is_for_the_state_at_which_it_acts():
+    """By then it flies the other way."""
+    back = replace(AHEAD, x0=np.array([0.0, 0.0, 2.0, -1.6, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
+    assert decide(plan=None).command.omega[1] < -1.0
+    assert decide(plan=None, ahead=back).command.omega[1] > 1.0

@@ -130,3 +130,19 @@ def test_of_many_vehicles_with_one_id_two_are_named_and_sixteen_remembered(pair,
     vehicle.send([HEARTBEAT])
     waiting(ours)
     assert [len(places) for places in ours._senders.values()] == [1]
+
+
+def test_what_arrives_and_what_leaves_is_tapped_with_its_direction():
+    near = MemoryEndpoint()
+    ours, vehicle = (
+        Link(near, Codec(1, 191, [Source(1, 1)])),
+        Link(MemoryEndpoint(near), Codec(1, 1)),
+    )
+    tapped = []
+    ours.tap = lambda *packet: tapped.append(packet)
+    vehicle.send([HEARTBEAT])
+    assert len(ours.receive()) == 1
+    ours.send([SETPOINT])
+    beat = Codec(1, 1).encode([HEARTBEAT])
+    assert tapped[0] == (False, beat)
+    assert [out for out, _ in tapped] == [False, True]

@@ -97,3 +97,13 @@ def test_one_alone_makes_no_address_the_vehicles():
     assert link.address.endswith(str(vehicle._socket.getsockname()[1]))
     for end in (vehicle, stranger, ours):
         end.close()
+
+
+@pytest.mark.parametrize(
+    ("number", "after", "frames"), [(1, b"boot", 1), (99, b"boot", 0), (99, b"", 1)]
+)
+def test_it_is_one_where_a_frame_comes_next_or_its_number_does(number, after, frames):
+    codec, known = Codec(1, 191, [VEHICLE]), beats(2)
+    codec.decode_datagram(known[0])
+    codec.decode_datagram(unknown(number) + after + known[1])
+    assert codec.statistics.unknown == frames
