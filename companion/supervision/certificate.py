@@ -116,7 +116,7 @@ def _margins(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, b: Bound
     on_course, *rooms = _neighbours(p, t, tube, scene.neighbours, b)
     rooms += [*_obstacles(p, t, tube, scene, b), _unseen(p, t, scene.free, b)]
     margins = [_least(np.where(later[:, None, :-1], room, _FAR)) for room in rooms]
-    course = [_least(room) for room in (on_course, *rooms[1:4])]  # without what is unseen
+    course = [_least(room) for room in (on_course, *rooms[1:])]
     stops = np.where(fast[:, -1], -_FAR, flyable)
     least = np.minimum(np.min(course, axis=0), np.minimum(fence, flyable))
     found: Vector = np.stack([*margins[:4], fence, margins[4], stops, least], axis=1)

@@ -254,7 +254,6 @@ class Certifier:
         x0, wind = prediction.x0, prediction.disturbance
         flown = simulate(x0, ways, wind, law, first)
         # A plan may lead to a stop on a neighbour's course, as long as a way out is left after it.
-        # Space not looked at counts for what is accepted, not for what is better than contact.
         found = check(flown, x0, wind, scene, bounds or self._bounds)
         return [
             _Try(
