@@ -306,16 +306,13 @@ def _line_above(floors: Sequence[Point]) -> _Line | None:
 
 
 def _edge(points: Sequence[Point], at: float) -> tuple[Point, Point]:
-    """Return the edge over `at` of the upper convex hull of points, which are sorted by time."""
+    """Return the edge over `at` of the upper convex hull of points, sorted by time and around it."""
     hull: list[Point] = []
     for p in points:
         while len(hull) > 1 and _turns_left(hull[-2], hull[-1], p):
             hull.pop()
         hull.append(p)
-    for left, right in itertools.pairwise(hull):
-        if right[0] >= at:
-            return left, right
-    return hull[-2], hull[-1]
+    return next(edge for edge in itertools.pairwise(hull) if edge[1][0] >= at)
 
 
 def _turns_left(o: Point, a: Point, b: Point) -> bool:

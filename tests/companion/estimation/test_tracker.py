@@ -316,3 +316,19 @@ def test_a_time_before_the_last_frame_carries_the_places_back():
     assert then.p == pytest.approx(now.p - 0.2 * now.v)
     assert then.v == pytest.approx(now.v)
     assert pytest.approx(now.P, rel=0.01) == then.P
+
+
+def test_one_look_that_may_be_either_of_two_neighbours_is_of_one():
+    tracker, still = Tracker(TrackerConfig()), np.zeros(3)
+
+    def see(k, *places):
+        looks = [
+            Detection(np.array(p) / np.linalg.norm(p), float(np.linalg.norm(p)), 0.06, 0.4)
+            for p in places
+        ]
+        tracker.update(k / 10, looks, VehicleState(k / 10, still, still, LEVEL, still), LEVEL, None)
+
+    for k in range(12):
+        see(k, [4.0, 0.3, 0.0], [4.0, -0.3, 0.0])
+    see(12, [4.0, 0.05, 0.0])
+    assert sorted(t.unseen for t in tracker.tracks()) == pytest.approx([0.0, 0.1])

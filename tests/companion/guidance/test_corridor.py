@@ -71,3 +71,11 @@ def test_a_free_way_and_a_way_without_another_stay_as_they_are():
     assert free_heading(p, goal, np.zeros((0, 3)), 0.5, REACH) is goal
     closed = np.array([(0.1 * k, 5.0, 2.0) for k in range(-60, 60)])
     assert free_heading(p, goal, closed, 0.5, REACH) is goal
+
+
+def test_a_point_where_the_drone_is_itself_has_no_side():
+    here, goal = np.array([1.0, 2.0, 1.5]), np.array([6.0, 2.0, 1.5])
+    wall = np.array([[1.0, 3.0, 1.5]])
+    planes = corridor_planes(here, goal, np.vstack([here[None], wall]), SurfaceConfig())
+    assert planes == pytest.approx(corridor_planes(here, goal, wall, SurfaceConfig()))
+    assert planes[0] == pytest.approx([0.0, 1.0, 0.0, 3.0])

@@ -185,3 +185,12 @@ def test_signed_frames_follow_the_standard():
     assert frame[-13] == 3
     assert int.from_bytes(frame[-12:-6], "little") == NOW
     assert frame[-6:] == hashlib.sha256(KEY + frame[:-6]).digest()[:6]
+
+
+def test_what_the_vehicle_signs_right_after_our_first_frame_is_not_ours():
+    """It may sign by the same clock, and as the same sender as another link of ours."""
+    ours = Signing(KEY, NOW, link_id=1, own=(1, 191))
+    ours.signed(b"a frame")
+    assert ours._was_sent(NOW, (1, 191))
+    assert not ours._was_sent(NOW + 1, (1, 191))
+    assert not ours._was_sent(NOW, (1, 1))
