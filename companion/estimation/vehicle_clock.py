@@ -306,7 +306,7 @@ def _line_above(floors: Sequence[Point]) -> _Line | None:
 
 
 def _edge(points: Sequence[Point], at: float) -> tuple[Point, Point]:
-    """Return the edge over `at` of the upper convex hull of points, sorted by time and around it."""
+    """Return the edge over `at` of the upper convex hull of points, which are sorted by time."""
     hull: list[Point] = []
     for p in points:
         while len(hull) > 1 and _turns_left(hull[-2], hull[-1], p):

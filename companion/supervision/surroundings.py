@@ -22,6 +22,8 @@ from companion.types import Phase, Track
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.wire.messages import VehicleState
 
+_LATELY = 1.0  # s; one unseen for longer is not lost in plain view: it was out of it
+
 
 def _nothing() -> Scene:
     none = np.zeros((0, 3))
@@ -92,7 +94,7 @@ def neighbour_rows(tracks: list[Track], away: list[bool]) -> Vector:
     """Return the tracks (n,11) as the checker takes them.
 
     away: whether each is out of view. One that is lost in plain view may be anywhere that it can
-    reach; one out of view is remembered.
+    reach; one out of view is remembered, also when its place comes into view again.
     """
     if not tracks:
         return np.zeros((0, 11))
@@ -102,7 +104,8 @@ def neighbour_rows(tracks: list[Track], away: list[bool]) -> Vector:
     # Along the axis where each is largest: a range is less sure than a bearing.
     variances = [np.linalg.eigvalsh(block)[:, -1] for block in blocks]
     unseen = np.array([t.unseen for t in tracks])
-    out = np.array([t.lost and out for t, out in zip(tracks, away, strict=True)], float)
+    gone = [out or t.unseen > _LATELY for t, out in zip(tracks, away, strict=True)]
+    out = np.array([t.lost and out for t, out in zip(tracks, gone, strict=True)], float)
     places, speeds = np.array([t.p for t in tracks]), np.array([t.v for t in tracks])
     return np.column_stack([places, speeds, *variances, unseen, out])
 

@@ -58,6 +58,7 @@ def test_the_doubt_of_a_neighbour_is_the_largest_along_any_axis():
     [
         ((3.0, 0.0, 2.0), 0.1, 0.0),
         ((3.0, 0.0, 2.0), 1.0, 0.0),  # lost in plain view: it may be anywhere
+        ((3.0, 0.0, 2.0), 1.1, 1.0),  # where it was remembered, and is not
         ((-3.0, 0.0, 2.0), 0.2, 0.0),
         ((-3.0, 0.0, 2.0), 1.0, 1.0),
         ((3.0, 2.0, 2.0), 1.0, 1.0),  # behind the trunk
