@@ -50,7 +50,7 @@ class CertificateConfig(StrictModel):
         "NMPC uses in ordinary flight.",
     )
     neighbour_speed: float = Field(
-        3.0, gt=0, description="Highest speed [m/s] of a neighbour: as of a track."
+        3.0, gt=0, description="Highest speed [m/s] of a neighbour: well above nmpc.v_max."
     )
     sigmas: float = Field(2.0, ge=0, description="σ of a neighbour's place that are kept clear.")
     obstacle_sigmas: float = Field(2.0, ge=0, description="σ of an obstacle's place likewise.")

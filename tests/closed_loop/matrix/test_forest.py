@@ -1,7 +1,7 @@
 """Every row of the fault matrix in the paper's forest: three drones for 30 s on ten seeds; nine.
 
 In every flight no healthy drone collides, and each drone with a fault reacts as its row requires.
-Slow: twenty minutes of one core.
+Slow: an hour and a half of one core.
 """
 
 import pytest
