@@ -14,7 +14,7 @@ from types import FrameType
 
 from companion.flightlog.recorder import Recorder
 from companion.pipeline import Companion
-from companion.process.directories import StateFile, log_path
+from companion.process.directories import ControlMark, StateFile, log_path
 from companion.process.events import Events
 from companion.process.frame_source import FrameSource, open_source
 from companion.process.journal import event
@@ -52,6 +52,9 @@ class Daemon:
     """
 
     def __init__(self, config: CompanionConfig) -> None:
+        self._mark = ControlMark(os.environ)
+        if self._mark.left_behind and config.mission.auto:
+            config = _without_auto(config)
         link = config.link
         self._config = config
         self._stop = False
@@ -137,6 +140,8 @@ class Daemon:
                 stack.callback(part.close)
             if self._timestamps:
                 stack.callback(self._timestamps.save)
+            if not (self._duplicate or self._failed):
+                stack.callback(self._mark.clear)
             stack.callback(self._link.close)
             stack.callback(self._session.close_log)
             stack.callback(self._service_manager.stopping)
@@ -160,6 +165,7 @@ class Daemon:
         tick, sent = self._session.tick(inputs)
         self._pace.done(inputs, tick.supervised.phase is Phase.DONE)
         self._streaming = tick.supervised.verdict is not None
+        self._mark.note(self._streaming)
         try:
             self._report(inputs, tick, sent)
         except Exception as error:  # a line in a journal is worth no flight
@@ -209,6 +215,21 @@ class Daemon:
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         self._stop = True
+
+
+def _without_auto(config: CompanionConfig) -> CompanionConfig:
+    """Return the configuration of a daemon that arms nothing by itself.
+
+    The one before was cut off in control: its vehicle may lie among people who look what happened.
+    """
+    event(
+        "cut off in control",
+        logging.WARNING,
+        text="the daemon before this one ended in flight: mission.auto is off until this one is "
+        "stopped, or has flown",
+    )
+    mission = config.mission.model_copy(update={"auto": False})
+    return config.model_copy(update={"mission": mission})
 
 
 def _open_link(link: LinkConfig, timestamps: Timestamps | None) -> Link:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 from collections.abc import Mapping
@@ -45,3 +46,34 @@ class StateFile:
             part.replace(path)
         except OSError:
             self._path = None
+
+
+class ControlMark:
+    """A file that is there while setpoints stream: where it is left, a daemon was cut off.
+
+    It lies in the state directory, which outlives a restart of the board; without systemd there is
+    none.
+    """
+
+    def __init__(self, environment: Mapping[str, str]) -> None:
+        folder = environment.get("STATE_DIRECTORY", "").split(":")[0]
+        self._path = Path(folder) / "in-control" if folder else None
+        self.left_behind = self._path is not None and self._path.exists()
+        self._streaming = False
+
+    def note(self, streaming: bool) -> None:
+        """Note whether setpoints stream; an error never ends the flight."""
+        if streaming is not self._streaming:
+            self._streaming = streaming
+            self._write() if streaming else self.clear()
+
+    def clear(self) -> None:
+        """Take the mark away: nobody was cut off."""
+        if self._path is not None:
+            with contextlib.suppress(OSError):
+                self._path.unlink(missing_ok=True)
+
+    def _write(self) -> None:
+        if self._path is not None:
+            with contextlib.suppress(OSError):
+                self._path.touch()

@@ -159,12 +159,15 @@ def start_daemon(tmp_path):
     def start(config, command=(sys.executable, "-m", "companion"), cwd=None):
         folder = tmp_path / f"run{len(running)}"
         folder.mkdir()
+        kept = tmp_path / f"state-{Path(config).stem}"  # outlives a daemon
+        kept.mkdir(exist_ok=True)
         listener = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         listener.bind(str(folder / "notify"))
         environment = os.environ | {
             "NOTIFY_SOCKET": str(folder / "notify"),
             "RUNTIME_DIRECTORY": str(folder),
             "LOGS_DIRECTORY": str(folder),
+            "STATE_DIRECTORY": str(kept),
             "WATCHDOG_USEC": "1000000",
         }
         with (folder / "stderr.log").open("wb") as log:

@@ -3,7 +3,7 @@
 from datetime import UTC, datetime
 from pathlib import Path
 
-from companion.process.directories import StateFile, log_path
+from companion.process.directories import ControlMark, StateFile, log_path
 
 
 def test_where_the_log_goes():
@@ -24,3 +24,29 @@ def test_the_state_file(tmp_path):
     assert not state.write(phase="fly", armed=True)
     assert file.stat().st_mtime_ns == first
     StateFile({"RUNTIME_DIRECTORY": str(tmp_path / "gone")}).write(phase="fly")  # and no error
+
+
+def test_a_daemon_that_is_cut_off_in_control_leaves_a_mark(tmp_path):
+    board = {"STATE_DIRECTORY": str(tmp_path)}
+    first = ControlMark(board)
+    assert not first.left_behind
+    first.note(False)
+    assert not ControlMark(board).left_behind
+    first.note(True)
+    assert ControlMark(board).left_behind
+    first.note(False)  # given back
+    assert not ControlMark(board).left_behind
+    first.note(True)
+    second = ControlMark(board)  # the first one was killed
+    second.note(False)
+    assert ControlMark(board).left_behind  # it has neither flown nor been stopped
+    second.clear()
+    assert not ControlMark(board).left_behind
+
+
+def test_without_a_state_directory_there_is_no_mark(tmp_path):
+    for board in ({}, {"STATE_DIRECTORY": str(tmp_path / "gone")}):
+        mark = ControlMark(board)
+        mark.note(True)  # and no error
+        assert not ControlMark(board).left_behind
+        mark.clear()
