@@ -121,10 +121,13 @@ def _cells(number):
     count = f"{failed} of {len(tests)}" if failed else f"{len(tests)}"
     flights = [tuple(f) for _, found in tests for f in found["forest"]]
     three, nine = ({f for f in flights if f[0] == n} for n in (3, 9))
-    forest = f"{len({seed for _, seed in three})} seeds; {len(nine)} × 9" if flights else "–"
     alone = {seed for _, found in tests for seed in found["alone"]}
-    if alone:
-        forest += f"; alone: {len(alone)} seeds"
+    shown = [
+        f"{len({seed for _, seed in three})} seeds" if three else "",
+        f"{len(nine)} × 9" if nine else "",
+        f"alone: {len(alone)} seeds" if alone else "",
+    ]
+    forest = "; ".join(filter(None, shown)) or "–"
     least = {}
     for what, value in (m for _, found in tests for m in found["measured"]):
         pick = min if what.startswith("least") else max

@@ -39,6 +39,8 @@ from tests.closed_loop.matrix import (
     world_checks,
 )
 
+# Rows that the forest cannot show, with more seeds: they are flown with one above.
+ALONE = ("32", "32_late", "36", "36_in_flight", "39_trunk", "39_attack")
 # Rows of many seconds of flight, left to `make faults`.
 LONG = ("33_seen", "34_drift_on_slopes", "34_pixels", "34_range", "37_vibration")
 
@@ -49,12 +51,10 @@ def marked(row):
 
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("row", [pytest.param(r, marks=marked(r)) for r in checks.ROWS])
-def test_row(row, note):
+def test_row(row, note, record_property):
+    if row in ALONE:
+        record_property("alone", inprocess.SEED)
     checks.ROWS[row](note)
-
-
-# Rows that the forest cannot show, with more seeds: they are flown with one above.
-ALONE = ("32", "32_late", "36", "36_in_flight", "39_trunk", "39_attack")
 
 
 @pytest.mark.slow
