@@ -35,10 +35,9 @@ class CertificateConfig(StrictModel):
     """Bounds that the certificate relies on, each with its reason."""
 
     enforce: bool = Field(
-        False,
+        True,
         description="Fly the way to stop where a plan's command has no certificate; false: the "
-        "certificate is only judged, at every fifth tick, logged and counted, until it has flown "
-        "more.",
+        "certificate is only judged, at every fifth tick, logged and counted.",
     )
     neighbour_radius: float = Field(
         0.2, gt=0, description="Radius [m] of the sphere around a neighbour: as of the own drone."
