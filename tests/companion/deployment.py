@@ -168,7 +168,8 @@ class SshServer:
             f"AuthorizedKeysFile {folder}/authorized\nStrictModes no\nUsePAM no\n"
             "PermitRootLogin yes\nPasswordAuthentication no\n"
         )
-        Path("/run/sshd").mkdir(exist_ok=True)  # where sshd drops its privileges
+        if not os.getuid():
+            Path("/run/sshd").mkdir(exist_ok=True)  # where sshd drops its privileges
         self.log = (folder / "sshd.log").open("wb")
         self.process = subprocess.Popen(
             [sshd_path(), "-D", "-e", "-f", folder / "sshd_config"], stderr=self.log

@@ -209,9 +209,10 @@ def rates(axis, *values):
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-def test_eight_turns_of_a_rate_within_three_seconds_are_a_swing(axis):
+@pytest.mark.parametrize("side", [1.5, -1.5])
+def test_eight_turns_of_a_rate_within_three_seconds_are_a_swing(axis, side):
     """Of nine rates on alternate sides eight are turns."""
-    fast = rates(axis, *[1.5, -1.5] * 5)
+    fast = rates(axis, *[side, -side] * 5)
     assert Watch().reactions(fast[:9]) == [None] * 8 + [SLOW]
     assert Watch(swings=9).reactions(fast) == [None] * 9 + [SLOW]
     assert Watch().reactions(rates(axis, *[1.49, -1.49] * 20)) == [None] * 40
