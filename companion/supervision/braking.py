@@ -17,23 +17,27 @@ _LATE_BRAKE = 0.25  # of the attitude's gain
 _UNTIL_TURNED = 0.1  # s, from a command's effect until the frame has turned most of its way
 _UNTIL_ACTING = 0.75  # share of the time between late commands before a command acts
 _TURN_MAX = 0.5  # s; the body rates of the last command are assumed for no longer
+_CALM: Vector = np.zeros(3)
 
 
-def brake(own: VehicleState, config: GuardConfig) -> RateCommand:
+def brake(own: VehicleState, config: GuardConfig, wind: Vector = _CALM) -> RateCommand:
     """Return the command that brakes: tilt against the velocity, thrust for the height.
 
     The wanted specific force is −gain·v + g e_z, bounded; v is the velocity when the frame can have
-    turned, as its present tilt goes on accelerating it until then.
+    turned, as its present tilt goes on accelerating it until then. wind: (3,) m/s², acceleration
+    that is made up for: without that a drone drifts by wind / gain.
     """
-    tilted = GRAVITY * rotation_matrix(own.q_wb)[:, 2]
+    tilted = GRAVITY * rotation_matrix(own.q_wb)[:, 2] + wind
     then = own.v + _UNTIL_TURNED * np.array([tilted[0], tilted[1], 0.0])
-    return _towards(_against(then, config.brake_gain, config.brake_gain, config), own, config)
+    force = _against(then, config.brake_gain, config.brake_gain, config)
+    return _towards(force - wind, own, config)
 
 
 def brake_late(own: VehicleState, config: GuardConfig, held: float) -> RateCommand:
     """Return the command that brakes, with gains low enough for a command held for `held` [s].
 
-    The body rates of the last command go on turning the frame until this one acts.
+    The body rates of the last command go on turning the frame until this one acts. Where
+    commands get lost, no wind is known to be made up for.
     """
     q_then = integrate(own.q_wb, own.omega, min(held, _TURN_MAX) * _UNTIL_ACTING)
     gain = min(_LATE_GAIN / held, config.attitude_gain)

@@ -92,7 +92,8 @@ class GuardInputs:
     that the last command was in force; 0: this is the first. packet_loss: share 0…1 of lost
     telemetry. misled: the camera does not fit, so that what it showed and the plan are wrong.
     failure: a stage of this tick failed, in words; empty: none. broken: the gravest assumption that
-    does not hold. acting: state at which this tick's command takes effect; None: as own.
+    does not hold. acting: state at which this tick's command takes effect; None: as own. wind: (3,)
+    m/s², world, acceleration that the model does not explain; None: not known.
     """
 
     time: float
@@ -109,6 +110,7 @@ class GuardInputs:
     failure: str = ""
     broken: Broken | None = None
     acting: VehicleState | None = None
+    wind: Vector | None = None
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,7 @@ class Guard:
         if not s.plausible:
             return self._implausible(own)  # rule 2
         if s.failure:
-            command = brake(_acting(s, own), self._config)
+            command = _brake(s, own, self._config)
             verdict = self._verdict(command, Reason.FAILURE, AutopilotRequest.HOLD)
         elif plan is None:
             verdict = self._without_plan(s, own)  # rule 5
@@ -208,15 +210,15 @@ class Guard:
         request = AutopilotRequest.LAND if over else AutopilotRequest.NONE
         if r is not None and self._bad_ticks <= self._config.shifted_max and finite(r.u[0]):
             return self._verdict(self._bounded(r.u[0]), Reason.SHIFTED_PLAN, request)
-        return self._verdict(brake(_acting(s, own), self._config), Reason.BRAKE, request)
+        return self._verdict(_brake(s, own, self._config), Reason.BRAKE, request)
 
     def _outside_fence(self, s: GuardInputs, own: VehicleState) -> Verdict | None:
         """Rule 6: brake outside the fence, unless the plan leads back; None elsewhere."""
         c = self._config
         if s.outside > c.fence_land:
-            return self._verdict(brake(_acting(s, own), c), Reason.FENCE, AutopilotRequest.LAND)
+            return self._verdict(_brake(s, own, c), Reason.FENCE, AutopilotRequest.LAND)
         if s.outside > 0.0 and s.outward > c.fence_drift:
-            return self._verdict(brake(_acting(s, own), c), Reason.FENCE)
+            return self._verdict(_brake(s, own, c), Reason.FENCE)
         return None
 
     def _gravely_broken(self, s: GuardInputs, own: VehicleState) -> Verdict | None:
@@ -226,8 +228,8 @@ class Guard:
         if s.broken.reaction is Reaction.CLIMB:
             acting = _acting(s, own)
             sinks = replace(acting, v=acting.v - np.array([0.0, 0.0, _CLIMB]))
-            return self._verdict(brake(sinks, self._config), Reason.ASSUMPTION)
-        command = brake(_acting(s, own), self._config)
+            return self._verdict(brake(sinks, self._config, _wind(s)), Reason.ASSUMPTION)
+        command = _brake(s, own, self._config)
         if s.broken.reaction is Reaction.HOVER:
             return self._verdict(command, Reason.ASSUMPTION)
         return self._verdict(command, Reason.ASSUMPTION, AutopilotRequest.HOLD)
@@ -237,7 +239,7 @@ class Guard:
         if s.broken is None:
             return None
         fast = norm(own.v) > self._config.blind_speed
-        command = brake(_acting(s, own), self._config) if fast else self._bounded(plan.u[0])
+        command = _brake(s, own, self._config) if fast else self._bounded(plan.u[0])
         return self._verdict(command, Reason.ASSUMPTION)
 
     def _blind(self, s: GuardInputs, own: VehicleState, plan: Plan) -> Verdict | None:
@@ -248,7 +250,7 @@ class Guard:
         fast = norm(own.v) > c.blind_speed
         request = AutopilotRequest.HOLD if s.blind > c.blind_hold else AutopilotRequest.NONE
         if fast or s.misled or s.blind > c.blind_hover:
-            return self._verdict(brake(_acting(s, own), c), Reason.BLIND, request)
+            return self._verdict(_brake(s, own, c), Reason.BLIND, request)
         return self._verdict(self._bounded(plan.u[0]), Reason.BLIND, request)
 
     def _verdict(
@@ -269,6 +271,15 @@ class Guard:
 def _acting(s: GuardInputs, own: VehicleState) -> VehicleState:
     """Return the state to brake from: a command that turns the frame late makes it swing."""
     return own if s.acting is None or not _state_finite(s.acting) else s.acting
+
+
+def _brake(s: GuardInputs, own: VehicleState, config: GuardConfig) -> RateCommand:
+    return brake(_acting(s, own), config, _wind(s))
+
+
+def _wind(s: GuardInputs) -> Vector:
+    """Return the acceleration (3,) m/s² that a brake makes up for; its estimate is bounded."""
+    return np.zeros(3) if s.wind is None or not finite(s.wind) else s.wind
 
 
 def _usable(plan: Plan | None) -> Plan | None:

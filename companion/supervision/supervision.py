@@ -216,5 +216,6 @@ class Supervision:
                 packet_loss=vehicle.packet_loss,
                 failure=failure,
                 broken=broken,
+                wind=None if ahead is None else ahead.disturbance,
             )
         )

@@ -76,10 +76,10 @@ class Forest(WithPictures):
         p = self.truth.arrays()["position"][:, i].astype(float)
         return float(surface_distance(p[p[:, 2] > 0.3], self.world).min())
 
-    def least_distance(self, i, k, since):
-        """Of two drones that are both up [m]."""
+    def least_distance(self, i, k, since, until=np.inf):
+        """Of two drones that are both up [m], between two flight times [s]."""
         truth = self.truth.arrays()
-        p = truth["position"][truth["t"] >= since]
+        p = truth["position"][(truth["t"] >= since) & (truth["t"] <= until)]
         up = (p[:, i, 2] > 0.3) & (p[:, k, 2] > 0.3)
         return float(np.linalg.norm(p[:, i] - p[:, k], axis=1)[up].min())
 

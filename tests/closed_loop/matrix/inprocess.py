@@ -177,7 +177,8 @@ class InProcess(Flight):
         p = truth["position"][:, list(indices)]
         up = p[..., 2] > 0.3
         clear = np.where(up, surface_distance(p.astype(float), self.world), np.inf)
-        assert clear.min() > self.scenario.drones.radius, ("obstacle", float(clear.min()))
+        least = clear.min(initial=np.inf)
+        assert least > self.scenario.drones.radius, ("obstacle", float(least))
         for i in indices:
             assert self._lowest_in_offboard(i) > 0.5, f"drone{i + 1} went down"
         for a in range(p.shape[1]):

@@ -9,7 +9,14 @@ from companion.estimation.input_history import InputHistory, SentInput
 from companion.estimation.prediction import StatePredictor
 from companion.model import predict
 from companion.supervision.braking import brake, brake_late
-from companion.supervision.guard import AutopilotRequest, Guard, GuardInputs, Reason
+from companion.supervision.guard import (
+    AutopilotRequest,
+    Broken,
+    Guard,
+    GuardInputs,
+    Reaction,
+    Reason,
+)
 from companion.supervision.guard_config import GuardConfig
 from companion.types import Plan, PlanStatus
 from mavlink_bridge.shared.frames import rotation_matrix
@@ -130,31 +137,35 @@ def test_a_plan_that_rests_on_a_camera_which_does_not_fit_is_not_flown():
     assert misled.command.omega == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)
 
 
-def braked(delay, known, lag=0.03):
+def braked(delay, known, lag=0.03, wind=0.0, told_of=True):
     """Brake from 1.6 m/s; commands act `delay` [s] after their tick, rates follow with a lag [s].
 
-    known: s, the delay that the prediction knows; None: braked from the state of the tick. Return
-    the largest tilt [rad] and speed [m/s] of the last two of four seconds.
+    known: s, the delay that the prediction knows; None: braked from the state of the tick. wind:
+    m/s², to the east; told_of: the guard knows what the prediction says of it. Return the largest
+    tilt [rad] and speed [m/s] of the last two of six seconds.
     """
     x, omega = np.array([0.0, 0.0, 2.0, 1.6, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), np.zeros(3)
     history = InputHistory(known or 0.0)
     predictor, guard = StatePredictor(history), Guard(GuardConfig())
     waiting, acts, late = [], RateCommand(np.zeros(3), 9.80665), []
-    for step in range(800):
+    for step in range(1200):
         time = 0.005 * step
         if step % 20 == 0:
             now = VehicleState(time, x[:3], x[3:6], x[6:10], omega)
-            p, v, q = np.split(predictor.update(now).x0, [3, 6])
+            ahead = predictor.update(now)
+            p, v, q = np.split(ahead.x0, [3, 6])
             acting = None if known is None else replace(now, p=p, v=v, q_wb=q)
-            told = inputs(time, own=now, acting=acting, plan=plan(u=(np.nan, 0, 0, 0)))
+            blows = ahead.disturbance if told_of else None
+            bad = plan(u=(np.nan, 0, 0, 0))
+            told = inputs(time, own=now, acting=acting, plan=bad, wind=blows)
             command = guard.judge(told).command
             history.add(SentInput(time, np.array([command.c, *command.omega]), 0.3))
             waiting.append((time + delay, command))
         while waiting and waiting[0][0] <= time:
             acts = waiting.pop(0)[1]
         omega = omega + 0.005 / lag * (acts.omega - omega)
-        x = predict(x, np.array([acts.c, *omega]), 0.005, np.zeros(3))
-        if step >= 400:
+        x = predict(x, np.array([acts.c, *omega]), 0.005, np.array([wind, 0.0, 0.0]))
+        if step >= 800:
             late.append((np.arccos(rotation_matrix(x[6:10])[2, 2]), abs(x[3])))
     return np.max(late, axis=0)
 
@@ -170,3 +181,46 @@ def test_braking_from_the_state_of_the_tick_swings():
     tilt, speed = braked(0.08, known=None)  # what the prediction is for
     assert tilt > 0.2
     assert speed > 0.2
+
+
+def test_braking_stands_still_in_the_wind_that_is_known():
+    """2 m/s² is what 6 m/s of wind do; a drone that knows nothing of it drifts."""
+    for delay in (0.05, 0.12):
+        tilt, speed = braked(delay, known=delay + 0.03, wind=2.0)
+        assert tilt == pytest.approx(np.arctan(2.0 / 9.80665), abs=0.03)
+        assert speed < 0.05
+    assert braked(0.05, known=0.08, wind=2.0, told_of=False)[1] > 0.3
+
+
+BRAKES = [
+    {"failure": "see: no"},
+    {"plan": None},
+    {"outside": 0.5, "outward": 1.0},
+    {"outside": 1.5},
+    {"blind": 0.1, "v": (1.5, 0.0, 0.0)},
+    {"blind": 0.1, "misled": True},
+    {"broken": Broken("speed: …", Reaction.SLOW), "v": (1.5, 0.0, 0.0)},
+    {"broken": Broken("speed: …", Reaction.HOVER)},
+    {"broken": Broken("height: …", Reaction.CLIMB)},
+    {"broken": Broken("speed: …", Reaction.HOLD)},
+]
+
+
+@pytest.mark.parametrize("more", BRAKES)
+def test_whatever_brakes_makes_up_for_the_wind(more):
+    calm = Guard(GuardConfig()).judge(inputs(**more)).command
+    for wind in (None, np.full(3, np.nan)):
+        command = Guard(GuardConfig()).judge(inputs(**more, wind=wind)).command
+        assert (command.omega.tolist(), command.c) == (calm.omega.tolist(), calm.c)
+    windy = Guard(GuardConfig()).judge(inputs(**more, wind=np.array([-3.0, 0.0, 1.0]))).command
+    assert windy.omega[1] > calm.omega[1] + 0.2  # it leans forward, against it
+    assert windy.c < calm.c - 0.5
+
+
+@pytest.mark.parametrize("more", [{"tick_gap": 0.4}, {"plausible": False}, {"own": None}])
+def test_where_commands_are_late_or_the_state_is_wrong_no_wind_is_believed(more):
+    calm, windy = (
+        Guard(GuardConfig()).judge(inputs(**more, wind=wind)).command
+        for wind in (None, np.array([-3.0, 0.0, 1.0]))
+    )
+    assert (windy.omega.tolist(), windy.c) == (calm.omega.tolist(), calm.c)

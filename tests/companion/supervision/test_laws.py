@@ -46,13 +46,28 @@ def as_array(command):
 
 @pytest.mark.parametrize("seed", range(40))
 @pytest.mark.parametrize("tilt", [0.3, 1.6])
-def test_the_brake_tilts_against_what_the_velocity_will_be(seed, tilt):
-    s = own(np.random.default_rng(seed), tilt)
+@pytest.mark.parametrize("gusts", [0.0, 1.0])
+def test_the_brake_tilts_against_what_the_velocity_will_be_and_against_the_wind(seed, tilt, gusts):
+    rng = np.random.default_rng(seed)
+    s, wind = own(rng, tilt), gusts * rng.normal(size=3)
     axis = Rotation.from_quat(np.roll(s.q_wb, -1)).apply([0, 0, 1])
-    then = s.v + 0.1 * G * np.array([axis[0], axis[1], 0.0])
-    force = against(then, CONFIG.brake_gain, CONFIG.brake_gain, CONFIG)
+    then = s.v + 0.1 * (G * axis + wind) * [1.0, 1.0, 0.0]
+    force = against(then, CONFIG.brake_gain, CONFIG.brake_gain, CONFIG) - wind
     wanted = towards(force, s.q_wb, CONFIG.attitude_gain, CONFIG)
-    assert as_array(brake(s, CONFIG)) == pytest.approx(wanted, abs=1e-9)
+    assert as_array(brake(s, CONFIG, wind)) == pytest.approx(wanted, abs=1e-9)
+    if not gusts:
+        assert as_array(brake(s, CONFIG)) == pytest.approx(wanted, abs=1e-9)
+
+
+def test_a_drone_that_leans_into_the_wind_stands_still():
+    wind = np.array([0.9, -0.4, 0.3])
+    force = np.array([0.0, 0.0, G]) - wind
+    turn, _ = Rotation.align_vectors([force], [[0.0, 0.0, 1.0]])
+    s = replace(own(np.random.default_rng(1)), v=np.zeros(3), q_wb=np.roll(turn.as_quat(), 1))
+    # Its thrust is a little more than the weight, so that it leans a little too much.
+    command = brake(s, CONFIG, wind)
+    assert command.omega == pytest.approx(np.zeros(3), abs=0.03)
+    assert command.c == pytest.approx(np.linalg.norm(force), abs=0.01)
 
 
 @pytest.mark.parametrize("seed", range(20))

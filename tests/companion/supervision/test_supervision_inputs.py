@@ -33,7 +33,9 @@ TURN = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
 OWN = VehicleState(
     7.0, np.array([1.0, 2.0, 3.0]), np.array([0.4, 0.5, 0.6]), np.array([1.0, 0, 0, 0]), np.ones(3)
 )
-AHEAD = Prediction(np.array([1.1, 2.1, 3.1, 0.7, 0.8, 0.9, *TURN]), np.zeros(4), np.zeros(3), 0.25)
+AHEAD = Prediction(
+    np.array([1.1, 2.1, 3.1, 0.7, 0.8, 0.9, *TURN]), np.zeros(4), np.array([0.1, 0.2, 0.3]), 0.25
+)
 PLANNED = RateCommand(np.array([0.1, 0.2, 0.3]), 9.0)
 SAFE = RateCommand(np.array([0.0, -1.0, 0.0]), 8.0)
 PLAN = object()
@@ -124,12 +126,13 @@ def test_the_command_acts_on_the_predicted_state():
     assert acting.v.tolist() == [0.7, 0.8, 0.9]
     assert acting.q_wb.tolist() == TURN.tolist()
     assert acting.omega.tolist() == [1.0, 1.0, 1.0]
+    assert bench.asked.guard[0].wind.tolist() == [0.1, 0.2, 0.3]
 
 
 def test_without_a_state_or_a_prediction_the_command_acts_on_what_is_known():
     bench = Bench()
     bench.tick(motion=MotionEstimate(None, HoverEstimate(ThrustMap(), 0.01), Delay(0.05, 0.003)))
-    assert bench.asked.guard[0].acting is None
+    assert (bench.asked.guard[0].acting, bench.asked.guard[0].wind) == (None, None)
     bench.tick(vehicle={"state": None})
     (s,) = bench.asked.guard
     assert (s.acting, s.own, s.outside, s.outward) == (None, None, -np.inf, 0.0)
