@@ -222,6 +222,11 @@ def test_a_lost_line_is_named_and_tried_again_every_half_second(line, clock):
     line.arrives = [b"b"]
     assert list(line.receive()) == [b"b"]
     assert (line.problem, line.reconnects, line.opened) == ("", 1, 3)
+    line.arrives, clock.now = [ConnectionResetError(104, "gone")], clock.now + 1.0
+    assert list(line.receive()) == []
+    clock.now += 0.51
+    assert line.open()
+    assert line.reconnects == 2
 
 
 def test_a_line_that_opens_by_and_by_is_asked_again_at_once(line):
