@@ -13,6 +13,7 @@ from typing import Any
 from companion.ground.actions import Action
 from companion.ground.drone_view import DroneView, Place, metres
 from companion.settings.config import CompanionConfig
+from mavlink_bridge.wire.bytestream import ByteStream
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.ids import AutopilotId, CommandId, MessageId, SystemState, VehicleType
 from mavlink_bridge.wire.link import Endpoint
@@ -46,6 +47,9 @@ class Station:
         self.results: list[dict[str, Any]] = []
         self.codec = Codec(system, COMPONENT, signing=signing)
         self._endpoint = endpoint
+        # A TCP or serial line cuts frames anywhere.
+        cuts = isinstance(endpoint, ByteStream)
+        self._decode = self.codec.decode if cuts else self.codec.decode_datagram
         self._addresses: dict[int, tuple[Address, float]] = {}
         self._actions: dict[int, Action] = {}
         self._beat_at = self._asked_at = -1e9
@@ -83,7 +87,7 @@ class Station:
         for data in islice(self._endpoint.receive(), _PACKETS):
             udp = self._endpoint
             place = udp.sender if isinstance(udp, UdpEndpoint) else None
-            for r in self.codec.decode_datagram(data):
+            for r in self._decode(data):
                 self.hear(now, r, place)
         if now - self._beat_at >= _BEAT:
             self._beat_at = now

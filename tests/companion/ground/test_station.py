@@ -1,7 +1,10 @@
 """The ground station on messages alone: what it keeps, asks, and how often it shows it."""
 
 import asyncio
+import contextlib
 import json
+import select
+import socket
 import tracemalloc
 
 import numpy as np
@@ -15,7 +18,9 @@ from companion.ground.station import COMPONENT, Station, allowed, wanted
 from companion.services.services import PHASES, Situation
 from companion.supervision.guard import Reason
 from companion.types import Phase
+from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.ids import CommandId, MessageId
+from mavlink_bridge.wire.link import open_endpoint
 from mavlink_bridge.wire.memory import MemoryEndpoint
 from mavlink_bridge.wire.messages import (
     Command,
@@ -317,3 +322,20 @@ def test_a_page_of_another_site_cannot_speak_to_the_fleet():
     asyncio.run(connect("http://127.0.0.1:{port}"))
     with pytest.raises(Exception, match="403"):
         asyncio.run(connect("http://evil.example"))
+
+
+def test_a_frame_that_a_line_has_cut_is_heard():
+    """A TCP line: each frame comes in two parts, with a look between."""
+    listener = socket.create_server(("127.0.0.1", 0))
+    line = open_endpoint(f"tcp:127.0.0.1:{listener.getsockname()[1]}")
+    with listener, contextlib.closing(line):
+        station = Station([config(1)], line, 255)
+        station.step(0.0)
+        vehicle = listener.accept()[0]
+        with vehicle:
+            data = Codec(1, 1).encode([Heartbeat(12, 2, True, HOLD, 3)])
+            for n, part in enumerate((data[:9], data[9:])):
+                vehicle.sendall(part)
+                select.select([line.fileno()], [], [], 5.0)
+                station.step(0.1 + 0.1 * n)
+    assert station.drones[1].armed is True
