@@ -163,7 +163,7 @@ WITHOUT = {
     "7_silence: the end of the stream": overridden(guard={"stale_silent": 1e9}),
     "8: disbelief": lambda p: p.setattr(OwnState, "plausible", lambda *a: True),
     "8_on_ground: the check of the quaternion": lambda p: p.setattr(
-        np.linalg, "norm", _length_one(np.linalg.norm)
+        own_state, "norm", _length_one(own_state.norm)
     ),
     "9: the watch over the link": overridden(guard={"lost": 1.0}),
     "13: the pilot's last word": ignore_the_pilot,
@@ -219,7 +219,7 @@ WITHOUT = {
 
 
 def _length_one(norm):
-    return lambda a, *args, **more: 1.0 if np.shape(a) == (4,) else norm(a, *args, **more)
+    return lambda a: 1.0 if np.shape(a) == (4,) else norm(a)
 
 
 @pytest.mark.slow
