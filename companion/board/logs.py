@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from companion.settings.config import CompanionConfig
+from mavlink_bridge.shared.archives import extract
 
 SERVICE_LOGS = "/var/log/swarm-companion"  # LogsDirectory of the systemd unit
 _SUFFIXES = (".mcap", ".tlog")
@@ -73,7 +74,7 @@ def _over_ssh(drone: CompanionConfig, target: Path, shell: list[str]) -> int:
     data = _ask(shell, drone.board.host or "", _SEND.format(folder=folder), names)
     with tarfile.open(fileobj=io.BytesIO(data)) as archive:
         members = [m for m in archive.getmembers() if m.isfile() and m.name in wanted]
-        archive.extractall(target, members=members, filter="data")
+        extract(archive, members, target)
     return len(members)
 
 

@@ -21,6 +21,7 @@ from pathlib import Path
 import companion
 from companion.board import installer, journal
 from companion.settings.packaged import data_folder
+from mavlink_bridge.shared.archives import extract
 
 SUMS, SIGNATURE = "SHA256SUMS", "SHA256SUMS.sig"
 NAMESPACE, IDENTITY = "swarm-companion", "release"
@@ -159,7 +160,7 @@ def unpack(file: Path, folder: Path, signers: Path) -> Path:
     """
     try:
         with tarfile.open(file) as archive:
-            _extract(archive, folder)
+            extract(archive, archive, folder)
     except (OSError, tarfile.TarError, EOFError) as error:
         raise BundleError(f"--release {file}: cannot be read: {error}") from error
     if not (folder / SUMS).is_file() or not (folder / SIGNATURE).is_file():
@@ -187,22 +188,6 @@ def unpack(file: Path, folder: Path, signers: Path) -> Path:
     if not (same and _canonical((folder / SIGNATURE).read_text(errors="replace"))):
         raise BundleError(f"--release {file}: is not as it was made")
     return folder
-
-
-def _extract(archive: tarfile.TarFile, folder: Path) -> None:
-    """Write the plain files of an archive below `folder`; Python 3.11.2 has no filter for that.
-
-    Raises:
-        TarError: a link, a device, or a name that leads elsewhere.
-    """
-    for member in archive:
-        path = folder / member.name
-        content = archive.extractfile(member) if member.isreg() else None
-        if content is None or not path.resolve().is_relative_to(folder.resolve()):
-            raise tarfile.TarError(f"{member.name} is no plain file of a release")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content.read())
-        path.chmod(0o755 if member.mode & 0o100 else 0o644)
 
 
 def _canonical(signature: str) -> bool:

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from mavlink_bridge.shared.archives import extract
 from mavlink_bridge.shared.settings import SettingsError
 from sitl_sim.campaigns.cost import measured
 
@@ -69,7 +70,8 @@ def unpack(archive: bytes, folder: Path) -> None:
     """Write a folder from its tar archive, whole or not at all."""
     stream = io.BytesIO(archive)
     with _whole(folder) as unfinished, tarfile.open(fileobj=stream, mode="r:gz") as tar:
-        tar.extractall(unfinished, filter="data")
+        unfinished.mkdir(parents=True)
+        extract(tar, (m for m in tar if not m.isdir()), unfinished)
 
 
 @contextmanager
