@@ -21,7 +21,8 @@ from mavlink_bridge.shared.parts import PartKind
 from mavlink_bridge.shared.settings import StrictModel
 
 _RIM = 0.2  # rad beyond `half_view` that the picture still shows, though badly
-_TURNING = 0.35  # s: the drone turns 0.25 s later than the reference, which holds for a tick
+# s: a drone turned 0.25 s later than its reference (crossing 99861, pixels), which holds for 0.1.
+_TURNING = 0.35
 
 
 GAZES = PartKind(
@@ -43,7 +44,10 @@ class GazeConfig(StrictModel):
     mean: float = Field(0.0, description="μ [rad].")
     sigma: float = Field(0.6, ge=0, description="σ [rad]; 0, where μ is 0, switches the sweep off.")
     limit: float = Field(
-        0.8, gt=0, description="Most |ε| [rad]: the way ahead stays inside ±80° of view."
+        0.8,
+        gt=0,
+        description="Most |ε| [rad]: the way ahead stays inside ±80° of view. For a "
+        "neighbour that is `close` up to `half_view`, where that shows it.",
     )
     half_view: float = Field(
         1.2, gt=0, description="A neighbour this far [rad] off the line of sight is in view."
@@ -112,8 +116,8 @@ class Gaze:
 
         lost: world bearings [rad] of near neighbours that are out of view, most threatening first.
         The next swing goes to the first of them that a swing within `limit` brings into view.
-        close: world bearing [rad] of the nearest neighbour where it is nearer than the setting
-        `close`: no swing loses sight of it.
+        close: world bearing [rad] of the nearest neighbour where it comes nearer than the setting
+        `close`: no swing loses sight of it, or of the way ahead.
         """
         c = self._config
         if self._yaw is None:

@@ -25,7 +25,7 @@ def brake(own: VehicleState, config: GuardConfig, wind: Vector = _CALM) -> RateC
 
     The wanted specific force is −gain·v + g e_z, bounded; v is the velocity when the frame can have
     turned, as its present tilt goes on accelerating it until then. wind: (3,) m/s², acceleration
-    that is made up for: without that a drone drifts by wind / gain.
+    that is made up for: else a drone drifts with it.
     """
     tilted = GRAVITY * rotation_matrix(own.q_wb)[:, 2] + wind
     then = own.v + _UNTIL_TURNED * np.array([tilted[0], tilted[1], 0.0])

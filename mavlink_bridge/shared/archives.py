@@ -1,4 +1,4 @@
-"""Plain files out of a tar archive: Python 3.11.2, which Debian 12 has, has no filter for that."""
+"""Plain files out of a tar archive; Debian 12's Python, 3.11.2, has no filter for that."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ def row_39_attack(note):
             mission__time_limit=26.0,
             drones__spacing=14.0,
             drones__foreign={"drone2": {"does": "pursue", "speed": speed, "after": 6.0}},
-            companion=SET_OUT_AT_ONCE | {"certificate": {"enforce": True}},
+            companion=SET_OUT_AT_ONCE,
         )
         truth = f.truth.arrays()
         p = truth["position"].astype(float)
@@ -65,7 +65,7 @@ def _moving_trunk(aside, speed, start=24.0, begin=5.0, radius=0.4):
         scenario(
             world={"cylinders": [{"x": start, "y": aside, "radius": radius}]},
             mission__time_limit=18.0,
-            companion={"certificate": {"enforce": True}},
+            companion={},
         )
     )
     rows = f.sensors._occluders.cylinders

@@ -21,10 +21,10 @@ PIXELS = {
 MISMOUNTED = ("camera_mirrored", "camera_upside_down", "camera_rolled", "camera_scaled")
 
 
-def turns_from(companion, noticed):
-    """When the drone begins to look round [s]; what is noticed before that counts from then."""
+def begins_to_turn(companion):
+    """Return when the drone begins to look round [s]; when it should, where it does not."""
     turning = (t for t, o in companion.ticks(0.0) if o.own and abs(o.own.omega[2]) > 0.3)
-    return min(next(turning, noticed), noticed)
+    return next(turning, TURNS)
 
 
 def row_32(note):
@@ -37,7 +37,7 @@ def row_32(note):
         unclear = kind == "camera_upside_down"
         expected = CameraFault.UNCLEAR if unclear else CameraFault.MISALIGNED
         assert f.companions[0].at(noticed).fault is expected, kind
-        turns = turns_from(f.companions[0], noticed)
+        turns = begins_to_turn(f.companions[0])
         assert noticed < turns + 2.0, (kind, noticed, turns)
         rest = seconds_until(f, noticed, lambda v, p: np.linalg.norm(v) <= 0.2)
         assert rest <= 2.0, (kind, rest)

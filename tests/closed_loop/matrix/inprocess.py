@@ -180,13 +180,13 @@ class InProcess(Flight):
         least = clear.min(initial=np.inf)
         assert least > self.scenario.drones.radius, ("obstacle", float(least))
         for i in indices:
-            assert self._lowest_in_offboard(i) > 0.5, f"drone{i + 1} went down"
+            assert self.lowest_in_offboard(i) > 0.5, f"drone{i + 1} went down"
         for a in range(p.shape[1]):
             for b in range(a):
                 gap = np.linalg.norm(p[:, a] - p[:, b], axis=1).min()
                 assert gap > 2 * self.scenario.drones.radius, (a, b, gap)
 
-    def _lowest_in_offboard(self, i):
+    def lowest_in_offboard(self, i):
         """Least height [m] of drone i while its companion flies it.
 
         A PX4 that is disarmed after landing goes back to the mode last chosen: offboard, on the

@@ -61,7 +61,7 @@ def test_seen_space_sector_by_sector(seed):
     asked = []
 
     def shows(own, places, margin):
-        """What is within 45° of east."""
+        """Return which places are within 45° of east."""
         asked.append((own.p.copy(), places.copy(), margin))
         off = places - own.p
         return np.abs(np.degrees(np.arctan2(off[:, 1], off[:, 0]))) < 45.0

@@ -209,11 +209,11 @@ class World:
         """Detections, noisy, some missed, with ghosts; some have a range that says little."""
         own, rng, out = self.own(time), self.rng, []
         turn = Rotation.from_quat(np.roll(own.q_wb, -1)) * Rotation.from_quat(np.roll(MOUNT, -1))
-        for p in [*self.p, *rng.normal(size=(1, 3)) * [4.0, 4.0, 1.0]]:
+        places = [*self.p, rng.normal(size=3) * [4.0, 4.0, 1.0]]  # the last is a ghost
+        for n, p in enumerate(places):
             ray = turn.inv().apply(p - own.p)
             away = float(np.linalg.norm(ray))
-            ghost = p is not self.p[0] and not any((p == q).all() for q in self.p)
-            if ray[2] < 0.2 * away or rng.random() < (0.7 if ghost else 0.15):
+            if ray[2] < 0.2 * away or rng.random() < (0.15 if n < len(self.p) else 0.7):
                 continue
             spread = float(rng.choice([0.02, 0.05, 0.4])) * away
             ray = ray / away + 0.01 * rng.normal(size=3)

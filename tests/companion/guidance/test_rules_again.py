@@ -132,7 +132,7 @@ def test_relative_speed(seed):
 
 
 def stands_in_the_way(own, t, goal, near=2.0):
-    """Whether a neighbour blocks the way to a goal."""
+    """Return whether a neighbour blocks the way to a goal."""
     way, offset = (goal - own.p)[:2], (t.p - own.p)[:2]
     if math.cos(angle(way, offset)) <= 0.3 or abs(t.p[2] - own.p[2]) >= 1.0:
         return False

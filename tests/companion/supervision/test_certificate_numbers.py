@@ -69,7 +69,7 @@ class Reference:
         return course, course - reach, gap - claim
 
     def counts(self, row):
-        """Whether a neighbour counts as one in sight, and as one that is remembered."""
+        """Return whether a neighbour counts as one in sight, and as one that is remembered."""
         speed = float(np.linalg.norm(row[3:6]))
         just = self.b.neighbour_acceleration * row[9] <= speed - self.b.unseen_speed
         return not row[10] or just, bool(row[10])
@@ -248,7 +248,7 @@ def with_numbers(p, v, c=9.80665, omega=(0.0, 0.0, 0.0)):
 
 
 def motion(accelerations, x0=(0, 0, 2, 0, 0, 0, 1, 0, 0, 0), **command):
-    """Whether a way by these accelerations [m/s²], then at rest, is taken for one that is flown."""
+    """Return whether the checker takes a way by these accelerations [m/s²] for flyable."""
     p, v = [np.array(x0[:3], float)], [np.array(x0[3:6], float)]
     for a in np.array(accelerations, float):
         v.append(v[-1] + DT * a)

@@ -142,7 +142,8 @@ def braked(delay, known, lag=0.03, wind=0.0, told_of=True):
 
     known: s, the delay that the prediction knows; None: braked from the state of the tick. wind:
     m/s², to the east; told_of: the guard knows what the prediction says of it. Return the largest
-    tilt [rad] and speed [m/s] of the last two of six seconds.
+    tilt [rad] and speed [m/s] of the last two of six seconds: the wind that is estimated while the
+    drone brakes hard is none, and is forgotten within two.
     """
     x, omega = np.array([0.0, 0.0, 2.0, 1.6, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), np.zeros(3)
     history = InputHistory(known or 0.0)
@@ -184,7 +185,7 @@ def test_braking_from_the_state_of_the_tick_swings():
 
 
 def test_braking_stands_still_in_the_wind_that_is_known():
-    """2 m/s² is what 6 m/s of wind do; a drone that knows nothing of it drifts."""
+    """A drone that knows nothing of the wind drifts."""
     for delay in (0.05, 0.12):
         tilt, speed = braked(delay, known=delay + 0.03, wind=2.0)
         assert tilt == pytest.approx(np.arctan(2.0 / 9.80665), abs=0.03)

@@ -17,7 +17,7 @@ def watch():
 
 
 def after(dt, first, last, others=()):
-    """What the watch says of two looks at one neighbour, `dt` s apart."""
+    """Return what the watch says of two looks at one neighbour, `dt` s apart."""
     it = watch()
     it.update(10.0, [first, *others])
     return it.update(10.0 + dt, [last, *others])
@@ -126,7 +126,7 @@ def test_reset_forgets():
 
 
 def ended(later, **more):
-    """What is left of a track of 1 m/s that ended."""
+    """Return the rest of a track of 1 m/s that ended."""
     it = watch()
     it.update(10.0, [track((0, 0, 2), (1, 0, 0), **more)])
     return it.update(10.0 + later, []).tracks

@@ -1,4 +1,4 @@
-"""What a codec remembers of frames and senders, at its bounds."""
+"""A codec remembers frames and senders, up to its bounds."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What TCP and serial lines share, over a line made of a list, by a clock that the test sets."""
+"""TCP and serial lines share a queue and reconnection: here a list is the line."""
 
 import contextlib
 import select
