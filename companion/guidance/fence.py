@@ -90,6 +90,17 @@ class FenceConfig(StrictModel):
         near: Vector = sides[beyond > -_REACH]
         return near
 
+    def back(self, p: Vector, goal: Vector, apart: float) -> Vector:
+        """Return the move (3,) m of a goal (3,) m that leads a drone at p (3,) m back inside.
+
+        It brings the goal `apart` [m] within each side that p has crossed; 0 within all sides.
+        """
+        sides = self.sides()
+        crossed = sides[sides[:, :3] @ p > sides[:, 3]]
+        over = np.maximum(crossed[:, :3] @ goal - crossed[:, 3] + apart, 0.0)
+        move: Vector = -over @ crossed[:, :3]
+        return move
+
     def across(self, p: Vector, v: Vector) -> tuple[float, float]:
         """Return how far [m] p (3,) is outside (< 0: within), and the speed [m/s] of v outwards."""
         place, speed = p.tolist(), v.tolist()

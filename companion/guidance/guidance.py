@@ -173,7 +173,7 @@ class Guidance:
         if mine:
             drift = 0.0 if height is None else height.drift
             progress = self._progress(own, map_offset - [0.0, 0.0, drift], floor, known)
-        aim, route = self._route(own, progress.goal, known)
+        aim, route = self._route(own, progress.goal, map_offset, known)
         to_aim = aim - own.p
         near = rated_neighbours(own, tracks, s.d_ref, s.threat)
         critical = near[: s.threat.critical]
@@ -231,14 +231,23 @@ class Guidance:
         return replace(progress, goal=progress.goal - map_offset)
 
     def _route(
-        self, own: VehicleState, goal: Vector, known: KnownObstacles
+        self, own: VehicleState, goal: Vector, map_offset: Vector, known: KnownObstacles
     ) -> tuple[Vector, tuple[str, ...]]:
-        """Return the place to aim at (3,) m on the way to the goal, and the rules that moved it."""
+        """Return the place to aim at (3,) m on the way to the goal, and the rules that moved it.
+
+        From outside the fence the way leads back, wherever the goal is.
+        """
         s = self._settings
-        around = self._detour.aim(own.p, goal, known.cylinders, s.d_obstacle)
+        back = s.fence.back(own.p + map_offset, goal + map_offset, s.d_obstacle)
+        within = goal + back
+        around = self._detour.aim(own.p, within, known.cylinders, s.d_obstacle)
         clearance = s.d_obstacle - s.surfaces.rough
         aim = free_heading(own.p, around, known.points, clearance, s.surfaces.range)
-        moved = {"detour": around is not goal, "walls": aim is not around}
+        moved = {
+            "fence": back.any(),
+            "detour": around is not within,
+            "walls": aim is not around,
+        }
         return aim, tuple(name for name, used in moved.items() if used)
 
     def _look(

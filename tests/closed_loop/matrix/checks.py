@@ -33,6 +33,7 @@ from tests.closed_loop.matrix.measures import (
     seconds_until,
     spoil_solves,
 )
+from tests.closed_loop.matrix.strikes import move_fence
 
 OFFBOARD = 0x00060000  # PX4's custom_mode
 
@@ -302,12 +303,7 @@ def row_19(note):
 
 def row_21(note):
     def fenced(most):  # short of the goal, which a config must not be
-        def move(f):
-            companion = f.companions[0].companion
-            fence = companion._supervision._fence.model_copy(update={"east": [-5.0, most]})
-            companion._supervision._fence = companion._planning._formulation._fence = fence
-
-        return move
+        return lambda f: move_fence(f.companions[0].companion, east=[-5.0, most])
 
     f = fly(at={0.0: fenced(8.0)}, **SHORT)
     p = f.truth.arrays()["position"][:, 0]
@@ -316,14 +312,21 @@ def row_21(note):
     note("inside by [m]", float(8.0 - p[:, 0].max()))
 
     # The fence is moved inwards in flight: the drone is outside, all of a sudden.
-    for outside, request in ((0.3, AutopilotRequest.NONE), (2.0, AutopilotRequest.LAND)):
-        f = fly(at={7.51: lambda f, by=outside: fenced(f.vehicles.p[0, 0] - by)(f)}, **SHORT)
+    for outside, request in ((0.1, AutopilotRequest.NONE), (2.0, AutopilotRequest.LAND)):
+        f = fly(
+            at={7.51: lambda f, by=outside: fenced(f.vehicles.p[0, 0] - by)(f)},
+            world={},
+            mission__time_limit=14.0,
+        )
         first = next(o.verdict for _, o in f.companions[0].ticks(7.52))
         assert (first.reason, first.request) == (Reason.FENCE, request)
         crossed = f.truth.arrays()
         k = int(np.searchsorted(crossed["t"], 7.5))
         out = crossed["position"][k:, 0, 0].max() - crossed["position"][k, 0, 0]
         assert out < 2.0
+        if request is AutopilotRequest.NONE:
+            side = crossed["position"][k, 0, 0] - outside
+            note("back within", seconds_until(f, 7.5, lambda v, p, side=side: p[0] < side))
         f.check_always()
         note("stops within [m]", float(out))
 

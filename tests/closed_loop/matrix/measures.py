@@ -89,10 +89,10 @@ def mode_after(flight, since, mode, i=0):
     return after[0] - since
 
 
-def modes_from(flight, since, i=0):
-    """Names of the modes of drone i's vehicle from `since` on."""
+def modes_from(flight, since, i=0, until=np.inf):
+    """Names of the modes of drone i's vehicle from `since` on, and before `until`."""
     before = [name for t, name in flight.modes[i] if t <= since][-1:]
-    return {*before, *(name for t, name in flight.modes[i] if t > since)}
+    return {*before, *(name for t, name in flight.modes[i] if since < t < until)}
 
 
 def asked(flight, ask, i=0):

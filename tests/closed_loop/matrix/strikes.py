@@ -19,6 +19,19 @@ def killed(f, i, kind):
     return {AT: gone}
 
 
+def move_fence(companion, **sides):
+    """Give a companion's parts another fence, as no user can in flight."""
+    fence = companion._supervision._fence.model_copy(update=sides)
+    guidance = companion._guidance
+    guidance._settings = replace(guidance._settings, fence=fence)
+    for part in (
+        companion._supervision,
+        companion._surroundings,
+        companion._planning._formulation,
+    ):
+        part._fence = fence
+
+
 def fence_moves(f, i, kind):
     """Move the fence so that drone i is suddenly outside the side that it flies towards."""
 
@@ -28,9 +41,7 @@ def fence_moves(f, i, kind):
         way = np.sign(own.v[axis])
         f.fences[i] = (axis, way, float(own.p[axis] - 0.1 * way))
         sides = sorted([f.fences[i][2], own.p[axis] - 20.0 * way])
-        fence = companion._supervision._fence
-        moved = fence.model_copy(update={("east", "north")[axis]: sides})
-        companion._supervision._fence = companion._planning._formulation._fence = moved
+        move_fence(companion, **{("east", "north")[axis]: sides})
 
     return {AT: cross}
 

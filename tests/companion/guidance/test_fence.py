@@ -31,6 +31,21 @@ def test_a_side_that_is_crossed_lets_the_drone_go_no_farther():
     assert fence.across(np.array([5.7, 4.8, 2.0]), np.zeros(3))[0] == pytest.approx(0.7)
 
 
+@pytest.mark.row("21")
+def test_a_goal_of_a_drone_outside_is_brought_within_the_sides_that_it_crossed():
+    fence = FenceConfig(east=[-5.0, 5.0], north=[-5.0, 5.0])
+    goal = np.array([9.0, -7.0, 2.0])
+
+    def moved(p):
+        return (goal + fence.back(np.array(p), goal, 0.6)).tolist()
+
+    assert moved([4.9, 0.0, 2.0]) == goal.tolist()
+    assert moved([5.1, 0.0, 2.0]) == pytest.approx([4.4, -7.0, 2.0])
+    assert moved([5.1, -5.1, 2.0]) == pytest.approx([4.4, -4.4, 2.0])
+    assert moved([-5.1, 0.0, 2.0]) == goal.tolist()  # the goal leads back by itself
+    assert not FenceConfig().back(np.array([99.0, 99.0, 2.0]), goal, 0.6).any()
+
+
 @pytest.mark.row("34")
 def test_the_floor_follows_the_ground_and_its_doubt():
     fence = FenceConfig(altitude_min=0.8)

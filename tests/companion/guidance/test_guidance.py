@@ -171,6 +171,20 @@ def test_the_room_beside_trunks_is_that_of_the_configuration():
     assert decided(guiding(AHEAD, **narrow), trunks=pair).route == ()
 
 
+@pytest.mark.row("21")
+def test_outside_the_fence_the_way_leads_back():
+    outside = own([10.4, 0.0, 2.0])
+    guidance = guiding([9.0, 0.0, 2.0], fence={"east": [-5.0, 10.0]})
+    guidance.set_goals([np.array([30.0, 1.0, 2.0])])
+    d = guidance._settings.d_obstacle
+    reference = decided(guidance, at=outside)
+    assert reference.route == ("fence",)
+    assert reference.aim == pytest.approx([10.0 - d, 1.0, 2.0])
+    on_map = decided(guidance, at=own([0.4, 0.0, 2.0]), map_offset=np.array([10.0, 0.0, 0.0]))
+    assert on_map.aim == pytest.approx([-d, 1.0, 2.0])  # the fence is on the map
+    assert decided(guidance, at=own([9.9, 0.0, 2.0])).route == ()
+
+
 def test_the_way_round_stays_within_the_fence():
     fence = {"fence": {"north": [-2.0, 9.0], "east": [-5.0, 20.0]}}
     reference = decided(guiding(AHEAD, **fence), trunks=HEDGE)
