@@ -76,12 +76,14 @@ class Trajectories:
 class Findings:
     """margin (n,): m left over at the tightest place, < 0: refused; cause (n,): what is there.
 
-    course (n,): m, likewise, where neighbours keep their courses, also while the drone is at rest.
+    course (n,): m, likewise, where neighbours keep their courses, also while the drone is at rest;
+    fixed (n,): m, the same to obstacles and surfaces alone, which give way to nobody.
     """
 
     margin: Vector
     cause: tuple[str, ...]
     course: Vector
+    fixed: Vector
 
 
 def check(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, bounds: Bounds) -> Findings:
@@ -96,15 +98,15 @@ def check(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, bounds: Bou
             for a in (way.u, way.p, way.v):
                 good &= np.isfinite(a).reshape(n, -1).all(axis=1)
     except (ValueError, TypeError, IndexError, AttributeError):  # shapes that do not fit
-        return Findings(np.full(n, -_FAR), (CAUSES[-1],) * n, np.full(n, -_FAR))
-    by_cause, course = margins[:, :-1], np.where(good, margins[:, -1], -_FAR)
+        return Findings(bad := np.full(n, -_FAR), (CAUSES[-1],) * n, bad, bad)
+    by_cause, (course, fixed) = margins[:, :-2], np.where(good, margins[:, -2:].T, -_FAR)
     worst = np.where(good, by_cause.argmin(axis=1), len(CAUSES) - 1)
     least = np.where(good, by_cause.min(axis=1), -_FAR)
-    return Findings(least, tuple(CAUSES[k] for k in worst), course)
+    return Findings(least, tuple(CAUSES[k] for k in worst), course, fixed)
 
 
 def _margins(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, b: Bounds) -> Vector:
-    """Return the margins (n,8) m: by cause, the last of them -_FAR or _FAR; and to courses."""
+    """Return the margins (n,9) m: by cause, the last -_FAR or _FAR; courses; what is fixed."""
     p, t = way.p, DT * np.arange(way.p.shape[1])
     fast: Vector = _length(way.v) > b.rest
     later: Vector = np.cumsum(fast[:, ::-1], axis=1)[:, ::-1] > 0  # not yet at rest for good
@@ -119,7 +121,8 @@ def _margins(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, b: Bound
     course = [_least(room) for room in (on_course, *rooms[1:])]
     stops = np.where(fast[:, -1], -_FAR, flyable)
     least = np.minimum(np.min(course, axis=0), np.minimum(fence, flyable))
-    found: Vector = np.stack([*margins[:4], fence, margins[4], stops, least], axis=1)
+    fixed = np.minimum(course[2], course[3])
+    found: Vector = np.stack([*margins[:4], fence, margins[4], stops, least, fixed], axis=1)
     return np.minimum(found, _FAR)
 
 
@@ -155,8 +158,7 @@ def _unseen(p: Vector, t: Vector, free: Vector, b: Bounds) -> Vector:
     sector = np.round(np.arctan2(off[..., 1], off[..., 0]) * len(free) / (2.0 * np.pi))
     known = free[sector.astype(int) % len(free)] - b.unseen_speed * t[1:]
     way = _length(off)
-    room = np.where(way < b.unseen_way, _FAR, known - way - b.radius - b.neighbour_radius)
-    return room[:, None]
+    return np.where(way < b.unseen_way, _FAR, known - way - b.radius - b.neighbour_radius)[:, None]
 
 
 def _flyable(way: Trajectories, x0: Vector, wind: Vector, b: Bounds) -> Vector:
@@ -190,11 +192,9 @@ def _apart(offsets: Vector) -> Vector:
 
 
 def _length(a: Vector) -> Vector:
-    size: Vector = np.sqrt((a * a).sum(axis=-1))
-    return size
+    return np.asarray(np.sqrt((a * a).sum(axis=-1)))
 
 
 def _least(room: Vector) -> Vector:
     """Return the least room (n,) of room (n,k,T-1), or _FAR."""
-    least: Vector = room.min(axis=(1, 2), initial=_FAR)
-    return least
+    return np.asarray(room.min(axis=(1, 2), initial=_FAR))

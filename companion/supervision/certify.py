@@ -104,13 +104,14 @@ class Certified:
 
 @dataclass(frozen=True)
 class _Try:
-    """A way that was tried: its first command, and what it leaves over [m] moving and standing."""
+    """A way that was tried: its first command, and what it leaves over [m], see `Findings`."""
 
     way: Ways
     command: RateCommand
     margin: float
     cause: str
     course: float
+    fixed: float
 
     @property
     def room(self) -> float:
@@ -118,9 +119,14 @@ class _Try:
         return min(self.margin, self.course)
 
     @property
-    def rank(self) -> tuple[bool, float]:
-        """What the better of two has more of: what holds comes first, then the courses count."""
-        return self.margin >= 0.0, self.course
+    def evades(self) -> tuple[bool, float]:
+        """What the better of two has more of: a wall is where it is, who flies may give way."""
+        return self.fixed >= 0.0, self.course
+
+    @property
+    def rank(self) -> tuple[bool, bool, float]:
+        """The same, where what holds comes first."""
+        return self.margin >= 0.0, *self.evades
 
 
 def _carried(scene: Scene, dt: float) -> Scene:
@@ -205,8 +211,9 @@ class Certifier:
             stays = max(held or ways, key=lambda way: way.rank)
         if stays.course < 0.0:  # it stops on somebody's course, and would be hit at rest
             ways = ways or self._out(None, prediction, scene, law)
-            leaving = max(ways, key=lambda way: way.course)
-            if leaving.course >= stays.course + _GAIN:
+            leaving = max(ways, key=lambda way: way.evades)
+            through = leaving.fixed < 0.0 <= stays.fixed
+            if leaving.course >= stays.course + _GAIN and not through:
                 return self._fly(leaving, safe.margin, "course")
         if safe.margin >= 0.0:
             self._last = safe.way
@@ -261,6 +268,7 @@ class Certifier:
                 float(found.margin[k]),
                 found.cause[k],
                 float(found.course[k]),
+                float(found.fixed[k]),
             )
             for k in range(len(ways))
         ]

@@ -88,6 +88,24 @@ def test_a_drone_at_rest_leaves_the_course_of_a_slow_neighbour_though_its_plan_i
     assert np.linalg.norm(found.instead.omega[:2]) > 0.5
 
 
+@pytest.mark.parametrize("half", [0.4, 0.6, None])
+def test_nobody_is_evaded_through_a_wall(half):
+    """From both ends of a tunnel somebody comes: those may give way, its walls will not."""
+    along = np.arange(-2.0, 2.01, 0.08)
+    walls = []
+    if half is not None:
+        across = np.arange(-half, half + 0.01, 0.08)
+        sides = [(s * half, z) for s in (-1.0, 1.0) for z in across]
+        walls = [(x, *yz) for x in along for yz in sides + [(y, z) for z, y in sides]]
+    comes = scene(((1.0, 0.0, 2.0), (-1.0, 0.0, 0.0)), ((-1.0, 0.0, 2.0), (1.0, 0.0, 0.0)))()
+    around = replace(comes, points=np.array([0.0, 0.0, 2.0]) + np.reshape(walls, (-1, 3)))
+    refused = RateCommand(np.array([3.0, 0.0, 0.0]), GRAVITY)
+    found = certifier().certify(refused, moving(0.0), lambda: around, KNOWN)
+    assert (found.flown is Flown.WAY) is (half is not None)
+    turns = np.linalg.norm(found.instead.omega[:2])
+    assert turns == pytest.approx(0.0, abs=1e-9) if half else turns > 2.0
+
+
 def test_a_drone_that_evades_looks_where_its_plan_looks():
     c = certifier()
     at = ((1.4, 0.0, 2.0), (0.0, 0.0, 0.0))
