@@ -51,6 +51,28 @@ def test_a_surface_that_is_gone_is_forgotten_at_once_and_one_out_of_view_after_a
     assert len(surfaces.points(NO_TRUNKS)) == 0
 
 
+@pytest.mark.parametrize("turn", np.deg2rad([40, 80, 100, 120, 150, 180, -60, -110]))
+def test_what_is_in_view_is_forgotten_and_what_is_not_stays_however_the_drone_turns(turn):
+    surfaces = SurfaceMap(CAMERA, SurfaceConfig())
+    p = np.array([0.0, 0.0, 2.0])
+    wall = read(to_planes(p, rays(), [((1, 0, 0), 3.0)]), p)[1]
+    for time in (0.0, 0.1):
+        surfaces.update(wall, state(p, time=time))
+    before = surfaces.points(NO_TRUNKS)
+    turned = np.array([np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2)])
+    surfaces.update(read(np.full((100, 160), np.inf), p)[1], state(p, turned, 0.2))
+    kept = surfaces.points(NO_TRUNKS)
+    bearing = np.arctan2(before[:, 1], before[:, 0]) - turn
+    aside = np.abs(np.arctan2(np.sin(bearing), np.cos(bearing)))
+    level = np.abs(before[:, 2] - 2.0) < 0.3  # where azimuth alone decides
+    stays = {tuple(q) for q in before[level & (aside > np.deg2rad(83))]}
+    goes = {tuple(q) for q in before[level & (aside < np.deg2rad(70))]}
+    left = {tuple(q) for q in kept}
+    assert stays <= left
+    assert not goes & left
+    assert stays or goes
+
+
 def test_points_of_a_known_trunk_are_not_surfaces():
     surfaces = SurfaceMap(CAMERA, SurfaceConfig())
     p = np.array([0.0, 0.0, 2.0])

@@ -318,6 +318,16 @@ def test_a_time_before_the_last_frame_carries_the_places_back():
     assert pytest.approx(now.P, rel=0.01) == then.P
 
 
+@pytest.mark.parametrize("dt", [0.25, 1.0, 2.0])
+def test_tracks_are_carried_to_the_time_that_is_asked_for(dt):
+    tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(6)
+    *_, (before,) = follow(tracker, np.array([6.0, 0.3, 0.0]), -CRUISE, 8, rng)
+    tracker.predict(0.7 + dt)
+    (after,) = tracker.tracks()
+    assert (after.p - before.p)[0] < -0.7 * dt
+    assert after.P[0, 0] > before.P[0, 0]
+
+
 def test_one_look_that_may_be_either_of_two_neighbours_is_of_one():
     tracker, still = Tracker(TrackerConfig()), np.zeros(3)
 

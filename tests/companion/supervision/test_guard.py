@@ -218,6 +218,13 @@ def test_whatever_brakes_makes_up_for_the_wind(more):
     assert windy.c < calm.c - 0.5
 
 
+@pytest.mark.parametrize("doubt", [{"blind": 0.1}, {"broken": Broken("speed: …", Reaction.SLOW)}])
+@pytest.mark.parametrize(("speed", "follows"), [(0.4, True), (0.4001, False)])
+def test_in_doubt_the_plan_flies_up_to_the_blind_speed(doubt, speed, follows):
+    command = Guard(GuardConfig()).judge(inputs(v=(0.0, speed, 0.0), **doubt)).command
+    assert (command.omega.tolist() == [0.1, 0.2, 0.3]) is follows
+
+
 @pytest.mark.parametrize("more", [{"tick_gap": 0.4}, {"plausible": False}, {"own": None}])
 def test_where_commands_are_late_or_the_state_is_wrong_no_wind_is_believed(more):
     calm, windy = (
