@@ -56,7 +56,8 @@ def passive(f, i, since):
     """Assert that from `since` on the companion requests nothing, and offboard is not entered."""
     assert f.companions[i].outs[-1].phase is Phase.PASSIVE
     assert not f.companions[i].streamed(since)
-    assert "OFFBOARD" not in modes_from(f, since, i, until=landed(f, i, since))
+    until = landed(f, i, since)
+    assert "OFFBOARD" not in {name for t, name in f.modes[i] if since < t < until}
 
 
 def landed(f, i, since):
