@@ -237,7 +237,7 @@ def test_a_row_fails_without(name, monkeypatch, record_property):
         ) as failed:
             checks.ROWS[row](lambda what, value: None)
         assert not isinstance(failed.value, (SettingsError, ValidationError)), failed.value
-        said = str(failed.traceback[-1].statement).strip()
+        said = " ".join(str(failed.traceback[-1].statement).split())
     finally:
         record_property("without", (f"{mechanism} | {row}", f"`{said}`"))
 
