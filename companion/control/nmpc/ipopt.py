@@ -153,9 +153,19 @@ class IpoptNmpc:
         start = np.concatenate([(x[1:] - origin).ravel(), u.ravel(), np.full(2 * N, 1e-3)])
         here = x0 - origin
         parameters = np.concatenate([here, u_last, stages.T.ravel(), scene, self._weights])
-        answer = self._solver(
-            x0=start, p=parameters, lbx=self._least, ubx=self._most, lbg=self._low, ubg=self._high
-        )
+        try:
+            answer = self._solver(
+                x0=start,
+                p=parameters,
+                lbx=self._least,
+                ubx=self._most,
+                lbg=self._low,
+                ubg=self._high,
+            )
+        except RuntimeError as error:  # CasADi has taken Ctrl-C for itself before it began
+            if "KeyboardInterrupt" in str(error):
+                raise KeyboardInterrupt from error
+            raise
         statistics = self._solver.stats()
         if statistics["return_status"] in _INTERRUPTED:
             raise KeyboardInterrupt
