@@ -120,12 +120,12 @@ class _Try:
 
     @property
     def evades(self) -> tuple[bool, float]:
-        """What the better of two has more of: a wall is where it is, who flies may give way."""
+        """What evades better has more of this: a neighbour may give way, a wall does not."""
         return self.fixed >= 0.0, self.course
 
     @property
     def rank(self) -> tuple[bool, bool, float]:
-        """The same, where what holds comes first."""
+        """The better way has more of this: one that is accepted comes first."""
         return self.margin >= 0.0, *self.evades
 
 

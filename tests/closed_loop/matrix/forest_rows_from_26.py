@@ -158,7 +158,11 @@ def one_frame_in_ten_is_lost(f, i, kind):
 
 
 def check_39(f, i, kind, note):
-    """Drone i is foreign, and gives no way; that ours touch nothing is checked of every drone."""
+    """Drone i is foreign, and gives no way; `check_always` looks at ours among themselves."""
+    for k in f.healthy:
+        since = next(t for t, o in f.companions[k].ticks(0.0) if o.phase is Phase.FLY)
+        gap = f.least_distance(i, k, since)
+        assert gap > 2.0 * f.scenario.drones.radius, (k, gap)
     figures, name = f.figures(), FOREIGN[kind]["does"]
     there = {n: int(f._reached[n].split("/")[0]) for n in figures["targets_reached"]}
     assert all(there.values()), there
