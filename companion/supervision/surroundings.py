@@ -49,9 +49,11 @@ class SurroundingsEstimator:
         self._space = SeenSpace(view, config.seen_range)
         self._trunks = ObstacleWatch(view.mount)
         self._watch = NeighbourWatch(config.neighbour_acceleration, config.neighbour_speed)
+        self._looked: VehicleState | None = None  # own state at the last picture that was searched
 
     def reset(self) -> None:
         """Forget all: the vehicle's frame has begun anew."""
+        self._looked = None
         self._space.reset()
         self._watch.reset()
         self._trunks.reset()
@@ -73,6 +75,9 @@ class SurroundingsEstimator:
         looked = seen.own if seen.fault is CameraFault.NONE else None
         free = self._space.update(own, looked, known, self._config.unseen_speed)
         watched, moving = self._watch.update(time, tracks), self._trunks.update(time, seen)
+        # A place that came into view after the last picture has not been looked at: with a frozen
+        # camera, who was out of view stays remembered.
+        self._looked = eye = looked or self._looked or own
 
         def scene() -> Scene:
             planes = self._fence.planes()
@@ -80,8 +85,8 @@ class SurroundingsEstimator:
             if phase is Phase.FLY:
                 planes = np.vstack([planes, ground.half_space(self._fence.altitude_min)])
             places = np.array([t.p for t in watched.tracks]).reshape(-1, 3)
-            hidden = known.hidden(own.p, places)
-            shown = self._view.shows(own, places)
+            hidden = known.hidden(eye.p, places)
+            shown = self._view.shows(eye, places)
             away = [not v or h for v, h in zip(shown, hidden, strict=True)]
             rows = neighbour_rows(watched.tracks, away)
             cylinders = np.vstack([_cylinder_rows(known), moving.cylinders])

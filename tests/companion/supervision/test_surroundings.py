@@ -70,6 +70,24 @@ def test_a_neighbour_is_out_of_view_where_the_camera_or_a_trunk_hides_it(view, p
     assert row[9:].tolist() == [unseen, out]
 
 
+def test_who_was_out_of_view_stays_remembered_while_no_picture_is_searched(view):
+    estimator = SurroundingsEstimator(CertificateConfig(), FenceConfig(), view)
+    behind = track((-3.0, 0.0, 2.0), 0.7)
+    back = replace(OWN, q_wb=np.array([0.0, 0.0, 0.0, 1.0]))  # turned towards it
+    frozen = replace(SEEN, fault=CameraFault.FROZEN)
+
+    def out(own, seen):
+        zero = np.zeros(3)
+        around = estimator.update(1.0, own, seen, NOTHING, [behind], zero, Phase.FLY)
+        return around.scene().neighbours[0, 10]
+
+    assert out(OWN, SEEN) == 1.0
+    assert out(back, frozen) == 1.0
+    assert out(back, replace(SEEN, own=back)) == 0.0  # a picture shows that it is not there
+    estimator.reset()
+    assert out(back, frozen) == 0.0  # nothing was ever out of view
+
+
 def test_trunks_have_their_doubt_and_stand(view):
     known = KnownObstacles(
         np.array([[3.0, 1.0, 0.4]]), np.array([[2.0, 0.0, 1.0]]), sigmas=np.array([0.2])
