@@ -158,7 +158,10 @@ def one_frame_in_ten_is_lost(f, i, kind):
 
 
 def check_39(f, i, kind, note):
-    """Drone i is foreign, and gives no way; `check_always` looks at ours among themselves."""
+    """Drone i is foreign, and gives no way; `check_always` looks at ours among themselves.
+
+    It starts before ours: behind them, it would hit one that climbs or has never looked there.
+    """
     for k in f.healthy:
         since = next(t for t, o in f.companions[k].ticks(0.0) if o.phase is Phase.FLY)
         gap = f.least_distance(i, k, since)
@@ -206,7 +209,7 @@ ROWS = {
               options=tuple({"timing.compute_delay": d, "timing.compute_jitter": 0.01}
                             for d in (0.02, 0.12))),
     "39": Row(check_39, ((),) * len(FOREIGN), lost=True,
-              options=tuple({"drones.foreign": {"drone3": f}} for f in FOREIGN)),
+              options=tuple({"drones.foreign": {"drone1": f}} for f in FOREIGN)),
     "40": Row(completes, options=({"mission.levels": [0.0, 0.8], "drones.airframes":
                                    ["quad3", "quad5", "quad7"], "air.downwash": True,
                                    "air.ground_effect": True, "wind.turbulence": "light"},)),
