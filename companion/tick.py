@@ -76,7 +76,7 @@ class Tick:
 
     @property
     def packets(self) -> list[list[Message]]:
-        """The messages to send, packet by packet; on a lossy link the setpoint three times."""
+        """The messages to send, packet by packet; on a lossy link three times what flies."""
         setpoint: list[Message] = [] if self.setpoint is None else [self.setpoint]
-        first = [*self.supervised.requests, *setpoint, *self.served.messages]
-        return [first, *[setpoint] * (2 if self.supervised.repeat else 0)]
+        flies = [*self.supervised.requests, *setpoint]
+        return [[*flies, *self.served.messages], *[flies] * (2 if self.supervised.repeat else 0)]

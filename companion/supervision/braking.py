@@ -36,8 +36,8 @@ def brake(own: VehicleState, config: GuardConfig, wind: Vector = _CALM) -> RateC
 def brake_late(own: VehicleState, config: GuardConfig, held: float) -> RateCommand:
     """Return the command that brakes, with gains low enough for a command held for `held` [s].
 
-    The body rates of the last command go on turning the frame until this one acts. Where
-    commands get lost, no wind is known to be made up for.
+    The body rates of the last command go on turning the frame until this one acts. Where ticks
+    are late, no wind is known to be made up for.
     """
     q_then = integrate(own.q_wb, own.omega, min(held, _TURN_MAX) * _UNTIL_ACTING)
     gain = min(_LATE_GAIN / held, config.attitude_gain)

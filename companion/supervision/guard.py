@@ -8,7 +8,7 @@ supervision applies to it, may replace what comes from a plan:
 | 1 | telemetry silent | stop turning, hover thrust | HOLD, LAND, silence: `stale_…` |
 | 2 | attitude or position not plausible | level, hover thrust | LAND |
 | 3 | a stage of the tick failed | brake | HOLD |
-| 4 | ticks late, or setpoints lost | brake gently | as by rules 3 to 9, or HOLD: `lost_hold` |
+| 4 | ticks late | brake gently | as by rules 3 to 9 |
 | 5 | no usable plan | `shifted_max` times the last, shifted; then brake | LAND: `bad_land` |
 | 6 | outside the fence | brake | LAND beyond `fence_land` |
 | 7 | an assumption is broken (`monitors.py`) | brake, or climb | HOLD, where it is grave |
@@ -16,6 +16,10 @@ supervision applies to it, may replace what comes from a plan:
 | 9 | an assumption is broken, but not gravely | brake to `blind_speed` | |
 | 10 | else | the plan, clipped | |
 | 11 | the plan has no certificate (`certify.py`) | a way that has, or keeps most room | |
+
+Where more than `lost` of the telemetry is lost, setpoints are, too. Each is sent three times, so
+that a plan still flies (reason `lossy` instead of `plan`), and after `lost_hold` HOLD is requested
+by any rule that requests nothing. Braking meanwhile was worse: it evades nobody.
 
 Where the autopilot's position is less sure than `hold_doubt`, LAND is requested instead of HOLD.
 Braking and levelling are laws in closed form, without any solver.
@@ -35,7 +39,6 @@ from mavlink_bridge.shared.arrays import Vector, finite, norm
 from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.wire.messages import RateCommand, VehicleState
 
-_LOSSY_HELD = 0.3  # s that a command is in force where half of them are lost
 _CLIMB = 0.5  # m/s, where the ground is too near
 
 
@@ -45,7 +48,7 @@ class Reason(Enum):
     FAILURE = "failure"  # 3: a stage of the tick failed
     NO_STATE = "no_state"  # 1: telemetry is silent
     BAD_STATE = "bad_state"  # 2: attitude or position not plausible
-    LATE = "late"  # 4: ticks do not come in time, or setpoints get lost
+    LATE = "late"  # 4: ticks do not come in time
     SHIFTED_PLAN = "shifted_plan"  # 5: no usable plan
     BRAKE = "brake"  # 5: no usable plan for longer
     FENCE = "fence"  # 6
@@ -53,6 +56,7 @@ class Reason(Enum):
     PLAN = "plan"  # 10
     ASSUMPTION = "assumption"  # 7 and 9: what the flight assumes does not hold
     UNCERTIFIED = "uncertified"  # 11: what rules 5, 8, 9, 10 want has no certificate
+    LOSSY = "lossy"  # 10, while setpoints get lost
 
 
 class Reaction(IntEnum):
@@ -124,7 +128,7 @@ class Verdict:
 
 
 class Guard:
-    """Judges each tick; remembers since when plans have failed, and ticks or setpoints have."""
+    """Judges each tick; remembers since when plans, ticks and the link have failed."""
 
     def __init__(self, config: GuardConfig) -> None:
         self._config = config
@@ -154,6 +158,7 @@ class Guard:
                 or self._broken(s, own, plan)  # rule 9
                 or self._verdict(self._bounded(plan.u[0]), Reason.PLAN)  # rule 10
             )
+        verdict = self._lossy(s, verdict)
         # Rule 4 replaces the command of the rules after it and keeps their request.
         return self._late(s, own, verdict.request) or verdict
 
@@ -184,24 +189,27 @@ class Guard:
         return self._verdict(level(own, self._config), Reason.BAD_STATE, AutopilotRequest.LAND)
 
     def _late(self, s: GuardInputs, own: VehicleState, request: AutopilotRequest) -> Verdict | None:
-        """Rule 4: brake gently where ticks are late or setpoints get lost; None elsewhere."""
+        """Rule 4: brake gently where ticks are late; None elsewhere."""
         c = self._config
-        lossy = self._lossy(s)
-        if not lossy and self._late_ticks < 2 and not s.tick_gap > 2 * c.late:
+        if self._late_ticks < 2 and not s.tick_gap > 2 * c.late:
             return None
-        if lossy > c.lost_hold and request is AutopilotRequest.NONE:
-            request = AutopilotRequest.HOLD
-        held = max(s.tick_gap, _LOSSY_HELD if lossy else 0.0)
-        return self._verdict(brake_late(own, c, held), Reason.LATE, request)
+        return self._verdict(brake_late(own, c, s.tick_gap), Reason.LATE, request)
 
-    def _lossy(self, s: GuardInputs) -> float:
-        """Return since how many seconds too much is lost, this tick included; 0: it is not."""
-        if not s.packet_loss > self._config.lost:
+    def _lossy(self, s: GuardInputs, verdict: Verdict) -> Verdict:
+        """Return the verdict, with the reason and the request that lost setpoints give it."""
+        c = self._config
+        # The share of one second wavers: what began above `lost` is over below half of it.
+        if not s.packet_loss > (c.lost if self._lossy_since is None else 0.5 * c.lost):
             self._lossy_since = None
-            return 0.0
+            return verdict
         if self._lossy_since is None:
             self._lossy_since = s.time
-        return s.time - self._lossy_since + 1e-3
+        if verdict.reason is Reason.PLAN:
+            verdict = replace(verdict, reason=Reason.LOSSY)
+        lasts = s.time - self._lossy_since >= c.lost_hold - 1e-6
+        if lasts and verdict.request is AutopilotRequest.NONE:
+            verdict = replace(verdict, request=AutopilotRequest.HOLD)
+        return verdict
 
     def _without_plan(self, s: GuardInputs, own: VehicleState) -> Verdict:
         """Rule 5: fly the previous plan, shifted, for a few ticks; then brake."""

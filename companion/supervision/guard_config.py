@@ -91,16 +91,16 @@ class GuardConfig(StrictModel):
         0.05,
         gt=0,
         le=1,
-        description="Share of telemetry lost in a second above which each setpoint is sent three "
-        "times. Where half of all packets are lost, a setpoint is then held for 0.5 s every 7 "
-        "minutes, not every 2 s.",
+        description="Share of telemetry lost in a second above which each setpoint and request is "
+        "sent three times. Where half of all packets are lost, a setpoint is then held for 0.5 s "
+        "every 7 minutes, not every 2 s.",
     )
     lost: float = Field(
         0.4,
         gt=0,
         le=1,
-        description="Share of telemetry lost in a second above which the plan does not fly: as "
-        "many setpoints are lost.",
+        description="Share of telemetry lost in a second above which HOLD is requested after "
+        "`lost_hold`; below half of it that is over.",
     )
     lost_hold: float = Field(
         1.0, gt=0, description="Time [s] of such a loss after which HOLD is requested."

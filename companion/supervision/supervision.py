@@ -30,7 +30,7 @@ from mavlink_bridge.autopilots.registry import Autopilot
 from mavlink_bridge.wire.messages import Message, RateCommand
 
 # Commands that come from a plan. The others brake or level already, for reasons that come first.
-_PLANNED = (Reason.PLAN, Reason.SHIFTED_PLAN, Reason.BLIND, Reason.ASSUMPTION)
+_PLANNED = (Reason.PLAN, Reason.LOSSY, Reason.SHIFTED_PLAN, Reason.BLIND, Reason.ASSUMPTION)
 _FOUND_FLYING = (
     "it flew in offboard before this companion started: a pilot must choose another mode"
 )

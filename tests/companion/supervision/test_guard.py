@@ -97,12 +97,19 @@ def test_the_second_late_tick_brakes_gently():
     assert turns[0] < 0.25 * abs(brake(fast, GuardConfig()).omega[1])
 
 
-def test_a_loss_of_half_the_setpoints_brakes_and_then_holds():
+def test_a_loss_of_half_the_setpoints_flies_the_plan_and_then_holds():
     guard = Guard(GuardConfig())
-    said = [guard.judge(inputs(0.1 * k, packet_loss=0.5)) for k in range(13)]
-    assert {v.reason for v in said} == {Reason.LATE}
+    # What began above 0.4 is over below 0.2.
+    said = [guard.judge(inputs(0.1 * k, packet_loss=0.21 if k % 3 else 0.5)) for k in range(13)]
+    assert {v.reason for v in said} == {Reason.LOSSY}
     assert [v.request for v in said].index(AutopilotRequest.HOLD) == 10
+    assert all(v.command.omega.tolist() == [0.1, 0.2, 0.3] for v in said)
     assert guard.judge(inputs(1.3, packet_loss=0.2)).reason is Reason.PLAN
+    again = guard.judge(inputs(1.4, packet_loss=0.39))
+    assert (again.reason, again.request) == (Reason.PLAN, AutopilotRequest.NONE)
+    braking = guard.judge(inputs(1.5, packet_loss=0.5, blind=1.5))
+    assert (braking.reason, braking.request) == (Reason.BLIND, AutopilotRequest.NONE)
+    assert guard.judge(inputs(2.5, packet_loss=0.5, blind=1.5)).request is AutopilotRequest.HOLD
 
 
 EACH_RULE = [

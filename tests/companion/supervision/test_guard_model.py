@@ -127,7 +127,8 @@ class Checked:
         if verdict.reason is Reason.NO_STATE:
             assert not omega.any(), told
             assert c == GRAVITY, told
-        if verdict.reason in (Reason.PLAN, Reason.SHIFTED_PLAN) or self._slowly(told, verdict):
+        planned = (Reason.PLAN, Reason.LOSSY, Reason.SHIFTED_PLAN)
+        if verdict.reason in planned or self._slowly(told, verdict):
             u = np.clip(PLANS[told.plan].u[0], [C.c_min, *[-3.0] * 3], [C.c_max, *[3.0] * 3])
             assert (c, *omega.tolist()) == tuple(u.tolist()), told
         elif told.own is FAST and verdict.reason in BRAKES:
@@ -157,13 +158,15 @@ class Checked:
             return Reason.NO_STATE, LAND if told.age > C.stale_land else HOLD
         if not told.plausible:
             return Reason.BAD_STATE, LAND
-        lossy = told.packet_loss > C.lost
+        lossy = told.packet_loss > (0.5 * C.lost if self.lossy_since else C.lost)
         self.lossy_since = (self.lossy_since or self.now) if lossy else None
         reason, request = self._below(told, good)
-        if lossy or self.late >= 2 or told.tick_gap > 2 * C.late:
-            if request is NONE and lossy and self.now - self.lossy_since >= C.lost_hold:
-                request = HOLD
+        if lossy and request is NONE and self.now - self.lossy_since >= C.lost_hold:
+            request = HOLD
+        if self.late >= 2 or told.tick_gap > 2 * C.late:
             return Reason.LATE, request
+        if lossy and reason is Reason.PLAN:
+            reason = Reason.LOSSY
         return reason, request
 
     def _below(self, told, good):
@@ -191,7 +194,7 @@ class Checked:
 MEMORY = [
     Told(plan=plan, own=own, plausible=plausible, tick_gap=gap, packet_loss=loss)
     for plan, own, plausible, gap, loss in itertools.product(
-        ("good", "shifted", "none"), (SLOW, None), (True, False), (0.1, 0.2), (0.0, 0.5)
+        ("good", "shifted", "none"), (SLOW, None), (True, False), (0.1, 0.2), (0.0, 0.3, 0.5)
     )
 ]
 AGES = (-0.01, 0.0, 0.3, 0.31, 1.01, 2.01, math.nan)

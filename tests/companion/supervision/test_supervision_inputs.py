@@ -290,7 +290,7 @@ def test_what_cannot_be_certified_flies_as_it_is():
 
 @pytest.mark.parametrize("reason", Reason)
 def test_only_what_a_plan_wants_gives_way_to_a_certificate(reason):
-    planned = (Reason.PLAN, Reason.SHIFTED_PLAN, Reason.BLIND, Reason.ASSUMPTION)
+    planned = (Reason.PLAN, Reason.LOSSY, Reason.SHIFTED_PLAN, Reason.BLIND, Reason.ASSUMPTION)
     bench = Bench()
     bench.verdict = replace(bench.verdict, reason=reason, bad_ticks=2)
     bench.certified = certified(Flown.WAY, SAFE)

@@ -142,8 +142,7 @@ def test_in_a_browser_without_a_network(run, page, browser):
     until(lambda: np.allclose(client.camera.look_at, begun, atol=0.1), tab)  # at the drones
 
     seek(tab, 8.0)
-    until(lambda: page.slider.value == 8.0, tab)
-    np.testing.assert_allclose(page.scene.drones.batched_positions, truth_at(run, 8.0), atol=1e-5)
+    until(lambda: page.slider.value == 8.0 and drawn(page, run, 8.0), tab)
     assert drones_in_picture(page, run, 8.0, tab) == 3
 
     play = tab.get_by_label("play", exact=True)
@@ -151,8 +150,7 @@ def test_in_a_browser_without_a_network(run, page, browser):
     until(lambda: page.slider.value > 9.0, tab)
     play.dispatch_event("click")
     until(lambda: not page.play.value, tab)
-    now = page.slider.value
-    np.testing.assert_allclose(page.scene.drones.batched_positions, truth_at(run, now), atol=1e-5)
+    until(lambda: drawn(page, run, page.slider.value), tab)
     # Not `now`: at the time where playing happened to stop, one drone may hide another.
     until(lambda: drones_in_picture(page, run, 10.0, tab) == 3, tab)  # a renderer takes its time
     assert drones_in_picture(page, run, 10.0, tab, shown=7.0) == 0  # it does tell
@@ -164,14 +162,19 @@ def test_a_link_carries_its_time(run, page, browser):
     tab = browser.new_page(viewport=SIZE)
     tab.set_default_timeout(120_000)
     tab.goto(page.url + "/?t=7.5")
-    until(lambda: page.slider.value == 7.5, tab)
-    np.testing.assert_allclose(page.scene.drones.batched_positions, truth_at(run, 7.5), atol=1e-5)
+    # The slider moves first: another thread may still draw.
+    until(lambda: page.slider.value == 7.5 and drawn(page, run, 7.5), tab)
     seek(tab, 9.0)
     until(lambda: tab.url == page.url + "/?t=9", tab)
     page._seek(3.2)  # as from an event, or another browser
     until(lambda: tab.url == page.url + "/?t=3.2", tab)
     assert page.slider.value == 3.2
     tab.close()
+
+
+def drawn(page, run, t):
+    """Whether the page's drones are where they truly were at t."""
+    return np.allclose(page.scene.drones.batched_positions, truth_at(run, t), atol=1e-5)
 
 
 def until(condition, tab, seconds=120.0):
