@@ -2,8 +2,10 @@
 
 The probabilities of obstacle and ground are levelled (`panorama`). In each column the foot is the
 row that best parts obstacle above from ground below; its elevation and the altitude give the
-distance, and how softly one class turns into the other gives the foot's doubt. `trunk_fit` makes
-trunks of the columns. Source: Levi et al., "StixelNet", 2015.
+distance, and how softly one class turns into the other gives the foot's doubt. Ground may show
+again between what stands there and a low object nearer by, such as a bush: then the foot is that of
+the farther one, unless the low one reaches the height of flight. `trunk_fit` makes trunks of the
+columns. Source: Levi et al., "StixelNet", 2015.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ _SURE = 255
 _LOW = 0.4  # m below the camera that an obstacle's top may be, and still count
 _HIGH_ROWS = 5  # of the panorama above the horizon: an obstacle there stands in the way
 _SOLID = 0.4  # of the rows between these two that an obstacle has to fill
+_PARTS = 3  # rows of sure ground between two obstacles in one column
 _BLUR = 0.5  # σ of the foot over the stretch in which the classes are not clear
 
 
@@ -89,10 +92,10 @@ class FootFinder:
         vote = np.where(known, ground - obstacle, 0)  # > 0: ground
         below, known_below = vote[:, h:], known[:, h:]
         rows = np.arange(below.shape[1])
-        # Misfits of a foot at row k, obstacle above and ground below: cumulated votes.
-        running = np.zeros((len(below), below.shape[1] + 1), np.int32)
-        np.cumsum(below, axis=1, dtype=np.int32, out=running[:, 1:])
-        foot_row = np.argmin(running, axis=1)
+        far, near, top = _feet(below)
+        t = altitude / np.maximum(self._slope(below, near) + rise, 1e-3)
+        beyond = (far < near) & (top > self._reach(t))
+        foot_row = np.where(beyond, far, near)
         after = (rows >= foot_row[:, None]) & known_below
         known_after = np.count_nonzero(after, axis=1)
         ground_after = np.count_nonzero(after & (below > 0), axis=1)
@@ -110,7 +113,7 @@ class FootFinder:
         return Columns(
             self._panorama.azimuth,
             np.where(self._stands(vote, known, foot_row, t), t, np.inf),
-            (ground_after >= 5) & (ground_after > 0.7 * known_after) & ~blind,
+            (beyond | (ground_after >= 5) & (ground_after > 0.7 * known_after)) & ~blind,
             ~blind | above,
             np.zeros(len(t)),
             _BLUR * step * np.count_nonzero(soft, axis=1),
@@ -130,15 +133,38 @@ class FootFinder:
         """Return the columns whose obstacle reaches the height of flight."""
         h = self._horizon
         rows = np.arange(vote.shape[1] - h)
-        reach = np.searchsorted(self._drop, _LOW / np.maximum(t, 0.3))
-        band = (rows < np.minimum(reach, foot_row)[:, None]) & known[:, h:]
+        band = (rows < np.minimum(self._reach(t), foot_row)[:, None]) & known[:, h:]
         solid = np.count_nonzero(band & (vote[:, h:] < 0), axis=1)
         solid += np.count_nonzero(vote[:, h - _HIGH_ROWS : h] < 0, axis=1)
         tall: Mask = solid > _SOLID * np.maximum(np.count_nonzero(band, axis=1), 2)
         return tall
+
+    def _reach(self, t: Vector) -> NDArray[np.intp]:
+        """Return the row that an obstacle's top at t [m] reaches, at least, where it counts."""
+        rows: NDArray[np.intp] = np.searchsorted(self._drop, _LOW / np.maximum(t, 0.3))
+        return rows
 
     @staticmethod
     def _near(rows: NDArray[np.intp], foot_row: NDArray[np.intp]) -> Mask:
         """Return the rows (columns, rows) around each foot in which its doubt is counted."""
         near: Mask = np.abs(rows - foot_row[:, None]) <= 6
         return near
+
+
+def _feet(below: Votes) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """Return of each column the foot of the upper obstacle, that of the lower one, and its top.
+
+    below: (columns, rows) from the horizon down, > 0: ground. Rows (columns,); the feet are equal
+    where there is one obstacle.
+    """
+    # Misfits of a foot at row k, obstacle above and ground below: cumulated votes.
+    running = np.zeros((len(below), below.shape[1] + 1), np.int32)
+    np.cumsum(below, axis=1, dtype=np.int32, out=running[:, 1:])
+    near = np.argmin(running, axis=1)
+    ground = running - np.minimum.accumulate(running, axis=1) > _PARTS * _SURE
+    rows = np.arange(running.shape[1])
+    end = np.where(ground.any(axis=1), ground.argmax(axis=1), len(rows))
+    far = np.argmin(np.where(rows < end[:, None], running, running.max() + 1), axis=1)
+    between = (rows >= far[:, None]) & (rows <= near[:, None])
+    top = np.argmax(np.where(between, running, running.min() - 1), axis=1)
+    return far, near, top

@@ -63,6 +63,24 @@ def test_bare_ground_and_what_is_far_below_the_drone_are_no_obstacles():
     assert len(find(classes(down, 4.0, 0.0, 0.5, top=1.9), down)[0]) == 1
 
 
+def behind(scene, low):
+    """Both in one picture, the ground where both have it."""
+    return np.stack([np.maximum(scene[0], low[0]), np.minimum(scene[1], low[1])])
+
+
+def test_a_low_object_before_a_trunk_does_not_draw_it_nearer():
+    down = gravity()
+    trunk, bush = (7.0, 0.3, 0.3), (3.0, 0.0, 0.5)
+    (seen,), _ = find(behind(classes(down, *trunk), classes(down, *bush, top=0.6)), down)
+    assert not seen.assumed
+    assert seen.distance - seen.radius == pytest.approx(np.hypot(7.0, 0.3) - 0.3, rel=0.05)
+    # One that reaches the height of flight is what counts, and so is one with no trunk behind it.
+    tall = find(behind(classes(down, *trunk), classes(down, *bush, top=1.9)), down)[0]
+    assert tall[0].distance - tall[0].radius == pytest.approx(2.5, rel=0.05)
+    (alone,), _ = find(classes(down, *bush, top=1.9), down)
+    assert alone.distance - alone.radius == pytest.approx(2.5, rel=0.05)
+
+
 def test_a_soft_foot_is_a_doubtful_distance():
     down = gravity()
     sharp = classes(down, 4.0, 0.0, 0.5)
