@@ -162,8 +162,8 @@ def check_39(f, i, kind, note):
 
     It starts before ours: behind them, it would hit one that climbs or has never looked there.
     """
-    for k in f.healthy:
-        since = next(t for t, o in f.companions[k].ticks(0.0) if o.phase is Phase.FLY)
+    for k, c in zip(f.healthy, f.companions, strict=True):
+        since = next(t for t, o in c.ticks(0.0) if o.phase is Phase.FLY)
         gap = f.least_distance(i, k, since)
         assert gap > 2.0 * f.scenario.drones.radius, (k, gap)
     figures, name = f.figures(), FOREIGN[kind]["does"]
