@@ -1,8 +1,8 @@
 """Rendered pictures with labels, in shards on disk.
 
-A shard holds pictures, the drones in them, and the class of every pixel. Worlds, looks and drones
-are drawn by the shard's seed (`sitl_sim.sensors.labelled_pictures`). One shard in twelve shows
-looks in which no camera sees: there the network has to learn that it cannot tell.
+A shard holds pictures, the class of every pixel beside its colours, and the drones. Worlds, looks
+and drones are drawn by the shard's seed (`sitl_sim.sensors.labelled_pictures`). One shard in twelve
+shows looks in which no camera sees: there the network has to learn that it cannot tell.
 """
 
 from __future__ import annotations
@@ -20,14 +20,16 @@ from sitl_sim.sensors.labelled_pictures import Labelled, stream
 from sitl_sim.sensors.looks.catalogue import unreadable
 from sitl_sim.sensors.looks.shapes import Seen
 
-SHARD = 250  # pictures
+SHARD = 100  # pictures
 KNOWN = 11.5  # m; farther drones are left open
 VISIBLE = 0.35  # share; drones that show less are left open
 SMALLEST = 3.0  # px, radius; smaller drones are left open: at 13 m one of 0.2 m has 3.5 px
 LENS = Lens(640, 400)
 MOST = 16  # drones in a picture
 CROWD = 14  # of them, where a picture shows many
-U, V, SIZE, WANTED = range(4)  # columns of a label; WANTED: 1 yes, 0 left open, −1 no drone
+# Columns of a label. SIZE: radius [px]; below 0: only a loose box of this longer side is known.
+# WANTED: 1 yes, 0 left open, −1 no drone.
+U, V, SIZE, WANTED = range(4)
 # Classes of pixels. FAR: an obstacle that does not matter yet. OPEN: not labelled. UNCLEAR: shows
 # nothing that could tell.
 OTHER, GROUND, OBSTACLE, DRONE, FAR, OPEN, UNCLEAR = range(7)
@@ -37,48 +39,53 @@ _UNREADABLE_EVERY, _BALLS_EVERY = 12, 8  # shards
 
 
 class Shard(NamedTuple):
-    """Pictures (n,h,w,3) BGR, drones (n,MOST,4), and classes (n,h,w) of their pixels."""
+    """Pictures (n,h,w,4): BGR and the pixel's class; drones (n,MOST,4)."""
 
     pictures: NDArray[np.uint8]
     drones: NDArray[np.float32]
-    classes: NDArray[np.uint8]
 
 
 def load(folder: Path, name: str) -> Shard:
-    """Return a shard of a folder; pictures stay on disk until they are used."""
-    parts = [np.load(folder / f"{name}.{part}.npy", mmap_mode="r") for part in Shard._fields]
-    return Shard(*parts)
+    """Return a shard of a folder."""
+    return Shard(*(np.load(folder / f"{name}.{part}.npy") for part in Shard._fields))
 
 
 def save(folder: Path, name: str, shard: Shard) -> None:
     """Write a shard; where its last file is there, all are, and complete."""
     folder.mkdir(parents=True, exist_ok=True)
-    for part, values in zip(Shard._fields, shard, strict=True):
+    for part in Shard._fields:
         whole = folder / f"{name}.{part}.npy"
-        np.save(new := whole.with_suffix(".new.npy"), values)
+        np.save(new := whole.with_suffix(".new.npy"), getattr(shard, part))
         new.replace(whole)
 
 
-def rendered_shard(folder: Path, seed: int) -> Shard:
-    """Return the pictures of a seed; missing files are rendered first."""
-    name = f"looks-{seed:05d}"
-    if not (folder / f"{name}.classes.npy").exists():
-        size = (SHARD, LENS.height, LENS.width)
-        made = Shard(
-            np.zeros((*size, 3), np.uint8),
-            np.full((SHARD, MOST, 4), -1.0, np.float32),
-            np.zeros(size, np.uint8),
-        )
-        blind = seed % _UNREADABLE_EVERY == _UNREADABLE_EVERY - 1
-        for n, labelled in enumerate(_pictures(seed, blind)):
-            made.pictures[n] = labelled.image
-            rows = drone_rows(labelled)
-            if blind:
-                rows[:, WANTED] = np.minimum(rows[:, WANTED], 0.0)
-            made.drones[n, : len(rows)] = rows
-            made.classes[n] = UNCLEAR if blind else classes(labelled)
-        save(folder, name, made)
-    return load(folder, name)
+def complete(folder: Path) -> list[str]:
+    """Return the names of a folder's rendered shards that are complete, in order."""
+    files = folder.glob(f"looks-*.{Shard._fields[-1]}.npy")
+    return sorted(f.name.split(".")[0] for f in files if ".new." not in f.name)
+
+
+def remove(folder: Path, name: str) -> None:
+    """Remove a shard."""
+    for part in reversed(Shard._fields):
+        (folder / f"{name}.{part}.npy").unlink()
+
+
+def rendered(seed: int) -> Shard:
+    """Return the pictures of a seed."""
+    made = Shard(
+        np.zeros((SHARD, LENS.height, LENS.width, 4), np.uint8),
+        np.full((SHARD, MOST, 4), -1.0, np.float32),
+    )
+    blind = seed % _UNREADABLE_EVERY == _UNREADABLE_EVERY - 1
+    for n, labelled in enumerate(_pictures(seed, blind)):
+        made.pictures[n, ..., :3] = labelled.image
+        rows = drone_rows(labelled)
+        if blind:
+            rows[:, WANTED] = np.minimum(rows[:, WANTED], 0.0)
+        made.drones[n, : len(rows)] = rows
+        made.pictures[n, ..., 3] = UNCLEAR if blind else classes(labelled)
+    return made
 
 
 def drone_rows(labelled: Labelled) -> NDArray[np.float32]:

@@ -67,12 +67,12 @@ class Network(nn.Module):
         a, b, c, d = widths
         fine = 12
         self.stem = nn.Sequential(_conv(3, a // 2, 3, 2), _conv(a // 2, a, 3, 2))
-        self.eighth = nn.Sequential(_halve(a, b), _conv(b, b, 3))
-        self.sixteenth = nn.Sequential(_halve(b, c), _conv(c, c, 3), _Refine(c))
+        self.eighth = nn.Sequential(_halve(a, b), _conv(b, b, 3), _Refine(b))
+        self.sixteenth = nn.Sequential(_halve(b, c), _conv(c, c, 3), _Refine(c), _Refine(c))
         self.last = nn.Sequential(_halve(c, d), _conv(d, d, 3), _Wide(d), _Wide(d))
         self.up_last, self.up_sixteenth = nn.Conv2d(d, c, 1), nn.Conv2d(c, b, 1)
         self.merge = nn.Sequential(nn.Conv2d(c, c, 3, 1, 1, groups=c), nn.ReLU(), _conv(c, c, 1))
-        self.refine = _Refine(b)
+        self.refine = nn.Sequential(_Refine(b), _Refine(b))
         self.drones = nn.Sequential(_conv(b, b, 3), nn.Conv2d(b, CHANNELS, 1))
         self.coarse, self.fine = nn.Conv2d(b, 4 * fine, 1), nn.Conv2d(a, fine, 1)
         self.scene = nn.Sequential(

@@ -1,15 +1,16 @@
-"""Train the packaged network and write it as ONNX.
+"""Train the packaged network on rendered pictures (`training.render`) and write it as ONNX.
 
-    nice -n 19 python -m training.train --work DIR [--videos DIR] [--shards N] [--steps K]
-        [--minutes M] [--finish M] [--device cpu|cuda] [--workers W] [--batch B] [--rate R] [--anew]
+    nice -n 19 python -m training.train --work DIR [--videos DIR] [--steps K] [--minutes M]
+        [--finish M] [--device cpu|cuda] [--batch B] [--rate R] [--ring N] [--fresh] [--anew]
         [--out FILE]
 
-Training goes on from the packaged network (--anew: from random weights). The work folder keeps
+Training goes on from the packaged network (--anew: from random weights). The work folder holds the
 pictures and the checkpoint: the same command goes on where it was ended. Data and weights hang on
-seeds and the step alone: with one build of torch, on a CPU, the same network comes out. --steps
-sets the fall of the learning rate, --minutes ends sooner, to be resumed; with --finish the rate
-falls within so many minutes, and the network hangs on the machine's speed, too. --workers processes
-render and cut pictures beside the training: on a GPU, as many as there are cores.
+seeds, the pictures there and the step alone: with one build of torch, on a CPU, the same network
+comes out. --steps sets the fall of the learning rate, --minutes ends sooner, to be resumed; with
+--finish the rate falls within so many minutes, and the network hangs on the machine's speed, too.
+--fresh: `training.render` goes on beside it; a shard is removed once it is in memory, where up to N
+pictures are kept, of 1 MB each, the newest.
 """
 
 from __future__ import annotations
@@ -18,25 +19,24 @@ import argparse
 import copy
 import math
 import time
-from collections.abc import Iterator, Sequence
-from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 
 import cv2
 import torch
 from torch import Tensor
-from torch.utils.data import DataLoader, IterableDataset, get_worker_info
 
 from companion.perception.eyes import PACKAGED
 from training.crops import Batch, Crops
-from training.data import LENS, rendered_shard
+from training.data import LENS
 from training.losses import drone_loss, drone_targets, scene_loss
 from training.network import Network, export, load
+from training.ring import Ring, Supply
+from training.sprites import drawn_sprites
 from training.videos import cut_outs, real_shard
 
 _TEXT_EVERY = 100  # steps
-SAVE_EVERY = 250  # steps
+_SAVE_EVERY = 120.0  # s
+_SPRITES = 512  # drawn drones of each size
 SEED = 6
 
 
@@ -54,34 +54,38 @@ class Training:
         )
         self.step = 0
 
-    def advance(self, batch: Sequence[Tensor], passed: float) -> Tensor:
+    def advance(self, batch: Batch, passed: float) -> Tensor:
         """Take one step on a batch and return the two losses (2,): of drones and of the scene.
 
-        batch: as `Batch`. passed: 0…1, share of the time that this training may take.
+        passed: 0…1, share of the time that this training may take.
         """
         self.step += 1
         share = min(max(self.step / self.steps, passed), 1.0)
-        falling = 0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * share))
-        self.optimiser.param_groups[0]["lr"] = self.rate * min(1.0, self.step / 300) * falling
-        pictures, gains, labels, classes = (x.to(self.device, non_blocking=True) for x in batch)
-        lit = (pictures * gains[:, None, None, None]).permute(0, 3, 1, 2)  # channels last in memory
-        drones, scene = self.network(lit)
-        of_drones = drone_loss(drones, *drone_targets(labels, *drones.shape[2:]))
-        of_scene = scene_loss(scene, classes)
+        falling = 0.005 + 0.995 * 0.5 * (1 + math.cos(math.pi * share))
+        self.optimiser.param_groups[0]["lr"] = self.rate * min(1.0, self.step / 500) * falling
+        losses = self._losses(*batch)
         self.optimiser.zero_grad()
-        (of_drones + 2.0 * of_scene).backward()
+        (losses[0] + 2.0 * losses[1]).backward()
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), 5.0)
         self.optimiser.step()
-        self._follow(1 - min(0.998, self.step / (self.step + 10)))
-        return torch.stack([of_drones, of_scene]).detach()
+        self._follow(1 - min(0.999, self.step / (self.step + 10)))
+        return losses.detach()
+
+    def _losses(self, pictures: Tensor, labels: Tensor, classes: Tensor) -> Tensor:
+        """Return the losses (2,)."""
+        with torch.autocast(self.device, torch.bfloat16, enabled=self.device == "cuda"):
+            drones, scene = self.network(pictures.contiguous(memory_format=torch.channels_last))
+        targets = drone_targets(labels, drones.shape[2], drones.shape[3])
+        return torch.stack(
+            [drone_loss(drones.float(), *targets), scene_loss(scene.float(), classes)]
+        )
 
     @torch.no_grad()
     def _follow(self, share: float) -> None:
         """Move the average's weights and statistics towards the network's."""
-        fast = self.network.state_dict()
-        for name, slow in self.average.state_dict().items():
-            if slow.is_floating_point():
-                slow.lerp_(fast[name], share)
+        slow, fast = self.average.state_dict(), self.network.state_dict()
+        names = [name for name in slow if slow[name].is_floating_point()]
+        torch._foreach_lerp_([slow[n] for n in names], [fast[n] for n in names], share)
 
     def save(self, path: Path) -> None:
         """Write the checkpoint; a crash while writing leaves the last one."""
@@ -91,6 +95,7 @@ class Training:
             "average": self.average.state_dict(),
             "optimiser": self.optimiser.state_dict(),
         }
+        path.parent.mkdir(parents=True, exist_ok=True)
         torch.save(state, path.with_suffix(".new"))
         path.with_suffix(".new").replace(path)
 
@@ -108,37 +113,23 @@ class Training:
         self.optimiser.load_state_dict(state["optimiser"])
 
 
-class Batches(IterableDataset[Batch]):
-    """The batches of steps first…last; each of several workers makes its share, in order."""
-
-    def __init__(self, crops: Crops, first: int, last: int, size: int) -> None:
-        super().__init__()
-        self._crops, self._steps, self._size = crops, range(first, last + 1), size
-
-    def __iter__(self) -> Iterator[Batch]:
-        cv2.setNumThreads(1)
-        worker = get_worker_info()
-        start, step = (0, 1) if worker is None else (worker.id, worker.num_workers)
-        for number in self._steps[start::step]:
-            yield self._crops.batch(number, self._size)
-
-
 def main() -> None:
-    """Render missing data, train, export."""
+    """Train, export."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--work", type=Path, required=True, help="pictures and checkpoint")
     parser.add_argument("--videos", type=Path, help="folder of V_CLASS_NNN.mp4 and their labels")
-    parser.add_argument("--shards", type=int, default=80, help="of 250 rendered pictures (80)")
     parser.add_argument("--steps", type=int, default=150000)
     parser.add_argument("--minutes", type=float, default=math.inf, help="end after these")
     parser.add_argument("--finish", type=float, default=math.inf, help="be done after these")
     parser.add_argument("--device", choices=["cpu", "cuda"], default="cpu")
-    parser.add_argument("--workers", type=int, default=0, help="processes for pictures (0)")
     parser.add_argument("--batch", type=int, default=16, help="crops in a step (16)")
     parser.add_argument("--rate", type=float, default=2e-3, help="of learning, at its highest")
+    parser.add_argument("--ring", type=int, default=8000, help="pictures in memory (8000)")
+    parser.add_argument("--fresh", action="store_true", help="pictures are rendered meanwhile")
     parser.add_argument("--anew", action="store_true", help="from random weights")
     parser.add_argument("--out", type=Path, default=PACKAGED)
     options = parser.parse_args()
+    begun = time.monotonic()
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     training = Training(options.steps, options.rate, options.device)
@@ -149,57 +140,50 @@ def main() -> None:
     elif not options.anew:
         training.begin_with(load(str(PACKAGED)))
     crops = _crops(options)
-    batches = Batches(crops, training.step + 1, options.steps, options.batch)
-    loader = DataLoader(
-        batches,
-        batch_size=None,
-        num_workers=options.workers,
-        collate_fn=_tensors,
-        prefetch_factor=4 if options.workers else None,
-        pin_memory=options.device == "cuda",
-    )
-    begun, losses = time.monotonic(), []
-    for batch in loader:
+    losses, saved = [], begun
+    while training.step < training.steps:
         minutes = (time.monotonic() - begun) / 60
-        losses.append(training.advance(batch, minutes / options.finish))
-        if training.step % _TEXT_EVERY == 0:
-            drones, scene = torch.stack(losses[-_TEXT_EVERY:]).mean(dim=0).tolist()
-            losses.clear()
-            text = f"step {training.step}: drones {drones:.3f}, scene {scene:.4f}"
-            print(f"{text}, {minutes:.1f} min", flush=True)
-        if training.step % SAVE_EVERY == 0:
-            training.save(checkpoint)
         if minutes >= min(options.minutes, options.finish):
             break
+        batch = crops.batch(training.step + 1, options.batch)
+        losses.append(training.advance(batch, minutes / options.finish))
+        if training.step % _TEXT_EVERY == 0:
+            drones, scene = torch.stack(losses).mean(dim=0).tolist()
+            losses.clear()
+            text = f"step {training.step}: drones {drones:.3f}, scene {scene:.4f}"
+            print(f"{text}, {minutes:.2f} min, {crops.rendered.total} pictures", flush=True)
+        if time.monotonic() > saved + _SAVE_EVERY:
+            saved = time.monotonic()
+            training.save(checkpoint)
     training.save(checkpoint)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     export(training.average, str(options.out), LENS.width, LENS.height)
 
 
-def _tensors(batch: Batch) -> tuple[Tensor, ...]:
-    """Return the batch as tensors: they come from a worker without being copied through a pipe."""
-    return tuple(torch.from_numpy(each) for each in batch)
-
-
 def _crops(options: argparse.Namespace) -> Crops:
-    """Return the crops of all pictures; those that are missing are rendered first."""
-    if options.workers > 1:
-        with get_context("spawn").Pool(options.workers) as pool:
-            for done, _ in enumerate(
-                pool.imap_unordered(partial(_render, options.work), range(options.shards)), 1
-            ):
-                print(f"{done} of {options.shards} shards", flush=True)
-    rendered = [rendered_shard(options.work, seed) for seed in range(options.shards)]
-    real = real_shard(options.work, options.videos) if options.videos else None
-    cut = cut_outs(options.work, options.videos) if options.videos else []
-    return Crops(rendered, real, cut, SEED)
+    """Return the crops of the pictures in the work folder.
 
-
-def _render(folder: Path, seed: int) -> int:
-    """Render a shard where it is missing, and return its seed: the arrays stay on disk."""
-    cv2.setNumThreads(1)
-    rendered_shard(folder, seed)
-    return seed
+    Raises:
+        SystemExit: there are no pictures.
+    """
+    device = options.device
+    real, cut = None, []
+    if options.videos or (options.work / "real.npz").exists():
+        shard = real_shard(options.work, options.videos)
+        real = Ring(len(shard.pictures), *shard.pictures.shape[1:3], device)
+        real.add(shard)
+        cut = cut_outs(options.work, options.videos)
+    sprites = drawn_sprites(options.work, cut, _SPRITES, device)
+    rendered = Ring(options.ring, LENS.height, LENS.width, device)
+    if options.fresh:
+        Supply(options.work, rendered).start()
+        while rendered.total < min(options.ring, options.batch):
+            time.sleep(0.2)
+    else:
+        rendered.fill(options.work)
+    if not rendered.count:
+        raise SystemExit(f"{options.work}: no pictures; see training/render.py")
+    return Crops(rendered, real, sprites, SEED)
 
 
 if __name__ == "__main__":

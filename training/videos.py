@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.bench.videos import Video, videos
-from training.data import MOST, OPEN, Shard, load, save
+from training.data import MOST, OPEN, Shard
 
-EVERY = 12  # frames from one that is used to the next
-LOOSE = 2.5  # width of a box over the width of a small drone in it
-SIZE_UNKNOWN = 0.0  # a label's size where only the box is known
+EVERY, EVERY_CUT = 24, 12  # frames from one that is used to the next; for cut-outs
+_QUALITY = 88  # of the frames on disk, as JPEG
 _SMOOTH, _CONTRAST = 7.0, 30.0  # grey levels: of the sky around a cut-out, of the object before it
 
 
@@ -31,17 +30,24 @@ class CutOut(NamedTuple):
 
 
 def real_shard(folder: Path, source: Path) -> Shard:
-    """Return frames of all even videos; missing files are made first. Pixels are not classified."""
-    if not (folder / "real.classes.npy").exists():
-        pictures, rows = [], []
+    """Return frames of all even videos; a missing file is made first. Pixels are not classified."""
+    path = folder / "real.npz"
+    if not path.exists():
+        packed, rows = [], []
         for video in videos(source, odd=False):
             for image, boxes in video.frames(EVERY):
-                pictures.append(image)
+                packed.append(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1])
                 rows.append(_rows(boxes.get("DRONE", np.zeros((0, 4)))))
-        stacked = np.stack(pictures)
-        classes = np.full((len(stacked), 1, 1), OPEN, np.uint8)
-        save(folder, "real", Shard(stacked, np.stack(rows), classes))
-    return load(folder, "real")
+        folder.mkdir(parents=True, exist_ok=True)
+        ends = np.cumsum([len(p) for p in packed])
+        np.savez(path, packed=np.concatenate(packed), ends=ends, drones=np.stack(rows))
+    held = np.load(path)
+    images = [
+        cv2.imdecode(part, cv2.IMREAD_COLOR) for part in np.split(held["packed"], held["ends"][:-1])
+    ]
+    pictures = np.full((*np.shape(images)[:3], 4), OPEN, np.uint8)
+    pictures[..., :3] = images
+    return Shard(pictures, held["drones"])
 
 
 def cut_outs(folder: Path, source: Path) -> list[CutOut]:
@@ -50,24 +56,27 @@ def cut_outs(folder: Path, source: Path) -> list[CutOut]:
     if not path.exists():
         found = [c for video in videos(source, odd=False) for c in _cut(video)]
         parts = {f"p{n}": c.picture for n, c in enumerate(found)}
-        parts |= {f"o{n}": c.opacity for n, c in enumerate(found)}
-        np.savez(path, drone=np.array([c.drone for c in found]), **parts)
+        parts |= {f"o{n}": np.round(255 * c.opacity).astype(np.uint8) for n, c in enumerate(found)}
+        np.savez_compressed(path, drone=np.array([c.drone for c in found]), **parts)
     data = np.load(path)
-    return [CutOut(data[f"p{n}"], data[f"o{n}"], bool(d)) for n, d in enumerate(data["drone"])]
+    return [
+        CutOut(data[f"p{n}"], data[f"o{n}"].astype(np.float32) / 255, bool(d))
+        for n, d in enumerate(data["drone"])
+    ]
 
 
 def _rows(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
     """Return the labels (MOST,4) of boxes (n,4) x, y, w, h."""
     rows = np.full((MOST, 4), -1.0, np.float32)
     for n, (x, y, w, h) in enumerate(boxes[:MOST]):
-        rows[n] = x + w / 2 - 0.5, y + h / 2 - 0.5, SIZE_UNKNOWN, 1.0
+        rows[n] = x + w / 2 - 0.5, y + h / 2 - 0.5, -max(w, h), 1.0
     return rows
 
 
 def _cut(video: Video) -> list[CutOut]:
     """Return the cut-outs of one video."""
     found = []
-    for image, boxes in video.frames(EVERY):
+    for image, boxes in video.frames(EVERY_CUT):
         for name, rows in boxes.items():
             for x, y, w, h in rows:
                 left, top = max(int(x) - 3, 0), max(int(y) - 3, 0)

@@ -41,7 +41,7 @@ class HeatMapConfig(StrictModel):
 class NetworkConfig(HeatMapConfig):
     """The same for the packaged network."""
 
-    threshold: float = Field(0.4, gt=0, lt=1, description="Least heat of a detection.")
+    threshold: float = Field(0.45, gt=0, lt=1, description="Least heat of a detection.")
 
 
 class HeatMap:
