@@ -57,6 +57,7 @@ def test_where_nothing_holds_the_way_with_most_room_flies():
     between = [((0.9, 0.25, 2.0), (-2.0, 0.0, 0.0))]
     found = certifier().certify(HOVER, moving(1.6), scene(*between), KNOWN)
     assert found.flown is Flown.NONE
+    assert found.margin < 0.0
     assert found.instead.omega[1] < 0.0
 
 

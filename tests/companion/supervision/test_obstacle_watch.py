@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from companion.perception.frontend import Detections
+from companion.supervision import obstacle_watch
 from companion.supervision.obstacle_watch import ObstacleWatch
-from companion.types import Trunk
+from companion.types import Track, Trunk
 from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.wire.messages import VehicleState
 
@@ -80,3 +81,14 @@ def test_two_trunks_side_by_side_keep_their_own_radii():
         found = watch.update(time, both)
     radii = {round(float(row[0])): row[2] for row in found.cylinders}
     assert radii == {3: 0.2, 6: 0.7}
+
+
+@pytest.mark.parametrize("axis", [3, 4])
+def test_a_speed_within_its_doubt_along_either_axis_is_none(axis):
+    """At 1 m/s, with the other axis exact: 3 σ of the mean of both variances."""
+    for sigma, moves in ((0.46, True), (0.48, False)):
+        covariance = np.zeros((6, 6))
+        covariance[axis, axis] = sigma**2
+        course = np.array([0.0, 1.0, 0.0])
+        track = Track(1, np.zeros(3), course, covariance, age=1.0, unseen=0.0)
+        assert obstacle_watch._moves(track) is moves

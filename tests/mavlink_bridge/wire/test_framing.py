@@ -23,3 +23,11 @@ def test_a_header_of_the_first_version(size, sequence, system, component, number
     data = b"\xaa" * at + struct.pack("<BBBBBB", 0xFE, size, sequence, system, component, number)
     assert framing.header(data, at) == (sequence, system, component, number)
     assert framing.frame_length(data, at) == 6 + size + 2
+
+
+def test_where_no_system_may_speak_the_first_version_none_of_its_frames_begins():
+    first, second = bytes([0xFE, 9, 0, 1, 1, 0]), bytes([0xFD, 9, 0, 0, 0, 1])
+    assert framing.start_pattern([]).search(first) is None
+    assert framing.start_pattern([]).search(b"\xaa" + second).start() == 1
+    assert framing.start_pattern([(1, 0)]).search(b"\xaa" + first).start() == 1
+    assert framing.start_pattern([(2, 0)]).search(first) is None
