@@ -76,7 +76,7 @@ class Tick:
 
     @property
     def packets(self) -> list[list[Message]]:
-        """The messages to send, packet by packet; on a lossy link three times what flies."""
+        """The messages to send, by packets; on a lossy link setpoint and requests three times."""
         setpoint: list[Message] = [] if self.setpoint is None else [self.setpoint]
         flies = [*self.supervised.requests, *setpoint]
         return [[*flies, *self.served.messages], *[flies] * (2 if self.supervised.repeat else 0)]

@@ -115,17 +115,17 @@ class _Try:
 
     @property
     def room(self) -> float:
-        """What it leaves over [m], moving and standing."""
+        """The room that the way leaves [m], moving and standing."""
         return min(self.margin, self.course)
 
     @property
     def evades(self) -> tuple[bool, float]:
-        """What evades better has more of this: a neighbour may give way, a wall does not."""
+        """The key of evasions, the best one largest: a neighbour may give way, a wall does not."""
         return self.fixed >= 0.0, self.course
 
     @property
     def rank(self) -> tuple[bool, bool, float]:
-        """The better way has more of this: one that is accepted comes first."""
+        """The key of ways, the best one largest: one that is accepted comes before others."""
         return self.margin >= 0.0, *self.evades
 
 

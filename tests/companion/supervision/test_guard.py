@@ -99,7 +99,7 @@ def test_the_second_late_tick_brakes_gently():
 
 def test_a_loss_of_half_the_setpoints_flies_the_plan_and_then_holds():
     guard = Guard(GuardConfig())
-    # What began above 0.4 is over below 0.2.
+    # A loss that began above 0.4 is over below 0.2.
     said = [guard.judge(inputs(0.1 * k, packet_loss=0.21 if k % 3 else 0.5)) for k in range(13)]
     assert {v.reason for v in said} == {Reason.LOSSY}
     assert [v.request for v in said].index(AutopilotRequest.HOLD) == 10

@@ -173,7 +173,7 @@ def test_a_link_carries_its_time(run, page, browser):
 
 
 def drawn(page, run, t):
-    """Whether the page's drones are where they truly were at t."""
+    """Return whether the page shows the drones where they truly were at t."""
     return np.allclose(page.scene.drones.batched_positions, truth_at(run, t), atol=1e-5)
 
 
