@@ -42,6 +42,7 @@ _SAME_PLACE, _SAME_ANGLE = 0.5, 1.33
 # Rows and columns of two pixels at each corner of a patch.
 _CORNERS = np.array([0, 0, -1, -1] * 2), np.array([0, -1, 0, -1, 1, -2, 1, -2])
 Pixels = NDArray[np.float32]
+Box = tuple[int, int, int, int]
 
 
 class Detector(Protocol):
@@ -139,10 +140,8 @@ class ColorDetector:
 
     def search(self, picture: Reduced) -> list[Detection]:
         """Return the marked drones in a picture, whose half size others may have made, too."""
-        s, image = self.settings, picture.image
-        mask = self._mask(picture)
-        outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        boxes = [box for box in map(cv2.boundingRect, outlines) if box[2] * box[3] >= s.min_area]
+        image = picture.image
+        boxes = self._boxes(picture)
         if len(boxes) > _MOST_BLOBS:
             boxes = sorted(boxes, key=lambda box: -box[2] * box[3])[:_MOST_BLOBS]
         balls: list[_Ball] = []
@@ -156,10 +155,10 @@ class ColorDetector:
         found = (self._detection(ball) for ball in balls)
         return sorted((d for d in found if d is not None), key=lambda d: d.range)
 
-    def _mask(self, picture: Reduced) -> Image:
-        """Return (H,W) 255 where the picture has the marker's chroma, else 0.
+    def _boxes(self, picture: Reduced) -> list[Box]:
+        """Return the boxes x, y, w, h [px] around the blobs of the marker's chroma.
 
-        It is made where half the picture's size shows a trace of that chroma.
+        Chroma is worked out where half the picture's size shows a trace of it.
         """
         image = picture.image
         height, width = image.shape[:2]
@@ -169,15 +168,24 @@ class ColorDetector:
         outlines, _ = cv2.findContours(
             cv2.dilate(trace, _AROUND), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE
         )
-        mask = np.zeros((height, width), np.uint8)
-        for x, y, w, h in map(cv2.boundingRect, outlines):
-            part = np.s_[2 * y : 2 * (y + h), 2 * x : 2 * (x + w)]
+        traces = [(2 * x, 2 * y, 2 * w, 2 * h) for x, y, w, h in map(cv2.boundingRect, outlines)]
+        if not traces:
+            return []
+        left, top = min(x for x, *_ in traces), min(y for _, y, *_ in traces)
+        right = min(max(x + w for x, _, w, _ in traces), width)
+        bottom = min(max(y + h for _, y, _, h in traces), height)
+        mask = np.zeros((bottom - top, right - left), np.uint8)
+        for x, y, w, h in traces:
             # The average over neighbouring pixels keeps noise from breaking a dim ball into pieces.
-            chroma = cv2.blur(self._chroma(image[part]), (3, 3))
-            mask[part] |= np.asarray(
+            chroma = cv2.blur(self._chroma(image[y : y + h, x : x + w]), (3, 3))
+            mask[y - top : y + h - top, x - left : x + w - left] |= np.asarray(
                 cv2.threshold(chroma, least, 255, cv2.THRESH_BINARY)[1], np.uint8
             )
-        return mask
+        blobs, _ = cv2.findContours(
+            mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE, offset=(left, top)
+        )
+        boxes = ((x, y, w, h) for x, y, w, h in map(cv2.boundingRect, blobs))
+        return [box for box in boxes if box[2] * box[3] >= self.settings.min_area]
 
     def _chroma(self, image: Image) -> Image:
         """Return (H,W) mean of the strong channels minus mean of the weak ones, at least 0."""

@@ -8,13 +8,12 @@ that a thing that is not seen in it does not count as gone.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from enum import Enum
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from companion.perception.pixels import percentile
@@ -86,7 +85,7 @@ class CameraHealth:
     def __init__(self, config: CameraHealthConfig, needs: Iterable[str] = ()) -> None:
         self._config = config
         self._needs = frozenset(needs)
-        self._before: NDArray[Any] | None = None
+        self._before = b""  # the last picture's content, as sampled
         self._newest = -np.inf
         self._blind_since: float | None = None
         self._picture = self.fault = CameraFault.DEAD
@@ -161,11 +160,13 @@ class CameraHealth:
         if image is None:  # a report instead of a picture
             return CameraFault.NONE
         few = _sampled(image)
-        same = self._before is not None and np.array_equal(few, self._before)
-        self._before = few
-        if np.count_nonzero(few >= self._config.black) < _PERCENT * few.size:
+        content = few.tobytes()
+        same = content == self._before
+        self._before = content
+        # Whole numbers, as the pixels are: no pixel is made a float for the comparison.
+        if np.count_nonzero(few >= math.ceil(self._config.black)) < _PERCENT * few.size:
             return CameraFault.BLACK
-        if np.count_nonzero(few <= self._config.saturated) < _PERCENT * few.size:
+        if np.count_nonzero(few <= math.floor(self._config.saturated)) < _PERCENT * few.size:
             return CameraFault.SATURATED
         if same:
             return CameraFault.FROZEN
@@ -185,8 +186,9 @@ def contrast(picture: Reduced) -> float:
         return 255.0
     small = picture.colour(width, height)
     across, down = cv2.absdiff(small[:, 1:], small[:, :-1]), cv2.absdiff(small[1:], small[:-1])
-    blue, green, red = np.concatenate([across.reshape(-1, 3), down.reshape(-1, 3)]).T
-    return percentile(np.maximum(np.maximum(blue, green), red), _CLEAREST)
+    steps = np.concatenate([across.reshape(-1, 1, 3), down.reshape(-1, 1, 3)])
+    blue, green, red = cv2.split(steps)
+    return percentile(cv2.max(cv2.max(blue, green), red), _CLEAREST)
 
 
 def _sampled(image: Image) -> Image:
