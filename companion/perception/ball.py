@@ -42,7 +42,7 @@ _SAME_PLACE, _SAME_ANGLE = 0.5, 1.33
 # Rows and columns of two pixels at each corner of a patch.
 _CORNERS = np.array([0, 0, -1, -1] * 2), np.array([0, -1, 0, -1, 1, -2, 1, -2])
 Pixels = NDArray[np.float32]
-Box = tuple[int, int, int, int]
+Box = tuple[int, int, int, int]  # x, y, w, h: px
 
 
 class Detector(Protocol):
@@ -156,24 +156,14 @@ class ColorDetector:
         return sorted((d for d in found if d is not None), key=lambda d: d.range)
 
     def _boxes(self, picture: Reduced) -> list[Box]:
-        """Return the boxes x, y, w, h [px] around the blobs of the marker's chroma.
-
-        Chroma is worked out where half the picture's size shows a trace of it.
-        """
-        image = picture.image
-        height, width = image.shape[:2]
-        small = picture.colour((width + 1) // 2, (height + 1) // 2)
-        least = self.settings.min_chroma
-        trace = cv2.threshold(self._chroma(small), _TRACE * least, 255, cv2.THRESH_BINARY)[1]
-        outlines, _ = cv2.findContours(
-            cv2.dilate(trace, _AROUND), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE
-        )
-        traces = [(2 * x, 2 * y, 2 * w, 2 * h) for x, y, w, h in map(cv2.boundingRect, outlines)]
+        """Return the boxes around the blobs of the marker's chroma."""
+        traces = self._traces(picture)
         if not traces:
             return []
+        image, least = picture.image, self.settings.min_chroma
         left, top = min(x for x, *_ in traces), min(y for _, y, *_ in traces)
-        right = min(max(x + w for x, _, w, _ in traces), width)
-        bottom = min(max(y + h for _, y, _, h in traces), height)
+        right = min(max(x + w for x, _, w, _ in traces), image.shape[1])
+        bottom = min(max(y + h for _, y, _, h in traces), image.shape[0])
         mask = np.zeros((bottom - top, right - left), np.uint8)
         for x, y, w, h in traces:
             # The average over neighbouring pixels keeps noise from breaking a dim ball into pieces.
@@ -186,6 +176,17 @@ class ColorDetector:
         )
         boxes = ((x, y, w, h) for x, y, w, h in map(cv2.boundingRect, blobs))
         return [box for box in boxes if box[2] * box[3] >= self.settings.min_area]
+
+    def _traces(self, picture: Reduced) -> list[Box]:
+        """Return the boxes in which half the picture's size shows a trace of the chroma."""
+        height, width = picture.image.shape[:2]
+        small = picture.colour((width + 1) // 2, (height + 1) // 2)
+        least = _TRACE * self.settings.min_chroma
+        trace = cv2.threshold(self._chroma(small), least, 255, cv2.THRESH_BINARY)[1]
+        outlines, _ = cv2.findContours(
+            cv2.dilate(trace, _AROUND), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE
+        )
+        return [(2 * x, 2 * y, 2 * w, 2 * h) for x, y, w, h in map(cv2.boundingRect, outlines)]
 
     def _chroma(self, image: Image) -> Image:
         """Return (H,W) mean of the strong channels minus mean of the weak ones, at least 0."""

@@ -60,17 +60,14 @@ class FootFinder:
         if not altitude > 0.1 or not np.isfinite(gravity_c).all():
             return []
         level = LevelFrame.along(gravity_c)
-        cells = np.empty((*scene.shape[1:], 3), np.uint8)
+        cells = np.zeros((*scene.shape[1:], 4), np.uint8)
         np.multiply(scene[0], _SURE, out=cells[..., 0], casting="unsafe")
         np.multiply(scene[1], _SURE, out=cells[..., 1], casting="unsafe")
-        cells[..., 2] = 0
         view, seen = self._panorama.resample(cells, level)
-        # Columns become rows: sums down a column then run over adjacent memory.
-        obstacle = np.ascontiguousarray(view[..., 0].T).astype(np.int16)
-        ground = np.ascontiguousarray(view[..., 1].T).astype(np.int16)
-        self.clarity = self._clearness(obstacle, ground, seen.T)
+        obstacle, ground = view[..., 0].astype(np.int16), view[..., 1].astype(np.int16)
+        self.clarity = self._clearness(obstacle, ground, seen)
         rise = self._panorama.along(rise_c, level)
-        columns = self._columns(obstacle, ground, np.ascontiguousarray(seen.T), altitude, rise)
+        columns = self._columns(obstacle, ground, seen, altitude, rise)
         return find_trunks(columns, self._settings, altitude, level)
 
     def _clearness(self, obstacle: Votes, ground: Votes, seen: Mask) -> float:

@@ -265,7 +265,7 @@ class PerceptionFrontend:
                 depth, self._view.rotation(own), ground.under(own.p), drones, ground
             )
         else:
-            trunks = self._find_trunks(frame, image, own, ground)
+            trunks = self._find_trunks(frame, picture, own, ground)
         good_drones = [
             d for d in drones if _possible(d.direction, d.range, d.sigma_bearing, d.sigma_range)
         ]
@@ -315,7 +315,7 @@ class PerceptionFrontend:
         return fixed, self._parallax.flow if self._alignment.estimate.measures else None
 
     def _find_trunks(
-        self, frame: Frame, image: Image | None, own: VehicleState, ground: GroundPlane
+        self, frame: Frame, picture: Reduced | None, own: VehicleState, ground: GroundPlane
     ) -> list[Trunk]:
         if self._sensing.obstacles == "map":
             rows = frame.arrays.get("trunks", np.zeros((0, 6)))
@@ -325,12 +325,12 @@ class PerceptionFrontend:
                 Trunk(r[:3], float(r[3]), float(r[4]), float(r[5]), bool(r[6]), float(r[7]))
                 for r in wide
             ]
-        assert image is not None  # or nothing is searched for
+        assert picture is not None  # or nothing is searched for
         down, rise = self._view.to_camera(own, np.array([[0.0, 0.0, -1.0], [*ground.rise, 0.0]]))
         height = ground.under(own.p)
         if self._sensing.obstacles == "network" and self._network is not None:
             return self._network.trunks(down, height, rise)
-        return self._trunks.detect(image, down, height, rise)
+        return self._trunks.search(picture, down, height, rise)
 
     def _misfit(self, frame: Frame | None) -> str:
         """Return why the picture, if there is one, is not one that the calibration is for."""

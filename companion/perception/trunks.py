@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from companion.perception.camera import Camera
 from companion.perception.panorama import LEVEL_GROUND, LevelFrame, Panorama
 from companion.perception.pixels import percentile, row_sums
+from companion.perception.reduced import Reduced
 from companion.perception.separation import Separation, score
 from companion.perception.trunk_fit import Columns, Mask, TrunkSettings, find_trunks
 from companion.types import Image, Trunk
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, finite
 
 _LOW = 0.8  # m; from lower, while it takes off or lands, a drone sees too little of the ground
 
@@ -32,10 +33,15 @@ class TrunkDetector:
 
     def __init__(self, camera: Camera, settings: TrunkSettings | None = None) -> None:
         self.settings = settings or TrunkSettings()
-        self._panorama = Panorama.around_feet(camera, math.radians(self.settings.step_deg))
+        # Half the picture's size is as fine as the panorama.
+        self._size = (camera.width + 1) // 2, (camera.height + 1) // 2
+        self._panorama = Panorama.around_feet(
+            camera.scaled(*self._size), math.radians(self.settings.step_deg)
+        )
         self._separation = Separation()
         elevation = self._panorama.elevation
         self._horizon = int(np.searchsorted(-elevation, 0.0))
+        self._step = float(self._panorama.azimuth[1] - self._panorama.azimuth[0])
         # Above the far tree line and below the nearest crowns the background of a trunk is the sky.
         above = (elevation > math.radians(6.0)) & (elevation < math.radians(13.0))
         self._above = slice(int(np.argmax(above)), int(np.argmax(above) + above.sum()))
@@ -53,10 +59,18 @@ class TrunkDetector:
         gravity_c: (3,) unit vector down, camera frame. altitude: m, camera above the ground.
         rise_c: (3,) m/m, how steeply the ground rises, along the steepest way, camera frame.
         """
-        if not altitude > 0.1 or not np.isfinite(gravity_c).all():
+        return self.search(Reduced(image), gravity_c, altitude, rise_c)
+
+    def search(
+        self, picture: Reduced, gravity_c: Vector, altitude: float, rise_c: Vector = LEVEL_GROUND
+    ) -> list[Trunk]:
+        """Return the trunks in a picture, whose half size others may have made, too."""
+        if not altitude > 0.1 or not finite(gravity_c):
             return []
         level = LevelFrame.along(gravity_c)
-        view, seen = self._panorama.resample(image, level)
+        four = cv2.cvtColor(picture.colour(*self._size), cv2.COLOR_BGR2BGRA)
+        # What is nearest is near enough: the mean of 3×3 pixels follows.
+        view, seen = self._panorama.resample(np.asarray(four, np.uint8), level, cv2.INTER_NEAREST)
         columns = self._scan(view, seen, altitude, self._panorama.along(rise_c, level))
         return find_trunks(columns, self.settings, altitude, level)
 
@@ -66,28 +80,21 @@ class TrunkDetector:
         rise: (columns,) m/m, of the ground.
         """
         h = self._horizon
-        # Columns become rows: sums down a column then run over adjacent memory.
-        blue, green, red, _ = map(cv2.transpose, cv2.split(cv2.blur(view, (3, 3))))
+        blue, green, red, _ = cv2.split(cv2.blur(view, (3, 3)))
         high = np.asarray(cv2.max(red, green), np.uint8)
         # A neighbour's marker is neither bark nor ground; the pixels behind it stay unknown.
-        known = seen.T & (cv2.subtract(cv2.min(red, blue), green) < 28)
+        known = seen & (cv2.subtract(cv2.min(red, blue), green) < 28)
         warmth = np.asarray(cv2.divide(cv2.subtract(high, blue), high, scale=255.0), np.uint8)
         below, known_below = np.ascontiguousarray(warmth[:, h:]), known[:, h:]
         stands, above = self._stands(high, warmth, known)
         typical, bark, tall = self._typical(below, known_below), *self._bark(warmth, known, above)
         threshold = self._threshold(typical, bark, above)
         ground = (below > threshold[:, None]) & known_below
-        vote = 2 * ground.view(np.int8) - known_below.astype(np.int8)
-        # Misfits of a foot at row k, bark above and ground below: cumulated votes and a constant.
-        running = np.zeros((vote.shape[0], vote.shape[1] + 1), np.int16)
-        np.cumsum(vote, axis=1, dtype=np.int16, out=running[:, 1:])
-        foot_row = np.argmin(running, axis=1)
+        foot_row = self._foot_row(ground, known_below)
         if altitude > _LOW:
-            step = float(self._panorama.azimuth[1] - self._panorama.azimuth[0])
-            told = score(typical, ground, known_below, foot_row, bark, tall, step)
+            told = score(typical, ground, known_below, foot_row, bark, tall, self._step)
             self._separation.follow(told)
-        rows = np.arange(vote.shape[1])
-        after = rows >= foot_row[:, None]
+        after = np.arange(below.shape[1]) >= foot_row[:, None]
         ground_below = row_sums(ground & after)
         known_after = row_sums(known_below & after)
         e = self._panorama.elevation[h:]
@@ -108,9 +115,20 @@ class TrunkDetector:
         )
 
     @staticmethod
-    def _typical(below: Image, known_below: Mask) -> float | None:
+    def _foot_row(ground: Mask, known: Mask) -> NDArray[np.intp]:
+        """Return the row of each column's foot: bark above it and ground below, with least misfits.
+
+        ground, known: (columns,rows) below the horizon.
+        """
+        vote = 2 * ground.view(np.int8) - known.view(np.int8)
+        # Misfits of a foot at row k: cumulated votes and a constant. Cumulated over all columns
+        # before, too, they are whole numbers, which single precision holds.
+        sums = cv2.integral(vote.astype(np.float32), sdepth=cv2.CV_32F)
+        return np.argmin(sums[1:] - sums[:-1], axis=1)
+
+    def _typical(self, below: Image, known_below: Mask) -> float | None:
         """Return the saturation (of 255) of this frame's ground; None where too little shows."""
-        part = np.s_[::4, below.shape[1] // 3 :: 3]
+        part = np.s_[::4, (len(self._panorama.elevation) - self._horizon) // 3 :: 3]
         sample = below[part][known_below[part]]
         # A high percentile: a near trunk may fill more than half of the lower picture.
         return percentile(sample, 75) if sample.size > 50 else None

@@ -117,17 +117,17 @@ def test_a_blank_picture_raises_no_error(level):
 def test_the_panorama_has_each_direction_at_its_azimuth_and_elevation():
     down = gravity(12, -20)
     level = LevelFrame.along(down)
-    image = np.zeros((400, 640, 3), np.uint8)
+    image = np.zeros((400, 640, 4), np.uint8)
     azimuth, elevation = 0.6, -0.3
     ray = np.cos(elevation) * level.direction(azimuth) - np.sin(elevation) * level.down
     u, v = np.round(CAMERA.project(ray[None])[0]).astype(int)
     image[v - 2 : v + 3, u - 2 : u + 3] = 255
     panorama = Panorama(CAMERA, 1.5, 0.2, -1.3, 0.008)
     cut, seen = panorama.resample(image, level)
-    rows, cols = np.nonzero(cut[..., 0] > 128)
+    cols, rows = np.nonzero(cut[..., 0] > 128)
     assert panorama.azimuth[cols].mean() == pytest.approx(azimuth, abs=0.005)
     assert panorama.elevation[rows].mean() == pytest.approx(elevation, abs=0.005)
-    assert seen[rows, cols].all()
+    assert seen[cols, rows].all()
 
 
 ASPHALT, SNOW = [106.0, 104, 104], [238.0, 232, 228]
