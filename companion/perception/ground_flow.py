@@ -59,8 +59,11 @@ def hidden_by(
     trunks (k,3): x, y, radius, m. here (2,) m. rays (n,3): unit, below the horizon, own ENU axes.
     height: m, over the ground.
     """
-    level = np.maximum(np.linalg.norm(rays[:, :2], axis=1), 1e-6)
-    u = rays[:, :2] / level[:, None]
+    if not len(trunks):
+        return np.zeros(len(rays), bool)
+    flat = rays[:, :2]
+    level = np.maximum(np.sqrt((flat * flat).sum(axis=1)), 1e-6)
+    u = flat / level[:, None]
     reach = height * level / np.maximum(ground.drop(rays), 1e-3)
     to = trunks[:, :2] - here
     along = u @ to.T
@@ -83,12 +86,15 @@ def way_over_ground(
     before, after (n,3): unit rays to the same corners, own ENU axes. height_before, height: m over
     the ground, at each picture.
     """
-    below = (ground.drop(before) > STEEP) & (ground.drop(after) > STEEP)
-    if np.count_nonzero(below) < _LEAST or min(height_before, height) < _LOW:
+    if len(before) < _LEAST or min(height_before, height) < _LOW:
+        return None
+    drop_before, drop = ground.drop(before), ground.drop(after)
+    below = (drop_before > STEEP) & (drop > STEEP)
+    if np.count_nonzero(below) < _LEAST:
         return None
     a, b = before[below], after[below]
-    drop = ground.drop(b)
-    ways = height_before * a[:, :2] / ground.drop(a)[:, None] - height * b[:, :2] / drop[:, None]
+    drop_before, drop = drop_before[below], drop[below]
+    ways = height_before * a[:, :2] / drop_before[:, None] - height * b[:, :2] / drop[:, None]
     # The farther a corner, the more a pixel's noise moves it: s² + h² over h.
     reach = _AGREE * height / drop**2
     x, y = ways.T

@@ -10,23 +10,26 @@ moves across its epipolar line is no fixed point, and is dropped.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.perception.camera import Camera
 from companion.perception.ground_flow import STEEP, GroundFlow, hidden_by, way_over_ground
 from companion.perception.ground_plane import LEVEL, GroundPlane
 from companion.perception.reduced import Reduced
 from companion.perception.view import View
 from companion.types import Detection
-from mavlink_bridge.shared.arrays import Vector, cross, lengths
+from mavlink_bridge.shared.arrays import Vector, cross
 from mavlink_bridge.wire.messages import VehicleState
 
 _WIDTH = 320  # px of the reduced picture
 _CORNERS = 120
-_QUALITY, _APART = 0.01, 6  # of a corner against the best one; px between corners
+_SEARCHED = 160  # px, width of the picture in which new corners are sought: half is enough
+_QUALITY, _APART = 0.01, 3  # of a corner against the best one; such px between corners
 _AROUND = np.ones((2 * _APART + 1, 2 * _APART + 1), np.uint8)
 _SOUGHT = 500  # corners, of which those are taken that stand in the way
 _LEVEL = 0.4  # sine of the angle from the horizon, within which things stand in the way
@@ -63,7 +66,14 @@ class FixedPoints:
     since: Vector
 
     def __getitem__(self, kept: NDArray[np.bool_]) -> FixedPoints:
-        return FixedPoints(*(getattr(self, f)[kept] for f in self.__dataclass_fields__))
+        which = kept.nonzero()[0]
+        return FixedPoints(
+            self.places.take(which, axis=0),
+            self.sigmas.take(which),
+            self.names.take(which),
+            self.bases.take(which),
+            self.since.take(which),
+        )
 
     @property
     def rows(self) -> Vector:
@@ -86,7 +96,10 @@ class FixedPoints:
     @staticmethod
     def none() -> FixedPoints:
         """Return no points."""
-        return FixedPoints.from_rows(np.zeros((0, 7)))
+        return _NO_POINTS
+
+
+_NO_POINTS = FixedPoints.from_rows(np.zeros((0, 7)))
 
 
 @dataclass(frozen=True)
@@ -111,12 +124,21 @@ class _Corners:
         which = kept.nonzero()[0]
         if len(which) == len(kept):
             return self
-        return _Corners(*(getattr(self, f).take(which, axis=0) for f in self.__dataclass_fields__))
+        return _Corners(
+            self.pixels.take(which, axis=0),
+            self.sights.take(which, axis=0),
+            self.origins.take(which, axis=0),
+            self.rays.take(which, axis=0),
+            self.inverse.take(which),
+            self.variance.take(which),
+            self.names.take(which),
+            self.first.take(which),
+        )
 
     def __len__(self) -> int:
         return len(self.inverse)
 
-    @property
+    @cached_property
     def places(self) -> Vector:
         """(n,3) m, own ENU frame."""
         return self.origins + self.rays / self.inverse[:, None]
@@ -140,9 +162,18 @@ class Parallax:
     """Follows corners through the pictures of one camera."""
 
     def __init__(self, view: View) -> None:
-        height = max(round(view.camera.height * _WIDTH / view.camera.width), 1)
         self._view = view
-        self._camera = view.camera.scaled(_WIDTH, height)
+        self._camera = _narrowed(view.camera, _WIDTH)
+        self._limits = np.array([self._camera.width, self._camera.height]) - 1 - _MARGIN
+        self._searched = _narrowed(view.camera, _SEARCHED)
+        self._ratio = np.array(
+            [
+                self._camera.width / self._searched.width,
+                self._camera.height / self._searched.height,
+            ],
+            np.float32,
+        )
+        self._rays = self._searched.directions  # made here, and not in the first tick
         self._sigma = float(np.hypot(_PIXEL / self._camera.fx, _ATTITUDE))
         self._corners = _no_corners()
         self._before: NDArray[np.uint8] | None = None
@@ -174,7 +205,8 @@ class Parallax:
             self._follow(grey, own.p, rotation, then, height, ground, trunks[:_NEAR_TRUNKS])
             self._drop_drones(drones)
         if self._pictures % _REFILL == 0:
-            self._refill(grey, own.p, rotation)
+            small = picture.grey(self._searched.width, self._searched.height)
+            self._refill(small, own.p, rotation)
         self._pictures += 1
         self._before, self._turned = grey, (rotation, height)
         return self._known(own.p)
@@ -194,10 +226,8 @@ class Parallax:
         then: s, time of the last picture. height: m, over the ground.
         """
         guess = self._camera.project((self._corners.places - p) @ rotation)
-        limits = np.array([self._camera.width, self._camera.height]) - 1 - _MARGIN
-        with np.errstate(invalid="ignore"):
-            u, v = ((guess > _MARGIN) & (guess < limits)).T
-            inside = u & v
+        u, v = ((guess > _MARGIN) & (guess < self._limits)).T
+        inside = u & v
         c, guess = self._corners[inside], guess[inside].astype(np.float32)
         if not len(c) or self._before is None:
             self._corners = c
@@ -226,7 +256,7 @@ class Parallax:
         inverse, variance, fits = refined(
             c.origins - p, c.rays, rays, c.inverse, c.variance, self._sigma
         )
-        now = replace(c, pixels=pixels, sights=sights, inverse=inverse, variance=variance)
+        now = _Corners(pixels, sights, c.origins, c.rays, inverse, variance, c.names, c.first)
         self._corners = now[kept & fits]
 
     def _drop_drones(self, drones: list[Detection]) -> None:
@@ -235,21 +265,24 @@ class Parallax:
             self._corners = self._corners[self._corners.sights @ drone.direction < apart]
 
     def _refill(self, grey: NDArray[np.uint8], p: Vector, rotation: Vector) -> None:
-        """Add corners where none is followed."""
+        """Add corners where none is followed; grey: the picture in which they are sought."""
         wanted = _CORNERS - len(self._corners)
         if wanted <= 0:
             return
+        h, w = grey.shape
         free = np.full(grey.shape, 255, np.uint8)
-        u, v = self._corners.pixels.round().astype(np.intp).T
-        free[v, u] = 0
+        # A corner may be followed a little beyond the picture's edge.
+        u, v = ((self._corners.pixels + 0.5) / self._ratio).astype(np.intp).T
+        free[np.minimum(np.maximum(v, 0), h - 1), np.minimum(np.maximum(u, 0), w - 1)] = 0
         free = np.asarray(cv2.erode(free, _AROUND), np.uint8)
         new = cv2.goodFeaturesToTrack(grey, _SOUGHT, _QUALITY, _APART, mask=free)
         if new is None:
             return
-        found = np.asarray(new, np.float32)[:, 0]  # the best first
-        u, v = found.astype(np.intp).T
+        small = np.asarray(new, np.float32)[:, 0]  # the best first
+        found = (small + 0.5) * self._ratio - 0.5
+        u, v = small.astype(np.intp).T
         # What stands in the way shows around the horizon; other corners tell of the ground.
-        level = np.abs(self._camera.directions[v, u] @ rotation[2].astype(np.float32)) < _LEVEL
+        level = np.abs(self._rays[v, u] @ rotation[2].astype(np.float32)) < _LEVEL
         pixels = np.concatenate(
             [found[level][:wanted], found[~level][: min(wanted, _CORNERS // 4)]]
         )
@@ -272,9 +305,9 @@ class Parallax:
         if not len(c):
             return FixedPoints.none()
         places = c.places
-        away = lengths(places - p)
+        away = _lengths(places - p)
         moved = c.origins - p
-        across = lengths(cross(moved, c.rays))
+        across = _lengths(cross(moved, c.rays))
         parallax = across / np.maximum(away, _NEAREST)
         sigmas = np.sqrt(c.variance) / c.inverse**2
         sure = (sigmas < SURE * away) & (parallax > _LEAST_PARALLAX)
@@ -290,15 +323,15 @@ def refined(
     the first look and of this one. inverse (n,), variance (n,): before it. sigma: rad, of a ray.
     """
     sight = first + inverse[:, None] * moved
-    length = lengths(sight)[:, None]
+    length = _lengths(sight)[:, None]
     sight = sight / length
-    slope = (moved - _dots(moved, sight)[:, None] * sight) / length
-    steep = lengths(slope)
+    slope = (moved - np.vecdot(moved, sight)[:, None] * sight) / length
+    steep = _lengths(slope)
     line = slope / np.maximum(steep, 1e-9)[:, None]
     error = now - sight
-    along = _dots(error, line)
+    along = np.vecdot(error, line)
     rest = error - along[:, None] * line
-    across = lengths(rest - _dots(rest, sight)[:, None] * sight)
+    across = _lengths(rest - np.vecdot(rest, sight)[:, None] * sight)
     spread = variance * steep**2 + sigma**2
     fits = (across < _GATE * sigma) & (np.abs(along) < _GATE * np.sqrt(spread))
     gain = variance * steep / spread
@@ -310,7 +343,12 @@ def refined(
     )
 
 
-def _dots(a: Vector, b: Vector) -> Vector:
-    """Return the products (n,) of vectors (n,3) and (n,3)."""
-    result: Vector = np.einsum("ij,ij->i", a, b)
+def _lengths(vectors: Vector) -> Vector:
+    """Return the lengths (n,) of vectors (n,3)."""
+    result: Vector = np.sqrt(np.vecdot(vectors, vectors))
     return result
+
+
+def _narrowed(camera: Camera, width: int) -> Camera:
+    """Return the camera of the picture reduced to a width [px]."""
+    return camera.scaled(width, max(round(camera.height * width / camera.width), 1))
