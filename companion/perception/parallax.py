@@ -17,7 +17,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.perception.camera import Camera
 from companion.perception.ground_flow import STEEP, GroundFlow, hidden_by, way_over_ground
 from companion.perception.ground_plane import LEVEL, GroundPlane
 from companion.perception.reduced import Reduced
@@ -28,8 +27,7 @@ from mavlink_bridge.wire.messages import VehicleState
 
 _WIDTH = 320  # px of the reduced picture
 _CORNERS = 120
-_SEARCHED = 160  # px, width of the picture in which new corners are sought: half is enough
-_QUALITY, _APART = 0.01, 3  # of a corner against the best one; such px between corners
+_QUALITY, _APART = 0.01, 6  # of a corner against the best one; px between corners
 _AROUND = np.ones((2 * _APART + 1, 2 * _APART + 1), np.uint8)
 _SOUGHT = 500  # corners, of which those are taken that stand in the way
 _LEVEL = 0.4  # sine of the angle from the horizon, within which things stand in the way
@@ -163,17 +161,10 @@ class Parallax:
 
     def __init__(self, view: View) -> None:
         self._view = view
-        self._camera = _narrowed(view.camera, _WIDTH)
-        self._limits = np.array([self._camera.width, self._camera.height]) - 1 - _MARGIN
-        self._searched = _narrowed(view.camera, _SEARCHED)
-        self._ratio = np.array(
-            [
-                self._camera.width / self._searched.width,
-                self._camera.height / self._searched.height,
-            ],
-            np.float32,
-        )
-        self._rays = self._searched.directions  # made here, and not in the first tick
+        height = max(round(view.camera.height * _WIDTH / view.camera.width), 1)
+        self._camera = view.camera.scaled(_WIDTH, height)
+        self._last = np.array([_WIDTH, height]) - 1  # pixel
+        self._rays = self._camera.directions  # made here, and not in the first tick
         self._sigma = float(np.hypot(_PIXEL / self._camera.fx, _ATTITUDE))
         self._corners = _no_corners()
         self._before: NDArray[np.uint8] | None = None
@@ -205,8 +196,7 @@ class Parallax:
             self._follow(grey, own.p, rotation, then, height, ground, trunks[:_NEAR_TRUNKS])
             self._drop_drones(drones)
         if self._pictures % _REFILL == 0:
-            small = picture.grey(self._searched.width, self._searched.height)
-            self._refill(small, own.p, rotation)
+            self._refill(grey, own.p, rotation)
         self._pictures += 1
         self._before, self._turned = grey, (rotation, height)
         return self._known(own.p)
@@ -226,7 +216,7 @@ class Parallax:
         then: s, time of the last picture. height: m, over the ground.
         """
         guess = self._camera.project((self._corners.places - p) @ rotation)
-        u, v = ((guess > _MARGIN) & (guess < self._limits)).T
+        u, v = ((guess > _MARGIN) & (guess < self._last - _MARGIN)).T
         inside = u & v
         c, guess = self._corners[inside], guess[inside].astype(np.float32)
         if not len(c) or self._before is None:
@@ -265,22 +255,20 @@ class Parallax:
             self._corners = self._corners[self._corners.sights @ drone.direction < apart]
 
     def _refill(self, grey: NDArray[np.uint8], p: Vector, rotation: Vector) -> None:
-        """Add corners where none is followed; grey: the picture in which they are sought."""
+        """Add corners where none is followed."""
         wanted = _CORNERS - len(self._corners)
         if wanted <= 0:
             return
-        h, w = grey.shape
         free = np.full(grey.shape, 255, np.uint8)
-        # A corner may be followed a little beyond the picture's edge.
-        u, v = ((self._corners.pixels + 0.5) / self._ratio).astype(np.intp).T
-        free[np.minimum(np.maximum(v, 0), h - 1), np.minimum(np.maximum(u, 0), w - 1)] = 0
+        # A corner may have been followed a little beyond the picture's edge.
+        at = np.minimum(np.maximum(self._corners.pixels.round(), 0), self._last).astype(np.intp)
+        free[at[:, 1], at[:, 0]] = 0
         free = np.asarray(cv2.erode(free, _AROUND), np.uint8)
         new = cv2.goodFeaturesToTrack(grey, _SOUGHT, _QUALITY, _APART, mask=free)
         if new is None:
             return
-        small = np.asarray(new, np.float32)[:, 0]  # the best first
-        found = (small + 0.5) * self._ratio - 0.5
-        u, v = small.astype(np.intp).T
+        found = np.asarray(new, np.float32)[:, 0]  # the best first
+        u, v = found.astype(np.intp).T
         # What stands in the way shows around the horizon; other corners tell of the ground.
         level = np.abs(self._rays[v, u] @ rotation[2].astype(np.float32)) < _LEVEL
         pixels = np.concatenate(
@@ -347,8 +335,3 @@ def _lengths(vectors: Vector) -> Vector:
     """Return the lengths (n,) of vectors (n,3)."""
     result: Vector = np.sqrt(np.vecdot(vectors, vectors))
     return result
-
-
-def _narrowed(camera: Camera, width: int) -> Camera:
-    """Return the camera of the picture reduced to a width [px]."""
-    return camera.scaled(width, max(round(camera.height * width / camera.width), 1))
