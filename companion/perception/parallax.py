@@ -31,8 +31,12 @@ _QUALITY, _APART = 0.01, 6  # of a corner against the best one; px between corne
 _AROUND = np.ones((2 * _APART + 1, 2 * _APART + 1), np.uint8)
 _SOUGHT = 500  # corners, of which those are taken that stand in the way
 _LEVEL = 0.4  # sine of the angle from the horizon, within which things stand in the way
-_REFILL = 3  # pictures from one search for new corners to the next
+# New corners are sought where no more than these are followed, in every second picture: in those in
+# which trunks are not, by default, so that no tick has both to do.
+_FEW, _REFILL = 96, 2
 _LONGEST = 0.35  # s between two pictures in which corners are followed
+_WINDOW = (9, 9)  # px around a corner; with more, an edge of the background moves along
+_ENOUGH = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 10, 0.03)  # steps; px, of the last one
 _MARGIN = 3.0  # px from the picture's edge
 _PIXEL = 0.35  # px, 1 σ of a followed corner
 _ATTITUDE = 0.004  # rad, 1 σ of the own attitude from picture to picture
@@ -195,7 +199,7 @@ class Parallax:
         if self._before is not None and len(self._corners):
             self._follow(grey, own.p, rotation, then, height, ground, trunks[:_NEAR_TRUNKS])
             self._drop_drones(drones)
-        if self._pictures % _REFILL == 0:
+        if self._pictures % _REFILL == 0 and len(self._corners) <= _FEW:
             self._refill(grey, own.p, rotation)
         self._pictures += 1
         self._before, self._turned = grey, (rotation, height)
@@ -227,8 +231,9 @@ class Parallax:
             grey,
             c.pixels[:, None],
             guess[:, None].copy(),
-            winSize=(11, 11),
-            maxLevel=2,
+            winSize=_WINDOW,
+            maxLevel=2,  # a near corner, new, is far from where it is expected
+            criteria=_ENOUGH,
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         )
         pixels = np.asarray(found, np.float32)[:, 0]
@@ -257,8 +262,6 @@ class Parallax:
     def _refill(self, grey: NDArray[np.uint8], p: Vector, rotation: Vector) -> None:
         """Add corners where none is followed."""
         wanted = _CORNERS - len(self._corners)
-        if wanted <= 0:
-            return
         free = np.full(grey.shape, 255, np.uint8)
         # A corner may have been followed a little beyond the picture's edge.
         at = np.minimum(np.maximum(self._corners.pixels.round(), 0), self._last).astype(np.intp)
