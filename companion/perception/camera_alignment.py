@@ -25,7 +25,7 @@ from companion.perception.ground_plane import LEVEL, GroundPlane
 from companion.perception.reduced import Grey, Reduced
 from companion.perception.view import View
 from companion.perception.visual_rotation import VisualGyro
-from mavlink_bridge.shared.arrays import Vector, norm
+from mavlink_bridge.shared.arrays import Vector, cross, norm
 from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.wire.messages import VehicleState
 
@@ -33,6 +33,7 @@ _TRIED = 0.0125  # s between two lags that are tried: at a wrong one the turns l
 _LAGS = np.arange(-0.25, 0.3001, _TRIED)  # s, picture behind its stamp
 _LEAST_TURN = 0.02  # rad from picture to picture, below which noise is all that there is
 _STEP = 0.02  # s, of the sum over the gyro's rates
+_LATE = 0.1  # s by which telemetry may be late: rates from longer ago do not change any more
 _LONGEST = 0.25  # s between two pictures that are compared
 _LEAST_PAIRS = 4.0
 _PAIRS_AGAINST = 8.0  # pairs from which a contradiction is told
@@ -111,6 +112,7 @@ class CameraAlignment:
         self._frames = 0
         self._waiting: deque[_Turn] = deque(maxlen=8)
         self._surprises = 0
+        self._rates: dict[int, Vector] = {}  # rad/s, by the step at which they were
         self.estimate = Alignment()
         self._forget()
 
@@ -141,7 +143,7 @@ class CameraAlignment:
         """
         # The attitude after a capture is known a little later.
         while self._waiting and self._waiting[0].end - _LAGS[0] <= time:
-            self._learn(self._waiting.popleft(), at)
+            self._learn(self._waiting.popleft(), time, at)
         if self._before is not None and stamp <= self._before.time:
             return
         self._frames += 1
@@ -179,9 +181,9 @@ class CameraAlignment:
             sigma = math.hypot(seen.sigma, _PARALLAX / near * norm(moved), unknown)
             self._waiting.append(_Turn(before.time, after.time, seen.vector, sigma))
 
-    def _learn(self, turn: _Turn, at: StateAt) -> None:
-        """Add a turn to the evidence for each lag."""
-        e = self._expected(turn, at)
+    def _learn(self, turn: _Turn, time: float, at: StateAt) -> None:
+        """Add a turn to the evidence for each lag, at a tick's `time`."""
+        e = self._expected(turn, time, at)
         if e is None:
             return
         sigma = math.hypot(turn.sigma, _FLOOR, _SHARE * norm(turn.vector))
@@ -199,34 +201,52 @@ class CameraAlignment:
         """Return whether turn after turn is far from the estimate: the camera has moved."""
         known = self._pairs >= _PAIRS_AGAINST
         nearest = expected[int(np.argmin(np.abs(_LAGS - self.estimate.lag)))]
-        error = turn.vector - self.estimate.scale * (
-            nearest + np.cross(self.estimate.tilt, nearest)
-        )
-        self._fits = norm(error) < _SIGMAS * sigma
+        tilted = nearest + cross(np.array(self.estimate.tilt), nearest)
+        error = norm(turn.vector - self.estimate.scale * tilted)
+        self._fits = error < _SIGMAS * sigma
         self._surprises = (self._surprises + 1) * int(
-            known and norm(error) > max(_SURPRISE * norm(nearest), 2.0 * _SIGMAS * sigma)
+            known and error > max(_SURPRISE * norm(nearest), 2.0 * _SIGMAS * sigma)
         )
         return self._surprises >= _IN_A_ROW
 
-    def _expected(self, turn: _Turn, at: StateAt) -> Vector | None:
+    def _expected(self, turn: _Turn, time: float, at: StateAt) -> Vector | None:
         """Return the camera's rotation vectors (n,3), by the gyro, for each lag of the picture.
 
         Not by the attitude: the errors of an attitude that GPS corrects do not turn with the drone.
         """
-        start = turn.start - _LAGS[-1]
-        span = turn.end - turn.start
-        steps = math.ceil((_LAGS[-1] - _LAGS[0] + span) / _STEP)
-        states = [at(start + n * _STEP) for n in range(steps + 1)]
-        rates = [s.omega for s in states if s is not None]
-        if len(rates) < len(states):
+        first = math.floor((turn.start - _LAGS[-1]) / _STEP)
+        last = math.ceil((turn.end - _LAGS[0]) / _STEP)
+        rates = self._rates_between(first, last, time, at)
+        if rates is None:
             return None
         # The turn is small: rates may be added up.
-        w = np.array(rates) @ rotation_matrix(self._view.mount)
-        sums = np.vstack([np.zeros(3), np.cumsum(0.5 * _STEP * (w[1:] + w[:-1]), axis=0)])
-        times = start + np.arange(len(w)) * _STEP
-        ends = (turn.end - _LAGS, turn.start - _LAGS)
-        late, early = (np.stack([np.interp(t, times, c) for c in sums.T], axis=1) for t in ends)
+        w = rates @ rotation_matrix(self._view.mount)
+        sums = np.zeros_like(w)
+        np.cumsum(0.5 * _STEP * (w[1:] + w[:-1]), axis=0, out=sums[1:])
+        place = (np.array([[turn.end], [turn.start]]) - _LAGS) / _STEP - first
+        before = np.minimum(place.astype(np.intp), last - first - 1)
+        share = (place - before)[..., None]
+        late, early = sums[before] + share * (sums[before + 1] - sums[before])
         return np.asarray(late - early)
+
+    def _rates_between(self, first: int, last: int, time: float, at: StateAt) -> Vector | None:
+        """Return the gyro's rates (n,3) [rad/s, body frame] at steps first…last, each asked once.
+
+        None where not all are known. Those that telemetry may tell anew are asked again.
+        """
+        kept, self._rates = self._rates, {}
+        rates = []
+        for step in range(first, last + 1):
+            rate = kept.get(step)
+            if rate is None:
+                state = at(step * _STEP)
+                if state is None:
+                    return None
+                rate = state.omega
+            if step * _STEP < time - _LATE:
+                self._rates[step] = rate
+            rates.append(rate)
+        return np.array(rates)
 
     def _estimate(self) -> Alignment:
         """Return what the evidence tells."""
@@ -321,6 +341,7 @@ def _between(solution: Vector, lag: float, best: int) -> tuple[Vector, Vector]:
 
 def _crosses(vectors: Vector) -> Vector:
     """Return the matrices (n,3,3) of v × for vectors (n,3)."""
-    x, y, z = vectors.T
-    o = np.zeros_like(x)
-    return np.stack([o, -z, y, z, o, -x, -y, x, o], axis=1).reshape(-1, 3, 3)
+    matrices = np.zeros((len(vectors), 9))
+    matrices[:, [5, 6, 1]] = -vectors
+    matrices[:, [7, 2, 3]] = vectors
+    return matrices.reshape(-1, 3, 3)

@@ -25,7 +25,9 @@ _QUALITY, _APART = 0.02, 6  # of a corner against the best one; px between corne
 _LEAST = 10  # corners without which there is no rotation
 _PIXEL_SIGMA = 0.3  # px, of a tracked corner
 _DISTANCE = 6.0  # m, typical of corners: its inverse and the inverse's 1 σ are alike
-_STEPS = 5  # of the reweighted least squares
+_STEPS = 5  # of the reweighted least squares, at most
+_SETTLED = 1e-5  # rad, of a step after which none is needed
+_LITTLE = 1e-6 * np.eye(3)  # information that keeps a solution possible
 _DISAGREE = 36.0  # times the expected square error: the points were not tracked
 
 
@@ -81,27 +83,32 @@ def fit_rotation(
     moved: (3,) m, own displacement, camera frame of `after`. sigma: rad, of a ray.
     """
     flow = (after @ moved)[:, None] * after - moved  # of a point 1 m away
-    length = np.linalg.norm(flow, axis=1) / _DISTANCE
+    length = np.sqrt(np.vecdot(flow, flow)) / _DISTANCE
     along = flow / np.maximum(length * _DISTANCE, 1e-9)[:, None]
     if length.max() < 1e-6:  # without motion any two directions will do
         along = cross(after, np.array([0.0, 1.0, 1e-3]))
         along /= np.linalg.norm(along, axis=1)[:, None]
-    ways = np.stack([along, cross(after, along)])  # along the flow, and across
-    weights = np.stack([1.0 / (sigma**2 + length**2), np.full(len(after), sigma**-2)])
-    expected = np.stack([length, np.zeros(len(after))])
+    # Each ray counts twice: along the flow, and across.
+    ways = np.concatenate([along, cross(after, along)])
+    weights = np.concatenate([1.0 / (sigma**2 + length**2), np.full(len(after), sigma**-2)])
+    twice = np.concatenate([before, before])
+    expected = np.vecdot(np.concatenate([after, after]), ways)
+    expected[: len(after)] -= length
     rotation, trust = np.eye(3), np.ones(len(after))
     for _ in range(_STEPS):
-        turned = before @ rotation.T
-        error = np.einsum("ij,kij->ki", after - turned, ways) - expected
-        rows = cross(turned, ways).reshape(-1, 3)
-        weighted = rows * (weights * trust).reshape(-1, 1)
-        information = weighted.T @ rows + 1e-6 * np.eye(3)
-        step = np.linalg.solve(information, error.ravel() @ weighted)
+        turned = twice @ rotation.T
+        error = expected - np.vecdot(turned, ways)
+        rows = cross(turned, ways)
+        weighted = rows * (weights * np.concatenate([trust, trust]))[:, None]
+        information = weighted.T @ rows + _LITTLE
+        step = cv2.solve(information, weighted.T @ error[:, None])[1]
         rotation = cv2.Rodrigues(step)[0] @ rotation
         # Geman and McClure: moving things and wrong matches lose their weight.
-        misfit = (weights * error**2).sum(axis=0) / 2
+        misfit = (weights * error**2).reshape(2, -1).sum(axis=0) / 2
         spread = max(percentile(misfit, 50) / math.log(2.0), 1.0)
         trust = (1.0 + misfit / (4.0 * spread)) ** -2
+        if cv2.norm(step) < _SETTLED:
+            break
     if spread > _DISAGREE:
         return None
     variance = float(np.trace(np.linalg.inv(information))) / 3 * spread
