@@ -25,8 +25,7 @@ _QUALITY, _APART = 0.02, 6  # of a corner against the best one; px between corne
 _LEAST = 10  # corners without which there is no rotation
 _PIXEL_SIGMA = 0.3  # px, of a tracked corner
 _DISTANCE = 6.0  # m, typical of corners: its inverse and the inverse's 1 σ are alike
-_STEPS = 5  # of the reweighted least squares, at most
-_SETTLED = 1e-5  # rad, of a step after which none is needed
+_STEPS = 5  # of the reweighted least squares
 _LITTLE = 1e-6 * np.eye(3)  # information that keeps a solution possible
 _DISAGREE = 36.0  # times the expected square error: the points were not tracked
 
@@ -107,8 +106,6 @@ def fit_rotation(
         misfit = (weights * error**2).reshape(2, -1).sum(axis=0) / 2
         spread = max(percentile(misfit, 50) / math.log(2.0), 1.0)
         trust = (1.0 + misfit / (4.0 * spread)) ** -2
-        if cv2.norm(step) < _SETTLED:
-            break
     if spread > _DISAGREE:
         return None
     variance = float(np.trace(np.linalg.inv(information))) / 3 * spread
