@@ -7,13 +7,15 @@ that is so; each gives 0…1, ½ at its limit, and a picture's score is their pr
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.perception.pixels import percentile, row_sums
+from companion.perception.pixels import percentile
 from mavlink_bridge.shared.arrays import Vector
 
+Counts = NDArray[np.int32]
 _FEW = 4  # columns; fewer do not show what bark looks like
 _FOLLOW = (
     0.15  # share of each picture in the clarity: 4 bad ones in a row make a clear view unclear
@@ -46,32 +48,40 @@ class Separation:
             self.clarity += _FOLLOW * (score - self.clarity)
 
 
+@dataclass(frozen=True)
+class Feet:
+    """What lies below the horizon in each column of a picture; (columns,) each.
+
+    row: of the foot. known: pixels that are known. ground: those that look like ground. known_below
+    and ground_below: those of them below the foot. near: whether the uppermost pixels are known.
+    """
+
+    row: NDArray[np.intp]
+    known: Counts
+    ground: Counts
+    known_below: Counts
+    ground_below: Counts
+    near: NDArray[np.bool_]
+
+
 def score(
-    typical: float | None,
-    ground: NDArray[np.bool_],
-    known: NDArray[np.bool_],
-    foot_row: NDArray[np.intp],
-    bark: Vector,
-    above: NDArray[np.bool_],
-    step: float,
+    typical: float | None, feet: Feet, bark: Vector, above: NDArray[np.bool_], step: float
 ) -> float | None:
     """Return how well obstacles and ground separate in a picture, 0…1; None where nothing tells.
 
-    typical: warmth of the ground in it. ground, known: (columns,rows) below the horizon.
-    foot_row: (columns,). bark: (columns,) warmth of what stands before the sky in columns `above`.
-    step: rad, width of a column.
+    typical: warmth of the ground in it. bark: (columns,) warmth of what stands before the sky in
+    columns `above`. step: rad, width of a column.
     """
-    count = int(np.count_nonzero(known))
+    count = int(feet.known.sum())
     if typical is None or not count:
         return None
-    after = np.arange(ground.shape[1]) >= foot_row[:, None]
-    misfits = np.count_nonzero(known & (ground != after)) / count
-    share = np.count_nonzero(ground) / count
+    ground, right = int(feet.ground.sum()), int(feet.ground_below.sum())
+    misfits = (ground - right + int(feet.known_below.sum()) - right) / count
+    share = ground / count
     gap = _GAP
     if np.count_nonzero(above) >= _FEW:
         gap = typical - percentile(bark[above], 75)
-    footless = above & (foot_row <= 2) & (row_sums(known[:, :12]) >= 8)
-    footless &= typical - bark < _TOLD
+    footless = above & (feet.row <= 2) & feet.near & (typical - bark < _TOLD)
     low, high = _GROUND
     parts = (
         (typical - low) / (high - low),
@@ -80,10 +90,12 @@ def score(
         1.0 - misfits / _MISFITS,
         1.0 - 0.5 * _longest(footless) * step / _FOOTLESS,
     )
-    return float(np.prod(np.clip(parts, 0.0, 1.0)))
+    return float(math.prod(min(max(part, 0.0), 1.0) for part in parts))
 
 
 def _longest(mask: NDArray[np.bool_]) -> int:
     """Return the length of the longest run of true values."""
+    if not mask.any():
+        return 0
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return int((edges[1::2] - edges[::2]).max()) if len(edges) else 0
+    return int((edges[1::2] - edges[::2]).max())

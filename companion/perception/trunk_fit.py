@@ -78,7 +78,7 @@ class Columns:
     azimuth: rad. t: m to the foot of the object there; inf where there is none. foot: whether the
     foot is in the picture; if not, t is an upper bound. seen: whether the frame covers the column.
     edge: grey levels, upright contrast towards the next column. blur: rad, 1 σ of the foot's
-    elevation, beyond that of the attitude.
+    elevation, beyond that of the attitude; None: none.
     """
 
     azimuth: Vector
@@ -86,7 +86,7 @@ class Columns:
     foot: Mask
     seen: Mask
     edge: Vector
-    blur: Vector
+    blur: Vector | None = None
 
 
 def find_trunks(
@@ -137,7 +137,9 @@ def _fit(
         radius = distance * sine
         surface = distance - radius
         tilt = (surface * surface + altitude * altitude) / altitude
-        blur = percentile(columns.blur[first : last + 1][use], 50)
+        blur = 0.0
+        if columns.blur is not None:
+            blur = percentile(columns.blur[first : last + 1][use], 50)
         noise = math.hypot(s.attitude_sigma, step / math.sqrt(count), blur)
         sigma = math.hypot(0.02 * distance, tilt * noise)
     elif not s.radius:
@@ -183,7 +185,7 @@ def _runs(columns: Columns, max_range: float) -> list[tuple[int, int]]:
     # edge does.
     farther = jump & np.where(rise > 0, columns.foot[1:], columns.foot[:-1])
     edge = columns.edge[:-1]
-    before, after = np.append(edge[-1:], edge[:-1]), np.append(edge[1:], edge[:1])
+    before, after = np.concatenate([edge[-1:], edge[:-1]]), np.concatenate([edge[1:], edge[:1]])
     crest = (edge > EDGE) & (edge >= before) & (edge >= after)
     part = np.where(both, jump, crest | farther) & near[1:] & near[:-1]
     bounds = np.flatnonzero((near[1:] != near[:-1]) | part) + 1
@@ -193,7 +195,9 @@ def _runs(columns: Columns, max_range: float) -> list[tuple[int, int]]:
 def _free(columns: Columns, index: int, side: int) -> bool:
     """Return whether the edge at a run's end is the trunk's own: its background is farther."""
     beyond = index + side
-    if not 0 <= beyond + side < len(columns.t) or not columns.seen[[beyond, beyond + side]].all():
+    if not 0 <= beyond + side < len(columns.t):
+        return False
+    if not (columns.seen[beyond] and columns.seen[beyond + side]):
         return False
     if not (columns.foot[index] and columns.foot[beyond]):
         return True
@@ -205,8 +209,9 @@ def _alone(columns: Columns, index: int, side: int) -> bool:
 
     Of two such neighbours either may be the nearer one, or both are one trunk.
     """
-    ends = [index, index + side]
-    return bool(columns.foot[ends].any()) or not math.isfinite(columns.t[index + side])
+    beyond = index + side
+    standing = columns.foot[index] or columns.foot[beyond]
+    return bool(standing) or not math.isfinite(columns.t[beyond])
 
 
 def _assumed(
@@ -239,7 +244,7 @@ def _assumed(
     delta = az[None] - axis[:, None]
     root = np.sqrt(np.maximum(sine[:, None] ** 2 - np.sin(delta) ** 2, 0.0))
     model = distance[:, None] * (np.cos(delta) - root)
-    error = np.where(foot, np.minimum(np.abs(model - t), 0.5), np.clip(model - 1.03 * t, 0.0, 0.5))
+    error = np.minimum(np.where(foot, np.abs(model - t), np.maximum(model - 1.03 * t, 0.0)), 0.5)
     cost = error.mean(axis=1) + distance * short
     best = int(np.argmax(cost <= cost.min() + 0.01))
     return float(axis[best]), float(sine[best])

@@ -17,11 +17,12 @@ from companion.perception.camera import Camera
 from companion.perception.panorama import LEVEL_GROUND, LevelFrame, Panorama
 from companion.perception.pixels import percentile, row_sums
 from companion.perception.reduced import Reduced
-from companion.perception.separation import Separation, score
+from companion.perception.separation import Feet, Separation, score
 from companion.perception.trunk_fit import Columns, Mask, TrunkSettings, find_trunks
 from companion.types import Image, Trunk
 from mavlink_bridge.shared.arrays import Vector, finite
 
+_NOTHING: Vector = np.zeros(1)
 _LOW = 0.8  # m; from lower, while it takes off or lands, a drone sees too little of the ground
 
 
@@ -90,33 +91,28 @@ class TrunkDetector:
         typical, bark, tall = self._typical(below, known_below), *self._bark(warmth, known, above)
         threshold = self._threshold(typical, bark, above)
         ground = (below > threshold[:, None]) & known_below
-        foot_row = self._foot_row(ground, known_below)
+        feet = self._feet(ground, known_below)
         if altitude > _LOW:
-            told = score(typical, ground, known_below, foot_row, bark, tall, self._step)
-            self._separation.follow(told)
-        after = np.arange(below.shape[1]) >= foot_row[:, None]
-        ground_below = row_sums(ground & after)
-        known_after = row_sums(known_below & after)
+            self._separation.follow(score(typical, feet, bark, tall, self._step))
         e = self._panorama.elevation[h:]
-        edge_row = self._sub_row(below, foot_row, threshold)
+        edge_row = self._sub_row(below, feet.row, threshold)
         slope = np.tan(-(e[0] + edge_row * (e[1] - e[0])))
         t = altitude / np.maximum(slope + rise, 1e-3)
-        t[foot_row == 0] = np.inf
-        blind = row_sums(known_below) < 6
+        t[feet.row == 0] = np.inf
+        blind = feet.known < 6
         # Without ground in view, an object before the sky may be near.
         t = np.where(blind & above, 2.0 * self.settings.max_range, t)
         return Columns(
             self._panorama.azimuth,
             np.where(stands, t, np.inf),
-            (ground_below >= 5) & (ground_below > 0.7 * known_after) & ~blind,
+            (feet.ground_below >= 5) & (feet.ground_below > 0.7 * feet.known_below) & ~blind,
             ~blind | above,
             self._edges(high, known),
-            np.zeros_like(t),
         )
 
     @staticmethod
-    def _foot_row(ground: Mask, known: Mask) -> NDArray[np.intp]:
-        """Return the row of each column's foot: bark above it and ground below, with least misfits.
+    def _feet(ground: Mask, known: Mask) -> Feet:
+        """Return the foot in each column: bark above it and ground below, with least misfits.
 
         ground, known: (columns,rows) below the horizon.
         """
@@ -124,7 +120,16 @@ class TrunkDetector:
         # Misfits of a foot at row k: cumulated votes and a constant. Cumulated over all columns
         # before, too, they are whole numbers, which single precision holds.
         sums = cv2.integral(vote.astype(np.float32), sdepth=cv2.CV_32F)
-        return np.argmin(sums[1:] - sums[:-1], axis=1)
+        row = np.argmin(sums[1:] - sums[:-1], axis=1)
+        after = np.arange(ground.shape[1]) >= row[:, None]
+        return Feet(
+            row,
+            row_sums(known),
+            row_sums(ground),
+            row_sums(known & after),
+            row_sums(ground & after),
+            row_sums(known[:, :12]) >= 8,
+        )
 
     def _typical(self, below: Image, known_below: Mask) -> float | None:
         """Return the saturation (of 255) of this frame's ground; None where too little shows."""
@@ -157,16 +162,17 @@ class TrunkDetector:
         both = ok[1:] & ok[:-1]
         step = row_sums(grey[1:] * both) - row_sums(grey[:-1] * both)
         contrast = np.abs(step) / np.maximum(row_sums(both), 8)
-        return np.append(contrast, 0.0)
+        return np.concatenate([contrast, _NOTHING])
 
     @staticmethod
     def _sub_row(below: Image, foot_row: NDArray[np.intp], threshold: Vector) -> Vector:
         """Return the foot's row, between pixels, where the colour passes the threshold."""
-        k = np.clip(foot_row, 1, below.shape[1] - 1)
+        k = np.minimum(np.maximum(foot_row, 1), below.shape[1] - 1)
         cols = np.arange(below.shape[0])
         a, b = below[cols, k - 1].astype(float), below[cols, k].astype(float)
-        part: Vector = np.clip((threshold - a) / np.maximum(b - a, 5.0), 0.0, 1.0)
-        return part + k - 1.0
+        part = (threshold - a) / np.maximum(b - a, 5.0)
+        row: Vector = np.minimum(np.maximum(part, 0.0), 1.0) + k - 1.0
+        return row
 
     def _stands(self, high: Image, warmth: Image, known: Mask) -> tuple[Mask, Mask]:
         """Return the columns whose object may rise above the horizon, and those where it does."""
