@@ -43,6 +43,7 @@ _SAME_PLACE, _SAME_ANGLE = 0.5, 1.33
 _CORNERS = np.array([0, 0, -1, -1] * 2), np.array([0, -1, 0, -1, 1, -2, 1, -2])
 Pixels = NDArray[np.float32]
 Box = tuple[int, int, int, int]  # x, y, w, h: px
+Cone = tuple[Vector, float, float]  # axis, angle, arc of a `_Ball`
 
 
 class Detector(Protocol):
@@ -89,9 +90,9 @@ class _Ball:
     axis: Vector
     angle: float
     arc: float
-    fill: float = 1.0
-    pixel: float = 0.0
-    clipped: bool = False
+    fill: float
+    pixel: float
+    clipped: bool
     spread: float = 0.0
 
     def same_as(self, other: _Ball) -> bool:
@@ -222,13 +223,13 @@ class ColorDetector:
         pixel = float(np.sqrt(self._solid_angle[y + h // 2, x + w // 2]))
         if area < self.settings.min_area * pixel * pixel:
             return []
-        balls = self._outline(cover, x0, y0, pixel)
-        if not balls or area < 9.0 * pixel * pixel:
-            balls = [self._small(solid, area, x0, y0)]
-        whole = sum(2.0 * math.pi * (1.0 - math.cos(ball.angle)) for ball in balls)
+        few = area < 9.0 * pixel * pixel
+        cones = [] if few else self._outline(cover, x0, y0, pixel)
+        cones = cones or [self._small(solid, area, x0, y0)]
+        whole = sum(2.0 * math.pi * (1.0 - math.cos(angle)) for _, angle, _ in cones)
         if whole <= 0.0:
             return []
-        return [replace(b, fill=area / whole, pixel=pixel, clipped=clipped) for b in balls]
+        return [_Ball(*cone, fill=area / whole, pixel=pixel, clipped=clipped) for cone in cones]
 
     def _right_hue(self, mean: Sequence[float]) -> bool:
         """Return whether the hue of a mean BGR colour is the marker's; black is of no hue."""
@@ -237,7 +238,7 @@ class ColorDetector:
         off = (hue - self.settings.hue_deg + 180.0) % 360.0 - 180.0
         return b + g + r > 0.0 and abs(off) <= self.settings.hue_width_deg
 
-    def _outline(self, cover: Pixels, x0: int, y0: int, pixel: float) -> list[_Ball]:
+    def _outline(self, cover: Pixels, x0: int, y0: int, pixel: float) -> list[Cone]:
         """Return the balls by the outline of `cover` in a patch whose corner is pixel (x0, y0)."""
         h, w = cover.shape
         pixels = self._directions[y0 : y0 + h, x0 : x0 + w]
@@ -252,22 +253,22 @@ class ColorDetector:
         scale = 2.0 / (1.0 + depth)
         px, py = px * scale, py * scale
         extent = float(max(px.max() - px.min(), py.max() - py.min()))
-        balls = []
+        cones = []
         for c in fit_circles(px, py, 0.4 * pixel + 0.02 * extent):
             radial = math.hypot(c.x, c.y)
             near, far = 2 * math.atan((radial - c.r) / 2), 2 * math.atan((radial + c.r) / 2)
             turn, angle = (near + far) / 2, (far - near) / 2
             side = math.sin(turn) / max(radial, 1e-12)
             axis = np.array([math.cos(turn), side * c.x, side * c.y]) @ axes
-            balls.append(_Ball(axis, angle, c.arc))
-        return balls
+            cones.append((axis, angle, c.arc))
+        return cones
 
-    def _small(self, solid: Pixels, area: float, x0: int, y0: int) -> _Ball:
+    def _small(self, solid: Pixels, area: float, x0: int, y0: int) -> Cone:
         """Return a ball of few pixels, by centroid and area."""
         v, u = np.indices(solid.shape)
         centre = [(solid * u).sum() / area + x0, (solid * v).sum() / area + y0]
         axis = self.camera.unproject(np.array([centre]))[0]
-        return _Ball(axis, float(np.sqrt(area / np.pi)), 1.0)
+        return axis, float(np.sqrt(area / np.pi)), 1.0
 
     def _detection(self, ball: _Ball) -> Detection | None:
         """Return the detection of a ball; None where it is not credible."""

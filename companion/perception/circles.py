@@ -35,7 +35,8 @@ def fit_circles(x: Vector, y: Vector, tolerance: float, most: int = 4) -> list[C
 
     tolerance: largest distance of a point from its circle. most: largest number of circles.
     """
-    points = np.array([x, y, x * x + y * y, np.ones(len(x))])
+    points = np.empty((4, len(x)))
+    points[0], points[1], points[2], points[3] = x, y, x * x + y * y, 1.0
     found: list[Circle] = []
     least = max(6.0, 0.12 * len(x))
     while points.shape[1] >= 6 and len(found) < most:
