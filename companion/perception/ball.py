@@ -184,6 +184,8 @@ class ColorDetector:
         small = picture.colour((width + 1) // 2, (height + 1) // 2)
         least = _TRACE * self.settings.min_chroma
         trace = cv2.threshold(self._chroma(small), least, 255, cv2.THRESH_BINARY)[1]
+        if not cv2.countNonZero(trace):
+            return []
         outlines, _ = cv2.findContours(
             cv2.dilate(trace, _AROUND), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE
         )

@@ -229,7 +229,7 @@ class Camera:
 
     def radius(self, theta: Vector) -> Vector:
         """Return the normalised image radius of an angle from the axis [rad]: the polynomial."""
-        if not self.k.any():
+        if not self._distorts:
             return theta
         t2 = theta * theta
         k1, k2, k3, k4 = self.k
@@ -244,6 +244,11 @@ class Camera:
         return result
 
     @cached_property
+    def _distorts(self) -> bool:
+        """Return whether the lens differs from the ideal equidistant one."""
+        return bool(self.k.any())
+
+    @cached_property
     def _peak(self) -> float:
         """Return the angle [rad] up to which `radius` grows; π where it always does."""
         theta = np.linspace(0.0, np.pi, 1000)
@@ -255,8 +260,8 @@ class Camera:
 
         In corners that the lens does not image, this is the largest angle that it does.
         """
-        theta = np.array(radius, float)
-        if self.k.any():
+        theta = np.asarray(radius, float)
+        if self._distorts:
             for _ in range(NEWTON_STEPS):
                 step = (self.radius(theta) - radius) / np.maximum(self._slope(theta), 0.1)
                 theta = np.clip(theta - step, 0.0, self._peak)
