@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from companion.perception.ground_flow import STEEP, GroundFlow, hidden_by, way_over_ground
 from companion.perception.ground_plane import LEVEL, GroundPlane
+from companion.perception.inverse_distance import NEAREST, refined, vector_lengths
 from companion.perception.reduced import Reduced
 from companion.perception.view import View
 from companion.types import Detection
@@ -41,9 +42,7 @@ _MARGIN = 3.0  # px from the picture's edge
 _PIXEL = 0.35  # px, 1 σ of a followed corner
 _ATTITUDE = 0.004  # rad, 1 σ of the own attitude from picture to picture
 _PRIOR = (0.15, 0.15)  # 1/m, inverse distance of a new corner and its 1 σ
-_GATE = 4.0  # standard deviations beyond which a corner is not the one that was followed
 _LOST = 20.0  # grey levels by which a corner may change
-_NEAREST, _FARTHEST = 0.3, 200.0  # m
 _LEAST_PARALLAX = 0.035  # rad, seen from first to now: less is attitude noise
 SURE = 0.15  # 1 σ over distance of a point that counts
 _DRONE = 0.4  # m, radius within which corners belong to a detected neighbour
@@ -296,45 +295,10 @@ class Parallax:
         if not len(c):
             return FixedPoints.none()
         places = c.places
-        away = _lengths(places - p)
+        away = vector_lengths(places - p)
         moved = c.origins - p
-        across = _lengths(cross(moved, c.rays))
-        parallax = across / np.maximum(away, _NEAREST)
+        across = vector_lengths(cross(moved, c.rays))
+        parallax = across / np.maximum(away, NEAREST)
         sigmas = np.sqrt(c.variance) / c.inverse**2
         sure = (sigmas < SURE * away) & (parallax > _LEAST_PARALLAX)
         return FixedPoints(places, sigmas, c.names, across, self._time - c.first)[sure]
-
-
-def refined(
-    moved: Vector, first: Vector, now: Vector, inverse: Vector, variance: Vector, sigma: float
-) -> tuple[Vector, Vector, NDArray[np.bool_]]:
-    """Return inverse distances (n,) [1/m] and variances (n,) after one more look, and which fit.
-
-    moved (n,3): m, from here back to the place of the first look. first, now (n,3): unit rays of
-    the first look and of this one. inverse (n,), variance (n,): before it. sigma: rad, of a ray.
-    """
-    sight = first + inverse[:, None] * moved
-    length = _lengths(sight)[:, None]
-    sight = sight / length
-    slope = (moved - np.vecdot(moved, sight)[:, None] * sight) / length
-    steep = _lengths(slope)
-    line = slope / np.maximum(steep, 1e-9)[:, None]
-    error = now - sight
-    along = np.vecdot(error, line)
-    rest = error - along[:, None] * line
-    across = _lengths(rest - np.vecdot(rest, sight)[:, None] * sight)
-    spread = variance * steep**2 + sigma**2
-    fits = (across < _GATE * sigma) & (np.abs(along) < _GATE * np.sqrt(spread))
-    gain = variance * steep / spread
-    low, high = 1.0 / _FARTHEST, 1.0 / _NEAREST
-    return (
-        np.minimum(np.maximum(inverse + gain * along, low), high),
-        np.maximum((1.0 - gain * steep) * variance, 1e-8),
-        fits,
-    )
-
-
-def _lengths(vectors: Vector) -> Vector:
-    """Return the lengths (n,) of vectors (n,3)."""
-    result: Vector = np.sqrt(np.vecdot(vectors, vectors))
-    return result

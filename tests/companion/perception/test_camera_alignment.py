@@ -1,5 +1,7 @@
 """Pictures of a far textured sphere against the attitude that the vehicle tells."""
 
+from collections import Counter
+
 import cv2
 import numpy as np
 import pytest
@@ -97,6 +99,20 @@ def test_the_lag_of_the_stamps_is_found(lag):
 )
 def test_a_camera_other_than_configured_is_told(taken, words):
     assert words in estimate(taken).estimate.contradiction
+
+
+def test_rates_of_long_ago_are_asked_once():
+    asked = Counter()
+
+    def at(time):
+        asked[round(time, 3)] += 1
+        return state(time)
+
+    alignment = CameraAlignment(View(CAMERA, needs_foot=False))
+    for n in range(30):
+        alignment.update(0.1 * n, 0.1 * n, Reduced(picture(0.1 * n)), at)
+    assert alignment.estimate.scale == pytest.approx(1.0, abs=0.02)
+    assert np.mean(list(asked.values())) < 2.5
 
 
 @pytest.mark.parametrize("fov_deg", [145.0, 155.0, 170.0])

@@ -6,7 +6,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from companion.perception.camera import Camera
-from companion.perception.parallax import Parallax, refined
+from companion.perception.inverse_distance import refined
+from companion.perception.parallax import Parallax
 from companion.perception.reduced import Reduced
 from companion.perception.view import View
 from companion.types import Detection
@@ -88,3 +89,17 @@ def test_a_drone_that_hovers_knows_no_distance():
     for _ in range(10):
         found = parallax.update(Reduced(wall_picture(own)), own, [])
     assert not len(found.names)
+
+
+def test_corners_that_left_the_picture_hinder_no_search_for_new_ones():
+    parallax = Parallax(View(CAMERA, needs_foot=False))
+    picture = Reduced(wall_picture(own_state(0.0)))
+    parallax.update(picture, own_state(0.0), [])
+    for u, v in ((322.0, 100.0), (-3.0, 203.0)):
+        corners = parallax._corners[np.arange(len(parallax._corners)) < 5]
+        corners.pixels[0] = u, v
+        parallax._corners = corners
+        parallax._refill(
+            Reduced(wall_picture(own_state(0.0))).grey(320, 200), np.zeros(3), np.eye(3)
+        )
+        assert len(parallax._corners) > 50

@@ -130,6 +130,18 @@ def test_the_panorama_has_each_direction_at_its_azimuth_and_elevation():
     assert seen[cols, rows].all()
 
 
+def test_rows_that_the_picture_does_not_reach_are_left_out():
+    panorama = Panorama(CAMERA, 1.5, 0.2, -1.5, 0.008)
+    image = np.zeros((400, 640, 4), np.uint8)
+    ahead, down = (
+        panorama.resample(image, LevelFrame.along(gravity(pitch, 0)))[1] for pitch in (0, 60)
+    )
+    assert ahead.shape[1] < down.shape[1] <= len(panorama.elevation)
+    below = panorama.elevation[ahead.shape[1] :]
+    rays = np.column_stack([np.zeros_like(below), -np.sin(below), np.cos(below)])
+    assert (CAMERA.project(rays)[:, 1] > 399).all()
+
+
 ASPHALT, SNOW = [106.0, 104, 104], [238.0, 232, 228]
 BROWN, COLD = [50.0, 78, 120], np.array([1.35, 1.0, 0.74])
 STAND = [(3.0, 0.3, 0.5), (6.0, -3.0, 0.8), (9.0, 4.0, 1.0)]
