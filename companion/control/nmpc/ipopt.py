@@ -59,7 +59,8 @@ class IpoptNmpc:
     def _build(self, expand: bool, barrier: float) -> None:
         config, N, stage = self.config, self.config.N, self._stage
         X, U = ca.MX.sym("X", NX, N), ca.MX.sym("U", NU, N)
-        slack = ca.MX.sym("slack", 2, N)
+        count = stage.evaluate.size1_out(2)
+        slack = ca.MX.sym("slack", count, N)
         x0, u_last = ca.MX.sym("x0", NX), ca.MX.sym("u_last", NU)
         stages = ca.MX.sym("stages", stage.linearise.nnz_in(4), N)
         scene = ca.MX.sym("scene", stage.linearise.nnz_in(5))
@@ -72,17 +73,10 @@ class IpoptNmpc:
             arguments = (x, before, U[:, k], X[:, k], stages[:, k], scene, weights)
             reached, stage_cost, margins = stage.evaluate(*arguments)
             cost += stage_cost + self._penalty(slack[:, k])
-            agents, obstacles = margins[: config.neighbours], margins[config.neighbours :]
-            given = [reached - X[:, k], U[:, k] - before]
-            low += [0.0] * NX + [-c for c in change]
-            high += [0.0] * NX + [*change]
-            if k < config.M_constraint:
-                given.append(agents + slack[0, k])
-            given.append(obstacles + slack[1, k])
-            count = sum(int(g.shape[0]) for g in given[2:])
-            low += [0.0] * count
-            high += [INFINITY] * count
-            rows += given
+            first = 0 if k < config.M_constraint else config.neighbours
+            low += [0.0] * NX + [-c for c in change] + [0.0] * (count - first)
+            high += [0.0] * NX + [*change] + [INFINITY] * (count - first)
+            rows += [reached - X[:, k], U[:, k] - before, (margins + slack[:, k])[first:]]
         self._low, self._high = np.array(low), np.array(high)
         problem: Any = {
             "x": ca.veccat(X, U, slack),
@@ -93,8 +87,8 @@ class IpoptNmpc:
         # The bounds that the real-time solver plans within: one problem, one optimum.
         least, most = input_bounds(config)
         bounds = np.full(NX * N, INFINITY)
-        self._least = np.concatenate([-bounds, np.tile(least, N), np.zeros(2 * N)])
-        self._most = np.concatenate([bounds, np.tile(most, N), np.full(2 * N, INFINITY)])
+        self._least = np.concatenate([-bounds, np.tile(least, N), np.zeros(count * N)])
+        self._most = np.concatenate([bounds, np.tile(most, N), np.full(count * N, INFINITY)])
         options: Any = {
             "expand": expand,
             "print_time": False,
@@ -150,7 +144,8 @@ class IpoptNmpc:
         if float(x[0, 6:10] @ x0[6:10]) < 0.0:
             x[:, 6:10] *= -1.0
         origin = np.concatenate([x0[:3], np.zeros(7)])
-        start = np.concatenate([(x[1:] - origin).ravel(), u.ravel(), np.full(2 * N, 1e-3)])
+        slack = np.full(len(self._least) - (NX + NU) * N, 1e-3)
+        start = np.concatenate([(x[1:] - origin).ravel(), u.ravel(), slack])
         here = x0 - origin
         parameters = np.concatenate([here, u_last, stages.T.ravel(), scene, self._weights])
         try:

@@ -156,10 +156,12 @@ static void solve_point(Stage *stages, int N, double dt, double penalty) {
         put(g->xn, x, PX);
         memcpy(z, g->xn, sizeof g->xn);
         memcpy(z + PX, g->wn, sizeof g->wn);
-        for (int n = 0; n < 2; n++)
-            g->sn[n] = g->slacks[n] ? -(g->gs[n] + g->Hps[n][0] * z[0] + g->Hps[n][1] * z[1] +
-                                        g->Hps[n][2] * z[2]) * g->by_Hs[n]
-                                    : 0.0;
+        const double *weight = g->gamma + BOUNDS;
+        for (int n = 0; n < g->rows / WIDTH; n++) {
+            Lanes nearer = AT(g->along[0], n) * z[0] + AT(g->along[1], n) * z[1] +
+                           AT(g->along[2], n) * z[2];
+            AT(g->sn, n) = -(AT(g->gs, n) + AT(weight, n) * nearer) * AT(g->by_Hs, n);
+        }
     }
 }
 
@@ -202,28 +204,24 @@ static double broken(const Stage *stages, int N) {
     return most;
 }
 
-/* Return the deepest of the margins from..to. */
-static double deepest(const Stage *g, int from, int to) {
-    double most = 0.0;
-    for (int n = from; n < to; n++) most = fmax(most, -g->a[BOUNDS + n]);
-    return most;
-}
-
 /* Return the multiplier that constraint c of a stage had at the last solution; or where it is. */
 static double *kept(Stage *g, int c) {
-    int slacks = g->constraints - 4;
     if (c < BOUNDS) return g->kept + c;
-    return g->kept + BOUNDS + (c < slacks ? g->row[c - BOUNDS] : MAX_ROWS + c - slacks);
+    int n = c - BOUNDS;
+    return g->kept + BOUNDS + (n < g->rows ? g->row[n] : MAX_ROWS + g->row[n - g->rows]);
 }
 
-/* Keep the multipliers of a solution. */
+/* Keep the multipliers and slacks of a solution. */
 static void keep(Stage *stages, int N, int rows) {
     for (int i = 0; i < N; i++) {
         Stage *g = stages + i;
-        memset(g->kept, 0, (BOUNDS + rows) * sizeof g->kept[0]);
-        g->kept[KEPT - 2] = g->kept[KEPT - 1] = 0.0;
+        memset(g->deep, 0, rows * sizeof g->deep[0]);
+        memset(g->kept + BOUNDS, 0, rows * sizeof g->kept[0]);
+        memset(g->kept + BOUNDS + MAX_ROWS, 0, rows * sizeof g->kept[0]);
         for (int c = 0; c < g->constraints; c++)
             if (g->real[c]) *kept(g, c) = g->l[c];
+        for (int n = 0; n < g->rows; n++)
+            if (g->real[BOUNDS + n]) g->deep[g->row[n]] = g->s[n];
     }
 }
 
@@ -236,9 +234,10 @@ static double begin(const Program *p, Stage *stages) {
         Stage *g = stages + i;
         memset(g->x, 0, sizeof g->x);
         memset(g->w, 0, sizeof g->w);
-        for (int k = 0, from = 0; k < 2; from += g->rows[k++]) {
-            if (!p->again) g->s[k] = deepest(g, from, from + g->rows[k]) + room;
-            g->s[k] = g->slacks[k] ? fmax(g->s[k], LEAST_SLACK) : 0.0;
+        for (int n = 0; n < g->rows; n++) {
+            double first = fmax(0.0, -g->a[BOUNDS + n]) + room;
+            if (p->again && g->real[BOUNDS + n]) first = fmax(g->deep[g->row[n]], LEAST_SLACK);
+            g->s[n] = g->real[BOUNDS + n] * first;
         }
         values(g, g->x, g->w, g->s, none, g->t);
         for (int c = 0; c < g->constraints; c++) {
@@ -314,7 +313,8 @@ int solve_program(const Program *given) {
                 AT(g->x, v) += length * (AT(g->xn, v) - AT(g->x, v));
             for (int v = 0; v < NU / WIDTH; v++)
                 AT(g->w, v) += length * (AT(g->wn, v) - AT(g->w, v));
-            for (int n = 0; n < 2; n++) g->s[n] += length * (g->sn[n] - g->s[n]);
+            for (int n = 0; n < g->rows / WIDTH; n++)
+                AT(g->s, n) += length * (AT(g->sn, n) - AT(g->s, n));
             for (int c = 0; c < g->constraints / WIDTH; c++) {
                 AT(g->t, c) += length * AT(g->dt, c);
                 AT(g->l, c) += length * AT(g->dl, c);

@@ -3,18 +3,18 @@
  * It is called by `kernel.py`, and given the sizes of the model and of its memory by -D: NX, NU,
  * LOCAL_*, MAX_*. Without it PIQP solves the same program (`qp.py`).
  *
- * The variables are steps from the iterate, dx_1..dx_N (10 each) and w_i = du_i (4 each), and two
- * slacks s >= 0 for each stage (0: neighbours, 1: obstacles). With v_i = w_i - w_{i-1}:
+ * The variables are steps from the iterate, dx_1..dx_N (10 each) and w_i = du_i (4 each), and a
+ * slack s >= 0 for each margin of each stage. With v_i = w_i - w_{i-1}:
  *
- *   minimise  sum of stage costs + penalty s + quadratic s^2/2
+ *   minimise  sum of stage costs + sum of penalty s + quadratic s^2/2
  *   subject   dx_{i+1} = A dx_i + B w_i + gap,  bounds on w_i and v_i,
  *             margin + slope . dp_{i+1} + s >= 0 for each row.
  *
  * The method is Mehrotra's predictor-corrector (1992). For a constraint a.y + h = t >= 0 with
  * multiplier l, the Newton system is that of an equality-constrained quadratic program with Hessian
  * H + (l/t) a a' and gradient g - a ((target - correction)/t + l - (l/t) h); its solution is the
- * next y itself. Slacks are eliminated by hand, the rest by a Riccati recursion over (dx_i,
- * w_{i-1}). All residuals shrink by (1 - step length), so that their product measures the
+ * next y itself. A slack is in one margin alone, so that it is eliminated by a division; the rest
+ * by a Riccati recursion over (dx_i, w_{i-1}). All residuals shrink by (1 - step length), so that their product measures the
  * infeasibility. No branch depends on a clock, and the order of operations is fixed.
  *
  * Inside the kernel a state is three vectors of four, position, velocity, attitude, the fourth
@@ -32,8 +32,7 @@
 #define PZ 16     /* places of a state and w */
 #define DENSE 8   /* places of attitude and w */
 #define BOUNDS 16 /* w lower, w upper, v lower, v upper */
-#define MAX_CONSTRAINTS (BOUNDS + MAX_ROWS + 12)
-#define KEPT (BOUNDS + MAX_ROWS + 2)
+#define MAX_CONSTRAINTS (BOUNDS + 2 * MAX_ROWS)
 #define MAX_ITERATIONS 40
 #define NOTHING 1e-200 /* multiplier of what only fills a vector */
 /* Room of constraints at the first point, by how far others are broken there. Little room is soon
@@ -54,6 +53,7 @@ typedef double Lanes __attribute__((vector_size(8 * WIDTH), aligned(8), may_alia
 #define AT(array, n) (((Lanes *)(array))[n])
 
 _Static_assert(NU == 4 && NX == 10, "vectors of four are written out for these");
+_Static_assert(MAX_ROWS % 4 == 0, "rows are filled up to whole vectors");
 
 typedef struct {
     double F[PX][DENSE];  /* [A B], columns of attitude and w */
@@ -66,23 +66,23 @@ typedef struct {
     double Hx[PX][PX], gx[PX];
     double He[NU], ge[NU];         /* effort */
     double Hr[NU], gr[NU];         /* change */
-    double slope[MAX_ROWS + 6][4]; /* of each row */
-    double along[3][MAX_ROWS + 6]; /* the same by direction */
-    int rows[2];                   /* in reach, of each slack; then whole vectors */
-    int row[MAX_ROWS + 6];         /* which margin it is */
-    int constraints;               /* BOUNDS, rows, a vector of two slacks */
-    int slacks[2];                 /* whether any row uses it */
-    double kept[KEPT];             /* multipliers of the last solution: bounds, margins, slacks */
+    double slope[MAX_ROWS][4];     /* of each row */
+    double along[3][MAX_ROWS];     /* the same by direction */
+    int rows;                      /* in reach, filled up to whole vectors */
+    int row[MAX_ROWS];             /* which margin it is */
+    int constraints;               /* BOUNDS, rows, their slacks */
+    double kept[MAX_CONSTRAINTS];  /* multipliers of the last solution: bounds, margins, slacks */
+    double deep[MAX_ROWS];         /* slacks of the last solution, by margin */
     double real[MAX_CONSTRAINTS];  /* 0 for what only fills a vector */
     double a[MAX_CONSTRAINTS];     /* offset h of each constraint */
     double t[MAX_CONSTRAINTS], l[MAX_CONSTRAINTS];
     double inverse[MAX_CONSTRAINTS]; /* 1 / t */
     double gamma[MAX_CONSTRAINTS], push[MAX_CONSTRAINTS];
     double dt[MAX_CONSTRAINTS], dl[MAX_CONSTRAINTS];
-    double by_Hs[2], Hps[2][4], gs[2]; /* of slacks: 1 / Hessian, mixed with x, gradient */
-    double x[PX], w[NU], s[2];    /* the point: dx_{i+1}, w_i, slacks */
-    double xn[PX], wn[NU], sn[2]; /* the next point */
-    double R[NU], r[NU];          /* change cost with its barrier */
+    double by_Hs[MAX_ROWS], gs[MAX_ROWS];    /* of slacks: 1 / Hessian, gradient */
+    double x[PX], w[NU], s[MAX_ROWS];        /* the point: dx_{i+1}, w_i, slacks */
+    double xn[PX], wn[NU], sn[MAX_ROWS];     /* the next point */
+    double R[NU], r[NU];                     /* change cost with its barrier */
 } Stage;
 
 /* A sparse matrix inside a stage's column of `source`; `kernel.py` has the same structure. */
@@ -125,15 +125,14 @@ typedef struct {
 
 size_t stage_bytes(void) { return sizeof(Stage); }
 
-/* Set the rows in reach of one slack's kind, margins from..to, after `filled` others. */
-static void load_rows(const Program *p, Stage *g, const double *column, int kind, int from, int to,
-                      int filled) {
+/* Set the rows in reach, margins from..p->rows. */
+static void load_rows(const Program *p, Stage *g, const double *column, int from) {
     double dense[MAX_ROWS][3];
     memset(dense, 0, p->rows * sizeof dense[0]);
     for (int n = 0; n < p->slope.count; n++)
         dense[p->slope.rows[n]][p->slope.columns[n]] = column[p->slope.offset + n];
-    int n = filled;
-    for (int row = from; row < to; row++) {
+    int n = 0;
+    for (int row = from; row < p->rows; row++) {
         double margin = column[p->margin.offset + row];
         if (margin > OUT_OF_REACH) continue;
         for (int d = 0; d < 3; d++) g->slope[n][d] = g->along[d][n] = dense[row][d];
@@ -142,14 +141,19 @@ static void load_rows(const Program *p, Stage *g, const double *column, int kind
         g->real[BOUNDS + n] = 1.0;
         g->a[BOUNDS + n++] = margin;
     }
-    g->slacks[kind] = n > filled;
     for (; n % 4; n++) {
         memset(g->slope[n], 0, sizeof g->slope[n]);
         for (int d = 0; d < 3; d++) g->along[d][n] = 0.0;
         g->real[BOUNDS + n] = 0.0;
         g->a[BOUNDS + n] = 1.0;
     }
-    g->rows[kind] = n - filled;
+    g->rows = n;
+    g->constraints = BOUNDS + 2 * n;
+    const double *real = g->real + BOUNDS;
+    for (int k = 0; k < n; k++) {
+        g->real[BOUNDS + n + k] = real[k];
+        g->a[BOUNDS + n + k] = 1.0 - real[k];
+    }
 }
 
 /* Set the data of all stages. */
@@ -196,14 +200,7 @@ static void load(const Program *p, Stage *stages) {
             g->a[12 + n] = p->change[n] - v;
         }
         for (int n = 0; n < BOUNDS; n++) g->real[n] = 1.0;
-        load_rows(p, g, c, 0, 0, i < p->agent_stages ? p->agents : 0, 0);
-        load_rows(p, g, c, 1, p->agents, p->rows, g->rows[0]);
-        int slacks = BOUNDS + g->rows[0] + g->rows[1];
-        g->constraints = slacks + 4;
-        for (int n = 0; n < 4; n++) {
-            g->real[slacks + n] = n < 2 && g->slacks[n];
-            g->a[slacks + n] = g->real[slacks + n] ? 0.0 : 1.0;
-        }
+        load_rows(p, g, c, i < p->agent_stages ? 0 : p->agents);
     }
 }
 
@@ -223,12 +220,12 @@ static inline void values(const Stage *g, const double *x, const double *w, cons
         Lanes here = AT(w, n), change = here - AT(before, n);
         AT(out, n) = here, AT(out + 4, n) = -here, AT(out + 8, n) = change, AT(out + 12, n) = -change;
     }
-    int first = g->rows[0] / WIDTH, all = first + g->rows[1] / WIDTH;
-    for (int n = 0; n < all; n++)
+    double *slacks = out + BOUNDS + g->rows;
+    for (int n = 0; n < g->rows / WIDTH; n++) {
         AT(out + BOUNDS, n) = AT(g->along[0], n) * x[0] + AT(g->along[1], n) * x[1] +
-                              AT(g->along[2], n) * x[2] + s[n >= first];
-    double *slacks = out + BOUNDS + all * WIDTH;
-    slacks[0] = s[0], slacks[1] = s[1], slacks[2] = slacks[3] = 0.0;
+                              AT(g->along[2], n) * x[2] + AT(s, n);
+        AT(slacks, n) = AT(s, n);
+    }
 }
 
 /* Stage Hessian (with barrier) into P, and the parts that depend on gamma only. */
@@ -240,53 +237,35 @@ static inline void add_hessian(Stage *g, double quadratic, double P[PZ][PZ]) {
         P[PX + n][PX + n] += g->He[n] + m[n] + m[4 + n];
         g->R[n] = g->Hr[n] + m[8 + n] + m[12 + n];
     }
-    double Hs[2];
+    const double *slacks = weight + g->rows;
+    double left[MAX_ROWS]; /* weight of a row with its slack eliminated */
+    for (int n = 0; n < g->rows / WIDTH; n++) {
+        Lanes stiff = quadratic + AT(slacks, n);
+        AT(g->by_Hs, n) = 1.0 / (stiff + AT(weight, n));
+        AT(left, n) = AT(weight, n) * stiff * AT(g->by_Hs, n);
+    }
     Lanes pp[3][4 / WIDTH] = {{{0}}};
-    const double(*slope)[4] = g->slope;
-    for (int k = 0; k < 2; k++) {
-        double sum = quadratic;
-        Lanes coupling[4 / WIDTH] = {{0}};
-        for (int n = 0; n < g->rows[k]; n++) {
-            sum += weight[n];
-            add(coupling, weight[n], slope[n], 4);
-            for (int r = 0; r < 3; r++) add(pp[r], weight[n] * slope[n][r], slope[n], 4);
-        }
-        slope += g->rows[k];
-        weight += g->rows[k];
-        Hs[k] = sum;
-        put(g->Hps[k], coupling, 4);
-    }
-    for (int k = 0; k < 2; k++) {
-        g->by_Hs[k] = 1.0 / (Hs[k] + weight[k]);
-        for (int r = 0; r < 3; r++) add(pp[r], -g->Hps[k][r] * g->by_Hs[k], g->Hps[k], 4);
-    }
+    for (int n = 0; n < g->rows; n++)
+        for (int r = 0; r < 3; r++) add(pp[r], left[n] * g->slope[n][r], g->slope[n], 4);
     for (int r = 0; r < 3; r++)
         for (int v = 0; v < 4 / WIDTH; v++) AT(P[r], v) += pp[r][v];
 }
 
 /* Stage gradient (with barrier) into p, by the pushes. */
 static inline void add_gradient(Stage *g, double penalty, double p[PZ]) {
-    const double *q = g->push, *push = q + BOUNDS;
-    const double(*slope)[4] = g->slope;
+    const double *q = g->push, *push = q + BOUNDS, *slacks = push + g->rows;
+    const double *weight = g->gamma + BOUNDS, *real = g->real + BOUNDS;
     Lanes by_rows[4 / WIDTH] = {{0}};
     for (int v = 0; v < PX / WIDTH; v++) AT(p, v) += AT(g->gx, v);
     for (int v = 0; v < NU / WIDTH; v++) {
         AT(p + PX, v) += AT(g->ge, v) - AT(q, v) + AT(q + 4, v);
         AT(g->r, v) = AT(g->gr, v) - AT(q + 8, v) + AT(q + 12, v);
     }
-    for (int k = 0; k < 2; k++) {
-        double sum = penalty;
-        for (int n = 0; n < g->rows[k]; n++) {
-            add(by_rows, -push[n], slope[n], 4);
-            sum -= push[n];
-        }
-        slope += g->rows[k];
-        push += g->rows[k];
-        g->gs[k] = sum;
+    double pull[MAX_ROWS]; /* push of a row with its slack eliminated */
+    for (int n = 0; n < g->rows / WIDTH; n++) {
+        AT(g->gs, n) = AT(real, n) * (penalty - AT(push, n) - AT(slacks, n));
+        AT(pull, n) = AT(push, n) + AT(weight, n) * AT(g->by_Hs, n) * AT(g->gs, n);
     }
-    for (int k = 0; k < 2; k++) {
-        g->gs[k] = g->slacks[k] ? g->gs[k] - push[k] : 0.0;
-        add(by_rows, -g->gs[k] * g->by_Hs[k], g->Hps[k], 4);
-    }
+    for (int n = 0; n < g->rows; n++) add(by_rows, -pull[n], g->slope[n], 4);
     for (int v = 0; v < 4 / WIDTH; v++) AT(p, v) += by_rows[v];
 }

@@ -94,10 +94,8 @@ def brake_guess(config: NmpcConfig, x0: Vector) -> Trajectory:
 
 
 def penalty(config: NmpcConfig, margins: Vector) -> float:
-    """Return the penalty of the deepest intrusion per stage and kind, by margins (N,rows) m."""
-    J = config.neighbours
-    kinds = (margins[:, :J].min(axis=1, initial=0.0), margins[:, J:].min(axis=1, initial=0.0))
-    deep = -np.concatenate(kinds)
+    """Return the penalty of all intrusions, by margins (N,rows) m."""
+    deep = -np.minimum(margins, 0.0)
     return float(np.sum(config.penalty * deep + 0.5 * config.penalty_quadratic * deep**2))
 
 

@@ -1,9 +1,9 @@
 """The quadratic program of one SQP iteration in PIQP, filled in place.
 
-The variables are u_0, then for k = 1…N: x_k, two slacks (neighbours; obstacles), u_k (k < N); all
-but the slacks are steps from the iterate. That order makes the matrices block-banded, which PIQP's
-multistage backend factorises in time linear in N. There is one slack per stage and kind, not per
-row: the L1 penalty on the largest intrusion is as exact, and the program stays small.
+The variables are u_0, then for k = 1…N: x_k, a slack for each margin, u_k (k < N); all but the
+slacks are steps from the iterate. That order makes the matrices block-banded, which PIQP's
+multistage backend factorises in time linear in N. One slack for all would make room for a second
+intrusion that is no deeper than the first.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Layout:
     size: int
     u: Indices  # (N, 4)
     x: Indices  # (N, 10), x_1…x_N
-    slack: Indices  # (N, 2) of neighbours and obstacles at 1…N
+    slack: Indices  # (N, rows) of the margins at 1…N
 
     def local(self, stage: int) -> Indices:
         """Return the places of a stage's local variables; -1 for x_0 and u_{-1}."""
@@ -59,14 +59,14 @@ class Layout:
         return places
 
 
-def layout(N: int) -> Layout:
-    """Return the order of the variables."""
-    u, x, slack = np.zeros((N, NU), int), np.zeros((N, NX), int), np.zeros((N, 2), int)
+def layout(N: int, rows: int) -> Layout:
+    """Return the order of the variables, with `rows` margins a stage."""
+    u, x, slack = np.zeros((N, NU), int), np.zeros((N, NX), int), np.zeros((N, rows), int)
     u[0], place = np.arange(NU), NU
     for k in range(N):
         x[k] = place + np.arange(NX)
-        slack[k] = place + NX + np.arange(2)
-        place += NX + 2
+        slack[k] = place + NX + np.arange(rows)
+        place += NX + rows
         if k < N - 1:
             u[k + 1] = place + np.arange(NU)
             place += NU
@@ -134,7 +134,7 @@ class Program:
 
         self.config = config
         N = config.N
-        self.where = layout(N)
+        self.where = layout(N, len(stage.margin.rows))
         self.count = stage.size
         constants = np.array([1.0, -1.0, DAMPING, config.penalty_quadratic])
         self.source = np.concatenate([np.zeros(N * stage.size), constants])
@@ -229,8 +229,7 @@ class Program:
                     self._sources(i, stage.slope, keep),
                 )
             )
-            slack = np.where(np.arange(count) < agents, *self.where.slack[i])[used]
-            entries.append(self._constant(place[used], slack, self._one))
+            entries.append(self._constant(place[used], self.where.slack[i][used], self._one))
             margin_rows.append(place[used])
             margins.append(self._sources(i, stage.margin, used))
             row += int(used.sum())
