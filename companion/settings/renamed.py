@@ -19,10 +19,13 @@ RENAMED = {
     "gaze.seen_none": "speed_limits.no_view",
     "gaze.creep": "speed_limits.no_view_share",
 }
+_ONE_START = "a solve has one start since each neighbour and obstacle has its own slack"
 _ODDS = "tracker.detected, ghosts and surest tell how sure looks make of a neighbour"
 REMOVED = {
     # Its value scaled every threat alike and changed no flight; moved to nmpc.d_ref it would.
     "threat.d_ref": "nmpc.d_ref serves both; leave this key out",
+    "nmpc.rescue_slack": _ONE_START,
+    "nmpc.sqp_iterations_rescue": _ONE_START,
     "tracker.hits_to_confirm": "tracker.confirmed tells from which probability on a track counts",
     "tracker.life_per_look": _ODDS,
     "tracker.misses_to_drop": _ODDS,

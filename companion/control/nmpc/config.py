@@ -157,12 +157,6 @@ class NmpcConfig(StrictModel):
     sqp_iterations: int = Field(2, ge=1, le=50, description="Least number in a tick.")
     sqp_iterations_max: int = Field(8, ge=1, le=500, description="Most, while the step is large.")
     sqp_iterations_cold: int = Field(15, ge=1, le=500, description="Most in the first tick.")
-    sqp_iterations_rescue: int = Field(
-        15,
-        ge=1,
-        le=500,
-        description="Most of the second start, from braking to a halt, where a plan intrudes.",
-    )
     work_max: int = Field(
         67,
         ge=1,
@@ -170,12 +164,6 @@ class NmpcConfig(StrictModel):
         "which it begins no further step; a second start then goes on in the next tick. 67 takes "
         "three times the median tick, and costs 0.01 % on the stored set; in twelve crossings the "
         "least distance was 0.02 m less, +-0.03. 1000 is never reached.",
-    )
-    rescue_slack: float = Field(
-        0.1,
-        ge=0,
-        description="A plan that intrudes deeper [m] is compared with one that brakes to a halt. "
-        "Into a plane, it is the depth beyond that of the first step.",
     )
     step_tolerance: float = Field(
         0.1,

@@ -11,14 +11,13 @@ from companion.control.nmpc.config import NmpcConfig
 from companion.control.nmpc.instance import Instance
 from companion.model import HOVER, NU, yaw_of
 from companion.types import Plan, PlanStatus
-from mavlink_bridge.shared.arrays import Vector, norm
+from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.frames import quaternion_from_euler
 
 Trajectory = tuple[Vector, Vector]
 
 ACTIVE = 1e-3  # SI; a constraint nearer than this to its bound is named in Plan.active
-_BRAKING = 3.0  # m/s², of the guess that brakes
 
 
 def no_clock() -> float:
@@ -71,20 +70,6 @@ def cold_guess(config: NmpcConfig, instance: Instance, x0: Vector) -> Trajectory
     e = instance.goal - x0[:3]
     wanted = instance.speed * e / np.sqrt(e @ e + config.goal_smoothing**2)
     v = x0[3:6] + (wanted - x0[3:6]) * np.minimum(k, 1.0)
-    p = x0[:3] + np.concatenate([np.zeros((1, 3)), np.cumsum(v[:-1], axis=0) * config.dt])
-    q = quaternion_from_euler(0.0, 0.0, yaw_of(x0[6:10]))
-    q = q if float(q @ x0[6:10]) >= 0.0 else -q
-    x = np.concatenate([p, v, np.tile(q, (config.N + 1, 1))], axis=1)
-    x[0] = x0
-    return x, np.tile(HOVER, (config.N, 1))
-
-
-def brake_guess(config: NmpcConfig, x0: Vector) -> Trajectory:
-    """Return straight, level flight to a halt at `_BRAKING`: a guess where a plan is stuck."""
-    k = np.arange(config.N + 1)[:, None] * config.dt
-    speed = max(norm(x0[3:6]), 1e-6)
-    left = np.maximum(1.0 - _BRAKING / speed * k, 0.0)
-    v = x0[3:6] * left
     p = x0[:3] + np.concatenate([np.zeros((1, 3)), np.cumsum(v[:-1], axis=0) * config.dt])
     q = quaternion_from_euler(0.0, 0.0, yaw_of(x0[6:10]))
     q = q if float(q @ x0[6:10]) >= 0.0 else -q

@@ -5,13 +5,9 @@ linearised to their safe side (`constraints.py`). So full steps converge, except
 pressed hard against the curvature of the dynamics. After more steps than a tick ever takes, for an
 optimum, only the part of each step that makes the plan cheaper is taken.
 
-A plan that intrudes on others may be a bad local minimum. It is then compared with the plan that
-follows from braking to a halt, and the cheaper of the two flies. A tick has a limit of work; what
-is unfinished of the second start is shifted and goes on in the next tick, which both share.
-
-All iterations end by count, never by the clock: the same instances give the same plans, bit for
-bit. Source: Diehl, Bock and Schlöder, "A real-time iteration scheme for nonlinear optimization in
-optimal feedback control", 2005.
+A tick has a limit of work. All iterations end by count, never by the clock: the same instances give
+the same plans, bit for bit. Source: Diehl, Bock and Schlöder, "A real-time iteration scheme for
+nonlinear optimization in optimal feedback control", 2005.
 """
 
 from __future__ import annotations
@@ -32,7 +28,6 @@ from companion.control.nmpc.kernel import CompiledProgram
 from companion.control.nmpc.layout import StageLayout
 from companion.control.nmpc.outcome import (
     Trajectory,
-    brake_guess,
     cold_guess,
     failed_plan,
     hover,
@@ -59,8 +54,6 @@ LEAST_GAIN = 1e-8  # share of the cost that a later step gains; less: the optimu
 
 # Work beside iterations, in interior-point iterations: as much time.
 _STEP_WORK = 2  # of an SQP step: linearisation
-_START_WORK = 5  # of a second start: guess, cost, intrusion
-_FIRST_STEP = 18  # of a second start's first step, hard as it is: enough for most
 
 
 @dataclass
@@ -86,32 +79,14 @@ class _Work:
 class _Descent:
     """The end of the steps from one guess.
 
-    cost: (29) with penalties. gap: sum of the defects left in (31). margins (N,rows): m.
+    cost: (29) with penalties. margins (N,rows): m.
     """
 
     plan: Trajectory
     cost: float
-    gap: float
     margins: Vector
     iterations: int
     step_norm: float
-
-    def intrusion(self, planes: int) -> float:
-        """Return the deepest intrusion [m] into (37), (38).
-
-        planes: number of rows, the last, that are half-spaces. Into these, only the depth beyond
-        that of the first step counts: in 0.1 s no plan gets out, and a drone that lands through the
-        floor of the flying height has no better plan.
-        """
-        deep = -np.minimum(self.margins, 0.0)
-        most = deep.max(axis=0)
-        first = len(most) - planes
-        most[first:] -= deep[0, first:]
-        return float(most.max(initial=0.0))
-
-    def merit(self, config: NmpcConfig) -> float:
-        """Return the measure of two descents: a plan that breaks the dynamics is dear."""
-        return self.cost + config.penalty * self.gap
 
 
 class Nmpc:
@@ -150,14 +125,11 @@ class Nmpc:
         linearised = self._program.source[: config.N * stage.size]
         self._stages = Stages(config, stage, linearised, run_by)
         self._plan: Trajectory | None = None
-        self._second_waits = False  # the last tick had no room for the second start, or for its end
-        self._second: Trajectory | None = None  # where it broke off
         self._work = _Work()
 
     def reset(self) -> None:
         """Forget the previous plan: the next solve starts cold."""
-        self._plan = self._second = None
-        self._second_waits = False
+        self._plan = None
 
     def solve(self, instance: Instance) -> Plan:
         """Return the plan of an instance, one step after the previous one.
@@ -171,10 +143,8 @@ class Nmpc:
     def _solve(self, instance: Instance, started: float) -> Plan:
         config, stages, program = self.config, self._stages, self._program
         self._work = _Work(config.work_max)
-        self._plan, self._second = (
-            None if plan is None else shifted(plan, config.dt)
-            for plan in (self._plan, self._second)
-        )
+        if self._plan is not None:
+            self._plan = shifted(self._plan, config.dt)
         u_last = np.clip(instance.u_last, program.u_min, program.u_max)
         x0 = instance.x0.copy()
         attitude = math.sqrt(float(x0[6:10] @ x0[6:10]))
@@ -200,38 +170,16 @@ class Nmpc:
         )
 
     def _best(self, instance: Instance, x0: Vector, u_last: Vector) -> _Descent | None:
-        """Return the descent from the previous plan or, where that intrudes, a cheaper one."""
-        config, work = self.config, self._work
-        if self._plan is None:
-            guess, most = cold_guess(config, instance, x0), config.sqp_iterations_cold
-        else:
-            guess, most = self._plan, config.sqp_iterations_max
-        waited, self._second_waits = self._second_waits, False
-        if waited:
-            work.limit -= _START_WORK + _FIRST_STEP
-        best = self._descend(guess, x0, u_last, config.sqp_iterations, most)
-        if best is not None and best.intrusion(config.planes) <= config.rescue_slack:
-            self._second = None
-            return best
-        work.limit = config.work_max
-        work.done += _START_WORK
-        work.next_step = _FIRST_STEP
-        if best is None or waited or work.left:
-            return self._cheaper(best, x0, u_last)
-        self._second_waits = True
-        return best
-
-    def _cheaper(self, best: _Descent | None, x0: Vector, u_last: Vector) -> _Descent | None:
-        """Return `best`, or the end of a second start: from braking, or where it broke off."""
-        config = self.config
-        guess, self._second = self._second or brake_guess(config, x0), None
-        second = self._descend(guess, x0, u_last, 1, config.sqp_iterations_rescue)
-        if best is None or second is None:
-            return best or second
-        if second.merit(config) < best.merit(config):
-            return second
-        if second.step_norm > config.step_tolerance:
-            self._second, self._second_waits = second.plan, True
+        """Return the descent from the previous plan; where it fails, from a cold guess."""
+        config, best = self.config, None
+        if self._plan is not None:
+            best = self._descend(
+                self._plan, x0, u_last, config.sqp_iterations, config.sqp_iterations_max
+            )
+        if best is None:
+            guess = cold_guess(config, instance, x0)
+            most = config.sqp_iterations_cold
+            best = self._descend(guess, x0, u_last, config.sqp_iterations, most)
         return best
 
     def _descend(
@@ -270,13 +218,12 @@ class Nmpc:
         cost = self._cost()
         if iterations == 0 or not math.isfinite(cost):
             return None
-        gap = float(np.abs(stages.reached - stages.x[1:]).sum())
         x = stages.x.copy()
         x[:, :3] += x0[:3]
         q = x[:, 6:10]
         q /= np.sqrt((q * q).sum(axis=1))[:, None]
         return _Descent(
-            (x, stages.u.copy()), cost, gap, stages.margins.copy(), iterations, min(step_norm, 1e9)
+            (x, stages.u.copy()), cost, stages.margins.copy(), iterations, min(step_norm, 1e9)
         )
 
     def _improve(self, du: Vector) -> bool:

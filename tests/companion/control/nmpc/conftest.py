@@ -12,7 +12,6 @@ def thorough():
     return NmpcConfig(
         sqp_iterations_cold=200,
         sqp_iterations_max=200,
-        sqp_iterations_rescue=200,
         step_tolerance=1e-5,
         work_max=100_000,
     )

@@ -118,7 +118,6 @@ def test_both_paths_agree_at_other_sizes(sizes):
     config = NmpcConfig(
         **sizes,
         sqp_iterations_cold=100,
-        sqp_iterations_rescue=100,
         step_tolerance=1e-3,
         work_max=100_000,
     )
