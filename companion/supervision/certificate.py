@@ -91,12 +91,12 @@ def check(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, bounds: Bou
     n = len(way.p) if np.ndim(way.p) else 0
     try:
         with np.errstate(all="ignore"):
-            sane = all(np.isfinite(a).all() for a in (x0, wind, *vars(scene).values()))
-            sane = sane and way.p.shape == way.v.shape and way.u.shape == (n, 4)
+            given = [np.ravel(a) for a in (x0, wind, *vars(scene).values())]
+            sane = np.isfinite(np.concatenate(given)).all()
+            sane &= way.p.shape == way.v.shape and way.u.shape == (n, 4)
             margins = _margins(way, x0, wind, scene, bounds)
-            good = np.isfinite(margins).all(axis=1) & sane
-            for a in (way.u, way.p, way.v):
-                good &= np.isfinite(a).reshape(n, -1).all(axis=1)
+            numbers = [margins, *(a.reshape(n, -1) for a in (way.u, way.p, way.v))]
+            good = np.isfinite(np.concatenate(numbers, axis=1)).all(axis=1) & sane
     except (ValueError, TypeError, IndexError, AttributeError):  # shapes that do not fit
         return Findings(bad := np.full(n, -_FAR), (CAUSES[-1],) * n, bad, bad)
     by_cause, (course, fixed) = margins[:, :-2], np.where(good, margins[:, -2:].T, -_FAR)
@@ -109,7 +109,8 @@ def _margins(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, b: Bound
     """Return the margins (n,9) m: by cause, the last -_FAR or _FAR; courses; what is fixed."""
     p, t = way.p, DT * np.arange(way.p.shape[1])
     fast: Vector = _length(way.v) > b.rest
-    later: Vector = np.cumsum(fast[:, ::-1], axis=1)[:, ::-1] > 0  # not yet at rest for good
+    # not yet at rest for good
+    later: Vector = np.logical_or.accumulate(fast[:, ::-1], axis=1)[:, ::-1]
     tube = b.track + b.track_rate * t[1:]  # by steps
     sides = scene.planes[:, :3]  # a drone that is farther out than it may be goes no farther
     limits = np.maximum(scene.planes[:, 3] + b.fence_over, sides @ x0[:3])
@@ -122,8 +123,8 @@ def _margins(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, b: Bound
     stops = np.where(fast[:, -1], -_FAR, flyable)
     least = np.minimum(np.min(course, axis=0), np.minimum(fence, flyable))
     fixed = np.minimum(course[2], course[3])
-    found: Vector = np.stack([*margins[:4], fence, margins[4], stops, least, fixed], axis=1)
-    return np.minimum(found, _FAR)
+    found: Vector = np.array([*margins[:4], fence, margins[4], stops, least, fixed])
+    return np.minimum(found.T, _FAR)
 
 
 def _neighbours(p: Vector, t: Vector, tube: Vector, rows: Vector, b: Bounds) -> list[Vector]:
@@ -163,10 +164,11 @@ def _unseen(p: Vector, t: Vector, free: Vector, b: Bounds) -> Vector:
 
 def _flyable(way: Trajectories, x0: Vector, wind: Vector, b: Bounds) -> Vector:
     """Return which trajectories (n,) begin with their command and stay within thrust and rates."""
-    p, v, u, q = way.p, way.v, way.u, x0[6:10] / _length(x0[6:10])
+    p, v, u, q = way.p, way.v, way.u, x0[6:10] / np.sqrt((x0[6:10] ** 2).sum())
     weight, half = np.array([0.0, 0.0, G]) - wind, 0.5 * DT * u[:, 1:4]
-    axis = np.column_stack([half[:, 1], -half[:, 0], np.ones(len(u))])  # of the thrust, body
-    w, x, y, z = q
+    axis = np.ones((len(u), 3))  # of the thrust, body
+    axis[:, 0], axis[:, 1] = half[:, 1], -half[:, 0]
+    w, x, y, z = q.tolist()
     turn = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])  # q[1:] × …
     axis = axis @ (np.eye(3) + 2.0 * (w * turn + turn @ turn)).T  # world
     then = x0[3:6] + DT * (u[:, :1] * axis / _length(axis)[:, None] - weight)
@@ -179,7 +181,7 @@ def _flyable(way: Trajectories, x0: Vector, wind: Vector, b: Bounds) -> Vector:
     size = _length(force)
     along = force / size[..., None]
     turned = min(np.sqrt(2.0) * b.omega_max * DT + _ROUNDING, np.pi)
-    good &= ((along[:, 1:] * along[:, :-1]).sum(axis=2) >= np.cos(turned)).all(axis=1)
+    good &= (_dot(along[:, 1:], along[:, :-1]) >= np.cos(turned)).all(axis=1)
     result: Vector = good & (size <= b.c_max + _ROUNDING).all(axis=1)
     return result
 
@@ -187,12 +189,19 @@ def _flyable(way: Trajectories, x0: Vector, wind: Vector, b: Bounds) -> Vector:
 def _apart(offsets: Vector) -> Vector:
     """Return the least distance from 0 (...,T-1) on each step between offsets (...,T,d)."""
     a, d = offsets[..., :-1, :], offsets[..., 1:, :] - offsets[..., :-1, :]
-    s = np.maximum(-(a * d).sum(axis=-1) / np.maximum((d * d).sum(axis=-1), 1e-12), 0.0)
+    s = np.maximum(-_dot(a, d) / np.maximum(_dot(d, d), 1e-12), 0.0)
     return _length(a + np.minimum(s, 1.0)[..., None] * d)
 
 
 def _length(a: Vector) -> Vector:
-    return np.asarray(np.sqrt((a * a).sum(axis=-1)))
+    return np.asarray(np.sqrt(_dot(a, a)))
+
+
+def _dot(a: Vector, b: Vector) -> Vector:
+    """Return the products (...) of vectors (...,d): numpy sums so few numbers slowly."""
+    each = a * b
+    whole: Vector = each[..., 0] + each[..., 1]
+    return whole + each[..., 2] if each.shape[-1] == 3 else whole
 
 
 def _least(room: Vector) -> Vector:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -102,16 +103,29 @@ class Certified:
     instead: RateCommand | None = None
 
 
-@dataclass(frozen=True)
-class _Try:
-    """A way that was tried: its first command, and what it leaves over [m], see `Findings`."""
+class _Try(NamedTuple):
+    """A way that was tried, number k of some, and what it leaves over [m], see `Findings`.
 
-    way: Ways
-    command: RateCommand
+    u: (4,), its first command. Most ways are not flown: `way` and `command` are made when asked.
+    """
+
+    ways: Ways
+    k: int
+    u: Vector
     margin: float
     cause: str
     course: float
     fixed: float
+
+    @property
+    def way(self) -> Ways:
+        """The way alone."""
+        return self.ways.one(self.k)
+
+    @property
+    def command(self) -> RateCommand:
+        """The first command of the way."""
+        return RateCommand(self.u[1:4], float(self.u[0]))
 
     @property
     def room(self) -> float:
@@ -224,13 +238,14 @@ class Certifier:
         self, first: Vector | None, prediction: Prediction, scene: Scene, law: Law
     ) -> list[_Try]:
         """Return ways to stop after the command `first` (4,) or at once, until one has room."""
-        found = self._tried(STRAIGHT, first, prediction, scene, law)
-        for side in (_SIDE, _FAR_SIDE):
-            if max(way.room for way in found) >= 0.0:
-                break
-            sides = aside(prediction.x0[3:6], *side)
-            found += self._tried(sides, first, prediction, scene, law)
-        return found
+        straight = self._tried(STRAIGHT, first, prediction, scene, law)
+        if straight[0].room >= 0.0:
+            return straight
+        # Twice as many ways at once take little longer, and most often all of them are needed.
+        near, far = (aside(prediction.x0[3:6], *side) for side in (_SIDE, _FAR_SIDE))
+        aways = self._tried(near.and_also(far), first, prediction, scene, law)
+        enough = max(way.room for way in aways[: len(near)]) >= 0.0
+        return straight + (aways[: len(near)] if enough else aways)
 
     def _going_on(self, prediction: Prediction, scene: Scene, law: Law) -> list[_Try]:
         """Return what the way leaves over that was accepted last; nothing where none was."""
@@ -262,13 +277,15 @@ class Certifier:
         # A plan may lead to a stop on a neighbour's course, as long as a way out is left after it.
         found = check(flown, x0, wind, scene, bounds or self._bounds)
         return [
-            _Try(
-                ways.one(k),
-                RateCommand(flown.u[k, 1:4], float(flown.u[k, 0])),
-                float(found.margin[k]),
-                found.cause[k],
-                float(found.course[k]),
-                float(found.fixed[k]),
+            _Try(ways, k, *left_over)
+            for k, left_over in enumerate(
+                zip(
+                    flown.u,
+                    found.margin.tolist(),
+                    found.cause,
+                    found.course.tolist(),
+                    found.fixed.tolist(),
+                    strict=True,
+                )
             )
-            for k in range(len(ways))
         ]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.supervision.certificate import DT, Trajectories
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, cross
 from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.frames import rotation_matrix
 
@@ -24,6 +24,8 @@ _SIDES = 8
 _STILL = 0.05  # m/s: a way this slow has ended
 _VERTICAL = 3.0  # m/s², most that height is corrected by
 _TINY = 1e-9
+_Axes = tuple[float, float, float]
+_Command = tuple[float, float, float, float]  # thrust [m/s²] and by how much it moves the axis
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,11 @@ class Ways:
         """Return way k alone."""
         return Ways(self.velocity[k : k + 1], self.hold[k : k + 1])
 
+    def and_also(self, others: Ways) -> Ways:
+        """Return these ways, and others after them."""
+        velocity = np.concatenate([self.velocity, others.velocity])
+        return Ways(velocity, np.concatenate([self.hold, others.hold]))
+
     def later(self, dt: float) -> Ways:
         """Return what is left of the ways after `dt` [s]."""
         return Ways(self.velocity, np.maximum(self.hold - dt, 0.0))
@@ -62,7 +69,10 @@ STRAIGHT = Ways(np.zeros((1, 3)), np.zeros(1))
 
 
 def aside(forward: Vector, speed: float, hold: float) -> Ways:
-    """Return ways up, down and to eight sides; forward (3,): along it the first side goes."""
+    """Return ways up, down and to eight sides; forward (3,): along it the first side goes.
+
+    speed: m/s, to the sides. hold: s.
+    """
     start = np.arctan2(forward[1], forward[0])
     angles = start + 2.0 * np.pi / _SIDES * np.arange(_SIDES)
     level = speed * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(_SIDES)])
@@ -76,7 +86,6 @@ def simulate(x0: Vector, ways: Ways, wind: Vector, law: Law, first: Vector | Non
     wind: (3,) m/s², acceleration to make up for. first: (4,) c, omega, a command that flies before
     the law does, for `DT`; None: the law flies at once.
     """
-    n = len(ways)
     r = rotation_matrix(x0[6:10])
     start: list[float] = [*x0[:6].tolist(), *r[:, 2].tolist()]
     wx, wy, wz = wind.tolist()
@@ -84,32 +93,79 @@ def simulate(x0: Vector, ways: Ways, wind: Vector, law: Law, first: Vector | Non
     command = None
     if first is not None:
         command = (float(first[0]), *(DT * (r @ [first[2], -first[1], 0.0])).tolist())
-    places, speeds = np.empty((n, STEPS + 1, 3)), np.empty((n, STEPS + 1, 3))
-    u = np.zeros((n, 4))
-    # Plain numbers: most often there is one way, of which arrays take eight times as long.
-    for k, (velocity, hold) in enumerate(
-        zip(ways.velocity.tolist(), ways.hold.tolist(), strict=True)
-    ):
-        states, c, turn = _flown(start, velocity, hold, weight, law, command)
-        rows, count = np.array(states), len(states)
-        places[k, :count], speeds[k, :count] = rows[:, :3], rows[:, 3:]
-        places[k, count:], speeds[k, count:] = rows[-1, :3], 0.0
-        u[k, 0] = c
-        u[k, 1:4] = r.T @ turn / DT
+    # Plain numbers: most often there is one way, of which arrays take four times as long.
+    flown = _one_flown if len(ways) == 1 else _flown_together
+    places, speeds, thrust, turn = flown(start, ways, weight, law, command)
+    if first is not None:
+        return Trajectories(np.tile(first, (len(ways), 1)), places, speeds)
+    u = np.empty((len(ways), 4))
+    u[:, 0], u[:, 1:4] = thrust, turn @ r / DT
     u[:, 3] += law.yaw_rate
     np.clip(u[:, 1:4], -law.omega_max, law.omega_max, out=u[:, 1:4])
-    if first is not None:
-        u[:] = first
     return Trajectories(u, places, speeds)
+
+
+def _one_flown(
+    start: list[float], ways: Ways, weight: _Axes, law: Law, command: _Command | None
+) -> tuple[Vector, Vector, float, Vector]:
+    """Return what `_flown_together` does, of one way."""
+    wanted, hold = ways.velocity[0].tolist(), float(ways.hold[0])
+    states, thrust, turn = _flown(start, wanted, hold, weight, law, command)
+    rows, count = np.array(states), len(states)
+    places, speeds = np.empty((1, STEPS + 1, 3)), np.zeros((1, STEPS + 1, 3))
+    places[0, :count], speeds[0, :count] = rows[:, :3], rows[:, 3:]
+    places[0, count:] = rows[-1, :3]
+    return places, speeds, thrust, np.array([turn])
+
+
+def _flown_together(
+    start: list[float], ways: Ways, weight: _Axes, law: Law, command: _Command | None
+) -> tuple[Vector, Vector, Vector, Vector]:
+    """Return places and velocities (n,T,3) of all ways, their first thrusts (n,) and turns (n,3).
+
+    This is `_flown`, all ways at once: it must be changed with it. weight, command: as there.
+    thrust: m/s². turn: rad, world.
+    """
+    n = len(ways)
+    p, v, axis = (np.tile(np.array(start[k : k + 3])[:, None], n) for k in (0, 3, 6))  # (3,n)
+    g, wanted = np.array(weight)[:, None], ways.velocity.T
+    times = DT * np.arange(STEPS + 1)
+    goes_on = ways.hold > times[:, None]  # (T,n)
+    states = np.empty((STEPS + 1, 2, 3, n))
+    states[0] = p, v
+    thrust, turn = np.zeros(n), np.zeros((3, n))
+    for k in range(STEPS):
+        if k == 0 and command is not None:
+            c: Vector = np.array(command[0])
+            turned = axis + np.array(command[1:])[:, None]
+            turned /= np.maximum(np.sqrt((turned * turned).sum(axis=0)), _TINY)
+        else:
+            force = _forces(goes_on[k] * wanted - v, g, law)
+            c, turned, sideways = _thrusts(axis, force, law)
+            if k == 0:
+                thrust, turn = c, cross(axis.T, sideways.T).T
+        old, new = c * axis - g, c * turned - g
+        p = p + DT * v + DT * DT / 6.0 * (2.0 * old + new)
+        v = v + 0.5 * DT * (old + new)
+        axis = turned
+        states[k + 1] = p, v
+    fastest = np.abs(states[:, 1]).max(axis=1)
+    ends = ~goes_on[:-1] & (fastest[1:] < _STILL)  # (T-1,n), after each step
+    ends[0], ends[-1] = False, True
+    last = 1 + ends.argmax(axis=0)[:, None]  # (n,1): there the drone stays
+    samples = np.arange(STEPS + 1)
+    found = states[np.minimum(samples, last), :, :, np.arange(n)[:, None]]  # (n,T,2,3)
+    found[samples > last, 1] = 0.0
+    return found[:, :, 0], found[:, :, 1], thrust, turn.T
 
 
 def _flown(
     start: Sequence[float],
     wanted: Sequence[float],
     hold: float,
-    weight: tuple[float, float, float],
+    weight: _Axes,
     law: Law,
-    command: tuple[float, float, float, float] | None,
+    command: _Command | None,
 ) -> tuple[list[tuple[float, ...]], float, list[float]]:
     """Return one way's places and velocities, and its first thrust and turn [m/s², rad; world].
 
@@ -179,3 +235,28 @@ def _thrust(
     turned = along * x + across * sx, along * y + across * sy, along * z + across * sz
     c = min(max(size * cosine, law.c_min), law.c_max)
     return c, turned, (share * sx, share * sy, share * sz)
+
+
+def _forces(missing: Vector, weight: Vector, law: Law) -> Vector:
+    """Return what `_force` does, of n ways at once: (3,n); weight: (3,1)."""
+    force = law.brake_gain * missing
+    less = np.minimum(1.0, law.brake_max / np.maximum(np.hypot(force[0], force[1]), _TINY))
+    force[:2] *= less
+    force[2] = np.minimum(np.maximum(force[2], -_VERTICAL), _VERTICAL)
+    return np.asarray(force + weight)
+
+
+def _thrusts(axis: Vector, force: Vector, law: Law) -> tuple[Vector, Vector, Vector]:
+    """Return what `_thrust` does, of n ways at once: (n,), (3,n), (3,n)."""
+    size = np.maximum(np.sqrt((force * force).sum(axis=0)), _TINY)
+    to = force / size
+    cosine = (axis * to).sum(axis=0)
+    side = to - cosine * axis
+    sine = np.sqrt((side * side).sum(axis=0))
+    turn = np.minimum(
+        min(law.attitude_gain * DT, 1.0) * np.arctan2(sine, cosine), law.omega_max * DT
+    )
+    unit = 1.0 / np.maximum(sine, _TINY)
+    turned = np.cos(turn) * axis + np.sin(turn) * unit * side
+    c = np.minimum(np.maximum(size * cosine, law.c_min), law.c_max)
+    return c, turned, turn * unit * side

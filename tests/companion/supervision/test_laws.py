@@ -184,6 +184,10 @@ def test_ways_to_stop_are_flown_by_the_law(law, commanded, seed):
         assert found.u[k] == pytest.approx(u, abs=1e-9)
         assert found.p[k] == pytest.approx(p, abs=1e-9)
         assert found.v[k] == pytest.approx(v, abs=1e-9)
+        alone = simulate(x0, ways.one(k), wind, law, first)
+        assert alone.u[0] == pytest.approx(found.u[k], abs=1e-12)
+        assert alone.p[0] == pytest.approx(found.p[k], abs=1e-12)
+        assert alone.v[0] == pytest.approx(found.v[k], abs=1e-12)
 
 
 def test_a_drone_at_rest_stays_where_it_is():
