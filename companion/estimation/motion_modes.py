@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from mavlink_bridge.shared.arrays import Vector
 
 MANOEUVRES = 1  # index of this mode; 0: keeps on
+_OTHER = np.array([[1.0], [-1.0]])  # towards the other mode, from each
 _LEAST = 1e-3  # of a mode's probability: what is all but sure can still turn out wrong
 
 
@@ -60,14 +61,13 @@ class Modes:
         leave = change[:, None] * self.weight
         weight = self.weight - leave + leave[::-1]
         share = leave[::-1] / weight  # of each mode, what comes from the other one
-        n = self.weight.shape[1]
-        apart = self.mean[n:] - self.mean[:n]
+        n, k = weight.shape[1], self.mean.shape[1]
+        mean, c = self.mean.reshape(2, n, k), self.covariance.reshape(2, n, k, k)
+        apart, wider = mean[1] - mean[0], c[1] - c[0]
         spread = apart[:, :, None] * apart[:, None, :]
-        wider = self.covariance[n:] - self.covariance[:n]
-        for rows, part, sign in ((slice(n), share[0], 1.0), (slice(n, None), share[1], -1.0)):
-            self.mean[rows] += (sign * part)[:, None] * apart
-            part = part[:, None, None]
-            self.covariance[rows] += sign * part * wider + part * (1.0 - part) * spread
+        towards, doubt = (_OTHER * share)[..., None], (share * (1.0 - share))[..., None, None]
+        self.mean = (mean + towards * apart).reshape(2 * n, k)
+        self.covariance = (c + (towards[..., None] * wider + doubt * spread)).reshape(2 * n, k, k)
         self.weight = weight
 
     def mixture(self) -> tuple[Vector, Vector]:

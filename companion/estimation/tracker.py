@@ -22,7 +22,7 @@ from companion.estimation.assignment import assign
 from companion.estimation.motion_modes import MANOEUVRES, Modes
 from companion.estimation.turns import turn_about
 from companion.types import Detection, Track
-from mavlink_bridge.shared.arrays import Vector, lengths
+from mavlink_bridge.shared.arrays import Vector, lengths, squares
 from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.shared.settings import StrictModel
 from mavlink_bridge.wire.messages import VehicleState
@@ -152,7 +152,7 @@ class Tracker:
         self._along: Vector = np.zeros(0)  # share of the own velocity to which theirs fade
         self._own_velocity: Vector = np.zeros(3)
         self._last = (-np.inf, self._modes)  # as after the last frame
-        self._noise = (config.drift, config.acceleration)
+        self._noise = np.array([config.drift, config.acceleration])  # of each mode
         self._rates = np.array([1.0 / config.keeps_on, 1.0 / config.manoeuvres])
         self._hit = math.log(config.detected / config.ghosts)
         self._surest = _log_odds(config.surest)
@@ -226,7 +226,7 @@ class Tracker:
         keep[MANOEUVRES, fading] = math.exp(-self._config.damping * dt)
         to = self._along[:, None] * self._own_velocity
         to = np.concatenate([to, to])
-        self._carry(dt, keep.ravel(), to, np.repeat(self._noise, len(fading)))
+        self._carry(dt, keep.ravel(), to, self._noise.repeat(len(fading)))
 
     def _carry(self, dt: float, keep: Vector, to: Vector, sigma: Vector) -> None:
         """Carry both modes of all tracks on by dt [s].
@@ -348,15 +348,16 @@ class Tracker:
         at, _, spread = self._expected(*self._modes.mixture(), here)
         residual = z[None] - at[:, None]
         # No variance is larger than the trace: what is out of the gate by that is out of it.
-        most = np.trace(spread, axis1=1, axis2=2)[:, None] + np.trace(r, axis1=1, axis2=2)
-        fits = (residual * residual).sum(axis=2) < self._config.gate * most
+        most = _traces(spread)[:, None] + _traces(r)
+        fits = squares(residual) < self._config.gate * most
         fits &= clear | ~self._stale[:, None]
-        track, look = np.nonzero(fits)
+        track, look = fits.nonzero()
         off, s = residual[track, look][..., None], spread[track] + r[look]
         cost = (off * np.linalg.solve(s, off)).sum(axis=(1, 2))
         fits[track, look] = near = cost < self._config.gate
         if fits.sum(axis=0).max() <= 1 and fits.sum(axis=1).max() <= 1:  # there is no choice
-            return [(track, detection) for track, detection in np.argwhere(fits).tolist()]
+            pairs = fits.nonzero()
+            return list(zip(pairs[0].tolist(), pairs[1].tolist(), strict=True))
         # log det S keeps a track of large covariance from taking the detection of a sure track
         score = np.full(fits.shape, 1e3)
         score[track[near], look[near]] = (cost + np.linalg.slogdet(s)[1])[near]
@@ -417,6 +418,12 @@ class Tracker:
         self._ids, self._born = self._ids[keep], self._born[keep]
         self._seen, self._odds = self._seen[keep], self._odds[keep]
         self._confirmed, self._along = self._confirmed[keep], self._along[keep]
+
+
+def _traces(matrices: Vector) -> Vector:
+    """Return the traces (n,) of matrices (n,3,3), sooner than numpy does."""
+    traces: Vector = matrices[:, 0, 0] + matrices[:, 1, 1] + matrices[:, 2, 2]
+    return traces
 
 
 def _log_odds(probability: float) -> float:

@@ -31,8 +31,18 @@ def finite(v: Vector) -> bool:
 
 def lengths(v: Vector) -> Vector:
     """Return the lengths (...,) of vectors (...,n): the bits of numpy.linalg.norm, sooner."""
-    found: Vector = np.sqrt((v * v).sum(axis=-1))
+    found: Vector = np.sqrt(squares(v))
     return found
+
+
+def squares(v: Vector) -> Vector:
+    """Return the squares (...,) of the lengths of vectors (...,n)."""
+    each = v * v
+    if each.shape[-1] != 3:
+        return np.asarray(each.sum(axis=-1))
+    # The same sum: numpy adds along a short axis one number at a time.
+    whole: Vector = each[..., 0] + each[..., 1] + each[..., 2]
+    return whole
 
 
 def norm(v: Vector) -> float:
