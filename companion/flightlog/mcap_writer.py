@@ -25,7 +25,6 @@ from mcap.records import (
     Footer,
     Header,
     McapRecord,
-    MessageIndex,
     Metadata,
     MetadataIndex,
     Schema,
@@ -38,6 +37,8 @@ _COPY = 1 << 16  # bytes of the index that are copied at once
 # A message's opcode and length, its channel, number, and times of log and publication. A tick has
 # several messages; the package writes each by a dozen small calls.
 _MESSAGE = struct.Struct("<BQHIQQ")
+# Of an index of a chunk's messages: opcode, length, channel, bytes of what follows.
+_INDEX = struct.Struct("<BQHI")
 _PREFIX = 9  # bytes of opcode and length, which the length leaves out
 
 
@@ -161,64 +162,60 @@ class _OpenChunk:
     """The records of the chunk under way."""
 
     def __init__(self) -> None:
-        self._records = RecordBuilder()
-        self.messages: dict[int, MessageIndex] = {}  # by channel
+        self._records = bytearray()
+        self.messages: dict[int, list[int]] = {}  # by channel: time [ns] and place of each, in turn
         self._times = (0, 0)  # ns, first and last
 
     @property
     def size(self) -> int:
         """Bytes so far."""
-        return self._records.count
+        return len(self._records)
 
     def add(self, record: Schema | Channel) -> None:
-        record.write(self._records)
+        self._records += _encoded([record])
 
     def add_message(self, channel: int, time: int, data: bytes, sequence: int) -> None:
         first, last = self._times if self.messages else (time, time)
         self._times = min(first, time), max(last, time)
-        index = self.messages.get(channel)
-        if index is None:
-            index = self.messages[channel] = MessageIndex(channel, [])
-        index.records.append((time, self.size))
+        self.messages.setdefault(channel, []).extend((time, len(self._records)))
         length = _MESSAGE.size - _PREFIX + len(data)
-        self._records.write(
-            _MESSAGE.pack(Opcode.MESSAGE, length, channel, sequence, time, time) + data
-        )
+        self._records += _MESSAGE.pack(Opcode.MESSAGE, length, channel, sequence, time, time)
+        self._records += data
 
     def encoded(self, offset: int, compressor: zstandard.ZstdCompressor) -> tuple[bytes, bytes]:
         """Return the chunk with its message indexes, and its entry of the summary's index.
 
         offset: place in the file [bytes] at which the chunk is to begin.
         """
-        data = _bytes_of(self._records)
+        data = bytes(self._records)
         packed = compressor.compress(data)
         first, last = self._times
         chunk = _encoded([Chunk("zstd", packed, last, first, zlib.crc32(data), len(data))])
-        offsets, indexes = {}, RecordBuilder()
+        offsets, indexes = {}, bytearray()
         for channel, index in self.messages.items():
-            offsets[channel] = offset + len(chunk) + indexes.count
-            index.write(indexes)
+            offsets[channel] = offset + len(chunk) + len(indexes)
+            size = 8 * len(index)
+            indexes += _INDEX.pack(
+                Opcode.MESSAGE_INDEX, _INDEX.size - _PREFIX + size, channel, size
+            )
+            indexes += struct.pack(f"<{len(index)}Q", *index)
         entry = ChunkIndex(
             chunk_length=len(chunk),
             chunk_start_offset=offset,
             compression="zstd",
             compressed_size=len(packed),
             message_end_time=last,
-            message_index_length=indexes.count,
+            message_index_length=len(indexes),
             message_index_offsets=offsets,
             message_start_time=first,
             uncompressed_size=len(data),
         )
-        return chunk + _bytes_of(indexes), _encoded([entry])
+        return chunk + indexes, _encoded([entry])
 
 
 def _encoded(records: Iterable[McapRecord]) -> bytes:
     builder = RecordBuilder()
     for record in records:
         record.write(builder)
-    return _bytes_of(builder)
-
-
-def _bytes_of(builder: RecordBuilder) -> bytes:
     data: bytes = builder.end()  # type: ignore[no-untyped-call]
     return data

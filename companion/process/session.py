@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
-from dataclasses import asdict
 
 from companion.flightlog.recorder import Recorder
 from companion.pipeline import Companion
@@ -93,4 +92,4 @@ class Session:
 
     def counters(self) -> dict[str, int]:
         """Return the deadlines missed and what the codec counted, so far."""
-        return {"deadline_misses": self._misses()} | asdict(self._link.codec.statistics)
+        return {"deadline_misses": self._misses()} | vars(self._link.codec.statistics)
