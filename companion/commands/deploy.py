@@ -7,7 +7,6 @@ import json
 import shlex
 import sys
 import tempfile
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -170,6 +169,8 @@ def _unfit(drone: Drone, options: argparse.Namespace) -> list[str]:
 def _deploy(
     options: argparse.Namespace, boards: dict[str | None, Drones]
 ) -> dict[str | None, Outcome]:
+    from concurrent.futures import ThreadPoolExecutor
+
     from companion.board.bundle import make_bundle
     from companion.board.release_file import BundleError, unpack
     from companion.board.transport import install_here, install_over_ssh

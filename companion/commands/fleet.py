@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import asyncio
 import json
 import sys
 from dataclasses import asdict
@@ -80,6 +79,8 @@ def _acted(options: argparse.Namespace, drones: list[Drone]) -> list[Row]:
         SettingsError: a signing key cannot be used.
         EndpointError: the URL cannot be opened.
     """
+    import asyncio
+
     from companion.ground.signed_fleet import act_signed, key_of
 
     configs, key = [d.config for d in drones], key_of(drones, options.signing_key)

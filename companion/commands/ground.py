@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import asyncio
 import contextlib
 import os
-import secrets
 import shlex
 import sys
 from collections.abc import Awaitable, Callable
@@ -61,6 +59,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C."""
+    import asyncio
+
     from companion.ground.folder import read_fleet
     from companion.ground.router import router_config
     from companion.process.signing_keys import SigningKeyError
@@ -84,6 +84,8 @@ def run(options: argparse.Namespace) -> int:
 
 async def _serve(options: argparse.Namespace, drones: list[CompanionConfig]) -> None:
     """Open the link and the page, say where it is, and follow the fleet."""
+    import secrets
+
     from companion.ground.server import LOCAL, GroundServer
     from companion.ground.station import Station, allowed
     from mavlink_bridge.wire.link import open_endpoint
@@ -124,6 +126,8 @@ def _signing(key: Path | None) -> tuple[Signing | None, Callable[[float], None]]
 
 def _log_keeper(options: argparse.Namespace, drones: list[CompanionConfig]) -> tuple[Fetch, Show]:
     """Return what pulls logs of drones, and what shows the debriefing of those pulled."""
+    import asyncio
+
     from companion.board.logs import pull
     from companion.debrief.page import page
     from companion.debrief.swarm import debrief
