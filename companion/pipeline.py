@@ -56,6 +56,10 @@ _GIVE_BACK = {
 }
 
 
+def _nothing() -> None:
+    """Stand in for a result that may be missing."""
+
+
 class Companion:
     """Everything that one drone knows and decides, tick by tick."""
 
@@ -132,7 +136,7 @@ class Companion:
         time, frame, last = inputs.time, inputs.frame, self._last
         vehicle = run(
             "vehicle",
-            last.vehicle.without_news(time - last.time),
+            lambda: last.vehicle.without_news(time - last.time),
             self._vehicle.update,
             time,
             inputs.received,
@@ -141,16 +145,16 @@ class Companion:
             inputs.horizon,
         )
         if vehicle.rebooted:
-            run("start over", None, self._start_over)
+            run("start over", _nothing, self._start_over)
         own, phase = vehicle.state, self._supervision.phase
         ground = LEVEL if vehicle.height is None else vehicle.height.ground
-        served = run("serve", Served(), self._services.update, time, inputs.received, self._before)
+        served = run("serve", Served, self._services.update, time, inputs.received, self._before)
         if served.goals is not None:
-            run("set goals", None, self._guidance.set_goals, served.goals)
+            run("set goals", _nothing, self._guidance.set_goals, served.goals)
         known = last.obstacles.widest
         seen = run(
             "see",
-            Detections(),
+            Detections,
             self._perception.see,
             time,
             frame,
@@ -161,18 +165,18 @@ class Companion:
             vehicle.doubt.wander,
         )
         if seen.fault.misleads and not phase.on_mission:
-            run("forget", None, self._forget_seen)
-        run("height", None, self._vehicle.see_ground, seen.own, seen.fixed, known)
-        run("velocity", None, self._vehicle.see_flow, seen.flow, seen.fault)
+            run("forget", _nothing, self._forget_seen)
+        run("height", _nothing, self._vehicle.see_ground, seen.own, seen.fixed, known)
+        run("velocity", _nothing, self._vehicle.see_flow, seen.flow, seen.fault)
         if vehicle.turned and own is not None:
-            run("turn", None, self._turn, own.p, vehicle.turned)
+            run("turn", _nothing, self._turn, own.p, vehicle.turned)
         obstacles = run(
-            "map", last.obstacles, self._obstacles.update, seen, own, vehicle.doubt, ground
+            "map", lambda: last.obstacles, self._obstacles.update, seen, own, vehicle.doubt, ground
         )
-        tracks = run("track", last.tracks, self._neighbours.update, time, seen, obstacles)
+        tracks = run("track", lambda: last.tracks, self._neighbours.update, time, seen, obstacles)
         motion = run(
             "motion",
-            replace(last.motion, prediction=None),
+            lambda: replace(last.motion, prediction=None),
             self._motion.update,
             own,
             vehicle.attitudes,
@@ -181,7 +185,7 @@ class Companion:
         )
         reference = run(
             "guide",
-            None,
+            _nothing,
             self._guidance.decide,
             own,
             tracks,
@@ -193,13 +197,13 @@ class Companion:
             vehicle.height,
             vehicle.home,
         )
-        planned = run("plan", Planned(), self._planning.plan, own, reference, motion.prediction)
+        planned = run("plan", Planned, self._planning.plan, own, reference, motion.prediction)
         broken = run(
-            "watch", None, self._monitors.update, time, vehicle, motion, phase, obstacles.blank
+            "watch", _nothing, self._monitors.update, time, vehicle, motion, phase, obstacles.blank
         )
         surroundings = run(
             "look round",
-            None,
+            _nothing,
             self._surroundings.update,
             time,
             own,
@@ -222,10 +226,10 @@ class Companion:
             broken,
             served.wish,
         )
-        run("ask", None, self._vehicle.ask, supervised.requests)
+        run("ask", _nothing, self._vehicle.ask, supervised.requests)
         setpoint = run(
             "command",
-            self._plain_setpoint(time, supervised.command),
+            lambda: self._plain_setpoint(time, supervised.command),
             self._actuation.setpoint,
             time,
             supervised.command,
@@ -270,7 +274,7 @@ class Companion:
         failure = run.failure or self._failed_late
         supervised = run(
             "supervise",
-            None,
+            _nothing,
             self._supervision.decide,
             inputs.time,
             vehicle,

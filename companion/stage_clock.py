@@ -12,6 +12,7 @@ from typing import ParamSpec, TypeVar
 
 P = ParamSpec("P")
 T = TypeVar("T")
+U = TypeVar("U")
 
 
 class StageClock:
@@ -23,14 +24,20 @@ class StageClock:
         self._stopwatch = stopwatch
 
     def __call__(
-        self, name: str, instead: T, stage: Callable[P, T], *args: P.args, **kwargs: P.kwargs
-    ) -> T:
-        """Run one stage and return its result; `instead` where it raises."""
+        self,
+        name: str,
+        instead: Callable[[], U],
+        stage: Callable[P, T],
+        *args: P.args,
+        **kwargs: P.kwargs,
+    ) -> T | U:
+        """Run one stage and return its result; what `instead` makes where it raises."""
         start = self._stopwatch()
+        result: T | U
         try:
             result = stage(*args, **kwargs)
         except Exception as error:
-            result = instead
+            result = instead()
             self.failure = self.failure or f"{name}: {described(error)}"
         self.taken[name] = self._stopwatch() - start
         return result

@@ -58,7 +58,7 @@ class Formulation:
             v_max=reference.v_max,
             neighbours=[
                 self._neighbour(own, t, t.id in reference.cohesive, prediction.delay)
-                for t, _ in reference.near
+                for t, _ in reference.near[: self._nmpc.neighbours]
             ],
             cylinders=widened(
                 reference.obstacles, own.p, self._nmpc.kappa, self._nmpc.d_obstacle_safety

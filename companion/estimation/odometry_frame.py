@@ -42,7 +42,7 @@ class OdometryFrame:
         self._way: Vector = np.zeros(3)  # m, of the corrections by sight
         self._until = math.inf  # s, up to which that way is known
         self.steps = 0
-        self._before: LocalPosition | None = None  # in odometry
+        self._before: tuple[float, Vector, Vector] | None = None  # time, p and v in odometry
         self._told: Vector = np.zeros(3)  # m/s, its velocity as it was reported
         self._velocity = VelocityError()
         self._excess: Vector = np.zeros(3)  # m of motion within the window that no velocity shows
@@ -59,15 +59,15 @@ class OdometryFrame:
         for m in messages:
             if isinstance(m, LocalPosition):
                 self._local_at = m.time
-                free = self._step_free(m, velocity_sigma)
-                v = self._go_on(free)
-                yield LocalPosition(m.time, free.p + self._way, v)
+                p, v = self._step_free(m, velocity_sigma)
+                v = self._go_on(m.time, v)
+                yield LocalPosition(m.time, p + self._way, v)
             elif isinstance(m, Odometry):
                 if self._resets is not None and m.resets != self._resets:
                     self._reset_at = m.time
                 self._resets = m.resets
                 if m.time - self._local_at > _SILENT:
-                    self._go_on(self._step_free(LocalPosition(m.time, m.p, m.v), velocity_sigma))
+                    self._go_on(m.time, self._step_free(m, velocity_sigma)[1])
                 v = self._corrected(m.v + self._velocity.error)
                 yield replace(m, p=m.p - self.offset, v=v)
             else:
@@ -77,33 +77,40 @@ class OdometryFrame:
         """Return a velocity (3,) m/s by sight; one that is no number is refused later."""
         return self.by_sight.corrected(v) if finite(v) else v
 
-    def _go_on(self, m: LocalPosition) -> Vector:
-        """Return the velocity (3,) m/s by sight, summed up to the time of a position."""
-        v = self._corrected(m.v)
-        dt = m.time - self._until
+    def _go_on(self, time: float, reported: Vector) -> Vector:
+        """Return a velocity (3,) m/s by sight, summed up to the `time` [s] of its position."""
+        v = self._corrected(reported)
+        dt = time - self._until
         if 0.0 < dt <= _LONGEST_GAP and finite(v):
-            self._way = self._way + dt * (v - m.v)
-        self._until = m.time
+            self._way = self._way + dt * (v - reported)
+        self._until = time
         return v
 
-    def _step_free(self, m: LocalPosition, velocity_sigma: float) -> LocalPosition:
-        """Return a position in odometry; what the velocity does not explain moves the offset."""
-        here = LocalPosition(m.time, m.p - self.slid, m.v + self._velocity.error)
+    def _step_free(
+        self, m: LocalPosition | Odometry, velocity_sigma: float
+    ) -> tuple[Vector, Vector]:
+        """Return a position (3,) m in odometry and its velocity (3,) m/s.
+
+        What the velocity does not explain moves the offset.
+        """
+        p, v = m.p - self.slid, m.v + self._velocity.error
         before = self._before
-        dt = math.inf if before is None else m.time - before.time
+        dt = math.inf if before is None else m.time - before[0]
         if not (finite(m.p) and finite(m.v)) or dt <= 0.0:
-            return here
+            return p, v
         if before is None or dt > _LONGEST_GAP:
-            self._before, self._told, self._excess = here, m.v, np.zeros(3)
-            return here
-        unexplained = here.p - before.p - 0.5 * dt * (self._told + m.v)
+            self._before, self._told, self._excess = (m.time, p, v), m.v, np.zeros(3)
+            return p, v
+        _, p_before, v_before = before
+        way = p - p_before
+        unexplained = way - 0.5 * dt * (self._told + m.v)
         if norm(unexplained) < _GATE:  # else it is a step
             self._velocity.update(unexplained, dt, velocity_sigma, self.by_sight.shown)
-            here = LocalPosition(m.time, here.p, m.v + self._velocity.error)
-        step = here.p - before.p - 0.5 * dt * (before.v + here.v)
+            v = m.v + self._velocity.error
+        step = way - 0.5 * dt * (v_before + v)
         announced = 0.0 <= m.time - self._reset_at < _ANNOUNCED
         if norm(step) > _UNEXPLAINED and not announced:
-            return here  # the own state refuses it; where it lasts, that is a fault
+            return p, v  # the own state refuses it; where it lasts, that is a fault
         self._excess = math.exp(-dt / _WINDOW) * self._excess + step
         slides = m.time < self._slides_until
         if slides:
@@ -114,6 +121,6 @@ class OdometryFrame:
                 self.slid = self.slid + self._excess
                 self.steps += 1
                 self._excess = np.zeros(3)
-        self._before = here = LocalPosition(m.time, m.p - self.slid, here.v)
-        self._told = m.v
-        return here
+        p = m.p - self.slid
+        self._before, self._told = (m.time, p, v), m.v
+        return p, v

@@ -44,12 +44,16 @@ class View:
         self.half_view = camera.width / 2 / camera.fx
         self.mount = camera.mount
         self._to_body = rotation_matrix(camera.mount)
+        self._turned: tuple[VehicleState | None, Vector] = None, self._to_body
         self._size = np.array([camera.width, camera.height])
         self._needs_foot = needs_foot
 
     def rotation(self, own: VehicleState) -> Vector:
         """Return the (3,3) rotation camera → world."""
-        return rotation_matrix(own.q_wb) @ self._to_body
+        # Asked for several times a tick, of one state.
+        if own is not self._turned[0]:
+            self._turned = own, rotation_matrix(own.q_wb) @ self._to_body
+        return self._turned[1]
 
     def to_camera(self, own: VehicleState, vectors: Vector) -> Vector:
         """Return world vectors (n,3) in the camera frame."""

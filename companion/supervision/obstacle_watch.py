@@ -56,6 +56,8 @@ class ObstacleWatch:
             trunks = [t for t in seen.trunks if t.sigma <= _SHARP and not t.assumed]
             self._look(seen.time, seen.own, trunks)
         self._tracker.predict(time)
+        if not self._radii:  # no trunk is sure: by pixels, for the most part
+            return Moving()
         moving = [t for t in self._tracker.tracks() if _moves(t)]
         if not moving:
             return Moving()

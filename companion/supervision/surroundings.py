@@ -107,7 +107,7 @@ def neighbour_rows(tracks: list[Track], away: list[bool]) -> Vector:
     b = covariance[:, :3, 3:]
     blocks = covariance[:, :3, :3], 0.5 * (b + b.transpose(0, 2, 1)), covariance[:, 3:, 3:]
     # Along the axis where each is largest: a range is less sure than a bearing.
-    variances = [np.linalg.eigvalsh(block)[:, -1] for block in blocks]
+    variances = np.linalg.eigvalsh(np.array(blocks))[:, :, -1]
     unseen = np.array([t.unseen for t in tracks])
     gone = [out or t.unseen > _LATELY for t, out in zip(tracks, away, strict=True)]
     out = np.array([t.lost and out for t, out in zip(tracks, gone, strict=True)], float)
