@@ -43,6 +43,9 @@ _RATE_LOOP = 0.1  # of the delay
 _YAW = 3.0  # times faster: the yaw tilts no thrust
 
 
+_Sample = tuple[float, float, list[float]]  # time [s], s since the one before, filtered rates
+
+
 @dataclass(frozen=True)
 class Delay:
     """A delay [s] from a tick to its effect in telemetry, with its standard deviation [s]."""
@@ -122,6 +125,7 @@ class DelayEstimator:
         Return the new estimate.
         """
         self._extend(time)
+        comparable: list[_Sample] = []
         for a in attitudes:
             before, self._gyro = self._gyro, a
             if before is None or not 0.0 < a.time - before.time < _LONGEST_GAP:
@@ -130,9 +134,9 @@ class DelayEstimator:
             dt = a.time - before.time
             rates = self._rates.step(a.omega.tolist(), dt)
             if self._comparable(a.time):
-                keep = math.exp(-dt / _MEMORY)
-                self._weight = keep * self._weight + dt
-                self._cost = keep * self._cost + dt * self._errors(rates, a.time)
+                comparable.append((a.time, dt, rates))
+        if comparable:
+            self._compare(comparable)
         if self._weight > 0.0:
             self.estimate = self._best()
         return self.estimate
@@ -156,13 +160,23 @@ class DelayEstimator:
         settled = self._first * _STEP <= oldest and time - self._since > _SETTLED
         return settled and time < (self._next - 1) * _STEP
 
-    def _errors(self, rates: list[float], time: float) -> Vector:
-        """Return the squared error (n,) [(rad/s)²] of rates (3,) at `time` [s] by each delay."""
-        lower = math.floor(time / _STEP)
-        part = time / _STEP - lower
+    def _compare(self, samples: list[_Sample]) -> None:
+        """Take in filtered rates, in order of time."""
+        times, gaps, rates = zip(*samples, strict=True)
+        errors = self._errors(np.array(rates), np.array(times))
+        for dt, squares in zip(gaps, errors, strict=True):
+            keep = math.exp(-dt / _MEMORY)
+            self._weight = keep * self._weight + dt
+            self._cost = keep * self._cost + dt * squares
+
+    def _errors(self, rates: Vector, times: Vector) -> Vector:
+        """Return the squared errors (m,n) [(rad/s)²] of rates (m,3) at times (m,) s, by delay."""
+        steps = times / _STEP
+        lower = np.floor(steps).astype(int)
+        part = (steps - lower)[:, None, None]
         # The steps around each delayed time, newest first: each is the one after its follower.
-        known = self._filtered[(lower + 1 - _STEPS_AROUND) % _KEPT]
-        off = rates - ((1.0 - part) * known[1:] + part * known[:-1])
+        known = self._filtered[(lower[:, None] + 1 - _STEPS_AROUND) % _KEPT]  # (m,n+1,3)
+        off = rates[:, None] - ((1.0 - part) * known[:, 1:] + part * known[:, :-1])
         errors: Vector = (off * off) @ _AXES
         return errors
 

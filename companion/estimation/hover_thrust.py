@@ -180,7 +180,7 @@ class HoverThrust:
         """Correct by an error of variance `noise`; slope (2,): of what is observed over x."""
         gain = self._P @ slope / (slope @ self._P @ slope + noise)
         self._x = np.minimum(np.maximum(self._x + gain * error, self._least), self._most)
-        P = self._P - np.outer(gain, slope @ self._P)
+        P = self._P - gain[:, None] * (slope @ self._P)
         self._P = (P + P.T) / 2.0
 
     def _of_autopilot(self, start: float, end: float) -> float | None:

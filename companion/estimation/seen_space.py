@@ -62,14 +62,14 @@ class SeenSpace:
         That a drone behind its edge is not seen does not count where the edge itself is nearer
         than the way: the way keeps clear of the obstacle.
         """
-        rows = np.vstack([known.cylinders, known.occluders])
-        far: Vector = np.full(SECTORS, np.inf)
+        rows = np.concatenate([known.cylinders, known.occluders])
         if not len(rows):
-            return far
+            return np.full(SECTORS, np.inf)
         off = rows[:, :2] - p[:2]
         along = off @ self._along  # (k,s)
         beside = off @ self._aside
-        inside = rows[:, 2:3] ** 2 - beside**2
-        hit = np.where((inside > 0.0) & (along > 0.0), along - np.sqrt(np.maximum(inside, 0)), far)
+        inside = rows[:, 2:3] ** 2 - beside * beside
+        edges = along - np.sqrt(np.maximum(inside, 0.0))
+        hit = np.where((inside > 0.0) & (along > 0.0), edges, np.inf)
         nearest: Vector = np.maximum(hit.min(axis=0), 0.0)
         return nearest

@@ -137,7 +137,7 @@ class VelocityLag:
         p = self._p * math.exp(dt / _MEMORY) + _DRIFTED * dt
         # Rows and columns alike: with its elements bounded each, it is no covariance any more.
         shrunk = np.sqrt(np.minimum(1.0, _LARGEST / np.diagonal(p)))
-        self._p = p * np.outer(shrunk, shrunk)
+        self._p = p * (shrunk[:, None] * shrunk)
         rows = np.zeros((2, 4))
         rows[:, 0], rows[:, 1], rows[0, 2], rows[1, 3] = -slower, -v * dt, dt, dt
         errors = missing - rows @ self._x
@@ -152,6 +152,6 @@ class VelocityLag:
             gain = self._p @ row / (float(row @ self._p @ row) + noise)
             bound = 3.0 * math.sqrt(float(row @ self._p @ row) + noise)
             self._x = self._x + gain * min(max(error, -bound), bound)
-            p = self._p - np.outer(gain, row @ self._p)
+            p = self._p - gain[:, None] * (row @ self._p)
             self._p = 0.5 * (p + p.T)
         return None

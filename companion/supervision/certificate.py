@@ -129,6 +129,8 @@ def _margins(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, b: Bound
 
 def _neighbours(p: Vector, t: Vector, tube: Vector, rows: Vector, b: Bounds) -> list[Vector]:
     """Return the room (n,k,T-1) m to courses, what those in sight can reach, and the remembered."""
+    if not len(rows):
+        return [np.zeros((len(p), 0, len(tube)))] * 3
     gap = _apart(p[:, None] - (rows[:, None, :3] + rows[:, None, 3:6] * t[:, None]))  # (n,k,T-1)
     later, close, unseen = t[1:], b.radius + b.neighbour_radius, rows[:, 9:10]
     most, speed = b.neighbour_acceleration, _length(rows[:, 3:6])[:, None]
@@ -147,6 +149,8 @@ def _obstacles(p: Vector, t: Vector, tube: Vector, scene: Scene, b: Bounds) -> l
     rows, near = scene.cylinders, scene.points
     centre = rows[:, None, :2] + rows[:, None, 4:6] * t[1:, None]
     gap = _length(p[:, None, 1:, :2] - centre) - rows[:, 2:3] - b.obstacle_sigmas * rows[:, 3:4]
+    if not len(near):
+        return [gap - b.radius - tube, np.tile(_FAR - b.radius - tube, (len(p), 1, 1))]
     near = near[_length(near - p[0, 0]) < _length(p - p[:1, :1]).max() + b.radius + tube[-1]]
     square = (p**2).sum(axis=2)[:, 1:, None] + (near**2).sum(axis=1) - 2.0 * p[:, 1:] @ near.T
     closest = np.sqrt(np.maximum(square.min(axis=2, initial=_FAR**2), 0.0))[:, None]

@@ -31,5 +31,5 @@ def to_ways(points: Vector, start: Vector, ends: Vector) -> Vector:
     """Return (n,K) m from points (K,2) to the segments from start (2,) to each of ends (n,2)."""
     way, offsets = ends - start, points - start
     square = np.maximum((way**2).sum(axis=1), 1e-12)
-    along = np.clip(way @ offsets.T / square[:, None], 0.0, 1.0)
+    along = np.minimum(np.maximum(way @ offsets.T / square[:, None], 0.0), 1.0)
     return lengths(offsets - along[..., None] * way[:, None])
