@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from companion.estimation.obstacle_map import ObstacleConfig, ObstacleMap
 from companion.estimation.own_doubt import OwnDoubt
@@ -46,7 +45,7 @@ class KnownObstacles:
         if not len(self.occluders) or not len(places):
             return [False] * len(places)
         gaps = to_ways(self.occluders[:, :2], viewpoint[:2], places[:, :2])
-        behind: NDArray[np.bool_] = (gaps < self.occluders[:, 2]).any(axis=1)
+        behind = np.asarray((gaps < self.occluders[:, 2]).any(axis=1))
         found: list[bool] = behind.tolist()
         return found
 
