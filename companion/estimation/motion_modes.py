@@ -70,6 +70,13 @@ class Modes:
         self.covariance = (c + (towards[..., None] * wider + doubt * spread)).reshape(2 * n, k, k)
         self.weight = weight
 
+    def means(self) -> Vector:
+        """Return the mean (n,k) of the mixture of both modes, as `mixture` does."""
+        n = self.weight.shape[1]
+        a, b = self.weight[..., None]
+        mean: Vector = a * self.mean[:n] + b * self.mean[n:]
+        return mean
+
     def mixture(self) -> tuple[Vector, Vector]:
         """Return mean (n,k) and covariance (n,k,k) of the mixture of both modes."""
         n = self.weight.shape[1]

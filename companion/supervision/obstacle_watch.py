@@ -16,12 +16,13 @@ import numpy as np
 from companion.estimation.tracker import Tracker, TrackerConfig
 from companion.perception.frontend import Detections
 from companion.types import Detection, Track, Trunk
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, lengths
 from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.wire.messages import VehicleState
 
 _AGE = 0.5  # s of looks before a speed is believed
 _SPEED = 0.5  # m/s: a range that is off by a third looks like this at cruise speed
+_SLOW = 0.99 * _SPEED  # what no track exceeds, needs no closer look
 _SHARP = 0.05  # m, 1 σ of a look up to which it counts: ranges from pixels jump by metres
 _SIGMAS = 3.0
 _FORGET = 0.5  # s unseen, after which the course is not believed any more
@@ -56,7 +57,8 @@ class ObstacleWatch:
             trunks = [t for t in seen.trunks if t.sigma <= _SHARP and not t.assumed]
             self._look(seen.time, seen.own, trunks)
         self._tracker.predict(time)
-        if not self._radii:  # no trunk is sure: by pixels, for the most part
+        _, _, velocities = self._tracker.courses()
+        if not (lengths(velocities[:, :2]) > _SLOW).any():
             return Moving()
         moving = [t for t in self._tracker.tracks() if _moves(t)]
         if not moving:
@@ -83,14 +85,12 @@ class ObstacleWatch:
 
     def _remember_radii(self, places: Vector, trunks: Sequence[Trunk]) -> None:
         """Give the tracks the radii of the trunks that stand at places (n,3) m."""
-        tracks = self._tracker.tracks()
-        self._radii = {t.id: self._radii.get(t.id, 0.5) for t in tracks}
-        if not tracks:
-            return
-        apart = places[:, None, :2] - np.array([t.p[:2] for t in tracks])
+        ids, tracked, _ = self._tracker.courses()
+        self._radii = {name: self._radii.get(name, 0.5) for name in ids}
+        apart = places[:, None, :2] - tracked[:, :2]
         same = np.hypot(apart[..., 0], apart[..., 1]) < _SAME
         for n, k in np.argwhere(same).tolist():
-            self._radii[tracks[k].id] = trunks[n].radius
+            self._radii[ids[k]] = trunks[n].radius
 
 
 def _moves(t: Track) -> bool:

@@ -342,3 +342,17 @@ def test_one_look_that_may_be_either_of_two_neighbours_is_of_one():
         see(k, [4.0, 0.3, 0.0], [4.0, -0.3, 0.0])
     see(12, [4.0, 0.05, 0.0])
     assert sorted(t.unseen for t in tracker.tracks()) == pytest.approx([0.0, 0.1])
+
+
+@pytest.mark.parametrize("size_sigma", [0.0, 0.4])
+def test_courses_are_those_of_the_tracks(size_sigma):
+    config = TrackerConfig(size_sigma=size_sigma)
+    tracker, rng = Tracker(config), np.random.default_rng(3)
+    assert tracker.courses()[0] == []
+    *_, _ = follow(tracker, np.array([6.3, 0.4, 0.1]), 0.5 * CRUISE, 8, rng)
+    tracker.update(0.8, [look(np.array([3.0, -2.0, 0.0]), rng)], own(0.8), LEVEL, None)
+    tracks = tracker.tracks()
+    ids, places, velocities = tracker.courses()
+    assert ids == [t.id for t in tracks] != []
+    assert places == pytest.approx(np.array([t.p for t in tracks]), abs=1e-12)
+    assert velocities == pytest.approx(np.array([t.v for t in tracks]), abs=1e-12)
