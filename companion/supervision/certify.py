@@ -14,6 +14,7 @@ from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from companion.estimation.delay import Delay, within_doubt
@@ -143,6 +144,17 @@ class _Try(NamedTuple):
         return self.margin >= 0.0, *self.evades
 
 
+def _until_room(ways: list[_Try], near: int) -> list[_Try]:
+    """Return the ways, straight on first, up to the first kind that has room.
+
+    near: number of steps aside; those farther aside follow them.
+    """
+    for count in (1, 1 + near):
+        if max(way.room for way in ways[:count]) >= 0.0:
+            return ways[:count]
+    return ways
+
+
 def _carried(scene: Scene, dt: float) -> Scene:
     """Return the scene `dt` [s] later: what has a course has moved on."""
     neighbours, cylinders = scene.neighbours.copy(), scene.cylinders.copy()
@@ -208,7 +220,7 @@ class Certifier:
         first = np.array([command.c, *within_doubt(command.omega, delay)])
         law = braking_law(self._guard, delay, float(first[3]))  # it looks where the plan does
         scene = _carried(around(), prediction.delay)
-        after = self._out(first, prediction, scene, law)
+        after, at_once = self._out(first, prediction, scene, law)
         safe = max(after, key=lambda way: way.margin)
         leaves = max(way.course for way in after)
         if safe.margin >= 0.0 and leaves >= 0.0:
@@ -221,10 +233,10 @@ class Certifier:
             stays, ways = max(after, key=lambda way: way.course), []
         else:
             held = [way for way in self._going_on(prediction, scene, law) if way.margin >= 0.0]
-            ways = [] if held else self._out(None, prediction, scene, law)
+            ways = [] if held else at_once
             stays = max(held or ways, key=lambda way: way.rank)
         if stays.course < 0.0:  # it stops on somebody's course, and would be hit at rest
-            ways = ways or self._out(None, prediction, scene, law)
+            ways = ways or at_once
             leaving = max(ways, key=lambda way: way.evades)
             through = leaving.fixed < 0.0 <= stays.fixed
             if leaving.course >= stays.course + _GAIN and not through:
@@ -235,17 +247,26 @@ class Certifier:
         return self._fly(stays, safe.margin, safe.cause)
 
     def _out(
-        self, first: Vector | None, prediction: Prediction, scene: Scene, law: Law
-    ) -> list[_Try]:
-        """Return ways to stop after the command `first` (4,) or at once, until one has room."""
+        self, first: Vector, prediction: Prediction, scene: Scene, law: Law
+    ) -> tuple[list[_Try], list[_Try]]:
+        """Return ways to stop after the command `first` (4,), until one has room; and at once.
+
+        Those at once are looked at where straight on after the command there is no room.
+        """
         straight = self._tried(STRAIGHT, first, prediction, scene, law)
         if straight[0].room >= 0.0:
-            return straight
-        # Twice as many ways at once take little longer, and most often all of them are needed.
+            return straight, []
+        # Many ways at once take little longer than few, and most often all of them are needed.
         near, far = (aside(prediction.x0[3:6], *side) for side in (_SIDE, _FAR_SIDE))
-        aways = self._tried(near.and_also(far), first, prediction, scene, law)
-        enough = max(way.room for way in aways[: len(near)]) >= 0.0
-        return straight + (aways[: len(near)] if enough else aways)
+        ways = near.and_also(far)
+        n = len(ways)
+        after = np.arange(2 * n + 1) < n
+        both = ways.and_also(STRAIGHT).and_also(ways)
+        found = self._tried(both, first, prediction, scene, law, after=after)
+        return (
+            _until_room(straight + found[:n], len(near)),
+            _until_room(found[n:], len(near)),
+        )
 
     def _going_on(self, prediction: Prediction, scene: Scene, law: Law) -> list[_Try]:
         """Return what the way leaves over that was accepted last; nothing where none was."""
@@ -270,10 +291,14 @@ class Certifier:
         scene: Scene,
         law: Law,
         bounds: Bounds | None = None,
+        after: NDArray[np.bool_] | None = None,
     ) -> list[_Try]:
-        """Return what the ways leave over, flown after the command `first` (4,) or at once."""
+        """Return what the ways leave over, flown after the command `first` (4,) or at once.
+
+        after: (n,), which of them begin with that command; None: all.
+        """
         x0, wind = prediction.x0, prediction.disturbance
-        flown = simulate(x0, ways, wind, law, first)
+        flown = simulate(x0, ways, wind, law, first, after)
         # A plan may lead to a stop on a neighbour's course, as long as a way out is left after it.
         found = check(flown, x0, wind, scene, bounds or self._bounds)
         return [

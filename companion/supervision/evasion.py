@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from companion.supervision.certificate import DT, Trajectories
 from mavlink_bridge.shared.arrays import Vector, cross
@@ -80,12 +81,23 @@ def aside(forward: Vector, speed: float, hold: float) -> Ways:
     return Ways(np.concatenate([level, upright]), np.full(_SIDES + 2, hold))
 
 
-def simulate(x0: Vector, ways: Ways, wind: Vector, law: Law, first: Vector | None) -> Trajectories:
+def simulate(
+    x0: Vector,
+    ways: Ways,
+    wind: Vector,
+    law: Law,
+    first: Vector | None,
+    after: NDArray[np.bool_] | None = None,
+) -> Trajectories:
     """Return the ways flown from the state x0 (10,) p, v, q_wb.
 
     wind: (3,) m/s², acceleration to make up for. first: (4,) c, omega, a command that flies before
-    the law does, for `DT`; None: the law flies at once.
+    the law does, for `DT`; None: the law flies at once. after: (n,), which ways begin with that
+    command; None: all.
     """
+    n = len(ways)
+    if after is None:
+        after = np.full(n, first is not None)
     r = rotation_matrix(x0[6:10])
     start: list[float] = [*x0[:6].tolist(), *r[:, 2].tolist()]
     wx, wy, wz = wind.tolist()
@@ -94,20 +106,22 @@ def simulate(x0: Vector, ways: Ways, wind: Vector, law: Law, first: Vector | Non
     if first is not None:
         command = (float(first[0]), *(DT * (r @ [first[2], -first[1], 0.0])).tolist())
     # Plain numbers: most often there is one way, of which arrays take four times as long.
-    flown = _one_flown if len(ways) == 1 else _flown_together
-    places, speeds, thrust, turn = flown(start, ways, weight, law, command)
-    if first is not None:
-        return Trajectories(np.tile(first, (len(ways), 1)), places, speeds)
-    u = np.empty((len(ways), 4))
+    if n == 1:
+        places, speeds, thrust, turn = _one_flown(start, ways, weight, law, command)
+    else:
+        places, speeds, thrust, turn = _flown_together(start, ways, weight, law, command, after)
+    u = np.empty((n, 4))
     u[:, 0], u[:, 1:4] = thrust, turn @ r / DT
     u[:, 3] += law.yaw_rate
     np.clip(u[:, 1:4], -law.omega_max, law.omega_max, out=u[:, 1:4])
+    if first is not None:
+        u[after] = first
     return Trajectories(u, places, speeds)
 
 
 def _one_flown(
     start: list[float], ways: Ways, weight: _Axes, law: Law, command: _Command | None
-) -> tuple[Vector, Vector, float, Vector]:
+) -> tuple[Vector, Vector, Vector, Vector]:
     """Return what `_flown_together` does, of one way."""
     wanted, hold = ways.velocity[0].tolist(), float(ways.hold[0])
     states, thrust, turn = _flown(start, wanted, hold, weight, law, command)
@@ -115,16 +129,21 @@ def _one_flown(
     places, speeds = np.empty((1, STEPS + 1, 3)), np.zeros((1, STEPS + 1, 3))
     places[0, :count], speeds[0, :count] = rows[:, :3], rows[:, 3:]
     places[0, count:] = rows[-1, :3]
-    return places, speeds, thrust, np.array([turn])
+    return places, speeds, np.array([thrust]), np.array([turn])
 
 
 def _flown_together(
-    start: list[float], ways: Ways, weight: _Axes, law: Law, command: _Command | None
+    start: list[float],
+    ways: Ways,
+    weight: _Axes,
+    law: Law,
+    command: _Command | None,
+    after: NDArray[np.bool_],
 ) -> tuple[Vector, Vector, Vector, Vector]:
     """Return places and velocities (n,T,3) of all ways, their first thrusts (n,) and turns (n,3).
 
     This is `_flown`, all ways at once: it must be changed with it. weight, command: as there.
-    thrust: m/s². turn: rad, world.
+    after: (n,), which ways begin with the command. thrust: m/s². turn: rad, world.
     """
     n = len(ways)
     p, v, axis = (np.tile(np.array(start[k : k + 3])[:, None], n) for k in (0, 3, 6))  # (3,n)
@@ -135,15 +154,13 @@ def _flown_together(
     states[0] = p, v
     thrust, turn = np.zeros(n), np.zeros((3, n))
     for k in range(STEPS):
+        c, turned, sideways = _thrusts(axis, _forces(goes_on[k] * wanted - v, g, law), law)
+        if k == 0:
+            thrust, turn = c, cross(axis.T, sideways.T).T
         if k == 0 and command is not None:
-            c: Vector = np.array(command[0])
-            turned = axis + np.array(command[1:])[:, None]
-            turned /= np.maximum(np.sqrt((turned * turned).sum(axis=0)), _TINY)
-        else:
-            force = _forces(goes_on[k] * wanted - v, g, law)
-            c, turned, sideways = _thrusts(axis, force, law)
-            if k == 0:
-                thrust, turn = c, cross(axis.T, sideways.T).T
+            told = axis + np.array(command[1:])[:, None]
+            told /= np.maximum(np.sqrt((told * told).sum(axis=0)), _TINY)
+            c, turned = np.where(after, command[0], c), np.where(after, told, turned)
         old, new = c * axis - g, c * turned - g
         p = p + DT * v + DT * DT / 6.0 * (2.0 * old + new)
         v = v + 0.5 * DT * (old + new)

@@ -184,6 +184,11 @@ def test_ways_to_stop_are_flown_by_the_law(law, commanded, seed):
         assert found.u[k] == pytest.approx(u, abs=1e-9)
         assert found.p[k] == pytest.approx(p, abs=1e-9)
         assert found.v[k] == pytest.approx(v, abs=1e-9)
+        after = np.arange(13) % 2 == 0
+        some = simulate(x0, ways, wind, law, np.array([9.0, 0.1, 0.2, 0.3]), after)
+        alone = simulate(x0, ways.one(k), wind, law, some.u[k] if after[k] else None)
+        assert some.p[k] == pytest.approx(alone.p[0], abs=1e-12)
+        assert some.u[k] == pytest.approx(alone.u[0], abs=1e-12)
         alone = simulate(x0, ways.one(k), wind, law, first)
         assert alone.u[0] == pytest.approx(found.u[k], abs=1e-12)
         assert alone.p[0] == pytest.approx(found.p[k], abs=1e-12)
