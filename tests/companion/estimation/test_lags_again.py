@@ -194,7 +194,7 @@ def test_filters_are_those_of_the_equations(axis):
     rates = [np.interp(t - delay, times, values) for t in times]
     filtered = []
     original = estimator._errors
-    estimator._errors = lambda r, t: (filtered.append((t, r[axis])), original(r, t))[1]
+    estimator._errors = lambda r, t: (filtered.append((t[0], r[0, axis])), original(r, t))[1]
     for time, value, rate in zip(times, values, rates, strict=True):
         estimator.sent(SentInput(time, np.array([9.8, *(value * np.eye(3)[axis])]), 0.3))
         gyro = Attitude(time, np.array([1.0, 0, 0, 0]), rate * np.eye(3)[axis])
