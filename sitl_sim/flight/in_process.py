@@ -46,11 +46,7 @@ class LocalFrames:
     def start_companion(self, config: Path, endpoint: MemoryEndpoint) -> None:
         """Start a companion of this configuration; its MAVLink link is `endpoint`."""
         self._error_log = config.with_name("stderr.log")
-        self._companion = self._made(config, endpoint)
-
-    def _made(self, config: Path, endpoint: MemoryEndpoint) -> InProcessCompanion:
-        companion: InProcessCompanion = companion_class("in_process")(config, endpoint)
-        return companion
+        self._companion = companion_class("in_process")(config, endpoint)
 
     @property
     def connected(self) -> bool:
@@ -64,16 +60,20 @@ class LocalFrames:
         """
         if self._companion is None:
             return False
-        due = None if frame.due is None else _to_microseconds(frame.due)
+        due = None if frame.due is None else to_microseconds(frame.due)
         self.arrays = frame.arrays
-        received = Frame(_to_microseconds(frame.time), frame.arrays, frame.packets, due)
+        received = Frame(to_microseconds(frame.time), frame.arrays, frame.packets, due)
         try:
             self._answers.append(self._companion.answer(received))
         except Exception:
-            self._error_log.write_text(traceback.format_exc(), encoding="utf-8")
-            self.failed = True
-            self.close()
+            self._lost()
         return not self.failed
+
+    def _lost(self) -> None:
+        """Give the companion up for the exception that is being handled, and write it down."""
+        self._error_log.write_text(traceback.format_exc(), encoding="utf-8")
+        self.failed = True
+        self.close()
 
     def answer(self, timeout: float) -> Answer | None:
         """Return the next answer without waiting; None where there is none."""
@@ -88,7 +88,7 @@ class LocalFrames:
     hang_up = close
 
 
-def _to_microseconds(time: float) -> float:
+def to_microseconds(time: float) -> float:
     """Return the time [s] rounded to whole microseconds."""
     return round(time * 1e6) / 1e6
 

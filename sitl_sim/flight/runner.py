@@ -35,9 +35,9 @@ from sitl_sim.flight.delays import Delays
 from sitl_sim.flight.hosts import Host, HostedFrames
 from sitl_sim.flight.in_process import LocalFrames, make_pools
 from sitl_sim.flight.inputs import whose_targets, write_inputs, write_world
-from sitl_sim.flight.sensors import Sensors
+from sitl_sim.flight.sensors import Capture, Sensors, captured
 from sitl_sim.flight.signed_lines import VehicleSigning, key_of
-from sitl_sim.flight.vehicle_connection import Capture, VehicleConnection
+from sitl_sim.flight.vehicle_connection import VehicleConnection
 from sitl_sim.recording.run_folder import own_frames
 from sitl_sim.recording.truth import Truth
 from sitl_sim.scenarios import placement
@@ -80,7 +80,6 @@ class Flight:
         self.scenario = scenario
         self.folder = folder
         self._in_process = in_process
-        self._hosts = [Host() for _ in range(hosts)] if in_process else []
         self.names = scenarios.drone_names(scenario)
         self.key = key_of(scenario.seed) if scenario.drones.signing else None
         self._schedule = scenarios.fault_schedule(scenario)
@@ -108,6 +107,7 @@ class Flight:
         )
         boot_ms = placement.boot_ms(scenario)
         self.sensors = Sensors(scenario, self.world)
+        self._hosts = [Host(self.sensors) for _ in range(hosts)] if in_process else []
         self._real_time = real_time or scenario.drones.own_time
         if self._real_time:
             self.sensors.warm_up(self.vehicles.p, self.vehicles.q)
@@ -137,10 +137,10 @@ class Flight:
             lambda i: self._drones[i].process_id,
             self._restart_clock,
         )
-        # Threads pay only where a frame takes time.
-        ticks_here = in_process and not self._hosts
-        waits = bool(self.sensors.renders or self._hosts) or (self._real_time and not in_process)
-        self._captures, self._deliveries = make_pools(ticks_here, waits)
+        # Threads pay only where a frame takes time in this process.
+        renders = self.sensors.renders and not self._hosts
+        waits = renders or (self._real_time and not in_process)
+        self._captures, self._deliveries = make_pools(in_process, waits)
         self._latency_ms = round(scenario.sensing.latency * 1e3 / QUANTUM_MS) * QUANTUM_MS
         self.truth = Truth(self.names)
         self._drifts = drifts
@@ -153,7 +153,8 @@ class Flight:
 
     def _connect(self, i: int, name: str, boot_ms: int) -> VehicleConnection:
         system = i + 1
-        frames, companion, ground = self._wire(system)
+        camera = FaultyCamera(self._schedule, i)
+        frames, companion, ground = self._wire(system, camera)
         line = FaultyLine(self._schedule, i)
         signing = VehicleSigning(self.key) if self.key is not None else None
         return VehicleConnection(
@@ -167,15 +168,19 @@ class Flight:
             frames,
             line,
             FaultyTelemetry(self._schedule, i),
-            FaultyCamera(self._schedule, i),
+            camera,
             signing,
         )
 
-    def _wire(self, system: int) -> tuple[FrameServer | LocalFrames, Endpoint, Endpoint]:
+    def _wire(
+        self, system: int, camera: FaultyCamera
+    ) -> tuple[FrameServer | LocalFrames, Endpoint, Endpoint]:
         """Return a vehicle's ends of frame channel, companion's link and ground stations' link."""
         if self._in_process:
-            hosts = self._hosts
-            frames = HostedFrames(hosts[system % len(hosts)]) if hosts else LocalFrames()
+            frames = LocalFrames()
+            if self._hosts:
+                host = self._hosts[system % len(self._hosts)]
+                frames = HostedFrames(host, system - 1, camera)
             return frames, MemoryEndpoint(), MemoryEndpoint()
         wire, timeout = self.scenario.wire, self.scenario.timing.answer_timeout
         try:
@@ -417,8 +422,10 @@ class Flight:
     def _capture(
         self, drone: VehicleConnection, now: float, stamp: float, p: Vector, q: Vector
     ) -> Capture:
-        arrays = self.sensors.frame(drone.index, stamp, p, q)
-        return drone.camera.alter(now, stamp + self.sensors.stamp_error(drone.index), arrays)
+        if isinstance(drone.frames, HostedFrames):
+            drone.frames.look(now, stamp, p, q)
+            return stamp, {}  # the frame stays in the process of its companion
+        return captured(self.sensors, drone.camera, drone.index, now, stamp, p, q)
 
     def _send_frame(self, drone: VehicleConnection) -> None:
         """Deliver the frame that was captured for this instant; its tick falls due."""

@@ -9,12 +9,16 @@ from numpy.typing import NDArray
 
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.frames import multiply
+from sitl_sim.faults.camera import FaultyCamera
 from sitl_sim.scenarios.scenario import Scenario
 from sitl_sim.scenarios.sensing import lens_of
 from sitl_sim.sensors import perfect_detector as detector
 from sitl_sim.sensors.renderers import Pictures, make_renderer
 from sitl_sim.sensors.sensor import measured
 from sitl_sim.worlds.world import Occluders
+
+Capture = tuple[float, dict[str, NDArray[Any]]]
+"""Capture time [s, vehicle's clock], and the arrays of a frame."""
 
 
 class Sensors:
@@ -91,3 +95,20 @@ class Sensors:
             if self._occluders.boxes:
                 arrays["ranges"] = self._walls(p[i], looks, s.range_max)
         return arrays
+
+
+def captured(
+    sensors: Sensors,
+    camera: FaultyCamera,
+    i: int,
+    now: float,
+    stamp: float,
+    p: Vector,
+    q: Vector,
+) -> Capture:
+    """Return what drone i's sensors see, altered by its faults; as `Sensors.frame`.
+
+    now: s of the flight.
+    """
+    arrays = sensors.frame(i, stamp, p, q)
+    return camera.alter(now, stamp + sensors.stamp_error(i), arrays)

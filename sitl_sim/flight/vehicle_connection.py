@@ -9,9 +9,6 @@ from collections import deque
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
-
-from numpy.typing import NDArray
 
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.ids import ComponentId
@@ -24,9 +21,8 @@ from sitl_sim.external.priority import COMPANION, raise_priority
 from sitl_sim.faults.camera import FaultyCamera
 from sitl_sim.faults.link import FaultyLine, FaultyTelemetry
 from sitl_sim.flight.in_process import LocalFrames
+from sitl_sim.flight.sensors import Capture
 from sitl_sim.flight.signed_lines import VehicleSigning
-
-Capture = tuple[float, dict[str, NDArray[Any]]]  # capture time [s, vehicle's clock], the arrays
 
 
 @dataclass
