@@ -20,6 +20,7 @@ _TURNS = {
     "camera_pitched": np.array([1.0, 0.0, 0.0]),
     "camera_yawed": np.array([0.0, -1.0, 0.0]),
 }
+_OLD = ("camera_late", "camera_frozen")  # kinds that show what was seen before
 _FOV = np.radians(160.0)  # over the width of an ideal fisheye
 _GHOST_RANGE = (1.5, 8.0)  # m
 _NOISE = 2.0  # of 255, of the sensor behind a fogged lens
@@ -30,7 +31,9 @@ class FaultyCamera:
 
     def __init__(self, schedule: Schedule, i: int) -> None:
         self._schedule, self._i = schedule, i
-        self._taken: deque[tuple[float, Arrays]] = deque(maxlen=_KEPT)
+        # A picture that is kept cannot be written over: only faults that show old ones pay for it.
+        kept = _KEPT if schedule.has(i, *_OLD) else 0
+        self._taken: deque[tuple[float, Arrays]] = deque(maxlen=kept)
         self._frozen: Arrays | None = None
 
     def alter(self, now: float, stamp: float, arrays: Arrays) -> tuple[float, Arrays]:

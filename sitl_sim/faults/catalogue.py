@@ -240,9 +240,16 @@ class Schedule:
         for faults in self._faults:
             yield from faults
 
+    def has(self, i: int, *kinds: str) -> bool:
+        """Return whether drone i ever has a fault of these kinds."""
+        return any(f.config.kind in kinds for f in self._faults[i])
+
     def at(self, i: int, now: float, *kinds: str) -> list[Fault]:
         """Return drone i's faults of these kinds that are present now, in the scenario's order."""
-        return [f for f in self._faults[i] if f.config.kind in kinds and f.config.active(now)]
+        faults = self._faults[i]
+        if not faults:  # asked for each packet and frame, most often in vain
+            return []
+        return [f for f in faults if f.config.kind in kinds and f.config.active(now)]
 
 
 def _affected(number: int, config: FaultConfig, names: Sequence[str]) -> Iterable[int]:
