@@ -46,7 +46,7 @@ WALL_TEXELS = np.float32(128.0)  # per metre
 T_MAX = np.float32(400.0)  # m, ground beyond is all haze
 SHIFT = np.float32(2048.0)  # m, keeps texture coordinates positive
 # Unsigned, as every index that cannot be negative: negative ones would count from the end.
-_BYTE, _LOW = np.uintp(8), np.uintp(255)
+_BYTE, _LOW, _NEXT = np.uintp(8), np.uintp(255), np.uintp(1)
 _ROWS_PER_SKY, _BINS_PER_SKY = np.uintp(EBINS // SKY_SHAPE[0]), np.uintp(BINS // SKY_SHAPE[1])
 
 
@@ -149,6 +149,7 @@ def paint(  # type: ignore[no-untyped-def]
     texel_u, texel_v = np.empty(w, np.int32), np.empty(w, np.int32)
     texel_m = np.empty(w, np.int32)
     colour = np.empty(w, np.uint32)
+    rest = np.empty(w + 1, np.int32)  # columns that show more than the nearest trunks
     gain, mist = np.empty(w, np.float32), np.empty(w, np.float32)
     have_boxes = boxes.shape[0] > 0
     side = np.int32(macro.shape[0])
@@ -186,9 +187,13 @@ def paint(  # type: ignore[no-untyped-def]
             macro_u = np.int32(min(max((gx - mx) * ms, ZERO), last_macro))
             macro_v = np.int32(min(max((gy - my) * ms, ZERO), last_macro))
             texel_m[x] = macro_v * side + macro_u
+        rests = 0
         for x in range(w):
             b, s = np.uintp(bins[x]), slope[x]
             gain[x], mist[x] = ONE, ZERO
+            rest[rests] = np.int32(x)  # counted without a branch, or written over
+            boxed = have_boxes and start[b] < start[b + _NEXT]
+            rests += np.int64(boxed or top[b] <= s < upper[b])
             if s < top[b] and near[b] < (reach[x] if falls[x] < ZERO else FAR):
                 v = np.int32((pz + s * near[b] + SHIFT) * BARK_TEXELS)
                 light = np.float32(bark[stem[b] + texel(np.int32(0), v, bark_level[b])])
@@ -215,11 +220,10 @@ def paint(  # type: ignore[no-untyped-def]
             line[3 * x] = np.int32(min(blue_ * gain[x] + haze_b * mist[x], np.float32(255)))
             line[3 * x + 1] = np.int32(min(green_ * gain[x] + haze_g * mist[x], np.float32(255)))
             line[3 * x + 2] = np.int32(min(red_ * gain[x] + haze_r * mist[x], np.float32(255)))
-        for x in range(w):  # trunks behind and above the nearest ones, and boxes
+        for n in range(rests):  # trunks behind and above the nearest ones, and boxes
+            x = np.int64(rest[n])
             b, s = bins[x], slope[x]
             boxed = have_boxes and start[b] < start[b + 1]
-            if not boxed and (s >= upper[b] or s < top[b]):
-                continue
             limit = FAR
             ground_t = FAR
             if falls[x] < ZERO:
