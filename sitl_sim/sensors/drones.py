@@ -138,8 +138,9 @@ def _trace(dx, dy, dz, maps, origins, suns, parts, active, n_active, out):  # ty
 
     The nearest opaque part hides the others; translucent discs (propellers) before it blend.
     """
-    nearest, solid = np.float32(np.inf), -1
-    veil_t, veil, veil_part = np.float32(np.inf), np.float32(0), -1
+    nearest, solid, is_solid = np.float32(np.inf), np.uintp(0), False
+    veil_t, veil, veil_part = np.float32(np.inf), np.float32(0), np.uintp(0)
+    is_veil = False
     for k in range(n_active):
         i = active[k]
         ux = maps[i, 0, 0] * dx + maps[i, 0, 1] * dy + maps[i, 0, 2] * dz
@@ -156,20 +157,20 @@ def _trace(dx, dy, dz, maps, origins, suns, parts, active, n_active, out):  # ty
             continue
         if parts[i, 16] >= np.float32(1):
             if t < nearest:
-                nearest, solid = t, i
+                nearest, solid, is_solid = t, i, True
         else:
             # The farther of two discs hidden by the nearer adds to the same veil.
             if t < veil_t:
-                veil_t, veil_part = t, i
+                veil_t, veil_part, is_veil = t, i, True
             veil = veil + (np.float32(1) - veil) * parts[i, 16]
     if veil_t >= nearest:
         veil = np.float32(0)
-    if solid < 0 and veil_part < 0:
+    if not is_solid and not is_veil:
         out[3] = np.float32(0)
         return nearest
     out[0], out[1], out[2] = np.float32(0), np.float32(0), np.float32(0)
     out[3] = veil
-    if solid >= 0:
+    if is_solid:
         i = solid
         m = maps[i]
         ux = m[0, 0] * dx + m[0, 1] * dy + m[0, 2] * dz
@@ -190,7 +191,7 @@ def _trace(dx, dy, dz, maps, origins, suns, parts, active, n_active, out):  # ty
         out[3] = np.float32(1)
     if veil > np.float32(0):
         for c in range(3):
-            if solid >= 0:
+            if is_solid:
                 out[c] = out[c] * (np.float32(1) - veil) + veil * parts[veil_part, 13 + c]
             else:
                 out[c] = parts[veil_part, 13 + c]
@@ -258,13 +259,13 @@ def draw_drones(  # type: ignore[no-untyped-def]
         clear = np.float32(math.exp(-distance[j] / FOG_RANGE))
         # Far drones are small and need sub-pixel samples; near ones only cost time.
         ss = 2 if f * 0.4 / distance[j] < 45.0 and not into_depth else 1
-        active = np.empty(parts.shape[0], np.int64)
-        row = np.empty(parts.shape[0], np.int64)
+        active = np.empty(parts.shape[0], np.uintp)
+        row = np.empty(parts.shape[0], np.uintp)
         for y in range(y0, y1):
             n_row = 0
             for i in range(parts.shape[0]):
                 if frames[i, 1] <= y < frames[i, 3] and frames[i, 0] < frames[i, 2]:
-                    row[n_row] = i
+                    row[n_row] = np.uintp(i)
                     n_row += 1
             for x in range(x0, x1):
                 n_active = 0
