@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sitl_sim.faults.catalogue import Fault, Schedule
 from sitl_sim.vehicles.firmware.flavour import Mode
@@ -30,7 +30,8 @@ class FaultyWorld:
     """Applies each fault to its vehicle when it begins, and removes it when it ends.
 
     autopilots: the emulated ones, None for real ones. process: process id of drone i's companion,
-    or None. rebooted: called with the index of a drone whose autopilot restarts.
+    or None. rebooted: called with the index of a drone whose autopilot restarts. wind: (3,) m/s,
+    world, its mean.
     """
 
     def __init__(
@@ -40,6 +41,7 @@ class FaultyWorld:
         autopilots: Autopilots | None,
         process: Callable[[int], int | None] = lambda i: None,
         rebooted: Callable[[int], None] = lambda i: None,
+        wind: ArrayLike = 0.0,
     ) -> None:
         self._schedule, self._vehicles, self._autopilots = schedule, vehicles, autopilots
         self._process, self._rebooted = process, rebooted
@@ -49,6 +51,9 @@ class FaultyWorld:
             autopilots.gyro_bias(i) if autopilots else np.zeros(3) for i in range(len(vehicles))
         ]
         self._limits: dict[int, tuple[int, int]] = {}  # process id → its original limits
+        self._mean_wind = np.empty((len(vehicles), 3))
+        self._mean_wind[:] = wind
+        self._gusts = [f for f in schedule.all() if f.kind == "gust"]
         self._motors = {id(f): _motors(f) for f in schedule.all()}
         self._ways = {
             id(f): _towards_any_side(f)
@@ -96,11 +101,13 @@ class FaultyWorld:
             elif active and fault.kind in self._sudden:
                 self._sudden[fault.kind](fault)
 
-    def wind(self, now: float, base: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the wind (n,3) m/s, world: `base` (3,) and the gusts of each drone."""
-        air = np.tile(base, (len(self._vehicles), 1))
-        for fault in self._schedule.all():
-            if fault.kind == "gust" and fault.config.active(now):
+    def wind(self, now: float) -> NDArray[np.float64]:
+        """Return the wind (n,3) m/s, world: its mean and the gusts of each drone."""
+        if not self._gusts:
+            return self._mean_wind
+        air = self._mean_wind.copy()
+        for fault in self._gusts:
+            if fault.config.active(now):
                 air[fault.i] += self._ways[id(fault)]
         return air
 

@@ -9,7 +9,6 @@ own process, and so the truth is the same.
 from __future__ import annotations
 
 import contextlib
-import gc
 import multiprocessing
 import os
 import pickle
@@ -25,6 +24,7 @@ from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.wire.memory import MemoryEndpoint
 from mavlink_bridge.wire.video import Answer, Frame
 from sitl_sim.faults.camera import FaultyCamera
+from sitl_sim.flight.garbage import spare_the_collector
 from sitl_sim.flight.in_process import InProcessCompanion, LocalFrames, to_microseconds
 from sitl_sim.flight.sensors import Capture, Sensors, captured
 from sitl_sim.scenarios.companion_entry_points import companion_class
@@ -181,8 +181,7 @@ class _Companions:
         ours = MemoryEndpoint()
         companion = companion_class("in_process")(Path(name), MemoryEndpoint(ours))
         self._held[name] = _Held(companion, ours, i, camera, RuntimeError("nothing was seen"))
-        gc.collect()
-        gc.freeze()  # all of it stays to the end: it need not be searched for garbage
+        spare_the_collector()
 
     def look(self, name: str, now: float, stamp: float, p: Vector, q: Vector) -> None:
         """Keep what the drone's sensors see now."""

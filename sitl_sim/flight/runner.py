@@ -14,7 +14,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from mavlink_bridge.shared.arrays import Vector
@@ -32,6 +31,7 @@ from sitl_sim.faults.link import FaultyLine, FaultyLink, FaultyTelemetry
 from sitl_sim.faults.world import FaultyWorld
 from sitl_sim.flight.autopilots import foreign_fleet, switch_on, true_airframes
 from sitl_sim.flight.delays import Delays
+from sitl_sim.flight.garbage import spared_collector
 from sitl_sim.flight.hosts import Host, HostedFrames
 from sitl_sim.flight.in_process import LocalFrames, make_pools
 from sitl_sim.flight.inputs import whose_targets, write_inputs, write_world
@@ -136,6 +136,7 @@ class Flight:
             self._autopilots if isinstance(self._autopilots, Autopilots) else None,
             lambda i: self._drones[i].process_id,
             self._restart_clock,
+            wind=scenario.wind.mean,
         )
         # Threads pay only where a frame takes time in this process.
         renders = self.sensors.renders and not self._hosts
@@ -280,12 +281,20 @@ class Flight:
         """
         self._raise_if_stopped()
         limit = round(self.scenario.mission.time_limit * 1e3)
-        started, speed = time.monotonic(), self.scenario.timing.speed
+        started = time.monotonic()
         if isinstance(self._autopilots, RealFleet):
             self._autopilots.begin(started)
             self._set_clocks([round(started * 1e3)] * len(self._drones))  # CLOCK_MONOTONIC
             write_world(self.folder, self.world)
-        earliest = started
+        with spared_collector():
+            self._fly(limit, started, progress, until_stopped)
+        self.wall_seconds = time.monotonic() - started
+
+    def _fly(
+        self, limit: int, started: float, progress: Callable[[float], None], until_stopped: bool
+    ) -> None:
+        """Live instant after instant; limit: ms. started: CLOCK_MONOTONIC [s]."""
+        earliest, speed = started, self.scenario.timing.speed
         while until_stopped or (self._now < limit and not self._over()):
             if self.stopped_by is not None:
                 break
@@ -297,11 +306,10 @@ class Flight:
             # lives a second at once, every companion is silent for a second.
             earliest = time.monotonic() + (following - self._now) / 2e3 / speed
             self._faults.update(self._now / 1e3)
-            wind = self._faults.wind(self._now / 1e3, np.array(self.scenario.wind.mean))
+            wind = self._faults.wind(self._now / 1e3)
             self._autopilots.advance(following / 1e3, wind)
             self._now = following
             progress(self._now / 1e3)
-        self.wall_seconds = time.monotonic() - started
 
     def stop(self, number: int) -> None:
         """Stop the flight at the next instant, for the signal of this number."""

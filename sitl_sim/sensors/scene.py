@@ -159,6 +159,7 @@ def paint(  # type: ignore[no-untyped-def]
     levels, clears = elevations[0], elevations[1]
     haze_b, haze_g, haze_r = haze[0], haze[1], haze[2]
     near, top, upper, stem, bark_level, shade = front_trunks(table, count)
+    layered = have_boxes or np.any(upper > top)  # some pixel shows more than the nearest trunk
     for y in range(h):
         for x in range(w):  # no branches: the compiler makes this loop SIMD
             a, b_, c_ = rays[0, y, x], rays[1, y, x], rays[2, y, x]
@@ -187,13 +188,14 @@ def paint(  # type: ignore[no-untyped-def]
             macro_u = np.int32(min(max((gx - mx) * ms, ZERO), last_macro))
             macro_v = np.int32(min(max((gy - my) * ms, ZERO), last_macro))
             texel_m[x] = macro_v * side + macro_u
-        rests = 0
+        rests = np.int64(0)
         for x in range(w):
             b, s = np.uintp(bins[x]), slope[x]
             gain[x], mist[x] = ONE, ZERO
-            rest[rests] = np.int32(x)  # counted without a branch, or written over
-            boxed = have_boxes and start[b] < start[b + _NEXT]
-            rests += np.int64(boxed or top[b] <= s < upper[b])
+            if layered:
+                rest[rests] = np.int32(x)  # counted without a branch, or written over
+                boxed = have_boxes and start[b] < start[b + _NEXT]
+                rests += np.int64(boxed or top[b] <= s < upper[b])
             if s < top[b] and near[b] < (reach[x] if falls[x] < ZERO else FAR):
                 v = np.int32((pz + s * near[b] + SHIFT) * BARK_TEXELS)
                 light = np.float32(bark[stem[b] + texel(np.int32(0), v, bark_level[b])])
@@ -221,7 +223,7 @@ def paint(  # type: ignore[no-untyped-def]
             line[3 * x + 1] = np.int32(min(green_ * gain[x] + haze_g * mist[x], np.float32(255)))
             line[3 * x + 2] = np.int32(min(red_ * gain[x] + haze_r * mist[x], np.float32(255)))
         for n in range(rests):  # trunks behind and above the nearest ones, and boxes
-            x = np.int64(rest[n])
+            x = int(rest[n])
             b, s = bins[x], slope[x]
             boxed = have_boxes and start[b] < start[b + 1]
             limit = FAR

@@ -173,9 +173,9 @@ class Autopilots:
 
     def advance(self, t_end: float, wind: ArrayLike = 0.0) -> None:
         """Simulate up to t_end [s], a multiple of 1 ms; wind: (3,) or (n,3) m/s, world."""
-        mean = np.ascontiguousarray(
-            np.broadcast_to(np.asarray(wind, dtype=np.float64), self.vehicles.p.shape)
-        )
+        mean = np.asarray(wind, dtype=np.float64)
+        if mean.shape != self.vehicles.p.shape or not mean.flags.c_contiguous:
+            mean = np.ascontiguousarray(np.broadcast_to(mean, self.vehicles.p.shape))
         end = round(t_end / SUBSTEP)
         while self._substeps < end:
             place = self._substeps % BLOCK_SUBSTEPS

@@ -42,8 +42,8 @@ def test_a_vehicle_is_whole_again_after_its_faults(schedule):
     for t, share in enumerate((0.5, 0.4, 0.8, 1.0)):
         both.update(float(t))
         assert (vehicles.body.thrust_max / whole).ravel() == pytest.approx([share] * 8)
-    gusts = FaultyWorld(schedule(kind="gust", amount=5.0), vehicles, None)
-    wind = gusts.wind(0.0, np.array([1.0, 0.0, 0.0]))
+    gusts = FaultyWorld(schedule(kind="gust", amount=5.0), vehicles, None, wind=[1.0, 0.0, 0.0])
+    wind = gusts.wind(0.0)
     assert np.linalg.norm(wind - [1.0, 0, 0], axis=1) == pytest.approx([5.0, 5.0])
     assert isinstance(next(iter(s.all())), Fault)
 
