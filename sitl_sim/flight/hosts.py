@@ -28,22 +28,26 @@ from sitl_sim.flight.garbage import spare_the_collector
 from sitl_sim.flight.in_process import InProcessCompanion, LocalFrames, to_microseconds
 from sitl_sim.flight.sensors import Capture, Sensors, captured
 from sitl_sim.scenarios.companion_entry_points import companion_class
+from sitl_sim.scenarios.scenario import Scenario
 
 _PATIENCE = 5.0  # s for a process to end by itself
 
 
 class Host:
-    """A process that holds companions and does what is asked in that order.
+    """A process that holds companions and their sensors, and does what is asked in that order."""
 
-    It starts with the first request.
-    """
-
-    def __init__(self, sensors: Sensors) -> None:
-        """Prepare the process; sensors: a copy of them serves its companions."""
+    def __init__(self, scenario: Scenario, world: dict[str, Any]) -> None:
+        """Prepare the process, which builds the sensors of this scenario's drones itself."""
         context = multiprocessing.get_context("spawn")
         self._pipe, self._theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(self._theirs, sensors), daemon=True)
+        args = (self._theirs, scenario, world)
+        self._process = context.Process(target=_serve, args=args, daemon=True)
         self._replies: dict[str, tuple[bool, Any]] = {}  # that came before they were asked for
+
+    def start(self) -> None:
+        """Start the process; it takes seconds to be ready, in which this one may go on."""
+        self._process.start()
+        self._theirs.close()
 
     def post(self, what: str, name: str, *args: Any) -> None:
         """Ask the process to do something for a companion, and do not wait for it.
@@ -51,9 +55,6 @@ class Host:
         Raises:
             OSError: the process has ended.
         """
-        if self._process.pid is None:
-            self._process.start()
-            self._theirs.close()
         self._pipe.send((what, name, args))
 
     def reply(self, name: str) -> Any:
@@ -210,13 +211,13 @@ class _Companions:
         self._held.pop(name).companion.close()
 
 
-def _serve(pipe: Connection, sensors: Sensors) -> None:
+def _serve(pipe: Connection, scenario: Scenario, world: dict[str, Any]) -> None:
     """Hold companions until the other end closes the pipe."""
     import cv2
 
     cv2.setNumThreads(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the flight's process decides when it is over
-    companions = _Companions(sensors)
+    companions = _Companions(Sensors(scenario, world))
     replied: dict[str, Callable[..., Any]] = {
         "start": companions.start,
         "tick": companions.tick,

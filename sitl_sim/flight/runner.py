@@ -106,8 +106,8 @@ class Flight:
             true_airframes(scenario), start, placement.headings(scenario, start)
         )
         boot_ms = placement.boot_ms(scenario)
-        self.sensors = Sensors(scenario, self.world)
-        self._hosts = [Host(self.sensors) for _ in range(hosts)] if in_process else []
+        self._hosts = [Host(scenario, self.world) for _ in range(hosts)] if in_process else []
+        self.sensors = Sensors(scenario, self.world, renders=not self._hosts)
         self._real_time = real_time or scenario.drones.own_time
         if self._real_time:
             self.sensors.warm_up(self.vehicles.p, self.vehicles.q)
@@ -139,8 +139,7 @@ class Flight:
             wind=scenario.wind.mean,
         )
         # Threads pay only where a frame takes time in this process.
-        renders = self.sensors.renders and not self._hosts
-        waits = renders or (self._real_time and not in_process)
+        waits = self.sensors.renders or (self._real_time and not in_process)
         self._captures, self._deliveries = make_pools(in_process, waits)
         self._latency_ms = round(scenario.sensing.latency * 1e3 / QUANTUM_MS) * QUANTUM_MS
         self.truth = Truth(self.names)
@@ -248,6 +247,8 @@ class Flight:
             KeyboardInterrupt: the flight was stopped.
         """
         urgent = isinstance(self._autopilots, RealFleet)
+        for host in self._hosts:
+            host.start()
         for drone in self._drones:
             self._raise_if_stopped()
             if drone.name in self._with_companion:

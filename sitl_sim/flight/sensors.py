@@ -24,7 +24,12 @@ Capture = tuple[float, dict[str, NDArray[Any]]]
 class Sensors:
     """The forward sensors of all drones of a scenario in its world."""
 
-    def __init__(self, scenario: Scenario, world: dict[str, Any]) -> None:
+    def __init__(self, scenario: Scenario, world: dict[str, Any], renders: bool = True) -> None:
+        """Prepare them; renders: False where other processes render the pictures.
+
+        Raises:
+            SettingsError: the cameras' calibration cannot be used.
+        """
         s = self._sensing = scenario.sensing
         self._occluders = Occluders(world)
         self._walls = detector.WallRanges(self._occluders, s.width, s.height, s.fov_deg)
@@ -33,13 +38,14 @@ class Sensors:
         self._cameras = s.actual.drawn(scenario.drones.count, scenario.seed)
         self._renderers: dict[float, Pictures] = {}  # by the factor on the focal length
         if "camera" in (s.neighbours, s.obstacles) or s.obstacles == "depth":
-            for factor in {c.focal for c in self._cameras}:
+            lens = lens_of(s)
+            for factor in {c.focal for c in self._cameras} if renders else set():
                 self._renderers[factor] = make_renderer(
                     world,
                     scenario.world.look,
                     scenario.drones.look,
                     scenario.seed,
-                    lens_of(s).zoomed(factor),
+                    lens.zoomed(factor),
                 )
 
     @property

@@ -65,14 +65,14 @@ def overlay(  # type: ignore[no-untyped-def]
         x1, y1 = frames[:, 2].max(), frames[:, 3].max()
         clear = np.float32(math.exp(-away[j] / fog))
         ss = 2 if f * 2 * size / away[j] < _COARSE else 1
-        active = np.empty(parts.shape[0], np.int64)
-        row = np.empty(parts.shape[0], np.int64)
+        active = np.empty(parts.shape[0], np.uintp)
+        row = np.empty(parts.shape[0], np.uintp)
         share = np.float32(1.0 / (ss * ss))
         for y in range(y0, y1):
             n_row = 0
             for i in range(parts.shape[0]):
                 if frames[i, 1] <= y < frames[i, 3] and frames[i, 0] < frames[i, 2]:
-                    row[n_row] = i
+                    row[n_row] = np.uintp(i)
                     n_row += 1
             for x in range(x0, x1):
                 n_active = 0

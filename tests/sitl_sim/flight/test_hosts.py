@@ -12,7 +12,6 @@ from sitl_sim.faults.catalogue import Schedule
 from sitl_sim.flight.hosts import Host, HostedFrames
 from sitl_sim.flight.results import finish
 from sitl_sim.flight.runner import flight
-from sitl_sim.flight.sensors import Sensors
 from sitl_sim.scenarios.scenario import Scenario
 
 
@@ -58,7 +57,8 @@ def test_a_wrong_configuration_is_told_as_by_one_process(tmp_path):
     config = tmp_path / "config.yaml"
     config.write_text("fileversion: 1\nname: drone1\nfence: {altitude_max: 0.2}\n")
     scenario = Scenario.model_validate({"drones": {"count": 1}})
-    host = Host(Sensors(scenario, {}))
+    host = Host(scenario, {})
+    host.start()
     camera = FaultyCamera(Schedule([], ["drone1"], 0), 0)
     with pytest.raises(SettingsError, match="altitude_max"):
         HostedFrames(host, 0, camera).start_companion(config, MemoryEndpoint())
