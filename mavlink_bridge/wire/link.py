@@ -271,14 +271,17 @@ class Link:
         allowance, whole, claims = self._allowance, self._whole, self.codec.claim
         if allowance.spent:
             return []
+        packets = self.endpoint.receive() if udp is None else udp.receive(strangers)
+        data = next(packets, None)
+        if data is None:  # as most often on a simulator's many links
+            return []
         pinned = None if self._vehicle is None else self._pinned
         near, far = Newest(), Newest.of_strangers()
         doubtful: list[Packet] = []
         place, strange, heard, may_doubt = None, False, 0, True
         counts, sizes = [0] * len(Claim), [0] * len(Claim)  # of what is refused, by its claim
-        packets = self.endpoint.receive() if udp is None else udp.receive(strangers)
         number, left, room = 0, allowance.packets, allowance.bytes
-        while number < left and room > 0 and (data := next(packets, None)) is not None:
+        while data is not None:
             size = len(data)
             room -= size
             if udp is not None:
@@ -296,6 +299,7 @@ class Link:
             else:
                 counts[claim] += 1
                 sizes[claim] += size
+            data = next(packets, None) if number < left and room > 0 else None
         allowance.packets, allowance.bytes = left - number, room
         for claim in Claim:
             self.codec.refuse(claim, counts[claim], sizes[claim])
