@@ -26,7 +26,7 @@ def add_flight_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 _MANY = 3  # drones from which further processes pay for an in-process flight
-_HOSTS_MOST = 8  # this process, which simulates and renders, feeds no more
+_HOSTS_MOST = 8  # this process, which simulates, feeds no more
 
 
 @contextmanager
