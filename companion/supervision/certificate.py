@@ -76,13 +76,14 @@ class Trajectories:
 class Findings:
     """margin (n,): m left over at the tightest place, < 0: refused; cause (n,): what is there.
 
-    course (n,): m, likewise, where neighbours keep their courses, also while the drone is at rest;
-    fixed (n,): m, the same to obstacles and surfaces alone, which give way to nobody.
+    Others (n,) m, also while the drone is at rest: course, to neighbours in sight that keep their
+    courses; clear, to all; fixed, to what gives way to nobody.
     """
 
     margin: Vector
     cause: tuple[str, ...]
     course: Vector
+    clear: Vector
     fixed: Vector
 
 
@@ -98,19 +99,18 @@ def check(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, bounds: Bou
             numbers = [margins, *(a.reshape(n, -1) for a in (way.u, way.p, way.v))]
             good = np.isfinite(np.concatenate(numbers, axis=1)).all(axis=1) & sane
     except (ValueError, TypeError, IndexError, AttributeError):  # shapes that do not fit
-        return Findings(bad := np.full(n, -_FAR), (CAUSES[-1],) * n, bad, bad)
-    by_cause, (course, fixed) = margins[:, :-2], np.where(good, margins[:, -2:].T, -_FAR)
+        return Findings(bad := np.full(n, -_FAR), (CAUSES[-1],) * n, bad, bad, bad)
+    by_cause, at_rest = margins[:, :-3], np.where(good, margins[:, -3:].T, -_FAR)
     worst = np.where(good, by_cause.argmin(axis=1), len(CAUSES) - 1)
     least = np.where(good, by_cause.min(axis=1), -_FAR)
-    return Findings(least, tuple(CAUSES[k] for k in worst), course, fixed)
+    return Findings(least, tuple(CAUSES[k] for k in worst), *at_rest)
 
 
 def _margins(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, b: Bounds) -> Vector:
-    """Return the margins (n,9) m: by cause, the last -_FAR or _FAR; courses; what is fixed."""
+    """Return the margins (n,10) m: by cause, the last -_FAR or _FAR; course, clear, fixed."""
     p, t = way.p, DT * np.arange(way.p.shape[1])
     fast: Vector = _length(way.v) > b.rest
-    # not yet at rest for good
-    later: Vector = np.logical_or.accumulate(fast[:, ::-1], axis=1)[:, ::-1]
+    later: Vector = np.cumsum(fast[:, ::-1], axis=1)[:, ::-1] > 0  # not yet at rest for good
     tube = b.track + b.track_rate * t[1:]  # by steps
     sides = scene.planes[:, :3]  # a drone that is farther out than it may be goes no farther
     limits = np.maximum(scene.planes[:, 3] + b.fence_over, sides @ x0[:3])
@@ -119,18 +119,15 @@ def _margins(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, b: Bound
     on_course, *rooms = _neighbours(p, t, tube, scene.neighbours, b)
     rooms += [*_obstacles(p, t, tube, scene, b), _unseen(p, t, scene.free, b)]
     margins = [_least(np.where(later[:, None, :-1], room, _FAR)) for room in rooms]
-    course = [_least(room) for room in (on_course, *rooms[1:])]
     stops = np.where(fast[:, -1], -_FAR, flyable)
+    course = [_least(room) for room in (on_course, *rooms[1:])]
     least = np.minimum(np.min(course, axis=0), np.minimum(fence, flyable))
-    fixed = np.minimum(course[2], course[3])
-    found: Vector = np.array([*margins[:4], fence, margins[4], stops, least, fixed])
-    return np.minimum(found.T, _FAR)
+    found = [*margins[:4], fence, margins[4], stops, course[0], least, np.minimum(*course[2:4])]
+    return np.asarray(np.minimum(np.array(found).T, _FAR))
 
 
 def _neighbours(p: Vector, t: Vector, tube: Vector, rows: Vector, b: Bounds) -> list[Vector]:
     """Return the room (n,k,T-1) m to courses, what those in sight can reach, and the remembered."""
-    if not len(rows):
-        return [np.zeros((len(p), 0, len(tube)))] * 3
     gap = _apart(p[:, None] - (rows[:, None, :3] + rows[:, None, 3:6] * t[:, None]))  # (n,k,T-1)
     later, close, unseen = t[1:], b.radius + b.neighbour_radius, rows[:, 9:10]
     most, speed = b.neighbour_acceleration, _length(rows[:, 3:6])[:, None]
@@ -149,8 +146,6 @@ def _obstacles(p: Vector, t: Vector, tube: Vector, scene: Scene, b: Bounds) -> l
     rows, near = scene.cylinders, scene.points
     centre = rows[:, None, :2] + rows[:, None, 4:6] * t[1:, None]
     gap = _length(p[:, None, 1:, :2] - centre) - rows[:, 2:3] - b.obstacle_sigmas * rows[:, 3:4]
-    if not len(near):
-        return [gap - b.radius - tube, np.tile(_FAR - b.radius - tube, (len(p), 1, 1))]
     near = near[_length(near - p[0, 0]) < _length(p - p[:1, :1]).max() + b.radius + tube[-1]]
     square = (p**2).sum(axis=2)[:, 1:, None] + (near**2).sum(axis=1) - 2.0 * p[:, 1:] @ near.T
     closest = np.sqrt(np.maximum(square.min(axis=2, initial=_FAR**2), 0.0))[:, None]
@@ -168,10 +163,9 @@ def _unseen(p: Vector, t: Vector, free: Vector, b: Bounds) -> Vector:
 
 def _flyable(way: Trajectories, x0: Vector, wind: Vector, b: Bounds) -> Vector:
     """Return which trajectories (n,) begin with their command and stay within thrust and rates."""
-    p, v, u, q = way.p, way.v, way.u, x0[6:10] / np.sqrt((x0[6:10] ** 2).sum())
+    p, v, u, q = way.p, way.v, way.u, x0[6:10] / _length(x0[6:10])
     weight, half = np.array([0.0, 0.0, G]) - wind, 0.5 * DT * u[:, 1:4]
-    axis = np.ones((len(u), 3))  # of the thrust, body
-    axis[:, 0], axis[:, 1] = half[:, 1], -half[:, 0]
+    axis = np.column_stack([half[:, 1], -half[:, 0], np.ones(len(u))])  # of the thrust, body
     w, x, y, z = q.tolist()
     turn = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])  # q[1:] × …
     axis = axis @ (np.eye(3) + 2.0 * (w * turn + turn @ turn)).T  # world
@@ -185,7 +179,7 @@ def _flyable(way: Trajectories, x0: Vector, wind: Vector, b: Bounds) -> Vector:
     size = _length(force)
     along = force / size[..., None]
     turned = min(np.sqrt(2.0) * b.omega_max * DT + _ROUNDING, np.pi)
-    good &= (_dot(along[:, 1:], along[:, :-1]) >= np.cos(turned)).all(axis=1)
+    good &= (np.vecdot(along[:, 1:], along[:, :-1]) >= np.cos(turned)).all(axis=1)
     result: Vector = good & (size <= b.c_max + _ROUNDING).all(axis=1)
     return result
 
@@ -193,19 +187,12 @@ def _flyable(way: Trajectories, x0: Vector, wind: Vector, b: Bounds) -> Vector:
 def _apart(offsets: Vector) -> Vector:
     """Return the least distance from 0 (...,T-1) on each step between offsets (...,T,d)."""
     a, d = offsets[..., :-1, :], offsets[..., 1:, :] - offsets[..., :-1, :]
-    s = np.maximum(-_dot(a, d) / np.maximum(_dot(d, d), 1e-12), 0.0)
+    s = np.maximum(-np.vecdot(a, d) / np.maximum(np.vecdot(d, d), 1e-12), 0.0)
     return _length(a + np.minimum(s, 1.0)[..., None] * d)
 
 
 def _length(a: Vector) -> Vector:
-    return np.asarray(np.sqrt(_dot(a, a)))
-
-
-def _dot(a: Vector, b: Vector) -> Vector:
-    """Return the products (...) of vectors (...,d): numpy sums so few numbers slowly."""
-    each = a * b
-    whole: Vector = each[..., 0] + each[..., 1]
-    return whole + each[..., 2] if each.shape[-1] == 3 else whole
+    return np.asarray(np.sqrt(np.vecdot(a, a)))
 
 
 def _least(room: Vector) -> Vector:

@@ -20,14 +20,14 @@ from pydantic import Field
 from companion.estimation.delay import Delay, within_doubt
 from companion.estimation.prediction import Prediction
 from companion.supervision.certificate import DT, Bounds, Scene, check
-from companion.supervision.evasion import STRAIGHT, Law, Ways, aside, simulate
+from companion.supervision.evasion import STRAIGHT, Law, Ways, aside, joined, simulate
 from companion.supervision.guard_config import GuardConfig
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.settings import StrictModel
 from mavlink_bridge.wire.messages import RateCommand
 
-_SIDE = 1.2, 0.5  # m/s, s: a step aside
-_FAR_SIDE = 1.8, 0.8  # from what comes fast
+# Steps aside, m/s and s; the last is from what comes fast.
+_SIDES = (0.6, 0.5), (1.2, 0.5), (1.8, 0.8)
 _SPEED_TUBE = 0.1  # m/s that the drone may be faster than on its way
 _GAIN = 0.1  # m of room that an evasion must save before it replaces a plan that holds
 _SHADOW = 5  # ticks from one judgement to the next where a certificate changes nothing
@@ -116,6 +116,7 @@ class _Try(NamedTuple):
     margin: float
     cause: str
     course: float
+    clear: float
     fixed: float
 
     @property
@@ -134,22 +135,27 @@ class _Try(NamedTuple):
         return min(self.margin, self.course)
 
     @property
-    def evades(self) -> tuple[bool, float]:
-        """The key of evasions, the best one largest: a neighbour may give way, a wall does not."""
-        return self.fixed >= 0.0, self.course
+    def evades(self) -> tuple[bool, float, float]:
+        """The key of evasions, the best one largest.
+
+        A neighbour may give way, a wall does not. Of those that clear all the shortest step is
+        best: a longer one would only bring the drone near others.
+        """
+        step = norm(self.ways.velocity[self.k]) * float(self.ways.hold[self.k])
+        return self.fixed >= 0.0, min(self.clear, 0.0), -step
 
     @property
-    def rank(self) -> tuple[bool, bool, float]:
+    def rank(self) -> tuple[bool, bool, float, float]:
         """The key of ways, the best one largest: one that is accepted comes before others."""
         return self.margin >= 0.0, *self.evades
 
 
-def _until_room(ways: list[_Try], near: int) -> list[_Try]:
+def _until_room(ways: list[_Try], kind: int) -> list[_Try]:
     """Return the ways, straight on first, up to the first kind that has room.
 
-    near: number of steps aside; those farther aside follow them.
+    kind: number of steps of each length, which follow each other.
     """
-    for count in (1, 1 + near):
+    for count in range(1, len(ways), kind):
         if max(way.room for way in ways[:count]) >= 0.0:
             return ways[:count]
     return ways
@@ -230,7 +236,7 @@ class Certifier:
             self._last = None
             return Certified(Flown.NONE, safe.margin, safe.cause)
         if safe.margin >= 0.0:
-            stays, ways = max(after, key=lambda way: way.course), []
+            stays, ways = max(after, key=lambda way: way.clear), []
         else:
             held = [way for way in self._going_on(prediction, scene, law) if way.margin >= 0.0]
             ways = [] if held else at_once
@@ -239,7 +245,7 @@ class Certifier:
             ways = ways or at_once
             leaving = max(ways, key=lambda way: way.evades)
             through = leaving.fixed < 0.0 <= stays.fixed
-            if leaving.course >= stays.course + _GAIN and not through:
+            if leaving.clear >= stays.clear + _GAIN and not through:
                 return self._fly(leaving, safe.margin, "course")
         if safe.margin >= 0.0:
             self._last = safe.way
@@ -257,16 +263,14 @@ class Certifier:
         if straight[0].room >= 0.0:
             return straight, []
         # Many ways at once take little longer than few, and most often all of them are needed.
-        near, far = (aside(prediction.x0[3:6], *side) for side in (_SIDE, _FAR_SIDE))
-        ways = near.and_also(far)
+        kinds = [aside(prediction.x0[3:6], *side) for side in _SIDES]
+        ways = joined(*kinds)
         n = len(ways)
         after = np.arange(2 * n + 1) < n
-        both = ways.and_also(STRAIGHT).and_also(ways)
+        both = joined(ways, STRAIGHT, ways)
         found = self._tried(both, first, prediction, scene, law, after=after)
-        return (
-            _until_room(straight + found[:n], len(near)),
-            _until_room(found[n:], len(near)),
-        )
+        kind = len(kinds[0])
+        return _until_room(straight + found[:n], kind), _until_room(found[n:], kind)
 
     def _going_on(self, prediction: Prediction, scene: Scene, law: Law) -> list[_Try]:
         """Return what the way leaves over that was accepted last; nothing where none was."""
@@ -309,6 +313,7 @@ class Certifier:
                     found.margin.tolist(),
                     found.cause,
                     found.course.tolist(),
+                    found.clear.tolist(),
                     found.fixed.tolist(),
                     strict=True,
                 )

@@ -56,17 +56,17 @@ class Ways:
         """Return way k alone."""
         return Ways(self.velocity[k : k + 1], self.hold[k : k + 1])
 
-    def and_also(self, others: Ways) -> Ways:
-        """Return these ways, and others after them."""
-        velocity = np.concatenate([self.velocity, others.velocity])
-        return Ways(velocity, np.concatenate([self.hold, others.hold]))
-
     def later(self, dt: float) -> Ways:
         """Return what is left of the ways after `dt` [s]."""
         return Ways(self.velocity, np.maximum(self.hold - dt, 0.0))
 
 
 STRAIGHT = Ways(np.zeros((1, 3)), np.zeros(1))
+
+
+def joined(*ways: Ways) -> Ways:
+    """Return all the ways, in this order."""
+    return Ways(np.concatenate([w.velocity for w in ways]), np.concatenate([w.hold for w in ways]))
 
 
 def aside(forward: Vector, speed: float, hold: float) -> Ways:

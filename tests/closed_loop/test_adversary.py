@@ -27,7 +27,7 @@ def test_a_certified_drone_that_moves_touches_nothing():
 def test_without_the_checker_it_does(monkeypatch):
     def blind(way, *args):
         n = len(way.p)
-        return Findings(np.ones(n), (CAUSES[0],) * n, np.ones(n), np.ones(n))
+        return Findings(np.ones(n), (CAUSES[0],) * n, *np.ones((3, n)))
 
     monkeypatch.setattr(certify, "check", blind)
     counts = adversary.fly(900, seed=2901)

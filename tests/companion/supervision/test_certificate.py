@@ -257,3 +257,13 @@ def test_a_climb_may_take_all_of_the_thrust_and_no_more(a, flyable):
     found = verdict(way=hover, x0=state(0.0))
     assert found[0] == expected[0]
     assert flyable or found[1] == expected[1]
+
+
+def test_a_neighbour_out_of_sight_has_no_course():
+    """It was last seen long ago: where it flies now is not known, and bound A2 stands for it."""
+    near = replace(EMPTY, neighbours=neighbour((1.6, 0.0, 2.0), (-1.0, 0.0, 0.0)))
+    near.neighbours[:, 9:11] = 2.5, 1.0  # s unseen, out of view
+    hover = simulate(state(0.0), STRAIGHT, CALM, LAW, None)
+    found = check(hover, state(0.0), CALM, near, BOUNDS)
+    assert found.course[0] > 100.0
+    assert found.clear[0] < 0.0
