@@ -75,3 +75,10 @@ def test_a_fault_has_its_time_and_its_drone(schedule):
     s = schedule(kind="gust", drone="drone2", at=2.0, **{"for": 1.0})
     assert [bool(s.at(1, t, "gust")) for t in (1.9, 2.0, 2.9, 3.0)] == [False, True, True, False]
     assert not s.at(0, 2.5, "gust")
+
+
+def test_a_schedule_tells_whether_a_drone_ever_has_a_fault(schedule):
+    timed = schedule(kind="camera_frozen", drone="drone2", at=4.0)
+    assert timed.has(1, "camera_late", "camera_frozen")
+    assert not timed.has(1, "camera_late")
+    assert not timed.has(0, "camera_frozen")
