@@ -119,9 +119,9 @@ class InProcess(Flight):
         self.modes = [[] for _ in range(scenario.drones.count)]  # (t, name) at each change
         super().__init__(scenario, Path(tempfile.gettempdir()), in_process=True)
 
-    def _wire(self, system):
+    def _wire(self, system, camera):
         if f"drone{system}" not in self._with_companion:
-            return super()._wire(system)
+            return super()._wire(system, camera)
         vehicle = MemoryEndpoint()
         config = self.companion_config(system - 1)
         overlay(config, OVERRIDES)
