@@ -76,8 +76,8 @@ class Trajectories:
 class Findings:
     """margin (n,): m left over at the tightest place, < 0: refused; cause (n,): what is there.
 
-    Others (n,) m, also while the drone is at rest: course, to neighbours in sight that keep their
-    courses; clear, to all; fixed, to what gives way to nobody.
+    Others (n,) m, also while the drone is at rest: course, to what is in sight, where it keeps its
+    course; clear, to all; fixed, to what gives way to nobody.
     """
 
     margin: Vector
@@ -121,8 +121,8 @@ def _margins(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, b: Bound
     margins = [_least(np.where(later[:, None, :-1], room, _FAR)) for room in rooms]
     stops = np.where(fast[:, -1], -_FAR, flyable)
     course = [_least(room) for room in (on_course, *rooms[1:])]
-    least = np.minimum(np.min(course, axis=0), np.minimum(fence, flyable))
-    found = [*margins[:4], fence, margins[4], stops, course[0], least, np.minimum(*course[2:4])]
+    least, fixed = np.min([*course, fence, flyable], axis=0), np.minimum(*course[2:4])
+    found = [*margins[:4], fence, margins[4], stops, np.minimum(course[0], fixed), least, fixed]
     return np.asarray(np.minimum(np.array(found).T, _FAR))
 
 

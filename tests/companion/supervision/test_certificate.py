@@ -267,3 +267,11 @@ def test_a_neighbour_out_of_sight_has_no_course():
     found = check(hover, state(0.0), CALM, near, BOUNDS)
     assert found.course[0] > 100.0
     assert found.clear[0] < 0.0
+
+
+def test_a_trunk_that_moves_has_a_course():
+    comes = replace(EMPTY, cylinders=np.array([[2.0, 0.0, 0.5, 0.0, -1.5, 0.0]]))
+    hover = simulate(state(0.0), STRAIGHT, CALM, LAW, None)
+    assert check(hover, state(0.0), CALM, comes, BOUNDS).course[0] < 0.0
+    stands = replace(EMPTY, cylinders=np.array([[2.0, 0.0, 0.5, 0.0, 0.0, 0.0]]))
+    assert check(hover, state(0.0), CALM, stands, BOUNDS).course[0] > 0.5
