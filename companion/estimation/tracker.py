@@ -291,7 +291,7 @@ class Tracker:
     def courses(self) -> tuple[list[int], Vector, Vector]:
         """Return ids, places (n,3) m and velocities (n,3) m/s of the confirmed tracks.
 
-        They are those of `tracks`, in a fifth of its time.
+        They are those of `tracks`, which also makes covariances.
         """
         mean = self._modes.means()[self._confirmed]
         places = mean[:, :3] / mean[:, 6:] if self._sized else mean[:, :3]

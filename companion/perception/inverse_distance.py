@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, lengths
 
 NEAREST, FARTHEST = 0.3, 200.0  # m
 _GATE = 4.0  # standard deviations beyond which a point is not the one that was followed
@@ -23,15 +23,15 @@ def refined(
     the first look and of this one. inverse (n,), variance (n,): before it. sigma: rad, of a ray.
     """
     sight = first + inverse[:, None] * moved
-    length = vector_lengths(sight)[:, None]
+    length = lengths(sight)[:, None]
     sight = sight / length
     slope = (moved - np.vecdot(moved, sight)[:, None] * sight) / length
-    steep = vector_lengths(slope)
+    steep = lengths(slope)
     line = slope / np.maximum(steep, 1e-9)[:, None]
     error = now - sight
     along = np.vecdot(error, line)
     rest = error - along[:, None] * line
-    across = vector_lengths(rest - np.vecdot(rest, sight)[:, None] * sight)
+    across = lengths(rest - np.vecdot(rest, sight)[:, None] * sight)
     spread = variance * steep**2 + sigma**2
     fits = (across < _GATE * sigma) & (np.abs(along) < _GATE * np.sqrt(spread))
     gain = variance * steep / spread
@@ -41,9 +41,3 @@ def refined(
         np.maximum((1.0 - gain * steep) * variance, 1e-8),
         fits,
     )
-
-
-def vector_lengths(vectors: Vector) -> Vector:
-    """Return the lengths (n,) of vectors (n,3), to the last bit but one."""
-    result: Vector = np.sqrt(np.vecdot(vectors, vectors))
-    return result

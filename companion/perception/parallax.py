@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from companion.perception.ground_flow import STEEP, GroundFlow, hidden_by, way_over_ground
 from companion.perception.ground_plane import LEVEL, GroundPlane
-from companion.perception.inverse_distance import NEAREST, refined, vector_lengths
+from companion.perception.inverse_distance import NEAREST, refined
 from companion.perception.reduced import Reduced
 from companion.perception.view import View
 from companion.types import Detection
-from mavlink_bridge.shared.arrays import Vector, cross
+from mavlink_bridge.shared.arrays import Vector, cross, lengths
 from mavlink_bridge.wire.messages import VehicleState
 
 _WIDTH = 320  # px of the reduced picture
@@ -295,9 +295,9 @@ class Parallax:
         if not len(c):
             return FixedPoints.none()
         places = c.places
-        away = vector_lengths(places - p)
+        away = lengths(places - p)
         moved = c.origins - p
-        across = vector_lengths(cross(moved, c.rays))
+        across = lengths(cross(moved, c.rays))
         parallax = across / np.maximum(away, NEAREST)
         sigmas = np.sqrt(c.variance) / c.inverse**2
         sure = (sigmas < SURE * away) & (parallax > _LEAST_PARALLAX)

@@ -50,7 +50,7 @@ class Separation:
 
 @dataclass(frozen=True)
 class Feet:
-    """What lies below the horizon in each column of a picture; (columns,) each.
+    """The foot in each column of a picture, and the pixels below the horizon; (columns,) each.
 
     row: of the foot. known: pixels that are known. ground: those that look like ground. known_below
     and ground_below: those of them below the foot. near: whether the uppermost pixels are known.

@@ -70,7 +70,7 @@ class TrunkDetector:
             return []
         level = LevelFrame.along(gravity_c)
         four = cv2.cvtColor(picture.colour(*self._size), cv2.COLOR_BGR2BGRA)
-        # What is nearest is near enough: the mean of 3×3 pixels follows.
+        # The nearest pixel is exact enough: the scan takes the mean of 3×3 of them.
         view, seen = self._panorama.resample(np.asarray(four, np.uint8), level, cv2.INTER_NEAREST)
         columns = self._scan(view, seen, altitude, self._panorama.along(rise_c, level))
         return find_trunks(columns, self.settings, altitude, level)

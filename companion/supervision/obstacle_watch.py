@@ -22,7 +22,7 @@ from mavlink_bridge.wire.messages import VehicleState
 
 _AGE = 0.5  # s of looks before a speed is believed
 _SPEED = 0.5  # m/s: a range that is off by a third looks like this at cruise speed
-_SLOW = 0.99 * _SPEED  # what no track exceeds, needs no closer look
+_SLOW = 0.99 * _SPEED  # tracks that are slower do not move; the rest is room for rounding
 _SHARP = 0.05  # m, 1 σ of a look up to which it counts: ranges from pixels jump by metres
 _SIGMAS = 3.0
 _FORGET = 0.5  # s unseen, after which the course is not believed any more

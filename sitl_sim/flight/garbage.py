@@ -1,4 +1,4 @@
-"""What Python's garbage collector need not look at during a flight."""
+"""A flight spares Python's garbage collector what holds no garbage."""
 
 from __future__ import annotations
 

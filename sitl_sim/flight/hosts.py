@@ -103,7 +103,7 @@ class HostedFrames(LocalFrames):
 
     @property
     def connected(self) -> bool:
-        """Whether a companion runs."""
+        """Tell whether a companion runs."""
         return bool(self._name)
 
     def look(self, now: float, stamp: float, p: Vector, q: Vector) -> None:
@@ -171,7 +171,7 @@ class _Held:
 
 
 class _Companions:
-    """What a process holds, and what it does for it."""
+    """The companions of a process, and the requests that they answer."""
 
     def __init__(self, sensors: Sensors) -> None:
         self._sensors = sensors
