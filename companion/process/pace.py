@@ -199,14 +199,16 @@ class ClockPace:
     def _hear_clock(self, received: list[Received]) -> None:
         """Follow the vehicle's clock by its messages, and answer its own requests of the time."""
         now = time.monotonic()
-        for m in (r.message for r in received if r.source == self._vehicle):
-            jumped = False
+        for r in received:
+            if r.source != self._vehicle:
+                continue
+            m, arrived, jumped = r.message, now if r.arrived is None else r.arrived, False
             if isinstance(m, Attitude | LocalPosition | Odometry | SystemTime):
-                jumped = self._clock.hear(now, m.time)
+                jumped = self._clock.hear(arrived, m.time)
             elif isinstance(m, TimeSync):
-                if (sent := self._requests.sent(m, now)) is not None:
-                    jumped = self._clock.hear_answer(sent, m.tc1 * 1e-9, now)
-                if reply := self._requests.reply(m, now):
+                if (sent := self._requests.sent(m, arrived)) is not None:
+                    jumped = self._clock.hear_answer(sent, m.tc1 * 1e-9, arrived)
+                if reply := self._requests.reply(m, now, now - arrived):
                     self._link.send(reply)
             if jumped:  # or the vehicle has started anew
                 self._due, self._frame = None, None

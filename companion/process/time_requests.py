@@ -9,6 +9,9 @@ from mavlink_bridge.wire.messages import Message, TimeSync
 
 _PERIOD = 0.25  # s between requests
 _LONGEST = 1.0  # s that an answer may take
+# s that a request of the vehicle may wait here: PX4 uses no round trip of more than 10 ms, and
+# writes a warning into its log for every few of them (src/lib/timesync/Timesync.hpp)
+_LONGEST_WAIT = 0.008
 _NANO = 1e-9
 
 
@@ -27,9 +30,13 @@ class TimeRequests:
         self._open.append(round(now / _NANO))
         return [TimeSync(0, self._open[-1])]
 
-    def reply(self, request: TimeSync, now: float) -> list[Message]:
-        """Return the answer to a request of the vehicle; nothing to what is no request."""
-        return [TimeSync(round(now / _NANO), request.ts1)] if request.tc1 == 0 else []
+    def reply(self, request: TimeSync, now: float, waited: float = 0.0) -> list[Message]:
+        """Return the answer to a request of the vehicle; nothing to what is no request.
+
+        Nor to one that has waited here for too long [s]: no answer is better than a late one.
+        """
+        asks = request.tc1 == 0 and waited <= _LONGEST_WAIT
+        return [TimeSync(round(now / _NANO), request.ts1)] if asks else []
 
     def sent(self, answer: TimeSync, now: float) -> float | None:
         """Return when the request was sent that this answers; None: it answers none.

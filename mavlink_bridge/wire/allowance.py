@@ -31,12 +31,16 @@ ACCEPTED, GARBAGE, FOREIGN, UNSIGNED, OLD = Claim  # found faster than an attrib
 
 
 class Packet(NamedTuple):
-    """A packet that has arrived; number: of its arrival. place: its address, None: not known."""
+    """A packet that has arrived; number: of its arrival. place: its address, None: not known.
+
+    arrived: s, CLOCK_MONOTONIC; None: when it was read, which nobody noted.
+    """
 
     number: int
     data: bytes
     place: Address | None
     claim: Claim
+    arrived: float | None = None
 
 
 @dataclass

@@ -198,7 +198,7 @@ class Codec:
                 continue  # with the same time and number: a copy, which tells nothing
             count.add(frame.sequence, read=message is not None)
             if message is not None:
-                out.append(Received(frame.source, message, *count.take()))
+                out.append(Received(frame.source, message, *count.take(), frame.arrived))
         return out
 
     def _converted(self, frame: RawFrame, convert: Callable[[Any], Message]) -> Message:

@@ -30,12 +30,16 @@ _CRC_EXTRA = {  # of each known message, as one byte with its bits in reverse or
 
 
 class RawFrame(NamedTuple):
-    """One frame whose checksum is right, or cannot be known; data: all bytes, signature too."""
+    """One frame whose checksum is right, or cannot be known; data: all bytes, signature too.
+
+    arrived: as of its packet.
+    """
 
     source: Source
     sequence: int
     message_id: int
     data: bytes
+    arrived: float | None = None
 
     @property
     def verified(self) -> bool:

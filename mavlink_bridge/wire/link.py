@@ -164,6 +164,11 @@ class Link:
         return "" if self._pinned is None else f"{self._pinned[0]}:{self._pinned[1]}"
 
     @property
+    def stamps(self) -> bool:
+        """Whether what waits to be read is dated by when it arrived, as over UDP on Linux."""
+        return isinstance(self.endpoint, UdpEndpoint) and self.endpoint.stamps
+
+    @property
     def spent(self) -> bool:
         """Whether `receive` has read all that it may before it is renewed."""
         return self._allowance.spent
@@ -242,8 +247,10 @@ class Link:
             self._allowance = Allowance()
         near: list[RawFrame] = []
         far: list[RawFrame] = []  # from other addresses than the vehicle's
-        for _, data, place, _ in self._arrived(strangers=renew):
+        for _, data, place, _, arrived in self._arrived(strangers=renew):
             frames = self._frames(data, place)
+            if arrived is not None:
+                frames = [frame._replace(arrived=arrived) for frame in frames]
             if self.tap is not None and (frames or not self._whole):
                 self.tap(False, data)
             (far if self._is_strange(place) else near).extend(frames)
@@ -278,24 +285,24 @@ class Link:
         pinned = None if self._vehicle is None else self._pinned
         near, far = Newest(), Newest.of_strangers()
         doubtful: list[Packet] = []
-        place, strange, heard, may_doubt = None, False, 0, True
+        place, arrived, strange, heard, may_doubt = None, None, False, 0, True
         counts, sizes = [0] * len(Claim), [0] * len(Claim)  # of what is refused, by its claim
         number, left, room = 0, allowance.packets, allowance.bytes
         while data is not None:
             size = len(data)
             room -= size
             if udp is not None:
-                place = udp.sender
+                place, arrived = udp.sender, udp.arrived
                 strange = pinned is not None and place != pinned
             heard += not strange
             number += 1
             claim = claims(data) if whole else ACCEPTED
             if strange and claim is not GARBAGE and claim is not FOREIGN:
-                self._drop(far.add(Packet(number, data, place, claim)))
+                self._drop(far.add(Packet(number, data, place, claim, arrived)))
             elif claim is ACCEPTED:
-                self._drop(near.add(Packet(number, data, place, claim)))
+                self._drop(near.add(Packet(number, data, place, claim, arrived)))
             elif may_doubt and not strange and (may_doubt := allowance.take_doubtful(size)):
-                doubtful.append(Packet(number, data, place, claim))
+                doubtful.append(Packet(number, data, place, claim, arrived))
             else:
                 counts[claim] += 1
                 sizes[claim] += size

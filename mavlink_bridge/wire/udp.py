@@ -8,6 +8,8 @@ from collections import deque
 from collections.abc import Iterator
 from itertools import islice
 
+from mavlink_bridge.wire.arrival import NOTES_SIZE, ArrivalClock, stamp_arrivals
+
 Address = tuple[str, int]
 _RECEIVE_BUFFER = 4 << 20  # a second of telemetry, so that a slow tick loses nothing
 _STRANGERS_BUFFER = 64 << 10  # bytes that wait from all other addresses
@@ -23,14 +25,18 @@ class EndpointError(ValueError):
 class UdpEndpoint:
     """One UDP port with one peer: a given one, the pinned one, or the last of `answer_sender`.
 
-    local, remote: (host, port); local port 0 is any free port.
+    local, remote: (host, port); local port 0 is any free port. stamps: whether the kernel tells
+    when a datagram arrived. arrived: s, CLOCK_MONOTONIC, when the latest datagram did; without
+    stamps, when it was read.
     """
 
     def __init__(self, local: Address | None = None, remote: Address | None = None) -> None:
         self.remote = remote
         self.sender: Address | None = None  # of the latest datagram
         self._vehicle: socket.socket | None = None  # hears the pinned address alone
-        self._backlog: deque[tuple[bytes, Address]] = deque()
+        self.arrived = 0.0
+        self._clock = ArrivalClock()
+        self._backlog: deque[tuple[bytes, Address, float]] = deque()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
@@ -41,6 +47,7 @@ class UdpEndpoint:
             host, port = local or ("", 0)
             raise EndpointError(f"UDP {host}:{port} cannot be bound: {error.strerror}") from error
         self._fixed = remote is not None
+        self.stamps = stamp_arrivals(self._socket)
 
     @property
     def port(self) -> int:
@@ -53,7 +60,7 @@ class UdpEndpoint:
         strangers: look at the datagrams of other addresses than the pinned one, too.
         """
         while self._backlog:
-            data, self.sender = self._backlog.popleft()
+            data, self.sender, self.arrived = self._backlog.popleft()
             yield data
         if self._vehicle is None:
             yield from self._read(self._socket)
@@ -63,15 +70,17 @@ class UdpEndpoint:
             yield from self._read(self._vehicle)
 
     def _read(self, port: socket.socket) -> Iterator[bytes]:
-        refused = 0
+        refused, clock = 0, self._clock
+        clock.look()
         while refused < _REFUSED:
             try:
-                data, self.sender = port.recvfrom(65535)
+                data, notes, _, self.sender = port.recvmsg(65535, NOTES_SIZE)
             except ConnectionError:  # an earlier packet found no listener: no word on later ones
                 refused += 1
             except BlockingIOError:
                 return
             else:
+                self.arrived = clock.arrived(notes)
                 yield data
 
     def pin(self, address: Address) -> None:
@@ -88,6 +97,7 @@ class UdpEndpoint:
         private = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         private.setblocking(False)
         private.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+        stamp_arrivals(private)
         try:
             for end in (self._socket, private):
                 end.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -109,7 +119,7 @@ class UdpEndpoint:
         """Keep what came before the address had its own queue, in its order."""
         for data in islice(self._read(self._socket), _BACKLOG):
             assert self.sender is not None
-            self._backlog.append((data, self.sender))
+            self._backlog.append((data, self.sender, self.arrived))
 
     def answer_sender(self) -> None:
         """Make the sender of the last datagram the peer, unless a peer was given.

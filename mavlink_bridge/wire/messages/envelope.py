@@ -129,10 +129,13 @@ class Received:
     """A decoded message and its sender.
 
     missing, unread: frames of this sender since its last message. Missing frames are gaps in its
-    sequence numbers; unread frames arrived and hold nothing that this project uses.
+    sequence numbers; unread frames arrived and hold nothing that this project uses. arrived: s,
+    CLOCK_MONOTONIC, when it came to this machine; None: not known, it came just now. Of all that is
+    decided, the vehicle's clock alone depends on it.
     """
 
     source: Source
     message: Message
     missing: int = field(default=0, compare=False)
     unread: int = field(default=0, compare=False)
+    arrived: float | None = field(default=None, compare=False)

@@ -186,6 +186,28 @@ def test_only_answers_to_open_requests_count():
     assert requests.sent(TimeSync(5, late.ts1), 11.5) is None
 
 
+def test_what_waited_to_be_read_sets_the_clock_by_when_it_arrived(wire_ends):
+    link, vehicle = wire_ends
+    wire, pace = Codec(1, 1), ClockPace(link, NoFrames(), 0.1, VEHICLE)
+    began = time.monotonic()
+    for n in range(12):  # sent at the vehicle's time 5.0 + n / 10, and all read at the end
+        vehicle.send(wire.encode([Attitude(5.0 + n / 10, LEVEL, np.zeros(3))]))
+        time.sleep(max(began + (n + 1) / 10 - time.monotonic(), 0.0))
+    pace._take_in(0.0, renew=True)
+    clock = pace._clock.estimate
+    assert clock.measured
+    assert clock.rate == pytest.approx(1.0, abs=0.02)
+    assert clock.vehicle(began) == pytest.approx(5.0, abs=0.02)
+    assert link.stamps
+
+
+def test_the_vehicle_gets_no_answer_that_is_too_late_to_tell_it_the_time():
+    requests = TimeRequests()
+    assert requests.reply(TimeSync(0, 7), 10.0, 0.005) == [TimeSync(10_000_000_000, 7)]
+    assert requests.reply(TimeSync(0, 7), 10.0, 0.01) == []
+    assert requests.reply(TimeSync(3, 7), 10.0, 0.0) == []
+
+
 def test_only_the_vehicle_sets_the_clock():
     pace = ClockPace(None, None, 0.1, VEHICLE)
     vehicle = Attitude(time.monotonic() - 1000.0, LEVEL, np.zeros(3))

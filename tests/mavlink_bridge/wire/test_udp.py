@@ -168,11 +168,11 @@ class Line:
     def __init__(self, *results):
         self._results = iter(results)
 
-    def recvfrom(self, size):
+    def recvmsg(self, size, notes):
         result = next(self._results, BlockingIOError())
         if isinstance(result, Exception):
             raise result
-        return result, ("127.0.0.1", 1)
+        return result, [], 0, ("127.0.0.1", 1)
 
 
 @pytest.mark.parametrize(("errors", "packets"), [(15, [b"a"]), (16, [])])
