@@ -1,4 +1,4 @@
-"""What is logged while a drone waits on the ground: one tick in a hundred, and all around a change.
+"""What is logged while a drone waits on the ground: a tick in ten seconds, and all around a change.
 
 A daemon may wait for weeks on a board with a small disk. The newest ticks are held back, so that
 the seconds before the vehicle arms are whole in the log.
@@ -15,9 +15,10 @@ from companion.tick import Tick
 from companion.types import Phase
 from mavlink_bridge.shared.arrays import norm
 
-_AROUND = 100  # ticks before a change, and as many after it, that are logged in full
-_ONE_IN = 100  # ticks of those that are older
-_KNOWN = 6000  # ticks for which a situation that comes back is no news: ten minutes
+_TENTH = 0.1  # s, in which all that follows is counted: a daemon at rest ticks once a second
+_AROUND = 100  # tenths before a change, and as many after it, that are logged in full
+_ONE_IN = 100  # tenths of those that are older
+_KNOWN = 6000  # tenths for which a situation that comes back is no news: ten minutes
 _SITUATIONS = 64  # most situations that are known
 _WAITING = {Phase.WAIT, Phase.DONE, Phase.PASSIVE}
 _STANDS = 0.5  # m/s, faster than which a disarmed vehicle is carried, or falls
@@ -30,11 +31,12 @@ class IdleTicks(Generic[Entry]):
     """Holds back the newest ticks while nothing happens, and passes few of those that grow old."""
 
     def __init__(self) -> None:
-        self._held: deque[list[Entry]] = deque()
-        self._situations: dict[tuple[object, ...], int] = {}  # tick at which each was news
+        self._held: deque[tuple[int, list[Entry]]] = deque()  # with the tenths before each tick
+        self._length = 0  # tenths that are held
+        self._situations: dict[tuple[object, ...], int] = {}  # tenth at which each was news
         self._situation: tuple[object, ...] = ()
-        self._tick = 0
-        self._awake = 0  # ticks that are still logged in full
+        self._time, self._now = 0.0, 0
+        self._awake = 0  # tenths that are still logged in full
         self._old = 0
 
     @property
@@ -44,36 +46,48 @@ class IdleTicks(Generic[Entry]):
 
     def due(self, tick: Tick, entries: list[Entry]) -> Iterable[Entry]:
         """Return what is to be written now, oldest first; entries: what this tick would write."""
+        passed = min(max(round((tick.time - self._time) / _TENTH), 1), _AROUND)
+        self._time, self._now = tick.time, self._now + passed
         if self._news(_situation(tick)) or not _idle(tick):
             self._awake = _AROUND
-        self._held.append(entries)
+        self._held.append((passed, entries))
+        self._length += passed
         if self._awake:
-            self._awake -= 1
+            self._awake = max(self._awake - passed, 0)
             return self.rest()
-        if len(self._held) <= _AROUND:
-            return []
-        oldest, self._old = self._held.popleft(), (self._old + 1) % _ONE_IN
-        return oldest if self._old == 0 else []
+        return self._grown_old()
+
+    def _grown_old(self) -> list[Entry]:
+        """Forget ticks of longer ago than is held back; return the few that are to be written."""
+        written: list[Entry] = []
+        while self._length > _AROUND:
+            passed, oldest = self._held.popleft()
+            self._length -= passed
+            self._old += passed
+            if self._old >= _ONE_IN:
+                self._old -= _ONE_IN
+                written += oldest
+        return written
 
     def _news(self, situation: tuple[object, ...]) -> bool:
         """Return whether a situation begins that has not begun lately: faults come and go."""
-        self._tick += 1
         if situation == self._situation:
             return False
         self._situation = situation
         known = self._situations.pop(situation, None)
-        if known is not None and self._tick - known < _KNOWN:
+        if known is not None and self._now - known < _KNOWN:
             self._situations[situation] = known
             return False
-        self._situations[situation] = self._tick
+        self._situations[situation] = self._now
         if len(self._situations) > _SITUATIONS:
             del self._situations[next(iter(self._situations))]
         return True
 
     def rest(self) -> Iterable[Entry]:
         """Return everything that is held back; it is forgotten here."""
-        held = [entry for entries in self._held for entry in entries]
+        held = [entry for _, entries in self._held for entry in entries]
         self._held.clear()
+        self._length = 0
         return held
 
 

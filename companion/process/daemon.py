@@ -21,6 +21,7 @@ from companion.process.journal import event
 from companion.process.liveness import Liveness
 from companion.process.pace import ClockPace, FramePace, Pace
 from companion.process.presence import Presence
+from companion.process.rest import Rest
 from companion.process.service_manager import ServiceManager
 from companion.process.session import Session
 from companion.process.signing_keys import Timestamps, open_signing
@@ -41,6 +42,7 @@ _LEAVE_WITHIN = 1.5  # s to wait for the autopilot to hold, of the two that SIGT
 _LAST_REQUESTS = 3  # times that hold is requested where the ticks end by an error
 # A terminal that is closed, and a user's signal, end the daemon as SIGTERM does: none kills it.
 _ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGUSR1, signal.SIGUSR2)
+_FED_AT_REST = 0.25  # s between feeds of the watchdog while ticks are left out
 _STATUS_PERIOD = 5.0  # s between notices to the service manager during start-up
 
 
@@ -74,7 +76,13 @@ class Daemon:
         self._frames = open_source(config.camera)
         me = Source(link.system_id, link.component_id)
         self._presence = Presence(me, 1 + secrets.randbelow((1 << 32) - 1))
-        self._pace = _make_pace(config, self._link, self._frames, self._presence)
+        self._rest = Rest(
+            config.timing.period,
+            Source(link.system_id, ComponentId.AUTOPILOT1),
+            config.mission.auto,
+        )
+        self._fed = self._started
+        self._pace = _make_pace(config, self._link, self._frames, self._presence, self._rest)
         companion = Companion(config, time.perf_counter)
         self._session = Session(
             companion,
@@ -164,6 +172,8 @@ class Daemon:
             self._timestamps.tick(time.perf_counter())
         tick, sent = self._session.tick(inputs)
         self._pace.done(inputs, tick.supervised.phase is Phase.DONE)
+        if self._ready:
+            self._rest.follow(tick)
         self._streaming = tick.supervised.verdict is not None
         self._mark.note(self._streaming)
         try:
@@ -192,12 +202,18 @@ class Daemon:
         self._events.refused(self._link.codec.statistics, time.monotonic())
 
     def _over(self) -> bool:
-        """Return whether to stop waiting for a tick; report a start that takes long."""
+        """Return whether to stop waiting for a tick; report a start that takes long.
+
+        At rest it feeds the watchdog, too: the daemon reads what comes, and no tick is due.
+        """
         now = time.monotonic()
         if not self._ready and now - self._status_sent >= _STATUS_PERIOD:
             self._status_sent = now
             self._service_manager.starting(self._liveness.missing)
             event(self._liveness.missing)
+        if self._rest.on and now - self._fed >= _FED_AT_REST:
+            self._fed = now
+            self._service_manager.alive()
         if not self._stop:
             return False
         if self._leave_until is None:
@@ -243,15 +259,14 @@ def _open_link(link: LinkConfig, timestamps: Timestamps | None) -> Link:
 
 
 def _make_pace(
-    config: CompanionConfig, link: Link, frames: FrameSource, presence: Presence
+    config: CompanionConfig, link: Link, frames: FrameSource, presence: Presence, rest: Rest
 ) -> Pace:
     if config.timing.pace == "frames":
         return FramePace(link, frames)
     system = config.link.system_id
+    vehicle = Source(system, ComponentId.AUTOPILOT1)
     greeting = [
         *presence.marked([COMPANION_HEARTBEAT]),
         *adapter(config.link.autopilot, system).request_streams(),
     ]
-    return ClockPace(
-        link, frames, config.timing.period, Source(system, ComponentId.AUTOPILOT1), greeting
-    )
+    return ClockPace(link, frames, config.timing.period, vehicle, greeting, rest)

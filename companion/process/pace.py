@@ -14,8 +14,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol
 
-from companion.estimation.vehicle_clock import VehicleClock
+from companion.estimation.vehicle_clock import ClockEstimate, VehicleClock
 from companion.process.frame_source import FrameSource
+from companion.process.rest import BETWEEN, Rest
 from companion.process.time_requests import TimeRequests
 from companion.tick import TickInputs
 from mavlink_bridge.wire.link import Link
@@ -90,7 +91,10 @@ class ClockPace:
 
     Where the vehicle's clock runs at another rate, so do the ticks. It is asked for its time by
     TIMESYNC, and told ours. vehicle: the source of the clock. greeting: sent each second until that
-    clock is known, for vehicles that send nothing but HEARTBEAT before they are asked.
+    clock is known, for vehicles that send nothing but HEARTBEAT before they are asked. rest: says
+    which ticks are left out while the drone waits on the ground; None: none. Then what comes waits
+    for the next reading, once a period, where the link dates it by when it arrived; a serial or TCP
+    line does not, so that it is read as it comes.
     """
 
     def __init__(
@@ -100,6 +104,7 @@ class ClockPace:
         period: float,
         vehicle: Source,
         greeting: Sequence[Message] = (),
+        rest: Rest | None = None,
     ) -> None:
         self.misses = 0
         self._link = link
@@ -110,14 +115,17 @@ class ClockPace:
         self._period = period
         self._clock = VehicleClock()
         self._requests = TimeRequests()
+        self._rest = rest or Rest(period, vehicle, arms=True)
+        self._line: ClockEstimate | None = None  # of the clock, as of the last tick
+        self._kept: list[Received] = []  # for the next tick
         self._due: float | None = None
         self._frame: Frame | None = None
 
     def next(self, stopped: Callable[[], bool]) -> TickInputs | None:
         """Sleep until the next tick is due, and read what arrives; None when told to stop."""
-        received: list[Received] = []
+        received, self._kept = self._kept, []
         while not stopped():
-            wait, local, clock = _POLL, time.monotonic(), self._clock.estimate
+            wait, local, clock = _POLL, time.monotonic(), self._estimate()
             if clock is None:
                 self._greet()
             else:
@@ -125,12 +133,23 @@ class ClockPace:
                 if self._due is None:
                     self._due = math.ceil(now / self._period) * self._period
                 if now >= self._due:
-                    return self._tick(now, received)
-                if request := self._requests.due(local):
+                    if (inputs := self._tick(now, received)) is not None:
+                        return inputs
+                    continue
+                if request := self._requests.due(local, *[BETWEEN] * self._rest.on):
                     self._link.send(request)
                 wait = min(clock.local(self._due) - local, _POLL)
-            received += self._take_in(wait)
+            if self._rest.on and self._link.stamps and clock is not None:
+                time.sleep(max(wait, 0.0))
+            else:
+                received += self._take_in(wait)
         return None
+
+    def _estimate(self) -> ClockEstimate | None:
+        """Return the line of the clock; at rest that of the last tick is good enough."""
+        if self._line is None or not self._rest.on:
+            self._line = self._clock.estimate
+        return self._line
 
     def _greet(self) -> None:
         now = time.monotonic()
@@ -146,14 +165,23 @@ class ClockPace:
             except VideoError:
                 self._frames = None
 
-    def _tick(self, now: float, received: list[Received]) -> TickInputs:
+    def _tick(self, now: float, received: list[Received]) -> TickInputs | None:
+        """Return the inputs of the tick that is due; None where it is left out."""
         assert self._due is not None
         late = int((now - self._due) / self._period)
         self.misses += late
         due = self._due + late * self._period
-        self._due = due + self._period
+        self._due = due + self._rest.step * self._period
         received += self._take_in(0.0, renew=True)
-        clock = self._clock.estimate
+        if self._rest.may_leave_out(received):
+            return None
+        if self._rest.on and (first := self._rest.news(received)) is not None:
+            self._rest.end()
+            self._kept = received[first:]
+            del received[first:]
+            if self._due is not None:  # else the clock has jumped
+                self._due = due + self._period
+        clock = self._line = self._clock.estimate
         assert clock is not None
         latest = round(clock.vehicle(time.monotonic()) + clock.doubt, 6)
         return TickInputs(
@@ -211,4 +239,4 @@ class ClockPace:
                 if reply := self._requests.reply(m, now, now - arrived):
                     self._link.send(reply)
             if jumped:  # or the vehicle has started anew
-                self._due, self._frame = None, None
+                self._due, self._frame, self._line = None, None, None

@@ -22,9 +22,9 @@ class TimeRequests:
         self._asked_at = -math.inf
         self._open: deque[int] = deque(maxlen=round(_LONGEST / _PERIOD))  # ns
 
-    def due(self, now: float) -> list[Message]:
-        """Return a request where one is due."""
-        if now - self._asked_at < _PERIOD:
+    def due(self, now: float, period: float = _PERIOD) -> list[Message]:
+        """Return a request where one is due; period: s between requests."""
+        if now - self._asked_at < period:
             return []
         self._asked_at = now
         self._open.append(round(now / _NANO))

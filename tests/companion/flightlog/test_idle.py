@@ -70,6 +70,16 @@ def test_all_ticks_around_news_are_logged(news):
     assert len(kept) < 5 * AROUND + 3000 // ONE_IN
 
 
+def test_a_daemon_at_rest_ticks_less_and_logs_the_same_times():
+    ticks = [waiting(n) for n in range(1000)] + [waiting(n) for n in range(1000, 5000, 10)]
+    ticks += [waiting(n, armed=True) for n in range(5000, 5100)]
+    kept = [round(ticks[k].time * 10) for k in logged(ticks)]
+    rested = [n for n in kept if 1000 <= n < 4900]
+    assert rested == list(range(1000 + ONE_IN, 4900, ONE_IN))
+    assert set(range(4900, 5000, 10)) <= set(kept)  # ten seconds before it arms
+    assert set(range(5000, 5100)) <= set(kept)
+
+
 def test_a_number_in_a_reason_is_no_news():
     kept = logged(waiting(n, inhibit_reason=f"hover thrust ±{n} %") for n in range(2000))
     assert len(kept) == AROUND + (2000 - 2 * AROUND) // ONE_IN
