@@ -91,7 +91,7 @@ class Codec:
         signing, flags = self._signing, 0 if self._signing is None else SIGNED
         for message in messages:
             fields = TO_WIRE[type(message)](message)
-            number = type(fields).id  # some messages have a field `id`, too
+            number = type(fields).layout.number
             frame = framing.framed(packed(fields), number, self._sequence, self._own, flags)
             frames.append(frame if signing is None else signing.signed(frame))
             self._sequence = (self._sequence + 1) % 256

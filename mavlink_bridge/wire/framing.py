@@ -12,7 +12,7 @@ import re
 from collections.abc import Collection
 from typing import NamedTuple
 
-from mavlink_bridge.wire.dialect import common as mavlink
+from mavlink_bridge.wire.dialect.layout import CRC_EXTRA
 from mavlink_bridge.wire.messages import Source
 from mavlink_bridge.wire.signing import SIGNATURE_BYTES
 
@@ -25,7 +25,7 @@ _CHECKSUM = 2
 V1_AROUND, V2_AROUND = _V1_HEADER + _CHECKSUM, HEADER + _CHECKSUM  # bytes around the payload
 _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 _CRC_EXTRA = {  # of each known message, as one byte with its bits in reverse order
-    number: bytes([_REVERSED[kind.crc_extra]]) for number, kind in mavlink.mavlink_map.items()
+    number: bytes([_REVERSED[extra]]) for number, extra in CRC_EXTRA.items()
 }
 
 

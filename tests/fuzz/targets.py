@@ -30,7 +30,8 @@ from mavlink_bridge.shared.settings import SettingsError, assignments
 from mavlink_bridge.shared.thrust import ThrustMap
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.dialect import FROM_WIRE
-from mavlink_bridge.wire.dialect import common as mavlink
+from mavlink_bridge.wire.dialect.layout import layout
+from mavlink_bridge.wire.framing import framed
 from mavlink_bridge.wire.messages import RateSetpoint, Source
 from mavlink_bridge.wire.signing import Signing
 from mavlink_bridge.wire.video import Frame, FrameClient, FrameServer, RecordStream, VideoError
@@ -51,13 +52,9 @@ def frames_of(data):
     out = bytearray()
     while data:
         message_id, data = _IDS[data[0] % len(_IDS)], data[1:]
-        kind = mavlink.mavlink_map[message_id]
-        size = kind.unpacker.size
+        size = layout(message_id).form.size
         payload, data = data[:size].ljust(size, b"\0"), data[size:]
-        head = bytes([size, 0, 0, 0, 1, 1]) + message_id.to_bytes(3, "little")
-        crc = mavlink.x25crc(head + payload)
-        crc.accumulate(bytes([kind.crc_extra]))
-        out += b"\xfd" + head + payload + crc.crc.to_bytes(2, "little")
+        out += framed(payload, message_id, 0, Source(1, 1), 0)
     return bytes(out)
 
 

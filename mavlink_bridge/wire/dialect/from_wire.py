@@ -20,8 +20,8 @@ from mavlink_bridge.shared.frames import (
 )
 from mavlink_bridge.wire import messages as m
 from mavlink_bridge.wire.dialect import common as mavlink
+from mavlink_bridge.wire.dialect.layout import NUMBERS
 from mavlink_bridge.wire.dialect.units import UNKNOWN_HEADING, UNSET_COORDINATE
-from mavlink_bridge.wire.dialect.unlisted import ComponentInformationBasicMessage, EventMessage
 
 _FLIP = np.array([1.0, -1.0, -1.0])  # FRD ↔ FLU, NED ↔ north-west-up
 _ENU_OF_NWU = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # NWU → ENU
@@ -371,82 +371,76 @@ def _named_value(w: Any) -> m.NamedValue:
 
 
 FROM_WIRE: dict[int, Callable[[Any], m.Message]] = {
-    mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: _rate_setpoint,
-    mavlink.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
-    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: _attitude,
-    mavlink.MAVLINK_MSG_ID_ATTITUDE: _euler_attitude,
-    mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: _attitude_target,
-    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _local_position,
-    mavlink.MAVLINK_MSG_ID_ODOMETRY: _odometry,
-    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _global_position,
-    mavlink.MAVLINK_MSG_ID_COMMAND_LONG: _command_long,
-    mavlink.MAVLINK_MSG_ID_COMMAND_INT: _command_int,
-    mavlink.MAVLINK_MSG_ID_COMMAND_ACK: lambda w: m.CommandAck(
+    NUMBERS["SET_ATTITUDE_TARGET"]: _rate_setpoint,
+    NUMBERS["HEARTBEAT"]: _heartbeat,
+    NUMBERS["ATTITUDE_QUATERNION"]: _attitude,
+    NUMBERS["ATTITUDE"]: _euler_attitude,
+    NUMBERS["ATTITUDE_TARGET"]: _attitude_target,
+    NUMBERS["LOCAL_POSITION_NED"]: _local_position,
+    NUMBERS["ODOMETRY"]: _odometry,
+    NUMBERS["GLOBAL_POSITION_INT"]: _global_position,
+    NUMBERS["COMMAND_LONG"]: _command_long,
+    NUMBERS["COMMAND_INT"]: _command_int,
+    NUMBERS["COMMAND_ACK"]: lambda w: m.CommandAck(
         w.command, w.result, w.target_system, w.target_component
     ),
-    mavlink.MAVLINK_MSG_ID_SET_MODE: lambda w: m.SetMode(
-        w.target_system, w.base_mode, w.custom_mode
-    ),
-    mavlink.MAVLINK_MSG_ID_STATUSTEXT: lambda w: m.StatusText(
-        w.severity, _text(w.text), w.id, w.chunk_seq
-    ),
-    mavlink.MAVLINK_MSG_ID_SYS_STATUS: _system_status,
-    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: _battery,
-    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: lambda w: m.ExtendedSystemState(w.landed_state),
-    mavlink.MAVLINK_MSG_ID_HOME_POSITION: _home,
-    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: _gps_raw,
-    mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: _distance,
-    mavlink.MAVLINK_MSG_ID_GPS_INPUT: _gps_input,
-    mavlink.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS: _actuators,
-    mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: _hil_state,
-    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: _estimator,
-    mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: lambda w: m.AutopilotVersion(
+    NUMBERS["SET_MODE"]: lambda w: m.SetMode(w.target_system, w.base_mode, w.custom_mode),
+    NUMBERS["STATUSTEXT"]: lambda w: m.StatusText(w.severity, _text(w.text), w.id, w.chunk_seq),
+    NUMBERS["SYS_STATUS"]: _system_status,
+    NUMBERS["BATTERY_STATUS"]: _battery,
+    NUMBERS["EXTENDED_SYS_STATE"]: lambda w: m.ExtendedSystemState(w.landed_state),
+    NUMBERS["HOME_POSITION"]: _home,
+    NUMBERS["GPS_RAW_INT"]: _gps_raw,
+    NUMBERS["DISTANCE_SENSOR"]: _distance,
+    NUMBERS["GPS_INPUT"]: _gps_input,
+    NUMBERS["HIL_ACTUATOR_CONTROLS"]: _actuators,
+    NUMBERS["HIL_STATE_QUATERNION"]: _hil_state,
+    NUMBERS["ESTIMATOR_STATUS"]: _estimator,
+    NUMBERS["AUTOPILOT_VERSION"]: lambda w: m.AutopilotVersion(
         w.capabilities, w.flight_sw_version, w.uid
     ),
-    mavlink.MAVLINK_MSG_ID_TIMESYNC: lambda w: m.TimeSync(w.tc1, w.ts1),
-    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: lambda w: m.SystemTime(
-        w.time_boot_ms / 1e3, w.time_unix_usec / 1e6
-    ),
-    mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ: _param_request,
-    mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: lambda w: m.ParamRequestList(
+    NUMBERS["TIMESYNC"]: lambda w: m.TimeSync(w.tc1, w.ts1),
+    NUMBERS["SYSTEM_TIME"]: lambda w: m.SystemTime(w.time_boot_ms / 1e3, w.time_unix_usec / 1e6),
+    NUMBERS["PARAM_REQUEST_READ"]: _param_request,
+    NUMBERS["PARAM_REQUEST_LIST"]: lambda w: m.ParamRequestList(
         w.target_system, w.target_component
     ),
-    mavlink.MAVLINK_MSG_ID_PARAM_SET: _param_set,
-    mavlink.MAVLINK_MSG_ID_PARAM_VALUE: _param_value,
-    mavlink.MAVLINK_MSG_ID_PARAM_ERROR: lambda w: m.ParamError(
+    NUMBERS["PARAM_SET"]: _param_set,
+    NUMBERS["PARAM_VALUE"]: _param_value,
+    NUMBERS["PARAM_ERROR"]: lambda w: m.ParamError(
         w.target_system, w.target_component, _text(w.param_id), w.param_index, w.error
     ),
-    EventMessage.id: _event,
-    mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: _named_value,
-    mavlink.MAVLINK_MSG_ID_NAMED_VALUE_INT: _named_value,
-    ComponentInformationBasicMessage.id: _component_information,
-    mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION: _camera_information,
-    mavlink.MAVLINK_MSG_ID_PING: lambda w: m.Ping(
+    NUMBERS["EVENT"]: _event,
+    NUMBERS["NAMED_VALUE_FLOAT"]: _named_value,
+    NUMBERS["NAMED_VALUE_INT"]: _named_value,
+    NUMBERS["COMPONENT_INFORMATION_BASIC"]: _component_information,
+    NUMBERS["CAMERA_INFORMATION"]: _camera_information,
+    NUMBERS["PING"]: lambda w: m.Ping(
         w.time_usec / 1e6, w.seq, w.target_system, w.target_component
     ),
-    mavlink.MAVLINK_MSG_ID_MISSION_COUNT: lambda w: m.MissionCount(
+    NUMBERS["MISSION_COUNT"]: lambda w: m.MissionCount(
         w.target_system, w.target_component, w.count, w.mission_type
     ),
-    mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: lambda w: m.MissionRequestList(
+    NUMBERS["MISSION_REQUEST_LIST"]: lambda w: m.MissionRequestList(
         w.target_system, w.target_component, w.mission_type
     ),
-    mavlink.MAVLINK_MSG_ID_MISSION_REQUEST: _mission_request,
-    mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_INT: _mission_request,
-    mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT: _mission_item,
-    mavlink.MAVLINK_MSG_ID_MISSION_ITEM: _mission_item,
-    mavlink.MAVLINK_MSG_ID_MISSION_ACK: lambda w: m.MissionAck(
+    NUMBERS["MISSION_REQUEST"]: _mission_request,
+    NUMBERS["MISSION_REQUEST_INT"]: _mission_request,
+    NUMBERS["MISSION_ITEM_INT"]: _mission_item,
+    NUMBERS["MISSION_ITEM"]: _mission_item,
+    NUMBERS["MISSION_ACK"]: lambda w: m.MissionAck(
         w.target_system, w.target_component, w.type, w.mission_type
     ),
-    mavlink.MAVLINK_MSG_ID_MISSION_SET_CURRENT: lambda w: m.MissionSetCurrent(
+    NUMBERS["MISSION_SET_CURRENT"]: lambda w: m.MissionSetCurrent(
         w.target_system, w.target_component, w.seq
     ),
-    mavlink.MAVLINK_MSG_ID_MISSION_CLEAR_ALL: lambda w: m.MissionClearAll(
+    NUMBERS["MISSION_CLEAR_ALL"]: lambda w: m.MissionClearAll(
         w.target_system, w.target_component, w.mission_type
     ),
-    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: lambda w: m.MissionCurrent(w.seq),
-    mavlink.MAVLINK_MSG_ID_MISSION_ITEM_REACHED: lambda w: m.MissionItemReached(w.seq),
-    mavlink.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: _data_stream,
-    mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: lambda w: m.FileTransfer(
+    NUMBERS["MISSION_CURRENT"]: lambda w: m.MissionCurrent(w.seq),
+    NUMBERS["MISSION_ITEM_REACHED"]: lambda w: m.MissionItemReached(w.seq),
+    NUMBERS["REQUEST_DATA_STREAM"]: _data_stream,
+    NUMBERS["FILE_TRANSFER_PROTOCOL"]: lambda w: m.FileTransfer(
         w.target_system, w.target_component, bytes(w.payload)
     ),
 }

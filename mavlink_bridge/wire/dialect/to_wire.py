@@ -19,6 +19,7 @@ from mavlink_bridge.shared.frames import (
 )
 from mavlink_bridge.wire import messages as m
 from mavlink_bridge.wire.dialect import common as mavlink
+from mavlink_bridge.wire.dialect.layout import message
 from mavlink_bridge.wire.dialect.units import (
     UNKNOWN_HEADING,
     clipped,
@@ -27,7 +28,6 @@ from mavlink_bridge.wire.dialect.units import (
     int16,
     milliseconds,
 )
-from mavlink_bridge.wire.dialect.unlisted import ComponentInformationBasicMessage, EventMessage
 
 _IDENTITY = (1.0, 0.0, 0.0, 0.0)
 _MAVLINK_2 = 3  # mavlink_version of a HEARTBEAT
@@ -57,7 +57,7 @@ def _frd(v: Vector) -> tuple[float, float, float]:
 
 def _rate_setpoint(s: m.RateSetpoint) -> Any:
     roll_rate, pitch_rate, yaw_rate = _frd(s.omega)
-    return mavlink.MAVLink_set_attitude_target_message(
+    return message("SET_ATTITUDE_TARGET")(
         time_boot_ms=milliseconds(s.time),
         target_system=s.target_system,
         target_component=s.target_component,
@@ -72,7 +72,7 @@ def _rate_setpoint(s: m.RateSetpoint) -> Any:
 
 def _heartbeat(h: m.Heartbeat) -> Any:
     armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if h.armed else 0
-    return mavlink.MAVLink_heartbeat_message(
+    return message("HEARTBEAT")(
         type=h.vehicle_type,
         autopilot=h.autopilot,
         base_mode=h.base_mode | armed,
@@ -83,19 +83,19 @@ def _heartbeat(h: m.Heartbeat) -> Any:
 
 
 def _attitude(a: m.Attitude) -> Any:
-    return mavlink.MAVLink_attitude_quaternion_message(
+    return message("ATTITUDE_QUATERNION")(
         milliseconds(a.time), *quaternion_enu_ned(a.q_wb), *_frd(a.omega)
     )
 
 
 def _euler_attitude(a: m.EulerAttitude) -> Any:
     angles = euler_from_quaternion(quaternion_enu_ned(a.q_wb))
-    return mavlink.MAVLink_attitude_message(milliseconds(a.time), *angles, *_frd(a.omega))
+    return message("ATTITUDE")(milliseconds(a.time), *angles, *_frd(a.omega))
 
 
 def _attitude_target(a: m.AttitudeTarget) -> Any:
     roll_rate, pitch_rate, yaw_rate = _frd(a.omega)
-    return mavlink.MAVLink_attitude_target_message(
+    return message("ATTITUDE_TARGET")(
         time_boot_ms=milliseconds(a.time),
         type_mask=a.type_mask,
         q=quaternion_enu_ned(a.q_wb),
@@ -107,9 +107,7 @@ def _attitude_target(a: m.AttitudeTarget) -> Any:
 
 
 def _local_position(lp: m.LocalPosition) -> Any:
-    return mavlink.MAVLink_local_position_ned_message(
-        milliseconds(lp.time), *_ned(lp.p), *_ned(lp.v)
-    )
+    return message("LOCAL_POSITION_NED")(milliseconds(lp.time), *_ned(lp.p), *_ned(lp.v))
 
 
 def _odometry(o: m.Odometry) -> Any:
@@ -117,7 +115,7 @@ def _odometry(o: m.Odometry) -> Any:
     rotation = rotation_matrix(o.q_wb)
     vx, vy, vz = _frd(rotation.T @ o.v)
     roll_rate, pitch_rate, yaw_rate = _frd(o.omega)
-    return mavlink.MAVLink_odometry_message(
+    return message("ODOMETRY")(
         time_usec=round(o.time * 1e6),
         frame_id=mavlink.MAV_FRAME_LOCAL_NED,
         child_frame_id=mavlink.MAV_FRAME_BODY_FRD,
@@ -162,7 +160,7 @@ def _velocity_covariance(o: m.Odometry, rotation: Vector) -> tuple[float, ...]:
 def _global_position(g: m.GlobalPosition) -> Any:
     vx, vy, vz = _ned(g.v)
     heading = UNKNOWN_HEADING if g.heading is None else course(math.degrees(g.heading))
-    return mavlink.MAVLink_global_position_int_message(
+    return message("GLOBAL_POSITION_INT")(
         time_boot_ms=milliseconds(g.time),
         lat=round(g.latitude_deg * 1e7),
         lon=round(g.longitude_deg * 1e7),
@@ -176,7 +174,7 @@ def _global_position(g: m.GlobalPosition) -> Any:
 
 
 def _system_status(s: m.SystemStatus) -> Any:
-    return mavlink.MAVLink_sys_status_message(
+    return message("SYS_STATUS")(
         onboard_control_sensors_present=s.present,
         onboard_control_sensors_enabled=s.enabled,
         onboard_control_sensors_health=s.health,
@@ -194,7 +192,7 @@ def _system_status(s: m.SystemStatus) -> Any:
 
 
 def _battery(b: m.BatteryStatus) -> Any:
-    return mavlink.MAVLink_battery_status_message(
+    return message("BATTERY_STATUS")(
         id=0,
         battery_function=mavlink.MAV_BATTERY_FUNCTION_UNKNOWN,
         type=mavlink.MAV_BATTERY_TYPE_LION,
@@ -209,7 +207,7 @@ def _battery(b: m.BatteryStatus) -> Any:
 
 def _home(h: m.HomePosition) -> Any:
     x, y, z = _ned(h.p)
-    return mavlink.MAVLink_home_position_message(
+    return message("HOME_POSITION")(
         latitude=round(h.latitude_deg * 1e7),
         longitude=round(h.longitude_deg * 1e7),
         altitude=round(h.altitude * 1e3),
@@ -224,7 +222,7 @@ def _home(h: m.HomePosition) -> Any:
 
 
 def _gps_raw(g: m.GpsRaw) -> Any:
-    return mavlink.MAVLink_gps_raw_int_message(
+    return message("GPS_RAW_INT")(
         time_usec=round(g.time * 1e6),
         fix_type=g.fix_type,
         lat=round(g.latitude_deg * 1e7),
@@ -242,7 +240,7 @@ def _gps_raw(g: m.GpsRaw) -> Any:
 
 
 def _distance(d: m.DistanceSensor) -> Any:
-    return mavlink.MAVLink_distance_sensor_message(
+    return message("DISTANCE_SENSOR")(
         time_boot_ms=milliseconds(d.time),
         min_distance=clipped(d.minimum * 100, 0, 0xFFFF),
         max_distance=clipped(d.maximum * 100, 0, 0xFFFF),
@@ -261,7 +259,7 @@ def _gps_input(g: m.GpsInput) -> Any:
     ignored |= 0 if len(given) > 2 else mavlink.GPS_INPUT_IGNORE_FLAG_VEL_VERT
     east, north, up = (*given, 0.0, 0.0, 0.0)[:3]
     vn, ve, vd = enu_ned(east, north, up)
-    return mavlink.MAVLink_gps_input_message(
+    return message("GPS_INPUT")(
         time_usec=round(g.time * 1e6),
         gps_id=0,
         ignore_flags=ignored,
@@ -284,7 +282,7 @@ def _gps_input(g: m.GpsInput) -> Any:
 
 
 def _hil_sensor(s: m.HilSensor) -> Any:
-    return mavlink.MAVLink_hil_sensor_message(
+    return message("HIL_SENSOR")(
         round(s.time * 1e6),
         *_frd(s.force),
         *_frd(s.omega),
@@ -299,7 +297,7 @@ def _hil_sensor(s: m.HilSensor) -> Any:
 
 def _hil_gps(g: m.HilGps) -> Any:
     vn, ve, vd = (int16(a * 100) for a in _ned(g.v))
-    return mavlink.MAVLink_hil_gps_message(
+    return message("HIL_GPS")(
         time_usec=round(g.time * 1e6),
         fix_type=mavlink.GPS_FIX_TYPE_3D_FIX,
         lat=round(g.latitude_deg * 1e7),
@@ -317,7 +315,7 @@ def _hil_gps(g: m.HilGps) -> Any:
 
 
 def _estimator(e: m.EstimatorStatus) -> Any:
-    return mavlink.MAVLink_estimator_status_message(
+    return message("ESTIMATOR_STATUS")(
         time_usec=round(e.time * 1e6),
         flags=e.flags,
         vel_ratio=e.velocity_ratio,
@@ -333,7 +331,7 @@ def _estimator(e: m.EstimatorStatus) -> Any:
 
 def _autopilot_version(v: m.AutopilotVersion) -> Any:
     zeros = [0] * 8
-    return mavlink.MAVLink_autopilot_version_message(
+    return message("AUTOPILOT_VERSION")(
         capabilities=v.capabilities,
         flight_sw_version=v.flight_sw_version,
         middleware_sw_version=0,
@@ -350,7 +348,7 @@ def _autopilot_version(v: m.AutopilotVersion) -> Any:
 
 def _mission_item(i: m.MissionItem) -> Any:
     if i.floating:
-        return mavlink.MAVLink_mission_item_message(
+        return message("MISSION_ITEM")(
             i.target_system,
             i.target_component,
             i.seq,
@@ -364,7 +362,7 @@ def _mission_item(i: m.MissionItem) -> Any:
             z=i.z,
             mission_type=i.mission_type,
         )
-    return mavlink.MAVLink_mission_item_int_message(
+    return message("MISSION_ITEM_INT")(
         i.target_system,
         i.target_component,
         i.seq,
@@ -383,12 +381,14 @@ def _mission_item(i: m.MissionItem) -> Any:
 def _named_value(v: m.NamedValue) -> Any:
     name, time = v.name.encode()[:_NAME_BYTES], milliseconds(v.time)
     if isinstance(v.value, int):
-        return mavlink.MAVLink_named_value_int_message(time, name, v.value)
-    return mavlink.MAVLink_named_value_float_message(time, name, v.value)
+        return message("NAMED_VALUE_INT")(time, name, v.value)
+    return message("NAMED_VALUE_FLOAT")(time, name, v.value)
 
 
 def _component_information(c: m.ComponentInformation) -> Any:
-    return ComponentInformationBasicMessage(
+    return message(
+        "COMPONENT_INFORMATION_BASIC"
+    )(
         capabilities=c.capabilities,
         time_boot_ms=milliseconds(c.time),
         time_manufacture_s=0,  # not known
@@ -401,7 +401,7 @@ def _component_information(c: m.ComponentInformation) -> Any:
 
 
 def _camera_information(c: m.CameraInformation) -> Any:
-    return mavlink.MAVLink_camera_information_message(
+    return message("CAMERA_INFORMATION")(
         time_boot_ms=milliseconds(c.time),
         vendor_name=list(c.vendor.encode()[:32].ljust(32, b"\0")),
         model_name=list(c.model.encode()[:32].ljust(32, b"\0")),
@@ -421,8 +421,8 @@ def _camera_information(c: m.CameraInformation) -> Any:
 def _request(r: m.MissionRequest) -> Any:
     fields = (r.target_system, r.target_component, r.seq, r.mission_type)
     if r.floating:
-        return mavlink.MAVLink_mission_request_message(*fields)
-    return mavlink.MAVLink_mission_request_int_message(*fields)
+        return message("MISSION_REQUEST")(*fields)
+    return message("MISSION_REQUEST_INT")(*fields)
 
 
 TO_WIRE: dict[type, Callable[[Any], Any]] = {
@@ -444,40 +444,36 @@ TO_WIRE: dict[type, Callable[[Any], Any]] = {
     m.HilSensor: _hil_sensor,
     m.HilGps: _hil_gps,
     m.AutopilotVersion: _autopilot_version,
-    m.StatusText: lambda s: mavlink.MAVLink_statustext_message(
+    m.StatusText: lambda s: message("STATUSTEXT")(
         s.severity, s.text.encode()[:50], s.number, s.chunk
     ),
-    m.ParamValue: lambda p: mavlink.MAVLink_param_value_message(
+    m.ParamValue: lambda p: message("PARAM_VALUE")(
         p.name.encode(), p.value, p.param_type, p.count, p.index
     ),
     m.MissionItem: _mission_item,
-    m.Command: lambda c: mavlink.MAVLink_command_long_message(
+    m.Command: lambda c: message("COMMAND_LONG")(
         c.target_system, c.target_component, c.command, c.confirmation, *c.params
     ),
-    m.CommandAck: lambda a: mavlink.MAVLink_command_ack_message(
+    m.CommandAck: lambda a: message("COMMAND_ACK")(
         a.command, a.result, 0, 0, a.target_system, a.target_component
     ),
-    m.SetMode: lambda s: mavlink.MAVLink_set_mode_message(
-        s.target_system, s.base_mode, s.custom_mode
-    ),
-    m.ExtendedSystemState: lambda e: mavlink.MAVLink_extended_sys_state_message(0, e.landed_state),
-    m.TimeSync: lambda t: mavlink.MAVLink_timesync_message(t.tc1, t.ts1),
-    m.SystemTime: lambda t: mavlink.MAVLink_system_time_message(
-        round(t.unix_time * 1e6), milliseconds(t.time)
-    ),
-    m.ParamRequestRead: lambda p: mavlink.MAVLink_param_request_read_message(
+    m.SetMode: lambda s: message("SET_MODE")(s.target_system, s.base_mode, s.custom_mode),
+    m.ExtendedSystemState: lambda e: message("EXTENDED_SYS_STATE")(0, e.landed_state),
+    m.TimeSync: lambda t: message("TIMESYNC")(t.tc1, t.ts1),
+    m.SystemTime: lambda t: message("SYSTEM_TIME")(round(t.unix_time * 1e6), milliseconds(t.time)),
+    m.ParamRequestRead: lambda p: message("PARAM_REQUEST_READ")(
         p.target_system, p.target_component, p.name.encode(), p.index
     ),
-    m.ParamRequestList: lambda p: mavlink.MAVLink_param_request_list_message(
+    m.ParamRequestList: lambda p: message("PARAM_REQUEST_LIST")(
         p.target_system, p.target_component
     ),
-    m.ParamSet: lambda p: mavlink.MAVLink_param_set_message(
+    m.ParamSet: lambda p: message("PARAM_SET")(
         p.target_system, p.target_component, p.name.encode(), p.value, p.param_type
     ),
-    m.ParamError: lambda p: mavlink.MAVLink_param_error_message(
+    m.ParamError: lambda p: message("PARAM_ERROR")(
         p.target_system, p.target_component, p.name.encode(), p.index, p.error
     ),
-    m.Event: lambda e: EventMessage(
+    m.Event: lambda e: message("EVENT")(
         event_id=e.event_id,
         event_time_boot_ms=milliseconds(e.time),
         sequence=e.sequence,
@@ -489,31 +485,31 @@ TO_WIRE: dict[type, Callable[[Any], Any]] = {
     m.NamedValue: _named_value,
     m.ComponentInformation: _component_information,
     m.CameraInformation: _camera_information,
-    m.Ping: lambda p: mavlink.MAVLink_ping_message(
+    m.Ping: lambda p: message("PING")(
         round(p.time * 1e6), p.sequence, p.target_system, p.target_component
     ),
-    m.MissionCount: lambda c: mavlink.MAVLink_mission_count_message(
+    m.MissionCount: lambda c: message("MISSION_COUNT")(
         c.target_system, c.target_component, c.count, c.mission_type
     ),
-    m.MissionRequestList: lambda r: mavlink.MAVLink_mission_request_list_message(
+    m.MissionRequestList: lambda r: message("MISSION_REQUEST_LIST")(
         r.target_system, r.target_component, r.mission_type
     ),
     m.MissionRequest: _request,
-    m.MissionAck: lambda a: mavlink.MAVLink_mission_ack_message(
+    m.MissionAck: lambda a: message("MISSION_ACK")(
         a.target_system, a.target_component, a.result, a.mission_type
     ),
-    m.MissionSetCurrent: lambda s: mavlink.MAVLink_mission_set_current_message(
+    m.MissionSetCurrent: lambda s: message("MISSION_SET_CURRENT")(
         s.target_system, s.target_component, s.seq
     ),
-    m.MissionClearAll: lambda c: mavlink.MAVLink_mission_clear_all_message(
+    m.MissionClearAll: lambda c: message("MISSION_CLEAR_ALL")(
         c.target_system, c.target_component, c.mission_type
     ),
-    m.MissionCurrent: lambda c: mavlink.MAVLink_mission_current_message(c.seq),
-    m.MissionItemReached: lambda r: mavlink.MAVLink_mission_item_reached_message(r.seq),
-    m.RequestDataStream: lambda r: mavlink.MAVLink_request_data_stream_message(
+    m.MissionCurrent: lambda c: message("MISSION_CURRENT")(c.seq),
+    m.MissionItemReached: lambda r: message("MISSION_ITEM_REACHED")(r.seq),
+    m.RequestDataStream: lambda r: message("REQUEST_DATA_STREAM")(
         r.target_system, r.target_component, r.stream, round(r.rate_hz), int(r.start)
     ),
-    m.FileTransfer: lambda f: mavlink.MAVLink_file_transfer_protocol_message(
+    m.FileTransfer: lambda f: message("FILE_TRANSFER_PROTOCOL")(
         0, f.target_system, f.target_component, f.payload.ljust(_FILE_BYTES, b"\0")
     ),
 }

@@ -146,9 +146,9 @@ def test_odometry_has_its_velocity_along_the_body_or_the_world():
     sent = m.Odometry(2.0, np.array([1.0, 2.0, 3.0]), np.array([0.0, 1.5, 0.5]), north, np.zeros(3))
     wire = TO_WIRE[m.Odometry](sent)
     assert (wire.vx, wire.vy, wire.vz) == pytest.approx((1.5, 0.0, -0.5), abs=1e-6)
-    wire.child_frame_id = 1  # MAV_FRAME_LOCAL_NED
+    wire = wire._replace(child_frame_id=1)  # MAV_FRAME_LOCAL_NED
     np.testing.assert_allclose(FROM_WIRE[331](wire).v, [0.0, 1.5, 0.5], atol=1e-6)
-    wire.frame_id = 20  # MAV_FRAME_LOCAL_FRD does not point north
+    wire = wire._replace(frame_id=20)  # MAV_FRAME_LOCAL_FRD does not point north
     assert np.isnan(FROM_WIRE[331](wire).p).all()
 
 
@@ -165,12 +165,13 @@ def test_odometry_covariances_are_in_the_frames_of_its_pose_and_velocity():
     assert wire.pose_covariance[6] == pytest.approx(0.25)  # east
     assert wire.velocity_covariance[0] == pytest.approx(0.04)  # forward
     assert wire.velocity_covariance[6] == pytest.approx(0.01)  # right
-    wire.child_frame_id = 1  # MAV_FRAME_LOCAL_NED: the same numbers along north and east
+    wire = wire._replace(child_frame_id=1)  # MAV_FRAME_LOCAL_NED: the same numbers along north and east
     np.testing.assert_allclose(FROM_WIRE[331](wire).velocity_sigma, [0.1, 0.2, 0.4])
-    wire.pose_covariance = wire.velocity_covariance = (math.nan,) * 21
+    nowhere = (math.nan,) * 21
+    wire = wire._replace(pose_covariance=nowhere, velocity_covariance=nowhere)
     assert FROM_WIRE[331](wire).position_sigma is None
     assert FROM_WIRE[331](wire).velocity_sigma is None
-    wire.pose_covariance = (-1.0,) * 21
+    wire = wire._replace(pose_covariance=(-1.0,) * 21)
     assert FROM_WIRE[331](wire).position_sigma is None
 
 

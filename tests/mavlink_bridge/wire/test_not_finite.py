@@ -4,15 +4,17 @@ A warning is an error in these tests, and a line in the journal for each message
 """
 
 import math
+import re
 
 import numpy as np
 import pytest
-from pymavlink.dialects.v20 import common as mavlink
 
 from companion.estimation.own_state import OwnState
 from mavlink_bridge.wire import messages as m
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.dialect import TO_WIRE
+from mavlink_bridge.wire.dialect.pack import packed
+from mavlink_bridge.wire.framing import framed
 from tests.mavlink_bridge.wire.test_codec import EXAMPLES
 
 BAD = [math.nan, math.inf, -math.inf, 3e38, -3e38, 1e-44]
@@ -21,16 +23,17 @@ BAD = [math.nan, math.inf, -math.inf, 3e38, -3e38, 1e-44]
 def spoilt(example):
     """Frames of a message, each with one float that is none, and the name of the field."""
     wire = TO_WIRE[type(example)](example)
-    for name, kind in zip(wire.fieldnames, wire.fieldtypes, strict=True):
-        if kind not in ("float", "double"):
+    kind = type(wire).layout
+    codes = re.findall(r"\d*([a-zA-Z])", kind.form.format)
+    for name, code in zip(kind.read._fields, codes, strict=True):
+        if code not in "fd":
             continue
         value = getattr(wire, name)
         for i in range(len(value)) if isinstance(value, list | tuple) else [None]:
             for bad in BAD:
-                changed = TO_WIRE[type(example)](example)
                 new = bad if i is None else [*value[:i], bad, *value[i + 1 :]]
-                setattr(changed, name, new)
-                yield name, bad, changed.pack(mavlink.MAVLink(None, 1, 1))
+                payload = packed(wire._replace(**{name: new}))
+                yield name, bad, framed(payload, kind.number, 0, m.Source(1, 1), 0)
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda e: type(e).__name__)
