@@ -165,7 +165,7 @@ def test_odometry_covariances_are_in_the_frames_of_its_pose_and_velocity():
     assert wire.pose_covariance[6] == pytest.approx(0.25)  # east
     assert wire.velocity_covariance[0] == pytest.approx(0.04)  # forward
     assert wire.velocity_covariance[6] == pytest.approx(0.01)  # right
-    wire = wire._replace(child_frame_id=1)  # MAV_FRAME_LOCAL_NED: the same numbers along north and east
+    wire = wire._replace(child_frame_id=1)  # MAV_FRAME_LOCAL_NED: so along north and east
     np.testing.assert_allclose(FROM_WIRE[331](wire).velocity_sigma, [0.1, 0.2, 0.4])
     nowhere = (math.nan,) * 21
     wire = wire._replace(pose_covariance=nowhere, velocity_covariance=nowhere)
