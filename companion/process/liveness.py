@@ -2,7 +2,8 @@
 
 Ticks that end feed the watchdog, not time that passes. While setpoints stream, such a tick has sent
 a solved plan; the guard's fallbacks count too, but only as long as they are meant to last. Without
-a stream, every tick that ends counts: a companion that waits for a pilot is watched as well.
+a stream, every tick that ends counts: a companion that waits for a pilot is watched as well. While
+it ticks but once a second (`rest.py`), what it reads between two ticks feeds the watchdog, too.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ import math
 import select
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from companion.estimation.vehicle_clock import ClockEstimate, VehicleClock
@@ -86,6 +86,14 @@ class FramePace:
             return  # the next receive ends the daemon in an orderly way
 
 
+@dataclass
+class _Read:
+    """Messages of one reading, and its packets as the log is told of them: (sent, bytes)."""
+
+    received: list[Received] = field(default_factory=list)
+    packets: list[tuple[bool, bytes]] = field(default_factory=list)
+
+
 class ClockPace:
     """One tick every `period` [s] of the vehicle's clock; a late tick is counted, not repeated.
 
@@ -117,13 +125,13 @@ class ClockPace:
         self._requests = TimeRequests()
         self._rest = rest or Rest(period, vehicle, arms=True)
         self._line: ClockEstimate | None = None  # of the clock, as of the last tick
-        self._kept: list[Received] = []  # for the next tick
+        self._kept: _Read | None = None  # for the next tick
         self._due: float | None = None
         self._frame: Frame | None = None
 
     def next(self, stopped: Callable[[], bool]) -> TickInputs | None:
         """Sleep until the next tick is due, and read what arrives; None when told to stop."""
-        received, self._kept = self._kept, []
+        received = self._release()
         while not stopped():
             wait, local, clock = _POLL, time.monotonic(), self._estimate()
             if clock is None:
@@ -139,11 +147,43 @@ class ClockPace:
                 if request := self._requests.due(local, *[BETWEEN] * self._rest.on):
                     self._link.send(request)
                 wait = min(clock.local(self._due) - local, _POLL)
-            if self._rest.on and self._link.stamps and clock is not None:
+            if (self._rest.on and self._link.stamps and clock is not None) or self._kept:
                 time.sleep(max(wait, 0.0))
-            else:
-                received += self._take_in(wait)
+                continue
+            received += self._read(wait)
+            if self._kept and clock is not None and self._due is not None:
+                now = clock.vehicle(time.monotonic())
+                self._due = min(self._due, math.ceil(now / self._period) * self._period)
         return None
+
+    def _read(self, timeout: float, renew: bool = False) -> list[Received]:
+        """Return what `_take_in` does; what ends a rest is kept for the tick after the next.
+
+        It is kept with its bytes, which the log of that tick has to show.
+        """
+        if not self._rest.on:
+            return self._take_in(timeout, renew)
+        read, tap = _Read(), self._link.tap
+        self._link.tap = None if tap is None else lambda *packet: read.packets.append(packet)
+        try:
+            read.received = self._take_in(timeout, renew)
+        finally:
+            self._link.tap = tap
+        self._kept = read
+        if self._rest.news(read.received):
+            self._rest.end()
+            return []
+        return self._release()
+
+    def _release(self) -> list[Received]:
+        """Return what was kept, and show its bytes to the log."""
+        read, self._kept = self._kept, None
+        if read is None:
+            return []
+        if self._link.tap is not None:
+            for packet in read.packets:
+                self._link.tap(*packet)
+        return read.received
 
     def _estimate(self) -> ClockEstimate | None:
         """Return the line of the clock; at rest that of the last tick is good enough."""
@@ -172,15 +212,12 @@ class ClockPace:
         self.misses += late
         due = self._due + late * self._period
         self._due = due + self._rest.step * self._period
-        received += self._take_in(0.0, renew=True)
-        if self._rest.may_leave_out(received):
+        if self._kept is None:
+            received += self._read(0.0, renew=True)
+        if self._rest.may_leave_out():
             return None
-        if self._rest.on and (first := self._rest.news(received)) is not None:
-            self._rest.end()
-            self._kept = received[first:]
-            del received[first:]
-            if self._due is not None:  # else the clock has jumped
-                self._due = due + self._period
+        if self._kept and self._due is not None:  # else the clock has jumped
+            self._due = due + self._period
         clock = self._line = self._clock.estimate
         assert clock is not None
         latest = round(clock.vehicle(time.monotonic()) + clock.doubt, 6)

@@ -3,7 +3,7 @@
 What a waiting daemon decides is that it goes on waiting. Once it has done so for a while, it ticks
 once a second, and looks a few times as often at what came. A message that may change anything (the
 vehicle is armed, its mode changes, a ground station asks) ends the rest: the ticks that follow come
-every period, as in flight, and begin before that message is read, so that the first tick which
+every period, as in flight. The first of them is without that message, so that the tick which
 decides on it does not seem late.
 """
 
@@ -66,17 +66,17 @@ class Rest:
         self._calm = self._calm + 1 if calm else 0
         self.on = self._calm > self._enough or (self.on and calm)
 
-    def may_leave_out(self, received: Sequence[Received]) -> bool:
-        """Return whether a look is enough now; received: all since the last tick."""
-        if not self.on or self._left_out >= self._most or self.news(received) is not None:
+    def may_leave_out(self) -> bool:
+        """Return whether a look is enough now, in which no news came."""
+        if not self.on or self._left_out >= self._most:
             self._left_out = 0
             return False
         self._left_out += 1
         return True
 
-    def news(self, received: Sequence[Received]) -> int | None:
-        """Return the index of the first message that ends the rest; None where there is none."""
-        return next((n for n, r in enumerate(received) if self._is_news(r)), None)
+    def news(self, received: Sequence[Received]) -> bool:
+        """Return whether any of these messages ends the rest."""
+        return any(map(self._is_news, received))
 
     def end(self) -> None:
         """End the rest."""
