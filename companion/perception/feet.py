@@ -27,6 +27,7 @@ _SURE = 255
 _LOW = 0.4  # m below the camera that an obstacle's top may be, and still count
 _HIGH_ROWS = 5  # of the panorama above the horizon: an obstacle there stands in the way
 _SOLID = 0.4  # of the rows between these two that an obstacle has to fill
+_GROUND = 2  # rows of ground below a foot that show it
 _PARTS = 3  # rows of sure ground between two obstacles in one column
 _BLUR = 0.5  # σ of the foot over the stretch in which the classes are not clear
 
@@ -110,7 +111,7 @@ class FootFinder:
         return Columns(
             self._panorama.azimuth,
             np.where(self._stands(vote, known, foot_row, t), t, np.inf),
-            (beyond | (ground_after >= 5) & (ground_after > 0.7 * known_after)) & ~blind,
+            (beyond | (ground_after >= _GROUND) & (ground_after > 0.7 * known_after)) & ~blind,
             ~blind | above,
             np.zeros(len(t)),
             _BLUR * step * np.count_nonzero(soft, axis=1),

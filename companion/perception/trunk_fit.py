@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from companion.perception.footless import within
 from companion.perception.panorama import LevelFrame
 from companion.perception.pixels import percentile
 from companion.types import Trunk
@@ -27,8 +28,6 @@ from mavlink_bridge.shared.settings import Contradiction, StrictModel
 
 Mask = NDArray[np.bool_]
 CUT_WIDTH = 1.35  # typical true over visible width of a trunk cut by the picture's edge
-# Obstacles stand anywhere: of those nearer than t, half are nearer than t/√2, with this σ over t.
-_MEDIAN, _SPREAD = math.sqrt(0.5), 0.236
 TRIED = np.geomspace(16.0, 1.02, 48)  # distances to the axis, in radii
 EDGE = 9.0  # grey levels, contrast of an upright edge that parts two trunks
 
@@ -89,6 +88,20 @@ class Columns:
     blur: Vector | None = None
 
 
+@dataclass(frozen=True)
+class _Footless:
+    """An obstacle whose foot is not in the picture.
+
+    bound: m, that its surface is nearer than. axis: rad, its azimuth. sine: of half its angular
+    width. half_width: rad, as `Trunk` has it.
+    """
+
+    bound: float
+    axis: float
+    sine: float
+    half_width: float
+
+
 def find_trunks(
     columns: Columns, settings: TrunkSettings, altitude: float, level: LevelFrame
 ) -> list[Trunk]:
@@ -98,7 +111,11 @@ def find_trunks(
     """
     runs = _runs(columns, settings.max_range)
     found = [_fit(columns, first, last, settings, altitude, level) for first, last in runs]
-    return sorted((t for t in found if t is not None), key=lambda t: t.distance - t.radius)
+    trunks = [t for t in found if isinstance(t, Trunk)]
+    radii = np.array([t.radius for t in trunks])
+    placed = [_placed(t, radii, settings, level) for t in found if isinstance(t, _Footless)]
+    trunks += [t for t in placed if t is not None]
+    return sorted(trunks, key=lambda t: t.distance - t.radius)
 
 
 def _fit(
@@ -108,7 +125,7 @@ def _fit(
     s: TrunkSettings,
     altitude: float,
     level: LevelFrame,
-) -> Trunk | None:
+) -> Trunk | _Footless | None:
     """Return the trunk in a run of columns first…last; None where it is none."""
     step = float(columns.azimuth[1] - columns.azimuth[0])
     low = float(columns.azimuth[first]) - step / 2
@@ -143,9 +160,7 @@ def _fit(
         noise = math.hypot(s.attitude_sigma, step / math.sqrt(count), blur)
         sigma = math.hypot(0.02 * distance, tilt * noise)
     elif not s.radius:
-        surface, sigma = within(float(t.min()), sine, s)
-        radius = surface * sine / (1.0 - sine)
-        distance = surface + radius
+        return _Footless(float(t.min()), axis, sine, (high - low) / 2 if sure else 0.0)
     else:
         # The foot is out of the picture: the width and the assumed radius give the distance.
         distance = s.radius / max(sine, 1e-3)
@@ -159,14 +174,17 @@ def _fit(
     return Trunk(level.direction(float(axis)), distance, radius, sigma, assumed, half_width)
 
 
-def within(bound: float, sine: float, s: TrunkSettings) -> tuple[float, float]:
-    """Return the distance [m] and σ of the surface of an obstacle whose foot is within `bound` [m].
+def _placed(seen: _Footless, radii: Vector, s: TrunkSettings, level: LevelFrame) -> Trunk | None:
+    """Return the trunk of which only the width shows; None where it is none.
 
-    sine: of half its angular width. The foot lies below the picture, so that only the place where
-    the obstacle leaves the picture bounds the distance; and so does the largest radius.
+    radii (n,): m, of the trunks measured in the same picture.
     """
-    bound = min(bound, s.max_radius * (1.0 / max(sine, 1e-3) - 1.0))
-    return _MEDIAN * bound, _SPREAD * bound + 0.05
+    surface, sigma = within(seen.bound, seen.sine, (s.min_radius, s.max_radius), radii)
+    distance = surface / (1.0 - seen.sine)
+    if surface > s.max_range:
+        return None
+    direction = level.direction(seen.axis)
+    return Trunk(direction, distance, distance - surface, sigma, True, seen.half_width)
 
 
 def _runs(columns: Columns, max_range: float) -> list[tuple[int, int]]:
