@@ -10,7 +10,8 @@ from pydantic import AfterValidator, Field
 from companion.perception.ball import ColorSettings
 from companion.perception.depth import DepthConfig
 from companion.perception.heat_map import HeatMapConfig, NetworkConfig
-from companion.perception.trunk_fit import FootSettings, TrunkSettings
+from companion.perception.object_fit import FootSettings
+from companion.perception.trunk_fit import TrunkSettings
 from companion.perception.yolo import YoloConfig
 from mavlink_bridge.shared.parts import PartKind
 from mavlink_bridge.shared.settings import StrictModel

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from companion.perception.camera import Camera
 from companion.perception.heat_map import Cells
 from companion.perception.panorama import LEVEL_GROUND, LevelFrame, Panorama
-from companion.perception.trunk_fit import Columns, FootSettings, Mask, find_trunks
+from companion.perception.object_fit import Feet, FootSettings, find_obstacles
+from companion.perception.trunk_fit import Mask
 from companion.types import Trunk
 from mavlink_bridge.shared.arrays import Vector
 
@@ -69,7 +70,7 @@ class FootFinder:
         self.clarity = self._clearness(obstacle, ground, seen)
         rise = self._panorama.along(rise_c, level)
         columns = self._columns(obstacle, ground, seen, altitude, rise)
-        return find_trunks(columns, self._settings, altitude, level)
+        return find_obstacles(columns, self._settings, altitude, level)
 
     def _clearness(self, obstacle: Votes, ground: Votes, seen: Mask) -> float:
         part = np.s_[::2, self._horizon :: 2]
@@ -81,7 +82,7 @@ class FootFinder:
 
     def _columns(
         self, obstacle: Votes, ground: Votes, known: Mask, altitude: float, rise: Vector
-    ) -> Columns:
+    ) -> Feet:
         """Return the columns, each split at the foot of the obstacle in it.
 
         rise: (columns,) m/m, of the ground.
@@ -108,12 +109,11 @@ class FootFinder:
         t = np.where(blind & above, 2.0 * self._settings.max_range, t)
         soft = (np.abs(below) < _SURE // 2) & self._near(rows, foot_row)
         step = float(self._panorama.elevation[0] - self._panorama.elevation[1])
-        return Columns(
+        return Feet(
             self._panorama.azimuth,
             np.where(self._stands(vote, known, foot_row, t), t, np.inf),
             (beyond | (ground_after >= _GROUND) & (ground_after > 0.7 * known_after)) & ~blind,
             ~blind | above,
-            np.zeros(len(t)),
             _BLUR * step * np.count_nonzero(soft, axis=1),
         )
 

@@ -19,9 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from companion.perception.footless import within
 from companion.perception.panorama import LevelFrame
-from companion.perception.pixels import percentile
 from companion.types import Trunk
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import Contradiction, StrictModel
@@ -57,27 +55,13 @@ class TrunkSettings(StrictModel):
         return self
 
 
-class FootSettings(TrunkSettings):
-    """The same for the network, which needs no width to tell an obstacle by."""
-
-    step_deg: float = Field(0.75, ge=0.2, le=3, description="Pixel of the level panorama.")
-    min_width_deg: float = Field(1.2, gt=0, description="Narrower objects are no obstacles.")
-    min_radius: float = Field(0.05, gt=0, description="Thinner objects [m] are no obstacles.")
-    radius: float = Field(
-        0.0,
-        ge=0,
-        description="Assumed [m] where the foot does not show; 0: unknown.",
-    )
-
-
 @dataclass(frozen=True)
 class Columns:
     """The panorama, column by column.
 
     azimuth: rad. t: m to the foot of the object there; inf where there is none. foot: whether the
     foot is in the picture; if not, t is an upper bound. seen: whether the frame covers the column.
-    edge: grey levels, upright contrast towards the next column. blur: rad, 1 σ of the foot's
-    elevation, beyond that of the attitude; None: none.
+    edge: grey levels, upright contrast towards the next column.
     """
 
     azimuth: Vector
@@ -85,21 +69,6 @@ class Columns:
     foot: Mask
     seen: Mask
     edge: Vector
-    blur: Vector | None = None
-
-
-@dataclass(frozen=True)
-class _Footless:
-    """An obstacle whose foot is not in the picture.
-
-    bound: m, that its surface is nearer than. axis: rad, its azimuth. sine: of half its angular
-    width. half_width: rad, as `Trunk` has it.
-    """
-
-    bound: float
-    axis: float
-    sine: float
-    half_width: float
 
 
 def find_trunks(
@@ -111,11 +80,7 @@ def find_trunks(
     """
     runs = _runs(columns, settings.max_range)
     found = [_fit(columns, first, last, settings, altitude, level) for first, last in runs]
-    trunks = [t for t in found if isinstance(t, Trunk)]
-    radii = np.array([t.radius for t in trunks])
-    placed = [_placed(t, radii, settings, level) for t in found if isinstance(t, _Footless)]
-    trunks += [t for t in placed if t is not None]
-    return sorted(trunks, key=lambda t: t.distance - t.radius)
+    return sorted((t for t in found if t is not None), key=lambda t: t.distance - t.radius)
 
 
 def _fit(
@@ -125,7 +90,7 @@ def _fit(
     s: TrunkSettings,
     altitude: float,
     level: LevelFrame,
-) -> Trunk | _Footless | None:
+) -> Trunk | None:
     """Return the trunk in a run of columns first…last; None where it is none."""
     step = float(columns.azimuth[1] - columns.azimuth[0])
     low = float(columns.azimuth[first]) - step / 2
@@ -137,9 +102,7 @@ def _fit(
     free_low, free_high = _free(columns, first, -1), _free(columns, last, 1)
     free = (free_low, free_high)
     sure = all(free) and _alone(columns, first, -1) and _alone(columns, last, 1)
-    if not s.radius:
-        axis, sine = (low + high) / 2, math.sin(min((high - low) / 2, 1.3))
-    elif all(free) and foot.any():
+    if all(free) and foot.any():
         axis, sine = (low + high) / 2, math.sin(min((high - low) / 2, 1.45))
     else:
         axis, sine = _assumed(t, az, foot, (low, high), free, s.radius)
@@ -154,13 +117,8 @@ def _fit(
         radius = distance * sine
         surface = distance - radius
         tilt = (surface * surface + altitude * altitude) / altitude
-        blur = 0.0
-        if columns.blur is not None:
-            blur = percentile(columns.blur[first : last + 1][use], 50)
-        noise = math.hypot(s.attitude_sigma, step / math.sqrt(count), blur)
+        noise = math.hypot(s.attitude_sigma, step / math.sqrt(count))
         sigma = math.hypot(0.02 * distance, tilt * noise)
-    elif not s.radius:
-        return _Footless(float(t.min()), axis, sine, (high - low) / 2 if sure else 0.0)
     else:
         # The foot is out of the picture: the width and the assumed radius give the distance.
         distance = s.radius / max(sine, 1e-3)
@@ -172,19 +130,6 @@ def _fit(
         return None
     half_width = float(high - low) / 2 if sure else 0.0
     return Trunk(level.direction(float(axis)), distance, radius, sigma, assumed, half_width)
-
-
-def _placed(seen: _Footless, radii: Vector, s: TrunkSettings, level: LevelFrame) -> Trunk | None:
-    """Return the trunk of which only the width shows; None where it is none.
-
-    radii (n,): m, of the trunks measured in the same picture.
-    """
-    surface, sigma = within(seen.bound, seen.sine, (s.min_radius, s.max_radius), radii)
-    distance = surface / (1.0 - seen.sine)
-    if surface > s.max_range:
-        return None
-    direction = level.direction(seen.axis)
-    return Trunk(direction, distance, distance - surface, sigma, True, seen.half_width)
 
 
 def _runs(columns: Columns, max_range: float) -> list[tuple[int, int]]:

@@ -6,7 +6,7 @@ import pytest
 from companion.perception.camera import Camera
 from companion.perception.eyes import SCENE
 from companion.perception.feet import FootFinder
-from companion.perception.trunk_fit import FootSettings
+from companion.perception.object_fit import FootSettings
 
 CAMERA = Camera.equidistant(640, 400)
 HEIGHT = 2.0  # m, of the camera
