@@ -114,6 +114,7 @@ class FootFinder:
             np.where(self._stands(vote, known, foot_row, t), t, np.inf),
             (beyond | (ground_after >= _GROUND) & (ground_after > 0.7 * known_after)) & ~blind,
             ~blind | above,
+            known[:, h - _HIGH_ROWS : h + _HIGH_ROWS].all(axis=1),
             _BLUR * step * np.count_nonzero(soft, axis=1),
         )
 

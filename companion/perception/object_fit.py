@@ -42,14 +42,15 @@ class Feet:
     """The panorama, column by column.
 
     azimuth: rad. t: m to the foot of the object there; inf where there is none. foot: whether the
-    foot is in the picture; if not, t is an upper bound. seen: whether the frame covers the column.
-    blur: rad, 1 σ of the foot's elevation, beyond that of the attitude.
+    foot is in the picture; if not, t is an upper bound. seen: whether the frame covers the column;
+    level: also at the height of the camera. blur: rad, 1 σ of the foot's elevation, beyond that of the attitude.
     """
 
     azimuth: Vector
     t: Vector
     foot: Mask
     seen: Mask
+    level: Mask
     blur: Vector
 
 
@@ -156,7 +157,7 @@ def _runs(feet: Feet, max_range: float) -> list[tuple[int, int]]:
 def _cut(feet: Feet, index: int, side: int) -> bool:
     """Return whether the picture's side hides what is beyond a run's end."""
     beyond = index + side
-    return not 0 <= beyond < len(feet.t) or not bool(feet.seen[beyond])
+    return not 0 <= beyond < len(feet.t) or not bool(feet.level[beyond])
 
 
 def _whole(feet: Feet, run: tuple[int, int]) -> bool:
