@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.perception.camera import Camera
+from companion.perception.column_runs import Feet
 from companion.perception.heat_map import Cells
+from companion.perception.object_fit import FootSettings, find_obstacles
 from companion.perception.panorama import LEVEL_GROUND, LevelFrame, Panorama
-from companion.perception.object_fit import Feet, FootSettings, find_obstacles
 from companion.perception.trunk_fit import Mask
 from companion.types import Trunk
 from mavlink_bridge.shared.arrays import Vector
@@ -29,7 +30,9 @@ _LOW = 0.4  # m below the camera that an obstacle's top may be, and still count
 _HIGH_ROWS = 5  # of the panorama above the horizon: an obstacle there stands in the way
 _SOLID = 0.4  # of the rows between these two that an obstacle has to fill
 _GROUND = 2  # rows of ground below a foot that show it
-_PARTS = 3  # rows of sure ground between two obstacles in one column
+_AT = 2  # rows on either side of the horizon
+_SOFT = 3  # rows above a foot that may be neither
+_PARTS = 1.2  # rows of sure ground between two obstacles in one column
 _BLUR = 0.5  # σ of the foot over the stretch in which the classes are not clear
 
 
@@ -92,8 +95,8 @@ class FootFinder:
         below, known_below = vote[:, h:], known[:, h:]
         rows = np.arange(below.shape[1])
         far, near, top = _feet(below)
-        t = altitude / np.maximum(self._slope(below, near) + rise, 1e-3)
-        beyond = (far < near) & (top > self._reach(t))
+        nearest = altitude / np.maximum(self._slope(below, near) + rise, 1e-3)
+        beyond = (far < near) & (top > self._reach(nearest))
         foot_row = np.where(beyond, far, near)
         after = (rows >= foot_row[:, None]) & known_below
         known_after = np.count_nonzero(after, axis=1)
@@ -115,7 +118,11 @@ class FootFinder:
             (beyond | (ground_after >= _GROUND) & (ground_after > 0.7 * known_after)) & ~blind,
             ~blind | above,
             known[:, h - _HIGH_ROWS : h + _HIGH_ROWS].all(axis=1),
+            vote[:, h - _AT : h + _AT].sum(axis=1) < 0,
             _BLUR * step * np.count_nonzero(soft, axis=1),
+            nearest,
+            self._panorama.elevation[_top(vote, near + h)] + step / 2,
+            rise,
         )
 
     def _slope(self, below: Votes, foot_row: NDArray[np.intp]) -> Vector:
@@ -148,6 +155,15 @@ class FootFinder:
         """Return the rows (columns, rows) around each foot in which its doubt is counted."""
         near: Mask = np.abs(rows - foot_row[:, None]) <= 6
         return near
+
+
+def _top(vote: Votes, foot_row: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the highest row (columns,) of what stands on each foot without a gap."""
+    rows = np.arange(vote.shape[1])
+    clear = (vote > -_SURE // 4) & (rows < foot_row[:, None] - _SOFT)
+    clear[:, :-1] &= clear[:, 1:]
+    gaps: NDArray[np.intp] = np.where(clear, rows + 2, 0).max(axis=1)
+    return np.minimum(gaps, vote.shape[1] - 1)
 
 
 def _feet(below: Votes) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
