@@ -73,18 +73,20 @@ def runs(feet: Feet, max_range: float) -> list[Run]:
 def _merged(feet: Feet, parts: list[Run]) -> list[Run]:
     """Return the runs, made one where the foot of two goes on between them."""
     made: list[Run] = []
-    last = math.inf
     for first, end in parts:
-        t = float(np.median(feet.t[first : end + 1]))
-        like = _ALIKE * min(t, last)
-        if made and first - made[-1][1] <= _GAP and abs(t - last) < like:
-            between = feet.lowest[made[-1][1] + 1 : first]
-            if bool((np.abs(between - t) < like).all()):
+        if made and first - made[-1][1] <= _GAP:
+            t, last = _middle(feet.t, (first, end)), _middle(feet.t, made[-1])
+            like = _ALIKE * min(t, last)
+            between = np.abs(feet.lowest[made[-1][1] + 1 : first] - t)
+            if abs(t - last) < like and bool((between < like).all()):
                 first = made.pop()[0]
-                t = float(np.median(feet.t[first : end + 1]))
         made.append((first, end))
-        last = t
     return made
+
+
+def _middle(values: Vector, run: Run) -> float:
+    """Return the median of the columns of a run."""
+    return float(np.sort(values[run[0] : run[1] + 1])[(run[1] - run[0]) // 2])
 
 
 def at_height(feet: Feet, run: Run, slope: Vector) -> Run:
@@ -136,6 +138,8 @@ def behind(feet: Feet, run: Run, altitude: float) -> list[tuple[Run, tuple[float
     ends below the horizon: so its own foot is hidden, between this foot and the line of sight over
     the low object.
     """
+    if not (feet.top[max(run[0] - _ASIDE[0], 0) : run[1] + _ASIDE[0] + 1] < _LOW).any():
+        return []
     tall = np.concatenate([[False], feet.top[run[0] : run[1] + 1] > _TALL, [False]])
     ends = (run[0] + np.flatnonzero(tall[1:] != tall[:-1])).tolist()
     found = []
@@ -143,9 +147,10 @@ def behind(feet: Feet, run: Run, altitude: float) -> list[tuple[Run, tuple[float
         beside = [first - n for n in _ASIDE] + [last + n for n in _ASIDE]
         if last == first or min(beside) < 0 or max(beside) >= len(feet.t):
             continue
-        t = float(np.median(feet.lowest[first : last + 1]))
-        low = feet.seen[beside] & (feet.top[beside] < _LOW)
-        if (low & (np.abs(feet.lowest[beside] - t) < _SAME_FOOT * t)).all():
+        if not (feet.seen[beside] & (feet.top[beside] < _LOW)).all():
+            continue
+        t = _middle(feet.lowest, (first, last))
+        if (np.abs(feet.lowest[beside] - t) < _SAME_FOOT * t).all():
             over = math.tan(-float(feet.top[beside].max())) + float(feet.rise[first])
             found.append(((first, last), (t, max(altitude / max(over, 1e-3), t))))
     return found

@@ -61,7 +61,8 @@ def find_obstacles(
     altitude: m, camera above the ground. level: the panorama's axes.
     """
     parts = column_runs.runs(feet, settings.max_range)
-    whole = [column_runs.at_height(feet, run, altitude / feet.t) for run in parts]
+    slope = altitude / feet.t
+    whole = [column_runs.at_height(feet, run, slope) for run in parts]
     sides = column_runs.sides(whole, parts)
     found: list[Trunk | _Footless | None] = []
     for n, (run, edges) in enumerate(zip(parts, whole, strict=True)):
@@ -116,9 +117,10 @@ def _surface(
     """
     sine = math.sin(min((ends[1] - ends[0]) / 2, WIDEST))
     delta = np.sin(azimuth - (ends[0] + ends[1]) / 2)
-    inner = np.abs(delta) < 0.8 * sine
-    shape = np.sqrt(1.0 - delta * delta) - np.sqrt(np.maximum(sine * sine - delta * delta, 0.0))
+    square = delta * delta
+    shape = np.sqrt(1.0 - square) - np.sqrt(np.maximum(sine * sine - square, 0.0))
     shape = np.maximum(shape, 0.02)
+    inner = square < (0.8 * sine) ** 2
     use, other = np.flatnonzero(inner & foot), np.flatnonzero(inner & ~foot)
     if len(use) < 2:
         return math.inf, use
