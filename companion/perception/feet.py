@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,8 +21,9 @@ from companion.perception.column_runs import Feet
 from companion.perception.heat_map import Cells
 from companion.perception.object_fit import FootSettings, find_obstacles
 from companion.perception.panorama import LEVEL_GROUND, LevelFrame, Panorama
+from companion.perception.pixels import row_sums
 from companion.perception.trunk_fit import Mask
-from companion.types import Trunk
+from companion.types import Image, Trunk
 from mavlink_bridge.shared.arrays import Vector
 
 Votes = NDArray[np.int16]
@@ -69,59 +71,57 @@ class FootFinder:
         np.multiply(scene[0], _SURE, out=cells[..., 0], casting="unsafe")
         np.multiply(scene[1], _SURE, out=cells[..., 1], casting="unsafe")
         view, seen = self._panorama.resample(cells, level)
-        obstacle, ground = view[..., 0].astype(np.int16), view[..., 1].astype(np.int16)
-        self.clarity = self._clearness(obstacle, ground, seen)
+        self.clarity = self._clearness(view, seen)
         rise = self._panorama.along(rise_c, level)
-        columns = self._columns(obstacle, ground, seen, altitude, rise)
-        return find_obstacles(columns, self._settings, altitude, level)
+        feet = self._feet(_votes(view, seen), seen, altitude, rise)
+        return find_obstacles(feet, self._settings, altitude, level)
 
-    def _clearness(self, obstacle: Votes, ground: Votes, seen: Mask) -> float:
+    def _clearness(self, view: Image, seen: Mask) -> float:
         part = np.s_[::2, self._horizon :: 2]
-        a, b, known = obstacle[part], ground[part], seen[part]
+        pair, known = view[part][..., :2].astype(np.int16), seen[part]
+        a, b = pair[..., 0], pair[..., 1]
         likeliest = np.maximum(np.maximum(a, b), _SURE - a - b)[known]
         if not len(likeliest):
             return 1.0
         return max(0.0, float(1.5 * likeliest.mean() / _SURE - 0.5))
 
-    def _columns(
-        self, obstacle: Votes, ground: Votes, known: Mask, altitude: float, rise: Vector
-    ) -> Feet:
+    def _feet(self, vote: Votes, known: Mask, altitude: float, rise: Vector) -> Feet:
         """Return the columns, each split at the foot of the obstacle in it.
 
-        rise: (columns,) m/m, of the ground.
+        vote: (columns, rows), > 0: ground. rise: (columns,) m/m, of the ground.
         """
         h = self._horizon
-        vote = np.where(known, ground - obstacle, 0)  # > 0: ground
         below, known_below = vote[:, h:], known[:, h:]
         rows = np.arange(below.shape[1])
-        far, near, top = _feet(below)
+        far, near, top = _split(below)
         nearest = altitude / np.maximum(self._slope(below, near) + rise, 1e-3)
         beyond = (far < near) & (top > self._reach(nearest))
         foot_row = np.where(beyond, far, near)
         after = (rows >= foot_row[:, None]) & known_below
-        known_after = np.count_nonzero(after, axis=1)
-        ground_after = np.count_nonzero(after & (below > 0), axis=1)
+        known_after = row_sums(after)
+        ground_after = row_sums(after & (below > 0))
         t = altitude / np.maximum(self._slope(below, foot_row) + rise, 1e-3)
         t[foot_row == 0] = np.inf
         high = vote[:, self._above]
-        above = np.count_nonzero(high < -_SURE // 2, axis=1) > 0.5 * np.maximum(
-            np.count_nonzero(known[:, self._above], axis=1), 4
-        )
-        blind = np.count_nonzero(known_below, axis=1) < 6
+        above = row_sums(high < -_SURE // 2) > 0.5 * np.maximum(row_sums(known[:, self._above]), 4)
+        blind = row_sums(known_below) < 6
         # Without ground in view, an object before the sky may be near.
         t = np.where(blind & above, 2.0 * self._settings.max_range, t)
         soft = (np.abs(below) < _SURE // 2) & self._near(rows, foot_row)
         step = float(self._panorama.elevation[0] - self._panorama.elevation[1])
+        row = np.zeros(len(t), np.intp)
+        close = np.flatnonzero(nearest < 1.5 * self._settings.max_range)
+        row[close] = _top(vote[close], near[close] + h)
         return Feet(
             self._panorama.azimuth,
             np.where(self._stands(vote, known, foot_row, t), t, np.inf),
             (beyond | (ground_after >= _GROUND) & (ground_after > 0.7 * known_after)) & ~blind,
             ~blind | above,
-            known[:, h - _HIGH_ROWS : h + _HIGH_ROWS].all(axis=1),
+            np.asarray(known[:, h - _HIGH_ROWS : h + _HIGH_ROWS].all(axis=1), bool),
             vote[:, h - _AT : h + _AT].sum(axis=1) < 0,
-            _BLUR * step * np.count_nonzero(soft, axis=1),
+            np.asarray(_BLUR * step * row_sums(soft), float),
             nearest,
-            self._panorama.elevation[_top(vote, near + h)] + step / 2,
+            self._panorama.elevation[row] + step / 2,
             rise,
         )
 
@@ -140,9 +140,9 @@ class FootFinder:
         h = self._horizon
         rows = np.arange(vote.shape[1] - h)
         band = (rows < np.minimum(self._reach(t), foot_row)[:, None]) & known[:, h:]
-        solid = np.count_nonzero(band & (vote[:, h:] < 0), axis=1)
-        solid += np.count_nonzero(vote[:, h - _HIGH_ROWS : h] < 0, axis=1)
-        tall: Mask = solid > _SOLID * np.maximum(np.count_nonzero(band, axis=1), 2)
+        solid = row_sums(band & (vote[:, h:] < 0))
+        solid += row_sums(vote[:, h - _HIGH_ROWS : h] < 0)
+        tall: Mask = solid > _SOLID * np.maximum(row_sums(band), 2)
         return tall
 
     def _reach(self, t: Vector) -> NDArray[np.intp]:
@@ -157,16 +157,24 @@ class FootFinder:
         return near
 
 
+def _votes(view: Image, known: Mask) -> Votes:
+    """Return the probability of ground less that of an obstacle, of 255, 0 where not known."""
+    obstacle, ground, _, _ = cv2.split(view)
+    mask = known.view(np.uint8)
+    return np.asarray(cv2.subtract(ground, obstacle, mask=mask, dtype=cv2.CV_16S), np.int16)
+
+
 def _top(vote: Votes, foot_row: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return the highest row (columns,) of what stands on each foot without a gap."""
     rows = np.arange(vote.shape[1])
     clear = (vote > -_SURE // 4) & (rows < foot_row[:, None] - _SOFT)
     clear[:, :-1] &= clear[:, 1:]
     gaps: NDArray[np.intp] = np.where(clear, rows + 2, 0).max(axis=1)
-    return np.minimum(gaps, vote.shape[1] - 1)
+    highest: NDArray[np.intp] = np.minimum(gaps, vote.shape[1] - 1)
+    return highest
 
 
-def _feet(below: Votes) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+def _split(below: Votes) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
     """Return of each column the foot of the upper obstacle, that of the lower one, and its top.
 
     below: (columns, rows) from the horizon down, > 0: ground. Rows (columns,); the feet are equal
@@ -179,7 +187,11 @@ def _feet(below: Votes) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.
     ground = running - np.minimum.accumulate(running, axis=1) > _PARTS * _SURE
     rows = np.arange(running.shape[1])
     end = np.where(ground.any(axis=1), ground.argmax(axis=1), len(rows))
-    far = np.argmin(np.where(rows < end[:, None], running, running.max() + 1), axis=1)
-    between = (rows >= far[:, None]) & (rows <= near[:, None])
-    top = np.argmax(np.where(between, running, running.min() - 1), axis=1)
+    far, top = near.copy(), near.copy()
+    two = np.flatnonzero(end <= near)
+    if len(two):
+        sums = running[two]
+        far[two] = np.argmin(np.where(rows < end[two, None], sums, sums.max() + 1), axis=1)
+        between = (rows >= far[two, None]) & (rows <= near[two, None])
+        top[two] = np.argmax(np.where(between, sums, sums.min() - 1), axis=1)
     return far, near, top

@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from companion.perception import column_runs
@@ -19,7 +20,7 @@ from companion.perception.column_runs import Feet, Run
 from companion.perception.footless import WIDEST, within
 from companion.perception.panorama import LevelFrame
 from companion.perception.pixels import percentile
-from companion.perception.trunk_fit import TrunkSettings
+from companion.perception.trunk_fit import Mask, TrunkSettings
 from companion.types import Trunk
 from mavlink_bridge.shared.arrays import Vector
 
@@ -108,8 +109,8 @@ def _fit(
 
 
 def _surface(
-    azimuth: Vector, t: Vector, foot: Vector, ends: tuple[float, float]
-) -> tuple[float, Vector]:
+    azimuth: Vector, t: Vector, foot: Mask, ends: tuple[float, float]
+) -> tuple[float, NDArray[np.intp]]:
     """Return the distance [m] of the nearest point of a foot, and the columns (n,) that tell it.
 
     azimuth [rad], t [m], foot (columns,): as `Feet` has them. ends: rad, outer edges of the foot.
