@@ -106,16 +106,17 @@ def at_height(feet: Feet, run: Run, slope: Vector) -> Run:
 
 def _beyond(feet: Feet, end: int, side: int, slope: Vector) -> int:
     """Return the last column of the lower side of a trunk that leans to one side of a run."""
-    k = end
+    k, before, even = end, end, True
     while (
         0 <= k + side < len(slope)
         and feet.there[k + side]
         and feet.seen[k + side]
-        and slope[k] - slope[k + side] > _LEAN
+        and slope[before] - slope[k + side] > _LEAN * abs(k + side - before)
     ):
-        k += side
-    # One column is a trunk's limb.
-    return k if abs(k - end) > 1 else end
+        even = even and bool(slope[k] - slope[k + side] > _LEAN)
+        before, k = k, k + side
+    # One column is a trunk's limb, a second one as high as the first is what stands behind it.
+    return k if abs(k - end) > (1 if even else 2) else end
 
 
 def sides(whole: list[Run], parts: list[Run]) -> set[int]:

@@ -93,7 +93,7 @@ class FootFinder:
         h = self._horizon
         below, known_below = vote[:, h:], known[:, h:]
         rows = np.arange(below.shape[1])
-        far, near, top = _split(below)
+        far, near, top, mass = _split(below)
         nearest = altitude / np.maximum(self._slope(below, near) + rise, 1e-3)
         beyond = (far < near) & (top > self._reach(nearest))
         foot_row = np.where(beyond, far, near)
@@ -110,8 +110,9 @@ class FootFinder:
         soft = (np.abs(below) < _SURE // 2) & self._near(rows, foot_row)
         step = float(self._panorama.elevation[0] - self._panorama.elevation[1])
         row = np.zeros(len(t), np.intp)
-        close = np.flatnonzero(nearest < 1.5 * self._settings.max_range)
-        row[close] = _top(vote[close], near[close] + h)
+        lowest = altitude / np.maximum(self._slope(below, mass) + rise, 1e-3)
+        close = np.flatnonzero(lowest < 1.5 * self._settings.max_range)
+        row[close] = _top(vote[close], mass[close] + h)
         return Feet(
             self._panorama.azimuth,
             np.where(self._stands(vote, known, foot_row, t), t, np.inf),
@@ -120,7 +121,7 @@ class FootFinder:
             np.asarray(known[:, h - _HIGH_ROWS : h + _HIGH_ROWS].all(axis=1), bool),
             vote[:, h - _AT : h + _AT].sum(axis=1) < 0,
             np.asarray(_BLUR * step * row_sums(soft), float),
-            nearest,
+            lowest,
             self._panorama.elevation[row] + step / 2,
             rise,
         )
@@ -174,7 +175,7 @@ def _top(vote: Votes, foot_row: NDArray[np.intp]) -> NDArray[np.intp]:
     return highest
 
 
-def _split(below: Votes) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+def _split(below: Votes) -> tuple[NDArray[np.intp], ...]:
     """Return of each column the foot of the upper obstacle, that of the lower one, and its top.
 
     below: (columns, rows) from the horizon down, > 0: ground. Rows (columns,); the feet are equal
@@ -194,4 +195,5 @@ def _split(below: Votes) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np
         far[two] = np.argmin(np.where(rows < end[two, None], sums, sums.max() + 1), axis=1)
         between = (rows >= far[two, None]) & (rows <= near[two, None])
         top[two] = np.argmax(np.where(between, sums, sums.min() - 1), axis=1)
-    return far, near, top
+    mass = np.argmin(running - np.maximum.accumulate(running, axis=1), axis=1)
+    return far, near, top, mass

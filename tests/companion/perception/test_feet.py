@@ -119,3 +119,101 @@ def test_a_trunk_whose_foot_is_out_of_the_picture_is_near_and_its_distance_doubt
     assert abs(trunk.distance - trunk.radius - surface) < 2.5 * trunk.sigma
     assert 0.15 * surface < trunk.sigma < 0.6 * surface
     assert trunk.radius < 2.0 * radius + 0.1
+
+
+def leaning(down, x, y, radius, lean_deg):
+    """Probabilities (2,h,w) of a trunk that leans to the right by lean_deg, its foot at x, y."""
+    rays = CAMERA.scaled(SCENE[1], SCENE[0]).directions.astype(float)
+    slope = np.tan(np.radians(lean_deg))
+    axis = np.array([0.0, 0.0, 1.0]) - down[2] * down
+    forward = axis / np.linalg.norm(axis)
+    f, r, d = rays @ forward, rays @ np.cross(down, forward), rays @ down
+    flat = np.hypot(f, r)
+    drop = d / flat * np.hypot(x, y)
+    for _ in range(3):  # the height at which a ray meets it moves the axis, and this the height
+        aside = y + slope * (HEIGHT - drop)
+        along, off = (f * x + r * aside) / flat, (f * aside - r * x) / flat
+        t = along - np.sqrt(np.maximum(radius**2 - off**2, 0.0))
+        drop = np.clip(t * d / flat, -3.0, HEIGHT)
+    obstacle = (np.abs(off) < radius) & (along > 0) & (t * d / flat < HEIGHT)
+    return np.stack([obstacle, (d > 0) & ~obstacle]).astype(np.float32)
+
+
+@pytest.mark.parametrize("lean_deg", [-12.0, -6.0, 6.0, 12.0])
+def test_a_leaning_trunk_is_one_and_stands_where_it_passes_the_height_of_the_camera(lean_deg):
+    down = gravity()
+    found, _ = find(leaning(down, 4.0, 0.5, 0.25, lean_deg), down)
+    (trunk,) = found
+    aside = 0.5 + HEIGHT * np.tan(np.radians(lean_deg))
+    azimuth = np.arctan2(trunk.direction[0], trunk.direction[2])
+    assert azimuth == pytest.approx(np.arctan2(aside, 4.0), abs=np.radians(1.5))
+    assert trunk.distance - trunk.radius == pytest.approx(3.78, rel=0.12)
+    assert trunk.radius == pytest.approx(0.25, abs=0.1)
+
+
+def test_a_foot_just_above_the_picture_s_edge_is_measured():
+    down = gravity()
+    seen = {}
+    for distance in np.arange(1.7, 2.4, 0.05):
+        (trunk,), _ = find(classes(down, distance + 0.2, 0.0, 0.2), down)
+        seen[distance] = trunk
+    measured = [distance for distance, trunk in seen.items() if not trunk.assumed]
+    assert min(measured) < 1.95  # 1.7 m is at the edge; two rows of the panorama are 1.5°
+    for distance in measured:
+        trunk = seen[distance]
+        assert trunk.distance - trunk.radius == pytest.approx(distance, rel=0.06)
+
+
+@pytest.mark.parametrize("radius", [0.15, 0.4])
+def test_a_trunk_without_a_foot_is_as_thick_as_those_beside_it(radius):
+    down = gravity()
+    near = classes(down, 1.3, 0.3, radius)
+    alone = find(near, down)[0][0]
+    scene = near
+    for place in ((5.0, -3.0), (6.0, 3.5)):
+        scene = behind(scene, classes(down, *place, radius))
+    beside = find(scene, down)[0][0]
+    surface = np.hypot(1.3, 0.3) - radius
+    assert beside.assumed
+    assert alone.assumed
+    assert abs(beside.distance - beside.radius - surface) < 0.25 * surface
+    assert beside.radius == pytest.approx(radius, rel=0.3)
+    assert beside.sigma < alone.sigma
+
+
+def test_a_trunk_that_the_picture_s_side_cuts_may_be_wider_than_it_shows():
+    down = gravity()
+    azimuth = np.radians(79.0)  # the picture ends at 80°
+    x, y = 2.0 * np.cos(azimuth), 2.0 * np.sin(azimuth)
+    scene = classes(down, x, y, 0.4)
+    for place in ((5.0, -3.0), (6.0, 3.5)):
+        scene = behind(scene, classes(down, *place, 0.4))
+    trunk = find(scene, down)[0][0]
+    assert trunk.assumed
+    assert trunk.half_width == 0.0
+    found = np.arctan2(trunk.direction[0], trunk.direction[2])
+    shown = (azimuth - np.arcsin(0.2) + np.radians(80.0)) / 2  # the middle of what shows
+    assert found > shown + np.radians(1.0)
+    assert abs(found - azimuth) < 0.5 * np.arcsin(0.2)
+
+
+def test_a_trunk_right_behind_a_low_object_is_farther_than_its_foot():
+    down = gravity()
+    bush = classes(down, 2.7, 0.0, 0.5, top=0.9)
+    # Its foot, at 3.6 m, is hidden: over the bush the ground shows from 4 m.
+    (trunk,), _ = find(behind(classes(down, 3.8, 0.0, 0.2), bush), down)
+    assert trunk.assumed
+    assert 2.4 < trunk.distance - trunk.radius < 4.2
+    assert abs(trunk.distance - trunk.radius - 3.6) < 2.5 * trunk.sigma
+    # The bush alone is none.
+    assert find(bush, down)[0] == []
+
+
+def test_an_obstacle_that_is_broken_in_the_middle_is_one():
+    down = gravity()
+    scene = classes(down, 4.0, 0.0, 1.0)
+    middle = np.s_[:, :50, 78:82]  # down to the horizon and somewhat below: neither
+    scene[middle] = 0.0
+    (trunk,), _ = find(scene, down)
+    assert trunk.distance - trunk.radius == pytest.approx(3.0, rel=0.06)
+    assert trunk.radius == pytest.approx(1.0, rel=0.15)
