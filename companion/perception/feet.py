@@ -4,8 +4,8 @@ The probabilities of obstacle and ground are levelled (`panorama`). In each colu
 row that best parts obstacle above from ground below; its elevation and the altitude give the
 distance, and how softly one class turns into the other gives the foot's doubt. Ground may show
 again between what stands there and a low object nearer by, such as a bush: then the foot is that of
-the farther one, unless the low one reaches the height of flight. `trunk_fit` makes trunks of the
-columns. Source: Levi et al., "StixelNet", 2015.
+the farther one, unless the low one reaches the height of flight. `object_fit` makes obstacles of
+the columns. Source: Levi et al., "StixelNet", 2015.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _HIGH_ROWS = 5  # of the panorama above the horizon: an obstacle there stands in
 _SOLID = 0.4  # of the rows between these two that an obstacle has to fill
 _GROUND = 2  # rows of ground below a foot that show it
 _AT = 2  # rows on either side of the horizon
-_SOFT = 3  # rows above a foot that may be neither
+_SOFT = 3  # rows above a foot in which the classes change
 _PARTS = 1.2  # rows of sure ground between two obstacles in one column
 _BLUR = 0.5  # σ of the foot over the stretch in which the classes are not clear
 
@@ -109,10 +109,7 @@ class FootFinder:
         t = np.where(blind & above, 2.0 * self._settings.max_range, t)
         soft = (np.abs(below) < _SURE // 2) & self._near(rows, foot_row)
         step = float(self._panorama.elevation[0] - self._panorama.elevation[1])
-        row = np.zeros(len(t), np.intp)
         lowest = altitude / np.maximum(self._slope(below, mass) + rise, 1e-3)
-        close = np.flatnonzero(lowest < 1.5 * self._settings.max_range)
-        row[close] = _top(vote[close], mass[close] + h)
         return Feet(
             self._panorama.azimuth,
             np.where(self._stands(vote, known, foot_row, t), t, np.inf),
@@ -122,9 +119,17 @@ class FootFinder:
             vote[:, h - _AT : h + _AT].sum(axis=1) < 0,
             np.asarray(_BLUR * step * row_sums(soft), float),
             lowest,
-            self._panorama.elevation[row] + step / 2,
+            self._tops(vote, mass + h, lowest) + step / 2,
             rise,
         )
+
+    def _tops(self, vote: Votes, foot_row: NDArray[np.intp], t: Vector) -> Vector:
+        """Return the elevation [rad] up to which there is no gap above the feet, t [m] away."""
+        row = np.zeros(len(t), np.intp)
+        close = np.flatnonzero(t < 1.5 * self._settings.max_range)
+        row[close] = _top(vote[close], foot_row[close])
+        tops: Vector = self._panorama.elevation[row]
+        return tops
 
     def _slope(self, below: Votes, foot_row: NDArray[np.intp]) -> Vector:
         """Return the tangent of the foot's angle below the horizon, between the rows' centres."""
@@ -179,7 +184,8 @@ def _split(below: Votes) -> tuple[NDArray[np.intp], ...]:
     """Return of each column the foot of the upper obstacle, that of the lower one, and its top.
 
     below: (columns, rows) from the horizon down, > 0: ground. Rows (columns,); the feet are equal
-    where there is one obstacle.
+    where there is one obstacle. The last of the four is the foot of what fills most rows in one
+    piece, also of a low object over which more ground shows.
     """
     # Misfits of a foot at row k, obstacle above and ground below: cumulated votes.
     running = np.zeros((len(below), below.shape[1] + 1), np.int32)

@@ -209,7 +209,6 @@ def test_parts_of_a_trunk_whose_foot_is_out_of_the_picture_have_no_edge_between_
         foot=~trunk,
         seen=np.ones(len(azimuth), bool),
         edge=edge,
-        blur=np.zeros(len(azimuth)),
     )
     found = find_trunks(columns, TrunkSettings(), 1.8, LevelFrame.along(gravity(0.0, 0.0)))
     assert all(t.assumed for t in found)
