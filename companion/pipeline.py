@@ -163,6 +163,8 @@ class Companion:
             inputs.horizon,
             known,
             vehicle.doubt.wander,
+            last.tracks,
+            last.time,
         )
         if seen.fault.misleads and not phase.on_mission:
             run("forget", _nothing, self._forget_seen)

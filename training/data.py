@@ -71,14 +71,14 @@ def remove(folder: Path, name: str) -> None:
         (folder / f"{name}.{part}.npy").unlink()
 
 
-def rendered(seed: int) -> Shard:
-    """Return the pictures of a seed."""
+def rendered(seed: int, per_world: int | None = None) -> Shard:
+    """Return the pictures of a seed; per_world: as many of one world."""
     made = Shard(
         np.zeros((SHARD, LENS.height, LENS.width, 4), np.uint8),
         np.full((SHARD, MOST, 4), -1.0, np.float32),
     )
     blind = seed % _UNREADABLE_EVERY == _UNREADABLE_EVERY - 1
-    for n, labelled in enumerate(_pictures(seed, blind)):
+    for n, labelled in enumerate(_pictures(seed, blind, per_world)):
         made.pictures[n, ..., :3] = labelled.image
         rows = drone_rows(labelled)
         if blind:
@@ -111,12 +111,11 @@ def classes(labelled: Labelled) -> NDArray[np.uint8]:
     return out
 
 
-def _pictures(seed: int, blind: bool) -> Iterator[Labelled]:
+def _pictures(seed: int, blind: bool, per_world: int | None) -> Iterator[Labelled]:
     """Yield the pictures of one shard."""
     kind = "ball" if seed % _BALLS_EVERY == _BALLS_EVERY - 1 else ("mixed", "bare")[seed % 2]
     names = unreadable() if blind else ["random"]
     each = -(-SHARD // len(names))
     for n, name in enumerate(names):
-        yield from islice(
-            stream(_SEED + 16 * seed + n, name, kind, crowd=CROWD), min(each, SHARD - n * each)
-        )
+        pictures = stream(_SEED + 16 * seed + n, name, kind, crowd=CROWD, per_world=per_world)
+        yield from islice(pictures, min(each, SHARD - n * each))

@@ -14,6 +14,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import interpolate, pixel_shuffle, relu
 
+from training.onnx_file import weights
+
 STRIDE, SCENE_STRIDE = 8, 4  # px of the picture per cell
 CHANNELS = 5  # heat (logit), offset u and v [cells], log size [px], log scale of its error
 CLASSES = 3  # logits: obstacle, ground, other (sky, drones)
@@ -85,6 +87,11 @@ class Network(nn.Module):
 
     def forward(self, picture: Tensor) -> tuple[Tensor, Tensor]:
         """Return the drones' cells and the scene's classes of a picture."""
+        drones, scene, _ = self.looked(picture)
+        return drones, scene
+
+    def looked(self, picture: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Return the same, and what the drones' cells are made from (n,b,h/8,w/8)."""
         quarter = self.stem(picture)
         eighth = self.eighth(quarter)
         sixteenth = self.sixteenth(eighth)
@@ -93,7 +100,7 @@ class Network(nn.Module):
         eighth = eighth + interpolate(self.up_sixteenth(sixteenth), size=eighth.shape[2:])
         eighth = self.refine(eighth)
         scene = self.scene(pixel_shuffle(self.coarse(eighth), 2) + self.fine(quarter))
-        return self.drones(eighth), scene
+        return self.drones(eighth), scene, eighth
 
 
 class _Flown(nn.Module):
@@ -103,16 +110,17 @@ class _Flown(nn.Module):
         super().__init__()
         self.network = copy.deepcopy(network).cpu()
 
-    def forward(self, picture: Tensor) -> tuple[Tensor, Tensor]:
-        drones, scene = self.network(picture)
+    def forward(self, picture: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        drones, scene, features = self.network.looked(picture)
         cells = torch.cat([torch.sigmoid(drones[:, :1]), drones[:, 1:]], dim=1)
-        return cells, torch.softmax(scene, dim=1)[:, :2]
+        return cells, torch.softmax(scene, dim=1)[:, :2], features
 
 
 def export(network: Network, path: str, width: int, height: int) -> None:
-    """Write the network as ONNX: `picture` (1,3,h,w) → `drones`, `scene`; width, height: px.
+    """Write the network as ONNX: `picture` (1,3,h,w) → `drones`, `scene`, `features`.
 
-    Weights keep their names and normalisations, so that training can go on from the file (`load`).
+    width, height: px. Weights keep their names and normalisations, so that training can go on from
+    the file (`load`).
     """
     torch.onnx.export(
         _Flown(network).eval(),
@@ -121,7 +129,7 @@ def export(network: Network, path: str, width: int, height: int) -> None:
         dynamo=False,
         opset_version=13,
         input_names=["picture"],
-        output_names=["drones", "scene"],
+        output_names=["drones", "scene", "features"],
         training=torch.onnx.TrainingMode.PRESERVE,
         do_constant_folding=False,
     )
@@ -133,13 +141,4 @@ def load(path: str) -> dict[str, Tensor]:
     Raises:
         KeyError: a file with other weights; the message names those that are missing.
     """
-    import onnx
-
-    held = {
-        each.name.removeprefix(_PREFIX): torch.from_numpy(onnx.numpy_helper.to_array(each).copy())
-        for each in onnx.load(path).graph.initializer
-    }
-    wanted = [name for name in Network().state_dict() if "num_batches" not in name]
-    if missing := [name for name in wanted if name not in held]:
-        raise KeyError(f"{path}: not this network's weights; missing: {', '.join(missing[:3])}")
-    return {name: held[name] for name in wanted}
+    return weights(path, Network(), _PREFIX)

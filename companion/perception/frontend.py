@@ -7,6 +7,7 @@ behind this page is the same.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -23,7 +24,7 @@ from companion.perception.ground_plane import LEVEL, GroundPlane
 from companion.perception.parallax import FixedPoints, Parallax
 from companion.perception.reduced import Reduced
 from companion.perception.view import View, load_camera
-from companion.types import Detection, Image, Ranges, Trunk
+from companion.types import Detection, Image, Ranges, Track, Trunk
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.wire.messages import VehicleState
 from mavlink_bridge.wire.video import Frame
@@ -43,6 +44,7 @@ _ARRAYS = {
 _COMPARED = (CameraFault.NONE, CameraFault.LATE, CameraFault.MISALIGNED, CameraFault.UNCLEAR)
 _NO_TRUNKS: Vector = np.zeros((0, 3))
 _FORESEEN = 0.05  # s after the tick that an own state may be, to take a picture's place by it
+_EXPECTED = 0.5  # s; a neighbour unseen for longer is looked for like others
 _HELD = 8  # pictures that wait for telemetry, at most
 _LENGTHS = (1e-6, 1e4)  # m; distances, radii and standard deviations lie between
 
@@ -140,13 +142,15 @@ class PerceptionFrontend:
         horizon: float | None = None,
         trunks: Vector = _NO_TRUNKS,
         wander: float = 0.0,
+        tracks: Sequence[Track] = (),
+        tracked: float = 0.0,
     ) -> Detections:
         """Return the detections of the newest frame at the tick of `time` [s]; each frame once.
 
         at: returns the vehicle's state at a time [s] of the last second, where it is known.
         horizon: s, the latest that the vehicle's clock can show; None: `time`. trunks (k,3): known
-        ones, x, y, radius [m], nearest first. wander: m/√s, 1 σ of the error
-        of the reported way, a random walk.
+        ones, x, y, radius [m], nearest first. wander: m/√s, 1 σ of the error of the reported way,
+        a random walk. tracks: neighbours as they were known at `tracked` [s].
         """
         frame = self._told(time, frame, time if horizon is None else horizon)
         stamp = None if frame is None else frame.time
@@ -172,7 +176,9 @@ class PerceptionFrontend:
             own = replace(own, time=frame.time)
             self._newest = frame.time
             try:
-                found = self._detect(frame, picture, own, ground, trunks)
+                lately = [t for t in tracks if t.unseen < _EXPECTED]
+                moved = [replace(t, p=t.p + (captured - tracked) * t.v) for t in lately]
+                found = self._detect(frame, picture, own, ground, trunks, moved)
             except Exception as error:  # it shows no more than a camera without pictures
                 found = Detections(problem=f"{type(error).__name__}: {error}")
             fault = self._health.searched(time, not found.problem, found.clarity)
@@ -224,11 +230,12 @@ class PerceptionFrontend:
         own: VehicleState,
         ground: GroundPlane,
         standing: Vector,
+        tracks: Sequence[Track],
     ) -> Detections:
         """Return the detections in `frame` and its picture, taken in state `own`.
 
         picture: None where the frame has none, or a misfit one, which shows nothing. standing: the
-        known trunks.
+        known trunks. tracks: neighbours as they must be then.
         """
         if self._measuring:
             return Detections(frame.time, own)
@@ -241,7 +248,9 @@ class PerceptionFrontend:
             rows = frame.arrays.get("neighbours", np.zeros((0, 6)))
             drones = [Detection(r[:3], float(r[3]), float(r[4]), float(r[5])) for r in rows]
         elif network is not None and self._sensing.detector == "network":
-            drones = network.drones()
+            offsets = np.array([t.p - own.p for t in tracks]).reshape(-1, 3)
+            scales = np.array([t.scale for t in tracks])
+            drones = network.drones(self._view.to_camera(own, offsets), scales)
         elif picture is not None:
             drones = (
                 self._drones.search(picture)

@@ -9,6 +9,7 @@ Points", 2019.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -24,7 +25,42 @@ from mavlink_bridge.shared.settings import StrictModel
 Cells = NDArray[np.float32]
 WIDTH, HEIGHT, STRIDE, CHANNELS = 640, 400, 8, 5
 _HEAT, _DU, _DV, _LOG_SIZE, _LOG_SCALE = range(CHANNELS)
+SCALES = (-5.0, 1.0)  # of the logarithm of a log size's scale
 _LAPLACE = math.sqrt(2.0)  # σ of a Laplace distribution over its scale
+
+
+@dataclass(frozen=True)
+class Peaks:
+    """n places that could be drones.
+
+    places: (n,2) px, u and v. sizes: (n,) px, radii. scales: (n,) of the sizes' logarithms, as of a
+    Laplace distribution. scores: (n,) 0…1.
+    """
+
+    places: Vector
+    sizes: Vector
+    scales: Vector
+    scores: Vector
+
+    def __len__(self) -> int:
+        return len(self.sizes)
+
+    def and_beside(self, others: Peaks) -> Peaks:
+        """Return these, and those of `others` that are farther from all than half their size."""
+        apart = np.linalg.norm(others.places[:, None] - self.places[None], axis=2)
+        new = (apart > 0.5 * others.sizes[:, None]).all(axis=1)
+        return Peaks(
+            np.concatenate([self.places, others.places[new]]),
+            np.concatenate([self.sizes, others.sizes[new]]),
+            np.concatenate([self.scales, others.scales[new]]),
+            np.concatenate([self.scores, others.scores[new]]),
+        )
+
+    def first(self, count: int) -> Peaks:
+        """Return the first so many."""
+        return Peaks(
+            self.places[:count], self.sizes[:count], self.scales[:count], self.scores[:count]
+        )
 
 
 class HeatMapConfig(StrictModel):
@@ -39,9 +75,21 @@ class HeatMapConfig(StrictModel):
 
 
 class NetworkConfig(HeatMapConfig):
-    """The same for the packaged network."""
+    """The same for the packaged network, and what is looked at more closely."""
 
-    threshold: float = Field(0.45, gt=0, lt=1, description="Least heat of a detection.")
+    threshold: float = Field(
+        0.65,
+        gt=0,
+        lt=1,
+        description="Least probability of a detection, after the closer look; with a `model` of "
+        "your own there is none, and this is the least heat.",
+    )
+    looks: int = Field(
+        12, ge=1, le=64, description="Places of one picture that are looked at closely, at most."
+    )
+    least_heat: float = Field(
+        0.1, gt=0, lt=1, description="Least heat of a place that is looked at closely."
+    )
 
 
 class HeatMap:
@@ -52,47 +100,82 @@ class HeatMap:
         self._config = config
         self._camera = camera.scaled(WIDTH, HEIGHT)
 
-    def peaks(self, cells: Cells) -> tuple[Vector, Vector]:
-        """Return pixels (n,2) u, v and values (n,CHANNELS) of the maxima, hottest first.
+    def peaks(self, cells: Cells) -> Peaks:
+        """Return the maxima of a network's output, hottest first.
 
         Raises:
             SenselessOutput: heat above 1.
         """
-        heat = cells[_HEAT]
-        check_scores(heat)
-        highest = cv2.dilate(heat, np.ones((3, 3), np.uint8))
-        row, column = np.nonzero((heat >= self._config.threshold) & (heat >= highest))
-        order = np.argsort(-heat[row, column], kind="stable")
-        row, column = row[order], column[order]
-        found: Vector = cells[:, row, column].T.astype(float)
-        at = np.stack([column + found[:, _DU], row + found[:, _DV]], axis=1)
-        return (at + 0.5) * STRIDE - 0.5, found
+        return peaks(cells, self._config.threshold)
 
     def read(self, cells: Cells) -> list[Detection]:
         """Return the detections of an output, nearest first; each drone once."""
+        return self.detections(self.peaks(cells))
+
+    def expected(self, offsets_c: Vector, scales: Vector) -> Peaks:
+        """Return where drones at offsets (n,3) m, camera frame, must show: those in the picture.
+
+        scales: (n,) of their sizes over the configured one. Nothing speaks for them: their scores
+        are 0.
+        """
+        places = self._camera.project(offsets_c)
+        shown = ((places >= 0.0) & (places <= [WIDTH - 1, HEIGHT - 1])).all(axis=1)
+        places = places[shown]
+        u, v = np.round(places).astype(int).T
+        pixel = np.sqrt(self._camera.solid_angle[v, u].astype(float))
+        ranges = np.maximum(np.linalg.norm(offsets_c[shown], axis=1), self._config.radius)
+        sizes = self._config.radius * scales[shown] / (ranges * pixel)
+        return Peaks(places, sizes, np.ones(len(sizes)), np.zeros(len(sizes)))
+
+    def detections(self, found: Peaks) -> list[Detection]:
+        """Return drones at these places, nearest first; of two at one place the likelier."""
         c = self._config
-        pixels, found = self.peaks(cells)
-        if not len(pixels):
+        if not len(found):
             return []
-        rays = self._camera.unproject(pixels)
-        u = np.clip(np.round(pixels[:, 0]), 0, WIDTH - 1).astype(int)
-        v = np.clip(np.round(pixels[:, 1]), 0, HEIGHT - 1).astype(int)
+        rays = self._camera.unproject(found.places)
+        u, v = found.places.T
+        u = np.clip(np.round(u), 0, WIDTH - 1).astype(int)
+        v = np.clip(np.round(v), 0, HEIGHT - 1).astype(int)
         pixel = np.sqrt(self._camera.solid_angle[v, u].astype(float))  # rad per pixel
-        ranges = c.radius / (np.exp(found[:, _LOG_SIZE]) * pixel)
+        ranges = c.radius / (found.sizes * pixel)
         detections: list[Detection] = []
         for n in range(len(found)):
             if ranges[n] <= c.max_range and not _known(rays[n], detections, pixel[n], c.radius):
-                scale = math.exp(min(max(float(found[n, _LOG_SCALE]), -5.0), 1.0))
                 # A near drone's centre is known to a share of its size.
-                sigma = pixel[n] * math.hypot(c.sigma_pixel, 0.03 * math.exp(found[n, _LOG_SIZE]))
-                sigma_range = ranges[n] * math.hypot(_LAPLACE * scale, 0.01)
-                heat_here = float(found[n, _HEAT])
+                sigma = pixel[n] * math.hypot(c.sigma_pixel, 0.03 * found.sizes[n])
+                sigma_range = ranges[n] * math.hypot(_LAPLACE * found.scales[n], 0.01)
+                score = float(found.scores[n])
                 detections.append(
-                    Detection(
-                        rays[n], float(ranges[n]), float(sigma), float(sigma_range), heat_here
-                    )
+                    Detection(rays[n], float(ranges[n]), float(sigma), float(sigma_range), score)
                 )
         return sorted(detections, key=lambda d: d.range)
+
+
+def peaks(cells: Cells, least: float) -> Peaks:
+    """Return the maxima of heat from `least` on, in cells (CHANNELS,h,w), hottest first.
+
+    Raises:
+        SenselessOutput: heat above 1.
+    """
+    heat = cells[_HEAT]
+    check_scores(heat)
+    highest = cv2.dilate(heat, np.ones((3, 3), np.uint8))
+    row, column = np.nonzero((heat >= least) & (heat >= highest))
+    order = np.argsort(-heat[row, column], kind="stable")
+    row, column = row[order], column[order]
+    found: Vector = cells[:, row, column].T.astype(float)
+    at = np.stack([column + found[:, _DU], row + found[:, _DV]], axis=1)
+    return Peaks(
+        (at + 0.5) * STRIDE - 0.5,
+        np.exp(found[:, _LOG_SIZE]),
+        scale_of(found[:, _LOG_SCALE]),
+        found[:, _HEAT],
+    )
+
+
+def scale_of(logarithms: Vector) -> Vector:
+    """Return scales of log sizes from a network's logarithms of them, within what is trained."""
+    return np.asarray(np.exp(np.clip(logarithms, *SCALES)))
 
 
 def _known(ray: Vector, others: list[Detection], pixel: float, radius: float) -> bool:

@@ -1,17 +1,22 @@
-"""Drones and obstacles in a picture by one pass of the packaged network (`eyes`)."""
+"""Drones and obstacles in a picture: the packaged network (`eyes`), and a closer look at drones."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from companion.perception.camera import Camera
+from companion.perception.closer_look import CloserLook
 from companion.perception.config import SensingConfig
-from companion.perception.eyes import PACKAGED, SCENE, Eyes, Look
+from companion.perception.eyes import PACKAGED, SCENE, Eyes, Look, at_its_size
 from companion.perception.feet import FootFinder
-from companion.perception.heat_map import HeatMap
+from companion.perception.heat_map import HeatMap, peaks
 from companion.perception.panorama import LEVEL_GROUND
 from companion.types import Detection, Image, Trunk
 from mavlink_bridge.shared.arrays import Vector
+
+_NONE: Vector = np.zeros((0, 3))
 
 
 class NetworkSearch:
@@ -28,7 +33,12 @@ class NetworkSearch:
         self._eyes = Eyes(Path(own) if own else PACKAGED)
         self._heat_map = HeatMap(camera, sensing.network)
         self._feet = FootFinder(camera, sensing.feet, SCENE)
+        # It is trained on what the packaged network finds, and fits no other.
+        closer = own is None and sensing.detector == "network"
+        self._closer = CloserLook() if closer else None
+        self._config = sensing.network
         self._look: Look | None = None
+        self._image: Image | None = None
 
     @property
     def clarity(self) -> float:
@@ -41,16 +51,33 @@ class NetworkSearch:
         Raises:
             SenselessOutput: an output that is not finite.
         """
-        self._look = self._eyes.look(image)
+        self._image = at_its_size(image)
+        self._look = self._eyes.look(self._image)
 
     def detect(self, image: Image) -> list[Detection]:
         """Return the drones in image (H,W,3) uint8 BGR, nearest first."""
         self.look(image)
         return self.drones()
 
-    def drones(self) -> list[Detection]:
-        """Return the drones in the newest picture, nearest first."""
-        return [] if self._look is None else self._heat_map.read(self._look.drones)
+    def drones(self, offsets_c: Vector = _NONE, scales: Vector = _NONE[:, 0]) -> list[Detection]:
+        """Return the drones in the newest picture, nearest first.
+
+        offsets_c: (n,3) m, where known drones must be, camera frame; there it is looked closely,
+        too. scales: (n,) of their sizes.
+
+        Raises:
+            SenselessOutput: an output of the networks that cannot be true.
+        """
+        if self._look is None or self._image is None:
+            return []
+        if self._closer is None:
+            return self._heat_map.read(self._look.drones)
+        c = self._config
+        places = peaks(self._look.drones, c.least_heat).first(c.looks)
+        if len(offsets_c):
+            places = places.and_beside(self._heat_map.expected(offsets_c, scales))
+        found = self._closer.judge(self._image, self._look, places)
+        return self._heat_map.detections(found.first(int((found.scores >= c.threshold).sum())))
 
     def find(self, image: Image, gravity_c: Vector, altitude: float) -> list[Trunk]:
         """Return the obstacles in image (H,W,3) uint8 BGR, nearest first; as `trunks`."""

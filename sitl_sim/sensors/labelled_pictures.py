@@ -172,13 +172,14 @@ def stream(
     reach: float = 13.0,
     tilt_deg: float = 35.0,
     crowd: int = 0,
+    per_world: int | None = None,
 ) -> Iterator[Labelled]:
-    """Yield labelled pictures without an end; each PER_WORLD are of one world and one look.
+    """Yield labelled pictures without an end; each `per_world` are of one world and one look.
 
     name: of the look. drones: as `drawn_bodies`. reach: m, of the farthest drone. crowd: drones
     that two pictures of three show, spread over the view; 0: no such pictures.
     """
-    each = PER_CROWDED_WORLD if crowd else PER_WORLD
+    each = per_world or (PER_CROWDED_WORLD if crowd else PER_WORLD)
     lens = lens or Lens(640, 400)
     rng = np.random.default_rng([seed, 85])
     while True:

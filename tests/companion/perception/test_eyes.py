@@ -7,7 +7,7 @@ import pytest
 
 from companion.perception.camera_health import CameraFault
 from companion.perception.cnn import PACKAGED as OTHER
-from companion.perception.eyes import SCENE, Eyes
+from companion.perception.eyes import FEATURES, SCENE, Eyes
 from companion.perception.frontend import PerceptionFrontend, make_view
 from companion.perception.networks import ModelError, SenselessOutput
 from companion.settings.config import CompanionConfig
@@ -40,7 +40,8 @@ def test_two_runtimes_give_the_same_bytes():
 def test_an_output_that_is_no_number_is_refused(monkeypatch, channel):
     eyes, drones, scene = Eyes(), np.zeros((1, 5, 50, 80), np.float32), np.zeros((1, 2, *SCENE))
     drones[0, channel, 3, 4] = np.nan
-    session = SimpleNamespace(run=lambda names, inputs: (drones, scene))
+    features = np.zeros((1, FEATURES, 50, 80), np.float32)
+    session = SimpleNamespace(run=lambda names, inputs: (drones, scene, features))
     monkeypatch.setattr(eyes, "_session", session)
     with pytest.raises(SenselessOutput, match="NaN"):
         eyes.look(PICTURE)
@@ -59,9 +60,11 @@ def frontend(monkeypatch, outputs):
     class Session:
         def run(self, names, inputs):
             drones, scene = next(given)
-            return drones[None].copy(), scene[None].copy()
+            return drones[None].copy(), scene[None].copy(), np.zeros((1, FEATURES, 50, 80))
 
     monkeypatch.setattr(made._network._eyes, "_session", Session())
+    # What is looked at closely is a drone here: these pictures show none.
+    monkeypatch.setattr(made._network._closer, "judge", lambda image, look, places: places)
     return made
 
 

@@ -1,0 +1,117 @@
+"""Draws perception.webp, what the packaged networks see in twelve looks, with the code that flies.
+
+python docs/perception_figures.py [--seed S]
+"""
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import cv2
+import numpy as np
+
+from companion.bench.labels import LabelledFrame, load
+from companion.bench.perception import TO_8, VISIBLE, match
+from companion.perception.camera import Camera
+from companion.perception.config import SensingConfig
+from companion.perception.network_search import NetworkSearch
+from companion.types import Detection, Image, Trunk
+from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.frames import rotation_matrix
+
+OUT = Path(__file__).with_name("perception.webp")
+LOOKS = (
+    *("clearing", "litter", "grass", "asphalt", "sand", "field"),
+    *("pine", "mossy", "cold", "warm", "dappled", "harsh"),
+)
+REACH = 9.0  # m
+RIGHT, FALSE, MISSED = (80, 220, 80), (60, 60, 255), (60, 60, 255)
+STANDS, STANDS_NOT = (255, 160, 60), (0, 160, 255)
+HEIGHTS = np.linspace(-1.2, 1.2, 13)  # m over the camera, where edges are drawn
+_SHOWN = 2  # drones
+COLUMNS, WIDTH, QUALITY = 3, 480, 80
+
+
+def main() -> None:
+    """Draw the first picture of each look that shows two drones."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seed", type=int, default=4242)
+    seed = str(parser.parse_args().seed)
+    tiles = []
+    with TemporaryDirectory() as made:
+        for look in LOOKS:
+            folder = Path(made) / look
+            render = [sys.executable, "-m", "sitl_sim", "frames", str(folder), "--look", look]
+            subprocess.run(
+                [*render, "--bodies", "bare", "--count", "6", "--seed", seed], check=True
+            )
+            camera, frames = load(folder)
+            shown = [f for f in frames if (f.drones.ranges < TO_8[1]).sum() >= _SHOWN] or frames
+            tiles.append(drawn(camera, shown[0], look))
+    rows = [np.hstack(tiles[n : n + COLUMNS]) for n in range(0, len(tiles), COLUMNS)]
+    cv2.imwrite(str(OUT), np.vstack(rows), [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+
+
+def drawn(camera: Camera, frame: LabelledFrame, look: str) -> Image:
+    """Return the frame with what is found in it, and what is there."""
+    image = frame.image()
+    network = NetworkSearch(camera, SensingConfig(detector="network", obstacles="network"))
+    network.look(image)
+    down = -(rotation_matrix(frame.own.q_wb) @ rotation_matrix(camera.mount))[2]
+    drones = [d for d in network.drones() if d.range < REACH]
+    trunks = [t for t in network.trunks(down, float(frame.own.p[2])) if t.distance < REACH]
+    picture = image.copy()
+    draw_drones(picture, camera, drones, frame)
+    draw_obstacles(picture, camera, trunks, frame, down)
+    tile = cv2.resize(picture, (WIDTH, WIDTH * 5 // 8), interpolation=cv2.INTER_AREA)
+    cv2.putText(tile, look, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (255, 255, 255), 2)
+    return np.asarray(tile, np.uint8)
+
+
+def draw_drones(
+    picture: Image, camera: Camera, found: list[Detection], frame: LabelledFrame
+) -> None:
+    """Ring what was found, and cross what was not."""
+    drones = frame.drones
+    there = (drones.visible >= VISIBLE) & (drones.ranges < REACH)
+    rays = np.array([d.direction for d in found]).reshape(-1, 3)
+    angle = np.arccos(np.clip(rays @ drones.rays.T, -1.0, 1.0))
+    right = dict(match(angle, angle < np.maximum(np.radians(3.0), 0.33 / drones.ranges)))
+    for n, (u, v) in enumerate(camera.project(rays)):
+        size = round(max(0.3 / found[n].range * camera.fx, 8.0))
+        cv2.circle(picture, (round(u), round(v)), size, RIGHT if n in right else FALSE, 2)
+    for n in np.flatnonzero(there):
+        if n not in right.values():
+            u, v = camera.project(drones.rays[n : n + 1])[0]
+            cv2.drawMarker(picture, (round(u), round(v)), MISSED, cv2.MARKER_TILTED_CROSS, 16, 2)
+
+
+def draw_obstacles(
+    picture: Image, camera: Camera, found: list[Trunk], frame: LabelledFrame, down: Vector
+) -> None:
+    """Mark the edges of what was found, at the camera's height, and cross what was not."""
+    trunks: Vector = np.zeros((0, 6)) if frame.trunks is None else frame.trunks
+    trunks = trunks[(trunks[:, 5] >= VISIBLE) & (trunks[:, 3] < REACH)]
+    rays = np.array([t.direction for t in found]).reshape(-1, 3)
+    away = np.array([t.distance - t.radius for t in found])
+    true = trunks[:, 3] - trunks[:, 4]
+    angle = np.arccos(np.clip(rays @ trunks[:, :3].T, -1.0, 1.0))
+    width = np.arcsin(np.minimum(trunks[:, 4] / np.maximum(trunks[:, 3], 1e-6), 1.0))
+    gap = np.abs(away[:, None] - true)
+    right = dict(match(gap, (angle < 0.9 * width + 0.02) & (gap < 0.3 * true + 0.5)))
+    for n, trunk in enumerate(found):
+        aside = np.cross(trunk.direction, down)
+        aside *= trunk.radius / max(float(np.linalg.norm(aside)), 1e-9)
+        for edge in (-aside, aside):
+            line = trunk.direction * trunk.distance + edge - np.outer(HEIGHTS, down)
+            pixels = np.round(camera.project(line)[:, None]).astype(np.int32)
+            cv2.polylines(picture, [pixels], False, STANDS if n in right else STANDS_NOT, 2)
+    for n in set(range(len(trunks))) - set(right.values()):
+        u, v = camera.project(trunks[n : n + 1, :3])[0]
+        cv2.drawMarker(picture, (round(u), round(v)), STANDS_NOT, cv2.MARKER_TILTED_CROSS, 16, 2)
+
+
+if __name__ == "__main__":
+    main()
