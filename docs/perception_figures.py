@@ -106,8 +106,10 @@ def draw_obstacles(
         aside *= trunk.radius / max(float(np.linalg.norm(aside)), 1e-9)
         for edge in (-aside, aside):
             line = trunk.direction * trunk.distance + edge - np.outer(HEIGHTS, down)
-            pixels = np.round(camera.project(line)[:, None]).astype(np.int32)
-            cv2.polylines(picture, [pixels], False, STANDS if n in right else STANDS_NOT, 2)
+            pixels = camera.project(line)
+            inside = ((pixels > 0) & (pixels < [camera.width, camera.height])).all(axis=1)
+            edge_shown = np.round(pixels[inside][:, None]).astype(np.int32)
+            cv2.polylines(picture, [edge_shown], False, STANDS if n in right else STANDS_NOT, 2)
     for n in set(range(len(trunks))) - set(right.values()):
         u, v = camera.project(trunks[n : n + 1, :3])[0]
         cv2.drawMarker(picture, (round(u), round(v)), STANDS_NOT, cv2.MARKER_TILTED_CROSS, 16, 2)
