@@ -41,6 +41,7 @@ _BEHIND = 0.2  # s that the stamp of an answer is too early: the clock has jumpe
 _BACK = 1.0  # s; a stamp that goes back by more is of another boot
 _PERSISTS = (3, 0.1)  # messages on end, and s, from which on odd stamps are a jump of the clock
 _REFUTES = 1.0  # s around a round trip in which it refutes stamps
+_KEPT = 1.5  # s after a jump for which the rate before it is believed; it is measured in 0.8 s
 _RATE_CHANGE = 0.1  # of the rate, that is allowed for meanwhile
 _GRID = np.linspace(-1.0, 1.0, 33)  # of rates to choose from, ever finer
 _FINEST = 1e-5
@@ -88,6 +89,7 @@ class VehicleClock:
         self._odd = 0
         self._odd_since = 0.0
         self._rate_known = False
+        self._began = -math.inf  # local time [s] of the first stamp since the last jump
         self._fitted_at, self._changed = -math.inf, False
 
     @property
@@ -126,12 +128,22 @@ class VehicleClock:
         if self._known.measured and self._known.vehicle(sent) - stamp > _BEHIND:
             self._restart(arrival, stamp, self._known)
             return True
-        if self._rate_known:
+        if self._trusts_rate(arrival):
             for floor in [f for f in self._floors if self._refutes((sent, stamp), f)]:
                 self._floors.remove(floor)
         self._ceilings.append((sent, stamp))
         self._fit()
         return jumped
+
+    def _trusts_rate(self, now: float) -> bool:
+        """Return whether stamps may be refuted by the rate: where it is measured, or was lately.
+
+        A wrong rate refutes stamps that are right, which are then forgotten: it would never be
+        measured anew.
+        """
+        assert self._known is not None
+        kept = self._rate_known and now - self._began < _KEPT
+        return self._known.measured or kept
 
     def _refutes(self, ceiling: Point, floor: Point) -> bool:
         """Return whether an answer proves that a stamp was ahead of the clock."""
@@ -145,7 +157,7 @@ class VehicleClock:
         assert self._known is not None
         if not self._floors:
             return False
-        known = self._rate_known and bool(self._ceilings)
+        known = self._trusts_rate(arrival) and bool(self._ceilings)
         if known and self._refutes(self._ceilings[-1], (arrival, stamp)):
             return True
         if self._known.measured:
@@ -168,9 +180,14 @@ class VehicleClock:
         return True
 
     def _restart(self, arrival: float, stamp: float, before: ClockEstimate) -> None:
-        """Begin with one stamp; a clock that jumped is taken to keep its rate."""
+        """Begin with one stamp; a clock that jumped is taken to keep its rate.
+
+        Where it jumps again before that rate has been measured anew, the rate was wrong.
+        """
         jumps = before.jumps + (self._known is not None)
+        self._rate_known &= before.measured
         self._odd = 0
+        self._began = arrival
         self._ceilings.clear()
         self._floors.clear()
         self._floors.append((arrival, stamp))

@@ -482,3 +482,17 @@ def test_where_the_newest_stamp_is_late_the_floors_before_it_leave_more_in_doubt
     assert clock.vehicle(107.0) == pytest.approx(107.0, abs=1e-6)
     assert clock.rate_doubt == pytest.approx(0.00925 / 2.11, rel=1e-3)
     assert clock.doubt == pytest.approx(0.006 + 0.1 * 0.00825 / 2.11, rel=1e-3)
+
+
+@pytest.mark.parametrize("first", [0.4, 0.5, 1.37, 2.0, 2.4])
+@pytest.mark.parametrize("lasts", [0.9, 1.3, 2.0])
+def test_a_rate_that_was_wrong_at_first_is_measured_anew(first, lasts):
+    """A simulator that catches up at its start: answers then refute stamps that are right."""
+
+    def clock_at(local):
+        since = local - START
+        return 7.0 + first * min(since, lasts) + 0.8 * max(since - lasts, 0.0)
+
+    followed = list(follow(clock_at, seconds=12.0))
+    assert worst(followed, lasts + 4.0) < 0.005
+    assert followed[-1][2].estimate.rate == pytest.approx(0.8, abs=0.002)
