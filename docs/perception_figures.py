@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from companion.bench.labels import LabelledFrame, load
-from companion.bench.perception import TO_8, VISIBLE, match
+from companion.bench.perception import TO_8, VISIBLE, matched_drones, matched_trunks
 from companion.perception.camera import Camera
 from companion.perception.config import SensingConfig
 from companion.perception.network_search import NetworkSearch
@@ -77,13 +77,12 @@ def draw_drones(
     drones = frame.drones
     there = (drones.visible >= VISIBLE) & (drones.ranges < REACH)
     rays = np.array([d.direction for d in found]).reshape(-1, 3)
-    angle = np.arccos(np.clip(rays @ drones.rays.T, -1.0, 1.0))
-    right = dict(match(angle, angle < np.maximum(np.radians(3.0), 0.33 / drones.ranges)))
+    right = matched_drones(found, drones)[2]
     for n, (u, v) in enumerate(camera.project(rays)):
         size = round(max(0.3 / found[n].range * camera.fx, 8.0))
-        cv2.circle(picture, (round(u), round(v)), size, RIGHT if n in right else FALSE, 2)
+        cv2.circle(picture, (round(u), round(v)), size, RIGHT if n in right.values() else FALSE, 2)
     for n in np.flatnonzero(there):
-        if n not in right.values():
+        if n not in right:
             u, v = camera.project(drones.rays[n : n + 1])[0]
             cv2.drawMarker(picture, (round(u), round(v)), MISSED, cv2.MARKER_TILTED_CROSS, 16, 2)
 
@@ -94,14 +93,9 @@ def draw_obstacles(
     """Mark the edges of what was found, at the camera's height, and cross what was not."""
     trunks: Vector = np.zeros((0, 6)) if frame.trunks is None else frame.trunks
     trunks = trunks[(trunks[:, 5] >= VISIBLE) & (trunks[:, 3] < REACH)]
-    rays = np.array([t.direction for t in found]).reshape(-1, 3)
-    away = np.array([t.distance - t.radius for t in found])
-    true = trunks[:, 3] - trunks[:, 4]
-    angle = np.arccos(np.clip(rays @ trunks[:, :3].T, -1.0, 1.0))
-    width = np.arcsin(np.minimum(trunks[:, 4] / np.maximum(trunks[:, 3], 1e-6), 1.0))
-    gap = np.abs(away[:, None] - true)
-    right = dict(match(gap, (angle < 0.9 * width + 0.02) & (gap < 0.3 * true + 0.5)))
+    right = matched_trunks(found, trunks)
     for n, trunk in enumerate(found):
+        colour = STANDS if n in right.values() else STANDS_NOT
         aside = np.cross(trunk.direction, down)
         aside *= trunk.radius / max(float(np.linalg.norm(aside)), 1e-9)
         for edge in (-aside, aside):
@@ -109,8 +103,8 @@ def draw_obstacles(
             pixels = camera.project(line)
             inside = ((pixels > 0) & (pixels < [camera.width, camera.height])).all(axis=1)
             edge_shown = np.round(pixels[inside][:, None]).astype(np.int32)
-            cv2.polylines(picture, [edge_shown], False, STANDS if n in right else STANDS_NOT, 2)
-    for n in set(range(len(trunks))) - set(right.values()):
+            cv2.polylines(picture, [edge_shown], False, colour, 2)
+    for n in set(range(len(trunks))) - set(right):
         u, v = camera.project(trunks[n : n + 1, :3])[0]
         cv2.drawMarker(picture, (round(u), round(v)), STANDS_NOT, cv2.MARKER_TILTED_CROSS, 16, 2)
 

@@ -22,11 +22,12 @@ from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from companion.perception.closer_look import PACKAGED
+from training.average import follow
 from training.closer_augment import changed
+from training.closer_cuts import DRONE, DU, DV, RATIO, SIZED, Cuts, Cutter, joined
+from training.closer_cuts import load as load_cuts
+from training.closer_cuts import save as save_cuts
 from training.closer_network import CloserNetwork, export, load
-from training.cut_outs import DRONE, DU, DV, RATIO, SIZED, Cuts, Cutter, joined
-from training.cut_outs import load as load_cuts
-from training.cut_outs import save as save_cuts
 from training.data import complete
 from training.data import load as load_shard
 
@@ -120,7 +121,7 @@ def train(network: CloserNetwork, made: Pool, minutes: float) -> CloserNetwork:
         (parts[0] + _PLACE * parts[1] + _SIZE * parts[2]).backward()
         torch.nn.utils.clip_grad_norm_(network.parameters(), 5.0)
         optimiser.step()
-        _follow(average, network, 1 - min(0.999, step / (step + 10)))
+        follow(average, network, step)
         summed += parts.detach()
         if step % _TEXT_EVERY == 0:
             drone, place, size = (summed / _TEXT_EVERY).tolist()
@@ -148,14 +149,6 @@ def main() -> None:
         network.load_state_dict(load(str(PACKAGED)), strict=False)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     export(train(network, made, options.minutes), str(options.out))
-
-
-@torch.no_grad()
-def _follow(average: CloserNetwork, network: CloserNetwork, share: float) -> None:
-    """Move the average's weights and statistics towards the network's."""
-    slow, fast = average.state_dict(), network.state_dict()
-    names = [name for name in slow if slow[name].is_floating_point()]
-    torch._foreach_lerp_([slow[n] for n in names], [fast[n] for n in names], share)
 
 
 if __name__ == "__main__":

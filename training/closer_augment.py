@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, pad
 
-from training.cut_outs import DU
+from training.closer_cuts import DU
 
 _CONTRAST, _TINT = 0.25, 0.12  # σ of the logarithms of contrast and of each channel's gain
 _GAMMA = 0.3  # σ of the logarithm

@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from torch.nn.functional import dropout, relu
 
 from companion.perception.closer_look import AROUND, CHANNELS, SIDE
+from training.network import conv
 from training.onnx_file import weights
 
 WIDTHS = (16, 32, 64)
@@ -19,12 +20,6 @@ _PLACED = 24  # channels of which the place in the cut-out counts
 _HIDDEN, _DROPPED = 0.3, 0.2
 _GREY = 64.0  # grey levels that are one unit
 _LEAST = 0.01  # variance [units²] that noise alone has
-
-
-def _conv(inputs: int, outputs: int) -> nn.Sequential:
-    """Return a convolution to half the size, normalised and rectified."""
-    conv = nn.Conv2d(inputs, outputs, 3, 2, 1, bias=False)
-    return nn.Sequential(conv, nn.BatchNorm2d(outputs), nn.ReLU())
 
 
 class _Refine(nn.Module):
@@ -46,9 +41,9 @@ class CloserNetwork(nn.Module):
         super().__init__()
         a, b, c = widths
         self.layers = nn.Sequential(
-            *(_conv(3, a), _Refine(a)),
-            *(_conv(a, b), _Refine(b), _Refine(b)),
-            *(_conv(b, c), _Refine(c)),
+            *(conv(3, a, 3, 2), _Refine(a)),
+            *(conv(a, b, 3, 2), _Refine(b), _Refine(b)),
+            *(conv(b, c, 3, 2), _Refine(c)),
         )
         cells = SIDE // 8
         self.place = nn.Conv2d(c, _PLACED, 1)

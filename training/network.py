@@ -23,16 +23,16 @@ WIDTHS = (16, 32, 64, 128)
 _PREFIX = "network."  # of the weights' names in a file
 
 
-def _conv(inputs: int, outputs: int, size: int, stride: int = 1, groups: int = 1) -> nn.Sequential:
+def conv(inputs: int, outputs: int, size: int, stride: int = 1, groups: int = 1) -> nn.Sequential:
     """Return a convolution, normalised and rectified; the export folds the normalisation."""
-    conv = nn.Conv2d(inputs, outputs, size, stride, size // 2, groups=groups, bias=False)
-    return nn.Sequential(conv, nn.BatchNorm2d(outputs), nn.ReLU())
+    layer = nn.Conv2d(inputs, outputs, size, stride, size // 2, groups=groups, bias=False)
+    return nn.Sequential(layer, nn.BatchNorm2d(outputs), nn.ReLU())
 
 
 def _halve(inputs: int, outputs: int) -> nn.Sequential:
     """Return a depth-wise convolution to half the size."""
     spatial = nn.Conv2d(inputs, inputs, 3, 2, 1, groups=inputs)
-    return nn.Sequential(spatial, _conv(inputs, outputs, 1))
+    return nn.Sequential(spatial, conv(inputs, outputs, 1))
 
 
 class _Refine(nn.Module):
@@ -55,7 +55,7 @@ class _Wide(nn.Module):
     def __init__(self, channels: int) -> None:
         super().__init__()
         spatial = nn.Conv2d(channels, channels, 5, 1, 2, groups=channels)
-        self.inner = nn.Sequential(spatial, _conv(channels, channels, 1))
+        self.inner = nn.Sequential(spatial, conv(channels, channels, 1))
 
     def forward(self, cells: Tensor) -> Tensor:
         return cells + self.inner(cells)
@@ -68,14 +68,14 @@ class Network(nn.Module):
         super().__init__()
         a, b, c, d = widths
         fine = 12
-        self.stem = nn.Sequential(_conv(3, a // 2, 3, 2), _conv(a // 2, a, 3, 2))
-        self.eighth = nn.Sequential(_halve(a, b), _conv(b, b, 3), _Refine(b))
-        self.sixteenth = nn.Sequential(_halve(b, c), _conv(c, c, 3), _Refine(c), _Refine(c))
-        self.last = nn.Sequential(_halve(c, d), _conv(d, d, 3), _Wide(d), _Wide(d))
+        self.stem = nn.Sequential(conv(3, a // 2, 3, 2), conv(a // 2, a, 3, 2))
+        self.eighth = nn.Sequential(_halve(a, b), conv(b, b, 3), _Refine(b))
+        self.sixteenth = nn.Sequential(_halve(b, c), conv(c, c, 3), _Refine(c), _Refine(c))
+        self.last = nn.Sequential(_halve(c, d), conv(d, d, 3), _Wide(d), _Wide(d))
         self.up_last, self.up_sixteenth = nn.Conv2d(d, c, 1), nn.Conv2d(c, b, 1)
-        self.merge = nn.Sequential(nn.Conv2d(c, c, 3, 1, 1, groups=c), nn.ReLU(), _conv(c, c, 1))
+        self.merge = nn.Sequential(nn.Conv2d(c, c, 3, 1, 1, groups=c), nn.ReLU(), conv(c, c, 1))
         self.refine = nn.Sequential(_Refine(b), _Refine(b))
-        self.drones = nn.Sequential(_conv(b, b, 3), nn.Conv2d(b, CHANNELS, 1))
+        self.drones = nn.Sequential(conv(b, b, 3), nn.Conv2d(b, CHANNELS, 1))
         self.coarse, self.fine = nn.Conv2d(b, 4 * fine, 1), nn.Conv2d(a, fine, 1)
         self.scene = nn.Sequential(
             nn.ReLU(),

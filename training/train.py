@@ -26,6 +26,7 @@ import torch
 from torch import Tensor
 
 from companion.perception.eyes import PACKAGED
+from training.average import follow
 from training.crops import Batch, Crops
 from training.data import LENS
 from training.losses import drone_loss, drone_targets, scene_loss
@@ -68,7 +69,7 @@ class Training:
         (losses[0] + 2.0 * losses[1]).backward()
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), 5.0)
         self.optimiser.step()
-        self._follow(1 - min(0.999, self.step / (self.step + 10)))
+        follow(self.average, self.network, self.step)
         return losses.detach()
 
     def _losses(self, pictures: Tensor, labels: Tensor, classes: Tensor) -> Tensor:
@@ -79,13 +80,6 @@ class Training:
         return torch.stack(
             [drone_loss(drones.float(), *targets), scene_loss(scene.float(), classes)]
         )
-
-    @torch.no_grad()
-    def _follow(self, share: float) -> None:
-        """Move the average's weights and statistics towards the network's."""
-        slow, fast = self.average.state_dict(), self.network.state_dict()
-        names = [name for name in slow if slow[name].is_floating_point()]
-        torch._foreach_lerp_([slow[n] for n in names], [fast[n] for n in names], share)
 
     def save(self, path: Path) -> None:
         """Write the checkpoint; a crash while writing leaves the last one."""

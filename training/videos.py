@@ -65,11 +65,17 @@ def cut_outs(folder: Path, source: Path) -> list[CutOut]:
     ]
 
 
+def box_rows(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return the labels (n,4) of drones in boxes (n,4) x, y, w, h."""
+    x, y, w, h = boxes.reshape(-1, 4).T
+    rows = [x + w / 2 - 0.5, y + h / 2 - 0.5, -np.maximum(w, h), np.ones(len(x))]
+    return np.column_stack(rows).astype(np.float32)
+
+
 def _rows(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return the labels (MOST,4) of boxes (n,4) x, y, w, h."""
+    """Return the same for a shard: (MOST,4)."""
     rows = np.full((MOST, 4), -1.0, np.float32)
-    for n, (x, y, w, h) in enumerate(boxes[:MOST]):
-        rows[n] = x + w / 2 - 0.5, y + h / 2 - 0.5, -max(w, h), 1.0
+    rows[: len(boxes)] = box_rows(boxes[:MOST])
     return rows
 
 

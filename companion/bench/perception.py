@@ -123,13 +123,8 @@ def measure(
 
 def score(bands: dict[tuple[float, float], Tally], found: list[Detection], drones: Drones) -> None:
     """Match one frame's detections to its drones and count them in all bands."""
-    rays = np.array([d.direction for d in found]).reshape(-1, 3)
     ranges = np.array([d.range for d in found])
-    angle = np.arccos(np.clip(rays @ drones.rays.T, -1.0, 1.0))
-    ratio = ranges[:, None] / np.maximum(drones.ranges, 1e-9)
-    gate = np.maximum(_SAME_ANGLE, _SAME_SIZE / np.maximum(drones.ranges, 0.3))
-    pairs = match(angle, (angle < gate) & (ratio > 0.5) & (ratio < 2.0))
-    right = {drone: detection for detection, drone in pairs}
+    angle, ratio, right = matched_drones(found, drones)
     for drone, distance in enumerate(drones.ranges):
         if drones.visible[drone] < VISIBLE:
             continue
@@ -145,6 +140,17 @@ def score(bands: dict[tuple[float, float], Tally], found: list[Detection], drone
     for n in sorted(set(range(len(found))) - set(right.values())):
         for (low, high), tally in bands.items():
             tally.false += bool(low <= ranges[n] < high)
+
+
+def matched_drones(found: list[Detection], drones: Drones) -> tuple[Vector, Vector, dict[int, int]]:
+    """Return angles [rad] and ratios of ranges (n,m), and the right detection of each drone."""
+    rays = np.array([d.direction for d in found]).reshape(-1, 3)
+    ranges = np.array([d.range for d in found])
+    angle = np.arccos(np.clip(rays @ drones.rays.T, -1.0, 1.0))
+    ratio = ranges[:, None] / np.maximum(drones.ranges, 1e-9)
+    gate = np.maximum(_SAME_ANGLE, _SAME_SIZE / np.maximum(drones.ranges, 0.3))
+    pairs = match(angle, (angle < gate) & (ratio > 0.5) & (ratio < 2.0))
+    return angle, ratio, {drone: detection for detection, drone in pairs}
 
 
 class Flight:
@@ -205,15 +211,10 @@ class Trunks:
         self._score(found, frame.trunks)
 
     def _score(self, found: list[Trunk], trunks: Vector) -> None:
-        """Match by bearing, within the trunk's own width, and by distance; count in all bands."""
-        rays = np.array([t.direction for t in found]).reshape(-1, 3)
+        """Match the trunks and count in all bands."""
         surface = np.array([t.distance - t.radius for t in found])
         true = trunks[:, 3] - trunks[:, 4]
-        angle = np.arccos(np.clip(rays @ trunks[:, :3].T, -1.0, 1.0))
-        width = np.arcsin(np.minimum(trunks[:, 4] / trunks[:, 3], 1.0))
-        gap = np.abs(surface[:, None] - true)
-        pairs = match(gap, (angle < 0.9 * width + 0.02) & (gap < 0.3 * true + 0.5))
-        right = {trunk: detection for detection, trunk in pairs}
+        right = matched_trunks(found, trunks)
         lost = surface[sorted(set(range(len(found))) - set(right.values()))]
         for (low, high), tally in self._bands.items():
             tally.false += int(((lost >= low) & (lost < high)).sum())
@@ -233,6 +234,21 @@ class Trunks:
     def table(self) -> dict[str, Any]:
         """Return the figures per band of surface distance."""
         return _table(self._bands)
+
+
+def matched_trunks(found: list[Trunk], trunks: Vector) -> dict[int, int]:
+    """Return the right detection of each of `trunks` (k,6), as `LabelledFrame` has them.
+
+    It is right by bearing, within the trunk's own width, and by distance.
+    """
+    rays = np.array([t.direction for t in found]).reshape(-1, 3)
+    surface = np.array([t.distance - t.radius for t in found])
+    true = trunks[:, 3] - trunks[:, 4]
+    angle = np.arccos(np.clip(rays @ trunks[:, :3].T, -1.0, 1.0))
+    width = np.arcsin(np.minimum(trunks[:, 4] / trunks[:, 3], 1.0))
+    gap = np.abs(surface[:, None] - true)
+    pairs = match(gap, (angle < 0.9 * width + 0.02) & (gap < 0.3 * true + 0.5))
+    return {trunk: detection for detection, trunk in pairs}
 
 
 def match(cost: Vector, allowed: Any) -> list[tuple[int, int]]:

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from companion.perception import heat_map
 from companion.perception.eyes import FEATURES, Look
 from companion.perception.heat_map import STRIDE, Cells, Peaks, scale_of
-from companion.perception.networks import ModelError, SenselessOutput
-from companion.perception.onnx_runtime import opened, shapes
+from companion.perception.networks import SenselessOutput
+from companion.perception.onnx_runtime import opened
 from companion.types import Image
 from mavlink_bridge.shared.arrays import Vector
 
@@ -27,7 +27,7 @@ SIDE = 40  # px of a cut-out
 RADII = 4.0  # width of a cut-out over the drone's radius
 LEAST = 28.0  # px of the picture that a cut-out shows at least
 CHANNELS = 5  # logit, offset u and v [cut-out widths], log of size over expected, log of its scale
-# What the search says of a place: its features of 3×3 cells, and its output for the middle one.
+# Numbers that tell what the search says of a place: features of 3×3 cells, output for the middle.
 AROUND = 9 * FEATURES + heat_map.CHANNELS
 _SURE = 1e-4  # heat is taken to be this far from 0 and 1
 _LEVELS = 4  # the picture, and halves of it
@@ -45,10 +45,7 @@ class CloserLook:
     """
 
     def __init__(self, model: Path = PACKAGED) -> None:
-        self._session = opened(model)
-        takes, gives = shapes(self._session)
-        if takes != _INPUTS or gives != _OUTPUTS:
-            raise ModelError(f"{model}: takes {takes} and gives {gives}; not for a closer look")
+        self._session = opened(model, _INPUTS, _OUTPUTS, "a closer look")
 
     def judge(self, image: Image, look: Look, peaks: Peaks) -> Peaks:
         """Return the places in image (H,W,3) uint8 BGR with probabilities, places and sizes anew.
@@ -96,13 +93,13 @@ def widths(sizes: Vector) -> Vector:
 def cut_outs(image: Image, places: Vector, sizes: Vector) -> NDArray[np.uint8]:
     """Return cut-outs (n,SIDE,SIDE,3) of image (H,W,3) round places (n,2) u, v [px].
 
-    sizes: (n,) px, the drones' radii there. What is outside the picture repeats its edge.
+    sizes: (n,) px, the drones' radii there. The picture's edge goes on outside it.
     """
     levels = [image]
     out = np.empty((len(places), SIDE, SIDE, 3), np.uint8)
     for n, ((u, v), width) in enumerate(zip(places, widths(sizes), strict=True)):
         scale = width / SIDE
-        level = min(max(int(np.log2(scale)), 0), _LEVELS - 1) if scale > 1 else 0
+        level = int(np.clip(np.log2(scale), 0, _LEVELS - 1))
         while len(levels) <= level:
             height, wide = levels[-1].shape[:2]
             half = cv2.resize(levels[-1], (wide // 2, height // 2), interpolation=cv2.INTER_AREA)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from companion.perception.trunk_fit import Mask
+from companion.perception.trunk_fit import Mask, alike
 from mavlink_bridge.shared.arrays import Vector
 
 Run = tuple[int, int]  # first and last column
@@ -52,22 +51,7 @@ class Feet:
 
 def runs(feet: Feet, max_range: float) -> list[Run]:
     """Return the runs of neighbouring columns with like distances, up to max_range [m]."""
-    # The margin keeps the limbs of a trunk at the limit.
-    near = feet.seen & (feet.t < 1.3 * max_range)
-    near |= feet.seen & ~feet.foot & np.isfinite(feet.t)
-    # A single column lost to noise does not part a trunk.
-    near[1:-1] |= near[:-2] & near[2:]
-    t = np.where(near, np.minimum(feet.t, 2.0 * max_range), np.inf)
-    both = feet.foot[1:] & feet.foot[:-1]
-    with np.errstate(invalid="ignore"):
-        rise = t[1:] - t[:-1]
-        jump = np.abs(rise) > 0.35 + 0.12 * np.minimum(t[1:], t[:-1])
-    # Without a foot, t is only an upper bound: a foot beyond it parts two trunks.
-    farther = jump & np.where(rise > 0, feet.foot[1:], feet.foot[:-1])
-    part = np.where(both, jump, farther) & near[1:] & near[:-1]
-    bounds = np.flatnonzero((near[1:] != near[:-1]) | part) + 1
-    ends = itertools.pairwise([0, *bounds.tolist(), len(t)])
-    return _merged(feet, [(a, b - 1) for a, b in ends if near[a]])
+    return _merged(feet, alike(feet.t, feet.foot, feet.seen, max_range))
 
 
 def _merged(feet: Feet, parts: list[Run]) -> list[Run]:

@@ -14,8 +14,8 @@ import numpy as np
 
 from companion.perception.exposure import exposure_gain
 from companion.perception.heat_map import CHANNELS, HEIGHT, STRIDE, WIDTH, Cells
-from companion.perception.networks import ModelError, SenselessOutput
-from companion.perception.onnx_runtime import opened, shapes
+from companion.perception.networks import SenselessOutput
+from companion.perception.onnx_runtime import opened
 from companion.types import Image
 
 PACKAGED = Path(__file__).with_name("models") / "eyes.onnx"
@@ -57,13 +57,7 @@ class Eyes:
     """
 
     def __init__(self, model: Path = PACKAGED) -> None:
-        self._session = opened(model)
-        takes, gives = shapes(self._session)
-        if takes != _INPUT or gives != _OUTPUTS:
-            raise ModelError(
-                f"{model}: takes {takes} and gives {gives}; a network for `network` takes {_INPUT} "
-                f"and gives {_OUTPUTS}: see training/train.py"
-            )
+        self._session = opened(model, _INPUT, _OUTPUTS, "`network` (see training/train.py)")
         self._picture: Cells = np.zeros((1, 3, HEIGHT, WIDTH), np.float32)
 
     def look(self, image: Image) -> Look:

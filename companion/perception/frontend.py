@@ -176,9 +176,7 @@ class PerceptionFrontend:
             own = replace(own, time=frame.time)
             self._newest = frame.time
             try:
-                lately = [t for t in tracks if t.unseen < _EXPECTED]
-                moved = [replace(t, p=t.p + (captured - tracked) * t.v) for t in lately]
-                found = self._detect(frame, picture, own, ground, trunks, moved)
+                found = self._detect(frame, picture, own, ground, trunks, tracks, tracked)
             except Exception as error:  # it shows no more than a camera without pictures
                 found = Detections(problem=f"{type(error).__name__}: {error}")
             fault = self._health.searched(time, not found.problem, found.clarity)
@@ -231,11 +229,12 @@ class PerceptionFrontend:
         ground: GroundPlane,
         standing: Vector,
         tracks: Sequence[Track],
+        tracked: float,
     ) -> Detections:
         """Return the detections in `frame` and its picture, taken in state `own`.
 
         picture: None where the frame has none, or a misfit one, which shows nothing. standing: the
-        known trunks. tracks: neighbours as they must be then.
+        known trunks. tracks, tracked: as in `see`.
         """
         if self._measuring:
             return Detections(frame.time, own)
@@ -248,8 +247,10 @@ class PerceptionFrontend:
             rows = frame.arrays.get("neighbours", np.zeros((0, 6)))
             drones = [Detection(r[:3], float(r[3]), float(r[4]), float(r[5])) for r in rows]
         elif network is not None and self._sensing.detector == "network":
-            offsets = np.array([t.p - own.p for t in tracks]).reshape(-1, 3)
-            scales = np.array([t.scale for t in tracks])
+            lately = [t for t in tracks if t.unseen < _EXPECTED]
+            passed = own.time - tracked
+            offsets = np.array([t.p + passed * t.v - own.p for t in lately]).reshape(-1, 3)
+            scales = np.array([t.scale for t in lately])
             drones = network.drones(self._view.to_camera(own, offsets), scales)
         elif picture is not None:
             drones = (

@@ -7,16 +7,33 @@ from typing import Any
 
 from companion.perception.networks import ModelError
 
+Shapes = dict[str, list[Any]]  # by name; a size that is free has a name
 
-def opened(model: Path) -> Any:
-    """Return the session of an ONNX file.
+
+def opened(model: Path, inputs: Shapes, outputs: Shapes, use: str) -> Any:
+    """Return the session of an ONNX file that takes and gives what is wanted.
+
+    use: what the file is for, in words.
 
     Raises:
         ModelError: ONNX Runtime is not installed (it takes 80 MB, for the packaged networks alone),
-            or the file is missing or none that it reads.
+            or the file is missing, none that it reads, or one of other inputs and outputs.
     """
     if not model.is_file():
         raise ModelError(f"{model}: no such model file")
+    session = _session(model)
+    takes = {each.name: list(each.shape) for each in session.get_inputs()}
+    gives = {each.name: list(each.shape) for each in session.get_outputs()}
+    if takes != inputs or gives != outputs:
+        raise ModelError(
+            f"{model}: takes {takes} and gives {gives}; a network for {use} takes {inputs} and "
+            f"gives {outputs}"
+        )
+    return session
+
+
+def _session(model: Path) -> Any:
+    """Return the session of a file that is there; raise ModelError as `opened`."""
     try:
         import onnxruntime
     except ModuleNotFoundError as error:
@@ -32,9 +49,3 @@ def opened(model: Path) -> Any:
     except Exception as error:  # ONNX Runtime's errors share no base but this
         text = " ".join(str(error).split())[:160]
         raise ModelError(f"{model}: not a model that ONNX Runtime reads: {text}") from error
-
-
-def shapes(session: Any) -> tuple[dict[str, list[Any]], dict[str, list[Any]]]:
-    """Return the shapes of a session's inputs and outputs, by their names."""
-    takes = {each.name: list(each.shape) for each in session.get_inputs()}
-    return takes, {each.name: list(each.shape) for each in session.get_outputs()}

@@ -133,23 +133,33 @@ def _fit(
 
 
 def _runs(columns: Columns, max_range: float) -> list[tuple[int, int]]:
-    """Return the runs first…last of neighbouring columns with like distances."""
-    # The margin keeps the limbs of a trunk at the limit.
-    near = columns.seen & (columns.t < 1.3 * max_range)
-    near |= columns.seen & ~columns.foot & np.isfinite(columns.t)
-    # A single column lost to noise does not part a trunk.
-    near[1:-1] |= near[:-2] & near[2:]
-    t = np.where(near, np.minimum(columns.t, 2.0 * max_range), np.inf)
-    both = columns.foot[1:] & columns.foot[:-1]
-    with np.errstate(invalid="ignore"):
-        rise = t[1:] - t[:-1]
-        jump = np.abs(rise) > 0.35 + 0.12 * np.minimum(t[1:], t[:-1])
-    # Without a foot, t is only an upper bound: a foot beyond it parts two trunks, as an upright
-    # edge does.
-    farther = jump & np.where(rise > 0, columns.foot[1:], columns.foot[:-1])
+    """Return the runs of columns with like distances; an upright edge parts two trunks, too."""
     edge = columns.edge[:-1]
     before, after = np.concatenate([edge[-1:], edge[:-1]]), np.concatenate([edge[1:], edge[:1]])
     crest = (edge > EDGE) & (edge >= before) & (edge >= after)
+    return alike(columns.t, columns.foot, columns.seen, max_range, crest)
+
+
+def alike(
+    t: Vector, foot: Mask, seen: Mask, max_range: float, crest: Mask | bool = False
+) -> list[tuple[int, int]]:
+    """Return the runs first…last of neighbouring columns with like distances, up to max_range [m].
+
+    t [m], foot, seen (columns,): as `Columns` has them. crest (columns − 1,): where what stands
+    there ends, whatever the distances.
+    """
+    # The margin keeps the limbs of a trunk at the limit.
+    near = seen & (t < 1.3 * max_range)
+    near |= seen & ~foot & np.isfinite(t)
+    # A single column lost to noise does not part a trunk.
+    near[1:-1] |= near[:-2] & near[2:]
+    t = np.where(near, np.minimum(t, 2.0 * max_range), np.inf)
+    both = foot[1:] & foot[:-1]
+    with np.errstate(invalid="ignore"):
+        rise = t[1:] - t[:-1]
+        jump = np.abs(rise) > 0.35 + 0.12 * np.minimum(t[1:], t[:-1])
+    # Without a foot, t is only an upper bound: a foot beyond it parts two trunks.
+    farther = jump & np.where(rise > 0, foot[1:], foot[:-1])
     part = np.where(both, jump, crest | farther) & near[1:] & near[:-1]
     bounds = np.flatnonzero((near[1:] != near[:-1]) | part) + 1
     return [(a, b - 1) for a, b in itertools.pairwise([0, *bounds.tolist(), len(t)]) if near[a]]

@@ -7,8 +7,8 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("onnx")
 
 from training.closer_augment import changed  # noqa: E402
+from training.closer_cuts import DRONE, DU, DV, RATIO, SIZED, labels  # noqa: E402
 from training.closer_network import CloserNetwork, export, load  # noqa: E402
-from training.cut_outs import DRONE, DU, DV, RATIO, SIZED, labels  # noqa: E402
 
 SIZED_DRONE, BOXED, OPEN = (
     [100.0, 80.0, 12.0, 1.0],

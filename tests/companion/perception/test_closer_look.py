@@ -57,7 +57,7 @@ def test_outside_the_picture_its_edge_goes_on():
 def test_missing_and_other_models_are_refused(tmp_path):
     with pytest.raises(ModelError, match=r"none\.onnx: no such model file"):
         CloserLook(tmp_path / "none.onnx")
-    with pytest.raises(ModelError, match=r"drones\.onnx: takes .* not for a closer look"):
+    with pytest.raises(ModelError, match=r"drones\.onnx: takes .* for a closer look takes"):
         CloserLook(OTHER)
 
 

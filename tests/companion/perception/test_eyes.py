@@ -63,7 +63,7 @@ def frontend(monkeypatch, outputs):
             return drones[None].copy(), scene[None].copy(), np.zeros((1, FEATURES, 50, 80))
 
     monkeypatch.setattr(made._network._eyes, "_session", Session())
-    # What is looked at closely is a drone here: these pictures show none.
+    # The closer look takes each place for a drone: these pictures show none.
     monkeypatch.setattr(made._network._closer, "judge", lambda image, look, places: places)
     return made
 

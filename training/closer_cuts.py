@@ -21,6 +21,7 @@ from companion.perception.heat_map import peaks
 from companion.types import Image
 from mavlink_bridge.shared.arrays import Vector
 from training.data import LENS, SIZE, WANTED, Shard, U, V
+from training.videos import box_rows
 
 EVERY = 8  # frames of a video from one that is used to the next
 _MOST, _LEAST_HEAT = 32, 0.06  # of the search, in one picture
@@ -68,12 +69,12 @@ class Cutter:
         for video in videos(source, odd=False):
             for number, (image, boxes) in enumerate(video.frames(EVERY)):
                 part, top = _part(image, number % 2 == 1)
-                rows = {name: _rows(each - [0, top, 0, 0]) for name, each in boxes.items()}
+                rows = {name: box_rows(each - [0, top, 0, 0]) for name, each in boxes.items()}
                 rows = {
                     name: r[(r[:, V] > 0) & (r[:, V] < LENS.height)] for name, r in rows.items()
                 }
-                drones = rows.pop("DRONE", _rows(np.zeros((0, 4))))
-                others = np.concatenate([_rows(np.zeros((0, 4))), *rows.values()])
+                drones = rows.pop("DRONE", box_rows(np.zeros((0, 4))))
+                others = np.concatenate([box_rows(np.zeros((0, 4))), *rows.values()])
                 made.append(self._cut(part, drones, _VIDEO_TIMES, others))
         return joined(made)
 
@@ -153,10 +154,3 @@ def _part(image: Image, low: bool) -> tuple[Image, int]:
     height = min(image.shape[0], LENS.height)
     top = image.shape[0] - height if low else 0
     return np.ascontiguousarray(image[top : top + height]), top
-
-
-def _rows(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return the labels (n,4) of boxes (n,4) x, y, w, h."""
-    x, y, w, h = boxes.reshape(-1, 4).T
-    rows = [x + w / 2 - 0.5, y + h / 2 - 0.5, -np.maximum(w, h), np.ones(len(x))]
-    return np.column_stack(rows).astype(np.float32)
