@@ -84,7 +84,7 @@ class TrackerConfig(StrictModel):
         "without seeing it end its track.",
     )
     clear: float = Field(
-        0.2, gt=0, description="Std of range, as a share of it, up to which a look is clear."
+        0.25, gt=0, description="Std of range, as a share of it, up to which a look is clear."
     )
     unseen_max: float = Field(
         4.0,

@@ -251,7 +251,8 @@ class PerceptionFrontend:
             passed = own.time - tracked
             offsets = np.array([t.p + passed * t.v - own.p for t in lately]).reshape(-1, 3)
             scales = np.array([t.scale for t in lately])
-            drones = network.drones(self._view.to_camera(own, offsets), scales)
+            *known, up = self._view.to_camera(own, np.vstack([offsets, [0.0, 0.0, 1.0]]))
+            drones = network.drones(np.reshape(known, (-1, 3)), scales, up)
         elif picture is not None:
             drones = (
                 self._drones.search(picture)

@@ -26,6 +26,7 @@ Cells = NDArray[np.float32]
 WIDTH, HEIGHT, STRIDE, CHANNELS = 640, 400, 8, 5
 _HEAT, _DU, _DV, _LOG_SIZE, _LOG_SCALE = range(CHANNELS)
 SCALES = (-5.0, 1.0)  # of the logarithm of a log size's scale
+_UNSURE = 1e-9  # scores are taken to be this far from 0 and 1
 _LAPLACE = math.sqrt(2.0)  # σ of a Laplace distribution over its scale
 
 
@@ -55,6 +56,14 @@ class Peaks:
             np.concatenate([self.scales, others.scales[new]]),
             np.concatenate([self.scores, others.scores[new]]),
         )
+
+    def weighed(self, evidence: Vector) -> Peaks:
+        """Return these with other scores, the likeliest first: odds that gain `evidence` (n,)."""
+        scores = np.clip(self.scores, _UNSURE, 1.0 - _UNSURE)
+        odds = evidence + np.log(scores / (1.0 - scores))
+        order = np.argsort(-odds, kind="stable")
+        scores = 1.0 / (1.0 + np.exp(-odds[order]))
+        return Peaks(self.places[order], self.sizes[order], self.scales[order], scores)
 
     def first(self, count: int) -> Peaks:
         """Return the first so many."""
@@ -89,6 +98,12 @@ class NetworkConfig(HeatMapConfig):
     )
     least_heat: float = Field(
         0.1, gt=0, lt=1, description="Least heat of a place that is looked at closely."
+    )
+    level: float = Field(
+        0.3,
+        ge=0,
+        description="Std [m] of the neighbours' heights over the own, until they are seen to fly "
+        "otherwise: a find far above or below is likelier something else. 0: heights say nothing.",
     )
 
 
@@ -132,23 +147,36 @@ class HeatMap:
         c = self._config
         if not len(found):
             return []
-        rays = self._camera.unproject(found.places)
-        u, v = found.places.T
-        u = np.clip(np.round(u), 0, WIDTH - 1).astype(int)
-        v = np.clip(np.round(v), 0, HEIGHT - 1).astype(int)
-        pixel = np.sqrt(self._camera.solid_angle[v, u].astype(float))  # rad per pixel
-        ranges = c.radius / (found.sizes * pixel)
+        rays, ranges, pixel = self._lines(found)
+        sigmas = ranges * _range_share(found)
         detections: list[Detection] = []
         for n in range(len(found)):
             if ranges[n] <= c.max_range and not _known(rays[n], detections, pixel[n], c.radius):
                 # A near drone's centre is known to a share of its size.
-                sigma = pixel[n] * math.hypot(c.sigma_pixel, 0.03 * found.sizes[n])
-                sigma_range = ranges[n] * math.hypot(_LAPLACE * found.scales[n], 0.01)
+                sigma = pixel[n] * math.hypot(c.sigma_pixel, 0.07 * found.sizes[n])
                 score = float(found.scores[n])
                 detections.append(
-                    Detection(rays[n], float(ranges[n]), float(sigma), float(sigma_range), score)
+                    Detection(rays[n], float(ranges[n]), float(sigma), float(sigmas[n]), score)
                 )
         return sorted(detections, key=lambda d: d.range)
+
+    def heights(self, found: Peaks, up_c: Vector) -> tuple[Vector, Vector]:
+        """Return how far (n,) m drones at these places are above the camera, and the std (n,) m.
+
+        up_c: (3,) unit, camera frame.
+        """
+        rays, ranges, _ = self._lines(found)
+        up = rays @ up_c
+        return ranges * up, ranges * _range_share(found) * np.abs(up)
+
+    def _lines(self, found: Peaks) -> tuple[Vector, Vector, Vector]:
+        """Return rays (n,3), ranges (n,) m and rad per pixel (n,) of drones at these places."""
+        rays = self._camera.unproject(found.places)
+        u, v = found.places.T
+        u = np.clip(np.round(u), 0, WIDTH - 1).astype(int)
+        v = np.clip(np.round(v), 0, HEIGHT - 1).astype(int)
+        pixel = np.sqrt(self._camera.solid_angle[v, u].astype(float))
+        return rays, self._config.radius / (found.sizes * pixel), pixel
 
 
 def peaks(cells: Cells, least: float) -> Peaks:
@@ -171,6 +199,11 @@ def peaks(cells: Cells, least: float) -> Peaks:
         scale_of(found[:, _LOG_SCALE]),
         found[:, _HEAT],
     )
+
+
+def _range_share(found: Peaks) -> Vector:
+    """Return the std (n,) of the ranges, as shares of them."""
+    return np.asarray(np.hypot(_LAPLACE * found.scales, 0.01))
 
 
 def scale_of(logarithms: Vector) -> Vector:

@@ -12,6 +12,7 @@ from companion.perception.config import SensingConfig
 from companion.perception.eyes import PACKAGED, SCENE, Eyes, Look, at_its_size
 from companion.perception.feet import FootFinder
 from companion.perception.heat_map import HeatMap, peaks
+from companion.perception.levels import Levels
 from companion.perception.panorama import LEVEL_GROUND
 from companion.types import Detection, Image, Trunk
 from mavlink_bridge.shared.arrays import Vector
@@ -37,6 +38,7 @@ class NetworkSearch:
         closer = own is None and sensing.detector == "network"
         self._closer = CloserLook() if closer else None
         self._config = sensing.network
+        self._levels = Levels(sensing.network.level)
         self._look: Look | None = None
         self._image: Image | None = None
 
@@ -59,11 +61,17 @@ class NetworkSearch:
         self.look(image)
         return self.drones()
 
-    def drones(self, offsets_c: Vector = _NONE, scales: Vector = _NONE[:, 0]) -> list[Detection]:
+    def drones(
+        self,
+        offsets_c: Vector = _NONE,
+        scales: Vector = _NONE[:, 0],
+        up_c: Vector | None = None,
+    ) -> list[Detection]:
         """Return the drones in the newest picture, nearest first.
 
         offsets_c: (n,3) m, where known drones must be, camera frame; there it is looked closely,
-        too. scales: (n,) of their sizes.
+        too. scales: (n,) of their sizes. up_c: (3,) unit, camera frame; None: it is not known, and
+        heights say nothing.
 
         Raises:
             SenselessOutput: an output of the networks that cannot be true.
@@ -77,6 +85,10 @@ class NetworkSearch:
         if len(offsets_c):
             places = places.and_beside(self._heat_map.expected(offsets_c, scales))
         found = self._closer.judge(self._image, self._look, places)
+        if up_c is not None:
+            self._levels.follow(offsets_c @ up_c)
+        if up_c is not None and len(found):
+            found = found.weighed(self._levels.evidence(*self._heat_map.heights(found, up_c)))
         return self._heat_map.detections(found.first(int((found.scores >= c.threshold).sum())))
 
     def find(self, image: Image, gravity_c: Vector, altitude: float) -> list[Trunk]:

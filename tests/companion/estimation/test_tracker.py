@@ -177,7 +177,7 @@ def test_the_end_of_one_track_leaves_the_others_as_they_are():
 def test_a_look_that_is_not_clear_makes_nothing_more_likely():
     tracker = Tracker(TrackerConfig())
     for k in range(10):
-        seen = Detection(np.array([1.0, 0.0, 0.0]), 4.0, 0.003, sigma_range=1.0)
+        seen = Detection(np.array([1.0, 0.0, 0.0]), 4.0, 0.003, sigma_range=1.2)
         tracker.update(k / 10, [seen], own(k / 10), LEVEL, None)
     assert not tracker.tracks()
 

@@ -109,7 +109,7 @@ def test_a_picture_that_shows_nothing_is_a_fault_that_lasts_until_it_does(monkey
 
 def test_one_pass_gives_drones_and_obstacles(monkeypatch):
     drones = DRONES.copy()
-    drones[:, 20, 40] = 0.9, 0.0, 0.0, np.log(8.0), -3.0
+    drones[:, 24, 40] = 0.9, 0.0, 0.0, np.log(8.0), -3.0
     scene = GROUND.copy()
     scene[0, 20:60, 70:90], scene[1, 20:60, 70:90] = 1.0, 0.0
     (found,) = see(frontend(monkeypatch, [(drones, scene)]), 1)
