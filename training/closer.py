@@ -51,7 +51,7 @@ class Pool:
         self.kinds += [tuple(each[mask] for each in held) for mask in chosen]
 
     def batch(self) -> tuple[Tensor, Tensor, Tensor]:
-        """Return pictures (n,3,h,w), what is around (n,AROUND), and labels (n,5) of a batch."""
+        """Return a batch: pictures (n,PLANES,h,w), what is around (n,AROUND), labels (n,5)."""
         parts = []
         for kind, count in zip(self.kinds, _BATCH, strict=False):
             which = torch.randint(len(kind[0]), (count,))

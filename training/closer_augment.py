@@ -16,11 +16,12 @@ _COLOURED, _EXCHANGED, _LIT, _BLURRED, _NOISY = 0.5, 0.25, 0.25, 0.2, 0.3
 
 
 def changed(pictures: Tensor, labels: Tensor) -> tuple[Tensor, Tensor]:
-    """Return pictures (n,3,h,w), 0…255, and their labels (n,5), changed at random."""
+    """Return pictures (n,PLANES,h,w), 0…255, and their labels (n,5), changed at random."""
     n, labels = len(pictures), labels.clone()
-    mean = pictures.mean(dim=(2, 3), keepdim=True)
-    turned = _colours(n) @ (pictures - mean).flatten(2)
-    pictures = (turned.view(pictures.shape) + mean).clamp(0, 255)
+    each = pictures.unflatten(1, (-1, 3))
+    mean = each.mean(dim=(3, 4), keepdim=True)
+    turned = _colours(n)[:, None] @ (each - mean).flatten(3)
+    pictures = (turned.view(each.shape) + mean).flatten(1, 2).clamp(0, 255)
     which = _some(0.5, n)
     pictures[which] = pictures[which].flip(3)
     labels[which, DU] *= -1

@@ -30,7 +30,7 @@ _ASIDE, _SIZED = 0.25, 0.25  # 1 σ: of the place [radii], of the size's logarit
 _DRONE_IN_BOX, _OTHER_IN_BOX = 0.22, 0.3  # radius over the longer side of its loose box
 # A place means a drone where it is as near to its centre (radii, px; share of a box) and of about
 # its size; what is near, but not so, is left open.
-_NEAR, _NEAR_PX, _NEAR_BOX, _TIMES_SIZE = 0.6, 5.0, 0.35, 3.0
+_NEAR, _NEAR_PX, _NEAR_BOX, _TIMES_SIZE = 0.6, 5.0, 0.35, 4.0
 _BESIDE, _BESIDE_PX, _BESIDE_BOX = 1.5, 9.0, 0.9
 # Columns of a label. DRONE: 1, 0. DU, DV: cut-out widths to its centre. RATIO: logarithm of its
 # size over the cut-out's. SIZED: 1 where that is known.
@@ -40,7 +40,7 @@ DRONE, DU, DV, RATIO, SIZED = range(5)
 class Cuts(NamedTuple):
     """n cut-outs.
 
-    pictures: (n,SIDE,SIDE,3). around: (n,AROUND), what the search says there. labels: (n,5).
+    pictures: (n,SIDE,SIDE,PLANES). around: (n,AROUND), what the search says there. labels: (n,5).
     others: (n,), which show other things that fly.
     """
 

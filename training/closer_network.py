@@ -1,7 +1,8 @@
 """The network of the closer look (`companion.perception.closer_look`).
 
-Its input is normalised cut-out by cut-out: how bright a picture is, and how rich in contrast, tells
-nothing, and what stands out little is seen as well as what stands out much.
+Its input is normalised cut-out by cut-out, the wider ones for themselves: how bright a picture is,
+and how rich in contrast, tells nothing, and what stands out little is seen as well as what stands
+out much.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import dropout, relu
 
-from companion.perception.closer_look import AROUND, CHANNELS, SIDE
+from companion.perception.closer_look import AROUND, CHANNELS, PLANES, SIDE, WIDER
 from training.network import conv
 from training.onnx_file import weights
 
@@ -35,13 +36,13 @@ class _Refine(nn.Module):
 
 
 class CloserNetwork(nn.Module):
-    """The network: cut-outs (n,3,SIDE,SIDE) BGR 0…255, and what is around → (n,CHANNELS)."""
+    """The network: cut-outs (n,PLANES,SIDE,SIDE) BGR 0…255, and what is around → (n,CHANNELS)."""
 
     def __init__(self, widths: tuple[int, int, int] = WIDTHS) -> None:
         super().__init__()
         a, b, c = widths
         self.layers = nn.Sequential(
-            *(conv(3, a, 3, 2), _Refine(a)),
+            *(conv(PLANES, a, 3, 2), _Refine(a)),
             *(conv(a, b, 3, 2), _Refine(b), _Refine(b)),
             *(conv(b, c, 3, 2), _Refine(c)),
         )
@@ -55,10 +56,10 @@ class CloserNetwork(nn.Module):
 
     def forward(self, cut: Tensor, around: Tensor) -> Tensor:
         """Return logit, offset, log ratio and log scale of cut-outs; around (n,AROUND)."""
-        cut = cut / _GREY
-        mean = cut.mean(dim=(1, 2, 3), keepdim=True)
-        spread = ((cut - mean) ** 2).mean(dim=(1, 2, 3), keepdim=True)
-        cells = self.layers((cut - mean) / torch.sqrt(spread + _LEAST))
+        cut = (cut / _GREY).unflatten(1, (len(WIDER), 3))
+        mean = cut.mean(dim=(2, 3, 4), keepdim=True)
+        spread = ((cut - mean) ** 2).mean(dim=(2, 3, 4), keepdim=True)
+        cells = self.layers(((cut - mean) / torch.sqrt(spread + _LEAST)).flatten(1, 2))
         # Without it the network would know the worlds that it is trained on by their features.
         said = self.around(dropout(around, _HIDDEN, self.training))
         seen = relu(self.place(cells)).flatten(1), cells.mean(dim=(2, 3)), said
@@ -70,7 +71,7 @@ def export(network: CloserNetwork, path: str) -> None:
     """Write the network as ONNX: `cut_outs`, `around` → `drones`, see `forward`."""
     torch.onnx.export(
         network.eval(),
-        (torch.zeros(2, 3, SIDE, SIDE), torch.zeros(2, AROUND)),
+        (torch.zeros(2, PLANES, SIDE, SIDE), torch.zeros(2, AROUND)),
         path,
         dynamo=False,
         opset_version=13,

@@ -2,8 +2,9 @@
 
 The search (`eyes`) makes the picture eight times smaller, and gives few channels to each place. A
 closer look gives more of them to the few places that could be drones: each is cut out at the
-picture's own resolution, so that the drone has always the same size in the cut-out, and gets a
-probability of its own, a better place and a better size. As in R-CNN (Girshick et al., 2014).
+picture's own resolution, so that the drone has always the same size in the cut-out, and once more
+twice as wide, so that a hull is not taken for a whole drone farther off. It gets a probability of
+its own, a better place and a better size. As in R-CNN (Girshick et al., 2014).
 """
 
 from __future__ import annotations
@@ -25,13 +26,15 @@ from mavlink_bridge.shared.arrays import Vector
 PACKAGED = Path(__file__).with_name("models") / "closer.onnx"
 SIDE = 40  # px of a cut-out
 RADII = 4.0  # width of a cut-out over the drone's radius
+WIDER = (1.0, 2.0)  # widths of the cut-outs of one place over that
+PLANES = 3 * len(WIDER)
 LEAST = 28.0  # px of the picture that a cut-out shows at least
 CHANNELS = 5  # logit, offset u and v [cut-out widths], log of size over expected, log of its scale
 # Numbers that tell what the search says of a place: features of 3×3 cells, output for the middle.
 AROUND = 9 * FEATURES + heat_map.CHANNELS
 _SURE = 1e-4  # heat is taken to be this far from 0 and 1
-_LEVELS = 4  # the picture, and halves of it
-_INPUTS = {"cut_outs": ["n", 3, SIDE, SIDE], "around": ["n", AROUND]}
+_LEVELS = 5  # the picture, and halves of it
+_INPUTS = {"cut_outs": ["n", PLANES, SIDE, SIDE], "around": ["n", AROUND]}
 _OUTPUTS = {"drones": ["n", CHANNELS]}
 _FAR_OFF = 1.5  # most that the logarithm of a size is corrected by
 _LOGIT, _DU, _DV, _LOG_RATIO, _LOG_SCALE = range(CHANNELS)
@@ -91,14 +94,17 @@ def widths(sizes: Vector) -> Vector:
 
 
 def cut_outs(image: Image, places: Vector, sizes: Vector) -> NDArray[np.uint8]:
-    """Return cut-outs (n,SIDE,SIDE,3) of image (H,W,3) round places (n,2) u, v [px].
+    """Return cut-outs (n,SIDE,SIDE,PLANES) of image (H,W,3) round places (n,2) u, v [px].
 
-    sizes: (n,) px, the drones' radii there. The picture's edge goes on outside it.
+    sizes: (n,) px, the drones' radii there. BGR of one for each of WIDER. The picture's edge goes
+    on outside it.
     """
     levels = [image]
-    out = np.empty((len(places), SIDE, SIDE, 3), np.uint8)
-    for n, ((u, v), width) in enumerate(zip(places, widths(sizes), strict=True)):
-        scale = width / SIDE
+    out = np.empty((len(places), len(WIDER), SIDE, SIDE, 3), np.uint8)
+    all_widths = widths(sizes)[:, None] * WIDER
+    for n, k in np.ndindex(all_widths.shape):
+        u, v = places[n]
+        scale = all_widths[n, k] / SIDE
         level = int(np.clip(np.log2(scale), 0, _LEVELS - 1))
         while len(levels) <= level:
             height, wide = levels[-1].shape[:2]
@@ -117,8 +123,8 @@ def cut_outs(image: Image, places: Vector, sizes: Vector) -> NDArray[np.uint8]:
             levels[level],
             move,
             (SIDE, SIDE),
-            dst=out[n],
+            dst=out[n, k],
             flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
             borderMode=cv2.BORDER_REPLICATE,
         )
-    return out
+    return np.concatenate(list(out.swapaxes(0, 1)), axis=3)

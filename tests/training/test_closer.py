@@ -52,7 +52,7 @@ def test_elsewhere_there_is_none():
 
 def test_a_mirrored_cut_out_has_its_drone_on_the_other_side():
     torch.manual_seed(0)
-    pictures, rows = torch.full((64, 3, 40, 40), 50.0), torch.zeros(64, 5)
+    pictures, rows = torch.full((64, 6, 40, 40), 50.0), torch.zeros(64, 5)
     pictures[:, :, 15:25, 25:35], rows[:, DU] = 200.0, 0.25
     out, told = changed(pictures, rows)
     grey = out.mean(dim=1)

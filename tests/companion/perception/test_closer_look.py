@@ -46,6 +46,14 @@ def test_a_disc_is_cut_out_in_the_middle_and_always_as_large(size, place):
     assert shown == pytest.approx(drawn * SIDE / widths(np.array([size]))[0], rel=0.04)
 
 
+def test_the_wider_cut_out_shows_a_disc_half_as_large():
+    picture = cv2.circle(GREY.copy(), (300, 200), 20, 3 * [250], -1)
+    (cut,) = cut_outs(picture, np.array([[300.0, 200.0]]), np.array([20.0]))
+    near, wide = ((cut[..., k].astype(float) - 90).sum() for k in (0, 3))
+    assert wide == pytest.approx(near / 4, rel=0.05)
+    assert cut[SIDE // 2, SIDE // 2, 3:].tolist() == [250] * 3
+
+
 def test_outside_the_picture_its_edge_goes_on():
     picture = GREY.copy()
     picture[:, :2] = 200
@@ -106,6 +114,21 @@ def test_who_is_known_is_looked_at_where_the_search_finds_nothing(monkeypatch):
     search.drones(np.array([[0.0, 0.0, 3.0]]), np.ones(1))
     middle = CAMERA.project(np.array([[0.0, 0.0, 3.0]]))[0]
     assert (np.abs(asked[0].places - middle) < 1e-6).all(axis=1).any()
+
+
+def test_a_find_far_above_the_own_height_has_to_be_surer(monkeypatch):
+    sensing = SensingConfig(detector="network", network={"threshold": 0.8})
+    search = NetworkSearch(CAMERA, sensing)
+    search.look(GREY)
+    level, above = CAMERA.project(np.array([[0.5, 0.0, 4.0], [0.0, -2.0, 4.0]]))
+    judged = peaks([above, level], [9.0, 9.0], [0.75, 0.7])
+    monkeypatch.setattr(search._closer, "judge", lambda *_: judged)
+    assert search.drones() == []
+    (found,) = search.drones(up_c=np.array([0.0, -1.0, 0.0]))
+    assert CAMERA.project(found.direction[None])[0] == pytest.approx(level, abs=0.01)
+    assert 0.85 < found.score < 0.99
+    on_its_side = search.drones(up_c=np.array([1.0, 0.0, 0.0]))
+    assert CAMERA.project(on_its_side[0].direction[None])[0] == pytest.approx(above, abs=0.01)
 
 
 def test_a_place_that_is_found_already_is_not_looked_at_twice():
