@@ -75,7 +75,7 @@ class Companion:
             c.nmpc, c.baselines, c.right_of_way.level, stopwatch, c.controller_options
         )
         planner = make_planner(c.controller, setup)
-        formulation = Formulation(c.nmpc, c.fence, c.reciprocity)
+        formulation = Formulation(c.nmpc, c.fence)
         view = make_view(c.camera, c.sensing)
         self._stopwatch = stopwatch
         self._vehicle = VehicleEstimator(

@@ -10,7 +10,6 @@ from companion.control.nmpc import Instance, Neighbour, NmpcConfig, make_instanc
 from companion.estimation.prediction import Prediction
 from companion.guidance.fence import FenceConfig
 from companion.guidance.guidance import Reference
-from companion.guidance.reciprocity import ReciprocityConfig, give_way_velocity
 from companion.types import Obstacles, Track
 from mavlink_bridge.shared.arrays import Vector, lengths
 from mavlink_bridge.shared.distance import between
@@ -20,15 +19,9 @@ from mavlink_bridge.wire.messages import VehicleState
 class Formulation:
     """Fills in the NMPC's instance, tick by tick."""
 
-    def __init__(
-        self,
-        nmpc: NmpcConfig,
-        fence: FenceConfig,
-        reciprocity: ReciprocityConfig,
-    ) -> None:
+    def __init__(self, nmpc: NmpcConfig, fence: FenceConfig) -> None:
         self._nmpc = nmpc
         self._fence = fence
-        self._reciprocity = reciprocity
 
     def instance(self, own: VehicleState, reference: Reference, prediction: Prediction) -> Instance:
         """Return the problem of this tick.
@@ -70,15 +63,11 @@ class Formulation:
     def _neighbour(
         self, own: VehicleState, track: Track, cohesive: bool, delay: float
     ) -> Neighbour:
-        """Return a track as the NMPC wants it, carried over the delay, giving way; eq. (13)."""
+        """Return a track as the NMPC wants it, carried over the delay; eq. (13)."""
         nmpc = self._nmpc
-        scale = nmpc.agent_vertical_scale
-        over = (track.p[2] - own.p[2]) / scale
-        apart = math.sqrt(max(nmpc.d_agent_safety**2 - over**2, 0.0))
-        v = track.v + give_way_velocity(own, track, apart, self._reciprocity)
         ahead = track.p + track.v * delay
-        sigmas = position_velocity_sigma(own, track, nmpc.d_agent_safety, scale)
-        return Neighbour(ahead, v, sigmas, float(cohesive))
+        sigmas = position_velocity_sigma(own, track, nmpc.d_agent_safety, nmpc.agent_vertical_scale)
+        return Neighbour(ahead, track.v, sigmas, float(cohesive))
 
 
 def _off_map(planes: Vector, offset: Vector) -> Vector:

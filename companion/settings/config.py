@@ -45,8 +45,8 @@ class CompanionConfig(CompanionSections):
         """Return the configuration as its `controller` needs it.
 
         single-horizon: cohesion and distances over all of N, the conventional NMPC. The velocity
-        rules get every neighbour in view and the goal as it is, without right of way and without
-        reciprocity: they have their own. A user's planner gets what the NMPC gets.
+        rules get every neighbour in view and the goal as it is, without right of way: they have
+        their own. A user's planner gets what the NMPC gets.
         """
         if self.controller == "nmpc":
             return self
@@ -59,7 +59,6 @@ class CompanionConfig(CompanionSections):
             "nmpc": {"neighbours": _NEIGHBOURS},
             "threat": {"critical": _NEIGHBOURS},
             "right_of_way": {"keep_right": 0.0},
-            "reciprocity": {"share": 0.0},
         }
         return self.model_copy(
             update={k: getattr(self, k).model_copy(update=v) for k, v in changes.items()}

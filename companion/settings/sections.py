@@ -16,7 +16,6 @@ from companion.estimation.tracker import TrackerConfig
 from companion.guidance.fence import FenceConfig
 from companion.guidance.gaze import GazeConfig
 from companion.guidance.mission import MissionConfig
-from companion.guidance.reciprocity import ReciprocityConfig
 from companion.guidance.right_of_way import RightOfWayConfig
 from companion.guidance.speed_limits import SpeedLimitConfig
 from companion.guidance.threat import ThreatConfig
@@ -197,7 +196,6 @@ class CompanionSections(StrictModel):
     tracker: TrackerConfig = TrackerConfig()
     obstacles: ObstacleConfig = ObstacleConfig()
     surfaces: SurfaceConfig = SurfaceConfig()
-    reciprocity: ReciprocityConfig = ReciprocityConfig()
     threat: ThreatConfig = ThreatConfig()
     right_of_way: RightOfWayConfig = RightOfWayConfig()
     speed_limits: SpeedLimitConfig = SpeedLimitConfig()

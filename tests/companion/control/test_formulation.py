@@ -9,7 +9,6 @@ from companion.estimation.prediction import Prediction
 from companion.guidance.fence import FenceConfig
 from companion.guidance.guidance import Reference
 from companion.guidance.mission import MissionProgress
-from companion.guidance.reciprocity import ReciprocityConfig
 from companion.model import HOVER
 from companion.types import Obstacles
 from tests.companion.tracks import OWN, track
@@ -64,9 +63,18 @@ def reference(land):
     )
 
 
+def test_a_neighbour_flies_on_as_it_did_eq_14():
+    formulation = Formulation(NmpcConfig(), FenceConfig())
+    met = track(1, [2.0, 0.2, 0.0], [-1.0, 0.1, 0.0])
+    ahead = Prediction(np.r_[OWN.p, OWN.v, OWN.q_wb], HOVER, np.zeros(3), 0.2)
+    instance = formulation.instance(OWN, replace(reference(False), near=[(met, 1.0)]), ahead)
+    assert instance.neighbour_p[0] == pytest.approx([1.8, 0.22, 0.0])
+    assert instance.neighbour_v[0].tolist() == [-1.0, 0.1, 0.0]
+
+
 def test_a_drone_that_lands_has_no_floor():
     """It is below the flying height then, from where plans are hard to make and not flown."""
-    formulation = Formulation(NmpcConfig(), FenceConfig(), ReciprocityConfig())
+    formulation = Formulation(NmpcConfig(), FenceConfig())
     ahead = Prediction(np.r_[OWN.p, OWN.v, OWN.q_wb], HOVER, np.zeros(3), 0.0)
     for land, floors in ((False, 1), (True, 0)):
         instance = formulation.instance(OWN, reference(land), ahead)

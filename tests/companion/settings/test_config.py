@@ -168,7 +168,7 @@ def broken(node, rng):
     node = dict(node)
     key = rng.choice(list(node))
     value = node.pop(key)
-    if isinstance(value, dict) and rng.random() < 0.8:
+    if value and isinstance(value, dict) and rng.random() < 0.8:
         return node | {key: broken(value, rng)}
     strange = [None, True, "x", -1, 1e300, [], {}, [1], [[1, 2]], {"a": {"b": 1}}]
     change = rng.choice(["gone", "renamed", "other"])

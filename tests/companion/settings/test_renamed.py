@@ -5,14 +5,15 @@ import copy
 import pytest
 
 from companion.settings.config import FILEVERSION, CompanionConfig, load_config
-from companion.settings.renamed import RENAMED, upgraded
+from companion.settings.renamed import REMOVED, RENAMED, upgraded
 from mavlink_bridge.shared.settings import SettingsError
 
 OLD = {
     "fileversion": 1,
     "name": "old",
     "eye": {"late": 0.2},
-    "threat": {"d_ref": 1.5, "room": 1.3, "critical": 2},
+    "reciprocity": {"share": 0.3},
+    "threat": {"d_ref": 1.5, "room": 1.3, "calm": 0.9, "critical": 2},
     "gaze": {"seen_full": 0.6, "creep": 0.2, "sigma": 0.3},
 }
 
@@ -32,6 +33,11 @@ def known(path):
 def test_each_new_key_is_in_the_schema_and_no_old_one(old, new):
     assert known(new)
     assert not known(old)
+
+
+@pytest.mark.parametrize("gone", REMOVED)
+def test_no_removed_key_is_in_the_schema(gone):
+    assert not known(gone)
 
 
 def test_a_file_is_told_the_new_key_at_the_place_of_the_old(tmp_path):
@@ -66,6 +72,22 @@ def test_a_removed_key_is_not_to_be_moved(tmp_path):
         load_config(file)
     (problem,) = caught.value.problems
     assert problem.startswith(f"{file}:2:10: threat.d_ref: was removed: nmpc.d_ref serves both")
+
+
+def test_a_rule_that_is_gone_is_told_by_its_section_or_its_key(tmp_path):
+    file = tmp_path / "old.yaml"
+    file.write_text(
+        "fileversion: 2\nreciprocity: {share: 0.3, most: 1.0}\n"
+        "speed_limits: {relative_speed: 0.9}\nthreat: {calm: 0.9}\n"
+    )
+    with pytest.raises(SettingsError) as caught:
+        load_config(file)
+    section, *keys = sorted(caught.value.problems)
+    assert section.startswith(f"{file}:2:1: reciprocity: was removed: neighbours are expected")
+    assert [k.partition("nmpc")[0] for k in keys] == [
+        f"{file}:3:16: speed_limits.relative_speed: was removed: ",
+        f"{file}:4:10: threat.calm: was removed: ",
+    ]
 
 
 def test_a_count_of_looks_is_told_what_has_taken_its_place(tmp_path):
