@@ -25,6 +25,7 @@ from companion.guidance.speed_limits import (
     SpeedLimitConfig,
     headway_speed,
     reaction_speed,
+    relative_speed_limit,
     visibility_speed,
 )
 from companion.guidance.threat import ThreatConfig, rated_neighbours
@@ -178,6 +179,7 @@ class Guidance:
         critical = near[: s.threat.critical]
         yaw = self._look(own, tracks, critical, to_aim, mine)
         reaction = reaction_speed(s.speed_limits, delay)
+        v_max = s.v_max * min(1.0, reaction / s.cruise)
         speed, limit = self._speed(own, tracks, to_aim, fault, reaction)
         target = pass_on_right(own, tracks, known.cylinders, aim, s.right_of_way)
         if target.tolist() != aim.tolist():
@@ -191,7 +193,7 @@ class Guidance:
             yaw=yaw,
             speed=speed,
             speed_limit=limit,
-            v_max=s.v_max * min(1.0, reaction / s.cruise),
+            v_max=relative_speed_limit(own, tracks, speed, v_max, s.speed_limits),
             near=near,
             critical=critical,
             # Cohesion is with the critical neighbours that fly the same way: at its distance no

@@ -11,6 +11,7 @@ RENAMED = {
     "threat.headway": "speed_limits.headway",
     "threat.room": "speed_limits.clearance",
     "threat.creep": "speed_limits.headway_least",
+    "threat.calm": "speed_limits.relative_speed",
     "threat.keep_right": "right_of_way.keep_right",
     "threat.oncoming": "right_of_way.oncoming",
     "threat.level": "right_of_way.level",
@@ -19,13 +20,10 @@ RENAMED = {
     "gaze.creep": "speed_limits.no_view_share",
 }
 _ONE_START = "a solve has one start since each neighbour and obstacle has its own slack"
-_NO_FASTER = "nmpc.v_max bounds the speed near neighbours, too; leave this key out"
 _ODDS = "tracker.detected, ghosts and surest tell how sure looks make of a neighbour"
 REMOVED = {
     # Its value scaled every threat alike and changed no flight; moved to nmpc.d_ref it would.
     "threat.d_ref": "nmpc.d_ref serves both; leave this key out",
-    "threat.calm": _NO_FASTER,
-    "speed_limits.relative_speed": _NO_FASTER,
     "reciprocity": "neighbours are expected to fly on, eq. (14); leave this section out",
     "nmpc.rescue_slack": _ONE_START,
     "nmpc.sqp_iterations_rescue": _ONE_START,
