@@ -18,7 +18,7 @@ from mavlink_bridge.shared.arrays import Vector
 # many metres of height.
 _SPREAD = 4.0
 _ANYWHERE = 0.05  # share of the neighbours that fly at any height: one seen clearly counts anywhere
-_LEARNT = 0.02  # weight of a neighbour seen in one picture: some ten seconds of three of them
+_LEARNT = 0.02  # weight of a neighbour seen in one picture: five seconds of one of them
 
 
 class Levels:
