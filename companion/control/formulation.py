@@ -84,9 +84,10 @@ def position_velocity_sigma(
 
     distance: m, of (37). vertical_scale: how much taller than wide the ellipsoid of (37) is.
 
-    One slack serves all neighbours: room that the uncertainty of a neighbour out of sight claims in
-    vain is room that the plan takes from another one in sight. So that uncertainty claims only the
-    room that is free now, and with time no more of it than once that room a second.
+    Room that the uncertainty of a neighbour out of sight claims in vain is room that the plan takes
+    from others. So that uncertainty claims only the room that is free now, and with time no more of
+    it than once that room a second. The rule is from when one slack served all neighbours; since
+    each has its own, two paired crossings said nothing (docs/history/mechanisms.md).
     """
     variance, _, of_speed = track.variances
     place, speed = math.sqrt(variance), math.sqrt(of_speed)

@@ -27,6 +27,9 @@ WIDTH, HEIGHT, STRIDE, CHANNELS = 640, 400, 8, 5
 _HEAT, _DU, _DV, _LOG_SIZE, _LOG_SCALE = range(CHANNELS)
 SCALES = (-5.0, 1.0)  # of the logarithm of a log size's scale
 _UNSURE = 1e-9  # scores are taken to be this far from 0 and 1
+# 1 σ of a centre, as a share of the radius: of finds on recorded flights in 13 looks, half are off
+# by more than 0.08 of it, in all directions.
+_OFF_CENTRE = 0.07
 _LAPLACE = math.sqrt(2.0)  # σ of a Laplace distribution over its scale
 
 
@@ -153,7 +156,7 @@ class HeatMap:
         for n in range(len(found)):
             if ranges[n] <= c.max_range and not _known(rays[n], detections, pixel[n], c.radius):
                 # A near drone's centre is known to a share of its size.
-                sigma = pixel[n] * math.hypot(c.sigma_pixel, 0.07 * found.sizes[n])
+                sigma = pixel[n] * math.hypot(c.sigma_pixel, _OFF_CENTRE * found.sizes[n])
                 score = float(found.scores[n])
                 detections.append(
                     Detection(rays[n], float(ranges[n]), float(sigma), float(sigmas[n]), score)

@@ -14,8 +14,8 @@ import numpy as np
 
 from mavlink_bridge.shared.arrays import Vector
 
-# Of finds on recorded flights in six looks: finds that are no neighbours are spread over about so
-# many metres of height.
+# m of height over which finds that are no neighbours are spread: on recorded flights, nine of ten
+# are within 2.2 m of the own.
 _SPREAD = 4.0
 _ANYWHERE = 0.05  # share of the neighbours that fly at any height: one seen clearly counts anywhere
 _LEARNT = 0.02  # weight of a neighbour seen in one picture: five seconds of one of them

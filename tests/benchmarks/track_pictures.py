@@ -3,9 +3,9 @@
     python tests/benchmarks/track_pictures.py RUN... [--looks LOOK,...] [--seed S]
         [--seconds T] [--set KEY=VALUE]
 
-RUN: a run folder with `truth.npz`. What three of its drones would have seen is rendered anew in
-each look, ten times a second, and goes through network and tracker as in flight; trunks hide as in
-truth. Counted are drones in view, not behind a trunk.
+RUN: a run folder with `truth.npz`. The bench renders anew what three of its drones would have seen
+in each look, ten times a second, and hands it to network and tracker as in flight; trunks hide as
+in truth. It counts drones in view, not behind a trunk.
 
 tracked: share of those to 3 m and to 6 m of which a track is within 0.4 m and 15 % of their range.
 ghosts: tracks to 6 m without a drone, in each picture: farther than 0.5 m and 20 % of the range, or
@@ -22,8 +22,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from companion.estimation.tracker import Tracker, TrackerConfig
+from companion.estimation.neighbours import NeighbourEstimator
+from companion.estimation.tracker import TrackerConfig
 from companion.perception.config import CameraConfig, SensingConfig
+from companion.perception.frontend import Detections
 from companion.perception.network_search import NetworkSearch
 from companion.perception.view import View, load_camera
 from mavlink_bridge.wire.messages import VehicleState
@@ -35,6 +37,7 @@ from sitl_sim.worlds.world import Occluders
 
 FROM, TICK = 6.0, 0.1  # s of the flight, from one picture to the next
 NEAR, FAR = 3.0, 6.0  # m
+LATELY = 0.5  # s unseen, up to which a neighbour is looked for where it must be, as in flight
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -51,6 +54,10 @@ class Flight:
         self.frames = range(first, min(first + round(seconds / TICK) * step, len(self.t)), step)
         self.occluders = Occluders(self.world)
 
+    def hidden(self, p, places):
+        """Whether trunks hide places (n,3) m from p (3,), as `KnownObstacles.hidden` has it."""
+        return ~self.occluders.free(p, places) if len(places) else np.zeros(0, bool)
+
     def state(self, k, me):
         return VehicleState(
             float(self.t[k]), self.p[k, me], self.v[k, me], self.q[k, me], np.zeros(3)
@@ -66,38 +73,38 @@ class Observer:
         self._view = View(camera, needs_foot=False)
         sensing = SensingConfig(detector="network", network=settings["network"])
         self._network = NetworkSearch(camera, sensing)
-        self._tracker = Tracker(TrackerConfig(**settings["tracker"]))
+        self._neighbours = NeighbourEstimator(self._view, TrackerConfig(**settings["tracker"]))
+        self._tracks, self._tracked = [], 0.0
         self._others = [n for n in range(flight.p.shape[1]) if n != me]
 
     def look(self, k):
-        """Take in the picture of frame k; return the tracks, and which drones are in view."""
+        """Take in the picture of frame k; return tracks, offsets of the others, who is in view."""
         f, view = self._f, self._view
         own, others = f.state(k, self._me), self._others
         seed = 64 * k + self._me
         image = self._renderer.render(
             own.p, own.q_wb, f.p[k, others], f.q[k, others], seed, drones_id=others
         )
-        self._tracker.predict(own.time)
         self._network.look(image)
-        lately = [t for t in self._tracker.tracks() if t.unseen < 0.5]
-        offsets = np.array([t.p - own.p for t in lately]).reshape(-1, 3)
+        lately = [t for t in self._tracks if t.unseen < LATELY]
+        passed = own.time - self._tracked
+        offsets = np.array([t.p + passed * t.v - own.p for t in lately]).reshape(-1, 3)
         *known, up = view.to_camera(own, np.vstack([offsets, UP]))
         scales = np.array([t.scale for t in lately])
         seen = self._network.drones(np.reshape(known, (-1, 3)), scales, up)
-        places = self._tracker.positions()
-        free = f.occluders.free(own.p, places) if len(places) else []
-        shown = [a and bool(b) for a, b in zip(view.shows(own, places), free, strict=True)]
-        self._tracker.update(own.time, seen, own, view.mount, shown)
+        looked = Detections(own.time, own, seen)
+        self._tracks = self._neighbours.update(own.time, looked, f)
+        self._tracked = own.time
         half = view.half_view
         away = f.p[k, others] - own.p
         rays = perfect_detector.camera_rays(own.q_wb, away)
         inside = perfect_detector.seen(rays, half, half * view.camera.height / view.camera.width)
-        inside &= f.occluders.free(own.p, f.p[k, others])
-        return self._tracker.tracks(), away, inside
+        inside &= ~f.hidden(own.p, f.p[k, others])
+        return self._tracks, away, inside
 
 
 def counted(tracks, own, away, inside):
-    """What is tracked and what is not there, in one picture."""
+    """Return the counts of one picture: drones, tracked ones, and tracks without a drone."""
     out = Counter(pictures=1)
     places = np.array([t.p - own for t in tracks]).reshape(-1, 3)
     for offset in away[inside]:

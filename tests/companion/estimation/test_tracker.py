@@ -175,9 +175,10 @@ def test_the_end_of_one_track_leaves_the_others_as_they_are():
 
 
 def test_a_look_that_is_not_clear_makes_nothing_more_likely():
-    tracker = Tracker(TrackerConfig())
+    tracker = Tracker(config := TrackerConfig())
+    unclear = 1.01 * config.clear * 4.0
     for k in range(10):
-        seen = Detection(np.array([1.0, 0.0, 0.0]), 4.0, 0.003, sigma_range=1.2)
+        seen = Detection(np.array([1.0, 0.0, 0.0]), 4.0, 0.003, sigma_range=unclear)
         tracker.update(k / 10, [seen], own(k / 10), LEVEL, None)
     assert not tracker.tracks()
 

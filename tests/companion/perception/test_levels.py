@@ -1,4 +1,4 @@
-"""What the height of a find says of it, and how that is learnt."""
+"""Levels: the height of a find tells how likely it is a neighbour; the spread is learnt."""
 
 import numpy as np
 import pytest
