@@ -201,7 +201,15 @@ class Companion:
         )
         planned = run("plan", Planned, self._planning.plan, own, reference, motion.prediction)
         broken = run(
-            "watch", _nothing, self._monitors.update, time, vehicle, motion, phase, obstacles.blank
+            "watch",
+            _nothing,
+            self._monitors.update,
+            time,
+            vehicle,
+            motion,
+            phase,
+            obstacles.blank,
+            reference is not None and reference.alone,
         )
         surroundings = run(
             "look round",

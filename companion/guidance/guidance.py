@@ -74,7 +74,8 @@ class Reference:
     ids of the critical ones that fly the same way. obstacles: what stands around. land: whether the
     mission is complete and the drone may come down. map_offset: (3,) m, place on the map, where
     goals and fence are, less that of the own state. floor: m, the lowest z of a plan.
-    inhibit_reason: why these goals cannot be flown to; empty: they can.
+    inhibit_reason: why these goals cannot be flown to; empty: they can. alone: others started
+    within sight, and none of them has been seen yet.
     """
 
     progress: MissionProgress
@@ -93,6 +94,7 @@ class Reference:
     map_offset: Vector = field(default_factory=lambda: _NO_OFFSET)
     floor: float = -np.inf
     inhibit_reason: str = ""
+    alone: bool = False
 
 
 class Guidance:
@@ -113,6 +115,7 @@ class Guidance:
         self._detour = Detour(s.fence.sides())
         self._gaze = make_gaze(s.gaze)
         self._landing = Landing(s.mission, s.d_agent, turns=s.gaze.survey > 0.0)
+        self._alone = s.mission.others and self._commissioning is None
 
     def set_goals(self, goals: Sequence[Vector]) -> None:
         """Fly to these goals (3,) m from now on, the first of them first.
@@ -168,6 +171,7 @@ class Guidance:
             self._take_goals(home)
         s = self._settings
         mine = phase.on_mission
+        self._alone &= not tracks
         floor = s.fence.floor(height)
         progress = MissionProgress(own.p, 0, False)
         if mine:
@@ -206,7 +210,13 @@ class Guidance:
             inhibit_reason=self._inhibit_reason,
             obstacles=Obstacles(known.cylinders, planes, known.points, known.sigmas),
             land=self._land(own, tracks, progress.complete and phase.flying),
+            alone=self._alone,
         )
+
+    @property
+    def _surveyed(self) -> bool:
+        """Whether the drone has looked round, and seen a neighbour if there must be one."""
+        return bool(self._gaze.surveyed) and not self._alone
 
     def _progress(
         self, own: VehicleState, map_offset: Vector, floor: float, known: KnownObstacles
@@ -226,7 +236,7 @@ class Guidance:
             self._mission.shift = self._opening.update(own.p, at, way, known.points)
         keep_out = known.cylinders + np.array([*map_offset[:2], self._settings.d_obstacle])
         progress = self._mission.update(
-            on_map, self._gaze.surveyed, floor + float(map_offset[2]), keep_out
+            on_map, self._surveyed, floor + float(map_offset[2]), keep_out
         )
         return replace(progress, goal=progress.goal - map_offset)
 
@@ -264,6 +274,8 @@ class Guidance:
             return self._gaze.follow(own.time, yaw_now)
         if self._commissioning is not None:
             return self._commissioning.yaw(own.time)
+        if self._alone and self._gaze.surveyed:
+            self._gaze.look_round()
         lost = [bearing(own.p, t) for t, _ in critical if t.lost]
         close = nearest_bearing(own.p, own.v, tracks, self._settings.gaze)
         return self._gaze.update(own.time, own.v, to_aim, yaw_now, lost, close)

@@ -75,6 +75,12 @@ class MissionConfig(StrictModel):
     takeoff_altitude: float = Field(
         2.0, gt=0.5, description="Height [m] above the place where the drone stood."
     )
+    others: bool = Field(
+        False,
+        description="Other drones start within sight, some 8 m. Until one of them has been seen "
+        "the drone goes on looking round and does not set out; after `monitors.alone` it asks for "
+        "HOLD: eyes that have never shown a drone may be eyes for other drones than these.",
+    )
     land: bool = Field(True, description="Land at the last goal; else hold there.")
     land_wait: float = Field(
         0.0,

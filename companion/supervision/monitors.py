@@ -15,6 +15,7 @@ Each monitor watches one assumption and says what the drone does where it does n
 | sight | the ground in the pictures passes otherwise, by `velocity_wrong` | after `persist` | – |
 | heading | the ground in the pictures passes from another side, by `heading_wrong` | at once | – |
 | eyes | no trunk is seen, where one known for good is in plain view | at once | after `persist` |
+| others | none seen yet, where others started within sight (`mission.others`) | after a turn | after `alone` |
 | height | less than `height` over ground | climbs | after 2 × `persist` |
 
 A drone that swings hovers after `persist`; HOLD follows where it swings in hover for as long.
@@ -48,6 +49,7 @@ _TURN_TIME = 1.0  # s over which gyro and attitude are compared
 _SLIDE_TIME = 3.0  # s over which the offset of the map is compared
 _LONGEST_GAP = 0.25  # s between two ticks, over which rates are not summed up
 _MEAN_TIME = 2.0  # s over which the disturbance is averaged: gusts and noise pass
+_LOOK_ROUND = 4.0  # s that the first look round takes
 _SURE = 2.0  # standard deviations of an estimated heading
 _HEIGHT_SURE = 0.3  # m; a height less sure than this says nothing
 
@@ -89,6 +91,12 @@ class MonitorConfig(StrictModel):
         "from which to fly slowly. Up to there the velocity is corrected and goals are found: a "
         "swarm in which all slow down because of 20° swings, and ends in HOLD.",
     )
+    alone: float = Field(
+        15.0,
+        gt=0,
+        description="Time [s] of looking round after which one of the others must have been seen, "
+        "where `mission.others` says that there are any: four turns.",
+    )
     height: float = Field(0.5, ge=0, description="Least height [m] over ground.")
     persist: float = Field(
         1.5, gt=0, description="Time [s] after which a broken assumption asks for HOLD."
@@ -121,11 +129,12 @@ class Monitors:
         motion: MotionEstimate,
         phase: Phase,
         blank: bool = False,
+        alone: bool = False,
     ) -> Broken | None:
         """Return the gravest broken assumption at the tick of `time` [s]; None: all hold.
 
-        blank: the eyes show no trunk where one is known. Nothing is watched where the companion
-        does not fly its mission.
+        blank: the eyes show no trunk where one is known. alone: none of the others has been seen
+        yet. Nothing is watched where the companion does not fly its mission.
         """
         own, prediction = vehicle.state, motion.prediction
         if phase is not Phase.FLY:
@@ -140,6 +149,7 @@ class Monitors:
             self._contradicted(time, vehicle),
             self._turned(vehicle),
             self._blank(time, blank),
+            self._unmet(time, alone),
             self._low(time, vehicle),
             self._swinging(time, own),
             self._turning(vehicle.turns),
@@ -215,6 +225,15 @@ class Monitors:
             return None
         finding = "eyes: no trunk is seen where one is known"
         return self._lasting("eyes", time, finding, hold_after=self._config.persist)
+
+    def _unmet(self, time: float, alone: bool) -> Broken | None:
+        if not alone:
+            self._since.pop("others", None)
+            return None
+        if time - self._since.setdefault("others", time) < _LOOK_ROUND:
+            return None
+        finding = "others: none has been seen, and some started within sight"
+        return self._lasting("others", time, finding, hold_after=self._config.alone)
 
     def _low(self, time: float, vehicle: VehicleEstimate) -> Broken | None:
         c, height = self._config, vehicle.height

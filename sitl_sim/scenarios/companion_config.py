@@ -20,6 +20,7 @@ from sitl_sim.scenarios.scenario import Scenario, WireConfig
 from sitl_sim.worlds.geodesy import GeoReference, LocalFrame
 
 KEY_FILE = "signing.key"  # beside config.yaml
+_IN_SIGHT = 10.0  # m; drones that start this close must see each other before they set out
 
 
 def companion_port(wire: WireConfig, system: int) -> int:
@@ -44,6 +45,7 @@ def companion_config(
     s, wire, name = scenario, scenario.wire, scenarios.drone_names(scenario)[i]
     start = placement.starts(s)
     own = frame or LocalFrame(start[i], float(placement.frame_yaws(s)[i]), GeoReference())
+    apart = np.linalg.norm(np.delete(start, i, axis=0)[:, :2] - start[i, :2], axis=1)
     goals = [own.point(np.array(g)) for g in placement.targets(s, start)[name]]
     config: dict[str, Any] = {
         "fileversion": 2,
@@ -71,6 +73,7 @@ def companion_config(
             "level": round(float(placement.levels(s)[i]), 4),
             "wait": float(placement.waits(s)[i]),
             "auto": True,
+            "others": bool((apart < _IN_SIGHT).any()),
         },
         "log": {"path": str((folder / "drones" / name / "flight.mcap").resolve())},
     }

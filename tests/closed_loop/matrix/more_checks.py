@@ -4,12 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 
+from companion.types import Phase
 from sitl_sim.worlds.ground import Ground
 from tests.closed_loop.matrix.camera_checks import AMONG_TRUNKS, PIXELS
 from tests.closed_loop.matrix.inprocess import InProcess, fly, run, scenario
 from tests.closed_loop.matrix.measures import CRUISE, last_target, mode_after
 from tests.closed_loop.matrix.world_checks import FAR
 
+TWO_ABREAST = {
+    "drones__starts": [[0.0, 0.0], [0.0, 3.0]],
+    "drones__jitter": 0.0,
+    "mission__targets_of": {"drone1": [[10.0, 0.0, 2.0]], "drone2": [[10.0, 3.0, 2.0]]},
+}
 HILLS = {"ground": "uneven", "slope_deg": 8.0}
 
 
@@ -49,13 +55,15 @@ def row_28_neighbour(note):
 def _nothing_seen(f, gap, seconds):
     """Take all detections from drone 1 for so long, from when drone 2 is nearer than `gap` [m].
 
+    A gap without end begins at once.
+
     Return a list with the flight time [s] at which it began.
     """
     began = []
 
     def spoil(inputs):
         p, now = f.vehicles.p, f._now / 1e3
-        if not began and now > 5.0 and np.linalg.norm(p[0] - p[1]) < gap:
+        if not began and (gap == np.inf or now > 5.0 and np.linalg.norm(p[0] - p[1]) < gap):
             began.append(now)
         if inputs.frame is None or not began or now >= began[0] + seconds:
             return inputs
@@ -89,6 +97,24 @@ def row_28_trunk(note):
     assert hold < 2.3
     f.check_always()
     note("no trunk is seen any more: HOLD", hold)
+
+
+def row_28_unseen(note):
+    """Two drones start 3 m apart, and the eyes of one show none: it does not set out, and holds."""
+    f = InProcess(scenario(count=2, world={}, mission__time_limit=25.0, **TWO_ABREAST))
+    _nothing_seen(f, np.inf, np.inf)
+    flies, t = f.companions[0], f.truth
+    run(f)
+    since = next(at for at, o in flies.ticks(0.0) if o.phase is Phase.FLY)
+    held = mode_after(f, since, "HOLD")
+    assert 14.9 < held < 15.4, held
+    arrays = t.arrays()
+    level = arrays["position"][arrays["t"] >= since, 0, :2]
+    moved = float(np.linalg.norm(level - level[0], axis=1).max())
+    assert moved < 0.5, moved
+    assert f.figures()["targets_reached"]["drone2"] == "1/1"
+    f.check_always()
+    note("none of the others is ever seen: moves by [m]", moved)
 
 
 def row_34_drift_on_slopes(note):

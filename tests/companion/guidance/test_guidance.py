@@ -34,6 +34,32 @@ def test_the_mission_goes_on_in_flight_alone_else_the_reference_is_to_stay(phase
     assert reference.route == ()
 
 
+def test_a_drone_that_has_others_looks_round_until_it_has_seen_one_and_then_sets_out():
+    turning = {"survey": 2 * math.pi, "sigma": 0.0, "slew": 2.0}
+    guidance = guiding(AHEAD, gaze=turning, mission={"others": True})
+    turned, yaw = 0.0, 0.0
+    for k in range(60):  # 6 s, two turns on the spot
+        reference = decided(guidance, own(yaw=yaw, time=0.1 * k))
+        assert reference.alone
+        assert reference.progress.goal.tolist() == HERE
+        turned += abs(math.remainder(reference.yaw - yaw, 2 * math.pi))
+        yaw = reference.yaw
+    assert turned > 3.5 * math.pi
+    one = [track(1, [0.0, 5.0, 2.0])]
+    decided(guidance, own(yaw=yaw, time=6.0), tracks=one)
+    for k in range(61, 95):  # the turn that has begun
+        reference = decided(guidance, own(yaw=yaw, time=0.1 * k))
+        yaw = reference.yaw
+    assert not reference.alone
+    assert reference.progress.goal.tolist() == AHEAD
+
+
+def test_without_others_a_drone_waits_for_nobody():
+    reference = decided(guiding(AHEAD))
+    assert not reference.alone
+    assert reference.progress.goal.tolist() == AHEAD
+
+
 # SPEED
 
 

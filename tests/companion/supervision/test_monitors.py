@@ -228,6 +228,20 @@ def test_eyes_that_show_no_trunk_where_one_is_known_slow_the_drone_down_and_then
     assert found[-1].finding == "eyes: no trunk is seen where one is known"
 
 
+def test_a_drone_that_has_seen_none_of_the_others_says_so_after_a_turn_and_then_holds():
+    monitors = Monitors(MonitorConfig(alone=6.0), V_MAX)
+    found = [
+        monitors.update(
+            0.1 * k, VehicleEstimate(state(0.1 * k)), motion(), Phase.FLY, alone=k < 65
+        )
+        for k in range(70)
+    ]
+    reactions = [None if b is None else b.reaction for b in found]
+    slow, hold = [Reaction.SLOW], [Reaction.HOLD]
+    assert reactions == 40 * [None] + 20 * slow + 5 * hold + 5 * [None]
+    assert found[50].finding == "others: none has been seen, and some started within sight"
+
+
 def test_a_speed_that_was_allowed_in_between_begins_anew():
     monitors = Monitors(MonitorConfig(), V_MAX)
     for k in range(25):
