@@ -15,7 +15,7 @@ Each monitor watches one assumption and says what the drone does where it does n
 | sight | the ground in the pictures passes otherwise, by `velocity_wrong` | after `persist` | – |
 | heading | the ground in the pictures passes from another side, by `heading_wrong` | at once | – |
 | eyes | no trunk is seen, where one known for good is in plain view | at once | after `persist` |
-| others | none seen yet, where others started within sight (`mission.others`) | after a turn | after `alone` |
+| others | none seen yet, though `mission.others` | after a turn | after `alone` |
 | height | less than `height` over ground | climbs | after 2 × `persist` |
 
 A drone that swings hovers after `persist`; HOLD follows where it swings in hover for as long.

@@ -63,7 +63,7 @@ def _nothing_seen(f, gap, seconds):
 
     def spoil(inputs):
         p, now = f.vehicles.p, f._now / 1e3
-        if not began and (gap == np.inf or now > 5.0 and np.linalg.norm(p[0] - p[1]) < gap):
+        if not began and (gap == np.inf or (now > 5.0 and np.linalg.norm(p[0] - p[1]) < gap)):
             began.append(now)
         if inputs.frame is None or not began or now >= began[0] + seconds:
             return inputs
