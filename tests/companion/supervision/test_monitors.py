@@ -231,9 +231,7 @@ def test_eyes_that_show_no_trunk_where_one_is_known_slow_the_drone_down_and_then
 def test_a_drone_that_has_seen_none_of_the_others_says_so_after_a_turn_and_then_holds():
     monitors = Monitors(MonitorConfig(alone=6.0), V_MAX)
     found = [
-        monitors.update(
-            0.1 * k, VehicleEstimate(state(0.1 * k)), motion(), Phase.FLY, alone=k < 65
-        )
+        monitors.update(0.1 * k, VehicleEstimate(state(0.1 * k)), motion(), Phase.FLY, alone=k < 65)
         for k in range(70)
     ]
     reactions = [None if b is None else b.reaction for b in found]
