@@ -8,6 +8,7 @@ from companion.perception.frontend import Detections
 from companion.perception.view import View
 from companion.types import Track
 from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.wire.messages import VehicleState
 
 
 class NeighbourEstimator:
@@ -30,10 +31,20 @@ class NeighbourEstimator:
         """Return the confirmed tracks at the tick of `time` [s], oldest first."""
         if seen.own is not None:
             self._tracker.predict(seen.time)
-            places = self._tracker.positions()
-            hidden = obstacles.hidden(seen.own.p, places)
-            shown = self._view.shows(seen.own, places)
-            in_view = [v and not h for v, h in zip(shown, hidden, strict=True)]
+            in_view = in_plain_view(self._view, seen.own, self._tracker, obstacles)
             self._tracker.update(seen.time, seen.drones, seen.own, self._view.mount, in_view)
         self._tracker.predict(time)
         return self._tracker.tracks()
+
+
+def in_plain_view(
+    view: View, own: VehicleState, tracker: Tracker, obstacles: KnownObstacles
+) -> list[bool]:
+    """Return whether each of the tracker's `positions` must show in a picture taken from `own`.
+
+    One whose place is in doubt by as much as it is inside the picture need not: it may have left
+    the view, and its track would end although nothing is known of it.
+    """
+    places = tracker.positions()
+    shown = view.shows(own, places, doubts=tracker.sigmas())
+    return [v and not h for v, h in zip(shown, obstacles.hidden(own.p, places), strict=True)]

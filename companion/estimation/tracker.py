@@ -305,6 +305,12 @@ class Tracker:
         mean = self._modes.mean
         return mean[:, :3] / mean[:, 6:] if self._sized else mean[:, :3].copy()
 
+    def sigmas(self) -> Vector:
+        """Return 1 σ [m] of each of `positions` along an axis, in the mean of the three (2n,)."""
+        c, mean = self._modes.covariance, self._modes.mean
+        scale = mean[:, 6] if self._sized else 1.0
+        return np.asarray(np.sqrt(np.maximum(_traces(c), 0.0) / 3.0) / scale)
+
     def _velocities(self, mean: Vector) -> Vector:
         """Return (m,3) m/s of tracks of such means (m,k)."""
         return mean[:, 3:6] / mean[:, 6:] if self._sized else mean[:, 3:]

@@ -7,10 +7,11 @@ import numpy as np
 from companion.perception.camera import CalibrationError, Camera
 from companion.perception.config import CameraConfig
 from companion.types import Ranges
-from mavlink_bridge.shared.arrays import Vector
+from mavlink_bridge.shared.arrays import Vector, lengths
 from mavlink_bridge.shared.frames import rotation_matrix
 from mavlink_bridge.wire.messages import VehicleState
 
+_NEAR = 0.1  # m: nothing is nearer
 _FOOTLESS = 0.05  # of a look at a trunk, where the picture does not show its foot
 
 
@@ -59,15 +60,27 @@ class View:
         """Return world vectors (n,3) in the camera frame."""
         return vectors @ self.rotation(own)
 
-    def shows(self, own: VehicleState, points: Vector, margin: float = 0.05) -> list[bool]:
+    def shows(
+        self,
+        own: VehicleState,
+        points: Vector,
+        margin: float = 0.05,
+        doubts: Vector | None = None,
+    ) -> list[bool]:
         """Return whether each of `points` (n,3) m, own ENU frame, falls well inside the image.
 
-        margin: share of the image's width and height that counts as outside.
+        margin: share of the image's width and height that counts as outside. doubts: (n,) m, how
+        far from its place each may be and must still be inside.
         """
         if not len(points):
             return []
-        pixels = self.camera.project(self.to_camera(own, points - own.p))
-        inside = (pixels > self._size * margin) & (pixels < self._size * (1 - margin))
+        offsets = self.to_camera(own, points - own.p)
+        pixels = self.camera.project(offsets)
+        edge = self._size * margin
+        if doubts is not None:
+            angles = doubts / np.maximum(lengths(offsets), _NEAR)
+            edge = edge + self.camera.fx * angles[:, None]
+        inside = (pixels > edge) & (pixels < self._size - edge)
         shown: list[bool] = (inside[:, 0] & inside[:, 1]).tolist()
         return shown
 

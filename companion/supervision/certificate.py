@@ -18,12 +18,10 @@ from numpy.typing import NDArray
 
 Vector = NDArray[Any]
 
-G = 9.80665  # m/s²
-DT = 0.1  # s between samples of a trajectory
+G, DT = 9.80665, 0.1  # m/s²; s between samples of a trajectory
 CAUSES = ("neighbour", "remembered", "obstacle", "surface", "fence", "unseen", "motion", "numbers")
 _PLACE, _SPEED = 0.02, 0.15  # m, m/s that samples may differ from the own model
-_ROUNDING = 0.05  # m/s² and rad/s
-_FAR = 1e3  # m: nothing is farther
+_ROUNDING, _FAR = 0.05, 1e3  # m/s² and rad/s; m: nothing is farther
 
 
 @dataclass(frozen=True)
@@ -33,6 +31,7 @@ class Bounds:
     radius: float
     neighbour_radius: float
     neighbour_acceleration: float
+    neighbour_brakes: float
     neighbour_speed: float
     sigmas: float
     obstacle_sigmas: float
@@ -76,8 +75,8 @@ class Trajectories:
 class Findings:
     """margin (n,): m left over at the tightest place, < 0: refused; cause (n,): what is there.
 
-    Others (n,) m, also while the drone is at rest: course, to what is in sight, where it keeps its
-    course; clear, to all; fixed, to what gives way to nobody.
+    Others (n,) m, also while the drone is at rest: course, to what is in sight, where that brakes
+    on its course; clear, to all; fixed, to what gives way to nobody.
     """
 
     margin: Vector
@@ -128,17 +127,20 @@ def _margins(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, b: Bound
 
 def _neighbours(p: Vector, t: Vector, tube: Vector, rows: Vector, b: Bounds) -> list[Vector]:
     """Return the room (n,k,T-1) m to courses, what those in sight can reach, and the remembered."""
-    gap = _apart(p[:, None] - (rows[:, None, :3] + rows[:, None, 3:6] * t[:, None]))  # (n,k,T-1)
+    most, speed = b.neighbour_acceleration, np.maximum(_length(rows[:, 3:6])[:, None], 1e-9)
+    until = np.minimum(t, speed / b.neighbour_brakes)  # (k,T) s; then one that brakes is at rest
+    times = t[:, None], (until - 0.5 * b.neighbour_brakes / speed * until**2)[..., None]
+    gap, stops = (_apart(p[:, None] - rows[:, None, :3] - rows[:, None, 3:6] * s) for s in times)
     later, close, unseen = t[1:], b.radius + b.neighbour_radius, rows[:, 9:10]
-    most, speed = b.neighbour_acceleration, _length(rows[:, 3:6])[:, None]
     spread = rows[:, 6:7] + 2.0 * later * rows[:, 7:8] + later**2 * rows[:, 8:9]
     reach = np.minimum(0.5 * most * (later + unseen), b.neighbour_speed + speed) * (later + unseen)
-    room = gap - close - tube - b.sigmas * np.sqrt(np.maximum(spread, 0.0))
+    need = close + tube + b.sigmas * np.sqrt(np.maximum(spread, 0.0))
     far = _length(rows[:, :3] - p[0, 0])[:, None]
     away = np.maximum(far - b.unseen_way, np.minimum(far, close))  # it is not where the drone is
     claim = np.minimum(close + tube + b.unseen_speed * unseen, away) + b.unseen_speed * later
-    out, fast = rows[:, 10] > 0.0, (most * unseen <= speed - b.unseen_speed)[:, 0]  # or was just
-    return [room[:, ~out | fast], (room - reach)[:, ~out | fast], (gap - claim)[:, out]]
+    out, seen = rows[:, 10] > 0.0, (most * unseen <= speed - b.unseen_speed)[:, 0]  # just now
+    seen |= ~out
+    return [(stops - need)[:, seen], (gap - need - reach)[:, seen], (gap - claim)[:, out]]
 
 
 def _obstacles(p: Vector, t: Vector, tube: Vector, scene: Scene, b: Bounds) -> list[Vector]:
@@ -172,16 +174,14 @@ def _flyable(way: Trajectories, x0: Vector, wind: Vector, b: Bounds) -> Vector:
     then = x0[3:6] + DT * (u[:, :1] * axis / _length(axis)[:, None] - weight)
     good = _length(p[:, 0] - x0[:3]) + _length(v[:, 0] - x0[3:6]) < _ROUNDING
     good &= _length(v[:, 1] - then) < _SPEED
-    steps, between = p[:, 1:] - p[:, :-1], 0.5 * (v[:, 1:] + v[:, :-1])
-    good &= (_length(steps - DT * between) < _PLACE).all(axis=1)
+    off = p[:, 1:] - p[:, :-1] - 0.5 * DT * (v[:, 1:] + v[:, :-1])
+    good &= (_length(off) < _PLACE).all(axis=1)
     good &= (np.abs(u[:, 1:4]) <= b.omega_max + _ROUNDING).all(axis=1) & (u[:, 0] <= b.c_max)
     force = (v[:, 1:] - v[:, :-1]) / DT + weight  # per mass, that the propellers have to give
-    size = _length(force)
-    along = force / size[..., None]
+    along = force / (size := _length(force))[..., None]
     turned = min(np.sqrt(2.0) * b.omega_max * DT + _ROUNDING, np.pi)
     good &= (np.vecdot(along[:, 1:], along[:, :-1]) >= np.cos(turned)).all(axis=1)
-    result: Vector = good & (size <= b.c_max + _ROUNDING).all(axis=1)
-    return result
+    return np.asarray(good & (size <= b.c_max + _ROUNDING).all(axis=1))
 
 
 def _apart(offsets: Vector) -> Vector:

@@ -50,6 +50,12 @@ class CertificateConfig(StrictModel):
         description="Most acceleration [m/s²] of a neighbour off its course: what a neighbour's "
         "NMPC uses in ordinary flight.",
     )
+    neighbour_brakes: float = Field(
+        0.8,
+        gt=0,
+        description="Deceleration [m/s²] that a neighbour on its course is left to brake by, and "
+        "is not evaded as long as that is enough: half of what the NMPC uses in ordinary flight.",
+    )
     neighbour_speed: float = Field(
         3.0, gt=0, description="Highest speed [m/s] of a neighbour: well above nmpc.v_max."
     )

@@ -21,6 +21,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
+from companion.estimation.known_obstacles import KnownObstacles
+from companion.estimation.neighbours import in_plain_view
 from companion.estimation.tracker import Tracker, TrackerConfig
 from companion.perception.config import CameraConfig
 from companion.perception.view import View, load_camera
@@ -104,7 +106,7 @@ class Observer:
             size *= 1.0 + rng.normal(0.0, RANGE)
             seen.append(Detection(ray / np.linalg.norm(ray), size, BEARING, RANGE * size))
         self._tracker.predict(state.time)
-        in_view = self._view.shows(state, self._tracker.positions())
+        in_view = in_plain_view(self._view, state, self._tracker, KnownObstacles())
         self._tracker.update(state.time, seen, state, self._view.mount, in_view)
 
 

@@ -21,6 +21,7 @@ from numba import njit
 from companion.estimation.delay import Delay, within_doubt
 from companion.estimation.input_history import InputHistory, SentInput
 from companion.estimation.known_obstacles import KnownObstacles
+from companion.estimation.neighbours import in_plain_view
 from companion.estimation.prediction import StatePredictor
 from companion.estimation.tracker import Tracker, TrackerConfig
 from companion.guidance.fence import FenceConfig
@@ -188,9 +189,7 @@ class Episode:
             return Detections()
         time, own, seen = look
         self._tracker.predict(time)
-        places = self._tracker.positions()
-        hidden = self._known.hidden(own.p, places)
-        in_view = [v and not h for v, h in zip(self._view.shows(own, places), hidden, strict=True)]
+        in_view = in_plain_view(self._view, own, self._tracker, self._known)
         self._tracker.update(time, seen, own, self._view.mount, in_view)
         return Detections(time, own, seen, started=True)
 

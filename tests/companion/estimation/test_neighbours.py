@@ -79,6 +79,23 @@ def test_a_neighbour_that_should_show_and_does_not_is_soon_no_more(attitude, obs
     assert len(unseen(0.6, obstacles, attitude)) == left
 
 
+def test_who_is_near_the_edge_of_the_picture_and_in_doubt_is_not_missed():
+    """Seen last 54° off the axis, of 60° that show: it may have left the picture at once."""
+    neighbours = NeighbourEstimator(VIEW, TrackerConfig())
+    near = np.array([0.6, 0.8, 0.0])  # 1 m away, 53° off
+    for k in range(6):
+        neighbours.update(0.1 * k, Detections(0.1 * k, OWN, look(near)), NOTHING)
+    for k in range(6, 16):
+        tracks = neighbours.update(0.1 * k, Detections(0.1 * k, OWN), NOTHING)
+    assert len(tracks) == 1
+    for k in range(6):  # 6 m away, where its doubt is a small angle
+        neighbours.update(2.0 + 0.1 * k, Detections(2.0 + 0.1 * k, OWN, look(START)), NOTHING)
+    ids = [t.id for t in neighbours.update(2.6, Detections(), NOTHING)]
+    for k in range(6, 16):
+        tracks = neighbours.update(2.0 + 0.1 * k, Detections(2.0 + 0.1 * k, OWN), NOTHING)
+    assert max(ids) not in [t.id for t in tracks]
+
+
 def test_a_turn_of_the_frame_turns_the_tracks_about_the_drone():
     neighbours, (before,) = that_follows(2.0)
     neighbours.turn(np.array([1.0, 0.0, 0.0]), 0.1)

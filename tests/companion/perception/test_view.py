@@ -28,6 +28,15 @@ def test_visibility_of_places_ahead_near_and_behind(needs_foot, near):
     assert told.tolist() == [1.0, near, 0.0]
 
 
+def test_a_place_in_doubt_shows_only_where_all_that_it_may_be_is_in_the_picture():
+    view = View(CAMERA, needs_foot=False)
+    beside = 1.0 * np.array([np.cos(1.1), np.sin(1.1), 0.0])  # 63° off, the margin is at 72°
+    places = np.array([OWN.p + beside, OWN.p + beside, OWN.p + 4.0 * beside])
+    assert view.shows(OWN, places) == [True, True, True]
+    # 0.3 m are 17° seen from 1 m, and 4° from 4 m.
+    assert view.shows(OWN, places, doubts=np.array([0.0, 0.3, 0.3])) == [True, False, True]
+
+
 def test_a_place_of_unknown_range_is_not_visible():
     ranges = np.full((50, 80), np.inf, np.float16)
     ranges[:, :40] = np.nan  # left of the axis

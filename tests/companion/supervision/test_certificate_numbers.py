@@ -15,6 +15,7 @@ BOUNDS = Bounds(
     radius=0.2,
     neighbour_radius=0.25,
     neighbour_acceleration=2.0,
+    neighbour_brakes=0.8,
     neighbour_speed=3.0,
     sigmas=2.0,
     obstacle_sigmas=1.5,
@@ -60,13 +61,22 @@ class Reference:
         gap = step_distance(self.p[k] - p0 - v0 * DT * k, self.p[k + 1] - p0 - v0 * DT * (k + 1))
         sigma = math.sqrt(max(row[6] + 2.0 * later * row[7] + later**2 * row[8], 0.0))
         close = b.radius + b.neighbour_radius
-        course = gap - close - tube - b.sigmas * sigma
+        need = close + tube + b.sigmas * sigma
         time = later + unseen
         reach = min(0.5 * b.neighbour_acceleration * time, b.neighbour_speed + speed) * time
         far = float(np.linalg.norm(p0 - self.p[0]))
         away = max(far - b.unseen_way, min(far, close))
         claim = min(close + tube + b.unseen_speed * unseen, away) + b.unseen_speed * later
-        return course, course - reach, gap - claim
+        then, soon = p0 + v0 * self.braked(speed, k), p0 + v0 * self.braked(speed, k + 1)
+        stops = step_distance(self.p[k] - then, self.p[k + 1] - soon)
+        return stops - need, gap - need - reach, gap - claim
+
+    def braked(self, speed, k):
+        """Seconds at its first speed in which a neighbour that brakes gets as far as in k steps."""
+        brakes, time = self.b.neighbour_brakes, DT * k
+        if speed < brakes * time:
+            return 0.5 * speed / brakes
+        return time - 0.5 * brakes * time**2 / speed if speed > 0.0 else 0.0
 
     def counts(self, row):
         """Return whether a neighbour counts as one in sight, and as one that is remembered."""
