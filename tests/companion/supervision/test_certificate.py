@@ -271,7 +271,7 @@ def test_a_neighbour_out_of_sight_has_no_course():
 
 @pytest.mark.parametrize(("away", "speed", "evaded"), [(1.6, 1.0, False), (0.9, 1.0, True)])
 def test_a_neighbour_that_can_brake_in_time_is_left_to_do_so(away, speed, evaded):
-    """From 1 m/s at 0.8 m/s² it stops within 0.63 m; two radii and the doubts after 1.6 s are another 0.88 m."""
+    """From 1 m/s it stops within 0.63 m; two radii and the doubts after 1.6 s are 0.88 m."""
     comes = replace(EMPTY, neighbours=neighbour((away, 0.0, 2.0), (-speed, 0.0, 0.0)))
     hover = simulate(state(0.0), STRAIGHT, CALM, LAW, None)
     assert bool(check(hover, state(0.0), CALM, comes, BOUNDS).course[0] < 0.0) == evaded
