@@ -54,7 +54,7 @@ class CertificateConfig(StrictModel):
         0.8,
         gt=0,
         description="Deceleration [m/s²] that a neighbour on its course is left to brake by, and "
-        "is not evaded as long as that is enough: half of what the NMPC uses in ordinary flight.",
+        "is not evaded as long as that is enough: less than half of what its NMPC uses.",
     )
     neighbour_speed: float = Field(
         3.0, gt=0, description="Highest speed [m/s] of a neighbour: well above nmpc.v_max."
