@@ -203,7 +203,7 @@ class InProcess(Flight):
 
 
 # Without a turn at the start, so that the times of rows are of full flight.
-SET_OUT_AT_ONCE = {"gaze": {"survey": 0.0}}
+SET_OUT_AT_ONCE = {"gaze": {"survey": 0.0}, "mission": {"others": False}}
 # Nor a slow take-off; and a vehicle whose stream ends holds, so that what rows measure stays apart.
 AUTOPILOT = {"COM_SPOOLUP_TIME": 0.0, "MPC_TKO_RAMP_T": 0.0, "COM_OBL_RC_ACT": 5.0}
 

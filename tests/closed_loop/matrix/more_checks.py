@@ -101,7 +101,9 @@ def row_28_trunk(note):
 
 def row_28_unseen(note):
     """Two drones start 3 m apart, and the eyes of one show none: it does not set out, and holds."""
-    f = InProcess(scenario(count=2, world={}, mission__time_limit=25.0, **TWO_ABREAST))
+    f = InProcess(
+        scenario(count=2, world={}, mission__time_limit=25.0, companion={}, **TWO_ABREAST)
+    )
     _nothing_seen(f, np.inf, np.inf)
     flies, t = f.companions[0], f.truth
     run(f)

@@ -17,7 +17,6 @@ from companion.estimation.own_state import OwnState
 from companion.estimation.tracker import Tracker
 from companion.estimation.velocity_by_sight import VelocityFromGround
 from companion.guidance.fence import FenceConfig
-from companion.guidance.guidance import Guidance
 from companion.perception import camera_health
 from companion.perception.camera_alignment import CameraAlignment
 from companion.perception.camera_health import CameraHealth
@@ -193,9 +192,7 @@ WITHOUT = {
         CameraHealth, "searched", lambda self, *a, **k: self.fault
     ),
     "28_neighbour: tracks": lambda p: p.setattr(Tracker, "tracks", lambda *a: []),
-    "28_unseen: looking for the others": lambda p: p.setattr(
-        Guidance, "_surveyed", property(lambda self: self._gaze.surveyed)
-    ),
+    "28_unseen: looking for the others": overridden(mission={"others": False}),
     "28_trunk: eyes that are known to fail": lambda p: p.setattr(
         ObstacleMap, "_for_good", lambda *a: False
     ),

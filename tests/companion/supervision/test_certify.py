@@ -98,7 +98,7 @@ def test_nobody_is_evaded_through_a_wall(half):
         across = np.arange(-half, half + 0.01, 0.08)
         sides = [(s * half, z) for s in (-1.0, 1.0) for z in across]
         walls = [(x, *yz) for x in along for yz in sides + [(y, z) for z, y in sides]]
-    comes = scene(((1.0, 0.0, 2.0), (-1.0, 0.0, 0.0)), ((-1.0, 0.0, 2.0), (1.0, 0.0, 0.0)))()
+    comes = scene(((1.0, 0.0, 2.0), (-1.6, 0.0, 0.0)), ((-1.0, 0.0, 2.0), (1.6, 0.0, 0.0)))()
     around = replace(comes, points=np.array([0.0, 0.0, 2.0]) + np.reshape(walls, (-1, 3)))
     refused, c = RateCommand(np.array([3.0, 0.0, 0.0]), GRAVITY), certifier()
     found = c.certify(refused, moving(0.0), lambda: around, KNOWN)
