@@ -215,7 +215,7 @@ class Guidance:
 
     @property
     def _surveyed(self) -> bool:
-        """Whether the drone has looked round, and seen a neighbour if there must be one."""
+        """Whether the drone has looked round and, where others started in sight, seen one."""
         return bool(self._gaze.surveyed) and not self._alone
 
     def _progress(

@@ -20,7 +20,7 @@ from sitl_sim.scenarios.scenario import Scenario, WireConfig
 from sitl_sim.worlds.geodesy import GeoReference, LocalFrame
 
 KEY_FILE = "signing.key"  # beside config.yaml
-_IN_SIGHT = 10.0  # m; drones that start this close must see each other before they set out
+_IN_SIGHT = 10.0  # m, to which a ball is surely found: such drones see another before they set out
 
 
 def companion_port(wire: WireConfig, system: int) -> int:

@@ -80,7 +80,7 @@ def test_a_neighbour_that_should_show_and_does_not_is_soon_no_more(attitude, obs
 
 
 def test_who_is_near_the_edge_of_the_picture_and_in_doubt_is_not_missed():
-    """Seen last 54° off the axis, of 60° that show: it may have left the picture at once."""
+    """Seen last 53° off the axis, of 60° that show: it may have left the picture at once."""
     neighbours = NeighbourEstimator(VIEW, TrackerConfig())
     near = np.array([0.6, 0.8, 0.0])  # 1 m away, 53° off
     for k in range(6):
