@@ -25,7 +25,6 @@ from companion.guidance.speed_limits import (
     SpeedLimitConfig,
     headway_speed,
     reaction_speed,
-    relative_speed_limit,
     visibility_speed,
 )
 from companion.guidance.threat import ThreatConfig, rated_neighbours
@@ -197,7 +196,7 @@ class Guidance:
             yaw=yaw,
             speed=speed,
             speed_limit=limit,
-            v_max=relative_speed_limit(own, tracks, speed, v_max, s.speed_limits),
+            v_max=v_max,
             near=near,
             critical=critical,
             # Cohesion is with the critical neighbours that fly the same way: at its distance no

@@ -1,13 +1,12 @@
 """Speed limits: how fast the drone may fly, given what it sees and its neighbours.
 
-Four limits hold at once; the lowest counts:
+Three limits hold at once; the lowest counts:
 
 | limit | bounds | reason |
 |---|---|---|
 | visibility | cruise speed | the drone does not fly where it does not look |
 | headway | cruise speed | the room behind the neighbour ahead lasts for `headway` seconds |
 | reaction | cruise speed and v_max | a command acts before the drone is `reaction_way` farther |
-| relative speed | v_max of (32) | a drone that dodges fast only hits the next neighbour |
 """
 
 from __future__ import annotations
@@ -26,8 +25,6 @@ from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.settings import Contradiction, StrictModel
 from mavlink_bridge.wire.messages import VehicleState
 
-_MAKE_WAY = 0.7  # m/s: the drone may always move this fast, to make way
-
 
 class SpeedLimitConfig(StrictModel):
     """Numbers of the speed limits."""
@@ -40,12 +37,6 @@ class SpeedLimitConfig(StrictModel):
     )
     headway_least: float = Field(
         0.3, gt=0, le=1, description="Least share of the cruise speed under the headway limit."
-    )
-    relative_speed: float = Field(
-        0.8,
-        ge=0,
-        description="Speed [m/s] above a neighbour's own that is allowed at `clearance` from it. "
-        "A drone that dodges faster hits the next neighbour, which cannot see it come.",
     )
     reaction_way: float = Field(
         0.3, gt=0, description="Way [m] flown until a command acts, the delay's doubt included."
@@ -113,23 +104,3 @@ def headway_speed(
             room = max(distance - config.clearance, 0.0)
             speed = min(speed, float(t.v[:2] @ along) + room / config.headway)
     return max(speed, config.headway_least * cruise)
-
-
-def relative_speed_limit(
-    own: VehicleState,
-    tracks: Sequence[Track],
-    speed: float,
-    v_max: float,
-    config: SpeedLimitConfig,
-) -> float:
-    """Return the bound of (32) [m/s], at most `v_max`: near others, not much faster than they are.
-
-    Each metre farther from a neighbour adds 1 m/s. The old speed of a neighbour out of sight is no
-    reason to flee from it: there the own `speed` [m/s] or `relative_speed` is enough.
-    """
-    bound = v_max
-    for t in tracks:
-        distance = norm(t.p - own.p)
-        calm = config.relative_speed + (distance - config.clearance)
-        bound = min(bound, max(calm, speed) if t.lost else calm + norm(t.v))
-    return max(bound, min(_MAKE_WAY, v_max))
