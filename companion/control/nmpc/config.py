@@ -115,9 +115,6 @@ class NmpcConfig(StrictModel):
         2.0, ge=1, description="Nearer than d_ref counts as this many times as far off; 1: paper."
     )
     w_mig: float = Field(1.0, ge=0, description="Migration: the scale of all other weights.")
-    w_mig_end: float = Field(
-        1.0, ge=0, description="Factor on the migration cost of the last step."
-    )
     w_c1: float = Field(0.02, ge=0, description="Change of c: smooth thrust.")
     w_c2: float = Field(0.1, ge=0, description="Change of omega: smooth rates.")
     w_c3: float = Field(0.01, ge=0, description="|c - g|; the paper's |c| pulls below hover.")

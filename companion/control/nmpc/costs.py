@@ -111,7 +111,7 @@ def reference_velocity(p: ca.SX, scene: Scene, w: Weights) -> ca.SX:
 
 def migration(p: ca.SX, v: ca.SX, scene: Scene, w: Weights) -> Term:
     """Return the long-term action, (17) and second sum of (29)."""
-    return Term(v - reference_velocity(p, scene, w), w["w_mig"] * scene.migration, w["eps_mig"])
+    return Term(v - reference_velocity(p, scene, w), w["w_mig"], w["eps_mig"])
 
 
 def speed_excess(v: ca.SX, scene: Scene, w: Weights) -> Hinge:

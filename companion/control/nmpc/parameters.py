@@ -131,7 +131,6 @@ def stage_table(config: NmpcConfig) -> Table:
             "neighbour_safety": (config.neighbours,),
             "neighbour_active": (config.neighbours,),
             "cohesion": (config.neighbours,),
-            "migration": (),
         }
     )
 
@@ -144,7 +143,6 @@ class Scene:
     this stage, (13), (14). speed: C of (18) [m/s]. v_max: m/s, of (32). sight (2,1): unit vector
     along (7). disturbance (3,1): m/s². cylinders (3,K): x, y, radius [m]. planes (4,H): n, b.
     neighbour_safety (J,1): m, of (37). *_active: 0 or 1. cohesion (J,1): share w_short/N_i of (29).
-    migration: factor on (17).
     """
 
     goal: ca.SX
@@ -160,7 +158,6 @@ class Scene:
     neighbour_safety: ca.SX
     neighbour_active: ca.SX
     cohesion: ca.SX
-    migration: ca.SX
 
     @property
     def neighbours(self) -> int:
@@ -201,7 +198,6 @@ class ParameterVectors:
         scene, stage = scene_table(config), stage_table(config)
         self.scene, self.stages = np.zeros(scene.size), np.zeros((config.N, stage.size))
         self.of_scene, self.of_stages = scene.views(self.scene), stage.views(self.stages)
-        self.of_stages["migration"][:] = np.where(k == config.N, config.w_mig_end, 1.0)
 
     def fill(self, instance: Instance) -> None:
         """Set both vectors to the numbers of `instance`; positions become relative to the drone."""

@@ -49,7 +49,7 @@ def test_each_weight_is_the_number_of_its_key():
 
 
 def test_each_number_of_an_instance_is_read_by_the_symbol_of_its_name():
-    config = CONFIG.model_copy(update={"tie_break": 0.0, "w_mig_end": 7.5})
+    config = CONFIG.model_copy(update={"tie_break": 0.0})
     rng = np.random.default_rng(0)
     shapes = {
         "x0": 10,
@@ -92,12 +92,10 @@ def test_each_number_of_an_instance_is_read_by_the_symbol_of_its_name():
         "neighbour_safety": config.d_agent_safety + np.minimum(sigma, config.widening_max),
         "neighbour_active": active,
         "cohesion": instance.neighbour_cohesion * active / J,
-        "migration": 1.0,
     }
     assert set(names) == set(wanted)
     for name, numbers in zip(names, found, strict=True):
         np.testing.assert_allclose(np.array(numbers).T.squeeze(), wanted[name], err_msg=name)
-    np.testing.assert_array_equal(vectors.of_stages["migration"], [*[1.0] * (config.N - 1), 7.5])
 
 
 def test_distances_and_cohesion_end_with_their_horizons():
