@@ -198,6 +198,7 @@ class Companion:
             motion.delay,
             vehicle.height,
             vehicle.home,
+            self._neighbours.surprises(time),
         )
         planned = run("plan", Planned, self._planning.plan, own, reference, motion.prediction)
         broken = run(

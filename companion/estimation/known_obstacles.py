@@ -40,12 +40,15 @@ class KnownObstacles:
         widened[:, 2] += 2.0 * self.sigmas
         return widened
 
-    def hidden(self, viewpoint: Vector, places: Vector) -> list[bool]:
-        """Return whether a trunk stands between viewpoint (3,) and each place (n,3) m; eq. (6)."""
+    def hidden(self, viewpoint: Vector, places: Vector, beside: float = 0.0) -> list[bool]:
+        """Return whether a trunk stands between viewpoint (3,) and each place (n,3) m; eq. (6).
+
+        beside: m from a trunk's bark at which it counts as hiding what is behind.
+        """
         if not len(self.occluders) or not len(places):
             return [False] * len(places)
         gaps = to_ways(self.occluders[:, :2], viewpoint[:2], places[:, :2])
-        behind = np.asarray((gaps < self.occluders[:, 2]).any(axis=1))
+        behind = np.asarray((gaps < self.occluders[:, 2] + beside).any(axis=1))
         found: list[bool] = behind.tolist()
         return found
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from companion.estimation.known_obstacles import KnownObstacles
+from companion.estimation.surprises import Surprises
 from companion.estimation.tracker import Tracker, TrackerConfig
 from companion.perception.frontend import Detections
 from companion.perception.view import View
@@ -17,11 +18,13 @@ class NeighbourEstimator:
     def __init__(self, view: View, config: TrackerConfig) -> None:
         self._view = view
         self._config = config
+        self._surprises = Surprises(view)
         self.reset()
 
     def reset(self) -> None:
         """Forget all neighbours: the vehicle's frame has begun anew."""
         self._tracker = Tracker(self._config)
+        self._surprises.reset()
 
     def turn(self, p: Vector, angle: float) -> None:
         """Turn all tracks left about p (3,) m by a small `angle` [rad]."""
@@ -33,8 +36,13 @@ class NeighbourEstimator:
             self._tracker.predict(seen.time)
             in_view = in_plain_view(self._view, seen.own, self._tracker, obstacles)
             self._tracker.update(seen.time, seen.drones, seen.own, self._view.mount, in_view)
+            self._surprises.update(seen.time, seen.own, self._tracker.tracks(), obstacles)
         self._tracker.predict(time)
         return self._tracker.tracks()
+
+    def surprises(self, time: float) -> int:
+        """Return how many neighbours came up close by, in plain view, in the last 20 s."""
+        return self._surprises.lately(time)
 
 
 def in_plain_view(

@@ -25,6 +25,7 @@ from companion.guidance.speed_limits import (
     SpeedLimitConfig,
     headway_speed,
     reaction_speed,
+    surprised_speed,
     visibility_speed,
 )
 from companion.guidance.threat import ThreatConfig, rated_neighbours
@@ -156,13 +157,15 @@ class Guidance:
         delay: Delay = _AT_ONCE,
         height: Height | None = None,
         home: HomePosition | None = None,
+        surprises: int = 0,
     ) -> Reference | None:
         """Return the reference for the own state now; None where that is not known.
 
         phase: of the tick before. Without control of the vehicle the reference is to stay.
         map_offset: (3,) m, place on the map, where the goals are, less that of the own state.
         delay: from a command to its effect. height: over ground; None: the own frame's zero is it.
-        home: of the vehicle, from which goals may be told; None: not known.
+        home: of the vehicle, from which goals may be told; None: not known. surprises: neighbours
+        that came up close by, in plain view, in the last 20 s.
         """
         if own is None:
             return None
@@ -183,7 +186,7 @@ class Guidance:
         yaw = self._look(own, tracks, critical, to_aim, mine)
         reaction = reaction_speed(s.speed_limits, delay)
         v_max = s.v_max * min(1.0, reaction / s.cruise)
-        speed, limit = self._speed(own, tracks, to_aim, fault, reaction)
+        speed, limit = self._speed(own, tracks, to_aim, fault, reaction, surprises)
         target = pass_on_right(own, tracks, known.cylinders, aim, s.right_of_way)
         if target.tolist() != aim.tolist():
             route = (*route, "right of way")
@@ -286,10 +289,11 @@ class Guidance:
         to_aim: Vector,
         fault: CameraFault,
         reaction: float,
+        surprises: int,
     ) -> tuple[float, str]:
         """Return the cruise speed [m/s] and the name of the limit that it obeys.
 
-        reaction: m/s, the limit by the delay.
+        reaction: m/s, the limit by the delay. surprises: neighbours that came up close by lately.
         """
         s = self._settings
         visible = visibility_speed(s.speed_limits, yaw_of(own.q_wb), to_aim)
@@ -299,6 +303,7 @@ class Guidance:
             "headway": headway_speed(
                 own, tracks, to_aim, s.cruise, s.speed_limits, s.right_of_way, s.threat.range_max
             ),
+            "surprises": surprised_speed(s.speed_limits, surprises, s.cruise, s.blind_speed),
             "reaction": reaction,
         }
         if fault is not CameraFault.NONE:

@@ -1,11 +1,12 @@
 """Speed limits: how fast the drone may fly, given what it sees and its neighbours.
 
-Three limits hold at once; the lowest counts:
+Four limits hold at once; the lowest counts:
 
 | limit | bounds | reason |
 |---|---|---|
 | visibility | cruise speed | the drone does not fly where it does not look |
 | headway | cruise speed | the room behind the neighbour ahead lasts for `headway` seconds |
+| surprises | cruise speed | eyes that miss one neighbour miss others |
 | reaction | cruise speed and v_max | a command acts before the drone is `reaction_way` farther |
 """
 
@@ -37,6 +38,13 @@ class SpeedLimitConfig(StrictModel):
     )
     headway_least: float = Field(
         0.3, gt=0, le=1, description="Least share of the cruise speed under the headway limit."
+    )
+    surprises: float = Field(
+        1.0,
+        gt=0,
+        description="Neighbours that come up close by, in plain view, within 20 s and are no "
+        "reason to fly slower. With n times as many the cruise speed is an n-th, down to "
+        "`guard.blind_speed`.",
     )
     reaction_way: float = Field(
         0.3, gt=0, description="Way [m] flown until a command acts, the delay's doubt included."
@@ -73,6 +81,16 @@ def visibility_speed(config: SpeedLimitConfig, yaw: float, to_goal: Vector) -> f
 def reaction_speed(config: SpeedLimitConfig, delay: Delay) -> float:
     """Return the speed [m/s] at which a command acts in time: within `reaction_way`."""
     return config.reaction_way / (delay.value + 2.0 * delay.sigma)
+
+
+def surprised_speed(config: SpeedLimitConfig, surprises: int, cruise: float, least: float) -> float:
+    """Return the speed [m/s], at most `cruise`, of a drone whose eyes miss neighbours.
+
+    surprises: in the last 20 s, see `companion/estimation/surprises.py`. least: m/s, lowest limit,
+    with which a drone still gets on.
+    """
+    share = min(1.0, config.surprises / max(surprises, 1))
+    return max(cruise * share, min(least, cruise))
 
 
 def headway_speed(

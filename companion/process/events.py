@@ -15,7 +15,7 @@ from mavlink_bridge.wire.codec import CodecStatistics
 from mavlink_bridge.wire.messages import StatusText
 
 _CAUSES = ("foreign", "unsigned", "replayed", "strange")  # why a frame is refused
-_SILENT = 60.0  # s without a refusal, after which the next one is news
+_SILENT = 60.0  # s without a refusal, after which the next one is news; of surprises, too
 _COUNTS_AFTER = 600.0  # s between lines while refusals go on
 _RATE_OFF = 0.005  # by which a vehicle's clock may run faster or slower without a word
 _MISMATCH = 0.1  # of the acceleration expected, as a share, that is worth a line
@@ -37,6 +37,7 @@ class Events:
         self._refused_told, self._refused_at = 0, -math.inf
         self._ahead, self._ahead_at = 0, -1e9
         self._weak = False  # the thrust gives another acceleration than expected
+        self._surprised_at = -math.inf
         self._clock: tuple[int, bool] = (0, False)  # jumps, whether the rate is off
 
     def link(self, problem: str) -> None:
@@ -76,6 +77,7 @@ class Events:
         self._watch_clock(inputs.clock, tick.time)
         self._watch_stamps(tick)
         self._watch_thrust(tick)
+        self._watch_surprises(tick)
         for received in inputs.received:
             if isinstance(received.message, StatusText):
                 text = received.message
@@ -135,6 +137,14 @@ class Events:
         if weak and not self._weak:
             event("thrust", logging.WARNING, acceleration=f"{by:+.0%}", time=tick.time)
         self._weak = weak
+
+    def _watch_surprises(self, tick: Tick) -> None:
+        """Log that the drone flies slowly as its eyes miss neighbours; once a minute."""
+        slow = tick.reference is not None and tick.reference.speed_limit == "surprises"
+        if slow and not 0.0 <= tick.time - self._surprised_at < _SILENT:
+            speed = f"{tick.reference.speed:.2f}" if tick.reference else ""
+            event("eyes miss neighbours", logging.WARNING, speed=speed, time=tick.time)
+            self._surprised_at = tick.time
 
     def _watch_stamps(self, tick: Tick) -> None:
         """Log that telemetry was stamped in the future and refused: at most one line a second."""

@@ -2,6 +2,7 @@
 
 import logging
 import socket
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from companion.process import events as module
 from companion.process.events import Events
 from companion.process.journal import Fields
+from companion.tick import Tick, TickInputs
 from mavlink_bridge.wire import link as links
 from mavlink_bridge.wire.codec import Codec, CodecStatistics
 from mavlink_bridge.wire.link import Link
@@ -76,3 +78,16 @@ def test_a_change_of_the_vehicles_address_is_a_warning_that_names_both(monkeypat
         f'<6>vehicle\'s address address={places[0]} before=""',
         f"<4>vehicle's address address={places[1]} before={places[0]}",
     ]
+
+
+def test_eyes_that_miss_neighbours_are_told_once_a_minute(monkeypatch):
+    """Of ten minutes with such eyes; another limit is nothing to tell."""
+    told, events = [], Events()
+    monkeypatch.setattr(module, "event", lambda name, *_, **fields: told.append({name: fields}))
+    for k in range(6000):
+        limit = "surprises" if 1000 <= k < 3000 and k % 7 else "cruise"
+        reference = SimpleNamespace(speed_limit=limit, speed=0.825)
+        events.tick(TickInputs(0.1 * k, [], None), Tick(0.1 * k, reference=reference))
+    lines = [line["eyes miss neighbours"] for line in told if "eyes miss neighbours" in line]
+    assert [line["speed"] for line in lines] == ["0.82"] * 4
+    assert [line["time"] for line in lines] == pytest.approx([100.0, 160.1, 220.1, 280.1], abs=0.15)

@@ -1,0 +1,69 @@
+"""Surprises: neighbours first seen close by, where pictures should have shown them before.
+
+Eyes that see well show a neighbour from afar, or as it comes into view. One that is new, near, and
+whose place has been in plain view for half a second, has been missed, or is none. So how often that
+happens tells how far the eyes can be trusted, whatever the detector says of itself.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+
+from companion.estimation.known_obstacles import KnownObstacles
+from companion.perception.view import View
+from companion.types import Track
+from mavlink_bridge.shared.arrays import norm
+from mavlink_bridge.wire.messages import VehicleState
+
+_NEAR = 3.0  # m
+_LOOKS = 5  # pictures before, in each of which its place was in plain view
+_BESIDE = 0.5  # m beside a trunk within which a neighbour may have been behind it
+_LATELY = 20.0  # s for which a surprise counts
+
+
+class Surprises:
+    """Counts the surprises of the last 20 s."""
+
+    def __init__(self, view: View) -> None:
+        self._view = view
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all neighbours and all surprises."""
+        self._known: set[int] = set()
+        self._past: deque[tuple[float, VehicleState]] = deque(maxlen=_LOOKS)
+        self._times: deque[float] = deque()
+
+    def update(
+        self, time: float, own: VehicleState, tracks: Sequence[Track], obstacles: KnownObstacles
+    ) -> None:
+        """Take in the tracks after the picture taken at `time` [s] from `own`."""
+        for t in tracks:
+            if t.id not in self._known and self._surprises(time, own, t, obstacles):
+                self._times.append(time)
+        self._known = {t.id for t in tracks}
+        self._past.append((time, own))
+
+    def lately(self, time: float) -> int:
+        """Return the number of surprises within the last 20 s before `time` [s]."""
+        while self._times and time - self._times[0] > _LATELY:
+            self._times.popleft()
+        return len(self._times)
+
+    def _surprises(
+        self, time: float, own: VehicleState, t: Track, obstacles: KnownObstacles
+    ) -> bool:
+        """Return whether a new neighbour is near and should have been seen before."""
+        if norm(t.p - own.p) >= _NEAR or len(self._past) < _LOOKS:
+            return False
+        doubt = np.sqrt(t.variances[:1])
+        for then, before in self._past:
+            place = (t.p - (time - then) * t.v)[None]
+            if not self._view.shows(before, place, doubts=doubt)[0]:
+                return False
+            if obstacles.hidden(before.p, place, _BESIDE)[0]:
+                return False
+        return True
