@@ -175,7 +175,15 @@ class Companion:
         obstacles = run(
             "map", lambda: last.obstacles, self._obstacles.update, seen, own, vehicle.doubt, ground
         )
-        tracks = run("track", lambda: last.tracks, self._neighbours.update, time, seen, obstacles)
+        tracks = run(
+            "track",
+            lambda: last.tracks,
+            self._neighbours.update,
+            time,
+            seen,
+            obstacles,
+            on_mission=phase.on_mission,
+        )
         motion = run(
             "motion",
             lambda: replace(last.motion, prediction=None),

@@ -30,13 +30,24 @@ class NeighbourEstimator:
         """Turn all tracks left about p (3,) m by a small `angle` [rad]."""
         self._tracker.turn(p, angle)
 
-    def update(self, time: float, seen: Detections, obstacles: KnownObstacles) -> list[Track]:
-        """Return the confirmed tracks at the tick of `time` [s], oldest first."""
+    def update(
+        self,
+        time: float,
+        seen: Detections,
+        obstacles: KnownObstacles,
+        *,
+        on_mission: bool = True,
+    ) -> list[Track]:
+        """Return the confirmed tracks at the tick of `time` [s], oldest first.
+
+        on_mission: whether the drone flies its mission, so that surprises count.
+        """
         if seen.own is not None:
             self._tracker.predict(seen.time)
             in_view = in_plain_view(self._view, seen.own, self._tracker, obstacles)
             self._tracker.update(seen.time, seen.drones, seen.own, self._view.mount, in_view)
-            self._surprises.update(seen.time, seen.own, self._tracker.tracks(), obstacles)
+            tracks = self._tracker.tracks()
+            self._surprises.update(seen.time, seen.own, tracks, obstacles, counting=on_mission)
         self._tracker.predict(time)
         return self._tracker.tracks()
 

@@ -38,11 +38,20 @@ class Surprises:
         self._times: deque[float] = deque()
 
     def update(
-        self, time: float, own: VehicleState, tracks: Sequence[Track], obstacles: KnownObstacles
+        self,
+        time: float,
+        own: VehicleState,
+        tracks: Sequence[Track],
+        obstacles: KnownObstacles,
+        *,
+        counting: bool = True,
     ) -> None:
-        """Take in the tracks after the picture taken at `time` [s] from `own`."""
+        """Take in the tracks after the picture taken at `time` [s] from `own`.
+
+        counting: whether surprises count: not before all have taken off, out of the ground's cover.
+        """
         for t in tracks:
-            if t.id not in self._known and self._surprises(time, own, t, obstacles):
+            if counting and t.id not in self._known and self._surprises(time, own, t, obstacles):
                 self._times.append(time)
         self._known = {t.id for t in tracks}
         self._past.append((time, own))
