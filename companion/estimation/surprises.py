@@ -48,7 +48,7 @@ class Surprises:
     ) -> None:
         """Take in the tracks after the picture taken at `time` [s] from `own`.
 
-        counting: whether surprises count: not before all have taken off, out of the ground's cover.
+        counting: whether surprises count. While drones take off, those beside come up close by.
         """
         for t in tracks:
             if counting and t.id not in self._known and self._surprises(time, own, t, obstacles):

@@ -217,7 +217,7 @@ class Guidance:
 
     @property
     def _surveyed(self) -> bool:
-        """Whether the drone has looked round and, where others started in sight, seen one."""
+        """Whether the drone has looked round and has seen one of the others, where it must."""
         return bool(self._gaze.surveyed) and not self._alone
 
     def _progress(

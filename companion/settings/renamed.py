@@ -19,7 +19,7 @@ RENAMED = {
     "gaze.creep": "speed_limits.no_view_share",
 }
 _ONE_START = "a solve has one start since each neighbour and obstacle has its own slack"
-_CALM = "no neighbour limits the speed but by its headway; leave this key out"
+_CALM = "a neighbour close by limits no speed, one ahead does by its headway; leave this key out"
 _ODDS = "tracker.detected, ghosts and surest tell how sure looks make of a neighbour"
 REMOVED = {
     "speed_limits.relative_speed": _CALM,

@@ -89,12 +89,19 @@ def test_the_lowest_limit_gives_the_speed_and_its_name(limit, speed, situation):
 
 
 def test_the_limits_are_those_of_the_configuration():
-    limits = {"headway": 3.0, "clearance": 0.6, "no_view_share": 0.5, "reaction_way": 0.15}
+    limits = {
+        "headway": 3.0,
+        "clearance": 0.6,
+        "no_view_share": 0.5,
+        "reaction_way": 0.15,
+        "surprises": 2,
+    }
     slow = {"speed_limits": limits, "guard": {"blind_speed": 0.2}}
     near = [track(1, [2.6, 0.0, 2.0])]
     assert decided(guiding(AHEAD, **slow), tracks=near).speed == pytest.approx(2.0 / 3.0)
     assert decided(guiding(AHEAD, **slow), own(yaw=3.0)).speed == pytest.approx(0.5 * CRUISE)
     assert decided(guiding(AHEAD, **slow), delay=Delay(0.2, 0.05)).speed == pytest.approx(0.5)
+    assert decided(guiding(AHEAD, **slow), surprises=4).speed == pytest.approx(CRUISE / 2)
     assert decided(guiding(AHEAD, **slow), fault=CameraFault.DEAD).speed == 0.2
 
 
