@@ -20,6 +20,7 @@ from companion.guidance.right_of_way import RightOfWayConfig, pass_on_right
 from companion.guidance.speed_limits import (
     SpeedLimitConfig,
     headway_speed,
+    relative_speed_limit,
     visibility_speed,
 )
 from companion.guidance.threat import ThreatConfig, threat
@@ -116,7 +117,7 @@ def threats(ax: Axes) -> None:
 
 
 def speeds(ax: Axes) -> None:
-    """How fast the drone may fly: by where it looks, by who is ahead."""
+    """How fast the drone may fly: by where it looks, by who is ahead, by who is near."""
     config, own = SpeedLimitConfig(), flying(v=(1.0, 0, 0))
     way, away = np.array([10.0, 0.0, 0.0]), np.linspace(0.8, 5.0, 200)
     off = np.linspace(0.0, 150.0, 200)
@@ -125,12 +126,18 @@ def speeds(ax: Axes) -> None:
         headway_speed(own, [neighbour((x, 0, 2))], way, CRUISE, config, RightOfWayConfig(), 10.0)
         for x in away
     ]
+    near = [
+        relative_speed_limit(own, [neighbour((x, 0, 2), (0.4, 0, 0))], CRUISE, 1.85, config)
+        for x in away
+    ]
     above = ax.twiny()
     above.plot(off, view, color=OWN)
     above.set_xlabel("its way is off its line of sight [°]", color=OWN)
     above.text(35, 1.69, "visibility", color=OWN)
     ax.plot(away, ahead, color=OTHER)
     ax.text(2.55, 0.8, "headway:\nstands ahead", color=OTHER)
+    ax.plot(away, near, color=WARN)
+    ax.text(2.0, 1.89, "relative speed: flies at 0.4 m/s", color=WARN)
     ax.set(xlabel="distance of a neighbour [m]", ylabel="[m/s]", xlim=(0, 5), ylim=(0, 2.05))
     ax.set_title("4  Speed limits")
 

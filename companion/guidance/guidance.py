@@ -25,6 +25,7 @@ from companion.guidance.speed_limits import (
     SpeedLimitConfig,
     headway_speed,
     reaction_speed,
+    relative_speed_limit,
     surprised_speed,
     visibility_speed,
 )
@@ -199,7 +200,7 @@ class Guidance:
             yaw=yaw,
             speed=speed,
             speed_limit=limit,
-            v_max=v_max,
+            v_max=relative_speed_limit(own, tracks, speed, v_max, s.speed_limits),
             near=near,
             critical=critical,
             # Cohesion is with the critical neighbours that fly the same way: at its distance no

@@ -1,6 +1,6 @@
 """Speed limits: how fast the drone may fly, given what it sees and its neighbours.
 
-Four limits hold at once; the lowest counts:
+Five limits hold at once; the lowest counts:
 
 | limit | bounds | reason |
 |---|---|---|
@@ -8,6 +8,7 @@ Four limits hold at once; the lowest counts:
 | headway | cruise speed | the room behind the neighbour ahead lasts for `headway` seconds |
 | surprises | cruise speed | eyes that miss one neighbour miss others |
 | reaction | cruise speed and v_max | a command acts before the drone is `reaction_way` farther |
+| relative speed | v_max of (32) | a drone that dodges fast only hits the next neighbour |
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from companion.types import Track
 from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.shared.settings import Contradiction, StrictModel
 from mavlink_bridge.wire.messages import VehicleState
+
+_MAKE_WAY = 0.7  # m/s: the drone may always move this fast, to make way
 
 
 class SpeedLimitConfig(StrictModel):
@@ -45,6 +48,12 @@ class SpeedLimitConfig(StrictModel):
         description="Neighbours that come up close by, in plain view, within 20 s and are no "
         "reason to fly slower. With n times as many the cruise speed is an n-th, down to "
         "`guard.blind_speed`.",
+    )
+    relative_speed: float = Field(
+        0.8,
+        ge=0,
+        description="Speed [m/s] above a neighbour's own that is allowed at `clearance` from it. "
+        "A drone that dodges faster hits the next neighbour, which cannot see it come.",
     )
     reaction_way: float = Field(
         0.3, gt=0, description="Way [m] flown until a command acts, the delay's doubt included."
@@ -122,3 +131,23 @@ def headway_speed(
             room = max(distance - config.clearance, 0.0)
             speed = min(speed, float(t.v[:2] @ along) + room / config.headway)
     return max(speed, config.headway_least * cruise)
+
+
+def relative_speed_limit(
+    own: VehicleState,
+    tracks: Sequence[Track],
+    speed: float,
+    v_max: float,
+    config: SpeedLimitConfig,
+) -> float:
+    """Return the bound of (32) [m/s], at most `v_max`: near others, not much faster than they are.
+
+    Each metre farther from a neighbour adds 1 m/s. The old speed of a neighbour out of sight is no
+    reason to flee from it: there the own `speed` [m/s] or `relative_speed` is enough.
+    """
+    bound = v_max
+    for t in tracks:
+        distance = norm(t.p - own.p)
+        calm = config.relative_speed + (distance - config.clearance)
+        bound = min(bound, max(calm, speed) if t.lost else calm + norm(t.v))
+    return max(bound, min(_MAKE_WAY, v_max))

@@ -11,6 +11,7 @@ RENAMED = {
     "threat.headway": "speed_limits.headway",
     "threat.room": "speed_limits.clearance",
     "threat.creep": "speed_limits.headway_least",
+    "threat.calm": "speed_limits.relative_speed",
     "threat.keep_right": "right_of_way.keep_right",
     "threat.oncoming": "right_of_way.oncoming",
     "threat.level": "right_of_way.level",
@@ -19,11 +20,8 @@ RENAMED = {
     "gaze.creep": "speed_limits.no_view_share",
 }
 _ONE_START = "a solve has one start since each neighbour and obstacle has its own slack"
-_CALM = "a neighbour close by limits no speed, one ahead does by its headway; leave this key out"
 _ODDS = "tracker.detected, ghosts and surest tell how sure looks make of a neighbour"
 REMOVED = {
-    "speed_limits.relative_speed": _CALM,
-    "threat.calm": _CALM,
     # Its value scaled every threat alike and changed no flight; moved to nmpc.d_ref it would.
     "threat.d_ref": "nmpc.d_ref serves both; leave this key out",
     "reciprocity": "neighbours are expected to fly on, eq. (14); leave this section out",

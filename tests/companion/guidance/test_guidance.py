@@ -1,6 +1,7 @@
 """What guidance decides in one tick: places, the rules that move them, speed and neighbours."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -126,6 +127,14 @@ def test_speed_is_limited_on_the_way_round_and_not_on_the_way_to_the_goal():
 )
 def test_a_drone_that_reacts_late_has_a_lower_bound_of_all_speeds(delay, bound):
     assert decided(guiding(AHEAD), delay=delay).v_max == pytest.approx(bound)
+
+
+def test_near_a_neighbour_no_speed_is_much_above_its_own():
+    near = [track(1, [0.0, 1.4, 2.0], [0.3, 0.0, 0.0])]
+    assert decided(guiding(AHEAD), tracks=near).v_max == pytest.approx(0.8 + 0.3 + 0.3)
+    behind = [replace(track(1, [0.0, -1.1, 2.0], [1.0, 0.0, 0.0]), unseen=0.6)]
+    # Of one out of sight, the speed that is flown.
+    assert decided(guiding(AHEAD), tracks=behind).v_max == pytest.approx(CRUISE)
 
 
 # NEIGHBOURS

@@ -13,6 +13,7 @@ from companion.guidance.speed_limits import (
     SpeedLimitConfig,
     headway_speed,
     reaction_speed,
+    relative_speed_limit,
     visibility_speed,
 )
 from companion.guidance.threat import ThreatConfig, rated_neighbours, threat
@@ -20,7 +21,7 @@ from companion.types import Track
 from mavlink_bridge.wire.messages import VehicleState
 
 LIMITS = SpeedLimitConfig(
-    headway=1.2, clearance=0.9, headway_least=0.25, reaction_way=0.4,
+    headway=1.2, clearance=0.9, headway_least=0.25, relative_speed=0.6, reaction_way=0.4,
     full_view=0.5, no_view=1.5, no_view_share=0.15,
 )  # fmt: skip
 SIDE = RightOfWayConfig(keep_right=0.8, oncoming=5.0, level=1.0)
@@ -113,6 +114,21 @@ def test_headway(seed):
     free = LIMITS.model_copy(update={"headway": 0.0})
     assert headway_speed(own, tracks, way, cruise, free, SIDE, 2.5) == cruise
     assert headway_speed(own, tracks, way * [0, 0, 1], cruise, LIMITS, SIDE, 2.5) == cruise
+
+
+@SEEDS
+def test_relative_speed(seed):
+    rng = np.random.default_rng(seed)
+    own, speed = drone(rng), rng.uniform(0.3, 1.5)
+    tracks, bound = neighbours(rng, own), 1.9
+    for t in tracks:
+        calm = 0.6 + math.dist(t.p, own.p) - 0.9
+        bound = min(bound, max(calm, speed) if t.unseen else calm + math.hypot(*t.v))
+    found = relative_speed_limit(own, tracks, speed, 1.9, LIMITS)
+    assert found == pytest.approx(max(bound, 0.7))
+    assert relative_speed_limit(own, tracks, speed, 0.5, LIMITS) == pytest.approx(
+        max(min(bound, 0.5), 0.5)
+    )
 
 
 def stands_in_the_way(own, t, goal, near=2.0):

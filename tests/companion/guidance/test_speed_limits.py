@@ -1,6 +1,7 @@
-"""Speed limits by view, by neighbours ahead and by late commands."""
+"""Speed limits by view, by neighbours ahead and by neighbours near."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from companion.guidance.speed_limits import (
     SpeedLimitConfig,
     headway_speed,
     reaction_speed,
+    relative_speed_limit,
     visibility_speed,
 )
 from tests.companion.tracks import OWN, track
@@ -39,6 +41,24 @@ def test_two_drones_that_meet_slow_down_but_never_stop():
 
 def test_a_neighbour_behind_or_beside_does_not_count():
     assert free_speed(track(1, [-1.0, 0, 0]), track(2, [0.2, 1.2, 0])) == 1.65
+
+
+def bound(*tracks, speed=0.5):
+    return relative_speed_limit(OWN, tracks, speed, 1.85, CONFIG)
+
+
+def test_a_drone_near_others_is_not_much_faster_than_they_are():
+    assert np.isclose(bound(track(1, [1.1, 0, 0])), CONFIG.relative_speed)
+    assert np.isclose(bound(track(1, [1.1, 0, 0], [0.5, 0, 0])), CONFIG.relative_speed + 0.5)
+    assert bound(track(1, [4.0, 0, 0])) == 1.85
+    assert bound() == 1.85
+    assert 0.5 < bound(track(1, [0, 0, 0])) < CONFIG.relative_speed
+
+
+def test_the_old_speed_of_a_neighbour_out_of_sight_is_no_reason_to_flee():
+    lost = replace(track(1, [-1.1, 0, 0], [1.0, 0, 0]), unseen=0.6)
+    assert np.isclose(bound(lost), CONFIG.relative_speed)
+    assert bound(lost, speed=1.65) == 1.65  # a follower close behind is no limit
 
 
 def test_the_drone_flies_slowly_where_it_does_not_look():
