@@ -219,6 +219,7 @@ class Companion:
             phase,
             obstacles.blank,
             reference is not None and reference.alone,
+            self._neighbours.surprises(time),
         )
         surroundings = run(
             "look round",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from companion.estimation.known_obstacles import KnownObstacles
+from companion.estimation.scenery import Scenery
 from companion.estimation.surprises import Surprises
 from companion.estimation.tracker import Tracker, TrackerConfig
 from companion.perception.frontend import Detections
@@ -19,16 +20,19 @@ class NeighbourEstimator:
         self._view = view
         self._config = config
         self._surprises = Surprises(view)
+        self._scenery = Scenery()
         self.reset()
 
     def reset(self) -> None:
         """Forget all neighbours: the vehicle's frame has begun anew."""
         self._tracker = Tracker(self._config)
         self._surprises.reset()
+        self._scenery.reset()
 
     def turn(self, p: Vector, angle: float) -> None:
         """Turn all tracks left about p (3,) m by a small `angle` [rad]."""
         self._tracker.turn(p, angle)
+        self._scenery.turn(angle)
 
     def update(
         self,
@@ -40,12 +44,16 @@ class NeighbourEstimator:
     ) -> list[Track]:
         """Return the confirmed tracks at the tick of `time` [s], oldest first.
 
-        on_mission: whether the drone flies its mission, so that surprises count.
+        on_mission: whether the drone flies its mission. Before it, others climb as it does, so
+        that neither surprises nor scenery count.
         """
         if seen.own is not None:
             self._tracker.predict(seen.time)
             in_view = in_plain_view(self._view, seen.own, self._tracker, obstacles)
-            self._tracker.update(seen.time, seen.drones, seen.own, self._view.mount, in_view)
+            mount, drones = self._view.mount, seen.drones
+            if on_mission:
+                drones = self._scenery.without(drones, seen.time, seen.own, mount)
+            self._tracker.update(seen.time, drones, seen.own, mount, in_view)
             tracks = self._tracker.tracks()
             self._surprises.update(seen.time, seen.own, tracks, obstacles, counting=on_mission)
         self._tracker.predict(time)

@@ -8,8 +8,6 @@ The check has its own geometry and model, and uses numpy alone: it repeats no er
 solver or generator. It never raises; what is not a number, or does not fit together, is refused.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +20,7 @@ G, DT = 9.80665, 0.1  # m/s²; s between samples of a trajectory
 CAUSES = ("neighbour", "remembered", "obstacle", "surface", "fence", "unseen", "motion", "numbers")
 _PLACE, _SPEED = 0.02, 0.15  # m, m/s that samples may differ from the own model
 _ROUNDING, _FAR = 0.05, 1e3  # m/s² and rad/s; m: nothing is farther
+_SOON = 0.3  # m that doubt of its velocity brings a neighbour in sight nearer until looks tell
 
 
 @dataclass(frozen=True)
@@ -132,15 +131,16 @@ def _neighbours(p: Vector, t: Vector, tube: Vector, rows: Vector, b: Bounds) -> 
     times = t[:, None], (until - 0.5 * b.neighbour_brakes / speed * until**2)[..., None]
     gap, stops = (_apart(p[:, None] - rows[:, None, :3] - rows[:, None, 3:6] * s) for s in times)
     later, close, unseen = t[1:], b.radius + b.neighbour_radius, rows[:, 9:10]
-    spread = rows[:, 6:7] + 2.0 * later * rows[:, 7:8] + later**2 * rows[:, 8:9]
     reach = np.minimum(0.5 * most * (later + unseen), b.neighbour_speed + speed) * (later + unseen)
+    spread = rows[:, 6:7] + 2.0 * later * rows[:, 7:8] + later**2 * rows[:, 8:9]
     need = close + tube + b.sigmas * np.sqrt(np.maximum(spread, 0.0))
+    soon = np.minimum(need, close + tube + b.sigmas * np.sqrt(rows[:, 6:7]) + _SOON)
     far = _length(rows[:, :3] - p[0, 0])[:, None]
     away = np.maximum(far - b.unseen_way, np.minimum(far, close))  # it is not where the drone is
     claim = np.minimum(close + tube + b.unseen_speed * unseen, away) + b.unseen_speed * later
     out, seen = rows[:, 10] > 0.0, (most * unseen <= speed - b.unseen_speed)[:, 0]  # just now
     seen |= ~out
-    return [(stops - need)[:, seen], (gap - need - reach)[:, seen], (gap - claim)[:, out]]
+    return [(stops - soon)[:, seen], (gap - need - reach)[:, seen], (gap - claim)[:, out]]
 
 
 def _obstacles(p: Vector, t: Vector, tube: Vector, scene: Scene, b: Bounds) -> list[Vector]:

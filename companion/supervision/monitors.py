@@ -15,6 +15,7 @@ Each monitor watches one assumption and says what the drone does where it does n
 | sight | the ground in the pictures passes otherwise, by `velocity_wrong` | after `persist` | – |
 | heading | the ground in the pictures passes from another side, by `heading_wrong` | at once | – |
 | eyes | no trunk is seen, where one known for good is in plain view | at once | after `persist` |
+| eyes | `surprises` neighbours have come up close by, in plain view, within 20 s | – | at once |
 | others | none seen yet, though `mission.others` | after a turn | after `alone` |
 | height | less than `height` over ground | climbs | after 2 × `persist` |
 
@@ -91,6 +92,13 @@ class MonitorConfig(StrictModel):
         "from which to fly slowly. Up to there the velocity is corrected and goals are found: a "
         "swarm in which all slow down because of 20° swings, and ends in HOLD.",
     )
+    surprises: int = Field(
+        10,
+        gt=1,
+        description="Neighbours that come up close by, in plain view, within 20 s, from which the "
+        "eyes show too much that is not there, or too little: HOLD. Fewer slow the drone down, see "
+        "`speed_limits.surprises`.",
+    )
     alone: float = Field(
         15.0,
         gt=0,
@@ -130,11 +138,13 @@ class Monitors:
         phase: Phase,
         blank: bool = False,
         alone: bool = False,
+        surprises: int = 0,
     ) -> Broken | None:
         """Return the gravest broken assumption at the tick of `time` [s]; None: all hold.
 
         blank: the eyes show no trunk where one is known. alone: none of the others has been seen
-        yet. Nothing is watched where the companion does not fly its mission.
+        yet. surprises: neighbours that came up close by, in plain view, in the last 20 s. Nothing
+        is watched where the companion does not fly its mission.
         """
         own, prediction = vehicle.state, motion.prediction
         if phase is not Phase.FLY:
@@ -150,6 +160,7 @@ class Monitors:
             self._turned(vehicle),
             self._blank(time, blank),
             self._unmet(time, alone),
+            self._surprised(surprises),
             self._low(time, vehicle),
             self._swinging(time, own),
             self._turning(vehicle.turns),
@@ -234,6 +245,12 @@ class Monitors:
             return None
         finding = "others: none has been seen, and some started within sight"
         return self._lasting("others", time, finding, hold_after=self._config.alone)
+
+    def _surprised(self, surprises: int) -> Broken | None:
+        if surprises < self._config.surprises:
+            return None
+        finding = f"eyes: {surprises} neighbours have come up close by, in plain view"
+        return Broken(finding, Reaction.HOLD)
 
     def _low(self, time: float, vehicle: VehicleEstimate) -> Broken | None:
         c, height = self._config, vehicle.height

@@ -62,6 +62,7 @@ class Reference:
         sigma = math.sqrt(max(row[6] + 2.0 * later * row[7] + later**2 * row[8], 0.0))
         close = b.radius + b.neighbour_radius
         need = close + tube + b.sigmas * sigma
+        evaded = min(need, close + tube + b.sigmas * math.sqrt(row[6]) + 0.3)
         time = later + unseen
         reach = min(0.5 * b.neighbour_acceleration * time, b.neighbour_speed + speed) * time
         far = float(np.linalg.norm(p0 - self.p[0]))
@@ -69,7 +70,7 @@ class Reference:
         claim = min(close + tube + b.unseen_speed * unseen, away) + b.unseen_speed * later
         then, soon = p0 + v0 * self.braked(speed, k), p0 + v0 * self.braked(speed, k + 1)
         stops = step_distance(self.p[k] - then, self.p[k + 1] - soon)
-        return stops - need, gap - need - reach, gap - claim
+        return stops - evaded, gap - need - reach, gap - claim
 
     def braked(self, speed, k):
         """Seconds at its first speed in which a neighbour that brakes gets as far as in k steps."""

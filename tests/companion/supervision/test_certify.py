@@ -1,5 +1,6 @@
 """The certifier: what flies where a command has no way to stop."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -87,6 +88,16 @@ def test_a_drone_at_rest_leaves_the_course_of_a_slow_neighbour_though_its_plan_i
     assert found.cause == "course"
     assert x > 0.9
     assert np.linalg.norm(found.instead.omega[:2]) > 0.5
+
+
+def test_doubt_of_a_velocity_alone_is_no_reason_to_evade():
+    """Among five that stand, each known to 0.15 m and 0.5 m/s, as a network's tracks are."""
+    angles = np.pi / 3.0 * np.arange(5)
+    ring = [((0.8 * math.cos(a), 0.8 * math.sin(a), 2.0), (0.0, 0.0, 0.0)) for a in angles]
+    around = scene(*ring)()
+    around.neighbours[:, 6], around.neighbours[:, 8] = 0.15**2, 0.5**2
+    found = certifier().certify(HOVER, moving(0.0), lambda: around, KNOWN)
+    assert found.flown is Flown.COMMAND
 
 
 @pytest.mark.parametrize("half", [0.4, 0.6, None])
