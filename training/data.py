@@ -35,6 +35,7 @@ U, V, SIZE, WANTED = range(4)
 OTHER, GROUND, OBSTACLE, DRONE, FAR, OPEN, UNCLEAR = range(7)
 DISTANT = 15.0  # m; obstacles beyond are FAR
 _SEED = 1_000_000  # shards have seeds that nothing else uses
+_OPEN = 0.25  # share of worlds with few trunks: elsewhere these hide the horizon
 _UNREADABLE_EVERY, _BALLS_EVERY = 12, 8  # shards
 
 
@@ -117,5 +118,6 @@ def _pictures(seed: int, blind: bool, per_world: int | None) -> Iterator[Labelle
     names = unreadable() if blind else ["random"]
     each = -(-SHARD // len(names))
     for n, name in enumerate(names):
-        pictures = stream(_SEED + 16 * seed + n, name, kind, crowd=CROWD, per_world=per_world)
+        own = _SEED + 16 * seed + n
+        pictures = stream(own, name, kind, crowd=CROWD, per_world=per_world, open_ground=_OPEN)
         yield from islice(pictures, min(each, SHARD - n * each))

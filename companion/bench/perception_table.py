@@ -49,6 +49,11 @@ def add_arguments(perception: argparse.ArgumentParser) -> None:
         "of each: a table by look",
     )
     perception.add_argument(
+        "--open-ground",
+        action="store_true",
+        help="with --looks: worlds with few trunks or none, where the horizon shows",
+    )
+    perception.add_argument(
         "--detector", choices=["color", "cnn", "network", "yolo"], default="color"
     )
     perception.add_argument("--model", help="ONNX file of cnn, network or yolo")
@@ -92,6 +97,7 @@ def _render(folder: Path, options: argparse.Namespace) -> None:
     if options.looks is not None:
         arguments = [str(folder), "--seed", seed, "--count", count]
         arguments += ["--look", options.looks, "--bodies", "all"]
+        arguments += ["--open-ground"] if options.open_ground else []
     command = [sys.executable, "-m", "sitl_sim", "frames", *arguments]
     done = subprocess.run(command, stdout=sys.stderr)
     if done.returncode:

@@ -35,6 +35,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="bare",
         help="with --look: quad-x, quad-h, hexa, ducted, toy, bare (any), mixed (any size), or all",
     )
+    parser.add_argument(
+        "--open-ground",
+        action="store_true",
+        help="with --look: worlds with few trunks or none, where the horizon shows",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -59,6 +64,7 @@ def run(options: argparse.Namespace) -> int:
                 options.look,
                 options.bodies,
                 lambda _: bar.update(),
+                float(options.open_ground),
             )
             print(f"{options.folder}: {written} frames")
             return EXIT_OK

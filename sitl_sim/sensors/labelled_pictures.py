@@ -173,11 +173,13 @@ def stream(
     tilt_deg: float = 35.0,
     crowd: int = 0,
     per_world: int | None = None,
+    open_ground: float = 0.0,
 ) -> Iterator[Labelled]:
     """Yield labelled pictures without an end; each `per_world` are of one world and one look.
 
     name: of the look. drones: as `drawn_bodies`. reach: m, of the farthest drone. crowd: drones
-    that two pictures of three show, spread over the view; 0: no such pictures.
+    that two pictures of three show, spread over the view; 0: no such pictures. open_ground: share
+    of worlds with few trunks or none, where the horizon shows.
     """
     each = per_world or (PER_CROWDED_WORLD if crowd else PER_WORLD)
     lens = lens or Lens(640, 400)
@@ -187,7 +189,7 @@ def stream(
         made = drawn_bodies(drones, rng)
         radii = np.array([b.radius if isinstance(b, bodies.Body) else RADIUS for b in made])
         renderer: LookRenderer | None = None
-        for k, scene in enumerate(varied_scenes(each, own, lens, tilt_deg, reach)):
+        for k, scene in enumerate(varied_scenes(each, own, lens, tilt_deg, reach, open_ground)):
             if renderer is None:
                 renderer = LookRenderer(scene.world, look.draw(name, own), lens, own, made)
             moved = replace(scene, ids=scene.ids + k)

@@ -51,10 +51,12 @@ def write_looks(
     looks: str,
     kinds: str,
     progress: Callable[[str], object] = lambda name: None,
+    open_ground: float = 0.0,
 ) -> int:
     """Render `count` frames of each look and body into the folder; return their number.
 
     looks, kinds: comma-separated, or `all`: each readable look, each kind of body.
+    open_ground: share of worlds with few trunks or none, where the horizon shows.
 
     Raises:
         SettingsError: the seed is negative, a name is not known.
@@ -71,7 +73,7 @@ def write_looks(
     for name in names:
         for j, kind in enumerate(bodies_):
             own = (seed * 1009 + known.index(name)) * 31 + j
-            for row, image in _frames(own, count, name, kind, lens):
+            for row, image in _frames(own, count, name, kind, lens, open_ground):
                 file = f"{len(rows):05d}.png"
                 if not cv2.imwrite(str(folder / file), image, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
                     raise OSError(f"{folder / file}: cannot be written")
@@ -83,7 +85,7 @@ def write_looks(
 
 
 def _frames(
-    seed: int, count: int, name: str, kind: str, lens: Lens
+    seed: int, count: int, name: str, kind: str, lens: Lens, open_ground: float
 ) -> Iterator[tuple[dict[str, Any], UInt8]]:
     """Yield labels and picture of `count` scenes, a new world and look for each _PER_WORLD."""
     for first in range(0, count, _PER_WORLD):
@@ -91,7 +93,8 @@ def _frames(
         made = drawn_bodies(kind, np.random.default_rng([own, 86]))
         radii = [b.radius if isinstance(b, bodies.Body) else RADIUS for b in made]
         renderer: LookRenderer | None = None
-        scenes = varied_scenes(min(_PER_WORLD, count - first), own, lens, _TILT_DEG, 10.0)
+        most = min(_PER_WORLD, count - first)
+        scenes = varied_scenes(most, own, lens, _TILT_DEG, 10.0, open_ground)
         for k, scene in enumerate(scenes):
             if renderer is None:
                 renderer = LookRenderer(scene.world, look.draw(name, own), lens, own, made)

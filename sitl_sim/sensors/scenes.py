@@ -112,13 +112,21 @@ def _still_scene(
 
 
 def varied_scenes(
-    count: int, seed: int, lens: Lens, tilt_deg: float = 35.0, reach: float = 12.0
+    count: int,
+    seed: int,
+    lens: Lens,
+    tilt_deg: float = 35.0,
+    reach: float = 12.0,
+    open_ground: float = 0.0,
 ) -> Iterator[Scene]:
-    """Yield unrelated scenes as `still_scenes` does, in worlds of many kinds of obstacles."""
+    """Yield unrelated scenes as `still_scenes` does, in worlds of many kinds of obstacles.
+
+    open_ground: share of worlds with few trunks or none.
+    """
     rng = np.random.default_rng([seed, 83])
     for index in range(count):
         if index % _SCENES_PER_WORLD == 0:
-            world = varied_world(rng) | {"drone_radius": RADIUS}
+            world = varied_world(rng, open_ground=open_ground) | {"drone_radius": RADIUS}
             room = _FreeSpace(world)
         yield _still_scene(rng, world, room, lens, tilt_deg, reach, int(rng.integers(0, 10)))
 

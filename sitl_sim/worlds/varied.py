@@ -22,13 +22,17 @@ _Rng = np.random.Generator
 _World = dict[str, Any]
 
 
-def varied(rng: _Rng, slope_deg: float = 10.0) -> _World:
-    """Return a world drawn from `rng`; a third of them have slopes of up to `slope_deg`."""
+def varied(rng: _Rng, slope_deg: float = 10.0, open_ground: float = 0.0) -> _World:
+    """Return a world drawn from `rng`; a third of them have slopes of up to `slope_deg`.
+
+    open_ground: share of worlds with few trunks or none, where the horizon shows.
+    """
     world: _World = {"cylinders": [], "boxes": [], "capsules": [], "spheres": []}
     if slope_deg > 0.0 and rng.random() < 0.35:
         world["terrain"] = uneven(float(rng.uniform(0.3, 1.0)) * slope_deg, rng)
     ground = Ground(world)
-    places = _places(rng)
+    few = open_ground > 0.0 and rng.random() < open_ground
+    places = _places(rng, (0, 6) if few else (15, 90))
     branchy = rng.uniform(0, 3) if rng.random() < 0.4 else 0.0
     lean = rng.uniform(0, MOST_LEAN) if rng.random() < 0.6 else 0.0
     for x, y, radius in places:
@@ -45,13 +49,13 @@ def varied(rng: _Rng, slope_deg: float = 10.0) -> _World:
     return world
 
 
-def _places(rng: _Rng) -> list[tuple[float, float, float]]:
+def _places(rng: _Rng, count: tuple[int, int]) -> list[tuple[float, float, float]]:
     """Return x, y, radius of trunks: dense where they are thin, apart from each other."""
     low = float(np.exp(rng.uniform(math.log(RADII[0]), math.log(0.8))))
     high = float(min(low * np.exp(rng.uniform(0.1, 1.6)), RADII[1]))
     gap = float(rng.uniform(1.4, 4.0))
     kept = np.zeros((0, 3))
-    for _ in range(int(rng.integers(15, 90))):
+    for _ in range(int(rng.integers(*count))):
         radius = float(np.exp(rng.uniform(math.log(low), math.log(high))))
         for place in rng.uniform(-REACH, REACH, (_ATTEMPTS, 2)):
             if (np.hypot(*(kept[:, :2] - place).T) - kept[:, 2] - radius >= gap).all():

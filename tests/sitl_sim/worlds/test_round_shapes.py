@@ -59,3 +59,14 @@ def test_varied_worlds_have_every_kind_of_obstacle_and_slope():
             if "kind" not in c:
                 axis = np.subtract(c["b"], c["a"])
                 assert axis[2] / np.linalg.norm(axis) > np.cos(np.radians(MOST_LEAN + 0.1))
+
+
+def test_open_ground_has_few_trunks():
+    def trunks(world):
+        shapes = [*world["cylinders"], *world["capsules"]]
+        return sum("kind" not in shape for shape in shapes)
+
+    counts = [trunks(varied(np.random.default_rng(k), open_ground=1.0)) for k in range(30)]
+    assert min(counts) == 0
+    assert max(counts) == 5
+    assert min(trunks(varied(np.random.default_rng(k))) for k in range(30)) >= 10
