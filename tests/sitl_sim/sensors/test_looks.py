@@ -2,11 +2,13 @@
 
 import hashlib
 import itertools
+import json
 
 import numpy as np
 import pytest
 
 from mavlink_bridge.shared.settings import SettingsError
+from sitl_sim.__main__ import main
 from sitl_sim.scenarios.scenario import read
 from sitl_sim.sensors.drones import Look
 from sitl_sim.sensors.fisheye import R_BC, Lens, rotation
@@ -219,3 +221,14 @@ def test_unknown_names_are_errors_that_list_the_choices(tmp_path):
     with pytest.raises(ValueError, match="no drones 'kite'"):
         drawn_bodies("kite", np.random.default_rng(0))
     read("forest", ["world.look=random", "drones.look=mixed"])
+
+
+def test_frames_of_open_ground_show_few_obstacles(tmp_path):
+    def shown(name, *flags):
+        folder = tmp_path / name
+        look_of = ["--look", "sand", "--bodies", "bare", "--count", "5", "--seed", "4"]
+        assert main(["frames", str(folder), *look_of, *flags]) == 0
+        frames = json.loads((folder / "frames.json").read_text())["frames"]
+        return sum(len(frame["trunks"]) for frame in frames)
+
+    assert shown("open", "--open-ground") < 0.3 * shown("wood")
