@@ -33,6 +33,8 @@ _NEARNESS = 0.25  # range over true distance, two sigmas included
 _GROWTH = 0.2  # change of the logarithm of its size: what comes nearer grows
 _AGREED = 2  # judgements on end
 _BESIDE, _LIKE = 0.08, 0.5  # rad, and of the logarithm of range: the same thing once more
+_MOST = 200  # directions remembered
+_GAP = 1.0  # s without pictures, after which the own way is not known
 _NOWHERE = np.zeros(3)
 
 
@@ -79,9 +81,12 @@ class Scenery:
         q_bc: (4,) camera → body. The own way is that of the velocity: with a place that jumps all
         neighbours would seem to jump, too.
         """
-        self._way = self._way + own.v * (0.0 if self._time is None else time - self._time)
+        if self._time is None or not 0.0 <= time - self._time < _GAP:
+            self.reset()
+            self._time = time
+        self._way = self._way + own.v * (time - self._time)
         self._time = time
-        self._places = [p for p in self._places if time - p.finds[-1, 0] < _SPAN]
+        self._places = [p for p in self._places if time - p.finds[-1, 0] < _SPAN][-_MOST:]
         if not detections:
             return []
         rotation = rotation_matrix(own.q_wb) @ rotation_matrix(q_bc)
@@ -124,6 +129,8 @@ def is_scenery(finds: Vector) -> bool:
 
     Angles are small: directions and ways are taken across the mean direction.
     """
+    if not np.isfinite(finds).all():
+        return False
     time, way, direction = finds[:, 0], finds[:, 1:4], finds[:, 4:7]
     since, span = time - time.mean(), float(time[-1] - time[0])
     if span < _SHORTEST or abs(float(since @ finds[:, 7]) / float(since @ since)) * span > _GROWTH:

@@ -147,9 +147,37 @@ def test_known_scenery_turns_with_the_heading():
     assert scenery.without([find], 20.1, own(20.1), MOUNT)
 
 
-def test_scenery_is_forgotten_after_twenty_seconds_and_by_a_reset():
-    for forget in (lambda s: s.reset(), lambda s: s.without([], 41.0, own(41.0), MOUNT)):
-        scenery = known()
-        forget(scenery)
-        find = found(own(20.0), woods(20.0), np.random.default_rng(1), 1.7 / 80.0)
-        assert scenery.without([find], 41.1, own(20.0), MOUNT)
+def quiet(scenery, until):
+    """Pictures without a find, up to a time [s]."""
+    for t in np.arange(20.0, until, 0.5):
+        scenery.without([], t, own(t), MOUNT)
+
+
+FORGOTTEN = {
+    "reset": lambda s: s.reset(),
+    "twenty seconds without it": lambda s: quiet(s, 41.0),
+    "no pictures for a second": lambda s: s.without([], 22.0, own(22.0), MOUNT),
+}
+
+
+@pytest.mark.parametrize("name", FORGOTTEN)
+def test_scenery_is_forgotten(name):
+    scenery = known()
+    FORGOTTEN[name](scenery)
+    find = found(own(20.0), woods(20.0), np.random.default_rng(1), 1.7 / 80.0)
+    assert scenery.without([find], 41.0, own(20.0), MOUNT)
+
+
+def test_scenery_is_known_after_ten_seconds_without_it():
+    scenery = known()
+    quiet(scenery, 30.0)
+    find = found(own(30.0), woods(30.0), np.random.default_rng(1), 1.7 / 80.0)
+    assert not scenery.without([find], 30.0, own(30.0), MOUNT)
+
+
+def test_a_velocity_that_is_no_number_drops_nothing_and_raises_nothing():
+    scenery, rng = Scenery(), np.random.default_rng(2)
+    for t in np.arange(0.0, 8.0, 0.1):
+        state = VehicleState(t, weaving(t)[0], np.full(3, np.nan), LEVEL, np.zeros(3))
+        find = found(state, woods(t), rng, 1.7 / 80.0)
+        assert scenery.without([find], t, state, MOUNT) == [find]
