@@ -15,13 +15,13 @@ def contacts(counts, how=""):
 
 
 def test_a_certified_drone_that_moves_touches_nothing():
-    counts = adversary.fly(900, seed=2901)
+    counts = adversary.fly(1800, seed=2901)
     assert contacts(counts, "moving, certified") == {}
     assert counts["refused commands that flew"] == 0
-    assert counts["moving"] > 400
+    assert counts["moving"] > 800
     assert counts["flown: way"] > 20  # the planner needs it
-    # 0.095 in 542,497 ticks; in so few as these 0.04 to 0.16, by eight seeds.
-    assert counts["flown: none"] < 0.2 * counts["ticks"]
+    # 0.051 in 84,653 ticks; in so few as these 0.02 to 0.07, by eight seeds.
+    assert counts["flown: none"] < 0.12 * counts["ticks"]
 
 
 def test_without_the_checker_it_does(monkeypatch):
