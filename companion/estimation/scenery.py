@@ -40,7 +40,7 @@ _NOWHERE = np.zeros(3)
 
 @dataclass
 class _Place:
-    """What was found in one direction.
+    """Finds that lie in one direction.
 
     finds: (n,8), of each the time [s], own way (3,) m, direction (3,), logarithm of range.
     """
@@ -51,6 +51,7 @@ class _Place:
 
     @property
     def is_scenery(self) -> bool:
+        """Return whether the last judgements agree that this is far behind."""
         return self.agreed >= _AGREED
 
 
@@ -121,10 +122,10 @@ class Scenery:
         if time - place.judged < _EVERY or len(place.finds) < _FEWEST:
             return
         place.judged = time
-        place.agreed = place.agreed + 1 if is_scenery(place.finds) else 0
+        place.agreed = place.agreed + 1 if _far_behind(place.finds) else 0
 
 
-def is_scenery(finds: Vector) -> bool:
+def _far_behind(finds: Vector) -> bool:
     """Return whether finds in one direction, (n,8) as above, are of what is far behind.
 
     Angles are small: directions and ways are taken across the mean direction.

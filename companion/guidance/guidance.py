@@ -218,7 +218,7 @@ class Guidance:
 
     @property
     def _surveyed(self) -> bool:
-        """Whether the drone has looked round and has seen one of the others, where it must."""
+        """Return whether the drone has looked round, and has seen one of the others if it must."""
         return bool(self._gaze.surveyed) and not self._alone
 
     def _progress(

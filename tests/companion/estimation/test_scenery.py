@@ -54,7 +54,7 @@ def kept(place, seconds=20.0, told=lambda distance: 1.0, way=weaving, jump=None,
 
 
 def as_at(distance):
-    """What a detector tells of something that looks like a drone at `distance` m."""
+    """Return what a detector tells of something that looks like a drone at `distance` m."""
     return lambda true: distance / true
 
 
