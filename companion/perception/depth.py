@@ -44,6 +44,12 @@ class DepthConfig(StrictModel):
     neighbour: float = Field(
         0.45, gt=0, description="Surfaces this near [m] to a detection are the drone."
     )
+    checks_drones: bool = Field(
+        True,
+        description="Whether a find counts only where the depth image shows something of a "
+        "drone's size, whose range it takes over. Not for `color`; off for a depth camera too "
+        "coarse for that.",
+    )
 
 
 class DepthReader:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.perception.background import Moved
 from companion.perception.ball import ColorDetector
 from companion.perception.camera_alignment import Alignment, CameraAlignment, StateAt
 from companion.perception.camera_health import CameraFault, CameraHealth, CameraHealthConfig
@@ -45,6 +46,7 @@ _COMPARED = (CameraFault.NONE, CameraFault.LATE, CameraFault.MISALIGNED, CameraF
 _NO_TRUNKS: Vector = np.zeros((0, 3))
 _FORESEEN = 0.05  # s after the tick that an own state may be, to take a picture's place by it
 _EXPECTED = 0.5  # s; a neighbour unseen for longer is looked for like others
+_NEXT = 0.25  # s between two pictures that are compared, at most
 _HELD = 8  # pictures that wait for telemetry, at most
 _LENGTHS = (1e-6, 1e4)  # m; distances, radii and standard deviations lie between
 
@@ -121,8 +123,10 @@ class PerceptionFrontend:
             self._trunks = TrunkDetector(view.camera, sensing.trunks)
         elif sensing.obstacles == "depth":
             from companion.perception.depth import DepthReader
+            from companion.perception.depth_finds import DepthCheck
 
             self._depth = DepthReader(view.camera, sensing.depth)
+            self._depth_check = DepthCheck(view.camera, sensing.depth.range)
         self.reset()
 
     def reset(self) -> None:
@@ -130,6 +134,7 @@ class PerceptionFrontend:
         self._health = CameraHealth(self._health_config, self._arrays)
         self._alignment = CameraAlignment(self._view)
         self._parallax = Parallax(self._view)
+        self._looked_from: VehicleState | None = None
         self._newest = self._arrived = -np.inf
         self._waiting: deque[Frame] = deque(maxlen=_HELD)
 
@@ -252,13 +257,14 @@ class PerceptionFrontend:
             offsets = np.array([t.p + passed * t.v - own.p for t in lately]).reshape(-1, 3)
             scales = np.array([t.scale for t in lately])
             *known, up = self._view.to_camera(own, np.vstack([offsets, [0.0, 0.0, 1.0]]))
-            drones = network.drones(np.reshape(known, (-1, 3)), scales, up)
+            drones = network.drones(np.reshape(known, (-1, 3)), scales, up, self._moved(own))
         elif picture is not None:
             drones = (
                 self._drones.search(picture)
                 if isinstance(self._drones, ColorDetector)
                 else self._drones.detect(picture.image)
             )
+        drones = self._checked(drones, frame.arrays.get("depth"))
         self._frames += 1
         shown = frame.arrays.keys() - ({"image"} if image is None else set())
         searched = (
@@ -296,6 +302,32 @@ class PerceptionFrontend:
             clarity=self._clarity(image),
             flow=flow,
         )
+
+    def _moved(self, own: VehicleState) -> Moved | None:
+        """Return how the camera has moved since the network's last picture; None: not known.
+
+        By the velocity: a place that jumps would be no motion.
+        """
+        then, self._looked_from = self._looked_from, own
+        if then is None or not 0.0 < own.time - then.time < _NEXT:
+            return None
+        passed = own.time - then.time
+        turn = self._view.rotation(then).T @ self._view.rotation(own)
+        way = self._view.to_camera(own, 0.5 * (own.v + then.v) * passed)
+        return Moved(turn, way, passed)
+
+    def _checked(
+        self, drones: list[Detection], depth: NDArray[np.float32] | None
+    ) -> list[Detection]:
+        """Return the drones that `depth` (h,w) m does not deny, where it is asked.
+
+        It is not where a ball of known size tells them and their ranges better.
+        """
+        s = self._sensing
+        asked = s.neighbours == "camera" and s.obstacles == "depth" and s.detector != "color"
+        if depth is None or not asked or not s.depth.checks_drones:
+            return drones
+        return self._depth_check.checked(drones, depth)
 
     def _clarity(self, image: Image | None) -> float:
         """Return how surely obstacles and ground are told apart; 1 where no picture is asked."""

@@ -62,17 +62,23 @@ class Peaks:
 
     def weighed(self, evidence: Vector) -> Peaks:
         """Return these with other scores, the likeliest first: odds that gain `evidence` (n,)."""
-        scores = np.clip(self.scores, _UNSURE, 1.0 - _UNSURE)
-        odds = evidence + np.log(scores / (1.0 - scores))
+        odds = evidence + self.odds()
         order = np.argsort(-odds, kind="stable")
         scores = 1.0 / (1.0 + np.exp(-odds[order]))
         return Peaks(self.places[order], self.sizes[order], self.scales[order], scores)
 
+    def odds(self) -> Vector:
+        """Return the logarithms (n,) of the odds that they are drones."""
+        scores = np.clip(self.scores, _UNSURE, 1.0 - _UNSURE)
+        return np.asarray(np.log(scores / (1.0 - scores)))
+
+    def rows(self, rows: NDArray[np.intp] | slice) -> Peaks:
+        """Return some of them."""
+        return Peaks(self.places[rows], self.sizes[rows], self.scales[rows], self.scores[rows])
+
     def first(self, count: int) -> Peaks:
         """Return the first so many."""
-        return Peaks(
-            self.places[:count], self.sizes[:count], self.scales[:count], self.scores[:count]
-        )
+        return self.rows(slice(count))
 
 
 class HeatMapConfig(StrictModel):
@@ -150,7 +156,7 @@ class HeatMap:
         c = self._config
         if not len(found):
             return []
-        rays, ranges, pixel = self._lines(found)
+        rays, ranges, pixel = self.lines(found)
         sigmas = ranges * _range_share(found)
         detections: list[Detection] = []
         for n in range(len(found)):
@@ -168,11 +174,11 @@ class HeatMap:
 
         up_c: (3,) unit, camera frame.
         """
-        rays, ranges, _ = self._lines(found)
+        rays, ranges, _ = self.lines(found)
         up = rays @ up_c
         return ranges * up, ranges * _range_share(found) * np.abs(up)
 
-    def _lines(self, found: Peaks) -> tuple[Vector, Vector, Vector]:
+    def lines(self, found: Peaks) -> tuple[Vector, Vector, Vector]:
         """Return rays (n,3), ranges (n,) m and rad per pixel (n,) of drones at these places."""
         rays = self._camera.unproject(found.places)
         u, v = found.places.T

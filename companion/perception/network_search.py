@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
 
+from companion.perception.background import MOST, Background, Moved
 from companion.perception.camera import Camera
 from companion.perception.closer_look import CloserLook
 from companion.perception.config import SensingConfig
 from companion.perception.eyes import PACKAGED, SCENE, Eyes, Look, at_its_size
 from companion.perception.feet import FootFinder
-from companion.perception.heat_map import HeatMap, peaks
+from companion.perception.heat_map import HEIGHT, WIDTH, HeatMap, Peaks, peaks
 from companion.perception.levels import Levels
 from companion.perception.panorama import LEVEL_GROUND
 from companion.types import Detection, Image, Trunk
@@ -39,6 +41,8 @@ class NetworkSearch:
         self._closer = CloserLook() if closer else None
         self._config = sensing.network
         self._levels = Levels(sensing.network.level)
+        self._background = Background(camera.scaled(WIDTH, HEIGHT))
+        self._decides = math.log(self._config.threshold / (1.0 - self._config.threshold))
         self._look: Look | None = None
         self._image: Image | None = None
 
@@ -55,6 +59,8 @@ class NetworkSearch:
         """
         self._image = at_its_size(image)
         self._look = self._eyes.look(self._image)
+        if self._closer is not None:
+            self._background.follow(self._image)
 
     def detect(self, image: Image) -> list[Detection]:
         """Return the drones in image (H,W,3) uint8 BGR, nearest first."""
@@ -66,12 +72,14 @@ class NetworkSearch:
         offsets_c: Vector = _NONE,
         scales: Vector = _NONE[:, 0],
         up_c: Vector | None = None,
+        moved: Moved | None = None,
     ) -> list[Detection]:
         """Return the drones in the newest picture, nearest first.
 
         offsets_c: (n,3) m, where known drones must be, camera frame; there it is looked closely,
         too. scales: (n,) of their sizes. up_c: (3,) unit, camera frame; None: it is not known, and
-        heights say nothing.
+        heights say nothing. moved: of the camera since the picture before; None: it is not known,
+        and the background says nothing.
 
         Raises:
             SenselessOutput: an output of the networks that cannot be true.
@@ -89,7 +97,19 @@ class NetworkSearch:
             self._levels.follow(offsets_c @ up_c)
         if up_c is not None and len(found):
             found = found.weighed(self._levels.evidence(*self._heat_map.heights(found, up_c)))
+        if moved is not None and len(found):
+            found = found.weighed(self._against_background(found, moved))
         return self._heat_map.detections(found.first(int((found.scores >= c.threshold).sum())))
+
+    def _against_background(self, found: Peaks, moved: Moved) -> Vector:
+        """Return the log odds (n,) that finds gain by it; only of those that it can decide on."""
+        odds = found.odds() - self._decides
+        open_ = np.flatnonzero(np.abs(odds) < MOST)
+        gained = np.zeros(len(found))
+        asked = found.rows(open_)
+        _, ranges, pixels = self._heat_map.lines(asked)
+        gained[open_] = self._background.evidence(asked.places, asked.sizes, ranges, pixels, moved)
+        return gained
 
     def find(self, image: Image, gravity_c: Vector, altitude: float) -> list[Trunk]:
         """Return the obstacles in image (H,W,3) uint8 BGR, nearest first; as `trunks`."""

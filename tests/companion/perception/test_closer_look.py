@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from companion.perception.background import Moved
 from companion.perception.camera import Camera
 from companion.perception.closer_look import CHANNELS, SIDE, CloserLook, around, cut_outs, widths
 from companion.perception.cnn import PACKAGED as OTHER
@@ -129,6 +130,26 @@ def test_a_find_far_above_the_own_height_has_to_be_surer(monkeypatch):
     assert 0.85 < found.score < 0.99
     on_its_side = search.drones(up_c=np.array([1.0, 0.0, 0.0]))
     assert CAMERA.project(on_its_side[0].direction[None])[0] == pytest.approx(above, abs=0.01)
+
+
+@pytest.mark.parametrize(("gained", "found"), [(-1.0, [0.9]), (1.0, [0.9, 0.72])])
+def test_how_finds_move_decides_on_those_that_are_open(monkeypatch, gained, found):
+    search = NetworkSearch(CAMERA, SensingConfig(detector="network", network={"threshold": 0.65}))
+    for _ in range(2):
+        search.look(GREY)
+    judged = peaks([(100, 200), (320, 200), (500, 200)], [9.0, 9.0, 9.0], [0.99, 0.9, 0.49])
+    asked = []
+
+    def evidence(places, *_):
+        asked.extend(places[:, 0].tolist())
+        return np.where(places[:, 0] == 500, gained, 0.0)
+
+    monkeypatch.setattr(search._closer, "judge", lambda *_: judged)
+    monkeypatch.setattr(search._background, "evidence", evidence)
+    moved = Moved(np.eye(3), np.zeros(3), 0.1)
+    drones = search.drones(moved=moved)
+    assert sorted(asked) == [320, 500]  # the surest stays whatever is said
+    assert sorted((d.score for d in drones), reverse=True)[1:] == pytest.approx(found, abs=0.01)
 
 
 def test_a_place_that_is_found_already_is_not_looked_at_twice():

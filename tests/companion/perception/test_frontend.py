@@ -10,6 +10,7 @@ from companion.perception.camera_alignment import Alignment
 from companion.perception.camera_health import CameraFault
 from companion.perception.frontend import PerceptionFrontend, make_view
 from companion.settings.config import CompanionConfig
+from companion.types import Detection
 from mavlink_bridge.wire.video import Frame
 from tests.companion.depth_images import state
 
@@ -46,6 +47,21 @@ def test_a_frame_without_the_array_of_obstacles_is_not_searched(obstacles):
     small = np.zeros((64, 64, 3), np.uint8)
     found = perception.see(0.1, Frame(0.1, {"neighbours": NO_DRONES, "image": small}), at)
     assert not found.searched
+
+
+@pytest.mark.parametrize(
+    ("detector", "checks", "found"), [("cnn", True, 0), ("cnn", False, 1), ("color", True, 1)]
+)
+def test_a_find_that_depth_denies_counts_only_where_depth_is_not_asked(
+    monkeypatch, detector, checks, found
+):
+    perception = frontend(detector=detector, obstacles="depth", depth={"checks_drones": checks})
+    find = Detection(np.array([0.0, 0.0, 1.0]), 1.5, 0.01, 0.2)
+    monkeypatch.setattr(perception._drones, "search", lambda picture: [find], raising=False)
+    monkeypatch.setattr(perception._drones, "detect", lambda image: [find])
+    wall = np.full((100, 160), 3.0, np.float32)
+    frame = Frame(0.1, {"image": PICTURE // 2 + 60, "depth": wall})
+    assert perception.see(0.1, frame, at).drones == [find] * found
 
 
 def test_each_frame_is_searched_once():
