@@ -2,7 +2,8 @@
 
 Eyes that see well show a neighbour from afar, or as it comes into view. One that is new, near, and
 whose place has been in plain view for half a second, has been missed, or is none. So how often that
-happens tells how far the eyes can be trusted, whatever the detector says of itself.
+happens tells how far the eyes can be trusted, whatever the detector says of itself. One whose track
+ended lately, since it was missed in a few pictures, or was behind another, is no new one.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ _NEAR = 3.0  # m
 _LOOKS = 5  # pictures before, in each of which its place was in plain view
 _BESIDE = 0.5  # m beside a trunk within which a neighbour may have been behind it
 _LATELY = 20.0  # s for which a surprise counts
+_LOST = 2.0  # s for which a neighbour whose track ended is still known to be about
+_AGAIN = 1.0  # m from where it would have flown to that it may come up
 
 
 class Surprises:
@@ -33,7 +36,8 @@ class Surprises:
 
     def reset(self) -> None:
         """Forget all neighbours and all surprises."""
-        self._known: set[int] = set()
+        self._known: dict[int, Track] = {}
+        self._lost: list[tuple[float, Track]] = []
         self._past: deque[tuple[float, VehicleState]] = deque(maxlen=_LOOKS)
         self._times: deque[float] = deque()
 
@@ -50,10 +54,15 @@ class Surprises:
 
         counting: whether surprises count. While drones take off, those beside come up close by.
         """
-        for t in tracks:
-            if counting and t.id not in self._known and self._surprises(time, own, t, obstacles):
+        fresh = [t for t in tracks if t.id not in self._known]
+        known = {t.id: t for t in tracks}
+        self._lost += [(time, t) for t in self._known.values() if t.id not in known]
+        self._lost = [(then, t) for then, t in self._lost if time - then < _LOST]
+        for t in fresh:
+            again = self._is_back(time, t)
+            if counting and not again and self._surprises(time, own, t, obstacles):
                 self._times.append(time)
-        self._known = {t.id for t in tracks}
+        self._known = known
         self._past.append((time, own))
 
     def lately(self, time: float) -> int:
@@ -61,6 +70,14 @@ class Surprises:
         while self._times and time - self._times[0] > _LATELY:
             self._times.popleft()
         return len(self._times)
+
+    def _is_back(self, time: float, t: Track) -> bool:
+        """Return whether a new neighbour is one that was lost; each comes back once."""
+        for n, (then, lost) in enumerate(self._lost):
+            if norm(t.p - lost.p - (time - then) * lost.v) < _AGAIN:
+                del self._lost[n]
+                return True
+        return False
 
     def _surprises(
         self, time: float, own: VehicleState, t: Track, obstacles: KnownObstacles

@@ -93,7 +93,7 @@ class MonitorConfig(StrictModel):
         "swarm in which all slow down because of 20° swings, and ends in HOLD.",
     )
     surprises: int = Field(
-        10,
+        6,
         gt=1,
         description="Neighbours that come up close by, in plain view, within 20 s, from which the "
         "eyes show too much that is not there, or too little: HOLD. Fewer slow the drone down, see "

@@ -93,6 +93,37 @@ def test_each_counts_for_twenty_seconds_and_a_new_frame_forgets_all():
         assert again.lately(0.6) == (not reset)
 
 
+@pytest.mark.parametrize(
+    ("missed", "place", "count"),
+    [
+        (1.0, [2.4, 0.0, 0.0], 0),  # about where it would have flown to
+        (1.0, [0.8, 0.0, 0.0], 1),  # another one
+        (2.5, [2.6, 0.0, 0.0], 1),  # too long ago
+    ],
+)
+def test_one_that_was_lost_for_a_moment_is_known(missed, place, count):
+    surprises = Surprises(VIEW)
+    flying = [0.2, 0.0, 0.0]
+    for k in range(60):
+        surprises.update(0.1 * k, own(), [sure([3.5 - 0.02 * k, 0.0, 0.0], flying)], NOTHING)
+    back = 6.0 + missed
+    for time in np.arange(6.0, back - 0.05, 0.1):
+        surprises.update(time, own(), [], NOTHING)
+    surprises.update(back, own(), [sure(place, n=2)], NOTHING)
+    assert surprises.lately(back) == count
+
+
+def test_one_that_was_lost_comes_back_once():
+    surprises = Surprises(VIEW)
+    for k in range(6):
+        surprises.update(0.1 * k, own(), [sure([2.0, 0.0, 0.0])], NOTHING)
+    for k in range(6, 12):
+        surprises.update(0.1 * k, own(), [], NOTHING)
+    two = [sure([2.0, 0.3, 0.0], n=2), sure([2.0, -0.3, 0.0], n=3)]
+    surprises.update(1.2, own(), two, NOTHING)
+    assert surprises.lately(1.2) == 1
+
+
 def test_pictures_that_miss_a_neighbour_until_it_is_near_count():
     """Through the tracker: two clear looks make it a neighbour, so it is one from 1.1 s on."""
     neighbours = NeighbourEstimator(VIEW, TrackerConfig())

@@ -119,13 +119,13 @@ def test_a_broken_assumption_is_named_and_ends_in_hold(name):
     assert all(b.finding.startswith(name) for t, b in found if t in holds)
 
 
-@pytest.mark.parametrize(("surprises", "reaction"), [(9, None), (10, Reaction.HOLD)])
+@pytest.mark.parametrize(("surprises", "reaction"), [(5, None), (6, Reaction.HOLD)])
 def test_neighbours_that_come_up_close_by_time_after_time_end_in_hold(surprises, reaction):
     vehicle = VehicleEstimate(state(0.0))
     monitors = Monitors(MonitorConfig(), V_MAX)
     broken = monitors.update(0.0, vehicle, motion(), Phase.FLY, surprises=surprises)
     assert (broken and broken.reaction) is reaction
-    assert broken is None or broken.finding.startswith("eyes: 10 neighbours")
+    assert broken is None or broken.finding.startswith("eyes: 6 neighbours")
 
 
 def test_a_drone_that_swings_flies_slowly_and_hovers_before_it_holds():
