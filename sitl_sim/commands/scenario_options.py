@@ -6,9 +6,17 @@ import argparse
 
 
 def add_scenario_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the scenario, --drones and --set."""
+    """Add the scenario, --drones, --bare and --set."""
     parser.add_argument("scenario", help="a name (forest, …) or a YAML file")
     parser.add_argument("--drones", type=int, metavar="N")
+    parser.add_argument(
+        "--bare",
+        nargs="?",
+        const="random",
+        metavar="LOOK",
+        help="a world in LOOK (random: drawn by the seed), drones as they are, without balls, all "
+        "seen by the packaged networks",
+    )
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides")
 
 
@@ -18,10 +26,26 @@ def add_controller_argument(parser: argparse.ArgumentParser) -> None:
 
 
 def overrides(options: argparse.Namespace) -> list[str]:
-    """Return --set, --drones and --controller as path.to.key=value."""
+    """Return --bare, --set, --drones and --controller as path.to.key=value.
+
+    Raises:
+        SettingsError: the scenario cannot be read.
+    """
     changes = list(options.overrides)
+    if getattr(options, "bare", None) is not None:
+        changes = [*_bare(options.scenario, options.bare, changes), *changes]
     if options.drones is not None:
         changes.append(f"drones.count={options.drones}")
     if getattr(options, "controller", None) is not None:
         changes.append(f"companion.controller={options.controller}")
     return changes
+
+
+def _bare(scenario: str, look: str, changes: list[str]) -> list[str]:
+    """Return what --bare changes; where obstacles need a depth camera, it stays."""
+    from sitl_sim.scenarios.scenario import read
+
+    bare = [f"world.look={look}", "drones.look=bare", "companion.sensing.detector=network"]
+    if read(scenario, [*bare, *changes]).sensing.obstacles == "camera":
+        bare.append("companion.sensing.obstacles=network")
+    return bare
