@@ -26,6 +26,7 @@ _FEWEST = 3, 8  # rays of core and ring that tell something
 # that may show other drones.
 _SHOWN, _CROSSED = 0.03, 0.12
 _STANDS_OUT = 0.25  # m, and a tenth of the distance, from its surroundings
+_TOLD = 0.5  # share of the core whose depth must be known
 _LIVE = 0.01  # share of its pixels that show something where a depth camera works
 _SAME = 0.3  # m apart at which two finds are of one drone
 _SIGMA = 0.05  # m, of a range so told; 2 % of it is added
@@ -68,8 +69,11 @@ class DepthCheck:
         core = depth[cosine > math.cos(_CORE * size + blur)]
         inner, outer = (math.cos(min(r * size + blur, math.pi)) for r in _RING)
         ring = depth[(cosine < inner) & (cosine > outer)]
-        core, ring = core[core > 0.0], ring[ring > 0.0]  # NaN, too, is unknown
-        if len(core) < _FEWEST[0] or len(ring) < _FEWEST[1]:
+        told = core > 0.0  # NaN, too, is unknown: stereo has holes round what is thin
+        if told.sum() < max(_FEWEST[0], _TOLD * len(core)):
+            return drone
+        core, ring = core[told], ring[ring > 0.0]
+        if len(ring) < _FEWEST[1]:
             return drone
         nearest, behind = _lower(core, _SHOWN), _lower(ring, _CROSSED)
         if behind < nearest + _STANDS_OUT + 0.1 * nearest:

@@ -80,10 +80,13 @@ def test_two_finds_of_one_drone_are_one():
     assert len(checked(depth, far, near)) == 1
 
 
+HOLE = np.where((np.abs(np.arange(160) - 105) < 5) * (np.arange(160) % 4 > 0), np.nan, WALL)
+
+
 @pytest.mark.parametrize(
     ("depth", "farthest"),
-    [(np.full((100, 160), np.nan), 8.0), (DARK, 8.0), (WALL, 2.0)],
-    ids=["unknown", "nothing at all", "too far"],
+    [(np.full((100, 160), np.nan), 8.0), (HOLE, 8.0), (DARK, 8.0), (WALL, 2.0)],
+    ids=["unknown", "a hole", "nothing at all", "too far"],
 )
 def test_where_depth_cannot_tell_a_find_stays(depth, farthest):
     find = Detection(RIGHT, 1.9, 0.01, 0.3)
