@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import threading
+import time
 
 from companion.ground.server import GroundServer
 from companion.ground.station import COMPONENT, Station
@@ -12,6 +13,9 @@ from sitl_sim.flight.runner import flight
 from sitl_sim.scenarios.scenario import Scenario
 
 GROUND = 254
+# Simulated seconds in one: an autopilot disarms by itself ten seconds after it was armed, and on a
+# busy machine a browser takes seconds to press two buttons.
+_FASTEST = 4.0
 
 
 class Line:
@@ -53,13 +57,13 @@ def scenario(count, **drones):
 
 
 class Fleet:
-    """World and page, which run in a thread of their own as fast as they can.
+    """World and page, which run in a thread of their own, at most at _FASTEST.
 
     Simulated time is the only time: the page's server has no other clock.
     """
 
     def __init__(self, count, folder, **drones):
-        self.now = 0.0
+        self.now, self._turned = 0.0, time.monotonic()
         self.flight = None
         self._folder, self._scenario = folder, scenario(count, **drones)
         self._ready, self._error = threading.Event(), None
@@ -121,7 +125,8 @@ class Fleet:
         return dict.fromkeys(names, "1 new")
 
     def _progress(self, now):
-        self.now = now
+        time.sleep(max(0.0, (now - self.now) / _FASTEST - (time.monotonic() - self._turned)))
+        self.now, self._turned = now, time.monotonic()
         self._turn()
 
     def _turn(self, closing=False):
