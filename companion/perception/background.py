@@ -82,11 +82,11 @@ class Background:
             return np.zeros(len(places))
         points = places[:, None] + _PLACES * sizes[:, None, None]
         flow, valid = self._flow(points, sizes, moved.turn)
-        core, own_spread = _middle(flow[:, :5], valid[:, :5])
+        inner, half = len(_CORE), len(_CORE) + len(_ROUND) // 2
+        core, own_spread = _middle(flow[:, :inner], valid[:, :inner])
         # The mean of two opposite places is the motion between them, on any even surface.
-        half = len(_CORE) + len(_ROUND) // 2
-        pairs = 0.5 * (flow[:, 5:half] + flow[:, half:])
-        paired = valid[:, 5:half] & valid[:, half:]
+        pairs = 0.5 * (flow[:, inner:half] + flow[:, half:])
+        paired = valid[:, inner:half] & valid[:, half:]
         surroundings, spread = _middle(pairs, paired)
         rays = self._camera.unproject(places)
         across = lengths(moved.way - rays * (rays @ moved.way)[:, None])
@@ -102,7 +102,7 @@ class Background:
         still = off + parallax**2
         odds = np.logaddexp(_ALONG, _STILL + gained(still))
         odds = np.logaddexp(odds, _FLYING + gained(still + own**2))
-        told = (valid[:, :5].sum(axis=1) >= _FEWEST) & (paired.sum(axis=1) >= _FEWEST)
+        told = (valid[:, :inner].sum(axis=1) >= _FEWEST) & (paired.sum(axis=1) >= _FEWEST)
         return np.where(told, np.minimum(odds, MOST), 0.0)
 
     def _flow(self, points: Vector, sizes: Vector, turn: Vector) -> tuple[Vector, Mask]:

@@ -11,11 +11,9 @@ def add_scenario_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--drones", type=int, metavar="N")
     parser.add_argument(
         "--bare",
-        nargs="?",
-        const="random",
-        metavar="LOOK",
-        help="a world in LOOK (random: drawn by the seed), drones as they are, without balls, all "
-        "seen by the packaged networks",
+        action="store_true",
+        help="a world in a look drawn by the seed, drones as they are, without balls, all seen by "
+        "the packaged networks",
     )
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides")
 
@@ -32,8 +30,8 @@ def overrides(options: argparse.Namespace) -> list[str]:
         SettingsError: the scenario cannot be read.
     """
     changes = list(options.overrides)
-    if getattr(options, "bare", None) is not None:
-        changes = [*_bare(options.scenario, options.bare, changes), *changes]
+    if options.bare:
+        changes = [*_bare(options.scenario, changes), *changes]
     if options.drones is not None:
         changes.append(f"drones.count={options.drones}")
     if getattr(options, "controller", None) is not None:
@@ -41,11 +39,11 @@ def overrides(options: argparse.Namespace) -> list[str]:
     return changes
 
 
-def _bare(scenario: str, look: str, changes: list[str]) -> list[str]:
+def _bare(scenario: str, changes: list[str]) -> list[str]:
     """Return what --bare changes; where obstacles need a depth camera, it stays."""
     from sitl_sim.scenarios.scenario import read
 
-    bare = [f"world.look={look}", "drones.look=bare", "companion.sensing.detector=network"]
+    bare = ["world.look=random", "drones.look=bare", "companion.sensing.detector=network"]
     if read(scenario, [*bare, *changes]).sensing.obstacles == "camera":
         bare.append("companion.sensing.obstacles=network")
     return bare

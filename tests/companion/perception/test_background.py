@@ -1,4 +1,4 @@
-"""Whether finds move with what is round them."""
+"""A find that moves with its surroundings loses, one that moves against them gains."""
 
 import cv2
 import numpy as np

@@ -132,12 +132,15 @@ def test_a_find_far_above_the_own_height_has_to_be_surer(monkeypatch):
     assert CAMERA.project(on_its_side[0].direction[None])[0] == pytest.approx(above, abs=0.01)
 
 
-@pytest.mark.parametrize(("gained", "found"), [(-1.0, [0.9]), (1.0, [0.9, 0.72])])
-def test_how_finds_move_decides_on_those_that_are_open(monkeypatch, gained, found):
+@pytest.mark.parametrize(
+    ("score", "gained", "found"),
+    [(0.7, 0.0, [0.9, 0.7]), (0.7, -1.0, [0.9]), (0.49, 0.0, [0.9]), (0.49, 1.0, [0.9, 0.72])],
+)
+def test_how_finds_move_decides_on_those_that_are_open(monkeypatch, score, gained, found):
     search = NetworkSearch(CAMERA, SensingConfig(detector="network", network={"threshold": 0.65}))
     for _ in range(2):
         search.look(GREY)
-    judged = peaks([(100, 200), (320, 200), (500, 200)], [9.0, 9.0, 9.0], [0.99, 0.9, 0.49])
+    judged = peaks([(100, 200), (320, 200), (500, 200)], [9.0, 9.0, 9.0], [0.99, 0.9, score])
     asked = []
 
     def evidence(places, *_):

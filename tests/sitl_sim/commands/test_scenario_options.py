@@ -27,8 +27,9 @@ def test_bare_drones_in_a_drawn_look_are_seen_by_the_networks(scenario, obstacle
     assert sensing.get("obstacles") == obstacles  # a wall with an opening needs its depth camera
 
 
-def test_the_look_can_be_named_and_keys_come_last():
-    s = flown("forest", "--bare", "pine", "--set", "drones.look=mixed", "--drones", "3")
+def test_keys_come_last_and_the_scenario_may():
+    keys = "--set", "world.look=pine", "--set", "drones.look=mixed"
+    s = flown("--drones", "3", *keys, "--bare", "forest")
     assert (s.world.look, s.drones.look, s.drones.count) == ("pine", "mixed", 3)
 
 
@@ -38,4 +39,4 @@ def test_without_it_nothing_changes():
 
 def test_a_look_that_shows_no_bare_drones_is_refused():
     with pytest.raises(SettingsError, match="plain"):
-        flown("forest", "--bare", "plain")
+        flown("forest", "--bare", "--set", "world.look=plain")
