@@ -207,6 +207,7 @@ class Companion:
             vehicle.height,
             vehicle.home,
             self._neighbours.surprises(time),
+            self._neighbours.steady,
         )
         planned = run("plan", Planned, self._planning.plan, own, reference, motion.prediction)
         broken = run(

@@ -54,7 +54,10 @@ def add_arguments(perception: argparse.ArgumentParser) -> None:
         help="with --looks: worlds with few trunks or none, where the horizon shows",
     )
     perception.add_argument(
-        "--detector", choices=["color", "cnn", "network", "yolo"], default="color"
+        "--detector",
+        choices=["color", "cnn", "network", "yolo"],
+        default="network",
+        help="(network, which the packaged scenarios fly)",
     )
     perception.add_argument("--model", help="ONNX file of cnn, network or yolo")
     perception.add_argument("--json", action="store_true", help="for machines")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from companion.estimation.known_obstacles import KnownObstacles
 from companion.estimation.scenery import Scenery
+from companion.estimation.steadiness import Steadiness
 from companion.estimation.surprises import Surprises
 from companion.estimation.tracker import Tracker, TrackerConfig
 from companion.perception.frontend import Detections
@@ -21,6 +22,7 @@ class NeighbourEstimator:
         self._config = config
         self._surprises = Surprises(view)
         self._scenery = Scenery()
+        self._steadiness = Steadiness()
         self.reset()
 
     def reset(self) -> None:
@@ -28,6 +30,7 @@ class NeighbourEstimator:
         self._tracker = Tracker(self._config)
         self._surprises.reset()
         self._scenery.reset()
+        self._steadiness.reset()
 
     def turn(self, p: Vector, angle: float) -> None:
         """Turn all tracks left about p (3,) m by a small `angle` [rad]."""
@@ -54,10 +57,16 @@ class NeighbourEstimator:
             if on_mission:
                 drones = self._scenery.without(drones, seen.time, seen.own, mount)
             self._tracker.update(seen.time, drones, seen.own, mount, in_view)
+            self._steadiness.update(seen.time, len(drones), self._tracker.known)
             tracks = self._tracker.tracks()
             self._surprises.update(seen.time, seen.own, tracks, obstacles, counting=on_mission)
         self._tracker.predict(time)
         return self._tracker.tracks()
+
+    @property
+    def steady(self) -> bool:
+        """Return whether the eyes have shown neighbours, the same ones, in the last 5 s."""
+        return self._steadiness.enough
 
     def surprises(self, time: float) -> int:
         """Return how many neighbours came up close by, in plain view, in the last 20 s."""

@@ -134,10 +134,13 @@ class Tracker:
     """Tracks neighbours as arrays: their states in both modes, see `Modes`; ids, births, odds.
 
     A state is p, v (6,); where sizes are unknown, it is that of `track_size` (7,).
+
+    known: how many detections of the newest frame are of tracks that were confirmed before it.
     """
 
     def __init__(self, config: TrackerConfig) -> None:
         self._config = config
+        self.known = 0
         self._time: float | None = None
         self._looked = -np.inf
         self._next_id = 1
@@ -175,6 +178,7 @@ class Tracker:
         z, r = self._measurements(detections, own, q_bc)
         clear = np.array([d.sigma_range <= self._config.clear * d.range for d in detections], bool)
         assigned = self._associate(z, r, clear, own.p)
+        self.known = sum(bool(self._confirmed[track]) for track, _ in assigned)
         if in_view is not None:
             self._miss(np.reshape(in_view, (2, -1)), [track for track, _ in assigned])
         if assigned:

@@ -159,6 +159,7 @@ class Guidance:
         height: Height | None = None,
         home: HomePosition | None = None,
         surprises: int = 0,
+        steady: bool = True,
     ) -> Reference | None:
         """Return the reference for the own state now; None where that is not known.
 
@@ -166,7 +167,8 @@ class Guidance:
         map_offset: (3,) m, place on the map, where the goals are, less that of the own state.
         delay: from a command to its effect. height: over ground; None: the own frame's zero is it.
         home: of the vehicle, from which goals may be told; None: not known. surprises: neighbours
-        that came up close by, in plain view, in the last 20 s.
+        that came up close by, in plain view, in the last 20 s. steady: whether the eyes show the
+        same neighbours in picture after picture.
         """
         if own is None:
             return None
@@ -174,7 +176,7 @@ class Guidance:
             self._take_goals(home)
         s = self._settings
         mine = phase.on_mission
-        self._alone &= not tracks
+        self._alone &= not (tracks and steady)
         floor = s.fence.floor(height)
         progress = MissionProgress(own.p, 0, False)
         if mine:

@@ -16,7 +16,7 @@ Each monitor watches one assumption and says what the drone does where it does n
 | heading | the ground in the pictures passes from another side, by `heading_wrong` | at once | – |
 | eyes | no trunk is seen, where one known for good is in plain view | at once | after `persist` |
 | eyes | `surprises` neighbours have come up close by, in plain view, within 20 s | – | at once |
-| others | none seen yet, though `mission.others` | after a turn | after `alone` |
+| others | none seen steadily yet, though `mission.others` | after a turn | after `alone` |
 | height | less than `height` over ground | climbs | after 2 × `persist` |
 
 A drone that swings hovers after `persist`; HOLD follows where it swings in hover for as long.
@@ -102,8 +102,8 @@ class MonitorConfig(StrictModel):
     alone: float = Field(
         15.0,
         gt=0,
-        description="Time [s] of looking round after which one of the others must have been seen, "
-        "where `mission.others` says that there are any: four turns.",
+        description="Time [s] of looking round after which one of the others must have been seen "
+        "steadily, where `mission.others` says that there are any: four turns.",
     )
     height: float = Field(0.5, ge=0, description="Least height [m] over ground.")
     persist: float = Field(
@@ -143,8 +143,8 @@ class Monitors:
         """Return the gravest broken assumption at the tick of `time` [s]; None: all hold.
 
         blank: the eyes show no trunk where one is known. alone: none of the others has been seen
-        yet. surprises: neighbours that came up close by, in plain view, in the last 20 s. Nothing
-        is watched where the companion does not fly its mission.
+        steadily yet. surprises: neighbours that came up close by, in plain view, in the last 20 s.
+        Nothing is watched where the companion does not fly its mission.
         """
         own, prediction = vehicle.state, motion.prediction
         if phase is not Phase.FLY:
@@ -243,7 +243,7 @@ class Monitors:
             return None
         if time - self._since.setdefault("others", time) < _LOOK_ROUND:
             return None
-        finding = "others: none has been seen, and some started within sight"
+        finding = "others: none has been seen steadily, and some started within sight"
         return self._lasting("others", time, finding, hold_after=self._config.alone)
 
     def _surprised(self, surprises: int) -> Broken | None:

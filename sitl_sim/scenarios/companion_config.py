@@ -63,7 +63,7 @@ def companion_config(
             "fov_deg": s.sensing.fov_deg,
             "calibration": s.sensing.calibration and str(Path(s.sensing.calibration).resolve()),
         },
-        "sensing": {"neighbours": s.sensing.neighbours, "obstacles": s.sensing.obstacles},
+        "sensing": _sensing(s),
         "timing": {"pace": "clock" if clock else "frames"},
         "gaze": {"seed": int(np.random.SeedSequence([s.seed, i]).generate_state(1)[0])},
         "mission": {
@@ -93,6 +93,17 @@ def companion_config(
     if name in s.drones.foreign:
         config["controller"] = s.drones.foreign[name].does
     return config
+
+
+def _sensing(scenario: Scenario) -> dict[str, str]:
+    """Return by what a companion finds neighbours and obstacles."""
+    s = scenario.sensing
+    by_network = s.eyes == "network"
+    found = {
+        "neighbours": s.neighbours,
+        "obstacles": "network" if by_network and s.obstacles == "camera" else s.obstacles,
+    }
+    return {**found, "detector": s.eyes} if by_network and s.neighbours == "camera" else found
 
 
 def check_companions(scenario: Scenario, in_process: bool) -> None:

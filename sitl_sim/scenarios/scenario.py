@@ -223,7 +223,9 @@ class Scenario(StrictModel):
         except ValueError as error:
             raise Contradiction(("world.look",), str(error)) from error
         if self.world.look == PLAIN and self.drones.look != "ball":
-            raise Contradiction(("drones.look",), "world.look plain has drones with balls only")
+            raise Contradiction(
+                ("drones.look",), "world.look plain has drones with balls only: --balls"
+            )
         grown = self.world.lean_deg or self.world.branches or self.world.bushes
         if self.world.look == PLAIN and grown:
             raise Contradiction(("world.look",), "plain shows upright trunks only")

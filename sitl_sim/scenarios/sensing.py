@@ -94,6 +94,11 @@ class SensingConfig(StrictModel):
 
     neighbours: Literal["camera", "truth"] = "camera"
     obstacles: Literal["camera", "depth", "map"] = "camera"
+    eyes: Literal["color", "network"] = Field(
+        "color",
+        description="By what companions find in pictures what they are to find there. color: "
+        "magenta balls, and trunks by their colours; network: drones and obstacles as they are.",
+    )
     width: int = Field(640, ge=64, le=1920)
     height: int = Field(400, ge=64, le=1200)
     fov_deg: float = Field(160.0, gt=10, lt=200)

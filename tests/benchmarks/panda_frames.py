@@ -2,7 +2,7 @@
 
     pip install panda3d
     python tests/benchmarks/panda_frames.py DIR [--seed S] [--count N]
-    companion bench perception --frames DIR --detector network
+    companion bench perception --frames DIR
 
 Panda3D draws meshes by rasterisation, without shadows; the product's own pictures are traced. Five
 faces of a cube are drawn and bent into the fisheye's picture. Who is visible follows from a second

@@ -8,6 +8,7 @@ import pytest
 
 from companion.__main__ import main
 from companion.perception.camera import Camera
+from sitl_sim.scenarios.scenario import load
 
 CAMERA = Camera.equidistant(640, 400)
 DRONES = [((0.2, 0.0, 1.0), 3.0), ((-0.9, 0.1, 0.6), 5.0)]
@@ -46,7 +47,8 @@ def folder(tmp_path):
 
 
 def test_perception_is_measured_on_labelled_frames(folder, capsys):
-    assert main(["bench", "perception", "--frames", str(folder), "--json"]) == 0
+    by_colour = ["--frames", str(folder), "--detector", "color", "--json"]
+    assert main(["bench", "perception", *by_colour]) == 0
     result = json.loads(capsys.readouterr().out)
     seen = result["drones"]["sequence"]["0.3–8 m"]
     assert (seen["wanted"], seen["recall"], seen["precision"]) == (30, 1.0, 1.0)
@@ -58,12 +60,19 @@ def test_perception_is_measured_on_labelled_frames(folder, capsys):
     assert result["time_ms"]["detect_track"]["p50"] > 0.0
 
 
+def test_the_detector_is_the_one_that_flies_where_none_is_named(folder, capsys):
+    assert main(["bench", "perception", "--frames", str(folder), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["detector"] == load("forest", []).sensing.eyes == "network"
+    assert result["drones"]["sequence"]["0.3–8 m"]["recall"] == 1.0
+
+
 def test_an_unlabelled_drone_is_a_false_detection(folder, capsys):
     listing = json.loads((folder / "frames.json").read_text())
     for row in listing["frames"]:
         row["drones"] = row["drones"][:1]
     (folder / "frames.json").write_text(json.dumps(listing))
-    assert main(["bench", "perception", "--frames", str(folder)]) == 0
+    assert main(["bench", "perception", "--frames", str(folder), "--detector", "color"]) == 0
     whole = next(l for l in capsys.readouterr().out.splitlines() if "0.3–8 m" in l)
     assert whole.split()[2:4] == ["1.000", "0.500"]
 

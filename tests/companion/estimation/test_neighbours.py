@@ -110,3 +110,22 @@ def test_where_the_frame_begins_anew_no_neighbour_is_known():
     neighbours, _ = that_follows(2.0)
     neighbours.reset()
     assert neighbours.update(2.2, Detections(), NOTHING) == []
+
+
+def test_eyes_are_steady_that_show_the_same_neighbour_again_and_again():
+    neighbours, _ = that_follows(0.9)  # ten finds, of which the first two make it known
+    assert neighbours.steady
+    neighbours.reset()
+    assert not neighbours.steady
+
+
+@pytest.mark.parametrize("also_right", [False, True])
+def test_eyes_are_not_steady_that_show_something_else_in_each_picture(also_right):
+    """Beside what is new each time, a right one or none: half of what is shown, or nothing."""
+    neighbours = NeighbourEstimator(VIEW, TrackerConfig())
+    rng = np.random.default_rng(7)
+    for k in range(50):
+        ghost = np.append(rng.uniform(3.0, 8.0), rng.uniform(-4.0, 4.0, 2))
+        shown = look(ghost, *[place(0.0)] * also_right)
+        neighbours.update(0.1 * k, Detections(0.1 * k, OWN, shown), NOTHING)
+        assert not neighbours.steady

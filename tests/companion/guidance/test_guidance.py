@@ -46,6 +46,7 @@ def test_a_drone_that_has_others_looks_round_until_it_has_seen_one_and_then_sets
         yaw = reference.yaw
     assert turned > 3.5 * math.pi
     one = [track(1, [0.0, 5.0, 2.0])]
+    assert decided(guidance, own(yaw=yaw, time=5.95), tracks=one, steady=False).alone
     decided(guidance, own(yaw=yaw, time=6.0), tracks=one)
     for k in range(61, 95):  # the turn that has begun
         reference = decided(guidance, own(yaw=yaw, time=0.1 * k))

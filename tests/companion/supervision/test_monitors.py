@@ -246,7 +246,7 @@ def test_a_drone_that_has_seen_none_of_the_others_says_so_after_a_turn_and_then_
     reactions = [None if b is None else b.reaction for b in found]
     slow, hold = [Reaction.SLOW], [Reaction.HOLD]
     assert reactions == 40 * [None] + 20 * slow + 5 * hold + 5 * [None]
-    assert found[50].finding == "others: none has been seen, and some started within sight"
+    assert found[50].finding == "others: none has been seen steadily, and some started within sight"
 
 
 def test_a_speed_that_was_allowed_in_between_begins_anew():

@@ -16,20 +16,15 @@ def flown(*words):
     return load(options.scenario, overrides(options))
 
 
-@pytest.mark.parametrize(
-    ("scenario", "obstacles"), [("forest", "network"), ("crossing", "network"), ("tunnel", None)]
-)
-def test_bare_drones_in_a_drawn_look_are_seen_by_the_networks(scenario, obstacles):
-    s = flown(scenario, "--bare")
-    assert (s.world.look, s.drones.look) == ("random", "bare")
-    sensing = s.companion["sensing"]
-    assert sensing["detector"] == "network"
-    assert sensing.get("obstacles") == obstacles  # a wall with an opening needs its depth camera
+@pytest.mark.parametrize("scenario", ["forest", "crossing", "tunnel"])
+def test_balls_in_the_plain_look_are_found_by_colour(scenario):
+    s = flown(scenario, "--balls")
+    assert (s.world.look, s.drones.look, s.sensing.eyes) == ("plain", "ball", "color")
 
 
 def test_keys_come_last_and_the_scenario_may():
     keys = "--set", "world.look=pine", "--set", "drones.look=mixed"
-    s = flown("--drones", "3", *keys, "--bare", "forest")
+    s = flown("--drones", "3", *keys, "--balls", "forest")
     assert (s.world.look, s.drones.look, s.drones.count) == ("pine", "mixed", 3)
 
 
@@ -38,5 +33,5 @@ def test_without_it_nothing_changes():
 
 
 def test_a_look_that_shows_no_bare_drones_is_refused():
-    with pytest.raises(SettingsError, match="plain"):
-        flown("forest", "--bare", "--set", "world.look=plain")
+    with pytest.raises(SettingsError, match="balls only: --balls"):
+        flown("forest", "--set", "world.look=plain")

@@ -12,6 +12,8 @@ from sitl_sim.scenarios.conditions import WindConfig, drawn
 from sitl_sim.worlds.generators import build
 from sitl_sim.worlds.ground import Ground
 
+PLAIN = ("world.look=plain", "drones.look=ball")
+
 
 def load(*overrides, name="forest"):
     return scenarios.load(name, list(overrides))
@@ -109,7 +111,7 @@ def test_mixed_airframes_are_told_and_taken_in_turn(tmp_path):
 
 def test_pictures_of_the_plain_look_never_show_flat_ground_where_there_are_hills():
     with pytest.raises(SettingsError) as caught:
-        load("world.ground=uneven")
+        load(*PLAIN, "world.ground=uneven")
     assert "world.look: plain shows no hills" in caught.value.problems[0]
     assert load("world.ground=uneven", "world.look=clearing").world.look == "clearing"
 

@@ -211,7 +211,7 @@ def test_unknown_names_are_errors_that_list_the_choices(tmp_path):
     ):
         read("forest", ["world.look=swamp"])
     with pytest.raises(SettingsError, match=r"drones\.look"):
-        read("forest", ["drones.look=bare"])  # plain knows balls only
+        read("forest", ["world.look=plain"])  # it knows balls only
     with pytest.raises(SettingsError, match=r"--look: no 'swamp'; valid: all, clearing"):
         write_looks(tmp_path, 0, 1, "swamp", "all")
     with pytest.raises(SettingsError, match=r"--bodies: no 'kite'; valid: all, quad-x"):
