@@ -110,6 +110,46 @@ def test_another_colour_is_not_the_marker():
     assert found.range == pytest.approx(1.0, rel=0.05)
 
 
+WARM = np.array([90.0, 20.0, 240.0])  # 42 degrees nearer to red than magenta
+
+
+def test_the_hue_is_learnt_from_balls_in_plain_view_and_forgotten_without_any():
+    detector = ColorDetector(CAMERA)
+    warm, plain = (picture((towards(5.0), 1.5, 0.1), colour=c) for c in (WARM, MAGENTA))
+    for _ in range(10):
+        (found,) = detector.detect(warm)
+        assert found.range == pytest.approx(1.5, rel=0.05)
+    assert detector.detect(plain) == []  # in this light, no marker looks like that
+    empty = np.full_like(warm, 110)
+    for _ in range(298):
+        assert detector.detect(empty) == []
+    assert detector.detect(plain) == []
+    assert len(detector.detect(plain)) == 1  # 300 pictures without a ball
+
+
+def test_what_is_of_the_right_hue_but_pale_is_no_ball_once_balls_are_known():
+    pale = picture((towards(5.0), 1.5, 0.1), colour=np.array([170.0, 120.0, 180.0]))
+    detector = ColorDetector(CAMERA)
+    assert len(detector.detect(pale)) == 1
+    for _ in range(10):
+        detector.detect(picture((towards(5.0), 1.5, 0.1)))
+    assert detector.detect(pale) == []
+
+
+@pytest.mark.parametrize("colour", [WARM, MAGENTA])
+def test_pale_things_teach_nothing(colour):
+    pale = picture((towards(5.0), 1.5, 0.1), colour=np.array([150.0, 110.0, 160.0]))
+    detector = ColorDetector(CAMERA)
+    for _ in range(20):
+        detector.detect(pale)
+    assert len(detector.detect(picture((towards(5.0), 1.5, 0.1), colour=colour))) == 1
+
+
+def test_without_a_shift_no_other_hue_is_the_markers():
+    image = picture((towards(5.0), 1.5, 0.1), colour=WARM)
+    assert ColorDetector(CAMERA, ColorSettings(hue_shift_deg=0.0)).detect(image) == []
+
+
 def test_points_on_a_line_are_no_circle():
     x = np.linspace(0, 1, 30)
     assert fit_circles(x, 2 * x, 0.01) == []
