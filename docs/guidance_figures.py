@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse, FancyArrowPatch
 
 from companion.estimation.delay import Delay
-from companion.estimation.tracker import Tracker, TrackerConfig
+from companion.estimation.tracker import Tracker
+from companion.estimation.tracker_config import TrackerConfig
 from companion.guidance.detour import Detour
 from companion.guidance.gaze import Gaze, GazeConfig
 from companion.guidance.right_of_way import RightOfWayConfig, pass_on_right

@@ -16,7 +16,8 @@ import numpy as np
 
 from companion.bench.labels import Drones, LabelledFrame
 from companion.estimation.assignment import assign
-from companion.estimation.tracker import Tracker, TrackerConfig
+from companion.estimation.tracker import Tracker
+from companion.estimation.tracker_config import TrackerConfig
 from companion.perception.ball import Detector
 from companion.perception.camera import Camera
 from companion.types import Detection, Image, Trunk

@@ -6,7 +6,8 @@ from companion.estimation.known_obstacles import KnownObstacles
 from companion.estimation.scenery import Scenery
 from companion.estimation.steadiness import Steadiness
 from companion.estimation.surprises import Surprises
-from companion.estimation.tracker import Tracker, TrackerConfig
+from companion.estimation.tracker import Tracker
+from companion.estimation.tracker_config import TrackerConfig
 from companion.perception.frontend import Detections
 from companion.perception.view import View
 from companion.types import Track

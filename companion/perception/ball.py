@@ -6,21 +6,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from companion.perception.camera import Camera
 from companion.perception.circles import fit_circles
+from companion.perception.marker_colour import ColorSettings, MarkerColour
 from companion.perception.reduced import Reduced
 from companion.types import Detection, Image
 from mavlink_bridge.shared.arrays import Vector
-from mavlink_bridge.shared.settings import StrictModel
 
 # A circle through a smaller share of an outline is wrong more often than right.
 _LEAST_ARC = 0.5
@@ -28,12 +26,6 @@ _LEAST_ARC = 0.5
 # that hides the rest also bends the circle that is fitted to what shows: the range is less certain,
 # as measured on 5000 rendered detections.
 _WHOLE_ARC, _WHOLE_FILL = 0.85, 0.75
-# Balls in plain view that teach the hue; from then on it follows slowly, as the light does. After
-# so many pictures without one it is learnt anew: the drone may have been carried into other light.
-_TEACHERS, _FOLLOWS, _FORGETS = 10, 0.02, 300
-# Saturation, 0…1, of balls that teach: bark, leaves and sky have less, markers mostly more; and the
-# share of what was learnt that a ball has at least, in the shade and far off, too.
-_SATURATED, _SHADED = 0.6, 0.55
 # The largest blobs are fitted: a picture full of the marker's colour must not overrun the tick.
 _MOST_BLOBS = 40
 # Share of the least chroma that a small ball still has in a pixel of half the size; what is looked
@@ -60,45 +52,14 @@ class Detector(Protocol):
         ...
 
 
-class ColorSettings(StrictModel):
-    """The look of the marker."""
-
-    hue_deg: float = Field(
-        300.0,
-        description="Hue of the marker. 300 is magenta, which neither tree, grass, earth nor sky "
-        "is; `camera` obstacles leave out only magenta neighbours.",
-    )
-    hue_width_deg: float = Field(30.0, gt=0, le=180, description="Accepted distance from that hue.")
-    hue_shift_deg: float = Field(
-        45.0,
-        ge=0,
-        le=120,
-        description="How far light and white balance may shift the hue. By how much they do is "
-        "learnt from the first balls in plain view, while the drones stand beside each other.",
-    )
-    marker_radius: float = Field(0.10, gt=0, description="Radius of the ball [m].")
-    min_chroma: float = Field(
-        28.0, gt=0, description="Grey levels between the marker's strong and weak channels."
-    )
-    min_area: float = Field(3.0, gt=0, description="Area of the ball in the picture [px].")
-    max_range: float = Field(20.0, gt=0, description="Balls farther than this [m] are dropped.")
-    edge: float = Field(
-        0.44,
-        gt=0,
-        lt=1,
-        description="Share of the bright side's chroma at which the outline is drawn; below one "
-        "half, as the limb away from the sun is darker.",
-    )
-
-
 @dataclass(frozen=True)
 class _Ball:
     """A ball's outline as a cone.
 
     axis: (3,) unit vector, camera frame. angle: rad, half its opening. arc: share seen, 0…1. fill:
     solid angle of its blob over that of all balls in it. pixel: rad, at its place. clipped: whether
-    the frame cuts the blob. shift: degrees of its hue from the marker's. saturation: 0…1, of its
-    colour. spread: of the angles that its parts have, over the angle.
+    the frame cuts the blob. colour: as `MarkerColour` sees it. spread: of the angles that its parts
+    have, over the angle.
     """
 
     axis: Vector
@@ -107,15 +68,14 @@ class _Ball:
     fill: float
     pixel: float
     clipped: bool
-    shift: float
-    saturation: float
+    colour: tuple[float, float]
     spread: float = 0.0
 
     @property
     def plain(self) -> bool:
-        """Return whether it is in plain view, not small, and as saturated as markers are."""
+        """Return whether it is in plain view, and not small."""
         whole = self.arc > _WHOLE_ARC and self.fill > _WHOLE_FILL and not self.clipped
-        return whole and self.angle > 2.0 * self.pixel and self.saturation > _SATURATED
+        return whole and self.angle > 2.0 * self.pixel
 
     def same_as(self, other: _Ball) -> bool:
         """Return whether both are parts of one ball."""
@@ -156,10 +116,7 @@ class ColorDetector:
         self._weights[0, self._weak] = -1.0 / len(self._weak)
         # Made here, and not in the first tick.
         self._directions, self._solid_angle = camera.directions, camera.solid_angle
-        self._shift = 0.0  # degrees, as the light shifts the marker's hue
-        self._saturation = 0.0  # of balls, once learnt
-        self._taught: list[tuple[float, float]] = []
-        self._without = 0  # pictures since a ball was found
+        self._colour = MarkerColour(self.settings)
 
     def detect(self, image: Image) -> list[Detection]:
         """Return the marked drones in image (H,W,3) uint8 BGR, nearest first."""
@@ -179,27 +136,10 @@ class ColorDetector:
                     balls.append(ball)
                 else:
                     balls[same] = balls[same].joined(ball)
-        found = [(ball, self._detection(ball)) for ball in balls]
-        self._without = 0 if any(d is not None for _, d in found) else self._without + 1
-        if self._without == _FORGETS:
-            self._shift, self._saturation, self._taught = 0.0, 0.0, []
-        for ball, credible in found:
-            if credible is not None and ball.plain:
-                self._learn(ball)
-        return sorted((d for _, d in found if d is not None), key=lambda d: d.range)
-
-    def _learn(self, ball: _Ball) -> None:
-        """Learn from a ball in plain view how the light shifts its hue, and its saturation."""
-        if len(self._taught) < _TEACHERS:
-            self._taught.append((ball.shift, ball.saturation))
-            if len(self._taught) < _TEACHERS:
-                return
-            shift, self._saturation = np.median(self._taught, axis=0).tolist()
-        else:
-            shift = self._shift + _FOLLOWS * (ball.shift - self._shift)
-            self._saturation += _FOLLOWS * (ball.saturation - self._saturation)
-        most = self.settings.hue_shift_deg
-        self._shift = min(max(shift, -most), most)
+        credible = [(b, d) for b in balls if (d := self._detection(b)) is not None]
+        plain = [ball.colour for ball, _ in credible if ball.plain]
+        self._colour.after_picture(bool(credible), plain)
+        return sorted((d for _, d in credible), key=lambda d: d.range)
 
     def _boxes(self, picture: Reduced) -> list[Box]:
         """Return the boxes around the blobs of the marker's chroma."""
@@ -261,10 +201,8 @@ class ColorDetector:
         corners = sorted(chroma[_CORNERS].tolist())
         base = min(0.5 * (corners[3] + corners[4]), 0.3 * full)
         cover = (chroma - base) / max(full - base, 1.0)
-        colour = cv2.mean(patch, (cover > 0.7).view(np.uint8))[:3]
-        shift = self._hue_shift(colour)
-        saturation = 1.0 - min(colour) / max(max(colour), 1e-9)
-        if not self._fits(shift, saturation):
+        colour = self._colour.seen_as(cv2.mean(patch, (cover > 0.7).view(np.uint8))[:3])
+        if colour is None:
             return []
         # The weight by solid angle takes the lens' stretch out of the area.
         solid = np.minimum(cover, 1.0) * (cover > 0.15) * self._solid_angle[y0:y1, x0:x1]
@@ -279,23 +217,7 @@ class ColorDetector:
         whole = sum(2.0 * math.pi * (1.0 - math.cos(angle)) for _, angle, _ in cones)
         if whole <= 0.0:
             return []
-        fill = area / whole
-        return [_Ball(*cone, fill, pixel, clipped, shift, saturation) for cone in cones]
-
-    def _hue_shift(self, mean: Sequence[float]) -> float:
-        """Return how far the hue of a mean BGR colour is from the marker's [°]; NaN: of black."""
-        b, g, r = mean
-        if not b + g + r > 0.0:
-            return math.nan
-        hue = math.degrees(math.atan2(math.sqrt(3.0) * (g - b), 2.0 * r - g - b))
-        return (hue - self.settings.hue_deg + 180.0) % 360.0 - 180.0
-
-    def _fits(self, shift: float, saturation: float) -> bool:
-        """Return whether a ball may be so coloured; before that is learnt, it may in any light."""
-        s = self.settings
-        unknown = len(self._taught) < _TEACHERS and saturation > _SATURATED
-        right = abs(shift - self._shift) <= s.hue_width_deg + s.hue_shift_deg * unknown
-        return right and saturation >= _SHADED * self._saturation
+        return [_Ball(*cone, area / whole, pixel, clipped, colour) for cone in cones]
 
     def _outline(self, cover: Pixels, x0: int, y0: int, pixel: float) -> list[Cone]:
         """Return the balls by the outline of `cover` in a patch whose corner is pixel (x0, y0)."""

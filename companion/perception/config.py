@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 
-from companion.perception.ball import ColorSettings
 from companion.perception.depth import DepthConfig
 from companion.perception.heat_map import HeatMapConfig, NetworkConfig
+from companion.perception.marker_colour import ColorSettings
 from companion.perception.object_fit import FootSettings
 from companion.perception.trunk_fit import TrunkSettings
 from companion.perception.yolo import YoloConfig

@@ -12,7 +12,7 @@ from companion.control.baselines.config import BaselinesConfig
 from companion.control.nmpc import NmpcConfig
 from companion.estimation.obstacle_map import ObstacleConfig
 from companion.estimation.surface_map import SurfaceConfig
-from companion.estimation.tracker import TrackerConfig
+from companion.estimation.tracker_config import TrackerConfig
 from companion.guidance.fence import FenceConfig
 from companion.guidance.gaze import GazeConfig
 from companion.guidance.mission import MissionConfig

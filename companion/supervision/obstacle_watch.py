@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from companion.estimation.tracker import Tracker, TrackerConfig
+from companion.estimation.tracker import Tracker
+from companion.estimation.tracker_config import TrackerConfig
 from companion.perception.frontend import Detections
 from companion.types import Detection, Track, Trunk
 from mavlink_bridge.shared.arrays import Vector, lengths

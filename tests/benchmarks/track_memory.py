@@ -23,7 +23,8 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from companion.estimation.known_obstacles import KnownObstacles
 from companion.estimation.neighbours import in_plain_view
-from companion.estimation.tracker import Tracker, TrackerConfig
+from companion.estimation.tracker import Tracker
+from companion.estimation.tracker_config import TrackerConfig
 from companion.perception.config import CameraConfig
 from companion.perception.view import View, load_camera
 from companion.types import Detection

@@ -23,7 +23,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from companion.estimation.neighbours import NeighbourEstimator
-from companion.estimation.tracker import TrackerConfig
+from companion.estimation.tracker_config import TrackerConfig
 from companion.perception.config import CameraConfig, SensingConfig
 from companion.perception.frontend import Detections
 from companion.perception.network_search import NetworkSearch

@@ -23,7 +23,8 @@ from companion.estimation.input_history import InputHistory, SentInput
 from companion.estimation.known_obstacles import KnownObstacles
 from companion.estimation.neighbours import in_plain_view
 from companion.estimation.prediction import StatePredictor
-from companion.estimation.tracker import Tracker, TrackerConfig
+from companion.estimation.tracker import Tracker
+from companion.estimation.tracker_config import TrackerConfig
 from companion.guidance.fence import FenceConfig
 from companion.perception.config import CameraConfig
 from companion.perception.frontend import Detections

@@ -5,7 +5,7 @@ import pytest
 
 from companion.estimation.known_obstacles import KnownObstacles
 from companion.estimation.neighbours import NeighbourEstimator
-from companion.estimation.tracker import TrackerConfig
+from companion.estimation.tracker_config import TrackerConfig
 from companion.perception.camera import Camera
 from companion.perception.frontend import Detections
 from companion.perception.view import View

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from companion.estimation.tracker import Tracker, TrackerConfig
+from companion.estimation.tracker import Tracker
+from companion.estimation.tracker_config import TrackerConfig
 from companion.types import Detection
 from mavlink_bridge.wire.messages import VehicleState
 

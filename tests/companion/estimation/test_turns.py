@@ -7,7 +7,8 @@ from companion.estimation.known_obstacles import ObstacleEstimator
 from companion.estimation.obstacle_map import ObstacleConfig, ObstacleMap
 from companion.estimation.parallax_map import ParallaxMap
 from companion.estimation.surface_map import SurfaceConfig
-from companion.estimation.tracker import Tracker, TrackerConfig
+from companion.estimation.tracker import Tracker
+from companion.estimation.tracker_config import TrackerConfig
 from companion.estimation.turns import UnexplainedTurns
 from companion.perception.config import CameraConfig
 from companion.perception.parallax import FixedPoints

@@ -4,9 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
-from companion.perception.ball import ColorDetector, ColorSettings
+from companion.perception.ball import ColorDetector
 from companion.perception.camera import Camera
 from companion.perception.circles import fit_circles
+from companion.perception.marker_colour import ColorSettings
 
 CAMERA = Camera.equidistant(640, 400)
 MAGENTA = np.array([200.0, 20.0, 235.0])
