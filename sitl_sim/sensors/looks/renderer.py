@@ -58,6 +58,23 @@ class Picture:
     shown: Float64
 
 
+@dataclass(frozen=True)
+class _Grid:
+    """The pixels of a lens: cones around its tiles and groups of tiles; the painter's numbers."""
+
+    lens: Lens
+    groups: Float64
+    tiles: Float64
+    number: Float32
+
+    @classmethod
+    def of(cls, lens: Lens, number: Float32) -> _Grid:
+        """Return it; number: the painter's, but for the width of a pixel."""
+        number = number.copy()
+        number[painter.PIXEL] = 1 / lens.f
+        return cls(lens, cones(lens.rays, TILE_PX * GROUP), cones(lens.rays, TILE_PX), number)
+
+
 class LookRenderer:
     """Renders a world in a look."""
 
@@ -97,7 +114,8 @@ class LookRenderer:
         self._bodies = len(made)
         self._terrain = _terrain(world)
         self._rays = lens.rays
-        self._groups, self._tiles = cones(lens.rays, TILE_PX * GROUP), cones(lens.rays, TILE_PX)
+        self._grid = _Grid.of(lens, self._number)
+        self._grids: dict[tuple[int, int, float | None], _Grid] = {}  # of depth images
         corners = lens.rays[2, [0, 0, -1, -1], [0, -1, 0, -1]]
         self._reach = float(np.arccos(np.clip(corners.min(), -1, 1)))
         camera = self.look.camera
@@ -142,7 +160,7 @@ class LookRenderer:
         """Render a picture with its truth; strangers: birds and falling leaves to add."""
         p = np.array(p_wc, float)
         r_wc = rotation(np.asarray(q_wb, float)) @ R_BC
-        raw, depth, seen = self._scene(p, r_wc, self.lens)
+        raw, depth, seen = self._scene(p, r_wc, self._grid)
         rng = np.random.default_rng([frame_seed & 0xFFFFFFFF])
         offset = int(rng.integers(NOISE_BANK))
         places = np.array(drones_p, float).reshape(-1, 3)
@@ -173,9 +191,12 @@ class LookRenderer:
         fov_deg: float | None = None,
     ) -> Float32:
         """Return the distance (height,width) along each pixel's ray [m], with drones; sky: inf."""
-        lens = Lens(width, height, fov_deg) if fov_deg else self.lens.scaled(width, height)
-        p, r_wc = np.array(p_wc, float), rotation(np.asarray(q_wb, float)) @ R_BC
-        raw, depth, _ = self._scene(p, r_wc, lens)
+        grid = self._grids.get((width, height, fov_deg))
+        if grid is None:
+            lens = Lens(width, height, fov_deg) if fov_deg else self.lens.scaled(width, height)
+            grid = self._grids[width, height, fov_deg] = _Grid.of(lens, self._number)
+        p, r_wc, lens = np.array(p_wc, float), rotation(np.asarray(q_wb, float)) @ R_BC, grid.lens
+        raw, depth, _ = self._scene(p, r_wc, grid)
         places = np.array(drones_p, float).reshape(-1, 3)
         turns = np.array([rotation(q) for q in np.reshape(drones_q, (-1, 4))]).reshape(-1, 3, 3)
         owner = np.full(depth.shape, -1, np.int8)
@@ -185,7 +206,7 @@ class LookRenderer:
             depth[owner == k] = np.linalg.norm(place - p)
         return depth
 
-    def _scene(self, p: Float64, r_wc: Float64, lens: Lens) -> tuple[UInt8, Float32, UInt8]:
+    def _scene(self, p: Float64, r_wc: Float64, grid: _Grid) -> tuple[UInt8, Float32, UInt8]:
         """Return the static scene's light (h,w,3), depth and classes."""
         if self._terrain is None:
             p[2] = max(p[2], 0.02)
@@ -193,15 +214,10 @@ class LookRenderer:
         else:
             profile = np.empty((3, DIRECTIONS, STEPS), np.float32)
             profile_of(p, *self._terrain, profile)
-        groups, tiles = self._groups, self._tiles
-        number = self._number
-        if lens is not self.lens:
-            groups, tiles = cones(lens.rays, TILE_PX * GROUP), cones(lens.rays, TILE_PX)
-            number = number.copy()
-            number[painter.PIXEL] = 1 / lens.f
+        lens = grid.lens
         ranked, near = order(self._shapes.rows, p, max(_CLEAR * self.look.fog, 12.0))
         prims = prepare(self._shapes.rows, self._finish, ranked, near, p)
-        lists, count = tile_lists(self._shapes.rows, ranked, p, r_wc, groups, tiles)
+        lists, count = tile_lists(self._shapes.rows, ranked, p, r_wc, grid.groups, grid.tiles)
         shape = (lens.height, lens.width)
         raw, depth = np.empty((*shape, 3), np.uint8), np.empty(shape, np.float32)
         seen = np.empty(shape, np.uint8)
@@ -212,7 +228,7 @@ class LookRenderer:
             prims,
             lists,
             count,
-            number,
+            grid.number,
             self._texels,
             self._colours,
             self._map,
