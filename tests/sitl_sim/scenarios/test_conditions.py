@@ -151,3 +151,21 @@ def test_the_ground_is_level_where_walls_stand():
     ground = Ground(build(s.world, s.seed))
     np.testing.assert_allclose(ground.height([-10.0, 0.0, 10.0], 0.0), 0.0, atol=1e-9)
     assert abs(ground.height(0.0, 20.0)) > 0.05
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "told"),
+    [
+        ("forest", (), ("camera", "network", "network")),
+        ("tunnel", (), ("camera", "depth", "network")),
+        ("forest", ("sensing.neighbours=truth",), ("truth", "network", None)),
+        ("forest", ("sensing.obstacles=map",), ("camera", "map", "network")),
+        ("forest", ("sensing.eyes=color",), ("camera", "camera", None)),
+        ("forest", ("companion.sensing.detector=cnn",), ("camera", "network", "cnn")),
+        ("forest", ("drones.autopilot=betaflight",), ("camera", "camera", None)),
+        ("commission", (), ("camera", "camera", None)),
+    ],
+)
+def test_by_what_companions_find_neighbours_and_obstacles(name, changes, told, tmp_path):
+    given = companion_config(load(*changes, name=name), 0, tmp_path, clock=False)["sensing"]
+    assert (given["neighbours"], given["obstacles"], given.get("detector")) == told
