@@ -230,10 +230,12 @@ class Scenario(StrictModel):
         if self.world.look == PLAIN and grown:
             raise Contradiction(("world.look",), "plain shows upright trunks only")
         pictured = self.sensing.neighbours == "camera" or self.sensing.obstacles != "map"
-        if self.world.look == PLAIN and self.world.ground == "uneven" and pictured:
-            raise Contradiction(("world.look",), "plain shows no hills; uneven: clearing, …")
-        if self.world.ground == "slope" and (self.world.boxes or self.world.generator == "tunnel"):
-            raise Contradiction(("world.ground",), "slope: walls stand on level ground")
+        ground = self.world.ground
+        if self.world.look == PLAIN and ground in ("uneven", "steps") and pictured:
+            raise Contradiction(("world.look",), f"plain shows no hills; {ground}: clearing, …")
+        walls = self.world.boxes or self.world.generator == "tunnel"
+        if ground in ("slope", "steps") and walls:
+            raise Contradiction(("world.ground",), f"{ground}: walls stand on level ground")
         if self.sensing.obstacles == "map" and grown:
             raise Contradiction(("sensing.obstacles",), "map tells of upright trunks only")
         return self

@@ -14,7 +14,7 @@ from pydantic import Field
 
 from mavlink_bridge.shared.explain import Key
 from mavlink_bridge.shared.settings import Document, SettingsError, StrictModel, validate
-from sitl_sim.worlds.ground import Ground, sloping, uneven
+from sitl_sim.worlds.ground import Ground, sloping, stepped, uneven
 from sitl_sim.worlds.varied import add_bush, add_trunk
 from sitl_sim.worlds.world import GENERATORS, Box, Cylinder, WorldConfig
 
@@ -34,6 +34,8 @@ def build(config: WorldConfig, seed: int) -> dict[str, Any]:
         drawn = np.random.default_rng([seed, 8])
         if config.ground == "uneven":
             world["terrain"] = uneven(config.slope_deg, drawn, boxes)
+        elif config.ground == "steps":
+            world["terrain"] = stepped(config.step, drawn)
         else:
             world["terrain"] = sloping(config.slope_deg, drawn)
         ground = Ground(world)

@@ -14,6 +14,8 @@ Floats = NDArray[np.float64]
 REACH = 60.0  # m from the origin to each edge of a generated grid
 GRID = 2.0  # m between its points
 LEVELLED = 10.0  # m
+TERRACES, RISER = (6.0, 14.0), 0.5  # m: their width; over how much of it a step rises
+LEVELS = 2.0  # m above or below the origin from which terraces lead back
 HILLS = 6  # plane waves that are added up
 WAVELENGTHS = (18.0, 45.0)  # m
 
@@ -111,6 +113,25 @@ def uneven(
     north, east = np.gradient(height, GRID)
     height *= math.tan(math.radians(slope_deg)) / float(np.hypot(east, north).max())
     return {"x": axis.tolist(), "y": axis.tolist(), "z": height.round(4).tolist()}
+
+
+def stepped(step: float, rng: np.random.Generator) -> dict[str, Any]:
+    """Return `terrain` of terraces: every 6 to 14 m to the north a step of `step` m, up or down.
+
+    A step rises over `RISER` metres. The origin is in the middle of a terrace at 0.
+    """
+    rows = round(2 * REACH / RISER) + 1
+    axis = np.linspace(-REACH, REACH, rows)
+    height = np.zeros(rows)
+    for towards in (1.0, -1.0):
+        at, level = rng.uniform(*TERRACES) / 2, 0.0
+        while at < REACH:
+            up = rng.random() < 0.5 - 0.5 * level / LEVELS
+            level += step if up else -step
+            height[towards * axis > at] = level
+            at += rng.uniform(*TERRACES)
+    z = np.repeat(height[:, None], 2, axis=1)
+    return {"x": [-REACH, REACH], "y": axis.round(4).tolist(), "z": z.round(4).tolist()}
 
 
 def _room(x: Floats, y: Floats, boxes: Sequence[dict[str, Any]]) -> Floats:

@@ -91,11 +91,12 @@ class WorldConfig(StrictModel):
         max_length=2,
         description="tunnel: length and height of the wall [m].",
     )
-    ground: Literal["flat", "slope", "uneven"] = Field(
+    ground: Literal["flat", "slope", "uneven", "steps"] = Field(
         "flat",
-        description="slope: one plane through the origin; uneven: gentle hills. Heights of trunks "
-        "and targets count from it.",
+        description="slope: one plane through the origin; uneven: gentle hills; steps: terraces. "
+        "Heights of trunks and targets count from it.",
     )
+    step: float = Field(0.4, gt=0, le=1.0, description="steps: height of each [m].")
     slope_deg: float = Field(
         10.0, gt=0, le=30, description="slope: its angle; uneven: the steepest [degrees]."
     )

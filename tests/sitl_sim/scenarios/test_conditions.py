@@ -27,7 +27,7 @@ WRONG = [
     ("wind.turbulence=strong", "wind.turbulence: must be 'none', 'light', 'moderate' or 'severe'"),
     ("wind=[3, 0]", "wind: List should have at least 3 items"),
     ("wind.gusts=3", "wind.gusts: unknown key; valid: mean, turbulence"),
-    ("world.ground=hilly", "world.ground: must be 'flat', 'slope' or 'uneven'"),
+    ("world.ground=hilly", "world.ground: must be 'flat', 'slope', 'uneven' or 'steps'"),
     ("drones.airframes=[quad9]", "drones.airframes: must hold `key: value` lines; valid: arm, "),
     ("drones.actual={weight: 1.2}", "drones.actual.weight: unknown key; valid: battery, drag, "),
     ("drones.actual={mass: 0}", "drones.actual: Input should be greater than 0"),
@@ -113,6 +113,10 @@ def test_pictures_of_the_plain_look_never_show_flat_ground_where_there_are_hills
     with pytest.raises(SettingsError) as caught:
         load(*PLAIN, "world.ground=uneven")
     assert "world.look: plain shows no hills" in caught.value.problems[0]
+    with pytest.raises(SettingsError, match="plain shows no hills; steps"):
+        load(*PLAIN, "world.ground=steps")
+    with pytest.raises(SettingsError, match="steps: walls stand on level ground"):
+        load("world.ground=steps", name="tunnel")
     assert load("world.ground=uneven", "world.look=clearing").world.look == "clearing"
 
 
@@ -127,13 +131,15 @@ def test_a_slope_is_one_plane_of_its_angle_and_has_no_walls():
         load("world.ground=slope", "world.boxes=[{min: [0, 0, 0], max: [1, 1, 1]}]")
 
 
-@pytest.mark.parametrize("options", [("ground=uneven", "look=clearing"), ("ground=slope",)])
+@pytest.mark.parametrize(
+    "options", [("ground=uneven", "look=clearing"), ("ground=slope",), ("ground=steps",)]
+)
 def test_starts_targets_and_trunks_stand_on_ground_that_is_not_flat(options):
     s = load(*(f"world.{option}" for option in options), "seed=3")
     world, start = build(s.world, s.seed), placement.starts(s)
     ground = Ground(world)
     np.testing.assert_allclose(start[:, 2], ground.height(start[:, 0], start[:, 1]))
-    assert np.ptp(start[:, 2]) > 0.02
+    assert np.ptp([c["height"] for c in world["cylinders"]]) > 0.02
     goals = np.array([g for goals in placement.targets(s, start).values() for g in goals])
     np.testing.assert_allclose(
         goals[:, 2] - ground.height(goals[:, 0], goals[:, 1]), 2.0, atol=1e-3

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from sitl_sim.worlds.ground import Ground, uneven
+from sitl_sim.worlds.ground import Ground, stepped, uneven
 
 RAMP = {"x": [-10.0, 10.0], "y": [-5.0, 5.0], "z": [[-1.0, 1.0], [1.0, 3.0]]}
 
@@ -45,3 +45,23 @@ def test_hills_are_as_steep_as_asked_and_the_same_for_one_seed():
     assert Ground({"terrain": terrain}).height(0.0, 0.0) == pytest.approx(0.0, abs=1e-3)
     assert terrain == uneven(10.0, np.random.default_rng(3))
     assert terrain != uneven(10.0, np.random.default_rng(4))
+
+
+def test_terraces_are_level_and_a_step_apart_from_one_to_the_next():
+    terrain = stepped(0.4, np.random.default_rng(3))
+    ground = Ground({"terrain": terrain})
+    north = np.arange(-59.75, 60.0, 0.5)
+    heights = ground.height(7.0, np.array(terrain["y"]))
+    rises = np.diff(heights)
+    steps = rises[rises != 0.0]
+    assert 8 <= len(steps) <= 20
+    np.testing.assert_allclose(np.abs(steps), 0.4)
+    assert (steps > 0).any()
+    assert (steps < 0).any()
+    assert np.abs(heights).max() <= 2.4
+    wide = np.diff(np.flatnonzero(rises)) * 0.5
+    assert wide.min() >= 5.5
+    assert wide.max() <= 14.5
+    assert ground.height(0.0, 0.0) == 0.0
+    np.testing.assert_array_equal(ground.height(-30.0, north), ground.height(44.0, north))
+    assert terrain != stepped(0.4, np.random.default_rng(4))
