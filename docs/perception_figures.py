@@ -1,4 +1,4 @@
-"""Draws perception.webp, what the packaged networks see in twelve looks, with the code that flies.
+"""Draws perception.webp, what the packaged networks see in each look, with the code that flies.
 
 python docs/perception_figures.py [--seed S]
 """
@@ -23,15 +23,15 @@ from mavlink_bridge.shared.frames import rotation_matrix
 
 OUT = Path(__file__).with_name("perception.webp")
 LOOKS = (
-    *("clearing", "litter", "grass", "asphalt", "sand", "field"),
-    *("pine", "mossy", "cold", "warm", "dappled", "harsh"),
+    *("clearing", "litter", "grass", "asphalt", "sand", "snow", "mud", "field", "birch", "pine"),
+    *("brown", "mossy", "cold", "warm", "dappled", "dusk", "misty", "harsh", "cheap", "random"),
 )
 REACH = 9.0  # m
 RIGHT, FALSE, MISSED = (80, 220, 80), (60, 60, 255), (60, 60, 255)
 STANDS, STANDS_NOT = (255, 160, 60), (0, 160, 255)
 HEIGHTS = np.linspace(-1.2, 1.2, 13)  # m over the camera, where edges are drawn
 _SHOWN = 2  # drones
-COLUMNS, WIDTH, QUALITY = 3, 480, 80
+COLUMNS, WIDTH, QUALITY = 4, 400, 75
 
 
 def main() -> None:
