@@ -12,9 +12,7 @@ from collections import deque
 
 _LATELY = 5.0  # s of pictures that count
 _LEAST = 8  # finds, from which they tell anything
-_STEADY = (
-    0.6  # share; good looks reach it within 5 s of the mission, of poor ones a third of drones
-)
+_STEADY = 0.6  # share: docs/history/mechanisms.md has how many drones reach it, look by look
 
 
 class Steadiness:

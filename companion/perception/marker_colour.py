@@ -55,7 +55,7 @@ class ColorSettings(StrictModel):
 
 
 class MarkerColour:
-    """What colour the markers have in these pictures.
+    """Knows the markers' colour in these pictures.
 
     A colour's shift is how far its hue is from the configured one [°]; its saturation is 0…1.
     """

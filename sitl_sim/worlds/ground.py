@@ -118,7 +118,7 @@ def uneven(
 def stepped(step: float, rng: np.random.Generator) -> dict[str, Any]:
     """Return `terrain` of terraces: every 6 to 14 m to the north a step of `step` m, up or down.
 
-    A step rises over `RISER` metres. The origin is in the middle of a terrace at 0.
+    A step rises over `RISER` metres. The terrace around the origin is at 0.
     """
     rows = round(2 * REACH / RISER) + 1
     axis = np.linspace(-REACH, REACH, rows)

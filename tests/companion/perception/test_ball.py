@@ -137,13 +137,12 @@ def test_what_is_of_the_right_hue_but_pale_is_no_ball_once_balls_are_known():
     assert detector.detect(pale) == []
 
 
-@pytest.mark.parametrize("colour", [WARM, MAGENTA])
-def test_pale_things_teach_nothing(colour):
+def test_pale_things_teach_nothing():
     pale = picture((towards(5.0), 1.5, 0.1), colour=np.array([150.0, 110.0, 160.0]))
     detector = ColorDetector(CAMERA)
     for _ in range(20):
-        detector.detect(pale)
-    assert len(detector.detect(picture((towards(5.0), 1.5, 0.1), colour=colour))) == 1
+        assert len(detector.detect(pale)) == 1
+    assert len(detector.detect(picture((towards(5.0), 1.5, 0.1), colour=WARM))) == 1
 
 
 def test_without_a_shift_no_other_hue_is_the_markers():
