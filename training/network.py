@@ -12,7 +12,7 @@ import copy
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import interpolate, pixel_shuffle, relu
+from torch.nn.functional import conv_transpose2d, interpolate, relu
 
 from training.onnx_file import weights
 
@@ -33,6 +33,18 @@ def _halve(inputs: int, outputs: int) -> nn.Sequential:
     """Return a depth-wise convolution to half the size."""
     spatial = nn.Conv2d(inputs, inputs, 3, 2, 1, groups=inputs)
     return nn.Sequential(spatial, conv(inputs, outputs, 1))
+
+
+def _shuffled(layer: nn.Conv2d, cells: Tensor) -> Tensor:
+    """Return pixel_shuffle(layer(cells), 2) of a 1×1 convolution with four outputs to a channel.
+
+    As one transposed convolution, which ONNX Runtime runs in a third of the time.
+    """
+    channels = layer.out_channels // 4
+    weight = layer.weight.reshape(channels, 2, 2, -1).permute(3, 0, 1, 2)
+    assert layer.bias is not None
+    biases = layer.bias.reshape(1, channels, 2, 2).repeat(1, 1, *cells.shape[2:])
+    return conv_transpose2d(cells, weight, stride=2) + biases
 
 
 class _Refine(nn.Module):
@@ -99,7 +111,7 @@ class Network(nn.Module):
         sixteenth = self.merge(sixteenth + interpolate(wide, size=sixteenth.shape[2:]))
         eighth = eighth + interpolate(self.up_sixteenth(sixteenth), size=eighth.shape[2:])
         eighth = self.refine(eighth)
-        scene = self.scene(pixel_shuffle(self.coarse(eighth), 2) + self.fine(quarter))
+        scene = self.scene(_shuffled(self.coarse, eighth) + self.fine(quarter))
         return self.drones(eighth), scene, eighth
 
 
@@ -113,7 +125,9 @@ class _Flown(nn.Module):
     def forward(self, picture: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         drones, scene, features = self.network.looked(picture)
         cells = torch.cat([torch.sigmoid(drones[:, :1]), drones[:, 1:]], dim=1)
-        return cells, torch.softmax(scene, dim=1)[:, :2], features
+        # As `torch.softmax`, which ONNX Runtime runs in three times as long over channels.
+        odds = torch.exp(scene - scene.amax(dim=1, keepdim=True))
+        return cells, (odds / odds.sum(dim=1, keepdim=True))[:, :2], features
 
 
 def export(network: Network, path: str, width: int, height: int) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sitl_sim.sensors.drones import Look
 from sitl_sim.sensors.fisheye import R_BC, Float32, Float64, Lens, rotation
-from sitl_sim.sensors.looks import painter
+from sitl_sim.sensors.looks import painter, passes
 from sitl_sim.sensors.looks.backdrop import ground_map, sky
 from sitl_sim.sensors.looks.bodies import Body, bird, leaf, stack
 from sitl_sim.sensors.looks.develop import (
@@ -60,19 +60,24 @@ class Picture:
 
 @dataclass(frozen=True)
 class _Grid:
-    """The pixels of a lens: cones around its tiles and groups of tiles; the painter's numbers."""
+    """The pixels of a lens: cones around its tiles and groups of tiles, rays of each tile.
+
+    number: what the painter takes.
+    """
 
     lens: Lens
     groups: Float64
     tiles: Float64
+    rays: Float32
     number: Float32
 
     @classmethod
     def of(cls, lens: Lens, number: Float32) -> _Grid:
         """Return it; number: the painter's, but for the width of a pixel."""
         number = number.copy()
-        number[painter.PIXEL] = 1 / lens.f
-        return cls(lens, cones(lens.rays, TILE_PX * GROUP), cones(lens.rays, TILE_PX), number)
+        number[passes.PIXEL] = 1 / lens.f
+        groups, tiles = cones(lens.rays, TILE_PX * GROUP), cones(lens.rays, TILE_PX)
+        return cls(lens, groups, tiles, painter.tiled(lens.rays), number)
 
 
 class LookRenderer:
@@ -222,7 +227,7 @@ class LookRenderer:
         raw, depth = np.empty((*shape, 3), np.uint8), np.empty(shape, np.float32)
         seen = np.empty(shape, np.uint8)
         painter.paint(
-            lens.rays,
+            grid.rays,
             r_wc.astype(np.float32),
             p.astype(np.float32),
             prims,
@@ -350,20 +355,20 @@ class LookRenderer:
         self._map = ground_map(rng, rows, self.look, self._origin, self._size)
 
     def _numbers(self, rng: np.random.Generator) -> Float32:
-        look, number = self.look, np.zeros(painter.NUMBERS, np.float32)
-        number[painter.SUN : painter.SUN + 3] = look.light.sun
-        number[painter.DIRECT : painter.DIRECT + 3] = look.light.direct
-        number[painter.AMBIENT : painter.AMBIENT + 3] = look.light.ambient
-        number[painter.HAZE : painter.HAZE + 3] = look.sky.haze
-        number[painter.FOG], number[painter.DAPPLE] = look.fog, look.light.dapple
-        number[painter.COVER] = 256 * min(look.canopy, 0.9)
+        look, number = self.look, np.zeros(passes.NUMBERS, np.float32)
+        number[passes.SUN : passes.SUN + 3] = look.light.sun
+        number[passes.DIRECT : passes.DIRECT + 3] = look.light.direct
+        number[passes.AMBIENT : passes.AMBIENT + 3] = look.light.ambient
+        number[passes.HAZE : passes.HAZE + 3] = look.sky.haze
+        number[passes.FOG], number[passes.DAPPLE] = look.fog, look.light.dapple
+        number[passes.COVER] = 256 * min(look.canopy, 0.9)
         rows = self._shapes.rows
         upright = rows[rows[:, 0] < SPHERE]
         tops = upright[upright[:, 6] > 3.0, 6]
-        number[painter.CANOPY] = 0.85 * tops.min() if len(tops) else rng.uniform(7, 14)
-        number[painter.PIXEL] = 1 / self.lens.f
-        number[painter.MACRO_X : painter.MACRO_X + 2] = self._origin
-        number[painter.MACRO_SCALE] = len(self._map) / self._size
+        number[passes.CANOPY] = 0.85 * tops.min() if len(tops) else rng.uniform(7, 14)
+        number[passes.PIXEL] = 1 / self.lens.f
+        number[passes.MACRO_X : passes.MACRO_X + 2] = self._origin
+        number[passes.MACRO_SCALE] = len(self._map) / self._size
         return number
 
 
