@@ -57,12 +57,17 @@ class NeighbourEstimator:
             mount, drones = self._view.mount, seen.drones
             if on_mission:
                 drones = self._scenery.without(drones, seen.time, seen.own, mount)
-            self._tracker.update(seen.time, drones, seen.own, mount, in_view)
-            self._steadiness.update(seen.time, len(drones), self._tracker.known)
+            self._tracker.update(seen.time, drones, seen.own, mount, in_view, seen.partly)
+            if not seen.partly:
+                self._steadiness.update(seen.time, len(drones), self._tracker.known)
             tracks = self._tracker.tracks()
             self._surprises.update(seen.time, seen.own, tracks, obstacles, counting=on_mission)
         self._tracker.predict(time)
         return self._tracker.tracks()
+
+    def lately(self) -> list[Track]:
+        """Return the tracks whose place is no guess, unconfirmed ones, too."""
+        return self._tracker.lately()
 
     @property
     def steady(self) -> bool:

@@ -72,11 +72,12 @@ class Tracker:
         own: VehicleState,
         q_bc: Vector,
         in_view: Sequence[bool] | None = None,
+        partly: bool = False,
     ) -> None:
         """Take in the detections of one frame, captured at `time` [s] in the own state `own`.
 
         q_bc: (4,) camera → body. in_view: whether a neighbour at each of `positions` would show;
-        None: unknown.
+        None: unknown. partly: whether only those of `lately` were looked for.
         """
         self.predict(time)
         self._looked = time
@@ -85,7 +86,8 @@ class Tracker:
         assigned = self._associate(z, r, clear, own.p)
         self.known = sum(bool(self._confirmed[track]) for track, _ in assigned)
         if in_view is not None:
-            self._miss(np.reshape(in_view, (2, -1)), [track for track, _ in assigned])
+            looked = np.array(in_view, bool).reshape(2, -1) & ~(partly & self._stale)
+            self._miss(looked, [track for track, _ in assigned])
         if assigned:
             track, looks = (np.array(ids) for ids in zip(*assigned, strict=True))
             self._correct(track, z[looks], r[looks], own.p)
@@ -178,8 +180,14 @@ class Tracker:
 
     def tracks(self) -> list[Track]:
         """Return the confirmed tracks, oldest first."""
+        return self._tracks(self._confirmed)
+
+    def lately(self) -> list[Track]:
+        """Return the tracks whose place is no guess, unconfirmed ones, too, oldest first."""
+        return self._tracks(~self._stale)
+
+    def _tracks(self, sure: NDArray[np.bool_]) -> list[Track]:
         time = self._time or 0.0
-        sure = self._confirmed
         modes = self._modes if sure.all() else self._modes.kept(sure)
         mean, covariance = modes.mixture()
         scales = np.ones(len(mean))

@@ -30,6 +30,7 @@ class RecordedInputs:
     taken; lag: s, by which its stamp is later. drones, trunks, ranges, fixed, flow: its detections,
     where it was new. leave: whether control was to be given back. shown: whether the camera showed
     anything. latest: s, the latest that the vehicle's clock could show, where that was not `time`.
+    partly: whether drones were looked for only where they were expected.
     """
 
     time: float
@@ -44,6 +45,7 @@ class RecordedInputs:
     latest: float | None = None
     flow: Vector | None = None
     lag: float = 0.0
+    partly: bool = False
 
 
 class InputsError(ValueError):
@@ -99,6 +101,7 @@ def encode(
         "ranges": None if ranges is None else ranges.shape,
         "fixed": fixed.shape,
         "shown": shown,
+        "partly": seen.partly,
         "latest": latest,
         "flow": None if seen.flow is None else seen.flow.row,
     }
@@ -153,6 +156,7 @@ def decode(data: bytes) -> RecordedInputs:
             latest=header.get("latest"),
             flow=np.array(header["flow"], float) if header.get("flow") else None,
             lag=float(header.get("lag", 0.0)),
+            partly=bool(header.get("partly", False)),
         )
     except (ValueError, TypeError, KeyError) as error:
         raise InputsError(f"not a tick's inputs: {error}") from error

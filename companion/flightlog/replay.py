@@ -173,6 +173,8 @@ def _frame(inputs: RecordedInputs) -> Frame | None:
         "neighbours": np.array(drones).reshape(-1, 6),
         "trunks": np.array(trunks).reshape(-1, 8),
     }
+    if inputs.partly:
+        arrays["partly"] = np.ones((1, 1))
     if len(inputs.fixed):
         arrays["fixed"] = inputs.fixed
     if inputs.flow is not None:

@@ -50,10 +50,14 @@ class CloserLook:
     def __init__(self, model: Path = PACKAGED) -> None:
         self._session = opened(model, _INPUTS, _OUTPUTS, "a closer look")
 
-    def judge(self, image: Image, look: Look, peaks: Peaks) -> Peaks:
+    def judge(
+        self, image: Image, look: Look, peaks: Peaks, searched: Vector | None = None
+    ) -> Peaks:
         """Return the places in image (H,W,3) uint8 BGR with probabilities, places and sizes anew.
 
-        They are the likeliest first. image: of the size that the search takes. look: what it said.
+        They are the likeliest first. image: of the size that the search takes. look: what it said,
+        of this picture, or of an earlier one. searched: (n,2) px, where the same drones were in
+        that one.
 
         Raises:
             SenselessOutput: an output that is not finite.
@@ -62,7 +66,10 @@ class CloserLook:
             return peaks
         cuts = cut_outs(image, peaks.places, peaks.sizes)
         planes = np.ascontiguousarray(cuts.transpose(0, 3, 1, 2), np.float32)
-        given = {"cut_outs": planes, "around": around(look, peaks.places)}
+        given = {
+            "cut_outs": planes,
+            "around": around(look, peaks.places if searched is None else searched),
+        }
         (raw,) = self._session.run(list(_OUTPUTS), given)
         if not np.isfinite(raw).all():
             raise SenselessOutput("the closer look gives NaN or infinite numbers")

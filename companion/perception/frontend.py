@@ -45,7 +45,6 @@ _ARRAYS = {
 _COMPARED = (CameraFault.NONE, CameraFault.LATE, CameraFault.MISALIGNED, CameraFault.UNCLEAR)
 _NO_TRUNKS: Vector = np.zeros((0, 3))
 _FORESEEN = 0.05  # s after the tick that an own state may be, to take a picture's place by it
-_EXPECTED = 0.5  # s; a neighbour unseen for longer is looked for like others
 _NEXT = 0.25  # s between two pictures that are compared, at most
 _HELD = 8  # pictures that wait for telemetry, at most
 _LENGTHS = (1e-6, 1e4)  # m; distances, radii and standard deviations lie between
@@ -62,7 +61,8 @@ class Detections:
     lasted. started: whether any frame has been looked at. inhibit_reason: why the frames cannot be
     flown by; empty where they can. alignment: how the pictures turn, against the gyro. problem: of
     the detectors; empty where there is none. clarity: 0…1, how surely obstacle, ground and the rest
-    are told apart; 1 where no picture is asked.
+    are told apart; 1 where no picture is asked. partly: whether drones were looked for only where
+    they were expected.
     """
 
     time: float = 0.0
@@ -81,6 +81,7 @@ class Detections:
     clarity: float = 1.0
     flow: GroundFlow | None = None
     stamp: float | None = None
+    partly: bool = False
 
 
 class PerceptionFrontend:
@@ -135,6 +136,7 @@ class PerceptionFrontend:
         self._alignment = CameraAlignment(self._view)
         self._parallax = Parallax(self._view)
         self._looked_from: VehicleState | None = None
+        self._searched_from: VehicleState | None = None
         self._newest = self._arrived = -np.inf
         self._waiting: deque[Frame] = deque(maxlen=_HELD)
 
@@ -155,7 +157,8 @@ class PerceptionFrontend:
         at: returns the vehicle's state at a time [s] of the last second, where it is known.
         horizon: s, the latest that the vehicle's clock can show; None: `time`. trunks (k,3): known
         ones, x, y, radius [m], nearest first. wander: m/√s, 1 σ of the error of the reported way,
-        a random walk. tracks: neighbours as they were known at `tracked` [s].
+        a random walk. tracks: neighbours seen lately, as they were known at
+        `tracked` [s].
         """
         frame = self._told(time, frame, time if horizon is None else horizon)
         stamp = None if frame is None else frame.time
@@ -204,6 +207,7 @@ class PerceptionFrontend:
             found.clarity,
             found.flow,
             stamp,
+            found.partly,
         )
 
     def _told(self, time: float, frame: Frame | None, horizon: float) -> Frame | None:
@@ -245,19 +249,17 @@ class PerceptionFrontend:
             return Detections(frame.time, own)
         image = None if picture is None else picture.image
         drones: list[Detection] = []
+        self._frames += 1
+        due = self._frames % self._sensing.trunks_every == 0
+        partly = False
         network = self._network if image is not None else None
-        if network is not None and image is not None:
-            network.look(image)
         if self._sensing.neighbours == "truth":
             rows = frame.arrays.get("neighbours", np.zeros((0, 6)))
             drones = [Detection(r[:3], float(r[3]), float(r[4]), float(r[5])) for r in rows]
-        elif network is not None and self._sensing.detector == "network":
-            lately = [t for t in tracks if t.unseen < _EXPECTED]
-            passed = own.time - tracked
-            offsets = np.array([t.p + passed * t.v - own.p for t in lately]).reshape(-1, 3)
-            scales = np.array([t.scale for t in lately])
-            *known, up = self._view.to_camera(own, np.vstack([offsets, [0.0, 0.0, 1.0]]))
-            drones = network.drones(np.reshape(known, (-1, 3)), scales, up, self._moved(own))
+            partly = "partly" in frame.arrays  # of a replay
+        elif network is not None and image is not None and self._sensing.detector == "network":
+            partly = network.glances and not due and self._searched_from is not None
+            drones = self._by_network(network, image, own, tracks, tracked, partly)
         elif picture is not None:
             drones = (
                 self._drones.search(picture)
@@ -265,12 +267,8 @@ class PerceptionFrontend:
                 else self._drones.detect(picture.image)
             )
         drones = self._checked(drones, frame.arrays.get("depth"))
-        self._frames += 1
         shown = frame.arrays.keys() - ({"image"} if image is None else set())
-        searched = (
-            self._frames % self._sensing.trunks_every == 0
-            and _ARRAYS[self._sensing.obstacles] in shown
-        )
+        searched = due and _ARRAYS[self._sensing.obstacles] in shown
         given = frame.arrays.get("ranges")
         # As coarse as the log keeps them, so that a replay sees the same.
         ranges: Ranges | None = None if given is None else given.astype(np.float16)
@@ -301,7 +299,38 @@ class PerceptionFrontend:
             problem=problem,
             clarity=self._clarity(image),
             flow=flow,
+            partly=partly,
         )
+
+    def _by_network(
+        self,
+        network: NetworkSearch,
+        image: Image,
+        own: VehicleState,
+        tracks: Sequence[Track],
+        tracked: float,
+        partly: bool,
+    ) -> list[Detection]:
+        """Return the drones that the network finds in a picture taken in state `own`.
+
+        tracks, tracked: as in `see`. partly: whether it looks only where they must be.
+        """
+        scales, moved = np.array([t.scale for t in tracks]), self._moved(own)
+        known = self._places(tracks, tracked, own)
+        (up,) = self._view.to_camera(own, np.array([[0.0, 0.0, 1.0]]))
+        if partly:
+            assert self._searched_from is not None  # or the picture is searched
+            then = self._places(tracks, tracked, self._searched_from)
+            return network.glance(image, known, scales, up, moved, then)
+        network.look(image)
+        self._searched_from = own
+        return network.drones(known, scales, up, moved)
+
+    def _places(self, tracks: Sequence[Track], tracked: float, own: VehicleState) -> Vector:
+        """Return (n,3) m, camera frame of `own`, where tracks as of `tracked` [s] were then."""
+        passed = own.time - tracked
+        offsets = np.array([t.p + passed * t.v - own.p for t in tracks]).reshape(-1, 3)
+        return self._view.to_camera(own, offsets)
 
     def _moved(self, own: VehicleState) -> Moved | None:
         """Return how the camera has moved since the network's last picture; None: not known.
@@ -372,6 +401,8 @@ class PerceptionFrontend:
         down, rise = self._view.to_camera(own, np.array([[0.0, 0.0, -1.0], [*ground.rise, 0.0]]))
         height = ground.under(own.p)
         if self._sensing.obstacles == "network" and self._network is not None:
+            if self._sensing.detector != "network" or self._sensing.neighbours != "camera":
+                self._network.look(picture.image)
             return self._network.trunks(down, height, rise)
         return self._trunks.search(picture, down, height, rise)
 

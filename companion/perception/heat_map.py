@@ -136,20 +136,25 @@ class HeatMap:
         """Return the detections of an output, nearest first; each drone once."""
         return self.detections(self.peaks(cells))
 
-    def expected(self, offsets_c: Vector, scales: Vector) -> Peaks:
+    def places(self, offsets_c: Vector) -> Vector:
+        """Return where drones at offsets (n,3) m, camera frame, show: (n,2) u, v [px]."""
+        return self._camera.project(offsets_c)
+
+    def expected(self, offsets_c: Vector, scales: Vector) -> tuple[Peaks, NDArray[np.bool_]]:
         """Return where drones at offsets (n,3) m, camera frame, must show: those in the picture.
 
-        scales: (n,) of their sizes over the configured one. Nothing speaks for them: their scores
-        are 0.
+        And which (n,) these are. scales: (n,) of their sizes over the configured one. Nothing
+        speaks for them: their scores are 0.
         """
-        places = self._camera.project(offsets_c)
-        shown = ((places >= 0.0) & (places <= [WIDTH - 1, HEIGHT - 1])).all(axis=1)
+        places = self.places(offsets_c)
+        inside = (places >= 0.0) & (places <= [WIDTH - 1, HEIGHT - 1])
+        shown = np.asarray(inside.all(axis=1))
         places = places[shown]
         u, v = np.round(places).astype(int).T
         pixel = np.sqrt(self._camera.solid_angle[v, u].astype(float))
         ranges = np.maximum(np.linalg.norm(offsets_c[shown], axis=1), self._config.radius)
         sizes = self._config.radius * scales[shown] / (ranges * pixel)
-        return Peaks(places, sizes, np.ones(len(sizes)), np.zeros(len(sizes)))
+        return Peaks(places, sizes, np.ones(len(sizes)), np.zeros(len(sizes))), shown
 
     def detections(self, found: Peaks) -> list[Detection]:
         """Return drones at these places, nearest first; of two at one place the likelier."""

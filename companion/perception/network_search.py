@@ -51,6 +51,11 @@ class NetworkSearch:
         """Return the clarity."""
         return self._feet.clarity
 
+    @property
+    def glances(self) -> bool:
+        """Whether known drones can be looked at in pictures that are not searched."""
+        return self._closer is not None
+
     def look(self, image: Image) -> None:
         """Run the network on image (H,W,3) uint8 BGR.
 
@@ -61,6 +66,33 @@ class NetworkSearch:
         self._look = self._eyes.look(self._image)
         if self._closer is not None:
             self._background.follow(self._image)
+
+    def glance(
+        self,
+        image: Image,
+        offsets_c: Vector,
+        scales: Vector,
+        up_c: Vector,
+        moved: Moved | None,
+        searched_c: Vector,
+    ) -> list[Detection]:
+        """Return which of the known drones image (H,W,3) uint8 BGR shows, nearest first.
+
+        It is not searched, only looked at closely where they must be, by what the search said of
+        them in the newest picture that was. searched_c: (n,3) m, where they were then, camera frame
+        of then. The others: as in `drones`.
+
+        Raises:
+            SenselessOutput: an output of the network that cannot be true.
+        """
+        self._image = at_its_size(image)
+        self._background.follow(self._image)
+        if self._closer is None or self._look is None or not len(offsets_c):
+            return []
+        places, shown = self._heat_map.expected(offsets_c, scales)
+        before = self._heat_map.places(searched_c)[shown]
+        found = self._closer.judge(self._image, self._look, places, before)
+        return self._weighed(found, up_c, moved)
 
     def detect(self, image: Image) -> list[Detection]:
         """Return the drones in image (H,W,3) uint8 BGR, nearest first."""
@@ -91,15 +123,20 @@ class NetworkSearch:
         c = self._config
         places = peaks(self._look.drones, c.least_heat).first(c.looks)
         if len(offsets_c):
-            places = places.and_beside(self._heat_map.expected(offsets_c, scales))
+            places = places.and_beside(self._heat_map.expected(offsets_c, scales)[0])
         found = self._closer.judge(self._image, self._look, places)
         if up_c is not None:
             self._levels.follow(offsets_c @ up_c)
+        return self._weighed(found, up_c, moved)
+
+    def _weighed(self, found: Peaks, up_c: Vector | None, moved: Moved | None) -> list[Detection]:
+        """Return the likely ones of what was looked at, by heights and background, too."""
         if up_c is not None and len(found):
             found = found.weighed(self._levels.evidence(*self._heat_map.heights(found, up_c)))
         if moved is not None and len(found):
             found = found.weighed(self._against_background(found, moved))
-        return self._heat_map.detections(found.first(int((found.scores >= c.threshold).sum())))
+        likely = int((found.scores >= self._config.threshold).sum())
+        return self._heat_map.detections(found.first(likely))
 
     def _against_background(self, found: Peaks, moved: Moved) -> Vector:
         """Return the log odds (n,) that finds gain by it; only of those that it can decide on."""

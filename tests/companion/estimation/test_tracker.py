@@ -358,3 +358,16 @@ def test_courses_are_those_of_the_tracks(size_sigma):
     assert ids == [t.id for t in tracks] != []
     assert places == pytest.approx(np.array([t.p for t in tracks]), abs=1e-12)
     assert velocities == pytest.approx(np.array([t.v for t in tracks]), abs=1e-12)
+
+
+@pytest.mark.parametrize(("unseen", "kept"), [(0.3, 0), (0.8, 1)])
+def test_where_only_those_seen_lately_were_looked_for_others_are_not_missed(unseen, kept):
+    tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
+    list(follow(tracker, np.array([4.0, 0.0, 0.0]), CRUISE, 2, rng))
+    for k in range(3):
+        time = 0.1 + unseen + 0.01 * k
+        assert len(tracker.lately()) == (len(tracker.tracks()) if unseen < 0.5 else (k == 0))
+        tracker.update(time, [], own(time), LEVEL, [True, True], partly=True)
+        if not len(tracker.positions()):
+            break
+    assert len(tracker.positions()) == 2 * kept

@@ -98,7 +98,8 @@ def test_an_output_that_is_no_number_is_refused(monkeypatch, channel):
 def test_a_known_drone_is_expected_where_the_lens_shows_it():
     reader = HeatMap(CAMERA, NetworkConfig())
     offsets = np.array([[0.5, -0.3, 4.0], [0.0, 0.0, -3.0], [2.0, 0.2, 3.0]])  # the second: behind
-    expected = reader.expected(offsets, np.array([1.0, 1.0, 0.5]))
+    expected, shown = reader.expected(offsets, np.array([1.0, 1.0, 0.5]))
+    assert shown.tolist() == [True, False, True]
     assert expected.places == pytest.approx(CAMERA.project(offsets[[0, 2]]))
     (found,) = reader.detections(expected.first(1))
     assert found.range == pytest.approx(np.linalg.norm(offsets[0]), rel=1e-6)
@@ -180,3 +181,27 @@ def test_a_network_of_ones_own_is_read_by_its_heat_alone():
     search._look.drones[:, 20, 40] = 0.9, 0.0, 0.0, np.log(8.0), -3.0
     (found,) = search.drones()
     assert found.score == pytest.approx(0.9)
+
+
+def test_a_glance_looks_at_known_drones_alone_by_what_the_search_said_where_they_were(monkeypatch):
+    search = NetworkSearch(CAMERA, SensingConfig(detector="network"))
+    search.look(GREY)
+    monkeypatch.setattr(search._eyes, "look", lambda image: pytest.fail("searched"))
+    now = np.array([[0.5, 0.0, 4.0], [0.0, 0.0, -3.0], [-1.0, 0.2, 3.0]])  # the second: behind
+    then = now + np.array([0.3, 0.0, 0.0])
+    asked = []
+
+    def judge(image, look, places, searched):
+        asked.append((image, look, places.places, searched))
+        return peaks(places.places, places.sizes, [0.9, 0.2])
+
+    monkeypatch.setattr(search._closer, "judge", judge)
+    up = np.array([0.0, -1.0, 0.0])
+    (found,) = search.glance(GREY + 1, now, np.ones(3), up, None, then)
+    ((image, look, places, searched),) = asked
+    assert image[0, 0, 0] == 91
+    assert look is search._look
+    assert places == pytest.approx(CAMERA.project(now[[0, 2]]))
+    assert searched == pytest.approx(CAMERA.project(then[[0, 2]]))
+    assert found.direction == pytest.approx(now[0] / np.linalg.norm(now[0]), abs=1e-6)
+    assert search.glance(GREY, now[:0], np.ones(0), up, None, then[:0]) == []

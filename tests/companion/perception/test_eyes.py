@@ -1,5 +1,6 @@
 """The packaged network: refused files, the same output each time, and output that is no number."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,6 +12,7 @@ from companion.perception.eyes import FEATURES, SCENE, Eyes
 from companion.perception.frontend import PerceptionFrontend, make_view
 from companion.perception.networks import ModelError, SenselessOutput
 from companion.settings.config import CompanionConfig
+from companion.types import Track
 from mavlink_bridge.wire.video import Frame
 from tests.companion.depth_images import state
 
@@ -121,3 +123,31 @@ def test_one_pass_gives_drones_and_obstacles(monkeypatch):
 
 
 CAMERA_F = 640 / np.radians(160.0)
+
+
+def test_every_second_picture_is_searched_and_known_drones_are_looked_at_in_all(monkeypatch):
+    sensing = {"detector": "network", "obstacles": "network", "trunks_every": 2}
+    config = CompanionConfig.model_validate({"sensing": sensing})
+    view = make_view(config.camera, config.sensing)
+    perception = PerceptionFrontend(view, config.sensing, config.camera_health)
+    network, calls = perception._network, []
+    real = network._eyes.look
+    monkeypatch.setattr(network._eyes, "look", lambda image: calls.append("search") or real(image))
+
+    def judge(image, look, places, searched=None):
+        calls.append(("look", len(places), searched is None))
+        return places
+
+    monkeypatch.setattr(network._closer, "judge", judge)
+    monkeypatch.setattr(network, "trunks", lambda *_: [])
+    network._feet.clarity = 1.0
+    track = Track(1, np.array([4.0, 0.0, 2.0]), np.zeros(3), np.eye(6), 1.0, 0.1)
+    seen = []
+    for n in range(5):
+        picture = Frame(0.1 * n, {"image": np.roll(PICTURE, n, axis=0)})
+        at = replace(state([0.0, 0.0, 2.0]), time=0.1 * n)
+        seen.append(perception.see(0.1 * n, picture, lambda t, at=at: at, tracks=[track]))
+    assert [found.partly for found in seen] == [False, False, True, False, True]
+    assert [found.searched for found in seen] == [False, True, False, True, False]
+    assert calls.count("search") == 3
+    assert [call for call in calls if call[2:] == (False,)] == [("look", 1, False)] * 2
