@@ -69,9 +69,11 @@ def motion_blur(raw: UInt8, lens: Lens, omega_c: Float64, shutter: float) -> UIn
     return (total // samples).astype(np.uint8)
 
 
-def glare_of(lens: Lens, sun_c: Float64, strength: float) -> Float32:
-    """Return the grey levels (h,w) that the sun's light in the lens adds; sun_c: unit, camera."""
-    small = lens.scaled(lens.width // 8, lens.height // 8)
+def glare_of(lens: Lens, small: Lens, sun_c: Float64, strength: float) -> Float32:
+    """Return the grey levels (h,w) that the sun's light in the lens adds; sun_c: unit, camera.
+
+    small: the lens at the size, an eighth, at which the light is reckoned.
+    """
     away = np.arccos(np.clip(np.tensordot(sun_c.astype(np.float32), small.rays, 1), -1, 1))
     seen = np.clip((2.0 - math.acos(float(np.clip(sun_c[2], -1, 1)))) / 0.6, 0, 1)
     veil = strength * seen * (160 * np.exp(-away / 0.12) + 70 * np.exp(-away / 0.5) + 18)
@@ -100,12 +102,16 @@ def develop(raw, field, glare, gains, saturation, curve, noise, offset, sigma, o
 
     raw, out: (h,w,3) uint8. field: of `lens_map`. glare: (h,w), or no rows. gains: (3,) BGR.
     curve: of `tone`. noise: (NOISE_BANK,) int8, offset: index of this frame's. sigma: grey levels.
+    A row is developed in passes, so that what is between the look-ups becomes SIMD.
     """
     h, w = raw.shape[0], raw.shape[1]
     n = 3 * w
     flat, result = raw.reshape(h, n), out.reshape(h, n)
-    line = np.empty(n + 6, np.float32)
-    soft = np.empty(n, np.float32)
+    soft = np.empty(n + 6, np.float32)
+    sides = np.empty(n, np.float32)
+    planes = np.empty((3, w), np.float32)
+    index = np.empty(n, np.int32)
+    blue, green, red = planes[0], planes[1], planes[2]
     add = np.zeros(w, np.float32)
     gain_b, gain_g, gain_r = np.float32(gains[0]), np.float32(gains[1]), np.float32(gains[2])
     keep, strength = np.float32(saturation), np.float32(sigma)
@@ -116,40 +122,49 @@ def develop(raw, field, glare, gains, saturation, curve, noise, offset, sigma, o
     for y in range(h):
         up, down, here = flat[max(y - 1, 0)], flat[min(y + 1, h - 1)], flat[y]
         for i in range(n):
-            line[i + 3] = _SIDE * (np.float32(up[i]) + np.float32(down[i])) + _MID * np.float32(
+            soft[i + 3] = _SIDE * (np.float32(up[i]) + np.float32(down[i])) + _MID * np.float32(
                 here[i]
             )
         for c in range(3):
-            line[c], line[n + 3 + c] = line[3 + c], line[n + c]
+            soft[c], soft[n + 3 + c] = soft[3 + c], soft[n + c]
+        for i in range(n):
+            sides[i] = _SIDE * (soft[i] + soft[i + 6]) + _MID * soft[i + 3]
         state = (state * 1664525 + 1013904223) & 0xFFFFFFFF
         first = min((state >> 8) & _MASK, NOISE_BANK - n)
         grain = noise[first : first + n]
         bright, veil = field[0, y], field[1, y]
-        for x in range(w):
-            add[x] = veil[x]
         if flares:
             for x in range(w):
-                add[x] += glare[y, x]
+                add[x] = veil[x] + glare[y, x]
+        else:
+            for x in range(w):
+                add[x] = veil[x]
         for x in range(w):
-            i = 3 * x
-            b = _SIDE * (line[i] + line[i + 6]) + _MID * line[i + 3]
-            g = _SIDE * (line[i + 1] + line[i + 7]) + _MID * line[i + 4]
-            r = _SIDE * (line[i + 2] + line[i + 8]) + _MID * line[i + 5]
-            b = (b * bright[x] + add[x]) * gain_b
-            g = (g * bright[x] + add[x]) * gain_g
-            r = (r * bright[x] + add[x]) * gain_r
+            blue[x] = sides[3 * x]
+            green[x] = sides[3 * x + 1]
+            red[x] = sides[3 * x + 2]
+        for x in range(w):
+            b = (blue[x] * bright[x] + add[x]) * gain_b
+            g = (green[x] * bright[x] + add[x]) * gain_g
+            r = (red[x] * bright[x] + add[x]) * gain_r
             grey = np.float32(0.114) * b + np.float32(0.587) * g + np.float32(0.299) * r
-            soft[i] = grey + keep * (b - grey)
-            soft[i + 1] = grey + keep * (g - grey)
-            soft[i + 2] = grey + keep * (r - grey)
-        row = result[y]
+            blue[x] = grey + keep * (b - grey)
+            green[x] = grey + keep * (g - grey)
+            red[x] = grey + keep * (r - grey)
+        for x in range(w):
+            sides[3 * x] = blue[x]
+            sides[3 * x + 1] = green[x]
+            sides[3 * x + 2] = red[x]
         for i in range(n):
-            light = soft[i]
+            light = sides[i]
             # Shot noise grows with the root of the light, here approximated by a line.
             light += (
                 np.float32(grain[i]) * strength * (np.float32(0.6) + light * np.float32(0.0032))
             )
-            row[i] = curve[np.uintp(np.int32(min(max(light * scale, _ZERO), top)))]
+            index[i] = np.int32(min(max(light * scale, _ZERO), top))
+        row = result[y]
+        for i in range(n):
+            row[i] = curve[np.uintp(index[i])]
 
 
 def compressed(picture: UInt8, quality: int) -> UInt8:

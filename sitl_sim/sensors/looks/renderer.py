@@ -118,7 +118,7 @@ class LookRenderer:
         self._parts = stack([*made, *(bird(rng) for _ in range(4)), *(leaf(rng) for _ in range(4))])
         self._bodies = len(made)
         self._terrain = _terrain(world)
-        self._rays = lens.rays
+        self._eighth = lens.scaled(lens.width // 8, lens.height // 8)
         self._grid = _Grid.of(lens, self._number)
         self._grids: dict[tuple[int, int, float | None], _Grid] = {}  # of depth images
         corners = lens.rays[2, [0, 0, -1, -1], [0, -1, 0, -1]]
@@ -294,7 +294,7 @@ class LookRenderer:
         sunny = float(light.direct.max()) > 0.0
         glare = _NO_GLARE
         if camera.glare > 0.05 and sunny:
-            glare = glare_of(self.lens, r_wc.T @ light.sun, camera.glare)
+            glare = glare_of(self.lens, self._eighth, r_wc.T @ light.sun, camera.glare)
         out = np.empty_like(raw)
         develop(
             raw,
