@@ -58,10 +58,10 @@ class NeighbourEstimator:
             if on_mission:
                 drones = self._scenery.without(drones, seen.time, seen.own, mount)
             self._tracker.update(seen.time, drones, seen.own, mount, in_view, seen.partly)
-            if not seen.partly:
+            if not seen.partly:  # both tell of what a search finds
                 self._steadiness.update(seen.time, len(drones), self._tracker.known)
-            tracks = self._tracker.tracks()
-            self._surprises.update(seen.time, seen.own, tracks, obstacles, counting=on_mission)
+                tracks = self._tracker.tracks()
+                self._surprises.update(seen.time, seen.own, tracks, obstacles, counting=on_mission)
         self._tracker.predict(time)
         return self._tracker.tracks()
 

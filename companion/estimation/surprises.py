@@ -20,7 +20,9 @@ from mavlink_bridge.shared.arrays import norm
 from mavlink_bridge.wire.messages import VehicleState
 
 _NEAR = 3.0  # m
-_LOOKS = 5  # pictures before, in each of which its place was in plain view
+# s before, in all searched pictures of which its place was in plain view: at most, and at least.
+_SHOWN = (0.55, 0.35)
+_FEWEST = 2  # such pictures
 _BESIDE = 0.5  # m beside a trunk within which a neighbour may have been behind it
 _LATELY = 20.0  # s for which a surprise counts
 _LOST = 2.0  # s for which a neighbour whose track ended is still known to be about
@@ -38,7 +40,7 @@ class Surprises:
         """Forget all neighbours and all surprises."""
         self._known: dict[int, Track] = {}
         self._lost: list[tuple[float, Track]] = []
-        self._past: deque[tuple[float, VehicleState]] = deque(maxlen=_LOOKS)
+        self._past: deque[tuple[float, VehicleState]] = deque()
         self._times: deque[float] = deque()
 
     def update(
@@ -50,10 +52,12 @@ class Surprises:
         *,
         counting: bool = True,
     ) -> None:
-        """Take in the tracks after the picture taken at `time` [s] from `own`.
+        """Take in the tracks after the picture searched that was taken at `time` [s] from `own`.
 
         counting: whether surprises count. While drones take off, those beside come up close by.
         """
+        while self._past and time - self._past[0][0] > _SHOWN[0]:
+            self._past.popleft()
         fresh = [t for t in tracks if t.id not in self._known]
         known = {t.id: t for t in tracks}
         self._lost += [(time, t) for t in self._known.values() if t.id not in known]
@@ -83,7 +87,9 @@ class Surprises:
         self, time: float, own: VehicleState, t: Track, obstacles: KnownObstacles
     ) -> bool:
         """Return whether a new neighbour is near and should have been seen before."""
-        if norm(t.p - own.p) >= _NEAR or len(self._past) < _LOOKS:
+        if norm(t.p - own.p) >= _NEAR:
+            return False
+        if len(self._past) < _FEWEST or time - self._past[0][0] < _SHOWN[1]:
             return False
         doubt = np.sqrt(t.variances[:1])
         for then, before in self._past:

@@ -72,7 +72,8 @@ class SurroundingsEstimator:
         """Return what is around `own` at the tick of `time` [s]; nothing where own is not known."""
         if own is None:
             return Surroundings()
-        looked = seen.own if seen.fault is CameraFault.NONE else None
+        searched = seen.fault is CameraFault.NONE and not seen.partly
+        looked = seen.own if searched else None
         free = self._space.update(own, looked, known, self._config.unseen_speed)
         watched, moving = self._watch.update(time, tracks), self._trunks.update(time, seen)
         # A place that came into view after the last picture has not been looked at: with a frozen

@@ -54,7 +54,7 @@ def trunk(x, y):
         (1, {"place": [2.9, 0.0, 0.0]}),
         (0, {"place": [3.1, 0.0, 0.0]}),  # far enough for a first look
         (0, {"place": [2.0, 0.5, 0.0], "counting": False}),  # others still take off
-        (0, {"place": [2.0, 0.5, 0.0], "looks": 4}),  # it has hardly looked yet
+        (0, {"place": [2.0, 0.5, 0.0], "looks": 3}),  # it has hardly looked yet
         (0, {"place": [-1.0, 2.0, 0.0]}),  # beyond the picture's edge
         (0, {"place": [2.0, 0.5, 0.0], "yaw_then": math.pi}),  # it looked the other way
         (0, {"place": [0.6, 2.0, 0.0], "v": [3.0, 0.0, 0.0]}),  # flew in from the side
@@ -66,6 +66,31 @@ def trunk(x, y):
 )
 def test_a_surprise_is_new_and_near_and_was_in_plain_view(count, situation):
     assert counted(**situation) == count
+
+
+@pytest.mark.parametrize(("pictures", "count"), [(1, 0), (2, 1), (5, 1)])
+def test_pictures_searched_half_as_often_count_as_long(pictures, count):
+    surprises = Surprises(VIEW)
+    for k in range(pictures):
+        surprises.update(0.2 * k, own(), [], NOTHING)
+    surprises.update(0.2 * pictures, own(), [sure([2.0, 0.5, 0.0])], NOTHING)
+    assert surprises.lately(0.2 * pictures) == count
+
+
+@pytest.mark.parametrize(("partly", "counts"), [(False, [1, 1]), (True, [0, 1])])
+def test_what_is_looked_at_without_a_search_is_judged_with_the_next_search(partly, counts):
+    neighbours = NeighbourEstimator(VIEW, TrackerConfig())
+    place = np.array([2.0, 0.5, 0.2])
+    ray = place @ rotation_matrix(VIEW.mount) / np.linalg.norm(place)
+    look = [Detection(ray, float(np.linalg.norm(place)), 0.003, 0.05)]
+    for k in range(11):
+        neighbours.update(0.1 * k, Detections(0.1 * k, own(), look if k >= 10 else []), NOTHING)
+    found = []
+    for k, part in ((11, partly), (12, False)):
+        seen = Detections(0.1 * k, own(), look, partly=part)
+        neighbours.update(0.1 * k, seen, NOTHING)
+        found.append(neighbours.surprises(0.1 * k))
+    assert found == counts
 
 
 def test_a_neighbour_that_has_come_from_afar_is_none():
