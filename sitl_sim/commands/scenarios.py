@@ -1,4 +1,4 @@
-"""`sitl-sim scenarios`: the packaged scenarios, and a plan of each from above."""
+"""`sitl-sim scenarios`: the packaged scenarios, a plan of each from above, and how hard it is."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from sitl_sim.commands.exit_status import EXIT_OK
 from sitl_sim.commands.extras import require
 
 if TYPE_CHECKING:
     from sitl_sim.scenarios.scenario import Scenario
 
-HELP = "list them; draw their plans"
+HELP = "list them; draw their plans; how hard their worlds are"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,12 +23,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "files", nargs="*", metavar="FILE", help="scenarios of your own (the packaged ones)"
     )
     parser.add_argument("--plans", type=Path, metavar="DIR", help="draw NAME.svg of each there")
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the plans (0)")
+    parser.add_argument(
+        "--difficulty",
+        action="store_true",
+        help="how narrow the ways are, how they turn, and how many trunks stand there",
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the worlds (0)")
     parser.add_argument("--missions", metavar="FILE", help="for those whose worlds are in a file")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print a line for each scenario; draw plans where --plans is given.
+    """Print a line for each scenario; draw plans and tell difficulties where that is asked.
 
     Raises:
         SettingsError: bad input.
@@ -42,16 +49,38 @@ def run(options: argparse.Namespace) -> int:
             print(f"{name}: {shapes}; generator {world.generator}")
         else:
             print(f"{name:<14}{scenarios.description(name)}")
-        if options.plans is None:
+        if options.plans is None and not options.difficulty:
             continue
         changes = [f"seed={options.seed}"]
         if name == "lsc-forest":
             if options.missions is None:
                 continue
             changes.append(f"world.missions={options.missions}")
-        options.plans.mkdir(parents=True, exist_ok=True)
-        draw_plan(scenarios.load(name, changes), options.plans / f"{Path(name).stem}.svg")
+        scenario = scenarios.load(name, changes)
+        if options.difficulty:
+            print(f"    {difficulty_of(scenario)}")
+        if options.plans is not None:
+            options.plans.mkdir(parents=True, exist_ok=True)
+            draw_plan(scenario, options.plans / f"{Path(name).stem}.svg")
     return EXIT_OK
+
+
+def difficulty_of(scenario: Scenario) -> str:
+    """Return in words how hard a scenario's world is, for the seed that it has."""
+    from sitl_sim.scenarios import placement
+    from sitl_sim.worlds.difficulty import NoWay, difficulty
+    from sitl_sim.worlds.generators import build
+
+    world, starts = build(scenario.world, scenario.seed), placement.starts(scenario)
+    goals = [np.array(way) for way in placement.targets(scenario, starts).values()]
+    try:
+        found = difficulty(world, starts, goals, scenario.drones.radius)
+    except NoWay as error:
+        return str(error)
+    return (
+        f"obstruction {found.obstruction:.2f}, angle over length {found.angle_over_length:.3f}, "
+        f"way {found.length:.0f} m, {found.trunks_per_hectare:.0f} trunks a hectare"
+    )
 
 
 def draw_plan(scenario: Scenario, path: Path) -> None:
