@@ -56,7 +56,8 @@ class Track:
     """A neighbour as the tracker knows it, in the drone's own world frame (ENU).
 
     p: (3,) m. v: (3,) m/s. P: (6,6) covariance of (p, v). age: s since the track began. unseen: s
-    since the last detection. scale: its size over the one that the detector assumes.
+    since the last detection. scale: its size over the one that the detector assumes. confirmed:
+    whether it is surely there.
     """
 
     id: int
@@ -66,6 +67,7 @@ class Track:
     age: float
     unseen: float
     scale: float = 1.0
+    confirmed: bool = True
 
     @property
     def lost(self) -> bool:

@@ -32,7 +32,10 @@ _PERIOD = 0.1  # s between two pictures
 # Settings that take less time, and their price in flight; tried in turn until a tick fits.
 LOWER = (
     (("sensing.parallax=false",), "nothing but colour shows obstacles"),
-    (("sensing.parallax=false", "sensing.trunks_every=3"), "trunks are looked for less often"),
+    (
+        ("sensing.parallax=false", "sensing.trunks_every=3"),
+        "trunks, and new neighbours by the network, are looked for less often",
+    ),
     (
         ("sensing.parallax=false", "camera.width=320", "camera.height=200"),
         "drones and trunks are seen at half the distance",

@@ -186,22 +186,23 @@ class Tracker:
         """Return the tracks whose place is no guess, unconfirmed ones, too, oldest first."""
         return self._tracks(~self._stale)
 
-    def _tracks(self, sure: NDArray[np.bool_]) -> list[Track]:
+    def _tracks(self, which: NDArray[np.bool_]) -> list[Track]:
         time = self._time or 0.0
-        modes = self._modes if sure.all() else self._modes.kept(sure)
+        modes = self._modes if which.all() else self._modes.kept(which)
         mean, covariance = modes.mixture()
         scales = np.ones(len(mean))
         if self._sized:
             scales = 1.0 / mean[:, 6]
             mean, covariance = track_size.in_world(mean, covariance)
         columns = (
-            self._ids[sure].tolist(),
+            self._ids[which].tolist(),
             mean[:, :3],
             mean[:, 3:],
             covariance,
-            (time - self._born[sure]).tolist(),
-            (time - self._seen[sure]).tolist(),
+            (time - self._born[which]).tolist(),
+            (time - self._seen[which]).tolist(),
             scales.tolist(),
+            self._confirmed[which].tolist(),
         )
         return [Track(*row) for row in zip(*columns, strict=True)]
 

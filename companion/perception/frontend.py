@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.perception.background import Moved
 from companion.perception.ball import ColorDetector
 from companion.perception.camera_alignment import Alignment, CameraAlignment, StateAt
 from companion.perception.camera_health import CameraFault, CameraHealth, CameraHealthConfig
@@ -45,7 +44,6 @@ _ARRAYS = {
 _COMPARED = (CameraFault.NONE, CameraFault.LATE, CameraFault.MISALIGNED, CameraFault.UNCLEAR)
 _NO_TRUNKS: Vector = np.zeros((0, 3))
 _FORESEEN = 0.05  # s after the tick that an own state may be, to take a picture's place by it
-_NEXT = 0.25  # s between two pictures that are compared, at most
 _HELD = 8  # pictures that wait for telemetry, at most
 _LENGTHS = (1e-6, 1e4)  # m; distances, radii and standard deviations lie between
 
@@ -113,9 +111,11 @@ class PerceptionFrontend:
         self._frames = 0
         self._network: NetworkSearch | None = None
         if sensing.uses_network:
+            from companion.perception.network_neighbours import NetworkNeighbours
             from companion.perception.network_search import NetworkSearch
 
             self._network = NetworkSearch(view.camera, sensing)
+            self._neighbours = NetworkNeighbours(view, self._network)
         if self._network is None or sensing.detector != "network":
             self._drones = make_detector(view.camera, sensing)
         if sensing.obstacles == "camera":
@@ -135,8 +135,8 @@ class PerceptionFrontend:
         self._health = CameraHealth(self._health_config, self._arrays)
         self._alignment = CameraAlignment(self._view)
         self._parallax = Parallax(self._view)
-        self._looked_from: VehicleState | None = None
-        self._searched_from: VehicleState | None = None
+        if self._network is not None:
+            self._neighbours.reset()
         self._newest = self._arrived = -np.inf
         self._waiting: deque[Frame] = deque(maxlen=_HELD)
 
@@ -258,8 +258,7 @@ class PerceptionFrontend:
             drones = [Detection(r[:3], float(r[3]), float(r[4]), float(r[5])) for r in rows]
             partly = "partly" in frame.arrays  # of a replay
         elif network is not None and image is not None and self._sensing.detector == "network":
-            partly = network.glances and not due and self._searched_from is not None
-            drones = self._by_network(network, image, own, tracks, tracked, partly)
+            drones, partly = self._neighbours.find(image, own, tracks, tracked, due)
         elif picture is not None:
             drones = (
                 self._drones.search(picture)
@@ -301,49 +300,6 @@ class PerceptionFrontend:
             flow=flow,
             partly=partly,
         )
-
-    def _by_network(
-        self,
-        network: NetworkSearch,
-        image: Image,
-        own: VehicleState,
-        tracks: Sequence[Track],
-        tracked: float,
-        partly: bool,
-    ) -> list[Detection]:
-        """Return the drones that the network finds in a picture taken in state `own`.
-
-        tracks, tracked: as in `see`. partly: whether it looks only where they must be.
-        """
-        scales, moved = np.array([t.scale for t in tracks]), self._moved(own)
-        known = self._places(tracks, tracked, own)
-        (up,) = self._view.to_camera(own, np.array([[0.0, 0.0, 1.0]]))
-        if partly:
-            assert self._searched_from is not None  # or the picture is searched
-            then = self._places(tracks, tracked, self._searched_from)
-            return network.glance(image, known, scales, up, moved, then)
-        network.look(image)
-        self._searched_from = own
-        return network.drones(known, scales, up, moved)
-
-    def _places(self, tracks: Sequence[Track], tracked: float, own: VehicleState) -> Vector:
-        """Return (n,3) m, camera frame of `own`, where tracks as of `tracked` [s] were then."""
-        passed = own.time - tracked
-        offsets = np.array([t.p + passed * t.v - own.p for t in tracks]).reshape(-1, 3)
-        return self._view.to_camera(own, offsets)
-
-    def _moved(self, own: VehicleState) -> Moved | None:
-        """Return how the camera has moved since the network's last picture; None: not known.
-
-        By the velocity: a place that jumps would be no motion.
-        """
-        then, self._looked_from = self._looked_from, own
-        if then is None or not 0.0 < own.time - then.time < _NEXT:
-            return None
-        passed = own.time - then.time
-        turn = self._view.rotation(then).T @ self._view.rotation(own)
-        way = self._view.to_camera(own, 0.5 * (own.v + then.v) * passed)
-        return Moved(turn, way, passed)
 
     def _checked(
         self, drones: list[Detection], depth: NDArray[np.float32] | None

@@ -360,6 +360,18 @@ def test_courses_are_those_of_the_tracks(size_sigma):
     assert velocities == pytest.approx(np.array([t.v for t in tracks]), abs=1e-12)
 
 
+def test_who_was_seen_lately_is_told_before_it_is_sure_that_it_is_there():
+    tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
+    tracker.update(0.0, [look(np.array([4.0, 0.0, 0.0]), rng)], still(0.0), LEVEL)
+    assert tracker.tracks() == []
+    assert [t.confirmed for t in tracker.lately()] == [False]
+    tracker.update(0.1, [look(np.array([4.0, 0.0, 0.0]), rng)], still(0.1), LEVEL)
+    assert [t.confirmed for t in tracker.lately()] == [True]
+    tracker.predict(0.7)
+    assert len(tracker.tracks()) == 1
+    assert tracker.lately() == []
+
+
 @pytest.mark.parametrize(("unseen", "kept"), [(0.3, 0), (0.8, 1)])
 def test_where_only_those_seen_lately_were_looked_for_others_are_not_missed(unseen, kept):
     tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
