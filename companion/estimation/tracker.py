@@ -92,7 +92,8 @@ class Tracker:
             track, looks = (np.array(ids) for ids in zip(*assigned, strict=True))
             self._correct(track, z[looks], r[looks], own.p)
             self._seen[track] = time
-            self._odds[track] += clear[looks] * self._hit
+            # A look without a search leans on what the last search said: it is half as good a sign.
+            self._odds[track] += clear[looks] * (0.5 if partly else 1.0) * self._hit
             self._odds = np.minimum(self._odds, self._surest)
             self._confirmed |= self._odds >= _log_odds(self._config.confirmed)
         mean, covariance = self._modes.mixture()

@@ -106,11 +106,7 @@ class SensingConfig(StrictModel):
     trunks: TrunkSettings = TrunkSettings()
     feet: FootSettings = FootSettings()
     trunks_every: int = Field(
-        2,
-        ge=1,
-        le=10,
-        description="Frames from one look for trunks to the next: they stand still. The network "
-        "searches as often; in the frames between it looks closely at known drones alone.",
+        2, ge=1, le=10, description="Frames from one look for trunks to the next: they stand still."
     )
     parallax: bool = Field(
         True, description="Whether corners of the picture show obstacles by the own motion, too."

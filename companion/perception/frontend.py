@@ -258,7 +258,8 @@ class PerceptionFrontend:
             drones = [Detection(r[:3], float(r[3]), float(r[4]), float(r[5])) for r in rows]
             partly = "partly" in frame.arrays  # of a replay
         elif network is not None and image is not None and self._sensing.detector == "network":
-            drones, partly = self._neighbours.find(image, own, tracks, tracked, due)
+            search = self._frames % self._sensing.network.every == 0
+            drones, partly = self._neighbours.find(image, own, tracks, tracked, search)
         elif picture is not None:
             drones = (
                 self._drones.search(picture)
@@ -267,6 +268,7 @@ class PerceptionFrontend:
             )
         drones = self._checked(drones, frame.arrays.get("depth"))
         shown = frame.arrays.keys() - ({"image"} if image is None else set())
+        due = due and not (partly and self._sensing.obstacles == "network")
         searched = due and _ARRAYS[self._sensing.obstacles] in shown
         given = frame.arrays.get("ranges")
         # As coarse as the log keeps them, so that a replay sees the same.

@@ -105,6 +105,14 @@ class NetworkConfig(HeatMapConfig):
     looks: int = Field(
         12, ge=1, le=64, description="Places of one picture that are looked at closely, at most."
     )
+    every: int = Field(
+        1,
+        ge=1,
+        le=5,
+        description="Pictures from one search to the next; in those between it looks closely at "
+        "known drones alone. At 2 pictures take 0.7 of the time, 2 % fewer drones to 6 m are "
+        "tracked, and a quarter more tracks are wrong.",
+    )
     least_heat: float = Field(
         0.1, gt=0, lt=1, description="Least heat of a place that is looked at closely."
     )

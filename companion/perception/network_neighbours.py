@@ -1,8 +1,10 @@
 """Neighbours by the packaged network: pictures searched by turns, known neighbours in all of them.
 
-A search takes most of the time that a picture takes. So of the pictures between two searches only
-the places are looked at where neighbours that were seen lately must be by now, closely, by what the
-search said of each of them where it was then.
+A search takes most of the time that a picture takes. Where not every picture is searched, those
+between two searches are looked at closely where neighbours that were seen lately must be by now, by
+what the search said of each of them where it was then. That is less: by seven drones' pictures of
+four recorded flights, 2 % fewer neighbours to 6 m are tracked, and a quarter more tracks are wrong,
+mostly in range.
 """
 
 from __future__ import annotations
@@ -48,15 +50,17 @@ class NetworkNeighbours:
         """
         moved = self._moved(own)
         (up,) = self._view.to_camera(own, _UP)
+        if self._searched_from is None or due or not self._network.glances:
+            self._network.look(image)
+            self._searched_from = own
+            tracks = [t for t in tracks if t.confirmed]
+            known = self._places(tracks, tracked, own)
+            scales = np.array([t.scale for t in tracks])
+            return self._network.drones(known, scales, up, moved), False
         known = self._places(tracks, tracked, own)
+        then = self._places(tracks, tracked, self._searched_from)
         scales = np.array([t.scale for t in tracks])
-        if self._searched_from is not None and not due and self._network.glances:
-            then = self._places(tracks, tracked, self._searched_from)
-            return self._network.glance(image, known, scales, up, moved, then), True
-        self._network.look(image)
-        self._searched_from = own
-        sure = np.array([t.confirmed for t in tracks], bool)
-        return self._network.drones(known, scales, up, moved, sure), False
+        return self._network.glance(image, known, scales, up, moved, then), True
 
     def _places(self, tracks: Sequence[Track], tracked: float, own: VehicleState) -> Vector:
         """Return (n,3) m, camera frame of `own`, where tracks as of `tracked` [s] were then."""

@@ -6,7 +6,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from companion.perception.background import MOST, Background, Moved
 from companion.perception.camera import Camera
@@ -106,15 +105,13 @@ class NetworkSearch:
         scales: Vector = _NONE[:, 0],
         up_c: Vector | None = None,
         moved: Moved | None = None,
-        sure: NDArray[np.bool_] | None = None,
     ) -> list[Detection]:
         """Return the drones in the newest picture, nearest first.
 
         offsets_c: (n,3) m, where known drones must be, camera frame; there it is looked closely,
         too. scales: (n,) of their sizes. up_c: (3,) unit, camera frame; None: it is not known, and
         heights say nothing. moved: of the camera since the picture before; None: it is not known,
-        and the background says nothing. sure: (n,) which of those drones are surely there; their
-        heights count. None: all.
+        and the background says nothing.
 
         Raises:
             SenselessOutput: an output of the networks that cannot be true.
@@ -129,7 +126,7 @@ class NetworkSearch:
             places = places.and_beside(self._heat_map.expected(offsets_c, scales)[0])
         found = self._closer.judge(self._image, self._look, places)
         if up_c is not None:
-            self._levels.follow((offsets_c if sure is None else offsets_c[sure]) @ up_c)
+            self._levels.follow(offsets_c @ up_c)
         return self._weighed(found, up_c, moved)
 
     def _weighed(self, found: Peaks, up_c: Vector | None, moved: Moved | None) -> list[Detection]:

@@ -183,19 +183,6 @@ def test_a_network_of_ones_own_is_read_by_its_heat_alone():
     assert found.score == pytest.approx(0.9)
 
 
-def test_heights_are_learnt_from_neighbours_that_are_surely_there(monkeypatch):
-    search = NetworkSearch(CAMERA, SensingConfig(detector="network"))
-    search.look(GREY)
-    heights = []
-    monkeypatch.setattr(search._levels, "follow", lambda up: heights.append(up.tolist()))
-    monkeypatch.setattr(search._closer, "judge", lambda image, look, places: places.first(0))
-    places = np.array([[0.0, -0.5, 4.0], [0.0, 0.5, 4.0]])
-    up = np.array([0.0, -1.0, 0.0])
-    search.drones(places, np.ones(2), up, sure=np.array([False, True]))
-    search.drones(places, np.ones(2), up)
-    assert heights == [[-0.5], [0.5, -0.5]]
-
-
 def test_a_glance_looks_at_known_drones_alone_by_what_the_search_said_where_they_were(monkeypatch):
     search = NetworkSearch(CAMERA, SensingConfig(detector="network"))
     search.look(GREY)

@@ -125,8 +125,8 @@ def test_one_pass_gives_drones_and_obstacles(monkeypatch):
 CAMERA_F = 640 / np.radians(160.0)
 
 
-def test_every_second_picture_is_searched_and_known_drones_are_looked_at_in_all(monkeypatch):
-    sensing = {"detector": "network", "obstacles": "network", "trunks_every": 2}
+def test_pictures_are_searched_by_turns_and_known_drones_are_looked_at_in_all(monkeypatch):
+    sensing = {"detector": "network", "obstacles": "network", "network": {"every": 2}}
     config = CompanionConfig.model_validate({"sensing": sensing})
     view = make_view(config.camera, config.sensing)
     perception = PerceptionFrontend(view, config.sensing, config.camera_health)
@@ -146,8 +146,27 @@ def test_every_second_picture_is_searched_and_known_drones_are_looked_at_in_all(
     for n in range(5):
         picture = Frame(0.1 * n, {"image": np.roll(PICTURE, n, axis=0)})
         at = replace(state([0.0, 0.0, 2.0]), time=0.1 * n)
-        seen.append(perception.see(0.1 * n, picture, lambda t, at=at: at, tracks=[track]))
+        tracks = [track, replace(track, id=2, p=np.array([4.0, 2.0, 2.0]), confirmed=False)]
+        seen.append(perception.see(0.1 * n, picture, lambda t, at=at: at, tracks=tracks))
     assert [found.partly for found in seen] == [False, False, True, False, True]
     assert [found.searched for found in seen] == [False, True, False, True, False]
     assert calls.count("search") == 3
-    assert [call for call in calls if call[2:] == (False,)] == [("look", 1, False)] * 2
+    looks = [call for call in calls if call != "search"]
+    assert looks[2::2] == [("look", 2, False)] * 2  # unsure ones, too, or they would end
+    assert all(searched for _, _, searched in looks[:2] + looks[3:4])
+
+
+def test_where_every_picture_is_searched_unsure_neighbours_are_found_by_the_search(monkeypatch):
+    config = CompanionConfig.model_validate({"sensing": {"detector": "network"}})
+    view = make_view(config.camera, config.sensing)
+    perception = PerceptionFrontend(view, config.sensing, config.camera_health)
+    asked = []
+    monkeypatch.setattr(perception._network, "drones", lambda known, *_: asked.append(known) or [])
+    track = Track(1, np.array([4.0, 0.0, 2.0]), np.zeros(3), np.eye(6), 1.0, 0.1)
+    unsure = replace(track, id=2, p=np.array([4.0, 2.0, 2.0]), confirmed=False)
+    for n in range(3):
+        at = replace(state([0.0, 0.0, 2.0]), time=0.1 * n)
+        frame = Frame(0.1 * n, {"image": np.roll(PICTURE, n, axis=0)})
+        found = perception.see(0.1 * n, frame, lambda t, at=at: at, tracks=[track, unsure])
+        assert not found.partly
+    assert [len(known) for known in asked] == [1, 1, 1]
