@@ -3,7 +3,7 @@
 A search takes most of the time that a picture takes. Where not every picture is searched, those
 between two searches are looked at closely where neighbours that were seen lately must be by now, by
 what the search said of each of them where it was then. That is less: by seven drones' pictures of
-four recorded flights, 2 % fewer neighbours to 6 m are tracked, and a quarter more tracks are wrong,
+four recorded flights, 2 % fewer neighbours to 6 m are tracked, and 8 % more tracks are wrong,
 mostly in range.
 """
 
