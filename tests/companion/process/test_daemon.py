@@ -175,7 +175,8 @@ def test_no_signal_of_a_user_kills_the_daemon(world, start_daemon, number):
 
 
 WITHOUT_SIGNALS = """
-import sys
+import signal, sys
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it is ignored
 from companion.__main__ import main
 from companion.process import daemon
 daemon._ENDING = daemon._ENDING[:2]
