@@ -163,7 +163,7 @@ class Companion:
             inputs.horizon,
             known,
             vehicle.doubt.wander,
-            self._neighbours.lately(),
+            self._neighbours.lately,
             last.time,
         )
         if seen.fault.misleads and not phase.on_mission:

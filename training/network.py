@@ -38,7 +38,7 @@ def _halve(inputs: int, outputs: int) -> nn.Sequential:
 def _shuffled(layer: nn.Conv2d, cells: Tensor) -> Tensor:
     """Return pixel_shuffle(layer(cells), 2) of a 1×1 convolution with four outputs to a channel.
 
-    As one transposed convolution, which ONNX Runtime runs in a third of the time.
+    As one transposed convolution, which ONNX Runtime runs in half of the time.
     """
     channels = layer.out_channels // 4
     weight = layer.weight.reshape(channels, 2, 2, -1).permute(3, 0, 1, 2)

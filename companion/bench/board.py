@@ -32,7 +32,6 @@ _PERIOD = 0.1  # s between two pictures
 # Settings that take less time, and their price in flight; tried in turn until a tick fits.
 LOWER = (
     (("sensing.parallax=false",), "nothing but colour shows obstacles"),
-    (("sensing.network.every=2",), "the network searches every second picture alone"),
     (("sensing.parallax=false", "sensing.trunks_every=3"), "trunks are looked for less often"),
     (
         ("sensing.parallax=false", "camera.width=320", "camera.height=200"),
@@ -83,8 +82,6 @@ def measure(config: CompanionConfig) -> Board:
 def cheaper(config: CompanionConfig, board: Board) -> tuple[tuple[str, ...], str, Board] | None:
     """Return the first settings with which a tick fits, their price, and the board with them."""
     for settings, price in LOWER:
-        if "network" in settings[0] and not config.sensing.uses_network:
-            continue
         given = parse_yaml(config.model_dump_json(exclude_unset=True), "the configuration")
         document = merge([given, assignments(list(settings))])
         lower = validate(CompanionConfig, document, "lowered settings")

@@ -52,7 +52,7 @@ class Surprises:
         *,
         counting: bool = True,
     ) -> None:
-        """Take in the tracks after the picture searched that was taken at `time` [s] from `own`.
+        """Take in the tracks after a picture, searched, that was taken at `time` [s] from `own`.
 
         counting: whether surprises count. While drones take off, those beside come up close by.
         """

@@ -7,7 +7,7 @@ behind this page is the same.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -42,6 +42,7 @@ _ARRAYS = {
 }
 # Faults of pictures that can still be compared with the gyro: corners need no clear colours.
 _COMPARED = (CameraFault.NONE, CameraFault.LATE, CameraFault.MISALIGNED, CameraFault.UNCLEAR)
+Tracks = Callable[[], list[Track]]
 _NO_TRUNKS: Vector = np.zeros((0, 3))
 _FORESEEN = 0.05  # s after the tick that an own state may be, to take a picture's place by it
 _HELD = 8  # pictures that wait for telemetry, at most
@@ -149,7 +150,7 @@ class PerceptionFrontend:
         horizon: float | None = None,
         trunks: Vector = _NO_TRUNKS,
         wander: float = 0.0,
-        tracks: Sequence[Track] = (),
+        tracks: Tracks = list,
         tracked: float = 0.0,
     ) -> Detections:
         """Return the detections of the newest frame at the tick of `time` [s]; each frame once.
@@ -157,8 +158,8 @@ class PerceptionFrontend:
         at: returns the vehicle's state at a time [s] of the last second, where it is known.
         horizon: s, the latest that the vehicle's clock can show; None: `time`. trunks (k,3): known
         ones, x, y, radius [m], nearest first. wander: m/√s, 1 σ of the error of the reported way,
-        a random walk. tracks: neighbours seen lately, as they were known at
-        `tracked` [s].
+        a random walk. tracks: returns the neighbours seen lately, as they were known at `tracked`
+        [s]; asked only where a detector looks for known ones.
         """
         frame = self._told(time, frame, time if horizon is None else horizon)
         stamp = None if frame is None else frame.time
@@ -237,7 +238,7 @@ class PerceptionFrontend:
         own: VehicleState,
         ground: GroundPlane,
         standing: Vector,
-        tracks: Sequence[Track],
+        tracks: Tracks,
         tracked: float,
     ) -> Detections:
         """Return the detections in `frame` and its picture, taken in state `own`.
@@ -259,7 +260,7 @@ class PerceptionFrontend:
             partly = "partly" in frame.arrays  # of a replay
         elif network is not None and image is not None and self._sensing.detector == "network":
             search = self._frames % self._sensing.network.every == 0
-            drones, partly = self._neighbours.find(image, own, tracks, tracked, search)
+            drones, partly = self._neighbours.find(image, own, tracks(), tracked, search)
         elif picture is not None:
             drones = (
                 self._drones.search(picture)

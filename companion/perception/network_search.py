@@ -53,7 +53,7 @@ class NetworkSearch:
 
     @property
     def glances(self) -> bool:
-        """Whether known drones can be looked at in pictures that are not searched."""
+        """Return whether known drones can be looked at in pictures that are not searched."""
         return self._closer is not None
 
     def look(self, image: Image) -> None:

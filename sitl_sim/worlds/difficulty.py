@@ -7,7 +7,7 @@ drawn. Along it follow spheres of free room, each as large as it can be:
   with s = 4 m; 0.5 where there is nothing for 4 m around;
 - angle over length: how sharply the path turns, Σ (e^(2θ/π) − 1) over its length [1/m], at goals
   e^(6θ/π);
-- trunks per hectare, of the ground that the paths and half their widest sphere around cover.
+- trunks per hectare, of the rectangle round all paths, half the widest sphere wider.
 
 Unlike there, spheres lie where there is most room across the path, instead of at the best of forty
 random places.
@@ -63,7 +63,9 @@ def difficulty(
     ]
     rooms = [_room(world, legs, radius) for legs in paths]
     lengths = [sum(norm(d) for leg in legs for d in np.diff(leg, axis=0)) for legs in paths]
-    turns = [_turning(legs) / length for legs, length in zip(paths, lengths, strict=True)]
+    turns = [
+        _turning(legs) / max(length, _CELL) for legs, length in zip(paths, lengths, strict=True)
+    ]
     narrow = [np.sort(radii)[: max(1, len(radii) // 2)] for radii in rooms]
     return Difficulty(
         float(np.mean([SENSED / 2 * (1 / radii).mean() for radii in narrow])),
@@ -141,7 +143,7 @@ def _straight(world: dict[str, Any], a: Vector, b: Vector, radius: float) -> boo
 
 
 def _room(world: dict[str, Any], legs: list[Vector], radius: float) -> Vector:
-    """Return the radii (m,) of the spheres along a path; each begins where the last one ends."""
+    """Return the radii (m,) of the spheres along a path, each centred where the last one ends."""
     corners = np.vstack([legs[0][:1], *(leg[1:] for leg in legs)])
     pieces = np.diff(corners, axis=0)
     sizes = np.sqrt((pieces**2).sum(axis=1))
@@ -173,8 +175,10 @@ def _turning(legs: list[Vector]) -> float:
 
 
 def _density(world: dict[str, Any], corners: Vector) -> float:
-    """Return the trunks per hectare of the rectangle round the paths, half a sphere wider."""
-    low, high = (f(corners[:, :2], axis=0) + d for f, d in ((np.min, -2.0), (np.max, 2.0)))
+    """Return the trunks per hectare of the rectangle round paths with these corners (n,3)."""
+    low, high = (
+        f(corners[:, :2], axis=0) + d for f, d in ((np.min, -SENSED / 2), (np.max, SENSED / 2))
+    )
     standing = [(c["x"], c["y"]) for c in world.get("cylinders", [])]
     standing += [tuple(c["a"][:2]) for c in world.get("capsules", [])]
     places = np.reshape(standing, (-1, 2))

@@ -156,7 +156,6 @@ def bark_places(prim, p, number, dx, dy, dz, best, bark_at, shade_at, sunny, und
     r = _ONE / prim[RADIUS]
     sawn = np.int32(prim[KIND]) == CYLINDER
     top = length - np.float32(0.002) if sawn else _FAR
-    far = _FAR if sawn else length
     sx, sy, sz = number[SUN], number[SUN + 1], number[SUN + 2]
     px, py, pz, pixel = p[0], p[1], p[2], number[PIXEL]
     steep = _ONE / max(sz, np.float32(0.05))
@@ -167,7 +166,7 @@ def bark_places(prim, p, number, dx, dy, dz, best, bark_at, shade_at, sunny, und
         t = min(best[k], _END)
         lean = ux * dx[k] + uy * dy[k] + uz * dz[k]
         along = start + t * lean
-        off = along - (min(max(along, _ZERO), far) if not sawn else along)
+        off = _ZERO if sawn else along - min(max(along, _ZERO), length)
         nx = (ax + t * (dx[k] - lean * ux) + off * ux) * r
         ny = (ay + t * (dy[k] - lean * uy) + off * uy) * r
         nz = (az + t * (dz[k] - lean * uz) + off * uz) * r
@@ -225,7 +224,7 @@ def clarity(best, thin, clear):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
 def mix(found, gain, clear, number):  # type: ignore[no-untyped-def]
-    """Mix colours found (n,), packed, times gain (3,n), with haze, where they are."""
+    """Make colours found (n,), packed, what the camera gets: times gain (3,n), and with haze."""
     haze_b, haze_g, haze_r = number[HAZE], number[HAZE + 1], number[HAZE + 2]
     gain_b, gain_g, gain_r = gain[0], gain[1], gain[2]
     for k in range(found.shape[0]):

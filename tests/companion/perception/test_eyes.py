@@ -142,12 +142,12 @@ def test_pictures_are_searched_by_turns_and_known_drones_are_looked_at_in_all(mo
     monkeypatch.setattr(network, "trunks", lambda *_: [])
     network._feet.clarity = 1.0
     track = Track(1, np.array([4.0, 0.0, 2.0]), np.zeros(3), np.eye(6), 1.0, 0.1)
+    tracks = [track, replace(track, id=2, p=np.array([4.0, 2.0, 2.0]), confirmed=False)]
     seen = []
     for n in range(5):
         picture = Frame(0.1 * n, {"image": np.roll(PICTURE, n, axis=0)})
         at = replace(state([0.0, 0.0, 2.0]), time=0.1 * n)
-        tracks = [track, replace(track, id=2, p=np.array([4.0, 2.0, 2.0]), confirmed=False)]
-        seen.append(perception.see(0.1 * n, picture, lambda t, at=at: at, tracks=tracks))
+        seen.append(perception.see(0.1 * n, picture, lambda t, at=at: at, tracks=lambda: tracks))
     assert [found.partly for found in seen] == [False, False, True, False, True]
     assert [found.searched for found in seen] == [False, True, False, True, False]
     assert calls.count("search") == 3
@@ -167,6 +167,6 @@ def test_where_every_picture_is_searched_unsure_neighbours_are_found_by_the_sear
     for n in range(3):
         at = replace(state([0.0, 0.0, 2.0]), time=0.1 * n)
         frame = Frame(0.1 * n, {"image": np.roll(PICTURE, n, axis=0)})
-        found = perception.see(0.1 * n, frame, lambda t, at=at: at, tracks=[track, unsure])
+        found = perception.see(0.1 * n, frame, lambda t, at=at: at, tracks=lambda: [track, unsure])
         assert not found.partly
     assert [len(known) for known in asked] == [1, 1, 1]
