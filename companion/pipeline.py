@@ -222,6 +222,7 @@ class Companion:
             reference is not None and reference.alone,
             self._neighbours.surprises(time),
         )
+            obstacles.upsets,
         surroundings = run(
             "look round",
             _nothing,

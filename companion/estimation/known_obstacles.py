@@ -25,6 +25,7 @@ class KnownObstacles:
     cylinders: (K,3) x, y, radius [m] of confirmed trunks, nearest first; sigmas: (K,) m, 1 σ of
     their places. points: (P,3) m, surface points of other shapes. occluders: (J,3) x, y, radius [m]
     of all trunks, unconfirmed ones too. blank: whether the eyes show none where one is known.
+    upsets: how many known trunks have moved or vanished in the last 20 s, see `map_upsets.py`.
     """
 
     cylinders: Vector = field(default_factory=lambda: np.zeros((0, 3)))
@@ -32,6 +33,7 @@ class KnownObstacles:
     occluders: Vector = field(default_factory=lambda: np.zeros((0, 3)))
     sigmas: Vector = field(default_factory=lambda: np.zeros(0))
     blank: bool = False
+    upsets: int = 0
 
     @property
     def widest(self) -> Vector:
@@ -112,10 +114,11 @@ class ObstacleEstimator:
             self._pictured = seen.own.time
             drift = doubt.drift(pictured)
             self._parallax.update(fixed, seen.own.p, seen.own.time, ground, drift)
-        occluders = self._map.occluders()
+        occluders, blank = self._map.occluders(), self._map.blank
+        upsets = self._map.upsets(seen.time)
         if own is None:
-            return KnownObstacles(occluders=occluders, blank=self._map.blank)
+            return KnownObstacles(occluders=occluders, blank=blank, upsets=upsets)
         standing = self._parallax.standing()
         known = with_others(self._map.doubted_cylinders(own.p), standing.cylinders, own.p)
         points = np.concatenate([self._surfaces.points(known[:, :3]), standing.points])
-        return KnownObstacles(known[:, :3], points, occluders, known[:, 3], self._map.blank)
+        return KnownObstacles(known[:, :3], points, occluders, known[:, 3], blank, upsets)

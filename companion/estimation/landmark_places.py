@@ -25,6 +25,7 @@ Place = tuple[float, float]
 # of a mounted camera or of an accelerometer turns with it.
 _POSE = 4
 _TILTS = np.eye(_POSE)
+_TURN = 2.0 * math.pi
 
 
 @dataclass(frozen=True)
@@ -180,6 +181,30 @@ class LandmarkPlaces:
     def correct(self, n: int, look: Look, floor: float) -> None:
         """Correct all by a look at landmark n. floor: least variance [m²] of n."""
         i = _index(n)
+        error, ph, s = self._innovation(i, look)
+        gain = np.linalg.solve(s, ph.T).T
+        self._mean = self._mean + gain @ error
+        p = self._covariance - gain @ ph.T
+        self._covariance = 0.5 * (p + p.T)
+        for k in (i, i + 1):
+            self._covariance[k, k] = max(self._covariance[k, k], floor)
+
+    def surprise(self, n: int, look: Look, uneven: float) -> float:
+        """Return how little a look is what place n would show: −2 log of its density [1/m²].
+
+        uneven: m², variance of where the same trunk may show, beside the doubt of places and look.
+        """
+        (x, y), _, s = self._innovation(_index(n), look)
+        a, b, c = float(s[0, 0]) + uneven, float(s[1, 1]) + uneven, float(s[0, 1])
+        det = a * b - c * c
+        return float(b * x * x + a * y * y - 2.0 * c * x * y) / det + math.log(_TURN**2 * det)
+
+    def _innovation(self, i: int, look: Look) -> tuple[Vector, Vector, Vector]:
+        """Return what a look shows less what the state says (2,), and how both vary.
+
+        These are the covariances of state and error (n,2), and of the error (2,2). i: where the
+        place begins in the state.
+        """
         p = self._covariance
         place = _place(self._mean[i : i + 2])
         # Shifts at the known place: those at the seen one would make its noise part of the slope,
@@ -187,13 +212,7 @@ class LandmarkPlaces:
         pose = look.pose(place)
         ph = p[:, i : i + 2] + p[:, :_POSE] @ pose.T
         s = ph[i : i + 2] + pose @ ph[:_POSE] + look.noise(place)
-        gain = np.linalg.solve(s, ph.T).T
-        seen = np.array(look.place) - place
-        self._mean = self._mean + gain @ (seen - pose @ self._mean[:_POSE])
-        p = p - gain @ ph.T
-        self._covariance = 0.5 * (p + p.T)
-        for k in (i, i + 1):
-            self._covariance[k, k] = max(self._covariance[k, k], floor)
+        return np.array(look.place) - place - pose @ self._mean[:_POSE], ph, s
 
     def keep(self, left: Sequence[int]) -> None:
         """Drop all landmarks but those of these numbers."""

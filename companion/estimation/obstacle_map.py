@@ -15,7 +15,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pydantic import Field
 
-from companion.estimation.landmark_places import Drift, Foot, LandmarkPlaces, Look
+from companion.estimation.landmark_association import (
+    Landmark,
+    angle,
+    associated,
+    half_width,
+    in_direction,
+    overlapping,
+)
+from companion.estimation.landmark_places import Drift, Foot, LandmarkPlaces, Look, Place
+from companion.estimation.map_upsets import MapUpsets
 from companion.model import yaw_of
 from companion.perception.ground_plane import LEVEL, GroundPlane
 from companion.perception.parallax import FixedPoints
@@ -29,12 +38,6 @@ from mavlink_bridge.wire.messages import VehicleState
 class ObstacleConfig(StrictModel):
     """Numbers of the obstacle map."""
 
-    associate: float = Field(
-        1.2,
-        gt=0,
-        description="Looks farther apart [m] are of different trunks, however uncertain they are; "
-        "less uncertain looks need not be as far apart.",
-    )
     overlap: float = Field(
         0.7,
         ge=0,
@@ -59,32 +62,12 @@ class ObstacleConfig(StrictModel):
     sigma_floor: float = Field(0.03, gt=0, description="Least std [m] of a trunk's place.")
 
 
-_Place = tuple[float, float]
 _BEARING = 0.02  # rad, 1 σ of the direction to a trunk's axis
 _TIMING = 0.01  # s, 1 σ: when a picture was taken; turns a look by as much as the drone turns
-_MATCH, _MATCH_SIGMAS = 0.3, 4.0  # m, and standard deviations: how far looks at a trunk differ
-# A trunk of which only the width shows is another one where it shows this much wider than the known
-# trunk. A thin trunk is a few columns wide; a look may miss two of them at either edge, or add two.
+_SIGMAS = 4.0  # standard deviations that explain how far looks at a trunk differ
 _BEHIND, _LOW = 0.5, 0.3  # m: how far behind a trunk, and over the ground, lines of sight tell
-_WIDER, _COLUMNS = 1.5, 0.04  # times, and rad on either side
 _RADIUS, _EDGE = 0.04, 0.015  # m and rad, 1 σ of a known radius and of half a width
 _WIDEST = 1.4  # rad; half a trunk's width
-
-
-@dataclass
-class _Landmark:
-    """A known trunk.
-
-    axis: (x, y) m. radius: m. variance: m², of the axis. seen: s, time of the last look. hits,
-    misses: looks that saw it, and looks at its place that did not.
-    """
-
-    axis: _Place
-    radius: float
-    variance: float
-    seen: float
-    hits: int = 1
-    misses: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -95,7 +78,7 @@ class _Here:
     the picture, while the drone turns. time: s.
     """
 
-    p: _Place
+    p: Place
     height: float
     yaw: float
     turning: float
@@ -112,9 +95,14 @@ class ObstacleMap:
 
     def __init__(self, config: ObstacleConfig) -> None:
         self._config = config
-        self._landmarks: list[_Landmark] = []
+        self._landmarks: list[Landmark] = []
         self._places = LandmarkPlaces()
         self._blank_looks = 0
+        self._upsets = MapUpsets()
+
+    def upsets(self, time: float) -> int:
+        """Return how many known trunks have moved or vanished in the 20 s before `time` [s]."""
+        return self._upsets.lately(time)
 
     @property
     def blank(self) -> bool:
@@ -153,28 +141,34 @@ class ObstacleMap:
         here = _Here((x, y), ground.under(own.p), yaw_of(own.q_wb), turning, own.time)
         self._places.drift(here.p, drift)
         self._refresh()
+        known_for_good = [k for n, k in enumerate(self._landmarks) if self._for_good(n)]
+        self._upsets.before(known_for_good, here.p)
         seen: set[int] = set()
+        looks: list[tuple[Trunk, Look]] = []
         for trunk in trunks:
             east, north, _ = (r_wc @ trunk.direction).tolist()
             along = (east, north)
-            n = self._in_direction(trunk, along, here.p) if trunk.assumed else None
+            n = in_direction(self._landmarks, trunk, along, here.p) if trunk.assumed else None
             if n is not None:
                 self._see_width(n, trunk, along, here)
                 self._mark_seen(n, own.time)
                 seen.add(n)
                 continue
             scale = trunk.distance / max(math.hypot(*along), 1e-6)
-            place = (x + east * scale, y + north * scale)
-            seen.add(self._fuse(place, trunk, here, seen))
+            looks.append((trunk, _look((x + east * scale, y + north * scale), trunk, here)))
+        found = associated(looks, self._landmarks, self._places, here.p, seen)
+        for (trunk, look), n in zip(looks, found, strict=True):
+            seen.add(self._fuse(trunk, look, n, here))
+        self._upsets.shifted(own.time)
         seen = self._merge_duplicates(seen)
         forward = (float(r_wc[0, 2]), float(r_wc[1, 2]))
         missed = list(self._missed(seen, here.p, forward, half_view))
         places = np.array([[*self._landmarks[n].axis, z] for n in missed]).reshape(-1, 3)
-        looks = dict(zip(missed, visibility(places).tolist() if missed else [], strict=True))
-        known = [n for n, look in looks.items() if look > _PLAIN and self._for_good(n)]
+        shown = dict(zip(missed, visibility(places).tolist() if missed else [], strict=True))
+        known = [n for n, look in shown.items() if look > _PLAIN and self._for_good(n)]
         blank = bool(known) and not seen and not depth
         self._blank_looks = self._blank_looks + 1 if blank else 0
-        for n, look in looks.items():
+        for n, look in shown.items():
             if not blank or n not in known:
                 self._landmarks[n].misses += look
         self._forget(here)
@@ -198,7 +192,7 @@ class ObstacleMap:
         radius = trunks[:, 2:]
         along = (to[:, 0] * x + to[:, 1] * y) / length
         aside = np.abs(to[:, 0] * y - to[:, 1] * x) / length
-        behind = length - along > radius + _BEHIND + _MATCH_SIGMAS * fixed.sigmas
+        behind = length - along > radius + _BEHIND + _SIGMAS * fixed.sigmas
         height = p[2] + up * along / length - ground.below(trunks)[:, None]
         through = (along > radius) & (aside < 0.6 * radius) & behind & (height > _LOW)
         for k, count in zip(self._landmarks, through.sum(axis=1).tolist(), strict=True):
@@ -211,7 +205,7 @@ class ObstacleMap:
 
     def doubted_cylinders(self, p: Vector) -> Vector:
         """Return confirmed trunks (K,4) as `cylinders`, with the 1 σ of the place [m]."""
-        confirmed = [k for k in self._landmarks if k.hits >= self._config.hits_to_confirm]
+        confirmed = [k for k in self._landmarks if k.confirmed]
         here = (float(p[0]), float(p[1]))
         confirmed.sort(key=lambda k: math.dist(k.axis, here) - k.radius)
         rows = [[*k.axis, k.radius, math.sqrt(k.variance)] for k in confirmed]
@@ -221,51 +215,22 @@ class ObstacleMap:
         """Return all trunks (J,3) x, y, radius [m], unconfirmed ones too."""
         return np.array([[*k.axis, k.radius] for k in self._landmarks]).reshape(-1, 3)
 
-    def _in_direction(self, trunk: Trunk, along: _Place, p: _Place) -> int | None:
-        """Return the nearest confirmed landmark in the direction of a trunk of assumed radius.
-
-        None where there is none, and where the trunk shows wider than the landmark can from here:
-        another trunk stands before it.
-        """
-        best, nearest = None, math.inf
-        half = _half_width(trunk)
-        for n, k in enumerate(self._landmarks):
-            offset = (k.axis[0] - p[0], k.axis[1] - p[1])
-            distance = math.hypot(*offset)
-            if k.hits < self._config.hits_to_confirm or not k.radius < distance < nearest:
-                continue
-            known_half = math.asin(k.radius / distance)
-            widest = max(_WIDER * known_half, known_half + _COLUMNS)
-            # Where an edge is cut off, the axis is a guess: it is enough that the two overlap.
-            within = max(half, known_half) if trunk.half_width else half + known_half
-            if _angle(along, offset) < within and half < widest:
-                best, nearest = n, distance
-        return best
-
-    def _fuse(self, place: _Place, trunk: Trunk, here: _Here, seen: set[int]) -> int:
-        """Refine the landmark that the trunk is, or add a new one; return its index.
-
-        place: m, of the trunk's axis, as it is seen.
-        """
+    def _fuse(self, trunk: Trunk, look: Look, n: int | None, here: _Here) -> int:
+        """Refine landmark n, or the one that the trunk overlaps, or add one; return its index."""
+        if n is None:
+            axis = self._places.corrected(look)
+            n = overlapping(self._landmarks, axis, trunk.radius, self._config.overlap)
         variance = trunk.sigma**2 + (here.turning * trunk.distance) ** 2
-        look = Look(
-            here.p,
-            place,
-            trunk.sigma,
-            math.hypot(math.hypot(_BEARING, here.turning) * trunk.distance, _cut(trunk)),
-            # Without a foot in the picture its width tells the distance: no tilt shifts that.
-            None if trunk.assumed else Foot(here.yaw, here.height, trunk.radius),
-        )
-        axis = self._places.corrected(look)
-        n = self._match(axis, trunk.radius, variance, seen)
         if n is None:
             self._places.add(look)
             n = len(self._landmarks)
-            self._landmarks.append(_Landmark(axis, trunk.radius, variance, here.time))
+            confirmed = self._config.hits_to_confirm <= 1
+            known = Landmark(axis, trunk.radius, variance, here.time, confirmed=confirmed)
+            self._landmarks.append(known)
             self._refresh()
             return n
         k = self._landmarks[n]
-        hidden = self._hidden(k, trunk)
+        hidden = k.hidden(trunk)
         share = k.variance / (k.variance + variance + hidden**2)
         k.radius += share * (trunk.radius - k.radius)
         look = replace(
@@ -276,7 +241,7 @@ class ObstacleMap:
         self._mark_seen(n, here.time)
         return n
 
-    def _see_width(self, n: int, trunk: Trunk, along: _Place, here: _Here) -> None:
+    def _see_width(self, n: int, trunk: Trunk, along: Place, here: _Here) -> None:
         """Refine the place of landmark n by the two edges of a trunk without a foot."""
         if not trunk.half_width:
             return
@@ -289,18 +254,9 @@ class ObstacleMap:
         place = here.p[0] + along[0] * scale, here.p[1] + along[1] * scale
         look = Look(here.p, place, noise * distance, across)
         known = math.dist(k.axis, here.p)
-        if abs(distance - known) < _MATCH_SIGMAS * math.hypot(look.along, math.sqrt(k.variance)):
+        if abs(distance - known) < _SIGMAS * math.hypot(look.along, math.sqrt(k.variance)):
             self._places.correct(n, look, self._config.sigma_floor**2)
             self._refresh()
-
-    def _hidden(self, k: _Landmark, trunk: Trunk) -> float:
-        """Return how far [m] the middle of a look may be from that of its trunk.
-
-        A confirmed trunk that shows slimmer than it is known to be is cut by the picture's edge, or
-        something stands before it; one that shows wider has something beside it.
-        """
-        known = k.hits >= self._config.hits_to_confirm
-        return abs(k.radius - trunk.radius) if known else 0.0
 
     def _refresh(self) -> None:
         """Give the landmarks their present places and variances."""
@@ -318,31 +274,7 @@ class ObstacleMap:
         """Count a look at `time` [s] that saw landmark n."""
         k = self._landmarks[n]
         k.hits, k.misses, k.seen = k.hits + 1, 0.0, time
-
-    def _match(
-        self,
-        axis: _Place,
-        radius: float,
-        variance: float,
-        seen: set[int],
-        but: int | None = None,
-    ) -> int | None:
-        """Return the nearest landmark that can be the trunk at `axis`; None: there is none.
-
-        A landmark of `seen`, which the same frame shows too, is another trunk unless the two
-        overlap: trunks do not grow into one another. but: a landmark that does not count.
-        """
-        c, best, nearest = self._config, None, math.inf
-        for n, k in enumerate(self._landmarks):
-            apart = math.dist(k.axis, axis)
-            if n == but or apart >= nearest:
-                continue
-            near = apart < c.overlap * (k.radius + radius)
-            if not near and n not in seen and apart < c.associate:
-                near = apart < _MATCH + _MATCH_SIGMAS * math.sqrt(variance + k.variance)
-            if near:
-                best, nearest = n, apart
-        return best
+        k.confirmed = k.hits >= self._config.hits_to_confirm
 
     def _merge_duplicates(self, seen: set[int]) -> set[int]:
         """Drop the less certain of two landmarks that looks have moved to one place.
@@ -352,7 +284,7 @@ class ObstacleMap:
         gone: set[int] = set()
         for n in sorted(seen):
             k = self._landmarks[n]
-            m = self._match(k.axis, k.radius, k.variance, seen, but=n)
+            m = overlapping(self._landmarks, k.axis, k.radius, self._config.overlap, but=n)
             if m is None or {n, m} & gone:
                 continue
             stays, goes = sorted((n, m), key=lambda i: (self._landmarks[i].variance, i))
@@ -363,14 +295,12 @@ class ObstacleMap:
         self._keep(left)
         return {new for new, old in enumerate(left) if old in seen}
 
-    def _missed(
-        self, seen: set[int], p: _Place, forward: _Place, half_view: float
-    ) -> Iterator[int]:
+    def _missed(self, seen: set[int], p: Place, forward: Place, half_view: float) -> Iterator[int]:
         """Yield the landmarks that should be in plain view and were not seen."""
         for n, k in enumerate(self._landmarks):
             offset = (k.axis[0] - p[0], k.axis[1] - p[1])
             near = k.radius + 0.3 < math.hypot(*offset) < self._config.view_range
-            in_view = near and _angle(forward, offset) < half_view - 0.2
+            in_view = near and angle(forward, offset) < half_view - 0.2
             if n not in seen and in_view and not self._occluded(n, p):
                 yield n
 
@@ -380,6 +310,8 @@ class ObstacleMap:
     def _forget(self, here: _Here) -> None:
         """Drop landmarks that were missed too often, are far away, or are ghosts."""
         c = self._config
+        gone = [k for k in self._landmarks if k.misses >= c.misses_to_forget]
+        self._upsets.vanished(here.time, gone)
         self._keep(
             [
                 n
@@ -390,7 +322,7 @@ class ObstacleMap:
             ]
         )
 
-    def _occluded(self, n: int, p: _Place) -> bool:
+    def _occluded(self, n: int, p: Place) -> bool:
         """Return whether a nearer trunk covers part of landmark n as seen from p."""
         target = self._landmarks[n]
         offset = (target.axis[0] - p[0], target.axis[1] - p[1])
@@ -401,14 +333,17 @@ class ObstacleMap:
             if m == n or d >= distance:
                 continue
             covers = math.asin(min(k.radius / d, 1.0))
-            if _angle(offset, other) < covers + math.asin(min(target.radius / distance, 1.0)):
+            if angle(offset, other) < covers + math.asin(min(target.radius / distance, 1.0)):
                 return True
         return False
 
 
-def _half_width(trunk: Trunk) -> float:
-    """Return half the angle [rad] that a trunk covers, by its radius and distance."""
-    return math.asin(min(trunk.radius / trunk.distance, 1.0))
+def _look(place: Place, trunk: Trunk, here: _Here) -> Look:
+    """Return the look at a trunk whose axis is seen at `place` (x, y) m."""
+    across = math.hypot(math.hypot(_BEARING, here.turning) * trunk.distance, _cut(trunk))
+    # Without a foot in the picture its width tells the distance: no tilt shifts that.
+    foot = None if trunk.assumed else Foot(here.yaw, here.height, trunk.radius)
+    return Look(here.p, place, trunk.sigma, across, foot)
 
 
 def _cut(trunk: Trunk) -> float:
@@ -419,9 +354,4 @@ def _cut(trunk: Trunk) -> float:
     """
     if not trunk.assumed or trunk.half_width:
         return 0.0
-    return trunk.sigma * math.tan(min(_half_width(trunk), _WIDEST))
-
-
-def _angle(a: _Place, b: _Place) -> float:
-    """Return the angle [rad], 0…π, between two vectors (2,)."""
-    return abs(math.atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1]))
+    return trunk.sigma * math.tan(min(half_width(trunk), _WIDEST))

@@ -28,6 +28,7 @@ REMOVED = {
     "nmpc.w_mig_end": "the last step of the plan counts as the others do; leave this key out",
     "nmpc.rescue_slack": _ONE_START,
     "nmpc.sqp_iterations_rescue": _ONE_START,
+    "obstacles.associate": "how densely trunks stand tells which look is of which; leave it out",
     "tracker.hits_to_confirm": "tracker.confirmed tells from which probability on a track counts",
     "tracker.life_per_look": _ODDS,
     "tracker.misses_to_drop": _ODDS,

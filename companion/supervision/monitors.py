@@ -16,6 +16,7 @@ Each monitor watches one assumption and says what the drone does where it does n
 | heading | the ground in the pictures passes from another side, by `heading_wrong` | at once | – |
 | eyes | no trunk is seen, where one known for good is in plain view | at once | after `persist` |
 | eyes | `surprises` neighbours have come up close by, in plain view, within 20 s | – | at once |
+| map | `upsets` trunks known for good have moved or vanished within 20 s | from half on | at once |
 | others | none seen steadily yet, though `mission.others` | after a turn | after `alone` |
 | height | less than `height` over ground | climbs | after 2 × `persist` |
 
@@ -99,6 +100,12 @@ class MonitorConfig(StrictModel):
         "eyes show too much that is not there, or too little: HOLD. Fewer slow the drone down, see "
         "`speed_limits.surprises`.",
     )
+    upsets: int = Field(
+        10,
+        gt=1,
+        description="Trunks known for good that moved or vanished within 20 s, from which the map "
+        "of trunks is wrong: HOLD. From half as many on the drone flies slowly.",
+    )
     alone: float = Field(
         15.0,
         gt=0,
@@ -139,11 +146,13 @@ class Monitors:
         blank: bool = False,
         alone: bool = False,
         surprises: int = 0,
+        upsets: int = 0,
     ) -> Broken | None:
         """Return the gravest broken assumption at the tick of `time` [s]; None: all hold.
 
         blank: the eyes show no trunk where one is known. alone: none of the others has been seen
         steadily yet. surprises: neighbours that came up close by, in plain view, in the last 20 s.
+        upsets: trunks known for good that moved or vanished in the last 20 s.
         Nothing is watched where the companion does not fly its mission.
         """
         own, prediction = vehicle.state, motion.prediction
@@ -161,6 +170,7 @@ class Monitors:
             self._blank(time, blank),
             self._unmet(time, alone),
             self._surprised(surprises),
+            self._upset(upsets),
             self._low(time, vehicle),
             self._swinging(time, own),
             self._turning(vehicle.turns),
@@ -251,6 +261,12 @@ class Monitors:
             return None
         finding = f"eyes: {surprises} neighbours have come up close by, in plain view"
         return Broken(finding, Reaction.HOLD)
+
+    def _upset(self, upsets: int) -> Broken | None:
+        if 2 * upsets < self._config.upsets:
+            return None
+        finding = f"map: {upsets} known trunks have moved or vanished"
+        return Broken(finding, Reaction.HOLD if upsets >= self._config.upsets else Reaction.SLOW)
 
     def _low(self, time: float, vehicle: VehicleEstimate) -> Broken | None:
         c, height = self._config, vehicle.height

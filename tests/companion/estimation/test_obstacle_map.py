@@ -62,7 +62,7 @@ def test_the_edges_of_a_trunk_without_a_foot_correct_its_place(shows):
 
 def test_a_thin_trunk_that_shows_columns_wider_than_known_stays_where_it_is():
     """With its foot in view it was two columns too narrow; without, it is two too wide."""
-    known = ObstacleMap(ObstacleConfig(associate=0.5))
+    known = ObstacleMap(ObstacleConfig())
     for _ in range(6):
         fly(known, 2.0, Trunk(look(2.0).direction, 2.0, 0.075, 0.08))
     for _ in range(6):
@@ -118,7 +118,7 @@ def test_a_trunk_that_should_be_seen_and_is_not_is_forgotten():
 
 def test_a_near_trunk_cut_by_the_edge_of_the_picture_stays_where_it_is():
     """By the part of its width that shows it would stand far off and to the side."""
-    known = ObstacleMap(ObstacleConfig(associate=0.5))
+    known = ObstacleMap(ObstacleConfig())
     for x in np.arange(0.0, 2.4, 0.15):
         fly(known, x, look(x))
     part = Trunk(np.array([-0.24, 0.0, 0.97]), 2.4, 0.15, 0.4, assumed=True)
@@ -312,7 +312,6 @@ def test_a_trunk_is_not_missed_where_a_nearer_one_covers_part_of_it(beside, miss
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("associate", 0.0),
         ("overlap", -0.1),
         ("hits_to_confirm", 0),
         ("hits_to_keep", 0),
@@ -331,7 +330,6 @@ def test_numbers_of_the_map_that_mean_nothing_are_refused(name, value):
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("associate", 0.5),
         ("overlap", 0.0),
         ("hits_to_confirm", 1),
         ("hits_to_keep", 1),

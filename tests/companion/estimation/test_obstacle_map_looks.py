@@ -176,22 +176,51 @@ def moved(to, sigma=0.05):
     return see(known, trunk(to, 0.0, 0.1, sigma), visibility=hide)
 
 
-@pytest.mark.parametrize(
-    ("apart", "places"), [(0.66, [4.33]), (0.69, [4.0]), (0.78, [4.0]), (0.81, [4.0, 4.81])]
-)
-def test_looks_in_two_frames_are_of_one_trunk_as_far_as_their_doubt_explains(apart, places):
-    """Up to 0.3 m and four times σ: of 0.05 m along the second look, of 0.02 rad at 4 m before.
+def test_looks_in_two_frames_are_of_one_trunk_as_far_as_their_doubt_explains():
+    """Of one trunk, the second look has a density; of an unknown one, that of trunks.
 
-    Farther apart the second is at first a trunk of its own, of 0.02 rad at 4.7 m.
+    Both looks have 0.05 m along and 0.08 m or a little more across the line of sight, and 0.15 m
+    for the shape of the trunk. One trunk is known within 10 m.
     """
-    assert 0.66 < 0.3 + 4.0 * np.hypot(0.05, 0.02 * 4.0) < 0.69
-    assert 0.78 < 0.3 + 4.0 * np.hypot(0.02 * 4.8, 0.02 * 4.0) < 0.81
-    assert moved(4.0 + apart)[:, 0] == pytest.approx(places)
+    along2 = 2.0 * 0.05**2 + 0.15**2
+
+    def across2(to):
+        return (0.02 * 4.0) ** 2 + (0.02 * to) ** 2 + 0.15**2
+
+    def density(to):
+        ways = 2.0 * np.pi * np.sqrt(along2 * across2(to))
+        return np.exp(-0.5 * (to - 4.0) ** 2 / along2) / ways
+
+    unknown = 2.0 / (np.pi * 10.0**2)
+    assert density(4.60) > 1.03 * unknown
+    assert density(4.62) < 0.97 * unknown
+    assert moved(4.60)[:, 0] == pytest.approx([4.3])
+    assert moved(4.62)[:, 0] == pytest.approx([4.0, 4.62])
 
 
-@pytest.mark.parametrize(("apart", "trunks"), [(1.18, 1), (1.22, 2)])
-def test_looks_more_than_12_dm_apart_are_of_two_trunks_however_doubtful(apart, trunks):
-    assert len(moved(4.0 + apart, sigma=2.0)) == trunks
+@pytest.mark.parametrize(("around", "trunks"), [(0, 1), (4, 1), (30, 2)])
+def test_a_doubtful_look_is_of_a_known_trunk_unless_trunks_stand_densely(around, trunks):
+    """Looks of 0.4 m at 5 and 6.4 m; the others stand behind the drone, 7 m off and more."""
+    known = ObstacleMap(ObstacleConfig(hits_to_confirm=1))
+    others = [trunk(7.0, 2.2 + 0.06 * n, 0.1) for n in range(around)]
+    see(known, trunk(5.0, 0.0, 0.1, 0.4), *others)
+    found = see(known, trunk(6.4, 0.0, 0.1, 0.4), visibility=hide)
+    assert len(found) - around == trunks
+
+
+def test_of_two_known_trunks_a_frame_shows_each_once():
+    """Both looks are nearest to the first trunk: as a pair they are of both."""
+    known = seen_times(3, trunk(4.0, 0.0, 0.1, 0.3), trunk(5.0, 0.0, 0.1, 0.3))
+    for order in ((4.3, 4.45), (4.45, 4.3)):
+        found = see(known, *(trunk(d, 0.0, 0.1, 0.3) for d in order))
+    assert found[:, 0] == pytest.approx([4.0 + 0.3 * 2 / 5, 5.0 - 0.55 * 2 / 5], abs=0.02)
+
+
+def test_a_part_of_a_trunk_is_that_trunk():
+    """Half of it stood behind another one: 0.5 m of radius, and its middle 0.5 m beside."""
+    known = seen_times(4, trunk(4.0, 0.125, 0.5, 0.05))
+    found = see(known, trunk(4.0, 0.0, 1.0, 0.05))
+    assert len(found) == 1
 
 
 @pytest.mark.parametrize(("apart", "trunks"), [(0.54, 1), (0.58, 2)])
@@ -405,11 +434,13 @@ def test_a_drone_within_a_known_trunk_takes_what_it_sees_for_another():
 
 @pytest.mark.parametrize("order", [(4.0, 4.75), (4.75, 4.0)])
 def test_of_two_landmarks_that_meet_the_surer_one_stays_and_counts_as_seen_twice(order):
-    """The nearer one is surer: 0.02 rad are 0.08 m there. In that frame it is not missed."""
+    """The nearer one has been seen as often, from nearer. In that frame it is not missed."""
     known = ObstacleMap(ObstacleConfig(hits_to_confirm=2))
-    for distance in order:
-        found = see(known, trunk(distance, 0.0, 0.1, 0.05))
-    assert found[:, 0] == pytest.approx([4.0])
+    for distance in 3 * order:
+        see(known, trunk(distance, 0.0, 0.5, 0.05), visibility=hide)
+    assert len(known.occluders()) == 2
+    found = see(known, trunk(4.5, 0.0, 0.5, 0.01), depth=True)
+    assert found[:, 0] == pytest.approx([4.0], abs=0.02)
     assert [len(see(known)) for _ in range(4)] == [1, 1, 1, 0]
 
 

@@ -128,6 +128,17 @@ def test_neighbours_that_come_up_close_by_time_after_time_end_in_hold(surprises,
     assert broken is None or broken.finding.startswith("eyes: 6 neighbours")
 
 
+@pytest.mark.parametrize(
+    ("upsets", "reaction"), [(4, None), (5, Reaction.SLOW), (9, Reaction.SLOW), (10, Reaction.HOLD)]
+)
+def test_trunks_that_move_or_vanish_make_the_drone_slow_and_then_hold(upsets, reaction):
+    vehicle = VehicleEstimate(state(0.0))
+    monitors = Monitors(MonitorConfig(), V_MAX)
+    broken = monitors.update(0.0, vehicle, motion(), Phase.FLY, upsets=upsets)
+    assert (broken and broken.reaction) is reaction
+    assert broken is None or broken.finding == f"map: {upsets} known trunks have moved or vanished"
+
+
 def test_a_drone_that_swings_flies_slowly_and_hovers_before_it_holds():
     """Between many neighbours the plan itself swings; with GPS, HOLD drifts into trunks."""
     found = watched(6.0, *BROKEN["swing"])
