@@ -208,6 +208,7 @@ class Companion:
             vehicle.home,
             self._neighbours.surprises(time),
             self._neighbours.steady,
+            self._neighbours.clear_share,
         )
         planned = run("plan", Planned, self._planning.plan, own, reference, motion.prediction)
         broken = run(
@@ -221,8 +222,8 @@ class Companion:
             obstacles.blank,
             reference is not None and reference.alone,
             self._neighbours.surprises(time),
-        )
             obstacles.upsets,
+        )
         surroundings = run(
             "look round",
             _nothing,

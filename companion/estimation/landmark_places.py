@@ -181,7 +181,8 @@ class LandmarkPlaces:
     def correct(self, n: int, look: Look, floor: float) -> None:
         """Correct all by a look at landmark n. floor: least variance [m²] of n."""
         i = _index(n)
-        error, ph, s = self._innovation(i, look)
+        error, pose, s = self._innovation(i, look)
+        ph = self._covariance[:, i : i + 2] + self._covariance[:, :_POSE] @ pose.T
         gain = np.linalg.solve(s, ph.T).T
         self._mean = self._mean + gain @ error
         p = self._covariance - gain @ ph.T
@@ -200,19 +201,19 @@ class LandmarkPlaces:
         return float(b * x * x + a * y * y - 2.0 * c * x * y) / det + math.log(_TURN**2 * det)
 
     def _innovation(self, i: int, look: Look) -> tuple[Vector, Vector, Vector]:
-        """Return what a look shows less what the state says (2,), and how both vary.
+        """Return what a look shows less what the state says (2,), and its covariance (2,2) last.
 
-        These are the covariances of state and error (n,2), and of the error (2,2). i: where the
-        place begins in the state.
+        Between them: the shift (2,4) by errors of the tilt. i: where the place begins in the state.
         """
-        p = self._covariance
+        own = self._covariance[i : i + 2, i : i + 2]
+        tilt, mixed = self._covariance[:_POSE, :_POSE], self._covariance[i : i + 2, :_POSE]
         place = _place(self._mean[i : i + 2])
         # Shifts at the known place: those at the seen one would make its noise part of the slope,
         # and the estimates would shrink all distances.
         pose = look.pose(place)
-        ph = p[:, i : i + 2] + p[:, :_POSE] @ pose.T
-        s = ph[i : i + 2] + pose @ ph[:_POSE] + look.noise(place)
-        return np.array(look.place) - place - pose @ self._mean[:_POSE], ph, s
+        shifted = mixed @ pose.T
+        s = own + shifted + shifted.T + pose @ tilt @ pose.T + look.noise(place)
+        return np.array(look.place) - place - pose @ self._mean[:_POSE], pose, s
 
     def keep(self, left: Sequence[int]) -> None:
         """Drop all landmarks but those of these numbers."""

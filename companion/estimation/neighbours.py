@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from companion.estimation.clear_share import ClearShare
 from companion.estimation.known_obstacles import KnownObstacles
 from companion.estimation.scenery import Scenery
 from companion.estimation.steadiness import Steadiness
@@ -24,6 +25,7 @@ class NeighbourEstimator:
         self._surprises = Surprises(view)
         self._scenery = Scenery()
         self._steadiness = Steadiness()
+        self._clear_share = ClearShare(config.clear)
         self.reset()
 
     def reset(self) -> None:
@@ -32,6 +34,7 @@ class NeighbourEstimator:
         self._surprises.reset()
         self._scenery.reset()
         self._steadiness.reset()
+        self._clear_share.reset()
 
     def turn(self, p: Vector, angle: float) -> None:
         """Turn all tracks left about p (3,) m by a small `angle` [rad]."""
@@ -58,7 +61,8 @@ class NeighbourEstimator:
             if on_mission:
                 drones = self._scenery.without(drones, seen.time, seen.own, mount)
             self._tracker.update(seen.time, drones, seen.own, mount, in_view, seen.partly)
-            if not seen.partly:  # both tell of what a search finds
+            if not seen.partly:  # all three tell of what a search finds
+                self._clear_share.update(seen.time, seen.drones)
                 self._steadiness.update(seen.time, len(drones), self._tracker.known)
                 tracks = self._tracker.tracks()
                 self._surprises.update(seen.time, seen.own, tracks, obstacles, counting=on_mission)
@@ -73,6 +77,11 @@ class NeighbourEstimator:
     def steady(self) -> bool:
         """Return whether the eyes have shown neighbours, the same ones, in the last 5 s."""
         return self._steadiness.enough
+
+    @property
+    def clear_share(self) -> float:
+        """Return what share 0…1 of the finds of the last 10 s was clear."""
+        return self._clear_share.value
 
     def surprises(self, time: float) -> int:
         """Return how many neighbours came up close by, in plain view, in the last 20 s."""

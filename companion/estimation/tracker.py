@@ -29,6 +29,10 @@ from mavlink_bridge.wire.messages import VehicleState
 _FADE_AFTER = 0.15  # s unseen in the frames that came: more than a tick
 _FRAME_AGE_MAX = 0.25  # s without a frame during which no neighbour counts as out of sight
 _STALE_AFTER = 0.5  # s unseen, after which the place of a neighbour is a guess
+# How much of a sign a look is that is not clear; a clear one is 1. Of the finds to 6 m in eight
+# recorded flights 8.5 clear ones were right for each wrong one, and 1.5 of the others. So 0.4 would
+# be fair if each told something new; but false ones come in runs.
+_UNCLEAR = 0.3
 _IDENTITY = np.eye(3)
 _STAYS, _MOVES = np.eye(6), np.eye(6, k=3)  # of (p, v) from (p, v): 1, and p from v
 _IS_MOVED, _SPEEDS_UP = np.eye(6, 3), np.eye(6, 3, k=-3)  # p and v from the acceleration
@@ -93,7 +97,8 @@ class Tracker:
             self._correct(track, z[looks], r[looks], own.p)
             self._seen[track] = time
             # A look without a search leans on what the last search said: it is half as good a sign.
-            self._odds[track] += clear[looks] * (0.5 if partly else 1.0) * self._hit
+            sign = np.where(clear[looks], 1.0, _UNCLEAR)
+            self._odds[track] += sign * (0.5 if partly else 1.0) * self._hit
             self._odds = np.minimum(self._odds, self._surest)
             self._confirmed |= self._odds >= _log_odds(self._config.confirmed)
         mean, covariance = self._modes.mixture()

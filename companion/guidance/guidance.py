@@ -23,6 +23,7 @@ from companion.guidance.opening import OpeningFinder
 from companion.guidance.right_of_way import RightOfWayConfig, blocks_way, pass_on_right
 from companion.guidance.speed_limits import (
     SpeedLimitConfig,
+    clear_speed,
     headway_speed,
     reaction_speed,
     relative_speed_limit,
@@ -160,6 +161,7 @@ class Guidance:
         home: HomePosition | None = None,
         surprises: int = 0,
         steady: bool = True,
+        clear_share: float = 1.0,
     ) -> Reference | None:
         """Return the reference for the own state now; None where that is not known.
 
@@ -168,7 +170,7 @@ class Guidance:
         delay: from a command to its effect. height: over ground; None: the own frame's zero is it.
         home: of the vehicle, from which goals may be told; None: not known. surprises: neighbours
         that came up close by, in plain view, in the last 20 s. steady: whether the eyes show the
-        same neighbours in picture after picture.
+        same neighbours in picture after picture. clear_share: 0…1, of their finds lately.
         """
         if own is None:
             return None
@@ -176,7 +178,9 @@ class Guidance:
             self._take_goals(home)
         s = self._settings
         mine = phase.on_mission
-        self._alone &= not (tracks and steady)
+        # Not before the turn is over: while all climb side by side poor eyes see some others, too.
+        if self._gaze.surveyed:
+            self._alone &= not (tracks and steady)
         floor = s.fence.floor(height)
         progress = MissionProgress(own.p, 0, False)
         if mine:
@@ -189,7 +193,7 @@ class Guidance:
         yaw = self._look(own, tracks, critical, to_aim, mine)
         reaction = reaction_speed(s.speed_limits, delay)
         v_max = s.v_max * min(1.0, reaction / s.cruise)
-        speed, limit = self._speed(own, tracks, to_aim, fault, reaction, surprises)
+        speed, limit = self._speed(own, tracks, to_aim, fault, reaction, surprises, clear_share)
         target = pass_on_right(own, tracks, known.cylinders, aim, s.right_of_way)
         if target.tolist() != aim.tolist():
             route = (*route, "right of way")
@@ -293,10 +297,12 @@ class Guidance:
         fault: CameraFault,
         reaction: float,
         surprises: int,
+        clear_share: float,
     ) -> tuple[float, str]:
         """Return the cruise speed [m/s] and the name of the limit that it obeys.
 
         reaction: m/s, the limit by the delay. surprises: neighbours that came up close by lately.
+        clear_share: 0…1, of the finds lately.
         """
         s = self._settings
         visible = visibility_speed(s.speed_limits, yaw_of(own.q_wb), to_aim)
@@ -307,6 +313,7 @@ class Guidance:
                 own, tracks, to_aim, s.cruise, s.speed_limits, s.right_of_way, s.threat.range_max
             ),
             "surprises": surprised_speed(s.speed_limits, surprises, s.cruise, s.blind_speed),
+            "clear finds": clear_speed(s.speed_limits, clear_share, s.cruise, s.blind_speed),
             "reaction": reaction,
         }
         if fault is not CameraFault.NONE:

@@ -1,12 +1,13 @@
 """Speed limits: how fast the drone may fly, given what it sees and its neighbours.
 
-Five limits hold at once; the lowest counts:
+Six limits hold at once; the lowest counts:
 
 | limit | bounds | reason |
 |---|---|---|
 | visibility | cruise speed | the drone does not fly where it does not look |
 | headway | cruise speed | the room behind the neighbour ahead lasts for `headway` seconds |
 | surprises | cruise speed | eyes that miss one neighbour miss others |
+| clear finds | cruise speed | eyes that are unsure of what they find miss neighbours |
 | reaction | cruise speed and v_max | a command acts before the drone is `reaction_way` farther |
 | relative speed | v_max of (32) | a drone that dodges fast only hits the next neighbour |
 """
@@ -48,6 +49,13 @@ class SpeedLimitConfig(StrictModel):
         description="Neighbours that come up close by, in plain view, within 20 s and are no "
         "reason to fly slower. With n times as many the cruise speed is an n-th, down to "
         "`guard.blind_speed`.",
+    )
+    clear_share: float = Field(
+        0.65,
+        gt=0,
+        le=1,
+        description="Share of clear finds, see `tracker.clear`, below which the drone flies "
+        "slower: at half that share at half the cruise speed, down to `guard.blind_speed`.",
     )
     relative_speed: float = Field(
         0.8,
@@ -100,6 +108,14 @@ def surprised_speed(config: SpeedLimitConfig, surprises: int, cruise: float, lea
     """
     share = min(1.0, config.surprises / max(surprises, 1))
     return max(cruise * share, min(least, cruise))
+
+
+def clear_speed(config: SpeedLimitConfig, share: float, cruise: float, least: float) -> float:
+    """Return the speed [m/s], at most `cruise`, of a drone whose eyes are unsure of what they find.
+
+    share: 0…1 of clear finds, see `companion/estimation/clear_share.py`. least: m/s, lowest limit.
+    """
+    return max(cruise * min(1.0, share / config.clear_share), min(least, cruise))
 
 
 def headway_speed(

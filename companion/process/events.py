@@ -15,6 +15,7 @@ from mavlink_bridge.wire.codec import CodecStatistics
 from mavlink_bridge.wire.messages import StatusText
 
 _CAUSES = ("foreign", "unsigned", "replayed", "strange")  # why a frame is refused
+_POOR_EYES = ("surprises", "clear finds")  # limits of the speed
 _SILENT = 60.0  # s without a refusal, after which the next one is news; of surprises, too
 _COUNTS_AFTER = 600.0  # s between lines while refusals go on
 _RATE_OFF = 0.005  # by which a vehicle's clock may run faster or slower without a word
@@ -140,7 +141,7 @@ class Events:
 
     def _watch_surprises(self, tick: Tick) -> None:
         """Log that the drone flies slowly as its eyes miss neighbours; once a minute."""
-        slow = tick.reference is not None and tick.reference.speed_limit == "surprises"
+        slow = tick.reference is not None and tick.reference.speed_limit in _POOR_EYES
         if slow and not 0.0 <= tick.time - self._surprised_at < _SILENT:
             speed = f"{tick.reference.speed:.2f}" if tick.reference else ""
             event("eyes miss neighbours", logging.WARNING, speed=speed, time=tick.time)

@@ -175,13 +175,25 @@ def test_the_end_of_one_track_leaves_the_others_as_they_are():
     assert np.allclose(beside.P, alone.P)
 
 
-def test_a_look_that_is_not_clear_makes_nothing_more_likely():
-    tracker = Tracker(config := TrackerConfig())
-    unclear = 1.01 * config.clear * 4.0
-    for k in range(10):
-        seen = Detection(np.array([1.0, 0.0, 0.0]), 4.0, 0.003, sigma_range=unclear)
+@pytest.mark.parametrize(("share", "looks"), [(0.99, 2), (1.01, 4)])
+def test_looks_that_are_not_clear_make_a_neighbour_later(share, looks):
+    """Each after the first counts 0.3 of log 17: three are more than log 9, of 0.9."""
+    tracker, found = Tracker(config := TrackerConfig()), []
+    for k in range(5):
+        seen = Detection(np.array([1.0, 0.0, 0.0]), 4.0, 0.003, share * config.clear * 4.0)
         tracker.update(k / 10, [seen], own(k / 10), LEVEL, None)
-    assert not tracker.tracks()
+        found.append(len(tracker.tracks()))
+    assert found == [int(k + 1 >= looks) for k in range(5)]
+
+
+def test_a_miss_undoes_more_than_two_looks_that_are_not_clear():
+    """log(1 - 0.85) is -1.9, such a look 0.85."""
+    tracker = Tracker(config := TrackerConfig())
+    for k in range(30):
+        seen = Detection(np.array([1.0, 0.0, 0.0]), 4.0, 0.003, 1.01 * config.clear * 4.0)
+        shown = [True] * len(tracker.positions())
+        tracker.update(k / 10, [seen] if k % 3 else [], own(k / 10), LEVEL, shown)
+        assert not tracker.tracks()
 
 
 def test_a_track_out_of_sight_slows_down_but_not_at_the_first_miss():

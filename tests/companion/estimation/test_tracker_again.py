@@ -157,7 +157,7 @@ class Reference:
             one, (z, r, clear) = self.all[n], looks[k]
             one.correct(z, r)
             one.seen = time
-            one.odds += clear * math.log(CONFIG.detected / CONFIG.ghosts)
+            one.odds += (1.0 if clear else 0.3) * math.log(CONFIG.detected / CONFIG.ghosts)
             off = np.linalg.norm(one.mixture()[0][3:] - own.v)
             one.along = math.exp(-((off / CONFIG.along) ** 2))
         if pairs:

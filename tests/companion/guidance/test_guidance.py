@@ -47,9 +47,13 @@ def test_a_drone_that_has_others_looks_round_until_it_has_seen_one_and_then_sets
     assert turned > 3.5 * math.pi
     one = [track(1, [0.0, 5.0, 2.0])]
     assert decided(guidance, own(yaw=yaw, time=5.95), tracks=one, steady=False).alone
-    decided(guidance, own(yaw=yaw, time=6.0), tracks=one)
-    for k in range(61, 95):  # the turn that has begun
-        reference = decided(guidance, own(yaw=yaw, time=0.1 * k))
+    for k in range(60, 97):  # to the end of the third turn: seen in the midst of it is not enough
+        seen = one if 66 <= k < 85 else []
+        reference = decided(guidance, own(yaw=yaw, time=0.1 * k), tracks=seen)
+        assert reference.alone
+        yaw = reference.yaw
+    for k in range(97, 131):
+        reference = decided(guidance, own(yaw=yaw, time=0.1 * k), tracks=one)
         yaw = reference.yaw
     assert not reference.alone
     assert reference.progress.goal.tolist() == AHEAD
@@ -78,6 +82,9 @@ def test_without_others_a_drone_waits_for_nobody():
         ("cruise", CRUISE, {"surprises": 1}),
         ("surprises", CRUISE / 3, {"surprises": 3}),
         ("surprises", 0.4, {"surprises": 9}),
+        ("cruise", CRUISE, {"clear_share": 0.65}),
+        ("clear finds", CRUISE / 2, {"clear_share": 0.325}),
+        ("clear finds", 0.4, {"clear_share": 0.1}),
         ("camera", 0.4, {"fault": CameraFault.DEAD}),
         ("camera", 0.4, {"fault": CameraFault.SENSELESS, "delay": Delay(0.3, 0.05)}),
         ("visibility", 0.1 * CRUISE, {"fault": CameraFault.DEAD, "at": own(yaw=math.pi)}),

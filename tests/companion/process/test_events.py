@@ -85,7 +85,8 @@ def test_eyes_that_miss_neighbours_are_told_once_a_minute(monkeypatch):
     told, events = [], Events()
     monkeypatch.setattr(module, "event", lambda name, *_, **fields: told.append({name: fields}))
     for k in range(6000):
-        limit = "surprises" if 1000 <= k < 3000 and k % 7 else "cruise"
+        poor = ("surprises", "clear finds")[k % 2]
+        limit = poor if 1000 <= k < 3000 and k % 7 else "cruise"
         reference = SimpleNamespace(speed_limit=limit, speed=0.825)
         events.tick(TickInputs(0.1 * k, [], None), Tick(0.1 * k, reference=reference))
     lines = [line["eyes miss neighbours"] for line in told if "eyes miss neighbours" in line]
