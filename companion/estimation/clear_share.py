@@ -15,11 +15,12 @@ from collections.abc import Sequence
 from companion.types import Detection
 
 _LATELY = 10.0  # s of pictures that count
-_PRIOR = 20  # clear finds that are taken for granted: a few unclear ones tell nothing
+_LEAST = 60  # finds that count, even if they are older: eyes that find little are the poor ones
+_PRIOR = 10  # clear finds that are taken for granted: a few unclear ones tell nothing
 
 
 class ClearShare:
-    """Counts the finds of the last 10 s."""
+    """Counts the finds of the last 10 s, or the last 60 where those were fewer."""
 
     def __init__(self, clear: float) -> None:
         """clear: std of range, as a share of it, up to which a find is clear."""
@@ -29,17 +30,22 @@ class ClearShare:
     def reset(self) -> None:
         """Forget all pictures."""
         self._pictures: deque[tuple[float, int, int]] = deque()
+        self._sums = 0, 0  # clear finds, all finds
 
     def update(self, time: float, finds: Sequence[Detection]) -> None:
         """Take in the finds of the picture of `time` [s]."""
+        if not finds:
+            return
         clear = sum(d.sigma_range <= self._clear * d.range for d in finds)
         self._pictures.append((time, clear, len(finds)))
-        while time - self._pictures[0][0] > _LATELY:
+        clear, found = self._sums[0] + clear, self._sums[1] + len(finds)
+        while time - (first := self._pictures[0])[0] > _LATELY and found - first[2] >= _LEAST:
+            clear, found = clear - first[1], found - first[2]
             self._pictures.popleft()
+        self._sums = clear, found
 
     @property
     def value(self) -> float:
         """Share 0…1 of the last finds that were clear."""
-        clear = sum(picture[1] for picture in self._pictures)
-        found = sum(picture[2] for picture in self._pictures)
+        clear, found = self._sums
         return (clear + _PRIOR) / (found + _PRIOR)

@@ -1,4 +1,4 @@
-"""Clear share: what share of the finds of the last 10 s was clear."""
+"""Clear share: what share of the last finds was clear."""
 
 import numpy as np
 import pytest
@@ -28,24 +28,38 @@ def test_without_finds_nothing_is_unclear():
 
 
 def test_a_few_unclear_finds_tell_nothing_and_many_tell_all():
-    """Twenty clear ones are taken for granted."""
+    """Ten clear ones are taken for granted."""
     share = ClearShare(0.25)
     share.update(0.0, finds(0, 5))
-    assert share.value == pytest.approx(20 / 25)
+    assert share.value == pytest.approx(10 / 15)
     for k in range(60):
         share.update(0.1 * k, finds(1, 3))
-    assert share.value == pytest.approx((60 + 20) / (240 + 5 + 20))
+    assert share.value == pytest.approx((60 + 10) / (240 + 5 + 10))
 
 
-@pytest.mark.parametrize(("later", "value"), [(10.0, 20 / 60), (10.1, 1.0)])
-def test_finds_count_for_ten_seconds(later, value):
+@pytest.mark.parametrize(
+    ("later", "more", "value"),
+    [(10.0, 60, 70 / 110), (10.1, 60, 1.0), (10.1, 59, 69 / 109), (900.0, 0, 10 / 50)],
+)
+def test_finds_count_for_ten_seconds_and_until_sixty_others_are_found(later, more, value):
     share = ClearShare(0.25)
     share.update(0.0, finds(0, 40))
-    share.update(later, [])
+    share.update(later, finds(more, 0))
     assert share.value == pytest.approx(value)
 
 
-@pytest.mark.parametrize(("partly", "value"), [(False, 20 / 80), (True, 1.0)])
+def test_pictures_that_showed_nothing_do_not_pile_up():
+    share = ClearShare(0.25)
+    for k in range(2000):
+        share.update(0.1 * k, finds(1, 0) if k < 100 else [])
+    assert share.value == 1.0
+    assert len(share._pictures) <= 100
+    share.update(200.0, finds(0, 60))
+    assert share.value == pytest.approx(10 / 70)
+    assert len(share._pictures) == 1
+
+
+@pytest.mark.parametrize(("partly", "value"), [(False, 10 / 70), (True, 1.0)])
 def test_pictures_that_are_searched_count(partly, value):
     """What is looked at closely where it was known before tells little of the eyes."""
     view = View(Camera.equidistant(640, 400, 160.0), needs_foot=False)
