@@ -80,7 +80,7 @@ class NeighbourEstimator:
 
     @property
     def clear_share(self) -> float:
-        """Return what share 0…1 of the finds of the last 10 s was clear."""
+        """Return what share 0…1 of the last finds was clear, see `clear_share.py`."""
         return self._clear_share.value
 
     def surprises(self, time: float) -> int:

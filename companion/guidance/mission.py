@@ -77,9 +77,10 @@ class MissionConfig(StrictModel):
     )
     others: bool = Field(
         False,
-        description="Other drones start within sight, some 8 m. Until one of them has been seen "
-        "the drone goes on looking round and does not set out; after `monitors.alone` it asks for "
-        "HOLD: eyes that have never shown a drone may be eyes for other drones than these.",
+        description="Other drones start within sight, some 8 m. Until they are seen steadily "
+        "at the end of a turn the drone goes on looking round and does not set out; after "
+        "`monitors.alone` it asks for HOLD: eyes that have never shown a drone may be eyes for "
+        "other drones than these.",
     )
     land: bool = Field(True, description="Land at the last goal; else hold there.")
     land_wait: float = Field(
