@@ -69,15 +69,17 @@ def associated(
     around = sum(math.dist(k.axis, p) < _AROUND for k in landmarks)
     unknown = -2.0 * math.log((around + 1.0) / (math.pi * _AROUND**2))
     cost = np.full((len(looks), len(landmarks) + len(looks)), unknown)
+    cost[:, : len(landmarks)] = _NEVER
+    axes = np.array([k.axis for k in landmarks]).reshape(-1, 2)
     for i, (trunk, look) in enumerate(looks):
-        x, y = places.corrected(look)
+        apart2 = ((axes - places.corrected(look)) ** 2).sum(axis=1).tolist()
         doubt = look.along**2 + look.across**2
         for n, k in enumerate(landmarks):
+            if n in taken or (trunk.assumed and k.confirmed):
+                continue
             uneven = _UNEVEN**2 + k.hidden(trunk) ** 2
-            apart2 = (k.axis[0] - x) ** 2 + (k.axis[1] - y) ** 2
-            other = n in taken or (trunk.assumed and k.confirmed)
-            comparable = not other and apart2 < _SIGMAS**2 * (doubt + uneven + k.variance)
-            cost[i, n] = places.surprise(n, look, uneven) if comparable else _NEVER
+            if apart2[n] < _SIGMAS**2 * (doubt + uneven + k.variance):
+                cost[i, n] = places.surprise(n, look, uneven)
     return [n if n < len(landmarks) else None for _, n in assign(cost)]
 
 

@@ -78,7 +78,7 @@ class Events:
         self._watch_clock(inputs.clock, tick.time)
         self._watch_stamps(tick)
         self._watch_thrust(tick)
-        self._watch_surprises(tick)
+        self._watch_poor_eyes(tick)
         for received in inputs.received:
             if isinstance(received.message, StatusText):
                 text = received.message
@@ -139,8 +139,8 @@ class Events:
             event("thrust", logging.WARNING, acceleration=f"{by:+.0%}", time=tick.time)
         self._weak = weak
 
-    def _watch_surprises(self, tick: Tick) -> None:
-        """Log that the drone flies slowly as its eyes miss neighbours; once a minute."""
+    def _watch_poor_eyes(self, tick: Tick) -> None:
+        """Log that the drone flies slowly, as its eyes miss neighbours or are unsure; once a minute."""
         slow = tick.reference is not None and tick.reference.speed_limit in _POOR_EYES
         if slow and not 0.0 <= tick.time - self._surprised_at < _SILENT:
             speed = f"{tick.reference.speed:.2f}" if tick.reference else ""

@@ -61,7 +61,7 @@ def test_pictures_that_showed_nothing_do_not_pile_up():
 
 @pytest.mark.parametrize(("partly", "value"), [(False, 10 / 70), (True, 1.0)])
 def test_pictures_that_are_searched_count(partly, value):
-    """What is looked at closely where it was known before tells little of the eyes."""
+    """Finds where a neighbour was known before tell little of the eyes."""
     view = View(Camera.equidistant(640, 400, 160.0), needs_foot=False)
     neighbours = NeighbourEstimator(view, TrackerConfig())
     still = VehicleState(0.0, np.zeros(3), np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3))
