@@ -140,7 +140,7 @@ class Events:
         self._weak = weak
 
     def _watch_poor_eyes(self, tick: Tick) -> None:
-        """Log that the drone flies slowly, as its eyes miss neighbours or are unsure; once a minute."""
+        """Log that the drone flies slowly as its eyes miss neighbours or doubt; once a minute."""
         slow = tick.reference is not None and tick.reference.speed_limit in _POOR_EYES
         if slow and not 0.0 <= tick.time - self._surprised_at < _SILENT:
             speed = f"{tick.reference.speed:.2f}" if tick.reference else ""
