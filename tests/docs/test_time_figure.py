@@ -23,10 +23,6 @@ def figure():
     ("inner", "group"),
     [
         ("run (companion/perception/network_search.py:9)", "eyes: search"),
-        (
-            "a (companion/perception/network_search.py:9);b (companion/perception/closer_look.py:3)",
-            "eyes: closer look",
-        ),
         ("see (companion/perception/frontend.py:9)", "eyes: the rest"),
         ("solve (companion/control/nmpc/rti.py:80)", "plan: the NMPC"),
         ("place (companion/process/frame_source.py:80)", "companion: the rest"),
