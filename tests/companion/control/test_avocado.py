@@ -206,8 +206,11 @@ def test_a_wall_is_reached_no_sooner_than_the_horizon():
     assert v[0] == pytest.approx((1.5 - 0.5) / 2.0)
 
 
-def fly(p, goals, rules, velocity, seconds=30.0, trunks=()):
-    """Return the way (t,n,2) m of drones that fly what they choose; without a rule, straight on."""
+def fly(p, goals, rules, velocity, seconds=30.0, trunks=(), gain=1.0 / DT):
+    """Return the way (t,n,2) m of drones that fly what they choose; without a rule, straight on.
+
+    gain: 1/s, by which a velocity follows the chosen one; by default at once.
+    """
     way, v = [np.array(p, float)], np.array(velocity, float)
     for _ in range(int(seconds / DT)):
         p, chosen = way[-1], v.copy()
@@ -219,7 +222,7 @@ def fly(p, goals, rules, velocity, seconds=30.0, trunks=()):
             near = [[x - p[k][0], y - p[k][1], r] for x, y, r in trunks]
             seen = surroundings(v[k], wanted, p[others] - p[k], v[others], near)
             chosen[k] = rule.velocity(seen)
-        v = chosen
+        v = v + gain * DT * (chosen - v)
         way.append(p + DT * v)
     return np.array(way)
 
@@ -244,6 +247,30 @@ def test_one_that_keeps_straight_is_avoided_by_the_drone_alone():
     assert least_apart(way) > 2 * CONTACT
     assert np.abs(way[:, 1, 1]).max() == 0.0
     assert np.linalg.norm(way[-1, 0] - p[1]) < 0.5
+
+
+@pytest.mark.parametrize("gain", [2.5, 1.0 / DT])
+def test_two_that_both_give_way_hold_each_other_to_do_little(gain):
+    """A limit of eq. (15), which compares the change in one tick with all of u.
+
+    A vehicle has not got so far in one tick; and after a tick that is enough, u is 0, which counts
+    as nothing done.
+    """
+    p = np.array([[-4.0, 0.0], [4.0, 0.0]])
+    shares = []
+
+    class Watched(Avocado):
+        def velocity(self, around):
+            chosen = super().velocity(around)
+            shares.extend(other.share for other in self.known)
+            return chosen
+
+    rules = [Watched(AvocadoConfig()), Avocado(AvocadoConfig())]
+    way = fly(p, p[::-1], rules, np.zeros((2, 2)), gain=gain)
+    assert least_apart(way) > 2 * CONTACT
+    assert shares[0] == 0.5
+    assert min(shares) == pytest.approx(0.265, abs=0.01)
+    assert max(shares) <= 0.5
 
 
 def test_a_trunk_in_the_way_is_passed():
