@@ -204,7 +204,8 @@ class CompanionSections(StrictModel):
     controller: Annotated[str, AfterValidator(CONTROLLERS.check)] = Field(
         "nmpc",
         description="The planner: nmpc; to compare with, single-horizon, reynolds, vasarhelyi, "
-        "potential-field, orca or rbl; your own by the name of its entry point, or module:Class.",
+        "potential-field, orca, rbl or avocado; your own by the name of its entry point, or "
+        "module:Class.",
     )
     controller_options: dict[str, Any] = Field({}, description="Passed to your own controller.")
     nmpc: NmpcConfig = NmpcConfig()

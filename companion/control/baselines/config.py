@@ -85,6 +85,35 @@ class RblConfig(StrictModel):
     turn_rate: float = Field(1.0, gt=0, description="Of the goal to the right meanwhile [rad/s].")
 
 
+class AvocadoConfig(StrictModel):
+    """Avoidance by opinion; symbols and values of its paper, but for the radius and obstacles."""
+
+    a: float = Field(0.3, ge=0, description="How far the opinion upholds itself [-].")
+    b: float = Field(0.0, ge=-1, le=1, description="Bias of the opinion [1/s].")
+    c: float = Field(0.7, ge=0, description="How far the opinion follows what is seen [-].")
+    d: float = Field(2.0, gt=0, le=10, description="Decay of the opinion [1/s].")
+    kappa: float = Field(
+        14.15, gt=0, description="Collisions sooner than about this [s] have all attention."
+    )
+    epsilon: float = Field(
+        3.22, gt=0, description="How sharply half of the needed change divides those who help [-]."
+    )
+    delta: float = Field(
+        0.57, gt=0, le=1, description="Share of attention that is new at each tick [-]."
+    )
+    horizon: float = Field(2.5, gt=0, description="Time free of collision with drones [s].")
+    reach: float = Field(2.5, gt=0, description="Farther neighbours [m] do not count.")
+    radius: float = Field(0.5, gt=0, description="Radius of a drone, with margin [m].")
+    horizon_obstacle: float = Field(
+        3.0, gt=0, description="Time free of collision with obstacles [s]."
+    )
+    aside: float = Field(
+        0.05,
+        ge=0,
+        description="The preferred velocity is turned right by this [rad], against ties.",
+    )
+
+
 class BaselinesConfig(StrictModel):
     """One section for each rule."""
 
@@ -95,3 +124,4 @@ class BaselinesConfig(StrictModel):
     potential_field: PotentialFieldConfig = PotentialFieldConfig()
     orca: OrcaConfig = OrcaConfig()
     rbl: RblConfig = RblConfig()
+    avocado: AvocadoConfig = AvocadoConfig()

@@ -23,6 +23,7 @@ _RULES = {
     "potential-field": f"{_HERE}.controllers:potential_field",
     "orca": f"{_HERE}.controllers:orca",
     "rbl": f"{_HERE}.controllers:rbl",
+    "avocado": f"{_HERE}.controllers:avocado",
 }
 CONTROLLERS = PartKind(
     "controller",
@@ -91,6 +92,13 @@ def rbl(setup: ControllerSetup) -> Any:
     from companion.control.baselines.rbl import Rbl
 
     return Rbl(setup.baselines.rbl, setup.baselines.radius)
+
+
+def avocado(setup: ControllerSetup) -> Any:
+    """Return AVOCADO, avoidance by an opinion of each neighbour."""
+    from companion.control.baselines.avocado import Avocado
+
+    return Avocado(setup.baselines.avocado)
 
 
 def orca(setup: ControllerSetup) -> Any:

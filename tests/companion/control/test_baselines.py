@@ -30,7 +30,7 @@ class Inputs:
         return self.commands
 
 
-RULES = ("reynolds", "vasarhelyi", "potential-field", "orca", "rbl")
+RULES = ("reynolds", "vasarhelyi", "potential-field", "orca", "rbl", "avocado")
 
 
 def planner(controller, **changes):
