@@ -25,17 +25,17 @@ _WIDER, _COLUMNS = 1.5, 0.04  # times, and rad on either side
 class Landmark:
     """A known trunk.
 
-    axis: (x, y) m. radius: m. variance: m², of the axis. seen: s, time of the last look. hits,
-    misses: looks that saw it, and looks at its place that did not. confirmed: it counts.
+    axis: (x, y) m. radius: m. variance: m², of the axis. seen: s, time of the last look. odds: log
+    of the odds that it is there. confirmed: it counts. kept: it is remembered for good.
     """
 
     axis: Place
     radius: float
     variance: float
     seen: float
-    hits: int = 1
-    misses: float = 0.0
+    odds: float
     confirmed: bool = False
+    kept: bool = False
 
     def hidden(self, trunk: Trunk) -> float:
         """Return how far [m] the middle of a look may be from that of this trunk.

@@ -2,8 +2,8 @@
 
 Trunks do not move: each look refines a small map in the drone's own frame. The drone's own drift
 moves all of them alike, and makes them uncertain: see `landmark_places.py`. A trunk that should be
-in plain view and is missed in several looks is forgotten. A trunk behind the drone is kept until it
-is far away.
+in plain view is the less likely to be there the oftener it is missed, and is forgotten in the end,
+see `existence.py`. A trunk behind the drone is kept until it is far away.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pydantic import Field
 
+from companion.estimation.existence import CONFIRMED, SUREST, log_odds
 from companion.estimation.landmark_association import (
     Landmark,
     angle,
@@ -43,17 +44,21 @@ class ObstacleConfig(StrictModel):
         ge=0,
         description="Looks nearer than this share of the sum of their radii are of one trunk.",
     )
-    hits_to_confirm: int = Field(3, ge=1, description="Looks before a trunk counts.")
-    hits_to_keep: int = Field(
-        6,
-        ge=1,
-        description="Looks before a trunk is remembered for good; ghosts do not last so long.",
+    detected: float = Field(
+        0.7,
+        gt=0,
+        lt=1,
+        description="Probability that a trunk in plain view is seen. With `ghosts`: three looks "
+        "make a trunk, after six it is remembered for good, eight misses end it then.",
+    )
+    ghosts: float = Field(
+        0.17, gt=0, lt=1, description="Probability of such a look where no trunk is."
     )
     doubtful_unseen: float = Field(
-        1.5, gt=0, description="Time [s] unseen after which a trunk of fewer looks is forgotten."
-    )
-    misses_to_forget: int = Field(
-        4, ge=1, description="Looks at a trunk's place without seeing it that make it forgotten."
+        1.5,
+        gt=0,
+        description="Longest memory [s] of a trunk that just counts, out of view; of surer ones "
+        "longer.",
     )
     keep_range: float = Field(20.0, gt=0, description="Trunks farther than this [m] are forgotten.")
     view_range: float = Field(
@@ -68,6 +73,7 @@ _SIGMAS = 4.0  # standard deviations that explain how far looks at a trunk diffe
 _BEHIND, _LOW = 0.5, 0.3  # m: how far behind a trunk, and over the ground, lines of sight tell
 _RADIUS, _EDGE = 0.04, 0.015  # m and rad, 1 σ of a known radius and of half a width
 _WIDEST = 1.4  # rad; half a trunk's width
+_UNKNOWN = log_odds(0.2)  # that a trunk stands where nothing was seen before
 
 
 @dataclass(frozen=True)
@@ -95,6 +101,7 @@ class ObstacleMap:
 
     def __init__(self, config: ObstacleConfig) -> None:
         self._config = config
+        self._hit = math.log(config.detected / config.ghosts)
         self._landmarks: list[Landmark] = []
         self._places = LandmarkPlaces()
         self._blank_looks = 0
@@ -141,8 +148,7 @@ class ObstacleMap:
         here = _Here((x, y), ground.under(own.p), yaw_of(own.q_wb), turning, own.time)
         self._places.drift(here.p, drift)
         self._refresh()
-        known_for_good = [k for n, k in enumerate(self._landmarks) if self._for_good(n)]
-        self._upsets.before(known_for_good, here.p)
+        self._upsets.before([k for k in self._landmarks if k.kept], here.p)
         seen: set[int] = set()
         looks: list[tuple[Trunk, Look]] = []
         for trunk in trunks:
@@ -165,12 +171,12 @@ class ObstacleMap:
         missed = list(self._missed(seen, here.p, forward, half_view))
         places = np.array([[*self._landmarks[n].axis, z] for n in missed]).reshape(-1, 3)
         shown = dict(zip(missed, visibility(places).tolist() if missed else [], strict=True))
-        known = [n for n, look in shown.items() if look > _PLAIN and self._for_good(n)]
+        known = [n for n, look in shown.items() if look > _PLAIN and self._landmarks[n].kept]
         blank = bool(known) and not seen and not depth
         self._blank_looks = self._blank_looks + 1 if blank else 0
         for n, look in shown.items():
             if not blank or n not in known:
-                self._landmarks[n].misses += look
+                self._landmarks[n].odds += math.log(1.0 - self._config.detected * look)
         self._forget(here)
 
     def turn(self, p: Vector, angle: float) -> None:
@@ -197,7 +203,7 @@ class ObstacleMap:
         through = (along > radius) & (aside < 0.6 * radius) & behind & (height > _LOW)
         for k, count in zip(self._landmarks, through.sum(axis=1).tolist(), strict=True):
             if count >= 2:
-                k.misses += 1.0
+                k.odds += math.log(1.0 - self._config.detected)
 
     def cylinders(self, p: Vector) -> Vector:
         """Return confirmed trunks (K,3) x, y, radius [m], nearest surface to p (3,) m first."""
@@ -224,9 +230,8 @@ class ObstacleMap:
         if n is None:
             self._places.add(look)
             n = len(self._landmarks)
-            confirmed = self._config.hits_to_confirm <= 1
-            known = Landmark(axis, trunk.radius, variance, here.time, confirmed=confirmed)
-            self._landmarks.append(known)
+            self._landmarks.append(Landmark(axis, trunk.radius, variance, here.time, _UNKNOWN))
+            self._mark_seen(n, here.time)
             self._refresh()
             return n
         k = self._landmarks[n]
@@ -273,8 +278,9 @@ class ObstacleMap:
     def _mark_seen(self, n: int, time: float) -> None:
         """Count a look at `time` [s] that saw landmark n."""
         k = self._landmarks[n]
-        k.hits, k.misses, k.seen = k.hits + 1, 0.0, time
-        k.confirmed = k.hits >= self._config.hits_to_confirm
+        k.odds, k.seen = min(k.odds + self._hit, SUREST), time
+        k.confirmed |= k.odds >= CONFIRMED
+        k.kept |= k.odds >= SUREST
 
     def _merge_duplicates(self, seen: set[int]) -> set[int]:
         """Drop the less certain of two landmarks that looks have moved to one place.
@@ -304,21 +310,19 @@ class ObstacleMap:
             if n not in seen and in_view and not self._occluded(n, p):
                 yield n
 
-    def _for_good(self, n: int) -> bool:
-        return self._landmarks[n].hits >= self._config.hits_to_keep
-
     def _forget(self, here: _Here) -> None:
-        """Drop landmarks that were missed too often, are far away, or are ghosts."""
+        """Drop landmarks that are unlikely to be there, far away, or doubtful and out of view."""
         c = self._config
-        gone = [k for k in self._landmarks if k.misses >= c.misses_to_forget]
-        self._upsets.vanished(here.time, gone)
+        self._upsets.vanished(here.time, [k for k in self._landmarks if k.odds < -CONFIRMED])
+        # Of a trunk that just counts as long as the setting says; less of ghosts, in proportion.
+        memory = c.doubtful_unseen / (2.0 * CONFIRMED)
         self._keep(
             [
                 n
                 for n, k in enumerate(self._landmarks)
-                if k.misses < c.misses_to_forget
+                if k.odds >= -CONFIRMED
                 and math.dist(k.axis, here.p) < c.keep_range
-                and (self._for_good(n) or here.time - k.seen <= c.doubtful_unseen)
+                and (k.kept or here.time - k.seen <= memory * (k.odds + CONFIRMED))
             ]
         )
 

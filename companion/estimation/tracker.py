@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from companion.estimation import track_size
 from companion.estimation.assignment import assign
+from companion.estimation.existence import CONFIRMED, SUREST
 from companion.estimation.motion_modes import MANOEUVRES, Modes
 from companion.estimation.tracker_config import TrackerConfig
 from companion.estimation.turns import turn_about
@@ -67,7 +68,6 @@ class Tracker:
         self._noise = np.array([config.drift, config.acceleration])  # of each mode
         self._rates = np.array([1.0 / config.keeps_on, 1.0 / config.manoeuvres])
         self._hit = math.log(config.detected / config.ghosts)
-        self._surest = _log_odds(config.surest)
 
     def update(
         self,
@@ -99,8 +99,8 @@ class Tracker:
             # A look without a search leans on what the last search said: it is half as good a sign.
             sign = np.where(clear[looks], 1.0, _UNCLEAR)
             self._odds[track] += sign * (0.5 if partly else 1.0) * self._hit
-            self._odds = np.minimum(self._odds, self._surest)
-            self._confirmed |= self._odds >= _log_odds(self._config.confirmed)
+            self._odds = np.minimum(self._odds, SUREST)
+            self._confirmed |= self._odds >= CONFIRMED
         mean, covariance = self._modes.mixture()
         if assigned:
             off = lengths(self._velocities(mean)[track] - own.v)
@@ -349,7 +349,7 @@ class Tracker:
         sigma = np.sqrt(p[:, 0, 0] + p[:, 1, 1] + p[:, 2, 2])
         if self._sized:
             sigma = track_size.sigma_of_known_size(mean, p)
-        known = self._odds >= self._surest / c.unseen_max * (time - self._seen)
+        known = self._odds >= SUREST / c.unseen_max * (time - self._seen)
         keep = known & (sigma < c.sigma_max)
         if keep.all():
             return
@@ -363,7 +363,3 @@ def _traces(matrices: Vector) -> Vector:
     """Return the traces (n,) of matrices (n,3,3), sooner than numpy does."""
     traces: Vector = matrices[:, 0, 0] + matrices[:, 1, 1] + matrices[:, 2, 2]
     return traces
-
-
-def _log_odds(probability: float) -> float:
-    return math.log(probability / (1.0 - probability))

@@ -40,27 +40,14 @@ class TrackerConfig(StrictModel):
         0.85,
         gt=0,
         lt=1,
-        description="Probability that a neighbour in plain view is seen. Assumed, as are `ghosts` "
-        "and `surest`: two clear looks make a neighbour, four misses end it.",
+        description="Probability that a neighbour in plain view is seen. Assumed, as is `ghosts`: "
+        "two clear looks make a neighbour, four misses end it.",
     )
     ghosts: float = Field(
         0.05,
         gt=0,
         lt=1,
         description="Probability that something clear is seen at a place where no neighbour is.",
-    )
-    confirmed: float = Field(
-        0.9,
-        gt=0.5,
-        lt=1,
-        description="Probability that there is a neighbour from which it counts: two clear looks.",
-    )
-    surest: float = Field(
-        0.999,
-        gt=0.5,
-        lt=1,
-        description="Highest probability that there is a neighbour: four looks at its place "
-        "without seeing it end its track.",
     )
     clear: float = Field(
         0.25, gt=0, description="Std of range, as a share of it, up to which a look is clear."

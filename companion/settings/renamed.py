@@ -20,7 +20,8 @@ RENAMED = {
     "gaze.creep": "speed_limits.no_view_share",
 }
 _ONE_START = "a solve has one start since each neighbour and obstacle has its own slack"
-_ODDS = "tracker.detected, ghosts and surest tell how sure looks make of a neighbour"
+_ODDS = "tracker.detected and ghosts tell how sure looks make of a neighbour"
+_TRUNKS = "obstacles.detected and ghosts tell how sure looks make of a trunk"
 REMOVED = {
     # Its value scaled every threat alike and changed no flight; moved to nmpc.d_ref it would.
     "threat.d_ref": "nmpc.d_ref serves both; leave this key out",
@@ -29,9 +30,14 @@ REMOVED = {
     "nmpc.rescue_slack": _ONE_START,
     "nmpc.sqp_iterations_rescue": _ONE_START,
     "obstacles.associate": "how densely trunks stand tells which look is of which; leave it out",
-    "tracker.hits_to_confirm": "tracker.confirmed tells from which probability on a track counts",
+    "obstacles.hits_to_confirm": _TRUNKS,
+    "obstacles.hits_to_keep": _TRUNKS,
+    "obstacles.misses_to_forget": _TRUNKS,
+    "tracker.confirmed": _ODDS,
+    "tracker.hits_to_confirm": _ODDS,
     "tracker.life_per_look": _ODDS,
     "tracker.misses_to_drop": _ODDS,
+    "tracker.surest": _ODDS,
 }
 
 

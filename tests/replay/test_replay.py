@@ -51,7 +51,7 @@ def test_one_weight_changed_is_found_and_located(today):
 
 
 def test_a_change_of_the_tracker_shows_as_a_decision(today):
-    assert replay(today, ["tracker.confirmed=0.998"]).first.what == "critical"
+    assert replay(today, ["tracker.ghosts=0.3"]).first.what == "critical"
 
 
 def test_from_the_command_line(flight, capsys):

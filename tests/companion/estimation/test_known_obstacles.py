@@ -30,7 +30,7 @@ def view():
 @pytest.fixture
 def known(view):
     """One look is enough for a trunk, which is then kept until it is missed four times."""
-    trunks = ObstacleConfig(hits_to_confirm=1, hits_to_keep=1)
+    trunks = ObstacleConfig(ghosts=1e-4)
     return ObstacleEstimator(view, trunks, SurfaceConfig())
 
 
@@ -135,7 +135,7 @@ def test_without_a_state_only_what_hides_others_is_known(known):
 
 
 def test_unconfirmed_trunks_hide_others_and_are_no_obstacles(view):
-    known = ObstacleEstimator(view, ObstacleConfig(hits_to_confirm=2), SurfaceConfig())
+    known = ObstacleEstimator(view, ObstacleConfig(ghosts=0.1), SurfaceConfig())
     found = look(known, at(), AHEAD)
     assert (len(found.occluders), len(found.cylinders)) == (1, 0)
 
@@ -161,7 +161,7 @@ def test_an_unsure_tilt_moves_a_foot_by_the_height_over_the_ground_below(known, 
 @pytest.mark.parametrize(("beyond", "left"), [(np.inf, 0), (np.nan, 1)])
 def test_a_trunk_is_missed_only_where_the_depth_image_shows_its_place(known, beyond, left):
     look(known, at(), AHEAD)
-    for n in range(4):
+    for n in range(8):
         found = look(known, at(time=0.1 * n), ranges=np.full((40, 64), beyond, np.float16))
     assert len(found.cylinders) == left
 
@@ -229,18 +229,18 @@ def test_points_on_the_ground_are_no_obstacle(known, level, stands):
 def test_a_trunk_that_points_are_seen_through_over_the_ground_is_forgotten(known, level, left):
     ground, through = GroundPlane(level), points((7.0, 0.1, 2.0), (7.0, -0.1, 2.0))
     look(known, at(), AHEAD, ground=ground)
-    for n in range(4):
+    for n in range(8):
         look(known, at(time=0.1 * n), searched=False, fixed=through, ground=ground)
     hidden = wall(np.nan)
-    assert len(look(known, at(time=0.5), ranges=hidden, ground=ground).occluders) == left
+    assert len(look(known, at(time=0.9), ranges=hidden, ground=ground).occluders) == left
 
 
 def test_points_too_doubtful_to_count_are_not_seen_through_a_trunk(known):
     look(known, at(), AHEAD)
     unsure = points((7.0, 0.1, 2.0), (7.0, -0.1, 2.0), base=0.1, since=9.0)
-    for n in range(4):
+    for n in range(8):
         look(known, at(time=0.1 * n), searched=False, fixed=unsure, doubt=WANDERS)
-    assert len(look(known, at(time=0.5), ranges=wall(np.nan)).occluders) == 1
+    assert len(look(known, at(time=0.9), ranges=wall(np.nan)).occluders) == 1
 
 
 def test_all_is_forgotten_at_a_reset(known):

@@ -53,7 +53,7 @@ def test_a_trunk_of_few_looks_that_vanishes_upsets_nothing():
 
 
 def landmark(x, sigma=0.1):
-    return Landmark((x, 0.0), 0.3, sigma**2, 0.0, hits=9, confirmed=True)
+    return Landmark((x, 0.0), 0.3, sigma**2, 0.0, odds=5.0, confirmed=True)
 
 
 @pytest.mark.parametrize(

@@ -109,9 +109,9 @@ def test_a_trunk_that_should_be_seen_and_is_not_is_forgotten():
     known = ObstacleMap(ObstacleConfig())
     for _ in range(6):
         fly(known, 1.0, look(1.0))
-    for _ in range(ObstacleConfig().misses_to_forget):
+    for _ in range(8):
         assert len(fly(known, 1.0, None, visibility=lambda places: places[:, 0] < PLACE[0] - 0.5))
-    for _ in range(ObstacleConfig().misses_to_forget):
+    for _ in range(8):
         left = fly(known, 1.0, None, depth=True)
     assert not len(left)
 
@@ -169,10 +169,10 @@ def test_a_trunk_whose_place_hardly_shows_is_forgotten_late():
     known = ObstacleMap(ObstacleConfig())
     for _ in range(6):
         fly(known, 1.0, look(1.0))
-    for _ in range(40):
+    for _ in range(250):
         left = fly(known, 1.0, visibility=lambda places: np.full(len(places), 0.05))
     assert len(left)
-    for _ in range(60):
+    for _ in range(10):
         left = fly(known, 1.0, visibility=lambda places: np.full(len(places), 0.05))
     assert not len(left)
 
@@ -185,7 +185,7 @@ def test_a_trunk_that_points_are_seen_through_is_forgotten(depth, left):
         fly(known, 0.0, Trunk(np.array([0.0, 0.0, 1.0]), 4.0, 0.4, 0.1))
     places = [[depth, 0.1, 1.9, 0.2, 0.0], [depth, -0.1, 2.2, 0.2, 1.0]]
     behind = FixedPoints.from_rows(np.array(places))
-    for _ in range(5):
+    for _ in range(8):
         known.see_through(p, behind)
     fly(known, -3.0)  # farther than it must be seen from
     assert len(known.cylinders(p)) == left
@@ -228,10 +228,11 @@ def test_a_look_through_a_trunk_is_two_lines_through_its_middle(
     level = eye[:2] + far * bearing(angle)
     height = eye[2] + (crossing - eye[2]) * far / closest
     rows = [[*level, height, sigma, float(n)] for n in range(1 if wrong == "alone" else 2)]
-    before = known._landmarks[0].misses
+    before = known._landmarks[0].odds
     known.see_through(eye, FixedPoints.from_rows(np.array(rows)))
     expected = not wrong and abs(aside) < 0.6 and crossing > 0.3
-    assert known._landmarks[0].misses - before == float(expected)
+    change = np.log(1.0 - ObstacleConfig().detected) if expected else 0.0
+    assert known._landmarks[0].odds - before == pytest.approx(change)
 
 
 def bearing(angle):
@@ -294,8 +295,7 @@ def test_a_near_trunk_whose_edge_is_cut_off_keeps_its_place():
 @pytest.mark.parametrize(("beside", "misses"), [(0.0, 0), (0.3, 0), (0.55, 1), (0.9, 1)])
 def test_a_trunk_is_not_missed_where_a_nearer_one_covers_part_of_it(beside, misses):
     """It is 6 m off, 0.2 m in radius; one of 0.25 m, 3 m off, covers it up to 0.35 m aside."""
-    config = ObstacleConfig(misses_to_forget=3)
-    known, far, near = ObstacleMap(config), np.array([6.0, 0.0]), np.array([3.0, beside])
+    known, far, near = ObstacleMap(ObstacleConfig()), np.array([6.0, 0.0]), np.array([3.0, beside])
 
     def seen(x, axis, radius):
         offset = axis - [x, 0.0]
@@ -304,7 +304,7 @@ def test_a_trunk_is_not_missed_where_a_nearer_one_covers_part_of_it(beside, miss
 
     for x in 0.01 * np.arange(6):
         fly(known, x, seen(x, far, 0.2), seen(x, near, 0.25))
-    for x in 0.06 + 0.01 * np.arange(4):
+    for x in 0.06 + 0.01 * np.arange(9):
         found = fly(known, x, seen(x, near, 0.25))
     assert len(found) == 2 - misses
 
@@ -313,10 +313,11 @@ def test_a_trunk_is_not_missed_where_a_nearer_one_covers_part_of_it(beside, miss
     ("name", "value"),
     [
         ("overlap", -0.1),
-        ("hits_to_confirm", 0),
-        ("hits_to_keep", 0),
+        ("detected", 0.0),
+        ("detected", 1.0),
+        ("ghosts", 0.0),
+        ("ghosts", 1.0),
         ("doubtful_unseen", 0.0),
-        ("misses_to_forget", 0),
         ("keep_range", 0.0),
         ("view_range", 0.0),
         ("sigma_floor", 0.0),
@@ -331,10 +332,9 @@ def test_numbers_of_the_map_that_mean_nothing_are_refused(name, value):
     ("name", "value"),
     [
         ("overlap", 0.0),
-        ("hits_to_confirm", 1),
-        ("hits_to_keep", 1),
+        ("detected", 0.5),
+        ("ghosts", 0.01),
         ("doubtful_unseen", 0.5),
-        ("misses_to_forget", 1),
         ("keep_range", 0.5),
         ("view_range", 0.5),
         ("sigma_floor", 0.01),

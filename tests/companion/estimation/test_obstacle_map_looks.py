@@ -11,6 +11,7 @@ from mavlink_bridge.wire.messages import VehicleState
 
 FORWARD = np.array([0.5, -0.5, 0.5, -0.5])  # a camera that looks along the body's x axis
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+MISSES = 8  # that end a trunk known for good
 
 
 def trunk(distance, left=0.0, radius=0.5, sigma=0.1, **seen):
@@ -61,7 +62,7 @@ def test_an_empty_map_has_rows_of_no_trunk():
 
 def test_a_trunk_stands_in_its_level_direction_at_its_level_distance():
     """The camera sees a point 37° below it, ahead of a drone that looks north-west."""
-    known = ObstacleMap(ObstacleConfig(hits_to_confirm=1))
+    known = ObstacleMap(ObstacleConfig(ghosts=1e-3))
     below = Trunk(np.array([0.0, 0.6, 0.8]), 4.0, 0.5, 0.1)
     found = see(known, below, at=(3.0, -1.0), yaw=0.75 * np.pi)
     root = np.sqrt(0.5)
@@ -75,9 +76,11 @@ def test_the_trunk_with_the_nearest_surface_comes_first():
 
 
 @pytest.mark.parametrize(
-    ("looks", "later", "left"), [(5, 1.5, 1), (5, 1.51, 0), (6, 1.51, 1), (6, 99.0, 1)]
+    ("looks", "later", "left"),
+    [(3, 1.72, 1), (3, 1.73, 0), (5, 2.69, 1), (5, 2.70, 0), (6, 2.70, 1), (6, 99.0, 1)],
 )
 def test_a_trunk_of_few_looks_is_forgotten_soon(looks, later, left):
+    """One that just counts after 1.5 s, others in proportion to the log of their odds."""
     known = seen_times(looks, trunk(4.0))
     assert len(see(known, time=later, visibility=hide)) == left
 
@@ -88,12 +91,35 @@ def test_the_time_unseen_counts_from_the_last_look():
     assert len(see(known, time=2.4, visibility=hide)) == 1
 
 
-def test_four_misses_make_a_trunk_forgotten_and_a_look_makes_good_for_all_of_them():
+def odds(probability):
+    return np.log(probability / (1.0 - probability))
+
+
+def test_the_odds_of_a_trunk_rise_by_looks_and_fall_by_misses_until_it_is_unlikely():
+    look, miss = np.log(0.7 / 0.17), np.log(1.0 - 0.7)
     known = seen_times(6, trunk(4.0))
-    for _ in range(3):
+    assert odds(0.2) + 5 * look < odds(0.999) < odds(0.2) + 6 * look
+    for n in range(3):
+        assert known._landmarks[0].odds == pytest.approx(odds(0.999) + n * miss)
         see(known, depth=True)
     see(known, trunk(4.0))
-    assert [len(see(known, depth=True)) for _ in range(4)] == [1, 1, 1, 0]
+    after = odds(0.999) + 3 * miss + look
+    assert known._landmarks[0].odds == pytest.approx(after)
+    assert after + 5 * miss > odds(0.1) > after + 6 * miss
+    assert [len(see(known, depth=True)) for _ in range(6)] == [1, 1, 1, 1, 1, 0]
+
+
+def test_a_place_that_shows_in_part_is_missed_in_part():
+    known = seen_times(6, trunk(4.0))
+    see(known, depth=True, visibility=lambda places: np.full(len(places), 0.4))
+    assert known._landmarks[0].odds == pytest.approx(odds(0.999) + np.log(1.0 - 0.4 * 0.7))
+
+
+def test_eyes_that_see_a_trunk_every_second_time_keep_it():
+    known = seen_times(6, trunk(4.0))
+    for _ in range(200):
+        see(known, depth=True)
+        assert len(see(known, trunk(4.0))) == 1
 
 
 def test_a_trunk_known_for_good_stays_where_no_trunk_at_all_is_seen_any_more():
@@ -111,9 +137,10 @@ def test_a_trunk_known_for_good_stays_where_no_trunk_at_all_is_seen_any_more():
 
 @pytest.mark.parametrize("others", [[], [trunk(4.0, left=-2.5)]])
 def test_a_trunk_of_few_looks_or_beside_one_that_is_seen_is_missed(others):
-    known = seen_times(6 if others else 5, trunk(4.0), *others)
-    left = [len(see(known, *others)) - len(others) for _ in range(4)]
-    assert left == [1, 1, 1, 0]
+    looks, misses = (6, MISSES) if others else (5, 7)
+    known = seen_times(looks, trunk(4.0), *others)
+    left = [len(see(known, *others)) - len(others) for _ in range(misses)]
+    assert left == [1] * (misses - 1) + [0]
     assert not known.blank
 
 
@@ -126,8 +153,9 @@ def test_eyes_do_not_fail_where_the_trunk_is_out_of_view_or_hidden():
 
 
 def test_a_new_trunk_has_not_been_missed_yet():
-    known = seen_times(1, trunk(4.0), hits_to_confirm=1, hits_to_keep=1)
-    assert [len(see(known, depth=True)) for _ in range(4)] == [1, 1, 1, 0]
+    known = seen_times(1, trunk(4.0), ghosts=1e-4)
+    left = [len(see(known, depth=True)) for _ in range(MISSES)]
+    assert left == [1] * (MISSES - 1) + [0]
 
 
 @pytest.mark.parametrize(("distance", "left"), [(19.9, 1), (20.1, 0)])
@@ -142,7 +170,7 @@ def test_a_trunk_is_kept_up_to_20_m(distance, left):
 )
 def test_a_trunk_must_be_seen_within_6_m_unless_it_is_very_near(distance, left):
     known = seen_times(6, trunk(4.0))
-    for _ in range(4):
+    for _ in range(MISSES):
         found = see(known, at=(4.0 - distance, 0.0), depth=True)
     assert len(found) == left
 
@@ -151,7 +179,7 @@ def test_a_trunk_must_be_seen_within_6_m_unless_it_is_very_near(distance, left):
 @pytest.mark.parametrize(("aside", "left"), [(0.78, 0), (0.82, 1)])
 def test_a_trunk_must_be_seen_up_to_02_rad_from_the_edge_of_the_view(side, aside, left):
     known = seen_times(6, trunk(4.0))
-    for _ in range(4):
+    for _ in range(MISSES):
         found = see(known, yaw=side * aside, half_view=1.0, depth=True)
     assert len(found) == left
 
@@ -164,14 +192,14 @@ def test_the_frame_tells_how_far_it_shows_the_axis_at_the_height_of_the_drone():
 
 def test_a_farther_trunk_does_not_cover_a_nearer_one():
     known = seen_times(6, trunk(3.0), trunk(5.0))
-    for _ in range(4):
+    for _ in range(MISSES):
         found = see(known, trunk(5.0))
     assert found[:, 0] == pytest.approx([5.0])
 
 
 def moved(to, sigma=0.05):
     """Return the trunks that two looks at 4 m and `to` [m], in two frames, are taken for."""
-    known = ObstacleMap(ObstacleConfig(hits_to_confirm=1))
+    known = ObstacleMap(ObstacleConfig(ghosts=1e-3))
     see(known, trunk(4.0, 0.0, 0.1, sigma))
     return see(known, trunk(to, 0.0, 0.1, sigma), visibility=hide)
 
@@ -201,7 +229,7 @@ def test_looks_in_two_frames_are_of_one_trunk_as_far_as_their_doubt_explains():
 @pytest.mark.parametrize(("around", "trunks"), [(0, 1), (4, 1), (30, 2)])
 def test_a_doubtful_look_is_of_a_known_trunk_unless_trunks_stand_densely(around, trunks):
     """Looks of 0.4 m at 5 and 6.4 m; the others stand behind the drone, 7 m off and more."""
-    known = ObstacleMap(ObstacleConfig(hits_to_confirm=1))
+    known = ObstacleMap(ObstacleConfig(ghosts=1e-3))
     others = [trunk(7.0, 2.2 + 0.06 * n, 0.1) for n in range(around)]
     see(known, trunk(5.0, 0.0, 0.1, 0.4), *others)
     found = see(known, trunk(6.4, 0.0, 0.1, 0.4), visibility=hide)
@@ -226,7 +254,7 @@ def test_a_part_of_a_trunk_is_that_trunk():
 @pytest.mark.parametrize(("apart", "trunks"), [(0.54, 1), (0.58, 2)])
 def test_looks_in_one_frame_are_of_one_trunk_where_they_overlap(apart, trunks):
     """By 0.7 of the sum of their radii, 0.5 and 0.3 m."""
-    known = ObstacleMap(ObstacleConfig(hits_to_confirm=1))
+    known = ObstacleMap(ObstacleConfig(ghosts=1e-3))
     assert len(see(known, trunk(4.0), trunk(4.0 + apart, 0.0, 0.3))) == trunks
 
 
@@ -257,14 +285,14 @@ def test_a_look_at_a_known_trunk_that_shows_too_slim_counts_less():
 def test_a_direction_is_as_doubtful_as_the_drone_turns_fast():
     """0.02 rad, and 0.01 s of turning at 5 rad/s: 0.05 rad."""
     for turns in (5.0, -5.0):
-        known = ObstacleMap(ObstacleConfig(hits_to_confirm=1))
+        known = ObstacleMap(ObstacleConfig(ghosts=1e-3))
         found = see(known, trunk(4.0), turns=turns)
         assert found[0, 3] == pytest.approx(4.0 * np.hypot(0.02, 0.05))
 
 
 def test_the_turn_about_the_vertical_counts_whatever_the_attitude():
     """A drone on its side that has turned to the left; its body's y axis points up."""
-    known = ObstacleMap(ObstacleConfig(hits_to_confirm=1))
+    known = ObstacleMap(ObstacleConfig(ghosts=1e-3))
     q, p = np.full(4, 0.5), np.array([0.0, 0.0, 2.0])
     own = VehicleState(0.0, p, np.zeros(3), q, np.array([0.3, 5.0, 0.4]))
     known.update([Trunk(np.array([1.0, 0.0, 0.0]), 4.0, 0.5, 0.1)], own, LEVEL, 1.4)
@@ -272,7 +300,7 @@ def test_the_turn_about_the_vertical_counts_whatever_the_attitude():
 
 
 def test_the_width_of_a_trunk_counts_less_where_the_drone_turns():
-    known = ObstacleMap(ObstacleConfig(hits_to_confirm=3))
+    known = ObstacleMap(ObstacleConfig())
     see(known, trunk(4.0))
     see(known, trunk(4.0, 0.0, 0.4), turns=5.0)
     before, now = 0.1**2, 0.1**2 + (0.05 * 4.0) ** 2
@@ -295,7 +323,7 @@ def test_the_place_of_a_trunk_is_never_surer_than_3_cm():
 def test_an_edge_that_is_cut_off_leaves_the_axis_open_across_the_line_of_sight(
     distance, radius, both, across
 ):
-    known = ObstacleMap(ObstacleConfig(hits_to_confirm=1))
+    known = ObstacleMap(ObstacleConfig(ghosts=1e-3))
     shown = {"assumed": True, "half_width": np.arcsin(radius / distance) if both else 0.0}
     found = see(known, trunk(distance, 0.0, radius, 0.1, **shown))
     assert found[0, 3] == pytest.approx(max(np.hypot(0.02 * distance, across), 0.1))
@@ -359,7 +387,8 @@ def test_a_trunk_that_shows_without_its_foot_is_seen():
     known = seen_times(3, trunk(4.0))
     for n in range(8):
         see(known, by_width(0.12), time=1.0 * n)
-    assert [len(see(known, time=99.0, depth=True)) for _ in range(4)] == [1, 1, 1, 0]
+    left = [len(see(known, time=99.0, depth=True)) for _ in range(MISSES)]
+    assert left == [1] * (MISSES - 1) + [0]
 
 
 def width_seen(half, aside=0.0, drift=0.2, turns=0.0):
@@ -435,18 +464,18 @@ def test_a_drone_within_a_known_trunk_takes_what_it_sees_for_another():
 @pytest.mark.parametrize("order", [(4.0, 4.75), (4.75, 4.0)])
 def test_of_two_landmarks_that_meet_the_surer_one_stays_and_counts_as_seen_twice(order):
     """The nearer one has been seen as often, from nearer. In that frame it is not missed."""
-    known = ObstacleMap(ObstacleConfig(hits_to_confirm=2))
+    known = ObstacleMap(ObstacleConfig(ghosts=0.1))
     for distance in 3 * order:
         see(known, trunk(distance, 0.0, 0.5, 0.05), visibility=hide)
     assert len(known.occluders()) == 2
     found = see(known, trunk(4.5, 0.0, 0.5, 0.01), depth=True)
     assert found[:, 0] == pytest.approx([4.0], abs=0.02)
-    assert [len(see(known)) for _ in range(4)] == [1, 1, 1, 0]
+    assert known._landmarks[0].odds == pytest.approx(odds(0.2) + 4 * np.log(0.7 / 0.1))
 
 
 def test_two_trunks_of_one_frame_that_meet_count_as_one_look_more():
     """They are 0.75 m apart, then by their means 0.62 m: less than 0.7 of both radii."""
-    known = ObstacleMap(ObstacleConfig(hits_to_confirm=4))
+    known = ObstacleMap(ObstacleConfig(ghosts=0.25))
     see(known, trunk(4.0), trunk(4.75))
     see(known, trunk(4.1), trunk(4.6))
     assert len(known.occluders()) == 1
@@ -462,7 +491,7 @@ def test_lines_of_sight_count_where_they_pass_the_middle_of_a_trunk_ahead(x, asi
     """It is 0.5 m in radius; its middle is 0.6 of that."""
     known, p = seen_times(6, trunk(4.0)), np.array([x, aside, 2.0])
     places = [[9.0, aside, 2.0, 0.05, n] for n in (0.0, 1.0)]
-    for _ in range(4):
+    for _ in range(MISSES):
         known.see_through(p, FixedPoints.from_rows(np.array(places)))
     assert len(see(known, visibility=hide)) == left
 
@@ -472,6 +501,6 @@ def test_lines_of_sight_count_where_they_pass_the_middle_of_a_trunk_ahead(x, asi
 )
 def test_an_unsure_tilt_leaves_open_where_a_foot_is_and_not_a_width(assumed, shift):
     """The foot of the trunk, 0.5 m nearer than its axis, is seen from 2 m up."""
-    known = ObstacleMap(ObstacleConfig(hits_to_confirm=1))
+    known = ObstacleMap(ObstacleConfig(ghosts=1e-3))
     found = see(known, trunk(4.0, assumed=assumed), drift=Drift(tilt=0.01))
     assert found[0, 3] == pytest.approx(np.hypot(0.1, shift))

@@ -13,6 +13,7 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
+from companion.estimation.existence import CONFIRMED, SUREST
 from companion.estimation.tracker import Tracker
 from companion.estimation.tracker_config import TrackerConfig
 from companion.types import Detection
@@ -25,10 +26,6 @@ CONFIG = TrackerConfig(
 )  # fmt: skip
 MOUNT = np.array([0.5, -0.5, 0.5, -0.5])
 H = np.hstack([np.eye(3), np.zeros((3, 3))])
-
-
-def odds(p):
-    return math.log(p / (1.0 - p))
 
 
 @dataclass
@@ -162,10 +159,10 @@ class Reference:
             one.along = math.exp(-((off / CONFIG.along) ** 2))
         if pairs:
             for one in self.all:
-                one.odds = min(one.odds, odds(CONFIG.surest))
-                one.confirmed |= one.odds >= odds(CONFIG.confirmed)
+                one.odds = min(one.odds, SUREST)
+                one.confirmed |= one.odds >= CONFIRMED
         self.own_velocity = own.v
-        least = odds(CONFIG.surest) / CONFIG.unseen_max
+        least = SUREST / CONFIG.unseen_max
         self.all = [
             one
             for one in self.all

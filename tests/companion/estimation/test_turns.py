@@ -65,7 +65,7 @@ def test_what_is_remembered_turns_about_the_drone(sized):
     own = VehicleState(
         1.0, np.array([2.0, 1.0, 2.0]), np.array([1.0, 0.0, 0.0]), LEVEL, np.zeros(3)
     )
-    trunks, points = ObstacleMap(ObstacleConfig(hits_to_confirm=1)), ParallaxMap()
+    trunks, points = ObstacleMap(ObstacleConfig(ghosts=1e-3)), ParallaxMap()
     trunks.update([Trunk(np.array([1.0, 0.0, 0.0]), 3.0, 0.3, 0.05)], own, LEVEL, 1.4)
     there = own.p + np.array([3.0, 0.0, 0.0])
     fixed = FixedPoints(there[None], np.array([0.05]), np.array([7]), np.ones(1), np.ones(1))

@@ -90,7 +90,7 @@ def test_a_count_of_looks_is_told_what_has_taken_its_place(tmp_path):
     with pytest.raises(SettingsError) as caught:
         load_config(file)
     first, second = caught.value.problems
-    assert first.startswith(f"{file}:2:11: tracker.hits_to_confirm: was removed: tracker.confirmed")
+    assert first.startswith(f"{file}:2:11: tracker.hits_to_confirm: was removed: tracker.detected")
     assert second.startswith(f"{file}:2:31: tracker.misses_to_drop: was removed: tracker.detected")
 
 
