@@ -23,6 +23,9 @@ from mavlink_bridge.shared.settings import StrictModel
 _RIM = 0.2  # rad beyond `half_view` that the picture still shows, though badly
 # s: a drone turned 0.25 s later than its reference (crossing 99861, pixels), which holds for 0.1.
 _TURNING = 0.35
+_BODIES = 0.4  # m between the centres of two drones that touch
+_LEAST_CLOSING = 0.01  # m/s; slower is no closing
+_BACK = 0.6  # of `half_view`: so far off the line of sight one is that a look back is for
 
 
 GAZES = PartKind(
@@ -57,6 +60,12 @@ class GazeConfig(StrictModel):
         ge=0,
         description="The neighbour that comes nearest within a swing stays in view, if nearer than "
         "this [m].",
+    )
+    comes_within: float = Field(
+        3.0,
+        ge=0,
+        description="A neighbour out of sight that may hit within this time [s] is looked at, "
+        "however far behind it is: the drone turns from its way, and is slow meanwhile.",
     )
     half_period: float = Field(0.9, gt=0, description="Time [s] of one swing to one side.")
     slew: float = Field(2.0, gt=0, description="Fastest turn of the reference [rad/s].")
@@ -107,6 +116,7 @@ class Gaze:
         yaw_now: float,
         lost: Sequence[float] = (),
         close: float | None = None,
+        coming: float | None = None,
     ) -> float:
         """Return ψ [rad] at `time` [s] for velocity v (3,) and direction to the goal (3,).
 
@@ -117,7 +127,8 @@ class Gaze:
         lost: world bearings [rad] of near neighbours that are out of view, most threatening first.
         The next swing goes to the first of them that a swing within `limit` brings into view.
         close: world bearing [rad] of the nearest neighbour where it comes nearer than the setting
-        `close`: no swing loses sight of it, or of the way ahead.
+        `close`: no swing loses sight of it, or of the way ahead. coming: world bearing [rad] of one
+        that comes from out of sight: the next swing shows it, from the way ahead if need be.
         """
         c = self._config
         if self._yaw is None:
@@ -131,8 +142,10 @@ class Gaze:
         if time >= self._swing_ends:
             self._swing_ends = time + c.half_period
             self._epsilon = self._swing([wrap(bearing - base) for bearing in lost])
+            if coming is not None and c.sigma > 0.0:
+                self._epsilon = self._shown(wrap(coming - base))
         epsilon = self._epsilon
-        if close is not None:
+        if close is not None and abs(epsilon) <= c.limit:
             off = wrap(close - base)
             # Both it and the way ahead are in view, by a wider swing where that is needed.
             least, most = max(off, 0.0) - c.half_view, min(off, 0.0) + c.half_view
@@ -173,6 +186,14 @@ class Gaze:
             amplitude = max(amplitude, abs(lost[0]) - c.half_view)
         return self._side * min(max(amplitude, -c.limit), c.limit)
 
+    def _shown(self, off: float) -> float:
+        """Return ε [rad] of a half-swing that shows what is `off` [rad] the base direction."""
+        c = self._config
+        if abs(off) < c.half_view + c.limit - _RIM:
+            return self._epsilon  # the swing towards the lost ones does
+        self._side = math.copysign(1.0, off)
+        return self._side * (abs(off) - _BACK * c.half_view)
+
 
 def make_gaze(config: GazeConfig) -> Gaze:
     """Return the gaze that `gaze.kind` names; a user's has the members of `Gaze`.
@@ -203,6 +224,24 @@ def nearest_bearing(
         return None
     x, y, _ = nearest.p - p + _TURNING * (nearest.v - v)
     return math.atan2(y, x)
+
+
+def coming_bearing(p: Vector, v: Vector, tracks: Sequence[Track], within: float) -> float | None:
+    """Return the bearing [rad] of the neighbour out of sight that may hit first; None: none soon.
+
+    p, v: (3,) m, m/s, the own. within: s, in which it must be there, on the present courses and if
+    it has come as much nearer than believed as it would since it was seen.
+    """
+    first, nearest = within, None
+    for t in tracks:
+        offset = t.p - p
+        apart = norm(offset)
+        closing = -float(offset @ (t.v - v)) / max(apart, _BODIES)
+        if t.lost and closing > _LEAST_CLOSING:
+            left = (apart - _BODIES) / closing - t.unseen
+            if left < first:
+                first, nearest = left, t
+    return None if nearest is None else bearing(p, nearest)
 
 
 def nearest_within(offset: Vector, velocity: Vector, time: float) -> float:

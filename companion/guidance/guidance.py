@@ -15,7 +15,13 @@ from companion.guidance.commissioning import Commissioning
 from companion.guidance.corridor import corridor_planes, free_heading
 from companion.guidance.detour import Detour
 from companion.guidance.fence import FenceConfig
-from companion.guidance.gaze import GazeConfig, bearing, make_gaze, nearest_bearing
+from companion.guidance.gaze import (
+    GazeConfig,
+    bearing,
+    coming_bearing,
+    make_gaze,
+    nearest_bearing,
+)
 from companion.guidance.goals import Goal, resolved
 from companion.guidance.landing import Landing
 from companion.guidance.mission import Mission, MissionConfig, MissionProgress
@@ -287,7 +293,8 @@ class Guidance:
             self._gaze.look_round()
         lost = [bearing(own.p, t) for t, _ in critical if t.lost]
         close = nearest_bearing(own.p, own.v, tracks, self._settings.gaze)
-        return self._gaze.update(own.time, own.v, to_aim, yaw_now, lost, close)
+        coming = coming_bearing(own.p, own.v, tracks, self._settings.gaze.comes_within)
+        return self._gaze.update(own.time, own.v, to_aim, yaw_now, lost, close, coming)
 
     def _speed(
         self,

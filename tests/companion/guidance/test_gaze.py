@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.guidance.gaze import Gaze, GazeConfig, nearest_bearing, wrap
+from companion.guidance.gaze import Gaze, GazeConfig, coming_bearing, nearest_bearing, wrap
 from tests.companion.tracks import track
 
 EAST = np.array([1.5, 0.0, 0.0])
@@ -179,3 +179,62 @@ def test_half_swings_alternate_sides_and_last_as_long_as_configured():
 )
 def test_the_drone_looks_along_its_motion_and_the_pull_of_the_goal(v, to_goal, psi):
     assert looked(STILL, 3.0, np.array(v), np.array(to_goal))[-1] == pytest.approx(psi)
+
+
+@pytest.mark.parametrize("bearing", [1.9, -2.2, 2.8, math.pi, -2.8])
+def test_one_that_comes_from_behind_is_looked_at(bearing):
+    """Whatever is close ahead; and afterwards the drone looks along its way again."""
+    gaze, psi = Gaze(sweeping(seed=3)), []
+    for k in range(60):
+        coming = bearing if 20 <= k < 40 else None
+        psi.append(gaze.update(k / 10, EAST, FAR, 0.0, lost=[0.5], close=0.4, coming=coming))
+    # A swing of 0.9 s, and the turn at 2 rad/s.
+    assert min(abs(wrap(bearing - p)) for p in psi[29:40]) < 0.73
+    assert np.abs(wrap_all(psi[:20])).max() <= GazeConfig().limit + 1e-9
+    assert np.abs(wrap_all(psi[59:])).max() <= GazeConfig().limit + 1e-9
+
+
+def wrap_all(angles):
+    return np.array([wrap(a) for a in angles])
+
+
+@pytest.mark.parametrize("bearing", [0.0, 1.0, -1.79])
+def test_one_that_comes_where_the_sweep_shows_it_does_not_change_the_sweep(bearing):
+    assert np.array_equal(looked(sweeping(seed=3)), looked(sweeping(seed=3), coming=bearing))
+
+
+def test_without_a_sweep_nobody_is_looked_back_at():
+    assert np.allclose(looked(STILL, coming=3.0), 0.0)
+
+
+def unseen(n, offset, v, seconds):
+    return replace(track(n, HERE + offset, v), unseen=seconds)
+
+
+HERE, OWN_V = np.array([1.0, 2.0, 0.5]), np.array([0.5, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("offset", "v", "seconds", "found"),
+    [
+        # 2.6 m of room at 1 m/s, and as if it had come for the seconds that it was not seen.
+        ((-3.0, 0.0, 0.0), (1.5, 0.0, 0.0), 0.31, True),
+        ((-3.5, 0.0, 0.0), (1.5, 0.0, 0.0), 0.05, False),  # in sight
+        ((-3.9, 0.0, 0.0), (1.5, 0.0, 0.0), 0.4, False),
+        ((-3.9, 0.0, 0.0), (1.5, 0.0, 0.0), 0.6, True),
+        ((-1.0, 0.0, 0.0), (0.4, 0.0, 0.0), 2.0, False),  # it falls back
+        ((0.0, 0.0, -2.0), (0.5, 0.0, 0.8), 1.0, True),  # from below
+    ],
+)
+def test_who_may_hit_within_three_seconds_comes(offset, v, seconds, found):
+    one = unseen(1, offset, v, seconds)
+    at = coming_bearing(HERE, OWN_V, [one], 3.0)
+    assert at == (pytest.approx(math.atan2(offset[1], offset[0])) if found else None)
+
+
+def test_of_two_that_come_the_first_to_hit_counts():
+    slow = unseen(1, (0.0, -1.6, 0.0), (0.5, 0.5, 0.0), 0.5)
+    fast = unseen(2, (0.0, 2.0, 0.0), (0.5, -1.5, 0.0), 0.5)
+    assert coming_bearing(HERE, OWN_V, [slow, fast], 3.0) == pytest.approx(math.pi / 2)
+    assert coming_bearing(HERE, OWN_V, [slow], 3.0) == pytest.approx(-math.pi / 2)
+    assert coming_bearing(HERE, OWN_V, [slow, fast], 0.5) is None
