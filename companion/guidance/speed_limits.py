@@ -51,7 +51,7 @@ class SpeedLimitConfig(StrictModel):
         "`guard.blind_speed`.",
     )
     clear_share: float = Field(
-        0.65,
+        0.5,
         gt=0,
         le=1,
         description="Share of clear finds, see `tracker.clear`, below which the drone flies "
