@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 
+from mavlink_bridge.shared.settings import Contradiction
+
 
 def log_odds(probability: float) -> float:
     """Return the log of the odds of a probability, between 0 and 1."""
@@ -18,3 +20,14 @@ def log_odds(probability: float) -> float:
 
 CONFIRMED = log_odds(0.9)  # from here on it counts
 SUREST = log_odds(0.999)  # no higher, so that a few misses end what is gone
+
+
+def check_chances(detected: float, ghosts: float) -> None:
+    """Check that a look is likelier where something is than where nothing is.
+
+    Raises:
+        Contradiction: it is not.
+    """
+    if not ghosts < detected:
+        text = f"ghosts, {ghosts:g}, must be below detected, {detected:g}"
+        raise Contradiction(("ghosts", "detected"), text)

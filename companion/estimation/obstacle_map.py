@@ -11,11 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from companion.estimation.existence import CONFIRMED, SUREST, log_odds
+from companion.estimation.existence import CONFIRMED, SUREST, check_chances, log_odds
 from companion.estimation.landmark_association import (
     Landmark,
     angle,
@@ -65,6 +66,11 @@ class ObstacleConfig(StrictModel):
         6.0, gt=0, description="A trunk nearer than this [m] must be seen where it is in view."
     )
     sigma_floor: float = Field(0.03, gt=0, description="Least std [m] of a trunk's place.")
+
+    @model_validator(mode="after")
+    def _check_chances(self) -> Self:
+        check_chances(self.detected, self.ghosts)
+        return self
 
 
 _BEARING = 0.02  # rad, 1 σ of the direction to a trunk's axis

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from typing import Self
 
+from pydantic import Field, model_validator
+
+from companion.estimation.existence import check_chances
 from mavlink_bridge.shared.settings import StrictModel
 
 
@@ -85,3 +88,8 @@ class TrackerConfig(StrictModel):
         description="Std of a neighbour's size, as a share of the one that the detector assumes; "
         "0: all are of that size, 0.4: of any from half to twice.",
     )
+
+    @model_validator(mode="after")
+    def _check_chances(self) -> Self:
+        check_chances(self.detected, self.ghosts)
+        return self

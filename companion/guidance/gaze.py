@@ -128,7 +128,7 @@ class Gaze:
         The next swing goes to the first of them that a swing within `limit` brings into view.
         close: world bearing [rad] of the nearest neighbour where it comes nearer than the setting
         `close`: no swing loses sight of it, or of the way ahead. coming: world bearing [rad] of one
-        that comes from out of sight: the next swing shows it, from the way ahead if need be.
+        that comes from out of sight: the next swing shows it, away from the way if need be.
         """
         c = self._config
         if self._yaw is None:
