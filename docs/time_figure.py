@@ -3,7 +3,8 @@
 py-spy record --subprocesses --format raw -o stacks.txt -- sitl-sim run forest --in-process --seed 1
 python docs/time_figure.py stacks.txt
 
-Fly once before, so that nothing is compiled meanwhile. Compiling and importing are left out.
+Fly once before, so that nothing is compiled meanwhile. Compiling, importing, waiting and
+the page of the flight are left out.
 """
 
 import argparse

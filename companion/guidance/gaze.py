@@ -24,7 +24,6 @@ _RIM = 0.2  # rad beyond `half_view` that the picture still shows, though badly
 # s: a drone turned 0.25 s later than its reference (crossing 99861, pixels), which holds for 0.1.
 _TURNING = 0.35
 _BODIES = 0.4  # m between the centres of two drones that touch
-_LEAST_CLOSING = 0.01  # m/s; slower is no closing
 _BACK = 0.6  # of `half_view`: so far off the line of sight one is that a look back is for
 
 
@@ -128,7 +127,8 @@ class Gaze:
         The next swing goes to the first of them that a swing within `limit` brings into view.
         close: world bearing [rad] of the nearest neighbour where it comes nearer than the setting
         `close`: no swing loses sight of it, or of the way ahead. coming: world bearing [rad] of one
-        that comes from out of sight: the next swing shows it, away from the way if need be.
+        that comes from out of sight: where the sweep does not show it, the next swing does, away
+        from the way ahead.
         """
         c = self._config
         if self._yaw is None:
@@ -141,9 +141,8 @@ class Gaze:
         base = self._base
         if time >= self._swing_ends:
             self._swing_ends = time + c.half_period
-            self._epsilon = self._swing([wrap(bearing - base) for bearing in lost])
-            if coming is not None and c.sigma > 0.0:
-                self._epsilon = self._shown(wrap(coming - base))
+            behind = None if coming is None else wrap(coming - base)
+            self._epsilon = self._swing([wrap(bearing - base) for bearing in lost], behind)
         epsilon = self._epsilon
         if close is not None and abs(epsilon) <= c.limit:
             off = wrap(close - base)
@@ -175,8 +174,8 @@ class Gaze:
         self._yaw, self._time = wrap(self._yaw + by), time
         return self._yaw
 
-    def _swing(self, lost: Sequence[float]) -> float:
-        """Return ε [rad] of the next half-swing; lost: bearings [rad] off the base direction."""
+    def _swing(self, lost: Sequence[float], coming: float | None) -> float:
+        """Return ε [rad] of the next half-swing; lost, coming: bearings off the base direction."""
         c = self._config
         lost = [off for off in lost if abs(off) < c.half_view + _RIM + c.limit]
         amplitude = c.mean + abs(float(self._rng.normal(0.0, c.sigma)))
@@ -184,15 +183,10 @@ class Gaze:
         if lost and c.sigma > 0.0:
             self._side = math.copysign(1.0, lost[0])
             amplitude = max(amplitude, abs(lost[0]) - c.half_view)
+        if coming is not None and c.sigma > 0.0 and abs(coming) >= c.half_view + c.limit - _RIM:
+            self._side = math.copysign(1.0, coming)
+            return self._side * (abs(coming) - _BACK * c.half_view)
         return self._side * min(max(amplitude, -c.limit), c.limit)
-
-    def _shown(self, off: float) -> float:
-        """Return ε [rad] of a half-swing that shows what is `off` [rad] the base direction."""
-        c = self._config
-        if abs(off) < c.half_view + c.limit - _RIM:
-            return self._epsilon  # the swing towards the lost ones does
-        self._side = math.copysign(1.0, off)
-        return self._side * (abs(off) - _BACK * c.half_view)
 
 
 def make_gaze(config: GazeConfig) -> Gaze:
@@ -237,7 +231,7 @@ def coming_bearing(p: Vector, v: Vector, tracks: Sequence[Track], within: float)
         offset = t.p - p
         apart = norm(offset)
         closing = -float(offset @ (t.v - v)) / max(apart, _BODIES)
-        if t.lost and closing > _LEAST_CLOSING:
+        if t.lost and closing > 0.0:
             left = (apart - _BODIES) / closing - t.unseen
             if left < first:
                 first, nearest = left, t

@@ -26,7 +26,7 @@ _NO_CHANGE = 1e-3  # m/s; a needed change smaller than this is none
 
 @dataclass(frozen=True)
 class Acquaintance:
-    """What is known of a neighbour.
+    """What the drone knows of a neighbour.
 
     offset (2,) m, from the drone; velocity (2,) m/s; needed (2,) m/s: u, the change of relative
     velocity that avoids it; normal (2,): n, of its velocity obstacle; opinion: x, -1…1; attention:
@@ -60,7 +60,7 @@ class Avocado:
 
     @property
     def known(self) -> tuple[Acquaintance, ...]:
-        """What is known of the neighbours within reach, as of the last velocity."""
+        """What the drone knows of the neighbours within reach, as of the last velocity."""
         return tuple(self._known)
 
     def velocity(self, around: Surroundings) -> Vector:

@@ -85,8 +85,8 @@ class RblConfig(StrictModel):
     turn_rate: float = Field(1.0, gt=0, description="Of the goal to the right meanwhile [rad/s].")
 
 
-class AvocadoConfig(StrictModel):
-    """Avoidance by opinion; symbols and values of its paper, but for the radius and obstacles."""
+class AvocadoConfig(OrcaConfig):
+    """Avoidance by opinion; symbols and values of its paper, radius and obstacles as of ORCA."""
 
     a: float = Field(0.3, ge=0, description="How far the opinion upholds itself [-].")
     b: float = Field(0.0, ge=-1, le=1, description="Bias of the opinion [1/s].")
@@ -103,15 +103,6 @@ class AvocadoConfig(StrictModel):
     )
     horizon: float = Field(2.5, gt=0, description="Time free of collision with drones [s].")
     reach: float = Field(2.5, gt=0, description="Farther neighbours [m] do not count.")
-    radius: float = Field(0.5, gt=0, description="Radius of a drone, with margin [m].")
-    horizon_obstacle: float = Field(
-        3.0, gt=0, description="Time free of collision with obstacles [s]."
-    )
-    aside: float = Field(
-        0.05,
-        ge=0,
-        description="The preferred velocity is turned right by this [rad], against ties.",
-    )
 
 
 class BaselinesConfig(StrictModel):

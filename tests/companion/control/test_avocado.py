@@ -35,7 +35,7 @@ def head_on(own=1.0, other=-0.5, apart=2.4):
 
 
 def within(p, v, radius, horizon):
-    """Whether a point at v comes within the radius of p before the horizon: by its way alone."""
+    """Return whether a point at v comes within the radius of p before the horizon."""
     closest = np.clip(p @ v / max(v @ v, 1e-12), 0.0, horizon)
     return np.linalg.norm(p - closest * v) < radius
 
