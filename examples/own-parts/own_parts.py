@@ -7,7 +7,7 @@ import numpy as np
 
 from companion.control.baselines import ControllerSetup
 from companion.control.baselines.surroundings import Surroundings
-from companion.guidance.gaze import Gaze
+from companion.guidance.gaze import Gaze, GazeConfig
 from companion.perception.detectors import DetectorSetup
 from companion.types import Detection
 from sitl_sim.worlds.world import WorldConfig
@@ -56,8 +56,8 @@ class Blobs:
 class Straight(Gaze):
     """A gaze that looks where the drone flies, without a sweep."""
 
-    def _swing(self, lost: object) -> float:
-        return 0.0
+    def __init__(self, config: GazeConfig) -> None:
+        super().__init__(config.model_copy(update={"mean": 0.0, "sigma": 0.0}))
 
 
 def avenue(world: WorldConfig, rng: np.random.Generator) -> dict:

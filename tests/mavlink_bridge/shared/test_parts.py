@@ -2,6 +2,7 @@
 
 import sys
 
+import numpy as np
 import pytest
 
 from companion.control.baselines import CONTROLLERS, BaselinesConfig, ControllerSetup, make_planner
@@ -50,7 +51,11 @@ def test_options_reach_an_own_part(installed):
     assert planner._rule.reach == 7.0
     sensing = SensingConfig(detector="own_parts:Blobs", detector_options={"radius": 0.5})
     assert make_detector(Camera.equidistant(640, 400), sensing).radius == 0.5
-    assert type(make_gaze(GazeConfig(kind="straight"))).__name__ == "Straight"
+    gaze = make_gaze(GazeConfig(kind="straight", survey=0.0))
+    assert type(gaze).__name__ == "Straight"
+    ahead, lost = np.array([1.0, 0.0, 0.0]), [1.5, -1.5]
+    yaws = [gaze.update(0.1 * tick, ahead, ahead, 0.0, lost) for tick in range(40)]
+    assert yaws == [0.0] * 40  # where it flies, whatever is lost
     world = build(WorldConfig(generator="avenue", options={"trees": 2}), 1)
     assert len(world["cylinders"]) == 4
     assert world == build(WorldConfig(generator="avenue", options={"trees": 2}), 1)
