@@ -3,7 +3,9 @@
 Eyes that see well show a neighbour from afar, or as it comes into view. One that is new, near, and
 whose place has been in plain view for half a second, has been missed, or is none. So how often that
 happens tells how far the eyes can be trusted, whatever the detector says of itself. One whose track
-ended lately, since it was missed in a few pictures, or was behind another, is no new one.
+ended lately, since it was missed in a few pictures, or was behind another, is no new one. Nor is
+one that comes up where another is known: no two drones are so near; after a small step of the own
+position all that is known comes up beside its tracks.
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ _BESIDE = 0.5  # m beside a trunk within which a neighbour may have been behind 
 _LATELY = 20.0  # s for which a surprise counts
 _LOST = 2.0  # s for which a neighbour whose track ended is still known to be about
 _AGAIN = 1.0  # m from where it would have flown to that it may come up
+_SAME = 0.4  # m: between the centres of two drones that touch
 
 
 class Surprises:
@@ -62,8 +65,9 @@ class Surprises:
         known = {t.id: t for t in tracks}
         self._lost += [(time, t) for t in self._known.values() if t.id not in known]
         self._lost = [(then, t) for then, t in self._lost if time - then < _LOST]
+        old = [t for t in tracks if t.id in self._known]
         for t in fresh:
-            again = self._is_back(time, t)
+            again = self._is_back(time, t) or any(norm(t.p - o.p) < _SAME for o in old)
             if counting and not again and self._surprises(time, own, t, obstacles):
                 self._times.append(time)
         self._known = known
