@@ -3,7 +3,6 @@
 A command comes with trajectories that begin with it and end at rest. One is accepted where it is
 what the drone can fly, and where it keeps clear, until the drone is at rest, of all that is known
 and of all that the bounds allow of what is not known. docs/certificate.md states what follows.
-
 The check has its own geometry and model, and uses numpy alone: it repeats no error of planner,
 solver or generator. It never raises; what is not a number, or does not fit together, is refused.
 """
@@ -18,9 +17,8 @@ Vector = NDArray[Any]
 
 G, DT = 9.80665, 0.1  # m/s²; s between samples of a trajectory
 CAUSES = ("neighbour", "remembered", "obstacle", "surface", "fence", "unseen", "motion", "numbers")
-_PLACE, _SPEED = 0.02, 0.15  # m, m/s that samples may differ from the own model
-_ROUNDING, _FAR = 0.05, 1e3  # m/s² and rad/s; m: nothing is farther
-_SOON = 0.3  # m that doubt of its velocity brings a neighbour in sight nearer until looks tell
+_PLACE, _SPEED, _ROUNDING, _FAR = 0.02, 0.15, 0.05, 1e3  # m, m/s, m/s² and rad/s off a model; m
+_SOON, _RISE = 0.3, 0.8  # m that doubt of its velocity brings one in sight nearer; `_unseen`
 
 
 @dataclass(frozen=True)
@@ -31,6 +29,7 @@ class Bounds:
     neighbour_radius: float
     neighbour_acceleration: float
     neighbour_brakes: float
+    neighbour_trusted: float
     neighbour_speed: float
     sigmas: float
     obstacle_sigmas: float
@@ -115,20 +114,21 @@ def _margins(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, b: Bound
     fence = (limits - p @ sides.T)[:, 1:].min(axis=(1, 2), initial=_FAR)
     flyable = np.where(_flyable(way, x0, wind, b), _FAR, -_FAR)
     on_course, *rooms = _neighbours(p, t, tube, scene.neighbours, b)
-    rooms += [*_obstacles(p, t, tube, scene, b), _unseen(p, t, scene.free, b)]
+    rooms += [*_obstacles(p, t, tube, scene, b), *_unseen(p, t, scene.free, b)]
     margins = [_least(np.where(later[:, None, :-1], room, _FAR)) for room in rooms]
-    stops = np.where(fast[:, -1], -_FAR, flyable)
-    course = [_least(room) for room in (on_course, *rooms[1:])]
-    least, fixed = np.min([*course, fence, flyable], axis=0), np.minimum(*course[2:4])
-    found = [*margins[:4], fence, margins[4], stops, np.minimum(course[0], fixed), least, fixed]
-    return np.asarray(np.minimum(np.array(found).T, _FAR))
+    moves = np.where(fast[:, -1], -_FAR, flyable)
+    rest = [_least(room) for room in (on_course, *rooms[1:-1])]  # up and down as a last resort
+    least, fixed = np.min([*rest, fence, flyable], axis=0), np.minimum(*rest[2:4])
+    found = [*margins[:4], fence, np.minimum(*margins[4:]), moves, np.minimum(rest[0], fixed)]
+    return np.asarray(np.minimum(np.array([*found, least, fixed]).T, _FAR))
 
 
 def _neighbours(p: Vector, t: Vector, tube: Vector, rows: Vector, b: Bounds) -> list[Vector]:
     """Return the room (n,k,T-1) m to courses, what those in sight can reach, and the remembered."""
     most, speed = b.neighbour_acceleration, np.maximum(_length(rows[:, 3:6])[:, None], 1e-9)
-    until = np.minimum(t, speed / b.neighbour_brakes)  # (k,T) s; then one that brakes is at rest
-    times = t[:, None], (until - 0.5 * b.neighbour_brakes / speed * until**2)[..., None]
+    brakes = np.where(speed <= b.neighbour_trusted, b.neighbour_brakes, 1e-6)  # or never
+    until = np.minimum(t, speed / brakes)  # (k,T) s; then one that brakes is at rest
+    times = t[:, None], (until - 0.5 * brakes / speed * until**2)[..., None]
     gap, stops = (_apart(p[:, None] - rows[:, None, :3] - rows[:, None, 3:6] * s) for s in times)
     later, close, unseen = t[1:], b.radius + b.neighbour_radius, rows[:, 9:10]
     reach = np.minimum(0.5 * most * (later + unseen), b.neighbour_speed + speed) * (later + unseen)
@@ -154,13 +154,14 @@ def _obstacles(p: Vector, t: Vector, tube: Vector, scene: Scene, b: Bounds) -> l
     return [gap - b.radius - tube, closest - b.radius - tube]
 
 
-def _unseen(p: Vector, t: Vector, free: Vector, b: Bounds) -> Vector:
-    """Return the room (n,1,T-1) m to space that the drone has not looked at lately."""
-    off = p[:, 1:, :2] - p[:1, :1, :2]
+def _unseen(p: Vector, t: Vector, free: Vector, b: Bounds) -> list[Vector]:
+    """Return the room (n,1,T-1) m to what was not looked at lately, around, and above or below."""
+    off, rise = p[:, 1:, :2] - p[:1, :1, :2], np.abs(p[:, 1:, 2] - p[0, 0, 2])
     sector = np.round(np.arctan2(off[..., 1], off[..., 0]) * len(free) / (2.0 * np.pi))
     known = free[sector.astype(int) % len(free)] - b.unseen_speed * t[1:]
     way = _length(off)
-    return np.where(way < b.unseen_way, _FAR, known - way - b.radius - b.neighbour_radius)[:, None]
+    level = np.where(way < b.unseen_way, _FAR, known - way - b.radius - b.neighbour_radius)
+    return [level[:, None], np.where(rise < _RISE * way + b.unseen_way, _FAR, -rise)[:, None]]
 
 
 def _flyable(way: Trajectories, x0: Vector, wind: Vector, b: Bounds) -> Vector:
@@ -196,5 +197,4 @@ def _length(a: Vector) -> Vector:
 
 
 def _least(room: Vector) -> Vector:
-    """Return the least room (n,) of room (n,k,T-1), or _FAR."""
     return np.asarray(room.min(axis=(1, 2), initial=_FAR))

@@ -8,6 +8,7 @@ one that keeps the most room. The last means that a bound is broken, or was neve
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -30,6 +31,7 @@ from mavlink_bridge.wire.messages import RateCommand
 _SIDES = (0.6, 0.5), (1.2, 0.5), (1.8, 0.8)
 _SPEED_TUBE = 0.1  # m/s that the drone may be faster than on its way
 _GAIN = 0.1  # m of room that an evasion must save before it replaces a plan that holds
+_NEAR = 3.0  # m: from farther away nobody hits within the 1.6 s of a way
 _SHADOW = 5  # ticks from one judgement to the next where a certificate changes nothing
 
 
@@ -55,6 +57,12 @@ class CertificateConfig(StrictModel):
         gt=0,
         description="Deceleration [m/s²] that a neighbour on its course is left to brake by, and "
         "is not evaded as long as that is enough: less than half of what its NMPC uses.",
+    )
+    neighbour_trusted: float = Field(
+        0.8,
+        ge=0,
+        description="Speed [m/s] up to which a neighbour is left to brake. By its headway one of "
+        "ours is slower where its course ends here within 1.6 s: who is not gives no way.",
     )
     neighbour_speed: float = Field(
         3.0, gt=0, description="Highest speed [m/s] of a neighbour: well above nmpc.v_max."
@@ -220,11 +228,12 @@ class Certifier:
         prediction: Prediction,
         around: Callable[[], Scene],
         delay: Delay,
+        v_max: float = math.inf,
     ) -> Certified | None:
         """Return whether the command may fly, and what else may; None: it was not judged.
 
         prediction: of the state at which it takes effect. around: makes the scene, at the own
-        state. delay: limits the body rates.
+        state. delay: limits the body rates. v_max: m/s, of (32): who evades faster hits the next.
         """
         self._ticks += 1
         if not self._enforce and self._ticks % _SHADOW:
@@ -232,7 +241,7 @@ class Certifier:
         first = np.array([command.c, *within_doubt(command.omega, delay)])
         law = braking_law(self._guard, delay, float(first[3]))  # it looks where the plan does
         scene = _carried(around(), prediction.delay)
-        after, at_once = self._out(first, prediction, scene, law)
+        after, at_once = self._out(first, prediction, scene, law, v_max)
         safe = max(after, key=lambda way: way.margin)
         leaves = max(way.course for way in after)
         if safe.margin >= 0.0 and leaves >= 0.0:
@@ -259,7 +268,7 @@ class Certifier:
         return self._fly(stays, safe.margin, safe.cause)
 
     def _out(
-        self, first: Vector, prediction: Prediction, scene: Scene, law: Law
+        self, first: Vector, prediction: Prediction, scene: Scene, law: Law, v_max: float
     ) -> tuple[list[_Try], list[_Try]]:
         """Return ways to stop after the command `first` (4,), until one has room; and at once.
 
@@ -269,7 +278,9 @@ class Certifier:
         if straight[0].room >= 0.0:
             return straight, []
         # Many ways at once take little longer than few, and most often all of them are needed.
-        kinds = [aside(prediction.x0[3:6], *side) for side in _SIDES]
+        bound = math.inf if self._pressed(scene, prediction.x0[:3]) else v_max
+        sides = [s for s in _SIDES if s[0] <= bound] or _SIDES[:1]
+        kinds = [aside(prediction.x0[3:6], *side) for side in sides]
         ways = joined(*kinds)
         n = len(ways)
         after = np.arange(2 * n + 1) < n
@@ -277,6 +288,11 @@ class Certifier:
         found = self._tried(both, first, prediction, scene, law, after=after)
         kind = len(kinds[0])
         return _until_room(straight + found[:n], kind), _until_room(found[n:], kind)
+
+    def _pressed(self, scene: Scene, p: Vector) -> bool:
+        """Return whether somebody near p (3,) m is faster than who is left to brake."""
+        rows, trusted = scene.neighbours, self._bounds.neighbour_trusted
+        return any(norm(r[:3] - p) < _NEAR and norm(r[3:6]) > trusted for r in rows)
 
     def _going_on(self, prediction: Prediction, scene: Scene, law: Law) -> list[_Try]:
         """Return what the way leaves over that was accepted last; nothing where none was."""

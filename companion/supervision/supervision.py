@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -153,7 +154,8 @@ class Supervision:
         elif verdict is None:
             verdict = self._judge(time, vehicle, seen, plan, motion, failure, broken)
         repeat = vehicle.packet_loss > self._config.lossy
-        verdict, certified = self._certified(verdict, motion, surroundings)
+        v_max = math.inf if reference is None else reference.v_max
+        verdict, certified = self._certified(verdict, motion, surroundings, v_max)
         return Supervised(decision.phase, requests, verdict, repeat, inhibit_reason, certified)
 
     def _certified(
@@ -161,13 +163,14 @@ class Supervision:
         verdict: Verdict | None,
         motion: MotionEstimate,
         surroundings: Surroundings | None,
+        v_max: float,
     ) -> tuple[Verdict | None, Certified | None]:
         """Return the verdict, of which a plan's command flies only with a certificate; and that."""
         prediction = motion.prediction
         if verdict is None or prediction is None or surroundings is None:
             return verdict, None
         certified = self._certifier.certify(
-            verdict.command, prediction, surroundings.scene, motion.delay
+            verdict.command, prediction, surroundings.scene, motion.delay, v_max
         )
         if certified is None or certified.instead is None or verdict.reason not in _PLANNED:
             return verdict, certified

@@ -123,11 +123,12 @@ def speed_excess(v: ca.SX, scene: Scene, w: Weights) -> Hinge:
 def blind_motion(v: ca.SX, scene: Scene, w: Weights) -> Hinge:
     """Return the cost of motion out of the cone around the line of sight, which (29) lacks.
 
-    A drone that backs or slides away from an object in view hits one out of view. Speeds below
-    v_blind are free, and so are directions in the cone whose half-angle has the cosine `seen_cone`.
+    A drone that backs, slides, climbs or sinks away from an object in view hits one out of view.
+    Speeds below v_blind are free, and so are directions in the cone whose half-angle has the cosine
+    `seen_cone`.
     The cone is around (7), not around the camera's axis: a drone that flees is not to look away.
     """
-    cone = w["seen_cone"] * ca.sqrt(ca.sumsqr(v[:2]) + 1e-4)
+    cone = w["seen_cone"] * ca.sqrt(ca.sumsqr(v) + 1e-4)
     return Hinge(
         cone - ca.dot(scene.sight, v[:2]) - w["v_blind"],
         w["w_blind"],

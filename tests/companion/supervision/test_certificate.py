@@ -1,6 +1,7 @@
 """The checker: what it accepts is safe by a simulation of its own, and all else is refused."""
 
 from dataclasses import fields, replace
+from unittest.mock import ANY
 
 import numpy as np
 import pytest
@@ -99,6 +100,16 @@ def test_what_stands_or_may_come_in_the_way_refuses(scene, cause):
 )
 def test_what_keeps_out_of_the_way_does_not(scene):
     assert verdict(replace(EMPTY, **scene))[0]
+
+
+@pytest.mark.parametrize("climb", [0.8, -0.8])
+@pytest.mark.parametrize(
+    ("forward", "hold", "accepted"), [(0.0, 0.2, True), (0.0, 0.8, False), (1.2, 0.8, True)]
+)
+def test_a_camera_has_not_looked_at_what_is_steeply_above_or_below(climb, forward, hold, accepted):
+    ways = Ways(np.array([[forward, 0.0, climb]]), np.array([hold]))
+    flown = simulate(state(forward), ways, CALM, LAW, None)
+    assert verdict(way=flown, x0=state(forward)) == (accepted, "unseen" if not accepted else ANY)
 
 
 def test_a_drone_that_stands_is_not_to_blame():
@@ -254,7 +265,7 @@ def test_a_climb_may_take_all_of_the_thrust_and_no_more(a, flyable):
     )
     hover = Trajectories(np.array([[9.80665, 0.0, 0.0, 0.0]]), p, v)
     expected = (True, None) if flyable else (False, "motion")
-    found = verdict(way=hover, x0=state(0.0))
+    found = verdict(way=hover, x0=state(0.0), bounds=replace(BOUNDS, unseen_way=2.0))
     assert found[0] == expected[0]
     assert flyable or found[1] == expected[1]
 
@@ -269,9 +280,14 @@ def test_a_neighbour_out_of_sight_has_no_course():
     assert found.clear[0] < 0.0
 
 
-@pytest.mark.parametrize(("away", "speed", "evaded"), [(1.6, 1.0, False), (0.9, 1.0, True)])
+@pytest.mark.parametrize(
+    ("away", "speed", "evaded"), [(1.3, 0.7, False), (1.0, 0.7, True), (1.6, 1.0, True)]
+)
 def test_a_neighbour_that_can_brake_in_time_is_left_to_do_so(away, speed, evaded):
-    """From 1 m/s it stops within 0.63 m; two radii and the doubts after 1.6 s are 0.88 m."""
+    """From 0.7 m/s it stops within 0.31 m; two radii and the doubts after 1.6 s are 0.88 m.
+
+    Who still comes at 1 m/s does not brake.
+    """
     comes = replace(EMPTY, neighbours=neighbour((away, 0.0, 2.0), (-speed, 0.0, 0.0)))
     hover = simulate(state(0.0), STRAIGHT, CALM, LAW, None)
     assert bool(check(hover, state(0.0), CALM, comes, BOUNDS).course[0] < 0.0) == evaded

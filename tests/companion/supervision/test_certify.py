@@ -77,6 +77,25 @@ def test_a_hovering_drone_leaves_the_course_of_a_fast_neighbour_at_the_last_chan
     assert np.linalg.norm(found.instead.omega) > 1.0 or found.instead.c != pytest.approx(GRAVITY)
 
 
+@pytest.mark.parametrize(
+    ("near", "v_max", "fastest"),
+    [
+        ((0.95, -0.7), math.inf, 1.8),
+        ((0.95, -0.7), 1.3, 1.2),
+        ((0.95, -0.7), 0.7, 0.6),
+        ((2.0, -4.0), 0.7, 1.8),  # who is so fast gives no way
+    ],
+)
+def test_nobody_evades_faster_than_guidance_allows_but_who_gives_no_way(near, v_max, fastest):
+    tried = []
+    c = certifier()
+    c._tried = lambda ways, *a, **k: tried.append(ways) or Certifier._tried(c, ways, *a, **k)
+    around = scene(((near[0], 0.0, 2.0), (near[1], 0.0, 0.0)))
+    c.certify(HOVER, moving(0.0), around, KNOWN, v_max)
+    level = [np.linalg.norm(w.velocity[:, :2], axis=1).max() for w in tried]
+    assert max(level) == pytest.approx(fastest)
+
+
 def test_a_drone_at_rest_leaves_the_course_of_a_slow_neighbour_though_its_plan_is_refused():
     """It could stand with a certificate, and would be run into."""
     c, into = certifier(), RateCommand(np.array([0.0, 3.0, 0.0]), GRAVITY)

@@ -1,5 +1,6 @@
 """Supervision: what it asks guard, phases and certifier, each input by its own value."""
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -99,7 +100,7 @@ class Bench:
 
 
 def reference(land=False, inhibit_reason=""):
-    return SimpleNamespace(land=land, inhibit_reason=inhibit_reason)
+    return SimpleNamespace(land=land, inhibit_reason=inhibit_reason, v_max=1.2)
 
 
 def test_the_guard_judges_what_this_tick_knows():
@@ -272,9 +273,11 @@ def certified(flown, instead=None):
 def test_the_certifier_gets_the_command_and_where_it_acts():
     bench, around = Bench(), Surroundings()
     bench.tick(around=around)
-    ((command, prediction, scene, delay),) = bench.asked.certifier
+    bench.tick(around=around, reference=reference())
+    (command, prediction, scene, delay, v_max), told = bench.asked.certifier
     assert (command, prediction, scene) == (PLANNED, AHEAD, around.scene)
     assert delay == Delay(0.05, 0.003)
+    assert (v_max, told[-1]) == (math.inf, 1.2)
 
 
 def test_what_cannot_be_certified_flies_as_it_is():

@@ -137,8 +137,11 @@ def test_a_formation_spreads_around_its_last_target():
     assert ends[:, :2] - ends[0, :2] == pytest.approx(start[:, :2] - start[0, :2], abs=1e-3)
 
 
+LEVELS = "mission.levels=[-0.4, 0.3, 1.0]"
+
+
 def test_drones_are_distributed_over_the_levels_at_random(missions):
-    one, two = (placement.levels(load("lsc-forest", seed, missions)) for seed in (0, 1))
+    one, two = (placement.levels(load("lsc-forest", seed, missions, LEVELS)) for seed in (0, 1))
     heights, drones = np.unique(one, return_counts=True)
     assert heights.tolist() == [-0.4, 0.3, 1.0]
     assert drones.min() >= 6
@@ -147,7 +150,7 @@ def test_drones_are_distributed_over_the_levels_at_random(missions):
 
 
 def test_the_drones_of_each_level_are_distributed_over_the_waits(missions):
-    scenario = load("lsc-forest", 0, missions)
+    scenario = load("lsc-forest", 0, missions, LEVELS, "mission.waits=[0.0, 8.0, 16.0]")
     level, wait = placement.levels(scenario), placement.waits(scenario)
     for height in scenario.mission.levels:
         assert np.unique(wait[level == height], return_counts=True)[1].min() >= 2

@@ -69,6 +69,15 @@ def test_gaze_is_followed():
     assert log.speed[20:].min() > 1.35
 
 
+@pytest.mark.parametrize("height", [4.0, 0.5])
+def test_height_is_changed_slowly_but_on_the_way(height):
+    """Straight up and down the camera shows nothing, obliquely ahead it does."""
+    still = fly([drone(CONFIG, [0, 0, 2])], [[0, 0, height]], 4)
+    assert 0.15 < np.abs(still.x[:, 0, 5]).max() < 0.3
+    ahead = fly([drone(CONFIG, [0, 0, 2])], [[20, 0, height]], 6)
+    assert np.abs(ahead.x[:, 0, 5]).max() > 0.8 * CONFIG.climb_speed
+
+
 @pytest.mark.parametrize("y", [0.0, 0.05, -0.3, 0.9])
 def test_a_trunk_dead_ahead_is_passed(y):
     trunk = cylinders([6, y, 1])
