@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 Vector = NDArray[Any]
 
-G, DT = 9.80665, 0.1  # m/s²; s between samples of a trajectory
+G, DT, _FAR = 9.80665, 0.1, 1e3  # m/s²; s between samples of a trajectory; m: nothing is farther
 CAUSES = ("neighbour", "remembered", "obstacle", "surface", "fence", "unseen", "motion", "numbers")
-_PLACE, _SPEED, _ROUNDING, _FAR = 0.02, 0.15, 0.05, 1e3  # m, m/s, m/s² and rad/s off a model; m
-_SOON, _RISE = 0.3, 0.8  # m that doubt of its velocity brings one in sight nearer; `_unseen`
+_PLACE, _SPEED, _ROUNDING = 0.02, 0.15, 0.05  # m, m/s off the own model; m/s² and rad/s
+_SOON, _RISE = 0.3, 0.8  # m that doubt of a velocity brings one in sight nearer; rise of a look
 
 
 @dataclass(frozen=True)

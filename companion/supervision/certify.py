@@ -62,7 +62,7 @@ class CertificateConfig(StrictModel):
         0.8,
         ge=0,
         description="Speed [m/s] up to which a neighbour is left to brake. By its headway one of "
-        "ours is slower where its course ends here within 1.6 s: who is not gives no way.",
+        "ours is slower where its course ends here within 1.6 s, cruise speeds to 2.6 m/s.",
     )
     neighbour_speed: float = Field(
         3.0, gt=0, description="Highest speed [m/s] of a neighbour: well above nmpc.v_max."

@@ -5,7 +5,7 @@
 
 One rule at a time on 30 paired seeds takes 30 flights a rule. Here every flight tells something of
 every rule, as in a factorial experiment: in 120 flights each rule is off in some 24 and on in the
-others, and least squares tell what each of them does. What only two of them do together is missed.
+others, and least squares tell what each of them does. They miss what only two do together.
 
 DIR holds a run folder for each flight; flights that are there are not flown again. Which rules a
 flight flies without follows from its seed. --leave-out: cases that no flight flies.

@@ -125,8 +125,8 @@ def blind_motion(v: ca.SX, scene: Scene, w: Weights) -> Hinge:
 
     A drone that backs, slides, climbs or sinks away from an object in view hits one out of view.
     Speeds below v_blind are free, and so are directions in the cone whose half-angle has the cosine
-    `seen_cone`.
-    The cone is around (7), not around the camera's axis: a drone that flees is not to look away.
+    `seen_cone`. The cone is around (7), not around the camera's axis: a drone that flees is not to
+    look away.
     """
     cone = w["seen_cone"] * ca.sqrt(ca.sumsqr(v) + 1e-4)
     return Hinge(

@@ -140,7 +140,7 @@ def test_one_that_was_lost_for_a_moment_is_known(missed, place, count):
 
 @pytest.mark.parametrize(("step", "count"), [(0.15, 0), (0.35, 0), (0.6, 3)])
 def test_finds_of_known_neighbours_after_a_step_of_the_own_position_are_none(step, count):
-    """Circle of thirty: a step of 0.15 m, and twelve tracks began anew beside their old ones."""
+    """Circle of thirty: a step of 0.13 m, and twelve tracks began anew beside their old ones."""
     surprises = Surprises(VIEW)
     known = [sure([2.0, 0.8 * k, 0.0], n=k + 1) for k in (-1, 0, 1)]
     for k in range(6):
