@@ -58,12 +58,6 @@ class MissionConfig(StrictModel):
         description="Height [m] above the goals at which the way between them is flown. Where each "
         "drone has its own level, ways that cross in a narrow place need not all fit in it.",
     )
-    wait: float = Field(
-        0.0,
-        ge=0,
-        description="Time [s] to hold where the flight began before setting out, so that drones "
-        "whose ways cross need not all be there at once.",
-    )
     commission: bool = Field(
         False,
         description="Instead of the goals: move on the spot for 30 s, in free air, for `companion "
@@ -150,14 +144,12 @@ class Mission:
 
         floor: m, the lowest z that may be flown now; a goal below it is flown to, and reached, at
         that height. keep_out: (K,3) x, y, radius [m] of the circles around trunks that no drone
-        flies into. Until the drone has looked round (`surveyed`) and waited, and without goals for
-        ever, it holds where the first update found it.
+        flies into. Until the drone has looked round (`surveyed`), and without goals for ever, it
+        holds where the first update found it.
         """
         self._start = self._start or own
         self._floor, self._keep_out = floor, keep_out
-        # A vehicle's clock that begins anew, after a reboot, must not make the wait endless.
-        waits = 0.0 <= own.time - self._start.time < self._config.wait
-        if not self._goals or waits or not (surveyed or self._complete):
+        if not self._goals or not (surveyed or self._complete):
             return MissionProgress(self._start.p, 0, False)
         while not self._complete and self._done(own):
             self._near = False

@@ -278,9 +278,9 @@ class Certifier:
         if straight[0].room >= 0.0:
             return straight, []
         # Many ways at once take little longer than few, and most often all of them are needed.
-        bound = math.inf if self._pressed(scene, prediction.x0[:3]) else v_max
-        sides = [s for s in _SIDES if s[0] <= bound] or _SIDES[:1]
-        kinds = [aside(prediction.x0[3:6], *side) for side in sides]
+        pressed = self._pressed(scene, prediction.x0[:3])
+        sides = [s for s in _SIDES if pressed or s[0] <= v_max] or _SIDES[:1]
+        kinds = [aside(prediction.x0[3:6], *side, upright=pressed) for side in sides]
         ways = joined(*kinds)
         n = len(ways)
         after = np.arange(2 * n + 1) < n

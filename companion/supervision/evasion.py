@@ -20,7 +20,7 @@ from mavlink_bridge.shared.constants import GRAVITY
 from mavlink_bridge.shared.frames import rotation_matrix
 
 STEPS = 16  # of DT: the longest way is at rest by then
-_CLIMB = 0.8  # m/s, up or down
+_UPRIGHT = np.array([[0.0, 0.0, 0.8], [0.0, 0.0, -0.8]])  # m/s, up and down
 _SIDES = 8
 _STILL = 0.05  # m/s: a way this slow has ended
 _VERTICAL = 3.0  # m/s², most that height is corrected by
@@ -69,16 +69,16 @@ def joined(*ways: Ways) -> Ways:
     return Ways(np.concatenate([w.velocity for w in ways]), np.concatenate([w.hold for w in ways]))
 
 
-def aside(forward: Vector, speed: float, hold: float) -> Ways:
-    """Return ways up, down and to eight sides; forward (3,): along it the first side goes.
+def aside(forward: Vector, speed: float, hold: float, upright: bool = True) -> Ways:
+    """Return ways to eight sides, and up and down; forward (3,): along it the first side goes.
 
-    speed: m/s, to the sides. hold: s.
+    speed: m/s, to the sides. hold: s. upright: whether there are ways up and down.
     """
     start = np.arctan2(forward[1], forward[0])
     angles = start + 2.0 * np.pi / _SIDES * np.arange(_SIDES)
     level = speed * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(_SIDES)])
-    upright = np.array([[0.0, 0.0, _CLIMB], [0.0, 0.0, -_CLIMB]])
-    return Ways(np.concatenate([level, upright]), np.full(_SIDES + 2, hold))
+    velocity = np.concatenate([level, _UPRIGHT]) if upright else level
+    return Ways(velocity, np.full(len(velocity), hold))
 
 
 def simulate(

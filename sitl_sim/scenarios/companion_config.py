@@ -71,7 +71,6 @@ def companion_config(
             "tolerance": round(s.mission.tolerance * 0.9, 4),
             "takeoff_altitude": s.mission.altitude,
             "level": round(float(placement.levels(s)[i]), 4),
-            "wait": float(placement.waits(s)[i]),
             "auto": True,
             "others": bool((apart < _IN_SIGHT).any()),
         },

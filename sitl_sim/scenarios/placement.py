@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from mavlink_bridge.shared.arrays import Vector
 from mavlink_bridge.shared.settings import SettingsError
@@ -67,13 +66,10 @@ def targets(scenario: Scenario, start: Vector) -> dict[str, list[list[float]]]:
 
 
 def levels(scenario: Scenario) -> Vector:
-    """Return the height (n,) m above its targets at which each drone flies."""
-    return _distributed(scenario, scenario.mission.levels)
-
-
-def waits(scenario: Scenario) -> Vector:
-    """Return the time (n,) s that each drone waits before it sets out."""
-    return _distributed(scenario, np.repeat(scenario.mission.waits, len(scenario.mission.levels)))
+    """Return the height (n,) m above its targets at which each drone flies: the levels by lot."""
+    n = scenario.drones.count
+    rng = np.random.default_rng([scenario.seed, 4])
+    return rng.permutation(np.resize(scenario.mission.levels, n))
 
 
 def frame_yaws(scenario: Scenario) -> Vector:
@@ -110,9 +106,3 @@ def _formation(d: DronesConfig) -> Vector:
     right = np.array([np.sin(yaw), -np.cos(yaw)])
     placed: Vector = centre + d.spacing * (grid[:, :1] * right - grid[:, 1:] * forward)
     return placed
-
-
-def _distributed(scenario: Scenario, values: ArrayLike) -> Vector:
-    """Return (n,) the values in turn, permuted; the permutation depends on the seed alone."""
-    n = scenario.drones.count
-    return np.random.default_rng([scenario.seed, 4]).permutation(np.resize(values, n))

@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -153,12 +153,6 @@ class MissionConfig(StrictModel):
         [0.0],
         min_length=1,
         description="m above the targets: the drones are distributed over these heights at random.",
-    )
-    waits: list[Annotated[float, Field(ge=0)]] = Field(
-        [0.0],
-        min_length=1,
-        description="s after take-off at which drones set out: distributed over all drones, and "
-        "over those of each level.",
     )
     tolerance: float = Field(3.0, gt=0, description="A target is reached within this [m].")
     altitude: float = Field(2.0, gt=0.5, description="Of take-off and home [m].")

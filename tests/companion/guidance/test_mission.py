@@ -125,25 +125,11 @@ def test_without_goals_the_drone_stays():
         assert np.array_equal(progress.goal, [1.0, 2.0, 3.0])
 
 
-def test_a_drone_that_waits_holds_where_it_began():
-    mission = Mission(MissionConfig(goals=[[5.0, 0.0, 2.0]], wait=3.0))
-    assert np.array_equal(mission.update(at([0.0, 0.0, 2.0], time=10.0)).goal, [0.0, 0.0, 2.0])
-    assert np.array_equal(mission.update(at([0.3, 0.0, 2.0], time=12.9)).goal, [0.0, 0.0, 2.0])
-    assert np.array_equal(mission.update(at([0.3, 0.0, 2.0], time=13.0)).goal, [5.0, 0.0, 2.0])
-
-
 def test_a_drone_sets_out_only_after_its_look_round():
     mission = Mission(MissionConfig(goals=[[5.0, 0.0, 2.0]]))
     assert np.allclose(mission.update(at([1.0, 1.0, 2.0]), surveyed=False).goal, [1.0, 1.0, 2.0])
     assert np.allclose(mission.update(at([1.2, 1.0, 2.0]), surveyed=False).goal, [1.0, 1.0, 2.0])
     assert np.allclose(mission.update(at([1.0, 1.0, 2.0], time=5.0)).goal, [5.0, 0.0, 2.0])
-
-
-def test_a_clock_that_begins_anew_ends_the_wait():
-    for wait in (0.0, 3.0):
-        mission = Mission(MissionConfig(goals=[[5.0, 0.0, 2.0]], wait=wait))
-        mission.update(at([0.0, 0.0, 2.0], time=100.0))
-        assert np.array_equal(mission.update(at([0.3, 0.0, 2.0], time=1.0)).goal, [5.0, 0.0, 2.0])
 
 
 def test_the_last_goal_is_reached_slowly():

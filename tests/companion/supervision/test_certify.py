@@ -78,15 +78,17 @@ def test_a_hovering_drone_leaves_the_course_of_a_fast_neighbour_at_the_last_chan
 
 
 @pytest.mark.parametrize(
-    ("near", "v_max", "fastest"),
+    ("near", "v_max", "fastest", "upright"),
     [
-        ((0.95, -0.7), math.inf, 1.8),
-        ((0.95, -0.7), 1.3, 1.2),
-        ((0.95, -0.7), 0.7, 0.6),
-        ((2.0, -4.0), 0.7, 1.8),  # who is so fast gives no way
+        ((0.95, -0.7), math.inf, 1.8, 0.0),
+        ((0.95, -0.7), 1.3, 1.2, 0.0),
+        ((0.95, -0.7), 0.7, 0.6, 0.0),
+        ((2.0, -4.0), 0.7, 1.8, 0.8),  # who is so fast gives no way
     ],
 )
-def test_nobody_evades_faster_than_guidance_allows_but_who_gives_no_way(near, v_max, fastest):
+def test_only_who_gives_no_way_is_evaded_faster_than_guidance_allows_or_up_and_down(
+    near, v_max, fastest, upright
+):
     tried = []
     c = certifier()
     c._tried = lambda ways, *a, **k: tried.append(ways) or Certifier._tried(c, ways, *a, **k)
@@ -94,6 +96,7 @@ def test_nobody_evades_faster_than_guidance_allows_but_who_gives_no_way(near, v_
     c.certify(HOVER, moving(0.0), around, KNOWN, v_max)
     level = [np.linalg.norm(w.velocity[:, :2], axis=1).max() for w in tried]
     assert max(level) == pytest.approx(fastest)
+    assert max(np.abs(w.velocity[:, 2]).max() for w in tried) == upright
 
 
 def test_a_drone_at_rest_leaves_the_course_of_a_slow_neighbour_though_its_plan_is_refused():

@@ -206,6 +206,9 @@ def test_a_drone_at_rest_stays_where_it_is():
 def test_sides_are_eight_level_ones_that_begin_ahead_then_up_and_down():
     ways = aside(np.array([0.0, -2.0, 5.0]), 1.8, 0.8)
     assert len(ways) == 10
+    level = aside(np.array([0.0, -2.0, 5.0]), 1.8, 0.8, upright=False)
+    assert level.velocity.tolist() == ways.velocity[:8].tolist()
+    assert level.hold.tolist() == [0.8] * 8
     assert ways.velocity[0] == pytest.approx([0.0, -1.8, 0.0])
     assert ways.velocity[1] == pytest.approx([1.8 * np.sqrt(0.5), -1.8 * np.sqrt(0.5), 0.0])
     assert ways.velocity[4] == pytest.approx([0.0, 1.8, 0.0])

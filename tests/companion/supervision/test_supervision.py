@@ -39,7 +39,8 @@ PLAN = Plan(np.zeros((21, 10)), HOVER, PlanStatus.SOLVED, True, 2, 0.001, 0.0, 0
 FREE = Scene(
     np.zeros((0, 11)), np.zeros((0, 6)), np.zeros((0, 3)), np.zeros((0, 4)), np.full(36, 5.0)
 )
-WALL = replace(FREE, points=np.array([[0.45, 0.0, 2.0]]))
+SIDES = np.linspace(-1.5, 1.5, 31)
+WALL = replace(FREE, points=np.array([[0.45, y, 2.0 + z] for y in SIDES for z in SIDES]))
 
 
 def decide(scene=FREE, enforce=True, plan=PLAN, vehicle=None, ahead=AHEAD, **more):

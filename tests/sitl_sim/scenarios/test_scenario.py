@@ -147,10 +147,3 @@ def test_drones_are_distributed_over_the_levels_at_random(missions):
     assert drones.min() >= 6
     assert (one != two).any()
     assert not placement.levels(load("crossing", 0, missions)).any()
-
-
-def test_the_drones_of_each_level_are_distributed_over_the_waits(missions):
-    scenario = load("lsc-forest", 0, missions, LEVELS, "mission.waits=[0.0, 8.0, 16.0]")
-    level, wait = placement.levels(scenario), placement.waits(scenario)
-    for height in scenario.mission.levels:
-        assert np.unique(wait[level == height], return_counts=True)[1].min() >= 2
