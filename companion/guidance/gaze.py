@@ -3,13 +3,14 @@
 L = atan2(v_y, v_x) + ε, ε ~ N(μ, σ²). A fresh ε every tick would only shake the drone: each
 half-swing draws its amplitude from the distribution, and half-swings alternate sides. The reference
 is slew-limited, as the drone can turn only so fast. Before it sets out, a drone looks once all
-round: two drones that start abeam of each other are both beyond the edge of the other's view.
+round: two drones that start abeam of each other are both beyond the edge of the other's view. Where
+some give no way, it does so again and again while it is slow: what is faster comes from all sides.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import Annotated, Any
 
 import numpy as np
@@ -63,8 +64,26 @@ class GazeConfig(StrictModel):
     comes_within: float = Field(
         3.0,
         ge=0,
-        description="A neighbour out of sight that may hit within this time [s] is looked at, "
-        "however far behind it is: the drone turns from its way, and is slow meanwhile.",
+        description="A neighbour that may hit within this time [s], and is out of sight or gives "
+        "no way, is looked at, however far behind it is: the drone turns from its way, and is "
+        "slow meanwhile.",
+    )
+    strangers: bool = Field(
+        False,
+        description="Whether drones that give no way are expected: then a slow drone looks all "
+        "round from the beginning, else for 20 s after it has met one.",
+    )
+    round_below: float = Field(
+        0.5,
+        ge=0,
+        description="Where some give no way, a drone slower than this [m/s] looks all round, "
+        "unless one that comes is in view: more may come from behind. 0: it does not.",
+    )
+    round_every: float = Field(
+        4.0,
+        ge=0,
+        description="So long [s] after it last looked all round; as long as a neighbour out of "
+        "view is remembered.",
     )
     half_period: float = Field(0.9, gt=0, description="Time [s] of one swing to one side.")
     slew: float = Field(2.0, gt=0, description="Fastest turn of the reference [rad/s].")
@@ -96,7 +115,8 @@ class Gaze:
         self._epsilon = 0.0
         self._yaw: float | None = None
         self._base = self._time = 0.0
-        self._to_survey = config.survey
+        self._to_survey, self._to_turn, self._looked_round = config.survey, 0.0, -math.inf
+        self._for_comer = False
 
     @property
     def surveyed(self) -> bool:
@@ -116,6 +136,7 @@ class Gaze:
         lost: Sequence[float] = (),
         close: float | None = None,
         coming: float | None = None,
+        strangers: bool = False,
     ) -> float:
         """Return ψ [rad] at `time` [s] for velocity v (3,) and direction to the goal (3,).
 
@@ -127,22 +148,29 @@ class Gaze:
         The next swing goes to the first of them that a swing within `limit` brings into view.
         close: world bearing [rad] of the nearest neighbour where it comes nearer than the setting
         `close`: no swing loses sight of it, or of the way ahead. coming: world bearing [rad] of one
-        that comes from out of sight: where the sweep does not show it, the next swing does, away
-        from the way ahead.
+        that comes, see `coming_bearing`: a swing that does not show it ends, and the next one does,
+        even away from the way ahead. strangers: whether some give no way: then a slow drone turns
+        all round now and then.
         """
         c = self._config
         if self._yaw is None:
             self._yaw, self._base, self._time = yaw_now, yaw_now, time
+            self._looked_round = time
         step = c.slew * max(time - self._time, 0.0)
-        if not self.surveyed:
+        if not self.surveyed or self._to_turn > 0.0:
             self._to_survey -= step
+            self._to_turn -= step
+            self._looked_round = time
             return self._turned(self._side * step, time)
+        if (strangers or c.strangers) and norm(v) < c.round_below:
+            self._look_round_again(time, coming)
         self._follow_motion(v, to_goal)
         base = self._base
-        if time >= self._swing_ends:
-            self._swing_ends = time + c.half_period
-            behind = None if coming is None else wrap(coming - base)
-            self._epsilon = self._swing([wrap(bearing - base) for bearing in lost], behind)
+        comer = None if coming is None else wrap(coming - base)
+        missed = comer is not None and abs(wrap(comer - self._epsilon)) > c.half_view
+        if time >= self._swing_ends or (missed and not self._for_comer):
+            self._swing_ends, self._for_comer = time + c.half_period, comer is not None
+            self._epsilon = self._swing([wrap(bearing - base) for bearing in lost], comer)
         epsilon = self._epsilon
         if close is not None and abs(epsilon) <= c.limit:
             off = wrap(close - base)
@@ -158,6 +186,18 @@ class Gaze:
         self._yaw, self._base, self._time = yaw, yaw, time
         self.look_round()
         return yaw
+
+    def _look_round_again(self, time: float, coming: float | None) -> None:
+        """Begin a turn all round where the last one is long ago, unless one that comes is in view.
+
+        It begins to the side of one that comes from out of view.
+        """
+        assert self._yaw is not None
+        off = 0.0 if coming is None else wrap(coming - self._yaw)
+        watched = coming is not None and abs(off) <= self._config.half_view
+        if time - self._looked_round >= self._config.round_every and not watched:
+            self._to_turn = 2.0 * math.pi
+            self._side = math.copysign(1.0, off or -self._side)
 
     def _follow_motion(self, v: Vector, to_goal: Vector) -> None:
         """Set the direction about which the sweep swings."""
@@ -177,6 +217,8 @@ class Gaze:
     def _swing(self, lost: Sequence[float], coming: float | None) -> float:
         """Return ε [rad] of the next half-swing; lost, coming: bearings off the base direction."""
         c = self._config
+        if coming is not None and abs(coming) > c.half_view - c.limit:
+            lost = [coming, *lost]
         lost = [off for off in lost if abs(off) < c.half_view + _RIM + c.limit]
         amplitude = c.mean + abs(float(self._rng.normal(0.0, c.sigma)))
         self._side = -self._side
@@ -220,18 +262,25 @@ def nearest_bearing(
     return math.atan2(y, x)
 
 
-def coming_bearing(p: Vector, v: Vector, tracks: Sequence[Track], within: float) -> float | None:
-    """Return the bearing [rad] of the neighbour out of sight that may hit first; None: none soon.
+def coming_bearing(
+    p: Vector,
+    v: Vector,
+    tracks: Sequence[Track],
+    config: GazeConfig,
+    strangers: Container[int] = (),
+) -> float | None:
+    """Return the bearing [rad] of the neighbour to be looked at that may hit first; None: none.
 
-    p, v: (3,) m, m/s, the own. within: s, in which it must be there, on the present courses and if
-    it has come as much nearer than believed as it would since it was seen.
+    p, v: (3,) m, m/s, the own. That is one that would be there within `comes_within`, on the
+    present courses and if it has come as much nearer than believed as it would since it was seen;
+    and that is out of sight, or one of strangers, ids of those that give no way.
     """
-    first, nearest = within, None
+    first, nearest = config.comes_within, None
     for t in tracks:
         offset = t.p - p
         apart = norm(offset)
         closing = -float(offset @ (t.v - v)) / max(apart, _BODIES)
-        if t.lost and closing > 0.0:
+        if closing > 0.0 and (t.lost or t.id in strangers):
             left = (apart - _BODIES) / closing - t.unseen
             if left < first:
                 first, nearest = left, t

@@ -36,6 +36,7 @@ from companion.guidance.speed_limits import (
     surprised_speed,
     visibility_speed,
 )
+from companion.guidance.strangers import Strangers
 from companion.guidance.threat import ThreatConfig, rated_neighbours
 from companion.model import yaw_of
 from companion.perception.camera_health import CameraFault
@@ -83,7 +84,7 @@ class Reference:
     mission is complete and the drone may come down. map_offset: (3,) m, place on the map, where
     goals and fence are, less that of the own state. floor: m, the lowest z of a plan.
     inhibit_reason: why these goals cannot be flown to; empty: they can. alone: others started
-    within sight, and none of them has been seen yet.
+    within sight, and none of them has been seen yet. strangers: ids of neighbours that give no way.
     """
 
     progress: MissionProgress
@@ -103,6 +104,7 @@ class Reference:
     floor: float = -np.inf
     inhibit_reason: str = ""
     alone: bool = False
+    strangers: frozenset[int] = frozenset()
 
 
 class Guidance:
@@ -122,6 +124,7 @@ class Guidance:
         s = self._settings
         self._detour = Detour(s.fence.sides())
         self._gaze = make_gaze(s.gaze)
+        self._strangers = Strangers(s.speed_limits, s.cruise)
         self._landing = Landing(s.mission, s.d_agent, turns=s.gaze.survey > 0.0)
         self._alone = s.mission.others and self._commissioning is None
 
@@ -196,7 +199,10 @@ class Guidance:
         to_aim = aim - own.p
         near = rated_neighbours(own, tracks, s.d_ref, s.threat)
         critical = near[: s.threat.critical]
-        yaw = self._look(own, tracks, critical, to_aim, mine)
+        strangers: frozenset[int] = frozenset()
+        if mine:
+            strangers = self._strangers.update(own.time, own.p, own.v, tracks)
+        yaw = self._look(own, tracks, critical, to_aim, mine, strangers)
         reaction = reaction_speed(s.speed_limits, delay)
         v_max = s.v_max * min(1.0, reaction / s.cruise)
         speed, limit = self._speed(own, tracks, to_aim, fault, reaction, surprises, clear_share)
@@ -226,6 +232,7 @@ class Guidance:
             obstacles=Obstacles(known.cylinders, planes, known.points, known.sigmas),
             land=self._land(own, tracks, progress.complete and phase.flying),
             alone=self._alone,
+            strangers=strangers,
         )
 
     @property
@@ -282,6 +289,7 @@ class Guidance:
         critical: Sequence[tuple[Track, float]],
         to_aim: Vector,
         mine: bool,
+        strangers: frozenset[int],
     ) -> float:
         """Return the line of sight ψ [rad]."""
         yaw_now = yaw_of(own.q_wb)
@@ -293,8 +301,10 @@ class Guidance:
             self._gaze.look_round()
         lost = [bearing(own.p, t) for t, _ in critical if t.lost]
         close = nearest_bearing(own.p, own.v, tracks, self._settings.gaze)
-        coming = coming_bearing(own.p, own.v, tracks, self._settings.gaze.comes_within)
-        return self._gaze.update(own.time, own.v, to_aim, yaw_now, lost, close, coming)
+        coming = coming_bearing(own.p, own.v, tracks, self._settings.gaze, strangers)
+        return self._gaze.update(
+            own.time, own.v, to_aim, yaw_now, lost, close, coming, bool(strangers)
+        )
 
     def _speed(
         self,

@@ -39,6 +39,7 @@ class Events:
         self._ahead, self._ahead_at = 0, -1e9
         self._weak = False  # the thrust gives another acceleration than expected
         self._surprised_at = -math.inf
+        self._strangers: frozenset[int] = frozenset()
         self._clock: tuple[int, bool] = (0, False)  # jumps, whether the rate is off
 
     def link(self, problem: str) -> None:
@@ -79,6 +80,7 @@ class Events:
         self._watch_stamps(tick)
         self._watch_thrust(tick)
         self._watch_poor_eyes(tick)
+        self._watch_strangers(tick)
         for received in inputs.received:
             if isinstance(received.message, StatusText):
                 text = received.message
@@ -146,6 +148,14 @@ class Events:
             speed = f"{tick.reference.speed:.2f}" if tick.reference else ""
             event("eyes miss neighbours", logging.WARNING, speed=speed, time=tick.time)
             self._surprised_at = tick.time
+
+    def _watch_strangers(self, tick: Tick) -> None:
+        """Log that a neighbour gives no way where none was known to."""
+        strangers = tick.reference.strangers if tick.reference else frozenset()
+        if strangers and not self._strangers:
+            ids = ",".join(str(n) for n in sorted(strangers))
+            event("gives no way", logging.WARNING, neighbours=ids, time=tick.time)
+        self._strangers = strangers
 
     def _watch_stamps(self, tick: Tick) -> None:
         """Log that telemetry was stamped in the future and refused: at most one line a second."""

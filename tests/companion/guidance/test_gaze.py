@@ -80,7 +80,8 @@ def test_no_swing_loses_sight_of_a_close_neighbour_or_of_the_way(bearing):
 
 
 def test_a_drone_at_its_goal_sweeps_on_about_where_it_looked():
-    psi = looked(sweeping(seed=3), 30.0, v=np.zeros(3), to_goal=np.array([0.0, 0.3, 0.0]))
+    config = sweeping(seed=3, round_below=0.0)
+    psi = looked(config, 30.0, v=np.zeros(3), to_goal=np.array([0.0, 0.3, 0.0]))
     assert psi.min() < -0.3
     assert psi.max() > 0.3
     assert np.abs(psi).max() <= GazeConfig().limit + 1e-9
@@ -198,9 +199,65 @@ def wrap_all(angles):
     return np.array([wrap(a) for a in angles])
 
 
-@pytest.mark.parametrize("bearing", [0.0, 1.0, -1.79])
-def test_one_that_comes_where_the_sweep_shows_it_does_not_change_the_sweep(bearing):
+@pytest.mark.parametrize("bearing", [0.0, -0.39])
+def test_one_that_comes_where_every_swing_shows_it_does_not_change_the_sweep(bearing):
     assert np.array_equal(looked(sweeping(seed=3)), looked(sweeping(seed=3), coming=bearing))
+
+
+@pytest.mark.parametrize("bearing", [0.7, -1.4, 1.79])
+def test_one_that_comes_beside_the_way_stays_in_view_by_the_sweep(bearing):
+    psi = looked(sweeping(seed=3), coming=bearing)
+    assert np.abs(psi).max() <= GazeConfig().limit + 1e-9
+    assert np.abs(psi[5:] - bearing).max() <= GazeConfig().half_view + 0.2
+    assert np.abs(np.diff(psi[5:])).max() > 0.1  # it sweeps on
+
+
+def test_a_swing_that_loses_one_that_comes_ends_at_once():
+    gaze, psi = Gaze(sweeping(seed=3, half_period=5.0)), []
+    for k in range(40):  # within the first swing
+        away = -math.copysign(1.9, psi[-1]) if k >= 20 else None
+        psi.append(gaze.update(k / 10, EAST, FAR, 0.0, coming=away))
+    assert len(set(np.sign(psi[1:20]))) == 1
+    assert np.sign(psi[-1]) == -np.sign(psi[19])
+    assert abs(abs(psi[-1]) - (1.9 - 0.6 * GazeConfig().half_view)) < 1e-6
+
+
+SLOW = np.array([0.4, 0.0, 0.0])
+
+
+def rounds(psi):
+    """The ticks at which a turn all round is over: so far it has turned without a pause."""
+    ends, turned = [], 0.0
+    for k, by in enumerate(wrap_all(np.diff(psi))):
+        turned = turned + by if by * turned > 0.0 and abs(by) > 0.199 else by
+        if abs(turned) > 2.0 * math.pi - 0.21:
+            ends, turned = [*ends, k], 0.0
+    return ends
+
+
+def test_a_slow_drone_that_has_met_strangers_looks_all_round_every_few_seconds():
+    ends = rounds(looked(sweeping(seed=3), 30.0, v=SLOW, strangers=True))
+    assert len(ends) == 4
+    assert np.diff(ends) == pytest.approx(71, abs=2)  # 4 s, and 3.1 s for the turn
+    assert rounds(looked(sweeping(seed=3, strangers=True), 30.0, v=SLOW)) == ends
+    assert rounds(looked(sweeping(seed=3), 30.0, v=SLOW)) == []
+    assert rounds(looked(sweeping(seed=3), 30.0, v=EAST, strangers=True)) == []
+    careless = sweeping(seed=3, round_below=0.3)
+    assert rounds(looked(careless, 30.0, v=SLOW, strangers=True)) == []
+
+
+def test_a_slow_drone_does_not_turn_away_from_one_that_comes():
+    psi = looked(sweeping(seed=3), 30.0, v=SLOW, strangers=True, coming=0.2)
+    assert rounds(psi) == []
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_turn_all_round_begins_to_the_side_of_one_that_comes(side):
+    gaze, psi = Gaze(sweeping(seed=3)), [0.0]
+    for k in range(60):
+        away = psi[-1] + side * 1.7 if k >= 39 else None  # wherever it looks
+        psi.append(gaze.update(k / 10, SLOW, FAR, 0.0, coming=away, strangers=True))
+    assert wrap_all(np.diff(psi))[43:56] == pytest.approx(side * 0.2)
 
 
 def test_without_a_sweep_nobody_is_looked_back_at():
@@ -211,6 +268,7 @@ def unseen(n, offset, v, seconds):
     return replace(track(n, HERE + offset, v), unseen=seconds)
 
 
+HALF = math.pi / 2
 HERE, OWN_V = np.array([1.0, 2.0, 0.5]), np.array([0.5, 0.0, 0.0])
 
 
@@ -228,13 +286,29 @@ HERE, OWN_V = np.array([1.0, 2.0, 0.5]), np.array([0.5, 0.0, 0.0])
 )
 def test_who_may_hit_within_three_seconds_comes(offset, v, seconds, found):
     one = unseen(1, offset, v, seconds)
-    at = coming_bearing(HERE, OWN_V, [one], 3.0)
+    at = coming_bearing(HERE, OWN_V, [one], GazeConfig())
     assert at == (pytest.approx(math.atan2(offset[1], offset[0])) if found else None)
 
 
 def test_of_two_that_come_the_first_to_hit_counts():
     slow = unseen(1, (0.0, -1.6, 0.0), (0.5, 0.5, 0.0), 0.5)
     fast = unseen(2, (0.0, 2.0, 0.0), (0.5, -1.5, 0.0), 0.5)
-    assert coming_bearing(HERE, OWN_V, [slow, fast], 3.0) == pytest.approx(math.pi / 2)
-    assert coming_bearing(HERE, OWN_V, [slow], 3.0) == pytest.approx(-math.pi / 2)
-    assert coming_bearing(HERE, OWN_V, [slow, fast], 0.5) is None
+    soon = GazeConfig(comes_within=0.5)
+    assert coming_bearing(HERE, OWN_V, [slow, fast], GazeConfig()) == pytest.approx(HALF)
+    assert coming_bearing(HERE, OWN_V, [slow], GazeConfig()) == pytest.approx(-HALF)
+    assert coming_bearing(HERE, OWN_V, [slow, fast], soon) is None
+
+
+@pytest.mark.parametrize(
+    ("offset", "v", "found"),
+    [
+        ((0.0, 3.0, 0.0), (0.5, -1.1, 0.0), True),
+        ((0.0, 4.0, 0.0), (0.5, -1.1, 0.0), False),  # not within three seconds
+        ((0.0, 3.0, 0.0), (0.5, 1.1, 0.0), False),  # it leaves
+    ],
+)
+def test_a_stranger_in_sight_comes(offset, v, found):
+    one = [unseen(1, offset, v, 0.02)]
+    at = coming_bearing(HERE, OWN_V, one, GazeConfig(), {1})
+    assert at == (pytest.approx(math.atan2(offset[1], offset[0])) if found else None)
+    assert coming_bearing(HERE, OWN_V, one, GazeConfig(), {2}) is None

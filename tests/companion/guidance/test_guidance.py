@@ -284,3 +284,18 @@ def test_the_rules_that_move_the_target_come_in_their_order():
     oncoming = [track(1, [2.0, 0.8, 2.0], [-1.0, -0.4, 0.0])]
     reference = decided(guiding(AHEAD), tracks=oncoming, points=wall(0.3, 2.3))
     assert reference.route == ("walls", "right of way")
+
+
+def test_one_that_gives_no_way_is_named_and_a_slow_drone_then_looks_all_round():
+    guidance = guiding(AHEAD, gaze={"survey": 0.0})
+    turned, yaw = 0.0, 0.0
+    for k in range(80):
+        x = HERE[0] + 2.0 - 0.1 * k
+        comes = [track(5, [x, HERE[1], HERE[2]], [-1.0, 0.0, 0.0])] if k < 10 else []
+        reference = decided(guidance, own(yaw=yaw, time=0.1 * k), tracks=comes)
+        assert reference.strangers == (frozenset() if k < 4 else {5})
+        turned += abs(math.remainder(reference.yaw - yaw, 2 * math.pi))
+        yaw = reference.yaw
+    assert turned > 2.0 * math.pi
+    phase = decided(guidance, own(yaw=yaw, time=8.0), phase=Phase.TAKEOFF)
+    assert phase.strangers == frozenset()

@@ -87,8 +87,19 @@ def test_eyes_that_miss_neighbours_are_told_once_a_minute(monkeypatch):
     for k in range(6000):
         poor = ("surprises", "clear finds")[k % 2]
         limit = poor if 1000 <= k < 3000 and k % 7 else "cruise"
-        reference = SimpleNamespace(speed_limit=limit, speed=0.825)
+        reference = SimpleNamespace(speed_limit=limit, speed=0.825, strangers=frozenset())
         events.tick(TickInputs(0.1 * k, [], None), Tick(0.1 * k, reference=reference))
     lines = [line["eyes miss neighbours"] for line in told if "eyes miss neighbours" in line]
     assert [line["speed"] for line in lines] == ["0.82"] * 4
     assert [line["time"] for line in lines] == pytest.approx([100.0, 160.1, 220.1, 280.1], abs=0.15)
+
+
+def test_who_gives_no_way_is_told_once_as_long_as_somebody_does_not(monkeypatch):
+    told, events = [], Events()
+    monkeypatch.setattr(module, "event", lambda name, *_, **fields: told.append((name, fields)))
+    for k, ids in enumerate([(), (7,), (7, 12), (12,), (), (3, 12)]):
+        limits = {"speed_limit": "cruise", "speed": 1.0}
+        reference = SimpleNamespace(**limits, strangers=frozenset(ids))
+        events.tick(TickInputs(float(k), [], None), Tick(float(k), reference=reference))
+    lines = [fields for name, fields in told if name == "gives no way"]
+    assert lines == [{"neighbours": "7", "time": 1.0}, {"neighbours": "3,12", "time": 5.0}]
