@@ -32,7 +32,7 @@ class Strangers:
     def update(self, time: float, p: Vector, v: Vector, tracks: Sequence[Track]) -> frozenset[int]:
         """Return the ids of all that came too fast in the last 20 s; they may be gone.
 
-        time: s. p, v: (3,) m, m/s, the own.
+        time: s. p, v: (3,) m, m/s, the own. Without headway nobody is expected to slow down.
         """
         before, self._ticks = self._ticks, {}
         for t in tracks:
@@ -45,10 +45,12 @@ class Strangers:
 
     def _too_fast(self, track: Track, p: Vector, v: Vector) -> bool:
         """Return whether a neighbour comes faster than one of ours would at its distance."""
+        headway = self._config.headway
+        if headway == 0.0:
+            return False
         offset, speed = track.p - p, max(norm(track.v), 1e-9)
         apart = max(norm(offset), 1e-9)
         flees = max(float(v @ track.v) / speed, 0.0)  # m/s, of the own drone, the same way
-        headway = max(self._config.headway, 1e-9)
         allowed = max(flees + (apart - self._config.clearance) / headway, self._least)
         closes = -float(offset @ track.v) / apart
         return closes > allowed + _FASTER and nearest_within(offset, track.v, _AHEAD) < _PASSES

@@ -65,8 +65,10 @@ def test_the_same_seed_and_actions_give_the_same_flight(env):
 def test_the_drone_flies_where_the_action_says_and_is_paid_for_its_way(env):
     seen, _ = env.reset(seed=1)
     assert seen["drone1"].shape == (SIZE,)
+    goal = np.array([8.0, 0.0])
+    started = np.linalg.norm(goal - env._flight.vehicles.p[0, :2])
     total, fastest = 0.0, 0.0
-    for _ in range(70):
+    for _ in range(80):
         actions = {a: seen[a][2:4] for a in env.agents}  # towards the goal
         seen, rewards, ended, *_ = env.step(actions)
         total += rewards["drone1"]
@@ -74,7 +76,9 @@ def test_the_drone_flies_where_the_action_says_and_is_paid_for_its_way(env):
         fastest = max(fastest, float(v @ way) / max(float(np.linalg.norm(way)), 0.1))
         assert not any(ended.values())
     assert fastest > 0.7
-    assert 2.0 < total < 9.0  # of the 8 m to the goal
+    left = np.linalg.norm(goal - env._flight.vehicles.p[0, :2])
+    assert total == pytest.approx(started - left, abs=0.1)
+    assert 2.0 < total < started
 
 
 def test_without_an_action_it_stays(env):

@@ -14,9 +14,9 @@ from tests.companion.tracks import track
 CRUISE, STILL, HERE = 1.65, np.zeros(3), np.array([0.0, 0.0, 2.0])
 
 
-def met(apart, speed, beside=0.0, own=STILL, unseen=0.0, ticks=5):
+def met(apart, speed, beside=0.0, own=STILL, unseen=0.0, ticks=5, headway=1.5):
     """Whether one is met that comes from `apart` m ahead at `speed`, `ticks` times in a row."""
-    strangers, found = Strangers(SpeedLimitConfig(), CRUISE), frozenset()
+    strangers, found = Strangers(SpeedLimitConfig(headway=headway), CRUISE), frozenset()
     for k in range(ticks):
         at = [apart - 0.1 * k * speed, beside, 2.0]
         one = replace(track(7, at, [-speed, 0.0, 0.0]), unseen=unseen)
@@ -31,6 +31,7 @@ def met(apart, speed, beside=0.0, own=STILL, unseen=0.0, ticks=5):
         (False, {"apart": 2.0, "speed": 1.0, "ticks": 4}),
         (False, {"apart": 2.0, "speed": 1.0, "unseen": 0.4}),
         (False, {"apart": 2.0, "speed": 1.0, "beside": 0.7}),  # it passes by
+        (False, {"apart": 2.0, "speed": 1.0, "headway": 0.0}),  # nobody slows down
         (False, {"apart": 3.0, "speed": 1.0}),  # one of ours may be as fast there
         (False, {"apart": 1.5, "speed": 0.6}),  # and so fast anywhere
         (True, {"apart": 1.5, "speed": 0.8}),
