@@ -104,7 +104,7 @@ class Companion:
             c.mission,
             c.fence,
             adapter(link.autopilot, link.system_id),
-            Certifier(c.certificate, c.guard, airframe.radius),
+            Certifier(c.certificate, c.guard, airframe.radius, c.slow),
         )
         self._surroundings = SurroundingsEstimator(c.certificate, c.fence, view)
         self._monitors = Monitors(c.monitors, c.nmpc.v_max)

@@ -64,6 +64,11 @@ class CompanionConfig(CompanionSections):
             update={k: getattr(self, k).model_copy(update=v) for k, v in changes.items()}
         )
 
+    @property
+    def slow(self) -> float:
+        """The least speed [m/s] to which headway slows a drone down."""
+        return self.speed_limits.headway_least * self.nmpc.speed
+
     def guidance(self) -> GuidanceSettings:
         """Return the settings of guidance, which come from several sections."""
         return GuidanceSettings(

@@ -26,6 +26,7 @@ REMOVED = {
     # Its value scaled every threat alike and changed no flight; moved to nmpc.d_ref it would.
     "threat.d_ref": "nmpc.d_ref serves both; leave this key out",
     "reciprocity": "neighbours are expected to fly on, eq. (14); leave this section out",
+    "certificate.neighbour_trusted": "neighbour_hastens is above what headway leaves a drone",
     "mission.wait": "no drone sets out later than others; leave this key out",
     "nmpc.w_mig_end": "the last step of the plan counts as the others do; leave this key out",
     "nmpc.rescue_slack": _ONE_START,

@@ -58,11 +58,11 @@ class CertificateConfig(StrictModel):
         description="Deceleration [m/s²] that a neighbour on its course is left to brake by, and "
         "is not evaded as long as that is enough: less than half of what its NMPC uses.",
     )
-    neighbour_trusted: float = Field(
-        0.8,
+    neighbour_hastens: float = Field(
+        0.3,
         ge=0,
-        description="Speed [m/s] up to which a neighbour is left to brake. By its headway one of "
-        "ours is slower where its course ends here within 1.6 s, cruise speeds to 2.6 m/s.",
+        description="Speed [m/s] above the least that headway leaves ours, up to which a neighbour "
+        "is left to brake: who is faster where its course ends here within 1.6 s gives no way.",
     )
     neighbour_speed: float = Field(
         3.0, gt=0, description="Highest speed [m/s] of a neighbour: well above nmpc.v_max."
@@ -200,12 +200,20 @@ def braking_law(guard: GuardConfig, delay: Delay, yaw_rate: float = 0.0) -> Law:
 class Certifier:
     """Finds ways to stop, and remembers the one that was accepted last."""
 
-    def __init__(self, config: CertificateConfig, guard: GuardConfig, radius: float) -> None:
-        """radius: m, of the own drone."""
+    def __init__(
+        self, config: CertificateConfig, guard: GuardConfig, radius: float, slow: float = 0.5
+    ) -> None:
+        """radius: m, of the own drone. slow: m/s, the least to which headway slows ours down."""
         self._guard = guard
         self._enforce = config.enforce
-        given = config.model_dump(exclude={"seen_range", "enforce"})
-        self._bounds = Bounds(radius=radius, c_max=guard.c_max, omega_max=guard.omega_max, **given)
+        given = config.model_dump(exclude={"seen_range", "enforce", "neighbour_hastens"})
+        self._bounds = Bounds(
+            radius=radius,
+            c_max=guard.c_max,
+            omega_max=guard.omega_max,
+            neighbour_trusted=slow + config.neighbour_hastens,
+            **given,
+        )
         self._bounds = replace(self._bounds, rest=config.rest - _SPEED_TUBE)
         # A way that was accepted is flown on within its tube, which deviations may have used up.
         self._continued = replace(

@@ -99,6 +99,20 @@ def test_only_who_gives_no_way_is_evaded_faster_than_guidance_allows_or_up_and_d
     assert max(np.abs(w.velocity[:, 2]).max() for w in tried) == upright
 
 
+@pytest.mark.parametrize(
+    ("slow", "speed", "fastest"),
+    [(0.5, 0.75, 0.6), (0.5, 0.85, 1.8), (1.5, 1.75, 0.6), (1.5, 1.85, 1.8)],
+)
+def test_who_gives_no_way_follows_from_how_slow_headway_makes_ours(slow, speed, fastest):
+    """Only from such a one a way may be faster than guidance allows, 0.7 m/s."""
+    c, tried = Certifier(CertificateConfig(), GuardConfig(), 0.2, slow), []
+    c._tried = lambda ways, *a, **k: tried.append(ways) or Certifier._tried(c, ways, *a, **k)
+    around = scene(((0.95, 0.0, 2.0), (-speed, 0.0, 0.0)))
+    c.certify(HOVER, moving(0.0), around, KNOWN, 0.7)
+    level = [np.linalg.norm(w.velocity[:, :2], axis=1).max() for w in tried]
+    assert max(level) == pytest.approx(fastest)
+
+
 def test_a_drone_at_rest_leaves_the_course_of_a_slow_neighbour_though_its_plan_is_refused():
     """It could stand with a certificate, and would be run into."""
     c, into = certifier(), RateCommand(np.array([0.0, 3.0, 0.0]), GRAVITY)
