@@ -183,7 +183,8 @@ def stops(ax: Axes) -> None:
         radius=0.2,
         c_max=guard.c_max,
         omega_max=guard.omega_max,
-        **config.model_dump(exclude={"seen_range", "enforce"}),
+        neighbour_trusted=0.8,
+        **config.model_dump(exclude={"seen_range", "enforce", "neighbour_hastens"}),
     )
     row = [2.1, 1.5, 2.0, 0.0, -0.8, 0.0, 0.002, 0.0, 0.01, 0.0, 0.0]
     none = np.zeros((0, 3))

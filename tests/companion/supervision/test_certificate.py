@@ -18,7 +18,8 @@ BOUNDS = Bounds(
     radius=0.2,
     c_max=20.0,
     omega_max=3.0,
-    **CertificateConfig().model_dump(exclude={"seen_range", "enforce"}),
+    neighbour_trusted=0.8,
+    **CertificateConfig().model_dump(exclude={"seen_range", "enforce", "neighbour_hastens"}),
 )
 CALM = np.zeros(3)
 EMPTY = Scene(
