@@ -118,6 +118,14 @@ def clear_speed(config: SpeedLimitConfig, share: float, cruise: float, least: fl
     return max(cruise * min(1.0, share / config.clear_share), min(least, cruise))
 
 
+def followed(along: float, apart: float, config: SpeedLimitConfig) -> float:
+    """Return the speed [m/s] at which the room to one ahead lasts for `headway`.
+
+    along: m/s, of the one ahead, the same way. apart: m, centre to centre.
+    """
+    return along + max(apart - config.clearance, 0.0) / config.headway
+
+
 def headway_speed(
     own: VehicleState,
     tracks: Sequence[Track],
@@ -144,8 +152,7 @@ def headway_speed(
         distance = norm(offset)
         ahead = offset @ along > AHEAD_COSINE * distance and same_level(own, t, right_of_way)
         if ahead and distance < range_max:
-            room = max(distance - config.clearance, 0.0)
-            speed = min(speed, float(t.v[:2] @ along) + room / config.headway)
+            speed = min(speed, followed(float(t.v[:2] @ along), distance, config))
     return max(speed, config.headway_least * cruise)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from companion.guidance.gaze import nearest_within
-from companion.guidance.speed_limits import SpeedLimitConfig
+from companion.guidance.speed_limits import SpeedLimitConfig, followed
 from companion.types import Track
 from mavlink_bridge.shared.arrays import Vector, norm
 
@@ -45,12 +45,11 @@ class Strangers:
 
     def _too_fast(self, track: Track, p: Vector, v: Vector) -> bool:
         """Return whether a neighbour comes faster than one of ours would at its distance."""
-        headway = self._config.headway
-        if headway == 0.0:
+        if self._config.headway == 0.0:
             return False
         offset, speed = track.p - p, max(norm(track.v), 1e-9)
         apart = max(norm(offset), 1e-9)
         flees = max(float(v @ track.v) / speed, 0.0)  # m/s, of the own drone, the same way
-        allowed = max(flees + (apart - self._config.clearance) / headway, self._least)
+        allowed = max(followed(flees, apart, self._config), self._least)
         closes = -float(offset @ track.v) / apart
         return closes > allowed + _FASTER and nearest_within(offset, track.v, _AHEAD) < _PASSES

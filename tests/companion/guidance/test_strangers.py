@@ -15,7 +15,7 @@ CRUISE, STILL, HERE = 1.65, np.zeros(3), np.array([0.0, 0.0, 2.0])
 
 
 def met(apart, speed, beside=0.0, own=STILL, unseen=0.0, ticks=5, headway=1.5):
-    """Whether one is met that comes from `apart` m ahead at `speed`, `ticks` times in a row."""
+    """Return whether a drone `apart` m ahead that comes at `speed` for `ticks` is a stranger."""
     strangers, found = Strangers(SpeedLimitConfig(headway=headway), CRUISE), frozenset()
     for k in range(ticks):
         at = [apart - 0.1 * k * speed, beside, 2.0]
@@ -48,7 +48,7 @@ def test_who_comes_faster_than_one_of_ours_is_a_stranger(found, case):
 
 @pytest.mark.parametrize("apart", np.arange(0.5, 6.0, 0.25))
 def test_none_of_ours_is_one(apart):
-    """One that keeps to its headway, as the other sees it."""
+    """A drone that keeps to its headway is no stranger to the one that it comes at."""
     comes = VehicleState(0.0, np.array([apart, 0.0, 2.0]), STILL, np.array([1.0, 0, 0, 0]), STILL)
     way, limits = np.array([-9.0, 0.0, 0.0]), SpeedLimitConfig()
     us = [track(1, HERE, STILL)]
