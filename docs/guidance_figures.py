@@ -25,8 +25,8 @@ from companion.guidance.speed_limits import (
     visibility_speed,
 )
 from companion.guidance.threat import ThreatConfig, threat
-from companion.supervision.certificate import Bounds, Scene, check
-from companion.supervision.certify import CertificateConfig, braking_law
+from companion.supervision.certificate import Scene, check
+from companion.supervision.certify import CertificateConfig, bounds_of, braking_law
 from companion.supervision.evasion import STRAIGHT, aside, simulate
 from companion.supervision.guard_config import GuardConfig
 from companion.types import Detection, Track
@@ -176,16 +176,10 @@ def ways(ax: Axes) -> None:
 
 def stops(ax: Axes) -> None:
     """Ways to stop from 1.5 m/s; a neighbour that flies across, and what it can reach."""
-    guard, config = GuardConfig(), CertificateConfig()
+    guard = GuardConfig()
     law = braking_law(guard, Delay(0.05, 0.004))
     x0 = np.array([0.0, 0.0, 2.0, 1.5, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-    bounds = Bounds(
-        radius=0.2,
-        c_max=guard.c_max,
-        omega_max=guard.omega_max,
-        neighbour_trusted=0.8,
-        **config.model_dump(exclude={"seen_range", "enforce", "neighbour_hastens"}),
-    )
+    bounds = bounds_of(CertificateConfig(), guard, 0.2)
     row = [2.1, 1.5, 2.0, 0.0, -0.8, 0.0, 0.002, 0.0, 0.01, 0.0, 0.0]
     none = np.zeros((0, 3))
     scene = Scene(np.array([row]), np.zeros((0, 6)), none, np.zeros((0, 4)), np.full(36, 5.0))

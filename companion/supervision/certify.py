@@ -197,23 +197,33 @@ def braking_law(guard: GuardConfig, delay: Delay, yaw_rate: float = 0.0) -> Law:
     )
 
 
+def bounds_of(
+    config: CertificateConfig, guard: GuardConfig, radius: float, slow: float = 0.5
+) -> Bounds:
+    """Return what the check relies on.
+
+    radius: m, of the own drone. slow: m/s, the least to which headway slows ours down.
+    """
+    given = config.model_dump(exclude={"seen_range", "enforce", "neighbour_hastens"})
+    return Bounds(
+        radius=radius,
+        c_max=guard.c_max,
+        omega_max=guard.omega_max,
+        neighbour_trusted=slow + config.neighbour_hastens,
+        **given,
+    )
+
+
 class Certifier:
     """Finds ways to stop, and remembers the one that was accepted last."""
 
     def __init__(
         self, config: CertificateConfig, guard: GuardConfig, radius: float, slow: float = 0.5
     ) -> None:
-        """radius: m, of the own drone. slow: m/s, the least to which headway slows ours down."""
+        """radius: m, of the own drone. slow: m/s, see `bounds_of`."""
         self._guard = guard
         self._enforce = config.enforce
-        given = config.model_dump(exclude={"seen_range", "enforce", "neighbour_hastens"})
-        self._bounds = Bounds(
-            radius=radius,
-            c_max=guard.c_max,
-            omega_max=guard.omega_max,
-            neighbour_trusted=slow + config.neighbour_hastens,
-            **given,
-        )
+        self._bounds = bounds_of(config, guard, radius, slow)
         self._bounds = replace(self._bounds, rest=config.rest - _SPEED_TUBE)
         # A way that was accepted is flown on within its tube, which deviations may have used up.
         self._continued = replace(

@@ -7,20 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.supervision.certificate import CAUSES, DT, Bounds, Scene, Trajectories, check
-from companion.supervision.certify import CertificateConfig
+from companion.supervision.certificate import CAUSES, DT, Scene, Trajectories, check
+from companion.supervision.certify import CertificateConfig, bounds_of
 from companion.supervision.evasion import STRAIGHT, Law, Ways, aside, simulate
 from companion.supervision.guard_config import GuardConfig
 
 GUARD = GuardConfig()
 LAW = Law(GUARD.brake_gain, GUARD.brake_max, GUARD.attitude_gain, 3.0, 2.0, 20.0)
-BOUNDS = Bounds(
-    radius=0.2,
-    c_max=20.0,
-    omega_max=3.0,
-    neighbour_trusted=0.8,
-    **CertificateConfig().model_dump(exclude={"seen_range", "enforce", "neighbour_hastens"}),
-)
+BOUNDS = bounds_of(CertificateConfig(), GUARD, 0.2)
 CALM = np.zeros(3)
 EMPTY = Scene(
     np.zeros((0, 11)), np.zeros((0, 6)), np.zeros((0, 3)), np.zeros((0, 4)), np.full(36, 5.0)
