@@ -32,7 +32,10 @@ class Formulation:
         """
         offset = reference.map_offset
         band = self._fence.altitude_planes(
-            reference.aim[2] - reference.progress.climb + offset[2], reference.floor + offset[2]
+            reference.aim[2] - reference.progress.climb + offset[2],
+            reference.floor + offset[2],
+            float(own.p[2] + offset[2]),
+            self._nmpc.d_obstacle_safety,
         )
         if reference.land:  # the autopilot takes it below the floor, where plans are hard to make
             band = band[:1]

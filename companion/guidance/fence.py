@@ -120,12 +120,14 @@ class FenceConfig(StrictModel):
             + min(max(height.sigma - _SURE, 0.0), _DOUBT_MAX)
         )
 
-    def altitude_planes(self, altitude: float, floor: float) -> Vector:
+    def altitude_planes(self, altitude: float, floor: float, z: float, apart: float) -> Vector:
         """Return the band around an altitude [m] above the floor [m], as (2,4) half-spaces.
 
-        Where the floor is near the ceiling, the floor counts.
+        Where the floor is near the ceiling, the floor counts. z: m, where the drone is; its plan
+        keeps `apart` [m]. One that has been pushed out of the band must only go no farther out:
+        hurled back it would meet who is above or below it, out of its view.
         """
-        top = min(self.altitude_max, altitude + self.altitude_band)
-        bottom = max(floor, altitude - self.altitude_band)
+        top = max(min(self.altitude_max, altitude + self.altitude_band), z + apart)
+        bottom = max(floor, min(altitude - self.altitude_band, z - apart))
         top = max(top, bottom + _ROOM)
         return np.array([[0, 0, 1, top], [0, 0, -1, -bottom]], dtype=float)

@@ -66,7 +66,7 @@ class GazeConfig(StrictModel):
         ge=0,
         description="A neighbour that may hit within this time [s], and is out of sight or gives "
         "no way, is looked at, however far behind it is: the drone turns from its way, and is "
-        "slow meanwhile.",
+        "slow meanwhile. 0: so is nobody.",
     )
     strangers: bool = Field(
         False,
@@ -149,8 +149,8 @@ class Gaze:
         close: world bearing [rad] of the nearest neighbour where it comes nearer than the setting
         `close`: no swing loses sight of it, or of the way ahead. coming: world bearing [rad] of one
         that comes, see `coming_bearing`: a swing that does not show it ends, and the next one does,
-        even away from the way ahead. strangers: whether some give no way: then a slow drone turns
-        all round now and then.
+        even away from the way ahead, and from who is close. strangers: whether some give no way:
+        then a slow drone turns all round now and then.
         """
         c = self._config
         if self._yaw is None:
@@ -172,7 +172,7 @@ class Gaze:
             self._swing_ends, self._for_comer = time + c.half_period, comer is not None
             self._epsilon = self._swing([wrap(bearing - base) for bearing in lost], comer)
         epsilon = self._epsilon
-        if close is not None and abs(epsilon) <= c.limit:
+        if close is not None and not self._for_comer and abs(epsilon) <= c.limit:
             off = wrap(close - base)
             # Both it and the way ahead are in view, by a wider swing where that is needed.
             least, most = max(off, 0.0) - c.half_view, min(off, 0.0) + c.half_view
@@ -273,17 +273,21 @@ def coming_bearing(
 
     p, v: (3,) m, m/s, the own. That is one that would be there within `comes_within`, on the
     present courses and if it has come as much nearer than believed as it would since it was seen;
-    and that is out of sight, or one of strangers, ids of those that give no way.
+    and that is out of sight, or one of strangers, ids of those that give no way. Or one out of
+    sight that may be here already, by 1 σ of its place: it is looked at before it is forgotten.
     """
     first, nearest = config.comes_within, None
     for t in tracks:
         offset = t.p - p
         apart = norm(offset)
         closing = -float(offset @ (t.v - v)) / max(apart, _BODIES)
+        left = math.inf
         if closing > 0.0 and (t.lost or t.id in strangers):
             left = (apart - _BODIES) / closing - t.unseen
-            if left < first:
-                first, nearest = left, t
+        if t.lost and apart - _BODIES < math.sqrt(t.variances[0]):
+            left = min(left, 0.0)
+        if left < first:
+            first, nearest = left, t
     return None if nearest is None else bearing(p, nearest)
 
 

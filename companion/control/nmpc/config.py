@@ -158,7 +158,21 @@ class NmpcConfig(StrictModel):
         67,
         ge=1,
         description="Work of a tick in interior-point iterations (an SQP step is two more) at "
-        "which it begins no further step. 67 takes three times the median tick.",
+        "which it begins no further step. 67 takes three times the median tick; another route "
+        "has as much of its own.",
+    )
+    route_intrusion: float = Field(
+        0.1,
+        ge=0,
+        description="A plan that comes this much [m] too near to a neighbour is compared with one "
+        "past its other sides: of such plans one in seven is 30 % dearer than another.",
+    )
+    route_gain: float = Field(
+        0.7,
+        ge=0,
+        le=1,
+        description="Share of the plan's cost below which another route is taken; 0: none is "
+        "looked for.",
     )
     step_tolerance: float = Field(
         0.1,

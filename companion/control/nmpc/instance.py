@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,8 @@ from numpy.typing import ArrayLike
 
 from companion.control.nmpc.config import NmpcConfig
 from mavlink_bridge.shared.arrays import Vector
+
+_SLOW = 0.1  # m/s, below which a relative velocity has no direction
 
 
 class Neighbour(NamedTuple):
@@ -56,6 +59,21 @@ class Instance:
     def finite(self) -> bool:
         """Return whether every number is finite, inactive rows included."""
         return all(bool(np.all(np.isfinite(getattr(self, f.name)))) for f in fields(self))
+
+    def past_other_side(self, j: int, p: Vector, time: float, by: float) -> Instance:
+        """Return the instance with room past the other side of neighbour j than at p (3,) m.
+
+        p: of a plan at `time` [s]. There the neighbour is moved by `by` [m] to the side on which
+        the plan passes it, across its velocity relative to the drone's, or across its bearing.
+        """
+        way = self.neighbour_v[j] - self.x0[3:6]
+        if math.hypot(way[0], way[1]) < _SLOW:
+            way = self.neighbour_p[j] - self.x0[:3]
+        across = np.array([-way[1], way[0], 0.0]) / max(math.hypot(way[0], way[1]), 1e-6)
+        passed = across @ (p - self.neighbour_p[j] - time * self.neighbour_v[j])
+        moved = self.neighbour_p.copy()
+        moved[j] += math.copysign(by, passed) * across
+        return replace(self, neighbour_p=moved)
 
 
 def make_instance(

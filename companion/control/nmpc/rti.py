@@ -52,6 +52,9 @@ HALVINGS = 10  # of a later step
 LEAST_GAIN = 1e-8  # share of the cost that a later step gains; less: the optimum is found
 
 
+# Of `d_agent_safety`: so far a neighbour is moved for a rival, which passes beyond where it was.
+_ASIDE = 0.6
+
 # Work beside iterations, in interior-point iterations: as much time.
 _STEP_WORK = 2  # of an SQP step: linearisation
 
@@ -124,12 +127,13 @@ class Nmpc:
         )
         linearised = self._program.source[: config.N * stage.size]
         self._stages = Stages(config, stage, linearised, run_by)
-        self._plan: Trajectory | None = None
         self._work = _Work()
+        self.reset()
 
     def reset(self) -> None:
         """Forget the previous plan: the next solve starts cold."""
-        self._plan = None
+        self._plan: Trajectory | None = None
+        self._rival: Trajectory | None = None
 
     def solve(self, instance: Instance) -> Plan:
         """Return the plan of an instance, one step after the previous one.
@@ -155,6 +159,7 @@ class Nmpc:
         best = self._best(instance, x0, u_last)
         if best is None:
             return self._failure(instance, PlanStatus.QP_FAILED, started)
+        best = self._cheaper(best, instance, x0, u_last)
         self._plan = best.plan
         converged = best.step_norm <= config.step_tolerance
         return usable_plan(
@@ -180,6 +185,33 @@ class Nmpc:
             guess = cold_guess(config, instance, x0)
             most = config.sqp_iterations_cold
             best = self._descend(guess, x0, u_last, config.sqp_iterations, most)
+        return best
+
+    def _cheaper(self, best: _Descent, instance: Instance, x0: Vector, u_last: Vector) -> _Descent:
+        """Return the plan, or a much cheaper one past the other side of who it comes too near to.
+
+        Descent ends in the minimum next to its guess. So in one tick a rival is planned, with that
+        neighbour moved to the side on which it is passed, and in the next tick planned on with it
+        where it is. No tick plans more than twice.
+        """
+        config = self.config
+        self._work = _Work(config.work_max)
+        steps = config.sqp_iterations, config.sqp_iterations_max
+        rival, self._rival = self._rival, None
+        if rival is not None:
+            found = self._descend(shifted(rival, config.dt), x0, u_last, *steps)
+            if found is not None and found.cost < config.route_gain * best.cost:
+                return found
+            return best
+        agents = best.margins[:, : config.neighbours]
+        if not config.route_gain or agents.min(initial=math.inf) > -config.route_intrusion:
+            return best
+        k, j = divmod(int(agents.argmin()), config.neighbours)
+        p, by = best.plan[0][k + 1, :3], _ASIDE * config.d_agent_safety
+        other = instance.past_other_side(j, p, (k + 1) * config.dt, by)
+        if self._stages.set_parameters(other, u_last):
+            found = self._descend(best.plan, x0, u_last, *steps)
+            self._rival = None if found is None else found.plan
         return best
 
     def _descend(

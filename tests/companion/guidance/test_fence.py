@@ -58,7 +58,20 @@ def test_the_floor_follows_the_ground_and_its_doubt():
 
 def test_plans_stay_in_a_band_around_the_goal_above_the_floor():
     fence = FenceConfig(altitude_max=5.0, altitude_band=1.0)
-    assert fence.altitude_planes(2.0, 0.8)[:, 3].tolist() == [3.0, -1.0]
-    assert fence.altitude_planes(2.0, 1.6)[:, 3].tolist() == [3.0, -1.6]
-    top, bottom = fence.altitude_planes(2.0, 6.0)[:, 3] * [1.0, -1.0]
+    assert fence.altitude_planes(2.0, 0.8, 2.0, 0.6)[:, 3].tolist() == [3.0, -1.0]
+    assert fence.altitude_planes(2.0, 1.6, 2.3, 0.6)[:, 3].tolist() == [3.0, -1.6]
+    top, bottom = fence.altitude_planes(2.0, 6.0, 6.15, 0.1)[:, 3] * [1.0, -1.0]
     assert top > bottom == 6.0  # hills as high as the fence: the ground counts
+
+
+def test_one_pushed_out_of_the_band_must_only_go_no_farther_out():
+    fence = FenceConfig(altitude_max=5.0, altitude_band=0.5)
+    above, below = (
+        fence.altitude_planes(2.0, 0.3, 2.4, 0.3),
+        fence.altitude_planes(2.0, 0.3, 1.4, 0.3),
+    )
+    assert above[:, 3] == pytest.approx([2.7, -1.5])
+    assert below[:, 3] == pytest.approx([2.5, -1.1])
+    assert fence.altitude_planes(2.0, 0.3, 5.5, 0.3)[0, 3] == pytest.approx(5.8)  # the guard's
+    low = fence.altitude_planes(2.0, 1.3, 1.4, 0.3)
+    assert low[1, 3] == pytest.approx(-1.3)  # but never nearer to the ground

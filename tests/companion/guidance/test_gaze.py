@@ -260,12 +260,21 @@ def test_a_turn_all_round_begins_to_the_side_of_one_that_comes(side):
     assert wrap_all(np.diff(psi))[43:56] == pytest.approx(side * 0.2)
 
 
+@pytest.mark.parametrize("coming", [1.5, 1.9, -1.7])
+def test_one_that_comes_is_looked_at_though_another_is_close(coming):
+    close = -math.copysign(1.15, coming)
+    watched = looked(sweeping(seed=3), 6.0, close=close)
+    assert np.abs(wrap_all(close - watched)).max() <= 1.2 + 1e-9
+    psi = looked(sweeping(seed=3), 6.0, close=close, coming=coming)
+    assert np.abs(wrap_all(coming - psi)).min() <= 1.2
+
+
 def test_without_a_sweep_nobody_is_looked_back_at():
     assert np.allclose(looked(STILL, coming=3.0), 0.0)
 
 
-def unseen(n, offset, v, seconds):
-    return replace(track(n, HERE + offset, v), unseen=seconds)
+def unseen(n, offset, v, seconds, sigma=0.1):
+    return replace(track(n, HERE + offset, v), unseen=seconds, P=sigma**2 * np.eye(6))
 
 
 HALF = math.pi / 2
@@ -288,6 +297,22 @@ def test_who_may_hit_within_three_seconds_comes(offset, v, seconds, found):
     one = unseen(1, offset, v, seconds)
     at = coming_bearing(HERE, OWN_V, [one], GazeConfig())
     assert at == (pytest.approx(math.atan2(offset[1], offset[0])) if found else None)
+
+
+@pytest.mark.parametrize(
+    ("away", "seconds", "sigma", "found"),
+    [
+        (0.8, 2.0, 0.45, True),  # it may be here already
+        (0.8, 2.0, 0.35, False),
+        (0.8, 0.05, 0.45, False),  # in sight
+        (1.3, 3.0, 0.85, False),
+    ],
+)
+def test_one_that_may_be_here_is_looked_at_before_it_is_forgotten(away, seconds, sigma, found):
+    one = unseen(1, (-away, 0.0, 0.0), (0.4, 0.0, 0.0), seconds, sigma)
+    at = coming_bearing(HERE, OWN_V, [one], GazeConfig())
+    assert at == (pytest.approx(math.pi) if found else None)
+    assert coming_bearing(HERE, OWN_V, [one], GazeConfig(comes_within=0.0)) is None
 
 
 def test_of_two_that_come_the_first_to_hit_counts():

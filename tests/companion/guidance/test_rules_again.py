@@ -210,10 +210,11 @@ def test_fence_across_and_near(seed):
 
 
 @pytest.mark.parametrize(
-    ("altitude", "floor", "bottom", "top"),
-    [(3.0, 0.9, 1.5, 4.5), (2.0, 0.9, 0.9, 3.5), (6.0, 0.9, 4.5, 7.0), (6.9, 6.8, 6.8, 7.1),
-     (9.0, 0.9, 7.5, 7.8)],
+    ("altitude", "floor", "z", "bottom", "top"),
+    [(3.0, 0.9, 3.0, 1.5, 4.5), (2.0, 0.9, 2.0, 0.9, 3.5), (6.0, 0.9, 6.0, 4.5, 7.0),
+     (6.9, 6.8, 6.9, 6.8, 7.4), (9.0, 0.9, 7.6, 7.1, 8.1), (3.0, 0.9, 1.8, 1.3, 4.5),
+     (2.0, 0.9, 1.1, 0.9, 3.5)],
 )  # fmt: skip
-def test_fence_altitudes(altitude, floor, bottom, top):
-    planes = FENCE.altitude_planes(altitude, floor)
+def test_fence_altitudes(altitude, floor, z, bottom, top):
+    planes = FENCE.altitude_planes(altitude, floor, z, 0.5)
     assert planes.ravel() == pytest.approx([0, 0, 1, top, 0, 0, -1, -bottom])

@@ -99,6 +99,19 @@ def test_only_who_gives_no_way_is_evaded_faster_than_guidance_allows_or_up_and_d
     assert max(np.abs(w.velocity[:, 2]).max() for w in tried) == upright
 
 
+@pytest.mark.parametrize(("vy", "fastest"), [(0.0, 1.8), (1.0, 0.6), (2.0, 0.6)])
+def test_one_that_flies_past_fast_presses_nobody(vy, fastest):
+    """One that comes at 0.6 m/s, and is too near, is evaded as guidance allows, 0.7 m/s."""
+    c, tried = certifier(), []
+    c._tried = lambda ways, *a, **k: tried.append(ways) or Certifier._tried(c, ways, *a, **k)
+    comes = ((0.85, 0.0, 2.0), (-0.6, 0.0, 0.0))
+    other = ((0.0, -2.5, 2.0), (2.0, 1.0 - vy, 0.0))
+    c.certify(HOVER, moving(0.0), scene(comes, other), KNOWN, 0.7)
+    assert max(np.linalg.norm(w.velocity[:, :2], axis=1).max() for w in tried) == pytest.approx(
+        fastest
+    )
+
+
 @pytest.mark.parametrize(
     ("slow", "speed", "fastest"),
     [(0.5, 0.75, 0.6), (0.5, 0.85, 1.8), (1.5, 1.75, 0.6), (1.5, 1.85, 1.8)],
