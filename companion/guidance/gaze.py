@@ -172,12 +172,14 @@ class Gaze:
             self._swing_ends, self._for_comer = time + c.half_period, comer is not None
             self._epsilon = self._swing([wrap(bearing - base) for bearing in lost], comer)
         epsilon = self._epsilon
-        if close is not None and not self._for_comer and abs(epsilon) <= c.limit:
+        if close is not None and abs(epsilon) <= c.limit:
             off = wrap(close - base)
             # Both it and the way ahead are in view, by a wider swing where that is needed.
             least, most = max(off, 0.0) - c.half_view, min(off, 0.0) + c.half_view
-            if least <= most:
-                epsilon = min(max(epsilon, least), most)
+            kept = min(max(epsilon, least), most)
+            hides = comer is not None and abs(wrap(comer - kept)) > c.half_view
+            if least <= most and not hides:
+                epsilon = kept
         turn = wrap(base + epsilon - self._yaw)
         return self._turned(min(max(turn, -step), step), time)
 
@@ -273,21 +275,23 @@ def coming_bearing(
 
     p, v: (3,) m, m/s, the own. That is one that would be there within `comes_within`, on the
     present courses and if it has come as much nearer than believed as it would since it was seen;
-    and that is out of sight, or one of strangers, ids of those that give no way. Or one out of
-    sight that may be here already, by 1 σ of its place: it is looked at before it is forgotten.
+    and that is out of sight, or one of strangers, ids of those that give no way. Where there is
+    none it is the nearest out of sight that may be here already, by 1 σ of its place: it is looked
+    at before it is forgotten.
     """
     first, nearest = config.comes_within, None
     for t in tracks:
         offset = t.p - p
         apart = norm(offset)
         closing = -float(offset @ (t.v - v)) / max(apart, _BODIES)
-        left = math.inf
         if closing > 0.0 and (t.lost or t.id in strangers):
             left = (apart - _BODIES) / closing - t.unseen
-        if t.lost and apart - _BODIES < math.sqrt(t.variances[0]):
-            left = min(left, 0.0)
-        if left < first:
-            first, nearest = left, t
+            if left < first:
+                first, nearest = left, t
+    if nearest is None and config.comes_within > 0.0:
+        here = [(norm(t.p - p), t) for t in tracks if t.lost]
+        here = [one for one in here if one[0] - _BODIES < math.sqrt(one[1].variances[0])]
+        _, nearest = min(here, key=lambda one: one[0], default=(0.0, None))
     return None if nearest is None else bearing(p, nearest)
 
 

@@ -308,16 +308,15 @@ class Certifier:
         return _until_room(straight + found[:n], kind), _until_room(found[n:], kind)
 
     def _pressed(self, scene: Scene, p: Vector) -> bool:
-        """Return whether somebody near comes at p (3,) m faster than who is left to brake.
+        """Return whether somebody near p (3,) m comes, faster than who is left to brake.
 
-        One that flies past or away, as ours do who evade others, presses nobody.
+        One that flies away, as ours do who have evaded, presses nobody.
         """
-        for row in scene.neighbours:
-            offset = row[:3] - p
-            apart = norm(offset)
-            if apart < _NEAR and -float(offset @ row[3:6]) > self._bounds.neighbour_trusted * apart:
-                return True
-        return False
+        rows, trusted = scene.neighbours, self._bounds.neighbour_trusted
+        return any(
+            norm(r[:3] - p) < _NEAR and norm(r[3:6]) > trusted and (r[:3] - p) @ r[3:6] < 0.0
+            for r in rows
+        )
 
     def _going_on(self, prediction: Prediction, scene: Scene, law: Law) -> list[_Try]:
         """Return what the way leaves over that was accepted last; nothing where none was."""
