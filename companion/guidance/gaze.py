@@ -149,8 +149,8 @@ class Gaze:
         close: world bearing [rad] of the nearest neighbour where it comes nearer than the setting
         `close`: no swing loses sight of it, or of the way ahead. coming: world bearing [rad] of one
         that comes, see `coming_bearing`: a swing that does not show it ends, and the next one does,
-        even away from the way ahead, and from who is close. strangers: whether some give no way:
-        then a slow drone turns all round now and then.
+        even away from the way ahead. strangers: whether some give no way: then a slow drone turns
+        all round now and then.
         """
         c = self._config
         if self._yaw is None:
@@ -176,10 +176,8 @@ class Gaze:
             off = wrap(close - base)
             # Both it and the way ahead are in view, by a wider swing where that is needed.
             least, most = max(off, 0.0) - c.half_view, min(off, 0.0) + c.half_view
-            kept = min(max(epsilon, least), most)
-            hides = comer is not None and abs(wrap(comer - kept)) > c.half_view
-            if least <= most and not hides:
-                epsilon = kept
+            if least <= most:
+                epsilon = min(max(epsilon, least), most)
         turn = wrap(base + epsilon - self._yaw)
         return self._turned(min(max(turn, -step), step), time)
 

@@ -260,15 +260,6 @@ def test_a_turn_all_round_begins_to_the_side_of_one_that_comes(side):
     assert wrap_all(np.diff(psi))[43:56] == pytest.approx(side * 0.2)
 
 
-@pytest.mark.parametrize("coming", [1.5, 1.9, -1.7])
-def test_one_that_comes_is_looked_at_though_another_is_close(coming):
-    close = -math.copysign(1.15, coming)
-    watched = looked(sweeping(seed=3), 6.0, close=close)
-    assert np.abs(wrap_all(close - watched)).max() <= 1.2 + 1e-9
-    psi = looked(sweeping(seed=3), 6.0, close=close, coming=coming)
-    assert np.abs(wrap_all(coming - psi)).min() <= 1.2
-
-
 def test_without_a_sweep_nobody_is_looked_back_at():
     assert np.allclose(looked(STILL, coming=3.0), 0.0)
 
