@@ -66,7 +66,7 @@ class GazeConfig(StrictModel):
         ge=0,
         description="A neighbour that may hit within this time [s], and is out of sight or gives "
         "no way, is looked at, however far behind it is: the drone turns from its way, and is "
-        "slow meanwhile. 0: so is nobody.",
+        "slow meanwhile. So is one out of sight that may be here already. 0: nobody is.",
     )
     strangers: bool = Field(
         False,

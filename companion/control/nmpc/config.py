@@ -165,7 +165,7 @@ class NmpcConfig(StrictModel):
         0.1,
         ge=0,
         description="A plan that comes this much [m] too near to a neighbour is compared with one "
-        "past its other sides: of such plans one in seven is 30 % dearer than another.",
+        "past its other side: of such plans one in seven is 30 % dearer than that.",
     )
     route_gain: float = Field(
         0.7,

@@ -51,7 +51,6 @@ FULL_STEPS = 20  # from a guess; later steps are shortened
 HALVINGS = 10  # of a later step
 LEAST_GAIN = 1e-8  # share of the cost that a later step gains; less: the optimum is found
 
-
 # Of `d_agent_safety`: so far a neighbour is moved for a rival, which passes beyond where it was.
 _ASIDE = 0.6
 
@@ -71,6 +70,10 @@ class _Work:
     def left(self) -> bool:
         """Return whether the next step stays within the limit."""
         return self.done + self.next_step <= self.limit
+
+    def extend(self, by: int) -> None:
+        """Let a further plan of the tick do as much work as `by`."""
+        self.limit, self.next_step = self.done + by, 0
 
     def add_step(self, iterations: int) -> None:
         """Add a step; the next one will be about as hard."""
@@ -195,7 +198,7 @@ class Nmpc:
         where it is. No tick plans more than twice.
         """
         config = self.config
-        self._work = _Work(config.work_max)
+        self._work.extend(config.work_max)
         steps = config.sqp_iterations, config.sqp_iterations_max
         rival, self._rival = self._rival, None
         if rival is not None:
@@ -287,6 +290,7 @@ class Nmpc:
         stages.x[:, :3] -= x0[:3]
 
     def _failure(self, instance: Instance, status: PlanStatus, started: float) -> Plan:
+        self._rival = None  # of a tick that is gone
         plan = self._plan if self._plan is not None else hover(self.config, instance.x0)
         took = self._clock() - started
         return failed_plan(plan, status=status, iterations=0, solve_time=took)

@@ -100,7 +100,7 @@ def test_only_who_gives_no_way_is_evaded_faster_than_guidance_allows_or_up_and_d
 
 
 @pytest.mark.parametrize(("vy", "fastest"), [(0.0, 1.8), (1.0, 0.6), (2.0, 0.6)])
-def test_one_that_flies_past_fast_presses_nobody(vy, fastest):
+def test_one_that_comes_no_nearer_presses_nobody(vy, fastest):
     """One that comes at 0.6 m/s, and is too near, is evaded as guidance allows, 0.7 m/s."""
     c, tried = certifier(), []
     c._tried = lambda ways, *a, **k: tried.append(ways) or Certifier._tried(c, ways, *a, **k)
