@@ -76,18 +76,19 @@ class Detour:
         nodes = np.vstack([ends, nodes[inside.all(axis=1)]])
         way = ends[1] - ends[0]
         left = np.array([-way[1], way[0]]) / norm(way)
-        first, length = 0, math.inf
+        passed: list[int] = []
         if self._side:  # close the other side, from its outermost trunk outwards
             last = axes[wall[np.argmin(self._side * (axes[wall] @ left))]]
             endless = np.stack([last, last - self._side * _ENDLESS * left])[None]
-            first, length = _shortest(nodes, axes, allowed, np.concatenate([doors, endless]))
-        if not math.isfinite(length):
-            first, length = _shortest(nodes, axes, allowed, doors)
-        if not math.isfinite(length):
+            passed = _shortest(nodes, axes, allowed, np.concatenate([doors, endless]))
+        passed = passed or _shortest(nodes, axes, allowed, doors)
+        if not passed:
             return None
-        leg = nodes[first] - ends[0]
-        self._side = math.copysign(1.0, float(leg @ left))
-        scaled: Vector = leg * (length / norm(leg))
+        legs = np.diff(nodes[passed], axis=0)
+        # Where it is farthest off the straight way: out of a pocket its first leg leads backwards.
+        off = (nodes[passed] - ends[0]) @ left
+        self._side = math.copysign(1.0, float(off[np.argmax(np.abs(off))]))
+        scaled: Vector = legs[0] * (lengths(legs).sum() / norm(legs[0]))
         return scaled
 
 
@@ -125,20 +126,22 @@ def _side(start: Vector, end: Vector, point: Vector) -> Vector:
     return side
 
 
-def _shortest(nodes: Vector, axes: Vector, reach: Vector, doors: Vector) -> tuple[int, float]:
-    """Return the first node of the shortest way from node 0 to node 1 of (n,2), and its length.
+def _shortest(nodes: Vector, axes: Vector, reach: Vector, doors: Vector) -> list[int]:
+    """Return the shortest way from node 0 to node 1 of (n,2), all nodes on it; none: no way.
 
-    The search is A*. The length is infinite where there is no way.
+    The search is A*.
     """
     n = len(nodes)
-    first = np.arange(n)
+    before = np.zeros(n, dtype=int)
     left = np.linalg.norm(nodes - nodes[1], axis=1)
     far, open_ = np.full(n, math.inf), np.ones(n, dtype=bool)
     far[0] = 0.0
     while True:
         node = int(np.argmin(np.where(open_, far + left, math.inf)))
-        if node == 1 or not open_[node] or not math.isfinite(far[node]):
-            return int(first[1]), float(far[1])
+        if not open_[node] or not math.isfinite(far[node]):
+            return []
+        if node == 1:
+            break
         open_[node] = False
         to = np.flatnonzero(open_)
         to = to[_free(nodes[node], nodes[to], axes, reach, doors)]
@@ -146,4 +149,8 @@ def _shortest(nodes: Vector, axes: Vector, reach: Vector, doors: Vector) -> tupl
         nearer = length < far[to]
         to, length = to[nearer], length[nearer]
         far[to] = length
-        first[to] = to if node == 0 else first[node]
+        before[to] = node
+    way = [1]
+    while way[-1] != 0:
+        way.append(int(before[way[-1]]))
+    return way[::-1]
