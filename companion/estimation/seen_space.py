@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from companion.estimation.known_obstacles import KnownObstacles
 from companion.perception.view import View
-from companion.types import Track
 from mavlink_bridge.shared.arrays import Vector, norm
 from mavlink_bridge.wire.messages import VehicleState
 
 SECTORS = 36  # of 10°: a drone 2 m away is 0.4 m wide, the sector 0.35 m
 _LOOK = 2.0  # m: a sector is in view where a point this far off is
-_DRONE, _LEVEL = 0.2, 1.0  # m: its radius; how far above or below one is in the way
 _SIDEWAYS = 0.3  # of the way flown: what a sector loses by flying across it
 
 
@@ -34,7 +30,6 @@ class SeenSpace:
     def reset(self) -> None:
         """Forget every look."""
         self._free: Vector = np.zeros(SECTORS)
-        self._first: Vector = np.full(SECTORS, np.inf)
         self._place: Vector | None = None
         self._time = 0.0
 
@@ -44,13 +39,11 @@ class SeenSpace:
         looked: VehicleState | None,
         known: KnownObstacles,
         speed: float,
-        tracks: Sequence[Track] = (),
     ) -> Vector:
         """Return how far (s,) m it is free around `own`, in sectors of azimuth from east on.
 
         looked: the state in which a sound frame was taken; None: there is none. speed: m/s, at
-        which a drone that is not seen may come nearer. A sector that goes out of view is free up to
-        the first of the neighbours, tracks, that were seen in it: it may be forgotten later.
+        which a drone that is not seen may come nearer.
         """
         if self._place is not None:
             way, dt = own.p - self._place, max(own.time - self._time, 0.0)
@@ -59,18 +52,17 @@ class SeenSpace:
         self._place, self._time = own.p, own.time
         if looked is not None:
             shown = self._view.shows(looked, looked.p + self._looks, margin=0.0)
-            # An obstacle hides what follows. That a drone behind its edge is not seen is no matter
-            # where the edge itself is nearer than the way: the way keeps clear of the obstacle.
-            hides = np.concatenate([known.cylinders, known.occluders])
-            far = np.minimum(self._reach, self._to_first(own.p, hides))
-            self._free = np.where(shown, far, np.minimum(self._free, self._first))
-            seen = [t.p for t in tracks if not t.lost and abs(t.p[2] - own.p[2]) < _LEVEL]
-            drones = np.array([[*p[:2], _DRONE] for p in seen]).reshape(-1, 3)
-            self._first = np.where(shown, self._to_first(own.p, drones), np.inf)
+            far = np.minimum(self._reach, self._to_obstacles(own.p, known))
+            self._free = np.where(shown, far, self._free)
         return self._free.copy()
 
-    def _to_first(self, p: Vector, rows: Vector) -> Vector:
-        """Return the distance (s,) m from p (3,) to the first of upright cylinders (k,3)."""
+    def _to_obstacles(self, p: Vector, known: KnownObstacles) -> Vector:
+        """Return the distance (s,) m from p (3,) to the first obstacle, which hides what follows.
+
+        That a drone behind its edge is not seen does not count where the edge itself is nearer
+        than the way: the way keeps clear of the obstacle.
+        """
+        rows = np.concatenate([known.cylinders, known.occluders])
         if not len(rows):
             return np.full(SECTORS, np.inf)
         off = rows[:, :2] - p[:2]

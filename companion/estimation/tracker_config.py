@@ -56,10 +56,10 @@ class TrackerConfig(StrictModel):
         0.25, gt=0, description="Std of range, as a share of it, up to which a look is clear."
     )
     unseen_max: float = Field(
-        8.0,
+        4.0,
         gt=0,
         description="Longest memory [s] out of view, of the surest neighbour: others, and ghosts, "
-        "are forgotten sooner. By `sigma_max` one that was seen well ends after 5 s.",
+        "are forgotten sooner.",
     )
     sigma_max: float = Field(3.0, gt=0, description="Std of position [m] that ends a track.")
     damping: float = Field(

@@ -4,8 +4,7 @@ L = atan2(v_y, v_x) + ε, ε ~ N(μ, σ²). A fresh ε every tick would only sha
 half-swing draws its amplitude from the distribution, and half-swings alternate sides. The reference
 is slew-limited, as the drone can turn only so fast. Before it sets out, a drone looks once all
 round: two drones that start abeam of each other are both beyond the edge of the other's view. Where
-some give no way, or in a crowd, it does so again and again while it is slow: what is faster comes
-from all sides, and who stands beside it is forgotten.
+some give no way, it does so again and again while it is slow: what is faster comes from all sides.
 """
 
 from __future__ import annotations
@@ -77,9 +76,8 @@ class GazeConfig(StrictModel):
     round_below: float = Field(
         0.5,
         ge=0,
-        description="Where some give no way, or three are nearer than `close`, a drone slower than "
-        "this [m/s] looks all round, unless one that comes is in view: more may come from behind. "
-        "0: it does not.",
+        description="Where some give no way, a drone slower than this [m/s] looks all round, "
+        "unless one that comes is in view: more may come from behind. 0: it does not.",
     )
     round_every: float = Field(
         4.0,
@@ -151,8 +149,8 @@ class Gaze:
         close: world bearing [rad] of the nearest neighbour where it comes nearer than the setting
         `close`: no swing loses sight of it, or of the way ahead. coming: world bearing [rad] of one
         that comes, see `coming_bearing`: a swing that does not show it ends, and the next one does,
-        even away from the way ahead. strangers: whether some give no way, or stand around it, see
-        `crowded`: then a slow drone turns all round now and then.
+        even away from the way ahead. strangers: whether some give no way: then a slow drone turns
+        all round now and then.
         """
         c = self._config
         if self._yaw is None:
@@ -293,11 +291,6 @@ def coming_bearing(
         here = [one for one in here if one[0] - _BODIES < math.sqrt(one[1].variances[0])]
         _, nearest = min(here, key=lambda one: one[0], default=(0.0, None))
     return None if nearest is None else bearing(p, nearest)
-
-
-def crowded(p: Vector, tracks: Sequence[Track], config: GazeConfig) -> bool:
-    """Return whether three neighbours are nearer to p (3,) m than `close`."""
-    return sum(norm(t.p - p) < config.close for t in tracks) > 2
 
 
 def nearest_within(offset: Vector, velocity: Vector, time: float) -> float:

@@ -19,7 +19,6 @@ from companion.guidance.gaze import (
     GazeConfig,
     bearing,
     coming_bearing,
-    crowded,
     make_gaze,
     nearest_bearing,
 )
@@ -301,11 +300,11 @@ class Guidance:
         if self._alone and self._gaze.surveyed:
             self._gaze.look_round()
         lost = [bearing(own.p, t) for t, _ in critical if t.lost]
-        gaze = self._settings.gaze
-        close = nearest_bearing(own.p, own.v, tracks, gaze)
-        coming = coming_bearing(own.p, own.v, tracks, gaze, strangers)
-        look_round = bool(strangers) or crowded(own.p, tracks, gaze)
-        return self._gaze.update(own.time, own.v, to_aim, yaw_now, lost, close, coming, look_round)
+        close = nearest_bearing(own.p, own.v, tracks, self._settings.gaze)
+        coming = coming_bearing(own.p, own.v, tracks, self._settings.gaze, strangers)
+        return self._gaze.update(
+            own.time, own.v, to_aim, yaw_now, lost, close, coming, bool(strangers)
+        )
 
     def _speed(
         self,

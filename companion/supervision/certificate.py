@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Vector = NDArray[Any]
+
 G, DT, _FAR = 9.80665, 0.1, 1e3  # m/s²; s between samples of a trajectory; m: nothing is farther
 CAUSES = ("neighbour", "remembered", "obstacle", "surface", "fence", "unseen", "motion", "numbers")
 _PLACE, _SPEED, _ROUNDING = 0.02, 0.15, 0.05  # m, m/s off the own model; m/s² and rad/s
@@ -72,8 +73,8 @@ class Trajectories:
 class Findings:
     """margin (n,): m left over at the tightest place, < 0: refused; cause (n,): what is there.
 
-    Others (n,) m, also while the drone is at rest: course, to what is believed to be there, and
-    brakes where it can; clear, to all; fixed, to what gives way to nobody.
+    Others (n,) m, also while the drone is at rest: course, to what is in sight, where that brakes
+    on its course; clear, to all; fixed, to what gives way to nobody.
     """
 
     margin: Vector
@@ -112,12 +113,12 @@ def _margins(way: Trajectories, x0: Vector, wind: Vector, scene: Scene, b: Bound
     limits = np.maximum(scene.planes[:, 3] + b.fence_over, sides @ x0[:3])
     fence = (limits - p @ sides.T)[:, 1:].min(axis=(1, 2), initial=_FAR)
     flyable = np.where(_flyable(way, x0, wind, b), _FAR, -_FAR)
-    courses, *rooms = _neighbours(p, t, tube, scene.neighbours, b)
+    on_course, *rooms = _neighbours(p, t, tube, scene.neighbours, b)
     rooms += [*_obstacles(p, t, tube, scene, b), *_unseen(p, t, scene.free, b)]
     margins = [_least(np.where(later[:, None, :-1], room, _FAR)) for room in rooms]
     moves = np.where(fast[:, -1], -_FAR, flyable)
-    rest = [_least(room) for room in (courses, *rooms[2:-1])]  # up and down as a last resort
-    least, fixed = np.min([*rest, fence, flyable], axis=0), np.minimum(*rest[1:3])
+    rest = [_least(room) for room in (on_course, *rooms[1:-1])]  # up and down as a last resort
+    least, fixed = np.min([*rest, fence, flyable], axis=0), np.minimum(*rest[2:4])
     found = [*margins[:4], fence, np.minimum(*margins[4:]), moves, np.minimum(rest[0], fixed)]
     return np.asarray(np.minimum(np.array([*found, least, fixed]).T, _FAR))
 
@@ -131,16 +132,15 @@ def _neighbours(p: Vector, t: Vector, tube: Vector, rows: Vector, b: Bounds) -> 
     gap, stops = (_apart(p[:, None] - rows[:, None, :3] - rows[:, None, 3:6] * s) for s in times)
     later, close, unseen = t[1:], b.radius + b.neighbour_radius, rows[:, 9:10]
     reach = np.minimum(0.5 * most * (later + unseen), b.neighbour_speed + speed) * (later + unseen)
-    moves = np.minimum(later, (speed + b.sigmas * np.sqrt(rows[:, 8:9])) / brakes)
-    spread = (rows[:, 6:7] + 2.0 * s * rows[:, 7:8] + s**2 * rows[:, 8:9] for s in (later, moves))
-    need, soon = (close + tube + b.sigmas * np.sqrt(np.maximum(s, 0.0)) for s in spread)
-    soon = np.minimum(soon, close + tube + b.sigmas * np.sqrt(rows[:, 6:7]) + _SOON)
+    spread = rows[:, 6:7] + 2.0 * later * rows[:, 7:8] + later**2 * rows[:, 8:9]
+    need = close + tube + b.sigmas * np.sqrt(np.maximum(spread, 0.0))
+    soon = np.minimum(need, close + tube + b.sigmas * np.sqrt(rows[:, 6:7]) + _SOON)
     far = _length(rows[:, :3] - p[0, 0])[:, None]
     away = np.maximum(far - b.unseen_way, np.minimum(far, close))  # it is not where the drone is
-    claim = np.minimum(close + tube + b.unseen_speed * unseen, away)
-    seen = ~(out := rows[:, 10] > 0.0) | (most * unseen <= speed - b.unseen_speed)[:, 0]
-    courses, comes = stops - np.where(seen[:, None], soon, claim), claim + b.unseen_speed * later
-    return [courses, (gap - need - reach)[:, seen], (gap - comes)[:, out]]
+    claim = np.minimum(close + tube + b.unseen_speed * unseen, away) + b.unseen_speed * later
+    out, seen = rows[:, 10] > 0.0, (most * unseen <= speed - b.unseen_speed)[:, 0]  # just now
+    seen |= ~out
+    return [(stops - soon)[:, seen], (gap - need - reach)[:, seen], (gap - claim)[:, out]]
 
 
 def _obstacles(p: Vector, t: Vector, tube: Vector, scene: Scene, b: Bounds) -> list[Vector]:

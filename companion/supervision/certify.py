@@ -30,7 +30,7 @@ from mavlink_bridge.wire.messages import RateCommand
 # Steps aside, m/s and s; the last is from what comes fast.
 _SIDES = (0.6, 0.5), (1.2, 0.5), (1.8, 0.8)
 _SPEED_TUBE = 0.1  # m/s that the drone may be faster than on its way
-_GAIN = 0.1  # m of room that an evasion must save before it replaces what holds, or the plan
+_GAIN = 0.1  # m of room that an evasion must save before it replaces a plan that holds
 _NEAR = 3.0  # m: from farther away nobody hits within the 1.6 s of a way
 _SHADOW = 5  # ticks from one judgement to the next where a certificate changes nothing
 
@@ -164,13 +164,6 @@ class _Try(NamedTuple):
         return self.margin >= 0.0, *self.evades
 
 
-def _more_room(plan: _Try, stays: _Try) -> _Try:
-    """Return the one of two ways that leaves more room; the plan's where the other is refused."""
-    if plan.fixed < min(stays.fixed, 0.0):  # neighbours may give way, a wall does not
-        return stays
-    return plan if stays.margin < 0.0 or plan.clear > stays.clear else stays
-
-
 def _until_room(ways: list[_Try], kind: int) -> list[_Try]:
     """Return the ways, straight on first, up to the first kind that has room.
 
@@ -269,57 +262,44 @@ class Certifier:
         first = np.array([command.c, *within_doubt(command.omega, delay)])
         law = braking_law(self._guard, delay, float(first[3]))  # it looks where the plan does
         scene = _carried(around(), prediction.delay)
-        pressed = self._pressed(scene, prediction.x0[:3])
-        after, at_once = self._out(first, prediction, scene, law, v_max, pressed)
-        plan, safe = after[0], max(after, key=lambda way: way.margin)
-        accepted = safe.margin >= 0.0
-        if accepted and max(way.course for way in after) >= 0.0:
+        after, at_once = self._out(first, prediction, scene, law, v_max)
+        safe = max(after, key=lambda way: way.margin)
+        leaves = max(way.course for way in after)
+        if safe.margin >= 0.0 and leaves >= 0.0:
             self._last = max(after, key=lambda way: way.room).way if safe.room < 0.0 else safe.way
             return Certified(Flown.COMMAND, safe.margin, safe.cause)
-        if not accepted and not self._enforce:  # no matter what else there is
+        if safe.margin < 0.0 and not self._enforce:  # no matter what else there is
             self._last = None
             return Certified(Flown.NONE, safe.margin, safe.cause)
-        if accepted:
-            stays = max(after, key=lambda way: way.clear)
+        if safe.margin >= 0.0:
+            stays, ways = max(after, key=lambda way: way.clear), []
         else:
-            held = self._going_on(prediction, scene, law)
-            stays = max(held or at_once, key=lambda way: way.rank)
-        if stays.room < 0.0:  # nothing is accepted, or it would be hit where it stops
-            # Among ours a plan gets out of the way by itself: a leap meets the next one.
-            crowded = not pressed and plan.cause in ("neighbour", "remembered")
-            gentle = _more_room(plan, stays) if crowded else stays
-            leaving = max(at_once, key=lambda way: way.evades)
-            through = leaving.fixed < 0.0 <= gentle.fixed
-            if leaving.clear >= gentle.clear + _GAIN and not through:
-                return self._fly(
-                    leaving, safe.margin, "course" if stays.course < 0.0 else safe.cause
-                )
-            if gentle is plan and not accepted:
-                self._last = plan.way
-                return Certified(Flown.NONE, safe.margin, safe.cause)
-        if accepted:
+            held = [way for way in self._going_on(prediction, scene, law) if way.margin >= 0.0]
+            ways = [] if held else at_once
+            stays = max(held or ways, key=lambda way: way.rank)
+        if stays.course < 0.0:  # it stops on somebody's course, and would be hit at rest
+            ways = ways or at_once
+            leaving = max(ways, key=lambda way: way.evades)
+            through = leaving.fixed < 0.0 <= stays.fixed
+            if leaving.clear >= stays.clear + _GAIN and not through:
+                return self._fly(leaving, safe.margin, "course")
+        if safe.margin >= 0.0:
             self._last = safe.way
             return Certified(Flown.COMMAND, safe.margin, safe.cause)
         return self._fly(stays, safe.margin, safe.cause)
 
     def _out(
-        self,
-        first: Vector,
-        prediction: Prediction,
-        scene: Scene,
-        law: Law,
-        v_max: float,
-        pressed: bool,
+        self, first: Vector, prediction: Prediction, scene: Scene, law: Law, v_max: float
     ) -> tuple[list[_Try], list[_Try]]:
         """Return ways to stop after the command `first` (4,), until one has room; and at once.
 
-        Those at once are looked at where straight on after the command there is no room. pressed:
-        whether somebody comes who gives no way.
+        Those at once are looked at where straight on after the command there is no room.
         """
         straight = self._tried(STRAIGHT, first, prediction, scene, law)
         if straight[0].room >= 0.0:
             return straight, []
         # Many ways at once take little longer than few, and most often all of them are needed.
+        pressed = self._pressed(scene, prediction.x0[:3])
         sides = [s for s in _SIDES if pressed or s[0] <= v_max] or _SIDES[:1]
         kinds = [aside(prediction.x0[3:6], *side, upright=pressed) for side in sides]
         ways = joined(*kinds)
@@ -327,11 +307,6 @@ class Certifier:
         after = np.arange(2 * n + 1) < n
         both = joined(ways, STRAIGHT, ways)
         found = self._tried(both, first, prediction, scene, law, after=after)
-        # A drone that stands near a wall, within what its way may be off, may stay as near.
-        lacks = min(max(found[n].fixed, -_GAIN), 0.0)
-        straight, found = (
-            [way._replace(fixed=way.fixed - lacks) for way in ways] for ways in (straight, found)
-        )
         kind = len(kinds[0])
         return _until_room(straight + found[:n], kind), _until_room(found[n:], kind)
 
@@ -347,17 +322,10 @@ class Certifier:
         )
 
     def _going_on(self, prediction: Prediction, scene: Scene, law: Law) -> list[_Try]:
-        """Return the way that was accepted last; nothing where none was, or it does not hold.
-
-        It holds by less doubt, but leaves no more room than others of the same doubt.
-        """
+        """Return what the way leaves over that was accepted last; nothing where none was."""
         if self._last is None:
             return []
-        (still,) = self._tried(self._last, None, prediction, scene, law, self._continued)
-        if still.margin < 0.0:
-            return []
-        (now,) = self._tried(self._last, None, prediction, scene, law)
-        return [now._replace(margin=still.margin)]
+        return self._tried(self._last, None, prediction, scene, law, self._continued)
 
     def _fly(self, best: _Try, margin: float, cause: str) -> Certified:
         """Return that a way is flown instead of the command."""

@@ -74,7 +74,7 @@ class SurroundingsEstimator:
             return Surroundings()
         searched = seen.fault is CameraFault.NONE and not seen.partly
         looked = seen.own if searched else None
-        free = self._space.update(own, looked, known, self._config.unseen_speed, tracks)
+        free = self._space.update(own, looked, known, self._config.unseen_speed)
         watched, moving = self._watch.update(time, tracks), self._trunks.update(time, seen)
         # A place that came into view after the last picture has not been looked at: with a frozen
         # camera, who was out of view stays remembered.

@@ -7,7 +7,6 @@ from companion.estimation.known_obstacles import KnownObstacles
 from companion.estimation.seen_space import SECTORS, SeenSpace
 from companion.perception.config import CameraConfig
 from companion.perception.view import View, load_camera
-from companion.types import Track
 from mavlink_bridge.wire.messages import VehicleState
 
 REACH = 5.0
@@ -79,23 +78,3 @@ def test_reset_forgets_looks_and_place(view):
     free = space.update(at((50.0, 0.0, 2.0), time=0.1), at((50.0, 0.0, 2.0)), NOTHING, 0.3)
     assert free[EAST] == REACH
     assert free[WEST] == 0.0
-
-
-def track(p, unseen=0.0):
-    return Track(1, np.array(p, float), np.zeros(3), 0.01 * np.eye(6), 5.0, unseen)
-
-
-def test_a_sector_out_of_view_is_free_up_to_the_neighbour_that_was_seen_there(view):
-    """The neighbour may be forgotten before the sector is looked at again."""
-    space = SeenSpace(view, REACH)
-    others = [track((2.0, 0.0, 2.0)), track((1.5, 2.6, 4.0)), track((1.5, 1.5, 2.0), unseen=2.0)]
-    free = space.update(at(), at(), NOTHING, 0.3, others)
-    assert free[EAST] == REACH  # what is in view has a track of its own
-    away = at(time=1.0, yaw=np.pi)
-    free = space.update(away, away, NOTHING, 0.3)
-    assert free[EAST] == pytest.approx(2.0 - 0.2)
-    assert free[SECTORS // 8] == pytest.approx(REACH - 0.3)  # remembered, not seen there
-    assert free[SECTORS // 6] == pytest.approx(REACH - 0.3)  # 2 m above
-    later = at(time=3.0, yaw=np.pi)
-    free = space.update(later, later, NOTHING, 0.3)
-    assert free[EAST] == pytest.approx(1.8 - 2.0 * 0.3)

@@ -132,7 +132,7 @@ def test_a_neighbour_that_is_not_where_it_would_have_kept_on_to_has_slowed_down(
 
 
 @pytest.mark.parametrize(
-    ("looks", "least", "most"), [(2, 2.5, 3.3), (3, 3.4, 4.2), (4, 3.8, 4.6), (12, 4.8, 5.6)]
+    ("looks", "least", "most"), [(2, 1.4, 1.9), (3, 3.0, 3.6), (4, 3.6, 4.1), (12, 3.6, 4.1)]
 )
 def test_the_more_looks_saw_a_neighbour_the_longer_it_is_remembered(looks, least, most):
     tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)

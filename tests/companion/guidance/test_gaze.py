@@ -6,14 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.guidance.gaze import (
-    Gaze,
-    GazeConfig,
-    coming_bearing,
-    crowded,
-    nearest_bearing,
-    wrap,
-)
+from companion.guidance.gaze import Gaze, GazeConfig, coming_bearing, nearest_bearing, wrap
 from tests.companion.tracks import track
 
 EAST = np.array([1.5, 0.0, 0.0])
@@ -240,15 +233,6 @@ def rounds(psi):
         if abs(turned) > 2.0 * math.pi - 0.21:
             ends, turned = [*ends, k], 0.0
     return ends
-
-
-@pytest.mark.parametrize(
-    ("far", "many"), [((0.5, 0.9, 0.7), True), ((0.5, 1.1, 0.7), False), ((), False)]
-)
-def test_three_neighbours_nearer_than_a_metre_are_a_crowd(far, many):
-    here = np.array([1.0, 2.0, 0.5])
-    tracks = [track(k, here + np.array([0.0, d, 0.0]), np.zeros(3)) for k, d in enumerate(far)]
-    assert crowded(here, tracks, GazeConfig()) is many
 
 
 def test_a_slow_drone_that_has_met_strangers_looks_all_round_every_few_seconds():

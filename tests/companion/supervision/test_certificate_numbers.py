@@ -60,30 +60,18 @@ class Reference:
         b, p0, v0, unseen = self.b, row[:3], row[3:6], row[9]
         speed = float(np.linalg.norm(v0))
         gap = step_distance(self.p[k] - p0 - v0 * DT * k, self.p[k + 1] - p0 - v0 * DT * (k + 1))
+        sigma = math.sqrt(max(row[6] + 2.0 * later * row[7] + later**2 * row[8], 0.0))
         close = b.radius + b.neighbour_radius
-        need = close + tube + b.sigmas * self.sigma(row, later)
-        at_rest = (speed + b.sigmas * math.sqrt(row[8])) / b.neighbour_brakes
-        moves = min(later, at_rest) if speed <= b.neighbour_trusted else later
-        evaded = close + tube + b.sigmas * self.sigma(row, moves)
-        evaded = min(evaded, close + tube + b.sigmas * math.sqrt(row[6]) + 0.3)
+        need = close + tube + b.sigmas * sigma
+        evaded = min(need, close + tube + b.sigmas * math.sqrt(row[6]) + 0.3)
         time = later + unseen
         reach = min(0.5 * b.neighbour_acceleration * time, b.neighbour_speed + speed) * time
         far = float(np.linalg.norm(p0 - self.p[0]))
         away = max(far - b.unseen_way, min(far, close))
-        claim = min(close + tube + b.unseen_speed * unseen, away)
+        claim = min(close + tube + b.unseen_speed * unseen, away) + b.unseen_speed * later
         then, soon = p0 + v0 * self.braked(speed, k), p0 + v0 * self.braked(speed, k + 1)
         stops = step_distance(self.p[k] - then, self.p[k + 1] - soon)
-        return (
-            stops - evaded,
-            gap - need - reach,
-            stops - claim,
-            gap - claim - b.unseen_speed * later,
-        )
-
-    @staticmethod
-    def sigma(row, time):
-        """Return 1 σ of a neighbour's place after a time that it moves."""
-        return math.sqrt(max(row[6] + 2.0 * time * row[7] + time**2 * row[8], 0.0))
+        return stops - evaded, gap - need - reach, gap - claim
 
     def braked(self, speed, k):
         """Seconds at its first speed in which a neighbour that brakes gets as far as in k steps."""
@@ -105,14 +93,12 @@ class Reference:
         for row in self.scene.neighbours:
             in_sight, in_mind = self.counts(row)
             for k, later, tube in self.steps(moving):
-                on_course, reached, believed, memory = self.neighbour(row, k, later, tube)
+                on_course, reached, memory = self.neighbour(row, k, later, tube)
                 if in_sight:
                     seen.append(reached)
                     course.append(on_course)
                 if in_mind:
                     remembered.append(memory)
-                if in_mind and not in_sight:
-                    course.append(believed)
         return seen, remembered, course
 
     def obstacles(self, moving):
@@ -184,11 +170,11 @@ def compared(scene, seeds=range(25), bounds=BOUNDS):
             assert found.margin[k] == pytest.approx(min(margins.values()), abs=1e-6)
             assert margins[found.cause[k]] == min(margins.values())
             causes.add(found.cause[k])
-            *_, course = r.neighbours(moving=False)
+            _, remembered, course = r.neighbours(moving=False)
             rest = [r.obstacles(False), r.surfaces(False), r.unseen(False), r.fence(x0)]
             met = min(least(course, *rest[:2]), 0.0)
             assert min(found.course[k], 0.0) == pytest.approx(met, abs=1e-6)
-            assert found.clear[k] == pytest.approx(least(course, *rest), abs=1e-6)
+            assert found.clear[k] == pytest.approx(least(course, remembered, *rest), abs=1e-6)
             hits = min(least(*rest[:2]), 0.0)  # of points that a way cannot reach it says nothing
             assert min(found.fixed[k], 0.0) == pytest.approx(hits, abs=1e-6)
     return causes
