@@ -43,8 +43,8 @@ class CertificateConfig(StrictModel):
         description="Fly the way to stop where a plan's command has no certificate; false: the "
         "certificate is only judged, at every fifth tick, logged and counted.",
     )
-    neighbour_radius: float | None = Field(
-        None, gt=0, description="Radius [m] of the sphere around a neighbour; null: as the own one."
+    neighbour_radius: float = Field(
+        0.2, gt=0, description="Radius [m] of the sphere around a neighbour: as of the own drone."
     )
     neighbour_acceleration: float = Field(
         2.0,
@@ -204,12 +204,9 @@ def bounds_of(
 
     radius: m, of the own drone. slow: m/s, the least to which headway slows ours down.
     """
-    given = config.model_dump(
-        exclude={"seen_range", "enforce", "neighbour_hastens", "neighbour_radius"}
-    )
+    given = config.model_dump(exclude={"seen_range", "enforce", "neighbour_hastens"})
     return Bounds(
         radius=radius,
-        neighbour_radius=config.neighbour_radius or radius,
         c_max=guard.c_max,
         omega_max=guard.omega_max,
         neighbour_trusted=slow + config.neighbour_hastens,

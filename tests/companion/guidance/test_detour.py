@@ -158,14 +158,13 @@ def test_a_goal_that_moves_a_little_keeps_the_side(moved, left):
 
 def test_a_way_that_begins_backwards_stays_on_its_side():
     """Places of a drone that flew to and fro between two ends for 25 s (lsc-forest 107203)."""
-    trunks = np.array([
-        [2.68, 4.89, 0.3], [1.48, 5.2, 0.2], [3.48, 3.89, 0.3], [1.48, 3.19, 0.2],
-        [0.48, 4.2, 0.2], [4.43, 4.85, 0.25], [2.18, 2.2, 0.2], [4.13, 2.86, 0.15],
-    ])  # fmt: skip
+    x = [2.68, 1.48, 3.48, 1.48, 0.48, 4.43, 2.18, 4.13]
+    y = [4.89, 5.2, 3.89, 3.19, 4.2, 4.85, 2.2, 2.86]
+    trunks = np.column_stack([x, y, [0.3, 0.2, 0.3, 0.2, 0.2, 0.25, 0.2, 0.15]])
     detour, goal = Detour(OPEN), np.array([4.78, 6.47, 1.0])
     ways = []
-    for x, y in ((2.41, 4.2), (2.26, 4.38), (2.2, 4.45), (2.15, 4.52)):
-        here = np.array([x, y, 1.0])
+    for place in ((2.41, 4.2), (2.26, 4.38), (2.2, 4.45), (2.15, 4.52)):
+        here = np.array([*place, 1.0])
         ways.append(detour.aim(here, goal, nearest_first(here, trunks), ROOM) - here)
     assert ways[2] @ (goal - here) < 0.0  # backwards
     assert np.linalg.norm(ways, axis=1) == pytest.approx([4.22, 4.01, 3.99, 3.78], abs=0.01)

@@ -9,13 +9,7 @@ import pytest
 from companion.estimation.delay import Delay
 from companion.estimation.prediction import Prediction
 from companion.supervision.certificate import Scene
-from companion.supervision.certify import (
-    CertificateConfig,
-    Certifier,
-    Flown,
-    bounds_of,
-    braking_law,
-)
+from companion.supervision.certify import CertificateConfig, Certifier, Flown, braking_law
 from companion.supervision.evasion import STRAIGHT, simulate
 from companion.supervision.guard_config import GuardConfig
 from companion.supervision.neighbour_watch import NeighbourWatch
@@ -308,9 +302,3 @@ def test_the_scene_is_that_of_when_the_command_acts():
             for delay in (0.0, 0.4)
         )
         assert now - later == pytest.approx(nearer, abs=0.05)
-
-
-@pytest.mark.parametrize(("given", "used"), [(None, 0.15), (0.3, 0.3)])
-def test_neighbours_are_as_large_as_the_own_drone_unless_told(given, used):
-    bounds = bounds_of(CertificateConfig(neighbour_radius=given), GuardConfig(), 0.15)
-    assert (bounds.radius, bounds.neighbour_radius) == (0.15, used)
