@@ -280,7 +280,9 @@ class Tracker:
         """Return the (track, detection) pairs within the gate of least total distance.
 
         A look that is not clear says little of the range, a stale track little of the bearing: the
-        two are never paired, or a ghost would come up between them.
+        two are never paired, or a ghost would come up between them. Nor are a look and a track that
+        are in different directions: where neither says much of the range both fit the place that
+        all directions share, which is the own one.
         """
         if not len(z) or not len(self._ids):
             return []
@@ -290,6 +292,7 @@ class Tracker:
         most = _traces(spread)[:, None] + _traces(r)
         fits = squares(residual) < self._config.gate * most
         fits &= clear | ~self._stale[:, None]
+        fits &= self._in_line(at - here, spread, z - here, r)
         track, look = fits.nonzero()
         off, s = residual[track, look][..., None], spread[track] + r[look]
         cost = (off * np.linalg.solve(s, off)).sum(axis=(1, 2))
@@ -301,6 +304,19 @@ class Tracker:
         score = np.full(fits.shape, 1e3)
         score[track[near], look[near]] = (cost + np.linalg.slogdet(s)[1])[near]
         return [pair for pair in assign(score) if score[pair] < 1e3]
+
+    def _in_line(self, at: Vector, spread: Vector, z: Vector, r: Vector) -> NDArray[np.bool_]:
+        """Return (n,m) whether tracks at (n,3) m from here and looks at z (m,3) may be in line.
+
+        spread (n,3,3), r (m,3,3): their covariances, of which only what is across their own
+        directions counts.
+        """
+        track, look = lengths(at), lengths(z)
+        ray, line = at / np.maximum(track, 1e-6)[:, None], z / look[:, None]
+        doubt = (_across(spread, ray) / np.maximum(track, 1e-6) ** 2)[:, None]
+        doubt = doubt + _across(r, line) / look**2
+        angle = np.arccos(np.clip(ray @ line.T, -1.0, 1.0))
+        return np.asarray(angle**2 < self._config.gate * doubt)
 
     def _correct(self, n: NDArray[np.int_], z: Vector, r: Vector, here: Vector) -> None:
         """Correct tracks n (m,) by positions z (m,3) of covariance r (m,3,3)."""
@@ -357,6 +373,12 @@ class Tracker:
         self._ids, self._born = self._ids[keep], self._born[keep]
         self._seen, self._odds = self._seen[keep], self._odds[keep]
         self._confirmed, self._along = self._confirmed[keep], self._along[keep]
+
+
+def _across(covariances: Vector, rays: Vector) -> Vector:
+    """Return the variances (n,) across unit rays (n,3), in the mean of all such directions."""
+    along = (rays[:, None] @ covariances @ rays[..., None])[:, 0, 0]
+    return np.asarray(0.5 * (_traces(covariances) - along))
 
 
 def _traces(matrices: Vector) -> Vector:

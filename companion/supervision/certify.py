@@ -44,7 +44,9 @@ class CertificateConfig(StrictModel):
         "certificate is only judged, at every fifth tick, logged and counted.",
     )
     neighbour_radius: float = Field(
-        0.2, gt=0, description="Radius [m] of the sphere around a neighbour: as of the own drone."
+        0.2,
+        gt=0,
+        description="Radius [m] of the sphere around a neighbour, the largest of the fleet.",
     )
     neighbour_acceleration: float = Field(
         2.0,

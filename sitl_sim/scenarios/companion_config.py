@@ -85,6 +85,9 @@ def companion_config(
             "radius": airframe.radius,
             "hover_thrust": round(airframe.hover_thrust, 3),
         }
+    # Any of them may be the neighbour, and nobody says which.
+    largest = max(s.drones.airframe(other).radius for other in range(s.drones.count))
+    config["certificate"] = {"neighbour_radius": largest}
     if s.drones.autopilot == "betaflight":
         config["airframe"] = {"hover_thrust": HOVER, "thrust_exponent": EXPONENT}
         config["timing"]["delay"] = BRIDGE_DELAY

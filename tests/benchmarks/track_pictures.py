@@ -26,6 +26,7 @@ from companion.estimation.neighbours import NeighbourEstimator
 from companion.estimation.tracker_config import TrackerConfig
 from companion.perception.config import CameraConfig, SensingConfig
 from companion.perception.frontend import Detections
+from companion.perception.network_neighbours import NetworkNeighbours
 from companion.perception.network_search import NetworkSearch
 from companion.perception.view import View, load_camera
 from mavlink_bridge.wire.messages import VehicleState
@@ -38,7 +39,6 @@ from sitl_sim.worlds.world import Occluders
 FROM, TICK = 6.0, 0.1  # s of the flight, from one picture to the next
 NEAR, FAR = 3.0, 6.0  # m
 LATELY = 0.5  # s unseen, up to which a neighbour is looked for where it must be, as in flight
-UP = np.array([0.0, 0.0, 1.0])
 
 
 class Flight:
@@ -54,7 +54,7 @@ class Flight:
         self.frames = range(first, min(first + round(seconds / TICK) * step, len(self.t)), step)
         self.occluders = Occluders(self.world)
 
-    def hidden(self, p, places):
+    def hidden(self, p, places, _beside=0.0):
         """Whether trunks hide places (n,3) m from p (3,), as `KnownObstacles.hidden` has it."""
         return ~self.occluders.free(p, places) if len(places) else np.zeros(0, bool)
 
@@ -72,7 +72,7 @@ class Observer:
         camera = load_camera(CameraConfig())
         self._view = View(camera, needs_foot=False)
         sensing = SensingConfig(detector="network", network=settings["network"])
-        self._network = NetworkSearch(camera, sensing)
+        self._eyes = NetworkNeighbours(self._view, NetworkSearch(camera, sensing))
         self._neighbours = NeighbourEstimator(self._view, TrackerConfig(**settings["tracker"]))
         self._tracks, self._tracked = [], 0.0
         self._others = [n for n in range(flight.p.shape[1]) if n != me]
@@ -85,13 +85,8 @@ class Observer:
         image = self._renderer.render(
             own.p, own.q_wb, f.p[k, others], f.q[k, others], seed, drones_id=others
         )
-        self._network.look(image)
         lately = [t for t in self._tracks if t.unseen < LATELY]
-        passed = own.time - self._tracked
-        offsets = np.array([t.p + passed * t.v - own.p for t in lately]).reshape(-1, 3)
-        *known, up = view.to_camera(own, np.vstack([offsets, UP]))
-        scales = np.array([t.scale for t in lately])
-        seen = self._network.drones(np.reshape(known, (-1, 3)), scales, up)
+        seen, _ = self._eyes.find(image, own, lately, self._tracked, due=True)
         looked = Detections(own.time, own, seen)
         self._tracks = self._neighbours.update(own.time, looked, f)
         self._tracked = own.time

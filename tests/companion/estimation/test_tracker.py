@@ -186,6 +186,16 @@ def test_looks_that_are_not_clear_make_a_neighbour_later(share, looks):
     assert found == [int(k + 1 >= looks) for k in range(5)]
 
 
+def test_looks_in_different_directions_are_not_one_neighbour_where_the_camera_is():
+    """Of two drones little more is seen than in which direction they are."""
+    tracker = Tracker(TrackerConfig())
+    ahead, aside = np.array([1.0, 0.0, 0.0]), np.array([0.6, 0.8, 0.0])
+    for k in range(6):
+        seen = [Detection(ahead if k % 2 else aside, 3.5, 0.003, 2.5)]
+        tracker.update(k / 10, seen, still(k / 10), LEVEL, None)
+        assert np.linalg.norm(tracker.positions(), axis=1).min() > 3.0
+
+
 def test_a_miss_undoes_more_than_two_looks_that_are_not_clear():
     """log(1 - 0.85) is -1.9, such a look 0.85."""
     tracker = Tracker(config := TrackerConfig())

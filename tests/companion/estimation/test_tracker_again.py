@@ -126,14 +126,26 @@ class Reference:
             r += d.sigma_range**2 * np.outer(ray, ray)
             yield own.p + d.range * ray, r, d.sigma_range <= CONFIG.clear * d.range
 
-    def pairs(self, looks, time):
+    @staticmethod
+    def in_line(p, P, z, r, here):
+        """Whether place p and look z are in one direction from here, by doubts P and r."""
+        doubt = 0.0
+        for place, covariance in ((p - here, P), (z - here, r)):
+            along = place / np.linalg.norm(place)
+            across = np.linalg.svd(along[None])[2][1:]  # two unit vectors
+            doubt += np.trace(across @ covariance @ across.T) / 2 / (place @ place)
+        cosine = (p - here) @ (z - here) / np.linalg.norm(p - here) / np.linalg.norm(z - here)
+        return math.acos(min(cosine, 1.0)) ** 2 < CONFIG.gate * doubt
+
+    def pairs(self, looks, time, here):
         score = np.full((len(self.all), len(looks)), 1e3)
         for n, one in enumerate(self.all):
             mean, P = one.mixture()
             for k, (z, r, clear) in enumerate(looks):
                 S = P[:3, :3] + r
                 distance = (z - mean[:3]) @ np.linalg.inv(S) @ (z - mean[:3])
-                if distance < CONFIG.gate and (clear or time - one.seen <= 0.5):
+                near = distance < CONFIG.gate and self.in_line(mean[:3], P[:3, :3], z, r, here)
+                if near and (clear or time - one.seen <= 0.5):
                     score[n, k] = distance + np.log(np.linalg.det(S))
         rows, columns = linear_sum_assignment(score)
         return [(n, k) for n, k in zip(rows, columns, strict=True) if score[n, k] < 1e3]
@@ -142,7 +154,7 @@ class Reference:
         self.predict(time)
         self.looked = time
         looks = list(self.looks(detections, own))
-        pairs = self.pairs(looks, time)
+        pairs = self.pairs(looks, time, own.p)
         found = {n for n, _ in pairs}
         if in_view is not None:
             for n, one in enumerate(self.all):

@@ -109,6 +109,14 @@ def test_mixed_airframes_are_told_and_taken_in_turn(tmp_path):
     assert masses[0] != masses[2]
 
 
+def test_every_neighbour_counts_as_large_as_the_largest_of_the_fleet(tmp_path):
+    for fleet, largest in (("[quad3, quad7]", 0.28), ("[quad3]", 0.13), ("[]", 0.2)):
+        s = load("drones.count=3", f"drones.airframes={fleet}")
+        for i in range(3):
+            told = companion_config(s, i, tmp_path, clock=False)["certificate"]
+            assert told == {"neighbour_radius": largest}
+
+
 def test_pictures_of_the_plain_look_never_show_flat_ground_where_there_are_hills():
     with pytest.raises(SettingsError) as caught:
         load(*PLAIN, "world.ground=uneven")
