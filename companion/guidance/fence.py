@@ -31,10 +31,11 @@ class FenceConfig(StrictModel):
     )
     altitude_max: float = Field(5.0, gt=1, description="Highest altitude [m].")
     altitude_band: float = Field(
-        1.0,
+        0.7,
         gt=0,
-        description="Most [m] above or below the straight way from goal to goal: a drone that "
-        "evades farther up or down leaves the others' view.",
+        description="Half the height [m] of the band around the straight way from goal to goal; "
+        "plans keep `nmpc.d_obstacle_safety` from its edges. Who plans farther up or down than "
+        "0.1 m leaves the view of those beside it, and in a crowd they meet.",
     )
     east: list[float] | None = Field(
         None, min_length=2, max_length=2, description="[least, most] x [m]; null: no limit."

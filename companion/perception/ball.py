@@ -264,12 +264,12 @@ class ColorDetector:
         weak = 1.0 / max(ball.arc, 0.15) * (2.0 if ball.clipped else 1.0)
         sigma_angle = 0.06 * pixel * weak
         hidden = max(0.0, _WHOLE_ARC - ball.arc), max(0.0, _WHOLE_FILL - ball.fill)
-        sigma_hidden = 0.6 * hidden[0] + 0.8 * hidden[1]
-        sigma_range = distance * math.hypot(
-            0.008, sigma_angle / ball.angle, sigma_hidden, 0.5 * ball.spread
-        )
+        unsure = math.hypot(0.6 * hidden[0] + 0.8 * hidden[1], 0.5 * ball.spread)
+        sigma_range = distance * math.hypot(0.008, sigma_angle / ball.angle, unsure)
+        # A circle too large by what is hidden is off its place by as much.
+        sigma_bearing = math.hypot(0.002, sigma_angle, unsure * ball.angle)
         score = min(1.0, max(0.3, ball.angle / (2.0 * pixel))) * min(1.0, 0.5 + ball.arc)
-        return Detection(ball.axis, distance, math.hypot(0.002, sigma_angle), sigma_range, score)
+        return Detection(ball.axis, distance, sigma_bearing, sigma_range, score)
 
 
 def _pure(hue_deg: float) -> tuple[float, float, float]:

@@ -54,6 +54,10 @@ def test_the_place_of_half_a_ball_behind_a_trunk(distance):
     (found,) = ColorDetector(CAMERA).detect(image)
     assert found.range == pytest.approx(distance, rel=0.08)
     assert np.degrees(np.arccos(min(found.direction @ direction, 1.0))) < 0.5
+    (whole,) = ColorDetector(CAMERA).detect(picture((direction, distance, 0.1)))
+    assert whole.sigma_bearing < 0.003
+    radius = 0.1 / distance  # rad
+    assert 0.1 * radius < found.sigma_bearing < 0.6 * radius
 
 
 @pytest.mark.parametrize("distance", [0.6, 1.0, 1.4])
