@@ -34,8 +34,8 @@ class FenceConfig(StrictModel):
         0.7,
         gt=0,
         description="Half the height [m] of the band around the straight way from goal to goal; "
-        "plans keep `nmpc.d_obstacle_safety` from its edges. Who plans farther up or down than "
-        "0.1 m leaves the view of those beside it, and in a crowd they meet.",
+        "plans keep `nmpc.d_obstacle_safety` from its edges. A drone that plans farther up or "
+        "down than 0.1 m leaves the view of those beside it, and meets them in a crowd.",
     )
     east: list[float] | None = Field(
         None, min_length=2, max_length=2, description="[least, most] x [m]; null: no limit."

@@ -128,7 +128,7 @@ class Reference:
 
     @staticmethod
     def in_line(p, P, z, r, here):
-        """Whether place p and look z are in one direction from here, by doubts P and r."""
+        """Return whether place p and look z may be in one direction, by doubts P and r."""
         doubt = 0.0
         for place, covariance in ((p - here, P), (z - here, r)):
             along = place / np.linalg.norm(place)
