@@ -23,7 +23,8 @@ class Detection:
     """A neighbouring drone seen in one frame, in the camera frame (x right, y down, z forward).
 
     direction: (3,) unit vector to its centre. range: m. sigma_bearing: rad. sigma_range: m.
-    score: 0…1, the detector's confidence.
+    score: 0…1, the detector's confidence. sigma_lasting: m, the part of sigma_range that the next
+    frames are likely to share, as an object in front hides the same of it.
     """
 
     direction: Vector
@@ -31,6 +32,7 @@ class Detection:
     sigma_bearing: float = 0.01
     sigma_range: float = 0.1
     score: float = 1.0
+    sigma_lasting: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -34,10 +34,10 @@ _STALE_AFTER = 0.5  # s unseen, after which the place of a neighbour is a guess
 # recorded flights 8.5 clear ones were right for each wrong one, and 1.5 of the others. So 0.4 would
 # be fair if each told something new; but false ones come in runs.
 _UNCLEAR = 0.3
+_AS_EXPECTED = 3.0  # squared distance of a look from where a track is expected, in its doubt: mean
 _IDENTITY = np.eye(3)
 _STAYS, _MOVES = np.eye(6), np.eye(6, k=3)  # of (p, v) from (p, v): 1, and p from v
 _IS_MOVED, _SPEEDS_UP = np.eye(6, 3), np.eye(6, 3, k=-3)  # p and v from the acceleration
-_NOWHERE = np.zeros(3)
 
 
 class Tracker:
@@ -94,7 +94,8 @@ class Tracker:
             self._miss(looked, [track for track, _ in assigned])
         if assigned:
             track, looks = (np.array(ids) for ids in zip(*assigned, strict=True))
-            self._correct(track, z[looks], r[looks], own.p)
+            lasting = np.array([(d.sigma_lasting / d.sigma_range) ** 2 for d in detections])
+            self._correct(track, z[looks], r[looks], own.p, lasting[looks])
             self._seen[track] = time
             # A look without a search leans on what the last search said: it is half as good a sign.
             sign = np.where(clear[looks], 1.0, _UNCLEAR)
@@ -173,7 +174,7 @@ class Tracker:
             places = mean[:, :3] / scale
             turn_about(places, p, angle)
             mean[:, :3] = places * scale
-            turn_about(mean[:, 3:6], _NOWHERE, angle)
+            turn_about(mean[:, 3:6], np.zeros(3), angle)
 
     def _rewind(self, time: float) -> None:
         """Go back to the last frame where `time` [s] lies between it and the last tick.
@@ -318,24 +319,37 @@ class Tracker:
         angle = np.arccos(np.clip(ray @ line.T, -1.0, 1.0))
         return np.asarray(angle**2 < self._config.gate * doubt)
 
-    def _correct(self, n: NDArray[np.int_], z: Vector, r: Vector, here: Vector) -> None:
-        """Correct tracks n (m,) by positions z (m,3) of covariance r (m,3,3)."""
+    def _correct(
+        self, n: NDArray[np.int_], z: Vector, r: Vector, here: Vector, lasting: Vector
+    ) -> None:
+        """Correct tracks n (m,) by positions z (m,3) of covariance r (m,3,3), seen from here (3,).
+
+        lasting: (m,) share of the variance of the range that the next looks share: how it changes
+        says nothing of the velocity. Nor does it where a stale track is seen again somewhere else.
+        """
         means, covariances = self._modes.mean, self._modes.covariance
+        ray = (z - here) / lengths(z - here)[:, None]
+        tells = _IDENTITY - lasting[:, None, None] * ray[:, :, None] * ray[:, None]
+        stale = np.tile(self._stale[n], 2)
         n = np.concatenate([n, n + len(self._ids)])  # both modes
-        z, r = np.concatenate([z, z]), np.concatenate([r, r])
+        z, r, tells = (np.concatenate([a, a]) for a in (z, r, tells))
         mean, p = means[n], covariances[n]
         at, across, spread = self._expected(mean, p, here)
         s, off = spread + r, (z - at)[..., None]
         solved = np.linalg.solve(s, np.concatenate([across, off], axis=2))
         distance = (off * solved[..., -1:]).sum(axis=(1, 2))
-        mean += (solved[..., :-1].mT @ off)[..., 0]
+        tells[stale & (distance > _AS_EXPECTED)] = 0.0
+        gain = solved[..., :-1].mT
+        gain[:, 3:6] = gain[:, 3:6] @ tells
+        mean += (gain @ off)[..., 0]
         if self._sized:
             mean = track_size.bounded(mean)
         speed = lengths(self._velocities(mean))[:, None]
         mean[:, 3:6] *= np.minimum(1.0, self._config.speed_max / np.maximum(speed, 1e-9))
-        corrected = p - across.mT @ solved[..., :-1]
-        # Without this, rounding errors grow from update to update until a variance is negative.
-        means[n], covariances[n] = mean, 0.5 * (corrected + corrected.mT)
+        less = gain @ across
+        # Half of it and half of its transpose: rounding errors would grow until one is negative.
+        corrected = 0.5 * p - less + 0.5 * gain @ s @ gain.mT  # of any gain
+        means[n], covariances[n] = mean, corrected + corrected.mT
         fit = -0.5 * (distance + np.linalg.slogdet(s)[1])
         self._modes.weigh(n[: len(n) // 2], fit.reshape(2, -1))
 
@@ -383,5 +397,4 @@ def _across(covariances: Vector, rays: Vector) -> Vector:
 
 def _traces(matrices: Vector) -> Vector:
     """Return the traces (n,) of matrices (n,3,3), sooner than numpy does."""
-    traces: Vector = matrices[:, 0, 0] + matrices[:, 1, 1] + matrices[:, 2, 2]
-    return traces
+    return np.asarray(matrices[:, 0, 0] + matrices[:, 1, 1] + matrices[:, 2, 2])

@@ -164,13 +164,16 @@ def _frame(inputs: RecordedInputs) -> Frame | None:
     stamp, lag = inputs.frame_time + inputs.lag, inputs.lag
     if not inputs.shown:
         return Frame(stamp, lag=lag)
-    drones = [[*d.direction, d.range, d.sigma_bearing, d.sigma_range] for d in inputs.drones]
+    drones = [
+        [*d.direction, d.range, d.sigma_bearing, d.sigma_range, d.sigma_lasting]
+        for d in inputs.drones
+    ]
     trunks = [
         [*t.direction, t.distance, t.radius, t.sigma, t.assumed, t.half_width]
         for t in inputs.trunks
     ]
     arrays = {
-        "neighbours": np.array(drones).reshape(-1, 6),
+        "neighbours": np.array(drones).reshape(-1, 7),
         "trunks": np.array(trunks).reshape(-1, 8),
     }
     if inputs.partly:

@@ -269,7 +269,7 @@ class ColorDetector:
         # A circle too large by what is hidden is off its place by as much.
         sigma_bearing = math.hypot(0.002, sigma_angle, unsure * ball.angle)
         score = min(1.0, max(0.3, ball.angle / (2.0 * pixel))) * min(1.0, 0.5 + ball.arc)
-        return Detection(ball.axis, distance, sigma_bearing, sigma_range, score)
+        return Detection(ball.axis, distance, sigma_bearing, sigma_range, score, distance * unsure)
 
 
 def _pure(hue_deg: float) -> tuple[float, float, float]:

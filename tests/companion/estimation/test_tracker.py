@@ -196,6 +196,47 @@ def test_looks_in_different_directions_are_not_one_neighbour_where_the_camera_is
         assert np.linalg.norm(tracker.positions(), axis=1).min() > 3.0
 
 
+@pytest.mark.parametrize(("lasting", "least", "most"), [(0.0, 0.4, 4.0), (1.0, 0.0, 0.1)])
+def test_a_range_that_drifts_as_less_is_hidden_is_no_velocity(lasting, least, most):
+    """A neighbour hovers 3 m away; as it comes out from behind a trunk its range looks shorter."""
+    tracker = Tracker(TrackerConfig())
+    for k in range(8):
+        away = 3.0 + max(3.0 - 0.5 * k, 0.0)
+        sigma = 0.3 * away
+        seen = Detection(np.array([1.0, 0.0, 0.0]), away, 0.003, sigma, 1.0, lasting * sigma)
+        tracker.update(k / 10, [seen], still(k / 10), LEVEL, None)
+        if k == 5:
+            (track,) = tracker.tracks()
+            assert least <= np.linalg.norm(track.v) <= most
+    assert abs(tracker.tracks()[0].p[0] - 3.0) < 0.8
+
+
+@pytest.mark.parametrize(("unseen", "aside", "told"), [(0.45, 0.4, True), (1.2, 0.9, False)])
+def test_where_a_neighbour_is_seen_again_is_no_velocity(unseen, aside, told):
+    """It hovered, is out of view, and is seen farther aside than expected."""
+    tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
+    for k in range(10):
+        tracker.update(k / 10, [look(np.array([2.0, 0.0, 0.0]), rng)], still(k / 10), LEVEL, None)
+    back = 0.9 + unseen
+    tracker.update(back - 0.1, [], still(back - 0.1), LEVEL, None)
+    tracker.update(back, [look(np.array([2.0, aside, 0.0]), rng)], still(back), LEVEL, None)
+    (track,) = tracker.tracks()
+    assert abs(track.v[1]) > 0.3 if told else abs(track.v[1]) < 0.1
+    assert track.p[1] == pytest.approx(aside, abs=0.1)
+
+
+def test_a_neighbour_that_is_seen_again_where_it_was_expected_keeps_its_velocity():
+    tracker, rng = Tracker(TrackerConfig()), np.random.default_rng(3)
+    places = [np.array([3.0, 0.1 * k - 1.5, 0.0]) for k in range(30)]
+    for k in range(15):
+        tracker.update(k / 10, [look(places[k], rng)], still(k / 10), LEVEL, None)
+    sure = tracker.tracks()[0].variances[2]
+    tracker.update(2.2, [look(places[22], rng)], still(2.2), LEVEL, None)
+    (track,) = tracker.tracks()
+    assert track.v[1] == pytest.approx(1.0, abs=0.15)
+    assert track.variances[2] < 4.0 * sure
+
+
 def test_a_miss_undoes_more_than_two_looks_that_are_not_clear():
     """log(1 - 0.85) is -1.9, such a look 0.85."""
     tracker = Tracker(config := TrackerConfig())

@@ -75,16 +75,22 @@ class One:
         )
         return mean, P
 
-    def correct(self, z, r):
+    def correct(self, z, r, lasting, here, stale):
+        """Correct both modes: by Joseph's form, as the velocity's gain is not the optimal one."""
+        ray = (z - here) / np.linalg.norm(z - here)
+        known = np.eye(3) - lasting * np.outer(ray, ray)
         fit = []
         for j in (0, 1):
             S = H @ self.P[j] @ H.T + r
             K = self.P[j] @ H.T @ np.linalg.inv(S)
             off = z - H @ self.x[j]
+            elsewhere = stale and off @ np.linalg.inv(S) @ off > 3.0
+            K[3:] = K[3:] @ (np.zeros((3, 3)) if elsewhere else known)
             self.x[j] = self.x[j] + K @ off
             speed = np.linalg.norm(self.x[j][3:])
             self.x[j][3:] *= min(1.0, CONFIG.speed_max / speed)
-            self.P[j] = (np.eye(6) - K @ H) @ self.P[j]
+            A = np.eye(6) - K @ H
+            self.P[j] = A @ self.P[j] @ A.T + K @ r @ K.T
             fit.append(-0.5 * (off @ np.linalg.inv(S) @ off + np.log(np.linalg.det(S))))
         self.weigh(np.exp(np.array(fit) - max(fit)))
 
@@ -124,7 +130,8 @@ class Reference:
             across = d.range * math.hypot(d.sigma_bearing, CONFIG.attitude_sigma)
             r = across**2 * (np.eye(3) - np.outer(ray, ray))
             r += d.sigma_range**2 * np.outer(ray, ray)
-            yield own.p + d.range * ray, r, d.sigma_range <= CONFIG.clear * d.range
+            lasting = (d.sigma_lasting / d.sigma_range) ** 2
+            yield own.p + d.range * ray, r, d.sigma_range <= CONFIG.clear * d.range, lasting
 
     @staticmethod
     def in_line(p, P, z, r, here):
@@ -141,7 +148,7 @@ class Reference:
         score = np.full((len(self.all), len(looks)), 1e3)
         for n, one in enumerate(self.all):
             mean, P = one.mixture()
-            for k, (z, r, clear) in enumerate(looks):
+            for k, (z, r, clear, _) in enumerate(looks):
                 S = P[:3, :3] + r
                 distance = (z - mean[:3]) @ np.linalg.inv(S) @ (z - mean[:3])
                 near = distance < CONFIG.gate and self.in_line(mean[:3], P[:3, :3], z, r, here)
@@ -163,8 +170,8 @@ class Reference:
                     one.odds += math.log(1.0 - CONFIG.detected * float(np.dot(one.mu, shows)))
                     one.weigh(1.0 - CONFIG.detected * shows)
         for n, k in pairs:
-            one, (z, r, clear) = self.all[n], looks[k]
-            one.correct(z, r)
+            one, (z, r, clear, lasting) = self.all[n], looks[k]
+            one.correct(z, r, lasting, own.p, time - one.seen > 0.5)
             one.seen = time
             one.odds += (1.0 if clear else 0.3) * math.log(CONFIG.detected / CONFIG.ghosts)
             off = np.linalg.norm(one.mixture()[0][3:] - own.v)
@@ -182,7 +189,7 @@ class Reference:
             and math.sqrt(np.trace(one.mixture()[1][:3, :3])) < CONFIG.sigma_max
         ]
         for k in sorted(set(range(len(looks))) - {k for _, k in pairs}):
-            z, r, _ = looks[k]
+            z, r, *_ = looks[k]
             x, P = np.concatenate([z, np.zeros(3)]), np.zeros((6, 6))
             P[:3, :3], P[3:, 3:] = r, CONFIG.velocity_birth**2 * np.eye(3)
             self.count += 1
@@ -228,7 +235,9 @@ class World:
             spread = float(rng.choice([0.02, 0.05, 0.4])) * away
             ray = ray / away + 0.01 * rng.normal(size=3)
             seen = max(away + 0.5 * spread * rng.normal(), 0.2)
-            out.append(Detection(ray / np.linalg.norm(ray), seen, 0.015, spread))
+            lasting = float(rng.choice([0.0, 0.9])) * spread
+            ray /= np.linalg.norm(ray)
+            out.append(Detection(ray, seen, 0.015, spread, sigma_lasting=lasting))
         return out
 
     def shows(self, places, time):
