@@ -256,7 +256,7 @@ class PerceptionFrontend:
         network = self._network if image is not None else None
         if self._sensing.neighbours == "truth":
             rows = frame.arrays.get("neighbours", np.zeros((0, 6)))
-            drones = [Detection(r[:3], *r[3:6].tolist(), 1.0, *r[6:].tolist()) for r in rows]
+            drones = [Detection(r[:3], *r[3:6].tolist(), sigma_lasting=sum(r[6:])) for r in rows]
             partly = "partly" in frame.arrays  # of a replay
         elif network is not None and image is not None and self._sensing.detector == "network":
             search = self._frames % self._sensing.network.every == 0
