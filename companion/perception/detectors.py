@@ -10,12 +10,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from companion.perception.ball import ColorDetector, Detector
 from companion.perception.camera import Camera
 from companion.perception.config import DETECTORS, SensingConfig
 from companion.perception.networks import ModelError
+from companion.types import Detection
+from mavlink_bridge.wire.video import Frame
 
-__all__ = ["Detector", "DetectorSetup", "ModelError", "make_detector"]
+__all__ = ["Detector", "DetectorSetup", "ModelError", "make_detector", "reported"]
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,16 @@ def make_detector(camera: Camera, sensing: SensingConfig) -> Detector:
     setup = DetectorSetup(camera, sensing, sensing.detector_options)
     made: Detector = DETECTORS.load(sensing.detector)(setup)
     return made
+
+
+def reported(frame: Frame) -> list[Detection]:
+    """Return the neighbours that come with a frame: of a simulator's perfect sensing, or a replay.
+
+    Each row has the direction, range, sigma_bearing and sigma_range of a `Detection`, and of a
+    replay sigma_lasting, too.
+    """
+    rows = frame.arrays["neighbours"].tolist() if "neighbours" in frame.arrays else []
+    return [Detection(np.array(r[:3]), r[3], r[4], r[5], 1.0, *r[6:7]) for r in rows]
 
 
 def color(setup: DetectorSetup) -> Detector:

@@ -18,7 +18,7 @@ from companion.perception.ball import ColorDetector
 from companion.perception.camera_alignment import Alignment, CameraAlignment, StateAt
 from companion.perception.camera_health import CameraFault, CameraHealth, CameraHealthConfig
 from companion.perception.config import CameraConfig, SensingConfig
-from companion.perception.detectors import make_detector
+from companion.perception.detectors import make_detector, reported
 from companion.perception.ground_flow import GroundFlow
 from companion.perception.ground_plane import LEVEL, GroundPlane
 from companion.perception.parallax import FixedPoints, Parallax
@@ -255,8 +255,7 @@ class PerceptionFrontend:
         partly = False
         network = self._network if image is not None else None
         if self._sensing.neighbours == "truth":
-            rows = frame.arrays.get("neighbours", np.zeros((0, 6)))
-            drones = [Detection(r[:3], *r[3:6].tolist(), sigma_lasting=sum(r[6:])) for r in rows]
+            drones = reported(frame)
             partly = "partly" in frame.arrays  # of a replay
         elif network is not None and image is not None and self._sensing.detector == "network":
             search = self._frames % self._sensing.network.every == 0
