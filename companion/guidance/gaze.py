@@ -147,10 +147,10 @@ class Gaze:
         lost: world bearings [rad] of near neighbours that are out of view, most threatening first.
         The next swing goes to the first of them that a swing within `limit` brings into view.
         close: world bearing [rad] of the nearest neighbour where it comes nearer than the setting
-        `close`: no swing loses sight of it, or of the way ahead. coming: world bearing [rad] of one
-        that comes, see `coming_bearing`: a swing that does not show it ends, and the next one does,
-        even away from the way ahead. strangers: whether some give no way: then a slow drone turns
-        all round now and then.
+        `close`: no swing loses sight of it, or of the way ahead, but to show one that comes.
+        coming: world bearing [rad] of that, see `coming_bearing`: a swing that does not show it
+        ends, and the next one does, even away from the way ahead. strangers: whether some give no
+        way: then a slow drone turns all round now and then.
         """
         c = self._config
         if self._yaw is None:
@@ -176,8 +176,9 @@ class Gaze:
             off = wrap(close - base)
             # Both it and the way ahead are in view, by a wider swing where that is needed.
             least, most = max(off, 0.0) - c.half_view, min(off, 0.0) + c.half_view
-            if least <= most:
-                epsilon = min(max(epsilon, least), most)
+            held = min(max(epsilon, least), most)
+            if least <= most and (not self._shows(comer, epsilon) or self._shows(comer, held)):
+                epsilon = held
         turn = wrap(base + epsilon - self._yaw)
         return self._turned(min(max(turn, -step), step), time)
 
@@ -186,6 +187,10 @@ class Gaze:
         self._yaw, self._base, self._time = yaw, yaw, time
         self.look_round()
         return yaw
+
+    def _shows(self, off: float | None, epsilon: float) -> bool:
+        """Return whether one `off` [rad] the base direction is in view where that is swung by ε."""
+        return off is not None and abs(wrap(off - epsilon)) <= self._config.half_view + _RIM
 
     def _look_round_again(self, time: float, coming: float | None) -> None:
         """Begin a turn all round where the last one is long ago, unless one that comes is in view.

@@ -212,6 +212,13 @@ def test_one_that_comes_beside_the_way_stays_in_view_by_the_sweep(bearing):
     assert np.abs(np.diff(psi[5:])).max() > 0.1  # it sweeps on
 
 
+@pytest.mark.parametrize("close", [-1.6, -1.3, -1.0, 0.3])
+def test_one_that_comes_from_the_other_side_is_looked_at_whoever_is_close(close):
+    """It comes from 100°, where a swing within `limit` still shows it at the edge."""
+    psi = looked(sweeping(seed=3), close=close, coming=1.75)
+    assert np.abs(psi[20:] - 1.75).max() <= GazeConfig().half_view + 0.2
+
+
 def test_a_swing_that_loses_one_that_comes_ends_at_once():
     gaze, psi = Gaze(sweeping(seed=3, half_period=5.0)), []
     for k in range(40):  # within the first swing
