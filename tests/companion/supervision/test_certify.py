@@ -174,6 +174,21 @@ def test_nobody_is_evaded_through_a_wall(half):
         assert np.abs(way.p[0] - way.p[0, 0]).max() < half - 0.2
 
 
+def test_a_drone_that_stands_close_to_a_trunk_does_not_evade_into_it():
+    """Doubts take 0.1 m more than there is; two stand beside it, and one comes."""
+    beside = [((0.0, y, 2.0), (0.0, 0.0, 0.0)) for y in (-0.5, 0.5)]
+    around = scene(*beside, ((-0.7, 0.0, 2.0), (1.0, 0.0, 0.0)))()
+    around = replace(around, cylinders=np.array([[0.5, 0.0, 0.2, 0.02, 0.0, 0.0]]))
+    c = certifier()
+    found = c.certify(
+        RateCommand(np.array([0.0, 3.0, 0.0]), GRAVITY), moving(0.0), lambda: around, KNOWN
+    )
+    law = braking_law(GuardConfig(), KNOWN)
+    way = simulate(moving(0.0).x0, c._last, np.zeros(3), law, None)
+    assert found.flown is Flown.NONE
+    assert np.hypot(way.p[0, :, 0] - 0.5, way.p[0, :, 1]).min() > 0.4
+
+
 def test_a_drone_that_evades_looks_where_its_plan_looks():
     c = certifier()
     at = ((1.4, 0.0, 2.0), (0.0, 0.0, 0.0))
