@@ -34,6 +34,11 @@ class Detection:
     score: float = 1.0
     sigma_lasting: float = 0.0
 
+    @property
+    def lasting(self) -> float:
+        """The share of the range's variance that the next frames are likely to have, too, 0…1."""
+        return min(self.sigma_lasting / max(self.sigma_range, 1e-9), 1.0) ** 2
+
 
 @dataclass(frozen=True)
 class Trunk:

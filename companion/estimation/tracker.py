@@ -94,7 +94,7 @@ class Tracker:
             self._miss(looked, [track for track, _ in assigned])
         if assigned:
             track, looks = (np.array(ids) for ids in zip(*assigned, strict=True))
-            lasting = np.array([(d.sigma_lasting / d.sigma_range) ** 2 for d in detections])
+            lasting = np.array([d.lasting for d in detections])
             self._correct(track, z[looks], r[looks], own.p, lasting[looks])
             self._seen[track] = time
             # A look without a search leans on what the last search said: it is half as good a sign.

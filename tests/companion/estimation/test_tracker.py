@@ -237,3 +237,11 @@ def test_where_only_those_seen_lately_were_looked_for_others_are_not_missed(unse
         if not len(tracker.positions()):
             break
     assert len(tracker.positions()) == 2 * kept
+
+
+@pytest.mark.parametrize(
+    ("lasting", "sigma", "share"), [(0.0, 0.0, 0.0), (0.1, 0.2, 0.25), (0.3, 0.2, 1.0)]
+)
+def test_the_share_of_a_range_that_lasts_is_at_most_all_of_it(lasting, sigma, share):
+    seen = Detection(np.array([1.0, 0.0, 0.0]), 3.0, 0.003, sigma, 1.0, lasting)
+    assert seen.lasting == pytest.approx(share)
