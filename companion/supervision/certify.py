@@ -282,7 +282,7 @@ class Certifier:
         if safe.margin >= 0.0:
             stays, ways = max(after, key=lambda way: way.clear), []
         else:
-            held = [way for way in self._going_on(prediction, scene, law) if way.margin >= 0.0]
+            held = self._going_on(prediction, scene, law)
             ways = [] if held else at_once
             stays = max(held or ways, key=lambda way: way.rank)
         if stays.course < 0.0:  # it stops on somebody's course, and would be hit at rest
@@ -329,10 +329,18 @@ class Certifier:
         )
 
     def _going_on(self, prediction: Prediction, scene: Scene, law: Law) -> list[_Try]:
-        """Return what the way leaves over that was accepted last; nothing where none was."""
+        """Return the way that was accepted last; nothing where there is none that still holds.
+
+        It holds by less doubt than it was accepted by; what room it leaves is told by all of it, as
+        of the others.
+        """
         if self._last is None:
             return []
-        return self._tried(self._last, None, prediction, scene, law, self._continued)
+        (held,) = self._tried(self._last, None, prediction, scene, law, self._continued)
+        if held.margin < 0.0:
+            return []
+        (now,) = self._tried(self._last, None, prediction, scene, law)
+        return [now._replace(margin=held.margin)]
 
     def _fly(self, best: _Try, margin: float, cause: str) -> Certified:
         """Return that a way is flown instead of the command."""

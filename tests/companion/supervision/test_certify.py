@@ -139,6 +139,17 @@ def test_a_drone_at_rest_leaves_the_course_of_a_slow_neighbour_though_its_plan_i
     assert np.linalg.norm(found.instead.omega[:2]) > 0.5
 
 
+def test_a_way_that_is_held_on_is_compared_by_all_of_the_doubts_as_evasions_are():
+    """A neighbour would pass at 0.55 m: room enough by the doubts by which the way still holds."""
+    c, into = certifier(), RateCommand(np.array([0.0, 3.0, 0.0]), GRAVITY)
+    c.certify(HOVER, moving(0.0), scene(), KNOWN)
+    causes = [
+        c.certify(into, moving(0.0), scene(((x, 0.55, 2.0), (-1.0, 0.0, 0.0))), KNOWN).cause
+        for x in np.arange(3.0, 0.4, -0.1)
+    ]
+    assert "course" in causes
+
+
 def test_doubt_of_a_velocity_alone_is_no_reason_to_evade():
     """Among five that stand, each known to 0.15 m and 0.5 m/s, as a network's tracks are."""
     angles = np.pi / 3.0 * np.arange(5)
