@@ -31,6 +31,7 @@ from mavlink_bridge.wire.messages import RateCommand
 _SIDES = (0.6, 0.5), (1.2, 0.5), (1.8, 0.8)
 _SPEED_TUBE = 0.1  # m/s that the drone may be faster than on its way
 _GAIN = 0.1  # m of room that an evasion must save before it replaces a plan that holds
+_AT_WALL = 0.1  # m of too little room to a wall that doubts alone take: 0.06 to 0.16 of the way
 _NEAR = 3.0  # m: from farther away nobody hits within the 1.6 s of a way
 _SHADOW = 5  # ticks from one judgement to the next where a certificate changes nothing
 
@@ -154,10 +155,10 @@ class _Try(NamedTuple):
     def walls(self) -> tuple[bool, float]:
         """The key of ways by what gives way to nobody, the best one largest.
 
-        Doubt of the place, and of the own way, take some 0.1 m: less than that may not hit. Where
-        a drone stands so near, it must not evade into the wall.
+        A drone that is nearer to a wall than doubts allow lacks room on all ways: then those lead
+        no deeper than `_AT_WALL`, or as little as there is.
         """
-        return self.fixed >= 0.0, min(self.fixed + _GAIN, 0.0)
+        return self.fixed >= 0.0, min(self.fixed + _AT_WALL, 0.0)
 
     @property
     def evades(self) -> tuple[bool, float, float, float]:
