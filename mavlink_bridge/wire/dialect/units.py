@@ -1,4 +1,4 @@
-"""Number formats of MAVLink fields that both directions use."""
+"""Formats of numbers and texts in MAVLink fields."""
 
 from __future__ import annotations
 
@@ -33,3 +33,8 @@ def coordinate(degrees: float) -> int:
     if not math.isfinite(degrees):
         return UNSET_COORDINATE
     return clipped(degrees * 1e7, -(2**31), UNSET_COORDINATE)
+
+
+def text(raw: str | bytes) -> str:
+    """Return the text of a field; what is no UTF-8 becomes replacement characters."""
+    return raw.decode("utf-8", "replace") if isinstance(raw, bytes) else raw
