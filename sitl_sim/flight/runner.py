@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -17,33 +16,30 @@ from typing import Any
 from numpy.typing import NDArray
 
 from mavlink_bridge.shared.arrays import Vector
-from mavlink_bridge.wire.codec import Codec
-from mavlink_bridge.wire.link import Endpoint, Link
 from mavlink_bridge.wire.memory import MemoryEndpoint
-from mavlink_bridge.wire.messages import Received
 from mavlink_bridge.wire.udp import UdpEndpoint
-from mavlink_bridge.wire.video import Frame, FrameServer
+from mavlink_bridge.wire.video import FrameServer
 from sitl_sim.external.fleet import RealFleet
 from sitl_sim.external.lockstep_fleet import LockstepFleet
 from sitl_sim.faults import catalogue as faults
 from sitl_sim.faults.camera import FaultyCamera
-from sitl_sim.faults.link import FaultyLine, FaultyLink, FaultyTelemetry
 from sitl_sim.faults.world import FaultyWorld
 from sitl_sim.flight.autopilots import foreign_fleet, switch_on, true_airframes
 from sitl_sim.flight.delays import Delays
+from sitl_sim.flight.exchange import TELEMETRY_MS, Exchange
 from sitl_sim.flight.garbage import spared_collector
 from sitl_sim.flight.hosts import Host, HostedFrames
 from sitl_sim.flight.in_process import LocalFrames, make_pools
 from sitl_sim.flight.inputs import whose_targets, write_inputs, write_world
 from sitl_sim.flight.sensors import Capture, Sensors, captured
-from sitl_sim.flight.signed_lines import VehicleSigning, key_of
-from sitl_sim.flight.vehicle_connection import VehicleConnection
+from sitl_sim.flight.signed_lines import key_of
+from sitl_sim.flight.vehicle_connection import Ends, VehicleConnection, connect
 from sitl_sim.recording.run_folder import own_frames
 from sitl_sim.recording.truth import Truth
 from sitl_sim.scenarios import placement
 from sitl_sim.scenarios import scenario as scenarios
 from sitl_sim.scenarios.companion_config import check_companions, companion_config, companion_port
-from sitl_sim.scenarios.scenario import QUANTUM_MS, TICK_MS, Scenario
+from sitl_sim.scenarios.scenario import Scenario
 from sitl_sim.vehicles.emulated import Autopilots
 from sitl_sim.vehicles.foreign import ForeignFleet
 from sitl_sim.vehicles.rigid_body import Vehicles
@@ -51,7 +47,6 @@ from sitl_sim.worlds.generators import build
 from sitl_sim.worlds.ground import Ground
 from sitl_sim.worlds.world import Occluders
 
-_TELEMETRY_MS = 20
 _CONNECT_TIMEOUT = 60.0  # s
 
 
@@ -113,7 +108,11 @@ class Flight:
             self.sensors.warm_up(self.vehicles.p, self.vehicles.q)
         self._drones: list[VehicleConnection] = []
         for i, name in enumerate(self.names):
-            self._drones.append(self._connect(i, name, boot_ms[i]))
+            camera = FaultyCamera(self._schedule, i)
+            ends = self._wire(i + 1, camera)
+            self._drones.append(
+                connect(name, i, boot_ms[i], ends, camera, self._schedule, self.key)
+            )
         try:  # after the ports: an autopilot must not start where another flight runs
             self._autopilots = switch_on(
                 scenario, self.vehicles, folder, start, boot_ms, self._ground
@@ -138,44 +137,29 @@ class Flight:
             self._restart_clock,
             wind=scenario.wind.mean,
         )
-        # Threads pay only where a frame takes time in this process.
-        waits = self.sensors.renders or (self._real_time and not in_process)
-        self._captures, self._deliveries = make_pools(in_process, waits)
-        self._latency_ms = round(scenario.sensing.latency * 1e3 / QUANTUM_MS) * QUANTUM_MS
         self.truth = Truth(self.names)
         self._drifts = drifts
         self._delays = Delays(scenario)
+        # Threads pay only where a frame takes time in this process.
+        waits = self.sensors.renders or (self._real_time and not in_process)
+        self._exchange = Exchange(
+            scenario,
+            self._schedule,
+            self.vehicles,
+            self._autopilots,
+            self._delays,
+            self._capture,
+            make_pools(in_process, waits),
+            self._real_time,
+        )
         self.wall_seconds = 0.0
         self.stopped_by: int | None = None
         self._now = 0  # ms since the flight began
 
     # --- setting up ----------------------------------------------------------------------
 
-    def _connect(self, i: int, name: str, boot_ms: int) -> VehicleConnection:
-        system = i + 1
-        camera = FaultyCamera(self._schedule, i)
-        frames, companion, ground = self._wire(system, camera)
-        line = FaultyLine(self._schedule, i)
-        signing = VehicleSigning(self.key) if self.key is not None else None
-        return VehicleConnection(
-            name,
-            i,
-            boot_ms,
-            FaultyLink(
-                companion, Codec(system, 1, signing=signing.companion if signing else None), line
-            ),
-            Link(ground, Codec(system, 1, signing=signing.ground if signing else None)),
-            frames,
-            line,
-            FaultyTelemetry(self._schedule, i),
-            camera,
-            signing,
-        )
-
-    def _wire(
-        self, system: int, camera: FaultyCamera
-    ) -> tuple[FrameServer | LocalFrames, Endpoint, Endpoint]:
-        """Return a vehicle's ends of frame channel, companion's link and ground stations' link."""
+    def _wire(self, system: int, camera: FaultyCamera) -> Ends:
+        """Return the simulator's ends of the lines to a vehicle's companion and ground stations."""
         if self._in_process:
             frames = LocalFrames()
             if self._hosts:
@@ -336,21 +320,8 @@ class Flight:
     def _instant(self) -> None:
         """Do everything that happens in this very millisecond, always in the same order."""
         for drone in self._drones:
-            drone.line.now = self._now / 1e3
-            if drone.due_ms is not None and drone.due_ms <= self._now:
-                self._take_answer(drone)
-            self._hand_over(drone)
-            if self._real_time:
-                self._deliver(drone, drone.companion)
-            boot = self._now + drone.boot_ms
-            if boot % _TELEMETRY_MS == 0:
-                self._deliver(drone, drone.ground)
-                self._send_telemetry(drone)
-            if (boot + self._latency_ms) % TICK_MS == 0:
-                self._start_capture(drone)
-            if boot % TICK_MS == 0:
-                self._send_frame(drone)
-        if self._now % _TELEMETRY_MS == 0:
+            self._exchange.instant(drone, self._now)
+        if self._now % TELEMETRY_MS == 0:
             if self._pilots is not None:
                 self._pilots.update(self._now / 1e3)
             self.truth.record(
@@ -365,123 +336,17 @@ class Flight:
 
     def _next_event(self) -> int:
         """Return the next millisecond at which anything happens."""
-        following = self._now + _TELEMETRY_MS - self._now % _TELEMETRY_MS
-        real = isinstance(self._autopilots, RealFleet)  # they send their telemetry themselves
-        for drone in self._drones:
-            boot = self._now + drone.boot_ms
-            period = TICK_MS if real else _TELEMETRY_MS
-            following = min(
-                following,
-                self._now + period - boot % period,
-                self._now + TICK_MS - (boot + self._latency_ms) % TICK_MS,
-            )
-            if drone.due_ms is not None and not real:
-                following = min(following, max(drone.due_ms, self._now + QUANTUM_MS))
-            if drone.held:
-                following = min(following, max(drone.held[0][0], self._now + QUANTUM_MS))
-        return following
-
-    def _send_telemetry(self, drone: VehicleConnection) -> None:
-        """Send the telemetry that is due on both links."""
-        if isinstance(self._autopilots, LockstepFleet):
-            drone.relay_telemetry(self._autopilots)
-            return
-        if drone.signing is not None:
-            drone.signing.advance()
-        messages = self._autopilots.telemetry(drone.index, "companion")
-        drone.companion.send(drone.telemetry.alter(self._now / 1e3, messages))
-        unheard = not drone.ground.packets_in
-        drone.ground.send(self._autopilots.telemetry(drone.index, "gcs", quiet=unheard))
-
-    def _deliver(self, drone: VehicleConnection, link: Link) -> None:
-        """Give the vehicle what waits on a link; send its replies at once."""
-        relayed = isinstance(self._autopilots, LockstepFleet)  # it gets the packets as they are
-        for received in link.receive_packets() if relayed else link.receive():
-            if link is drone.companion and drone.hold_ms:
-                drone.held.append((self._now + drone.hold_ms, received))
-            else:
-                self._give(drone, link, received)
-
-    def _hand_over(self, drone: VehicleConnection) -> None:
-        """Give the vehicle the messages whose way to it has taken long enough."""
-        while drone.held and drone.held[0][0] <= self._now:
-            self._give(drone, drone.companion, drone.held.popleft()[1])
-
-    def _give(self, drone: VehicleConnection, link: Link, received: Received | bytes) -> None:
-        """Give the vehicle a message, or a packet, of a link."""
-        name = "companion" if link is drone.companion else "gcs"
-        if isinstance(received, bytes):
-            assert isinstance(self._autopilots, LockstepFleet)
-            self._autopilots.pass_on(drone.index, name, received)
-        else:
-            assert not isinstance(self._autopilots, LockstepFleet)
-            link.send(self._autopilots.receive(drone.index, received, name))
-
-    def _start_capture(self, drone: VehicleConnection) -> None:
-        """Start to render what the drone's sensors see at this instant."""
-        if not drone.frames.connected:
-            drone.companion_lost |= drone.process is not None
-            return
-        if drone.delivery is not None and not drone.delivery.done() and self._real_time:
-            return  # the last frame is still under way: this one is dropped
-        stamp, now = (self._now + drone.boot_ms) / 1e3, self._now / 1e3
-        p, q = self.vehicles.p.copy(), self.vehicles.q.copy()
-        drone.capture = self._captures.submit(self._capture, drone, now, stamp, p, q)
+        following = self._now + TELEMETRY_MS - self._now % TELEMETRY_MS
+        return min(following, *(self._exchange.next_event(d, self._now) for d in self._drones))
 
     def _capture(
         self, drone: VehicleConnection, now: float, stamp: float, p: Vector, q: Vector
     ) -> Capture:
+        """Return the frame that the drone's sensors deliver; see `exchange.Look`."""
         if isinstance(drone.frames, HostedFrames):
             drone.frames.look(now, stamp, p, q)
             return stamp, {}  # the frame stays in the process of its companion
         return captured(self.sensors, drone.camera, drone.index, now, stamp, p, q)
-
-    def _send_frame(self, drone: VehicleConnection) -> None:
-        """Deliver the frame that was captured for this instant; its tick falls due."""
-        if drone.capture is None or drone.due_ms is not None:
-            return  # none was captured, or the companion is still busy with the last one
-        stamp, now = (self._now + drone.boot_ms) / 1e3, self._now / 1e3
-        packets = drone.companion.packets_out
-        drone.delivery = self._deliveries.submit(
-            self._deliver_frame, drone, drone.capture, packets, stamp
-        )
-        drone.capture = None
-        paused = sum(f.value for f in self._schedule.at(drone.index, now, "pause"))
-        computing, on_its_way = self._delays.draw(drone.index)
-        drone.due_ms = self._now + round(computing + paused * 1e3)
-        drone.hold_ms = 0 if self._real_time else on_its_way
-
-    @staticmethod
-    def _deliver_frame(
-        drone: VehicleConnection, capture: Future[Capture], packets: int, due: float
-    ) -> bool:
-        taken, arrays = capture.result()
-        return drone.frames.send(Frame(taken, arrays, packets, due=due))
-
-    def _take_answer(self, drone: VehicleConnection) -> None:
-        """Wait for the answer that is due and let the companion's messages take effect."""
-        drone.due_ms = None
-        if self._real_time:
-            while (late := drone.frames.answer(0.0)) is not None:
-                drone.landed |= late.done
-            return
-        if drone.delivery is None or not drone.delivery.result():
-            drone.drop_companion()
-            return
-        deadline = time.monotonic() + self.scenario.timing.answer_timeout  # without rendering
-        while True:
-            answer = drone.frames.answer(0.2)
-            if answer is not None:
-                break
-            if drone.silent(deadline):
-                drone.drop_companion()
-                return
-        drone.landed |= answer.done
-        while drone.companion.packets_in < answer.packets and time.monotonic() < deadline:
-            self._deliver(drone, drone.companion)
-            if drone.companion.packets_in < answer.packets:
-                drone.companion.wait(0.05)
-        self._deliver(drone, drone.companion)
 
     def _idle_until(self, moment: float) -> None:
         """Deliver messages as they come in until `moment` [CLOCK_MONOTONIC, s]."""
@@ -489,7 +354,7 @@ class Flight:
             time.sleep(max(moment - time.monotonic(), 0.0))
         while (left := moment - time.monotonic()) > 0.0:
             for drone in self._drones:
-                self._deliver(drone, drone.companion)
+                self._exchange.deliver(drone, drone.companion, self._now)
             time.sleep(min(left, 0.002))
 
     # --- the end -------------------------------------------------------------------------
@@ -503,9 +368,8 @@ class Flight:
             drone.close()
         for drone in getattr(self, "_drones", []):
             drone.end_process()
-        for pool in ("_captures", "_deliveries"):
-            if hasattr(self, pool):
-                getattr(self, pool).shutdown(wait=True, cancel_futures=True)
+        if hasattr(self, "_exchange"):
+            self._exchange.close()
         for host in getattr(self, "_hosts", []):
             host.close()
 

@@ -12,17 +12,21 @@ from pathlib import Path
 
 from mavlink_bridge.wire.codec import Codec
 from mavlink_bridge.wire.ids import ComponentId
-from mavlink_bridge.wire.link import Link
+from mavlink_bridge.wire.link import Endpoint, Link
 from mavlink_bridge.wire.memory import MemoryEndpoint
 from mavlink_bridge.wire.messages import Received
 from mavlink_bridge.wire.video import FrameServer
 from sitl_sim.external.lockstep_fleet import LockstepFleet
 from sitl_sim.external.priority import COMPANION, raise_priority
 from sitl_sim.faults.camera import FaultyCamera
-from sitl_sim.faults.link import FaultyLine, FaultyTelemetry
+from sitl_sim.faults.catalogue import Schedule
+from sitl_sim.faults.link import FaultyLine, FaultyLink, FaultyTelemetry
 from sitl_sim.flight.in_process import LocalFrames
 from sitl_sim.flight.sensors import Capture
 from sitl_sim.flight.signed_lines import VehicleSigning
+
+Ends = tuple[FrameServer | LocalFrames, Endpoint, Endpoint]
+"""The simulator's ends of a vehicle's frame channel, companion's and ground stations' link."""
 
 
 @dataclass
@@ -159,6 +163,40 @@ class VehicleConnection:
 
     def _runs(self) -> bool:
         return self.process is not None and self.process.poll() is None
+
+
+def connect(
+    name: str,
+    index: int,
+    boot_ms: int,
+    ends: Ends,
+    camera: FaultyCamera,
+    schedule: Schedule,
+    key: bytes | None,
+) -> VehicleConnection:
+    """Return the connections of a vehicle, with the faults that are scheduled for its lines.
+
+    name, index, boot_ms: as for `VehicleConnection`. key: with which both links sign; None: they
+    do not.
+    """
+    frames, companion, ground = ends
+    system = index + 1
+    line = FaultyLine(schedule, index)
+    signing = VehicleSigning(key) if key is not None else None
+    return VehicleConnection(
+        name,
+        index,
+        boot_ms,
+        FaultyLink(
+            companion, Codec(system, 1, signing=signing.companion if signing else None), line
+        ),
+        Link(ground, Codec(system, 1, signing=signing.ground if signing else None)),
+        frames,
+        line,
+        FaultyTelemetry(schedule, index),
+        camera,
+        signing,
+    )
 
 
 def _targets(reader: Codec, data: bytes) -> list[int]:
