@@ -25,6 +25,7 @@ from companion.perception.parallax import SURE, FixedPoints
 from mavlink_bridge.shared.arrays import Vector
 
 _STANDS = 0.4  # m over the ground, above which a point is in the way
+_DOUBTS = 2.0  # σ of its distance that leave it there: the ground of a picture errs all alike
 _LEVELS = 2.0  # m above and below the drone; what is farther up or down is not in the way
 _RANGE = 8.0  # m, of points that are taken in; farther ones are poor
 _MEMORY = 12.0  # s that a point which is no longer followed is kept
@@ -102,8 +103,11 @@ class ParallaxMap:
     def _add(self, fixed: FixedPoints, p: Vector, time: float, ground: GroundPlane) -> None:
         """Add the points of one picture that are near and in the way."""
         places = fixed.places
-        near = np.linalg.norm(places - p, axis=1) < _RANGE
-        stands = places[:, 2] > ground.below(places) + _STANDS
+        lengths = np.linalg.norm(places - p, axis=1)
+        near = lengths < _RANGE
+        rise = np.abs(places[:, 2] - p[2]) / np.maximum(lengths, 1e-6)
+        height = places[:, 2] - ground.below(places) - _DOUBTS * fixed.sigmas * rise
+        stands = height > _STANDS
         stands &= np.abs(places[:, 2] - p[2]) < _LEVELS
         seen = np.full(len(places), time)
         rows = np.column_stack([places, fixed.sigmas, fixed.names, seen])[near & stands]

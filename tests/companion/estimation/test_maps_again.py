@@ -151,7 +151,8 @@ def test_points_by_parallax_are_kept_and_grouped(seed, spread):
         for place, sigma, name in zip(fixed.places, fixed.sigmas, fixed.names, strict=True):
             x, y, z = place
             below = 0.1 + 0.1 * (x - 1.0) - 0.05 * (y + 1.0)
-            if math.dist(place, p) < 8.0 and z > below + 0.4 and abs(z - 2.0) < 2.0:
+            doubt = 2.0 * sigma * abs(z - p[2]) / math.dist(place, p)  # of its height
+            if math.dist(place, p) < 8.0 and z - doubt > below + 0.4 and abs(z - 2.0) < 2.0:
                 old.append([x, y, z, sigma, name, time])
         kept = old[-250:]
         if k % 3 == 2:

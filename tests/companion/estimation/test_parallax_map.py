@@ -10,11 +10,11 @@ from companion.perception.parallax import FixedPoints
 HERE = np.array([0.0, 0.0, 2.0])
 
 
-def points(places, first=0, base=1.0, since=1.0):
+def points(places, first=0, base=1.0, since=1.0, sigma=0.1):
     places = np.array(places, float).reshape(-1, 3)
     n = len(places)
     names = np.arange(first, first + n)
-    return FixedPoints(places, np.full(n, 0.1), names, np.full(n, base), np.full(n, since))
+    return FixedPoints(places, np.full(n, sigma), names, np.full(n, base), np.full(n, since))
 
 
 def trunk(x, y, radius, count=8, first=0):
@@ -47,6 +47,15 @@ def test_ground_and_far_points_are_not_in_the_way():
     far = points([[9.5, 0.1 * k, 2.0] for k in range(9)], first=20)
     high = points([[3.0, 0.1 * k, 7.0] for k in range(9)], first=40)
     assert not len(after(ground, far, high).cylinders)
+
+
+def test_ground_that_stands_by_its_doubt_alone_is_not_in_the_way():
+    """Ground 2 m below, seen a quarter too near: 0.5 m over the ground, known to 0.3 m."""
+    too_near = [[1.2, 0.1 * k, 0.5] for k in range(9)]
+    assert not len(after(*[points(too_near, sigma=0.3)] * 3).cylinders)
+    assert len(after(*[points(too_near, sigma=0.03)] * 3).cylinders) == 1
+    level = [[1.2, 0.1 * k, 2.0] for k in range(9)]  # its doubt lies along the ray: it stands
+    assert len(after(*[points(level, sigma=0.3)] * 3).cylinders) == 1
 
 
 def test_a_wall_stays_a_set_of_points():
