@@ -29,6 +29,8 @@ from mavlink_bridge.shared.settings import Contradiction, StrictModel
 from mavlink_bridge.wire.messages import VehicleState
 
 _MAKE_WAY = 0.7  # m/s: the drone may always move this fast, to make way
+_RESPONDS = 0.25  # s until the drone brakes when the one ahead does
+_BRAKES, _ONE_AHEAD = 3.0, 4.0  # m/s²: the drone brakes by this, the one ahead may by that
 
 
 class SpeedLimitConfig(StrictModel):
@@ -121,9 +123,15 @@ def clear_speed(config: SpeedLimitConfig, share: float, cruise: float, least: fl
 def followed(along: float, apart: float, config: SpeedLimitConfig) -> float:
     """Return the speed [m/s] at which the room to one ahead lasts for `headway`.
 
+    It lasts, too, if the one ahead brakes to rest as hard as drones do, and the drone a moment
+    later and less hard (the safe distance of Shalev-Shwartz et al., arXiv 1708.06374, Lemma 2).
     along: m/s, of the one ahead, the same way. apart: m, centre to centre.
     """
-    return along + max(apart - config.clearance, 0.0) / config.headway
+    room = max(apart - config.clearance, 0.0)
+    stops = room + max(along, 0.0) ** 2 / (2.0 * _ONE_AHEAD)
+    responds = _BRAKES * _RESPONDS
+    safe = math.sqrt(responds**2 + 2.0 * _BRAKES * stops) - responds
+    return min(along + room / config.headway, safe)
 
 
 def headway_speed(

@@ -108,7 +108,11 @@ def test_headway(seed):
         away = level(offset)
         if math.cos(angle(way, offset)) > 0.3 and abs(offset[2]) < 1.0 and away < 2.5:
             along = (t.v[0] * way[0] + t.v[1] * way[1]) / level(way)
-            speed = min(speed, along + max(away - 0.9, 0.0) / 1.2)
+            room = max(away - 0.9, 0.0)
+            speed = min(speed, along + room / 1.2)
+            # 0.25 s at that speed, and braking by 3 m/s², take the room and the way of its braking.
+            way_left = room + max(along, 0.0) ** 2 / 8.0
+            speed = min(speed, float(np.roots([1.0 / 6.0, 0.25, -way_left]).max()))
     wanted = max(speed, 0.25 * cruise)
     assert headway_speed(own, tracks, way, cruise, LIMITS, SIDE, 2.5) == pytest.approx(wanted)
     free = LIMITS.model_copy(update={"headway": 0.0})

@@ -9,6 +9,7 @@ from companion.estimation.delay import Delay
 from companion.guidance.right_of_way import RightOfWayConfig
 from companion.guidance.speed_limits import (
     SpeedLimitConfig,
+    followed,
     headway_speed,
     reaction_speed,
     relative_speed_limit,
@@ -26,6 +27,21 @@ def free_speed(*tracks):
 
 def test_a_formation_that_flies_along_is_no_limit():
     assert free_speed(track(1, [1.7, 0.2, 0], [1.5, 0, 0]), track(2, [0, 1.5, 0])) == 1.65
+
+
+def test_behind_a_fast_one_there_is_room_to_brake_after_it_does():
+    """By time: both fly along; the one ahead brakes by 4 m/s² from now, this by 3 after 0.25 s."""
+    for ahead, room in ((5.0, 1.0), (4.3, 1.8), (2.0, 0.5), (1.0, 3.0)):
+        speed = followed(ahead, CONFIG.clearance + room, CONFIG)
+        assert speed <= ahead + room / CONFIG.headway
+        dt, left, mine, its = 1e-3, room, speed, ahead
+        for k in range(5000):
+            mine = max(mine - (3.0 * dt if k * dt >= 0.25 else 0.0), 0.0)
+            its = max(its - 4.0 * dt, 0.0)
+            left += (its - mine) * dt
+        assert left > -0.01
+        if speed < ahead + room / CONFIG.headway - 1e-6:  # the room is used
+            assert left < 0.01
 
 
 def test_a_neighbour_on_the_ground_is_no_limit():
