@@ -22,6 +22,7 @@ AHEAD_COSINE = 0.3  # of the angle off the way, above which a neighbour is ahead
 _NEAR = 2.0  # m; a neighbour that stands so near ahead blocks the way, even beyond the next goal
 _STANDING = 0.3  # m/s along the way; slower is within the doubt of a velocity estimate
 _PASSAGE = 0.4  # m from a trunk's surface to a drone's centre that a passage needs
+_LEAST = 1.0  # m of room, with less of which trunks leave no passage
 _TURN_MAX = 0.6  # rad; a neighbour at arm's length is passed slowly, not by turning sideways
 
 
@@ -29,11 +30,12 @@ class RightOfWayConfig(StrictModel):
     """Which neighbours block the way, and how far they are avoided."""
 
     keep_right: float = Field(
-        1.0,
+        2.0,
         ge=0,
-        description="Room [m] left to an oncoming neighbour; 0: the goal is never turned.",
+        description="Room [m] left to an oncoming neighbour, as far as trunks leave it, but a "
+        "metre at least; 0: the goal is never turned.",
     )
-    oncoming: float = Field(6.0, gt=0, description="From this distance [m] on room is made.")
+    oncoming: float = Field(8.0, gt=0, description="From this distance [m] on room is made.")
     level: float = Field(
         1.2,
         gt=0,
@@ -76,20 +78,22 @@ def pass_on_right(
         x, y = (way / norm(way)).tolist()
         offset = t.p[:2] - own.p[:2]
         aside, distance = x * float(offset[1]) - y * float(offset[0]), float(np.hypot(*offset))
-        room, side = config.keep_right, np.array([y, -x])
-        if _has_passage(t.p[:2], side, room, cylinders):
+        side = np.array([y, -x])
+        if (room := _room(t.p[:2], side, config.keep_right, cylinders)) > 0.0:
             if -0.5 * room < aside < room:
                 right = max(right, math.atan2(room - aside, distance))
-        elif -room < aside and _has_passage(t.p[:2], -side, room, cylinders):
-            left = max(left, math.atan2(room + aside, distance))
+        elif (room := _room(t.p[:2], -side, config.keep_right, cylinders)) > 0.0:
+            if -room < aside < 0.5 * room:
+                left = max(left, math.atan2(room + aside, distance))
     turn = max(min(right or -left, _TURN_MAX), -_TURN_MAX)
     c, s = math.cos(turn), math.sin(turn)
     turned = [c * way[0] + s * way[1], c * way[1] - s * way[0]]
     return np.array([own.p[0] + turned[0], own.p[1] + turned[1], goal[2]])
 
 
-def _has_passage(place: Vector, side: Vector, room: float, cylinders: Vector) -> bool:
-    """Return whether all cylinders (K,3) on that side (2,) of a place (2,) leave a passage."""
+def _room(place: Vector, side: Vector, most: float, cylinders: Vector) -> float:
+    """Return the room [m] that cylinders (K,3) leave on that side (2,) of a place (2,); 0: none."""
     offsets = cylinders[:, :2] - place
     gaps = np.hypot(*offsets.T) - cylinders[:, 2]
-    return not bool(((offsets @ side > 0.0) & (gaps < room + _PASSAGE)).any())
+    room = min(most, float(gaps[offsets @ side > 0.0].min(initial=math.inf)) - _PASSAGE)
+    return room if room >= min(_LEAST, most) else 0.0

@@ -24,7 +24,7 @@ LIMITS = SpeedLimitConfig(
     headway=1.2, clearance=0.9, headway_least=0.25, relative_speed=0.6, reaction_way=0.4,
     full_view=0.5, no_view=1.5, no_view_share=0.15,
 )  # fmt: skip
-SIDE = RightOfWayConfig(keep_right=0.8, oncoming=5.0, level=1.0)
+SIDE = RightOfWayConfig(keep_right=1.4, oncoming=5.0, level=1.0)
 
 
 def drone(rng):
@@ -145,10 +145,12 @@ def stands_in_the_way(own, t, goal, near=2.0):
 
 
 def passage(t, side, trunks):
-    return not any(
-        (trunk[:2] - t.p[:2]) @ side > 0.0 and math.dist(trunk[:2], t.p[:2]) - trunk[2] < 0.8 + 0.4
-        for trunk in trunks
-    )
+    """Room on that side, m; none below 1 m."""
+    room = 1.4
+    for trunk in trunks:
+        if (trunk[:2] - t.p[:2]) @ side > 0.0:
+            room = min(room, math.dist(trunk[:2], t.p[:2]) - trunk[2] - 0.4)
+    return room if room >= 1.0 else None
 
 
 @pytest.mark.parametrize("seed", range(300))
@@ -168,11 +170,12 @@ def test_right_of_way(seed):
         offset = (t.p - own.p)[:2]
         aside, away = way[0] * offset[1] - way[1] * offset[0], level(offset)
         to_right = np.array([way[1], -way[0]])
-        if passage(t, to_right, trunks):
-            if -0.4 < aside < 0.8:
-                right.append(math.atan2(0.8 - aside, away))
-        elif aside > -0.8 and passage(t, -to_right, trunks):
-            left.append(math.atan2(0.8 + aside, away))
+        if room := passage(t, to_right, trunks):
+            if -0.5 * room < aside < room:
+                right.append(math.atan2(room - aside, away))
+        elif room := passage(t, -to_right, trunks):
+            if -0.5 * room < -aside < room:
+                left.append(math.atan2(room + aside, away))
     turn = -max(right) if max(right) else max(left)
     turn = min(max(turn, -0.6), 0.6)
     found = pass_on_right(own, tracks, trunks, goal, SIDE)
