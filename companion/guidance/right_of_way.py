@@ -79,12 +79,13 @@ def pass_on_right(
         offset = t.p[:2] - own.p[:2]
         aside, distance = x * float(offset[1]) - y * float(offset[0]), float(np.hypot(*offset))
         side = np.array([y, -x])
-        if (room := _room(t.p[:2], side, config.keep_right, cylinders)) > 0.0:
+        if room := _room(t.p[:2], side, config.keep_right, cylinders):
             if -0.5 * room < aside < room:
                 right = max(right, math.atan2(room - aside, distance))
-        elif (room := _room(t.p[:2], -side, config.keep_right, cylinders)) > 0.0:
-            if -room < aside < 0.5 * room:
-                left = max(left, math.atan2(room + aside, distance))
+            continue
+        room = _room(t.p[:2], -side, config.keep_right, cylinders)
+        if -room < aside < 0.5 * room:
+            left = max(left, math.atan2(room + aside, distance))
     turn = max(min(right or -left, _TURN_MAX), -_TURN_MAX)
     c, s = math.cos(turn), math.sin(turn)
     turned = [c * way[0] + s * way[1], c * way[1] - s * way[0]]

@@ -173,9 +173,8 @@ def test_right_of_way(seed):
         if room := passage(t, to_right, trunks):
             if -0.5 * room < aside < room:
                 right.append(math.atan2(room - aside, away))
-        elif room := passage(t, -to_right, trunks):
-            if -0.5 * room < -aside < room:
-                left.append(math.atan2(room + aside, away))
+        elif (room := passage(t, -to_right, trunks)) and -0.5 * room < -aside < room:
+            left.append(math.atan2(room + aside, away))
     turn = -max(right) if max(right) else max(left)
     turn = min(max(turn, -0.6), 0.6)
     found = pass_on_right(own, tracks, trunks, goal, SIDE)
