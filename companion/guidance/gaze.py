@@ -157,6 +157,7 @@ class Gaze:
             self._yaw, self._base, self._time = yaw_now, yaw_now, time
             self._looked_round = time
         step = c.slew * max(time - self._time, 0.0)
+        self._turn_to(coming)
         if not self.surveyed or self._to_turn > 0.0:
             self._to_survey -= step
             self._to_turn -= step
@@ -191,6 +192,16 @@ class Gaze:
     def _shows(self, off: float | None, epsilon: float) -> bool:
         """Return whether one `off` [rad] the base direction is in view where that is swung by ε."""
         return off is not None and abs(wrap(off - epsilon)) <= self._config.half_view + _RIM
+
+    def _turn_to(self, coming: float | None) -> None:
+        """Let a look all round not lead away from one that comes; it ends where that is in view."""
+        if coming is None or self._to_turn <= 0.0:
+            return
+        assert self._yaw is not None
+        off = wrap(coming - self._yaw)
+        self._side = math.copysign(1.0, off)
+        if abs(off) <= self._config.half_view:
+            self._to_turn = 0.0
 
     def _look_round_again(self, time: float, coming: float | None) -> None:
         """Begin a turn all round where the last one is long ago, unless one that comes is in view.

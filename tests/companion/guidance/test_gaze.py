@@ -267,6 +267,25 @@ def test_a_turn_all_round_begins_to_the_side_of_one_that_comes(side):
     assert wrap_all(np.diff(psi))[43:56] == pytest.approx(side * 0.2)
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_turn_all_round_turns_back_for_one_that_comes_and_ends_at_it(side):
+    gaze, yaw, ticks = Gaze(sweeping(seed=3)), [0.0], 0
+    while len(yaw) < 48:  # the turn begins after 4 s
+        yaw.append(gaze.update(len(yaw) / 10, SLOW, FAR, 0.0, strangers=True))
+    by = wrap_all(np.diff(yaw))[-4:]
+    turning = float(np.sign(by[-1]))
+    assert by == pytest.approx(turning * 0.2)
+    comes = yaw[-1] - turning * 1.9 * side  # behind the turn, or ahead of it
+    while abs(wrap(comes - yaw[-1])) > GazeConfig().half_view:
+        yaw.append(gaze.update(len(yaw) / 10, SLOW, FAR, 0.0, coming=comes, strangers=True))
+        ticks += 1
+        assert wrap_all(np.diff(yaw))[-1] == pytest.approx(-side * turning * 0.2)
+    assert ticks == 4
+    for _ in range(30):
+        yaw.append(gaze.update(len(yaw) / 10, SLOW, FAR, 0.0, coming=comes, strangers=True))
+        assert abs(wrap(comes - yaw[-1])) < GazeConfig().half_view + 0.2
+
+
 def test_without_a_sweep_nobody_is_looked_back_at():
     assert np.allclose(looked(STILL, coming=3.0), 0.0)
 
