@@ -30,7 +30,7 @@ class RightOfWayConfig(StrictModel):
     """Which neighbours block the way, and how far they are avoided."""
 
     keep_right: float = Field(
-        2.0,
+        1.5,
         ge=0,
         description="Room [m] left to an oncoming neighbour, as far as trunks leave it, but a "
         "metre at least; 0: the goal is never turned.",

@@ -170,8 +170,8 @@ def test_an_oncoming_neighbour_turns_the_target_to_the_right_and_not_the_aim():
     oncoming = [track(1, [4.0, 0.0, 2.0], [-1.0, 0.0, 0.0])]
     reference = decided(guiding(AHEAD), tracks=oncoming)
     assert reference.aim.tolist() == AHEAD
-    # 2 m of room at 4 m: the goal 9 m ahead moves on its circle.
-    turn = math.atan2(2.0, 4.0)
+    # 1.5 m of room at 4 m: the goal 9 m ahead moves on its circle.
+    turn = math.atan2(1.5, 4.0)
     assert reference.target == pytest.approx([9.0 * math.cos(turn), -9.0 * math.sin(turn), 2.0])
     assert reference.route == ("right of way",)
 

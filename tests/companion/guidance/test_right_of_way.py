@@ -22,13 +22,13 @@ def aimed(*tracks, trunks=()):
 
 def test_an_oncoming_neighbour_is_passed_on_the_right():
     ahead, near_left = aimed(track(1, [4, 0, 0], [-1, 0, 0])), aimed(track(1, [4, 0.8, 0]))
-    assert np.isclose(ahead, -np.degrees(np.arctan2(2.0, 4.0)))
+    assert np.isclose(ahead, -np.degrees(np.arctan2(1.5, 4.0)))
     assert ahead < near_left < 0.0
 
 
 def test_a_trunk_on_the_right_lets_the_drone_pass_on_the_left():
     standing, right, left = track(1, [4, 0, 0]), [4.0, -2.3, 1.0], [4.0, 2.3, 1.0]
-    assert np.isclose(aimed(standing, trunks=[right]), np.degrees(np.arctan2(2.0, 4.0)))
+    assert np.isclose(aimed(standing, trunks=[right]), np.degrees(np.arctan2(1.5, 4.0)))
     assert aimed(standing, trunks=[left]) < 0.0
     assert aimed(standing, trunks=[left, right]) == 0.0
     assert aimed(standing, trunks=[[4.0, -6.0, 1.0]]) < 0.0
@@ -37,9 +37,9 @@ def test_a_trunk_on_the_right_lets_the_drone_pass_on_the_left():
 
 
 def test_a_neighbour_is_passed_with_as_much_room_as_trunks_leave():
-    """Two metres; less where a trunk stands, as far as one metre and that to the trunk are left."""
+    """1.5 m; less where a trunk stands, as far as one metre and that to the trunk are left."""
     standing = track(1, [4, 0, 0])
-    for gap, room in ((3.0, 2.0), (2.0, 1.6), (1.5, 1.1)):
+    for gap, room in ((3.0, 1.5), (1.7, 1.3), (1.5, 1.1)):
         turn = aimed(standing, trunks=[[4.0, -gap - 1.0, 1.0]])
         assert np.isclose(turn, -np.degrees(np.arctan2(room, 4.0)))
     narrow = [[4.0, -2.3, 1.0]]
@@ -58,8 +58,8 @@ def test_other_neighbours_do_not_turn_the_goal():
     assert aimed() == 0.0
     assert aimed(track(1, [4, 0, 0], [1, 0, 0])) == 0.0  # flies along
     assert aimed(track(1, [4, 0, -2])) == 0.0  # has landed
-    assert aimed(track(1, [4, 2.1, 0], [-1, 0, 0])) == 0.0  # passes on the left
-    assert aimed(track(1, [4, -1.1, 0], [-1, 0, 0])) == 0.0  # clearly on the right
+    assert aimed(track(1, [4, 1.6, 0], [-1, 0, 0])) == 0.0  # passes on the left
+    assert aimed(track(1, [4, -0.8, 0], [-1, 0, 0])) == 0.0  # clearly on the right
     assert aimed(track(1, [-2, 0, 0], [1, 0, 0])) == 0.0  # behind
     assert aimed(track(1, [7.5, 0, 0], [-1, 0, 0])) == 0.0  # far
 
