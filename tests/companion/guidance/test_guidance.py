@@ -170,8 +170,8 @@ def test_an_oncoming_neighbour_turns_the_target_to_the_right_and_not_the_aim():
     oncoming = [track(1, [4.0, 0.0, 2.0], [-1.0, 0.0, 0.0])]
     reference = decided(guiding(AHEAD), tracks=oncoming)
     assert reference.aim.tolist() == AHEAD
-    # 1.5 m of room at 4 m: the goal 9 m ahead moves on its circle.
-    turn = math.atan2(1.5, 4.0)
+    # 1 m of room at 4 m: the goal 9 m ahead moves on its circle.
+    turn = math.atan2(1.0, 4.0)
     assert reference.target == pytest.approx([9.0 * math.cos(turn), -9.0 * math.sin(turn), 2.0])
     assert reference.route == ("right of way",)
 
@@ -189,8 +189,9 @@ def test_room_for_an_oncoming_neighbour_is_as_configured():
     reference = decided(guiding(AHEAD, **never), tracks=oncoming)
     assert reference.target.tolist() == AHEAD
     assert reference.route == ()
-    less = decided(guiding(AHEAD, right_of_way={"keep_right": 1.2}), tracks=oncoming)
-    assert math.atan2(-less.target[1], less.target[0]) == pytest.approx(math.atan2(1.2, 4.0))
+    oncoming = [*oncoming, track(2, [5.0, 0.0, 2.0], [-1.0, 0.0, 0.0])]
+    wide = decided(guiding(AHEAD, right_of_way={"keep_right": 1.8}), tracks=oncoming)
+    assert math.atan2(-wide.target[1], wide.target[0]) == pytest.approx(math.atan2(1.8, 4.0))
 
 
 # OBSTACLES

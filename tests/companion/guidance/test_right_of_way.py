@@ -22,30 +22,30 @@ def aimed(*tracks, trunks=()):
 
 def test_an_oncoming_neighbour_is_passed_on_the_right():
     ahead, near_left = aimed(track(1, [4, 0, 0], [-1, 0, 0])), aimed(track(1, [4, 0.8, 0]))
-    assert np.isclose(ahead, -np.degrees(np.arctan2(1.5, 4.0)))
+    assert np.isclose(ahead, -np.degrees(np.arctan2(1.0, 4.0)))
     assert ahead < near_left < 0.0
 
 
 def test_a_trunk_on_the_right_lets_the_drone_pass_on_the_left():
-    standing, right, left = track(1, [4, 0, 0]), [4.0, -2.3, 1.0], [4.0, 2.3, 1.0]
-    assert np.isclose(aimed(standing, trunks=[right]), np.degrees(np.arctan2(1.5, 4.0)))
+    standing, right, left = track(1, [3, 0, 0]), [3.0, -1.8, 1.0], [3.0, 1.8, 1.0]
+    assert np.isclose(aimed(standing, trunks=[right]), np.degrees(np.arctan2(1.0, 3.0)))
     assert aimed(standing, trunks=[left]) < 0.0
     assert aimed(standing, trunks=[left, right]) == 0.0
-    assert aimed(standing, trunks=[[4.0, -6.0, 1.0]]) < 0.0
-    beside_us = [2.4, -1.6, 1.0]  # leaves 1.26 m to the one that stands
+    assert aimed(standing, trunks=[[3.0, -6.0, 1.0]]) < 0.0
+    beside_us = [1.4, -1.6, 1.0]  # leaves 1.26 m to the one that stands
     assert aimed(standing, trunks=[beside_us]) > 0.0
 
 
-def test_a_neighbour_is_passed_with_as_much_room_as_trunks_leave():
-    """1.5 m; less where a trunk stands, as far as one metre and that to the trunk are left."""
-    standing = track(1, [4, 0, 0])
-    for gap, room in ((3.0, 1.5), (1.7, 1.3), (1.5, 1.1)):
-        turn = aimed(standing, trunks=[[4.0, -gap - 1.0, 1.0]])
+def test_several_are_passed_with_as_much_room_as_trunks_leave():
+    """Two metres; less where a trunk stands, as far as one metre and that to the trunk are left."""
+    standing = track(1, [4, 0, 0]), track(2, [5, 0, 0])
+    assert np.isclose(aimed(*standing), -np.degrees(np.arctan2(2.0, 4.0)))
+    for gap, room in ((3.0, 2.0), (2.0, 1.6), (1.5, 1.1)):
+        turn = aimed(*standing, trunks=[[4.0, -gap - 1.0, 1.0], [5.0, -gap - 1.0, 1.0]])
         assert np.isclose(turn, -np.degrees(np.arctan2(room, 4.0)))
-    narrow = [[4.0, -2.3, 1.0]]
-    assert np.isclose(
-        aimed(standing, trunks=[*narrow, [4.0, 2.6, 1.0]]), np.degrees(np.arctan2(1.2, 4.0))
-    )
+    narrow = [[4.0, -2.3, 1.0], [5.0, -2.3, 1.0]]
+    left = aimed(*standing, trunks=[*narrow, [4.0, 2.6, 1.0], [5.0, 2.6, 1.0]])
+    assert np.isclose(left, np.degrees(np.arctan2(1.2, 4.0)))
 
 
 def test_without_keep_right_the_goal_stays():
@@ -58,8 +58,8 @@ def test_other_neighbours_do_not_turn_the_goal():
     assert aimed() == 0.0
     assert aimed(track(1, [4, 0, 0], [1, 0, 0])) == 0.0  # flies along
     assert aimed(track(1, [4, 0, -2])) == 0.0  # has landed
-    assert aimed(track(1, [4, 1.6, 0], [-1, 0, 0])) == 0.0  # passes on the left
-    assert aimed(track(1, [4, -0.8, 0], [-1, 0, 0])) == 0.0  # clearly on the right
+    assert aimed(track(1, [4, 1.1, 0], [-1, 0, 0])) == 0.0  # passes on the left
+    assert aimed(track(1, [4, -0.6, 0], [-1, 0, 0])) == 0.0  # clearly on the right
     assert aimed(track(1, [-2, 0, 0], [1, 0, 0])) == 0.0  # behind
     assert aimed(track(1, [7.5, 0, 0], [-1, 0, 0])) == 0.0  # far
 
