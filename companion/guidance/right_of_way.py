@@ -30,12 +30,12 @@ class RightOfWayConfig(StrictModel):
     """Which neighbours block the way, and how far they are avoided."""
 
     keep_right: float = Field(
-        2.0,
+        1.0,
         ge=0,
-        description="Room [m] left to oncoming neighbours where there are several, as far as "
-        "trunks leave it; to a single one, and at least, a metre. 0: the goal is never turned.",
+        description="Room [m] left to oncoming neighbours; more than a metre only where there are "
+        "several, and as far as trunks leave it. 0: the goal is never turned.",
     )
-    oncoming: float = Field(8.0, gt=0, description="From this distance [m] on room is made.")
+    oncoming: float = Field(6.0, gt=0, description="From this distance [m] on room is made.")
     level: float = Field(
         1.2,
         gt=0,

@@ -11,10 +11,10 @@ CONFIG = RightOfWayConfig()
 NUMBER = st.floats(-12, 12)
 
 
-def aimed(*tracks, trunks=()):
+def aimed(*tracks, trunks=(), config=CONFIG):
     """Angle [°] by which the way to a goal straight ahead is turned, to the left."""
     cylinders = np.reshape(np.array(trunks, float), (-1, 3))
-    goal = pass_on_right(OWN, tracks, cylinders, np.array([7.0, 0, 2.0]), CONFIG)
+    goal = pass_on_right(OWN, tracks, cylinders, np.array([7.0, 0, 2.0]), config)
     assert np.isclose(np.hypot(*goal[:2]), 7.0)
     assert goal[2] == 2.0
     return np.degrees(np.arctan2(goal[1], goal[0]))
@@ -39,12 +39,16 @@ def test_a_trunk_on_the_right_lets_the_drone_pass_on_the_left():
 def test_several_are_passed_with_as_much_room_as_trunks_leave():
     """Two metres; less where a trunk stands, as far as one metre and that to the trunk are left."""
     standing = track(1, [4, 0, 0]), track(2, [5, 0, 0])
-    assert np.isclose(aimed(*standing), -np.degrees(np.arctan2(2.0, 4.0)))
+    wide = RightOfWayConfig(keep_right=2.0)
+    assert np.isclose(aimed(standing[0], config=wide), -np.degrees(np.arctan2(1.0, 4.0)))
+    assert np.isclose(aimed(*standing, config=wide), -np.degrees(np.arctan2(2.0, 4.0)))
     for gap, room in ((3.0, 2.0), (2.0, 1.6), (1.5, 1.1)):
-        turn = aimed(*standing, trunks=[[4.0, -gap - 1.0, 1.0], [5.0, -gap - 1.0, 1.0]])
+        turn = aimed(
+            *standing, trunks=[[4.0, -gap - 1.0, 1.0], [5.0, -gap - 1.0, 1.0]], config=wide
+        )
         assert np.isclose(turn, -np.degrees(np.arctan2(room, 4.0)))
     narrow = [[4.0, -2.3, 1.0], [5.0, -2.3, 1.0]]
-    left = aimed(*standing, trunks=[*narrow, [4.0, 2.6, 1.0], [5.0, 2.6, 1.0]])
+    left = aimed(*standing, trunks=[*narrow, [4.0, 2.6, 1.0], [5.0, 2.6, 1.0]], config=wide)
     assert np.isclose(left, np.degrees(np.arctan2(1.2, 4.0)))
 
 
