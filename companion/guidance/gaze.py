@@ -193,27 +193,25 @@ class Gaze:
         """Return whether one `off` [rad] the base direction is in view where that is swung by ε."""
         return off is not None and abs(wrap(off - epsilon)) <= self._config.half_view + _RIM
 
+    def _in_view(self, coming: float | None) -> bool:
+        """Return whether one that comes, if any, is in view where the drone is to look now."""
+        assert self._yaw is not None
+        return coming is not None and abs(wrap(coming - self._yaw)) <= self._config.half_view
+
     def _turn_to(self, coming: float | None) -> None:
-        """Let a look all round not lead away from one that comes; it ends where that is in view."""
+        """Let a look all round go to the side of one that comes; it ends where that is in view."""
         if coming is None or self._to_turn <= 0.0:
             return
         assert self._yaw is not None
-        off = wrap(coming - self._yaw)
-        self._side = math.copysign(1.0, off)
-        if abs(off) <= self._config.half_view:
+        self._side = math.copysign(1.0, wrap(coming - self._yaw))
+        if self._in_view(coming):
             self._to_turn = 0.0
 
     def _look_round_again(self, time: float, coming: float | None) -> None:
-        """Begin a turn all round where the last one is long ago, unless one that comes is in view.
-
-        It begins to the side of one that comes from out of view.
-        """
-        assert self._yaw is not None
-        off = 0.0 if coming is None else wrap(coming - self._yaw)
-        watched = coming is not None and abs(off) <= self._config.half_view
-        if time - self._looked_round >= self._config.round_every and not watched:
-            self._to_turn = 2.0 * math.pi
-            self._side = math.copysign(1.0, off or -self._side)
+        """Begin a turn all round where the last one is long ago, and none that comes is in view."""
+        long_ago = time - self._looked_round >= self._config.round_every
+        if long_ago and not self._in_view(coming):
+            self._to_turn, self._side = 2.0 * math.pi, -self._side
 
     def _follow_motion(self, v: Vector, to_goal: Vector) -> None:
         """Set the direction about which the sweep swings."""

@@ -22,7 +22,7 @@ AHEAD_COSINE = 0.3  # of the angle off the way, above which a neighbour is ahead
 _NEAR = 2.0  # m; a neighbour that stands so near ahead blocks the way, even beyond the next goal
 _STANDING = 0.3  # m/s along the way; slower is within the doubt of a velocity estimate
 _PASSAGE = 0.4  # m from a trunk's surface to a drone's centre that a passage needs
-_LEAST = 1.0  # m of room: less is no passage, more is for several that would else meet in a crowd
+_LEAST = 1.0  # m of room, with less of which trunks leave no passage
 _TURN_MAX = 0.6  # rad; a neighbour at arm's length is passed slowly, not by turning sideways
 
 
@@ -32,8 +32,8 @@ class RightOfWayConfig(StrictModel):
     keep_right: float = Field(
         1.0,
         ge=0,
-        description="Room [m] left to oncoming neighbours; more than a metre only where there are "
-        "several, and as far as trunks leave it. 0: the goal is never turned.",
+        description="Room [m] left to an oncoming neighbour; more than a metre only as far as "
+        "trunks leave it. 0: the goal is never turned.",
     )
     oncoming: float = Field(6.0, gt=0, description="From this distance [m] on room is made.")
     level: float = Field(
@@ -72,18 +72,18 @@ def pass_on_right(
     """
     way = goal[:2] - own.p[:2]
     right = left = 0.0
-    blocking = [t for t in tracks if blocks_way(own, t, goal, config)]
-    most = config.keep_right if len(blocking) > 1 else min(config.keep_right, _LEAST)
-    for t in blocking if most else []:
+    for t in tracks:
+        if config.keep_right == 0.0 or not blocks_way(own, t, goal, config):
+            continue
         x, y = (way / norm(way)).tolist()
         offset = t.p[:2] - own.p[:2]
         aside, distance = x * float(offset[1]) - y * float(offset[0]), float(np.hypot(*offset))
         side = np.array([y, -x])
-        if room := _room(t.p[:2], side, most, cylinders):
+        if room := _room(t.p[:2], side, config.keep_right, cylinders):
             if -0.5 * room < aside < room:
                 right = max(right, math.atan2(room - aside, distance))
             continue
-        room = _room(t.p[:2], -side, most, cylinders)
+        room = _room(t.p[:2], -side, config.keep_right, cylinders)
         if -room < aside < 0.5 * room:
             left = max(left, math.atan2(room + aside, distance))
     turn = max(min(right or -left, _TURN_MAX), -_TURN_MAX)

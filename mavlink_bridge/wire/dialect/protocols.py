@@ -41,21 +41,10 @@ def _mission_request_from_wire(w: Any) -> m.MissionRequest:
 
 def _mission_item_to_wire(i: m.MissionItem) -> Any:
     if i.floating:
-        return message("MISSION_ITEM")(
-            i.target_system,
-            i.target_component,
-            i.seq,
-            i.frame,
-            i.command,
-            i.current,
-            i.autocontinue,
-            *i.params,
-            x=i.x_deg,
-            y=i.y_deg,
-            z=i.z,
-            mission_type=i.mission_type,
-        )
-    return message("MISSION_ITEM_INT")(
+        item, x, y = message("MISSION_ITEM"), i.x_deg, i.y_deg
+    else:
+        item, x, y = message("MISSION_ITEM_INT"), coordinate(i.x_deg), coordinate(i.y_deg)
+    return item(
         i.target_system,
         i.target_component,
         i.seq,
@@ -64,8 +53,8 @@ def _mission_item_to_wire(i: m.MissionItem) -> Any:
         i.current,
         i.autocontinue,
         *i.params,
-        x=coordinate(i.x_deg),
-        y=coordinate(i.y_deg),
+        x=x,
+        y=y,
         z=i.z,
         mission_type=i.mission_type,
     )

@@ -189,7 +189,6 @@ def test_room_for_an_oncoming_neighbour_is_as_configured():
     reference = decided(guiding(AHEAD, **never), tracks=oncoming)
     assert reference.target.tolist() == AHEAD
     assert reference.route == ()
-    oncoming = [*oncoming, track(2, [5.0, 0.0, 2.0], [-1.0, 0.0, 0.0])]
     wide = decided(guiding(AHEAD, right_of_way={"keep_right": 1.8}), tracks=oncoming)
     assert math.atan2(-wide.target[1], wide.target[0]) == pytest.approx(math.atan2(1.8, 4.0))
 

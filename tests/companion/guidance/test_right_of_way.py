@@ -36,20 +36,21 @@ def test_a_trunk_on_the_right_lets_the_drone_pass_on_the_left():
     assert aimed(standing, trunks=[beside_us]) > 0.0
 
 
-def test_several_are_passed_with_as_much_room_as_trunks_leave():
-    """Two metres; less where a trunk stands, as far as one metre and that to the trunk are left."""
-    standing = track(1, [4, 0, 0]), track(2, [5, 0, 0])
-    wide = RightOfWayConfig(keep_right=2.0)
-    assert np.isclose(aimed(standing[0], config=wide), -np.degrees(np.arctan2(1.0, 4.0)))
-    assert np.isclose(aimed(*standing, config=wide), -np.degrees(np.arctan2(2.0, 4.0)))
+def test_a_neighbour_is_passed_with_as_much_room_as_trunks_leave():
+    """Two metres, as set; less by a trunk, but one metre at least."""
+    standing, wide = track(1, [4, 0, 0]), RightOfWayConfig(keep_right=2.0)
     for gap, room in ((3.0, 2.0), (2.0, 1.6), (1.5, 1.1)):
-        turn = aimed(
-            *standing, trunks=[[4.0, -gap - 1.0, 1.0], [5.0, -gap - 1.0, 1.0]], config=wide
-        )
+        turn = aimed(standing, trunks=[[4.0, -gap - 1.0, 1.0]], config=wide)
         assert np.isclose(turn, -np.degrees(np.arctan2(room, 4.0)))
-    narrow = [[4.0, -2.3, 1.0], [5.0, -2.3, 1.0]]
-    left = aimed(*standing, trunks=[*narrow, [4.0, 2.6, 1.0], [5.0, 2.6, 1.0]], config=wide)
+    left = aimed(standing, trunks=[[4.0, -2.3, 1.0], [4.0, 2.6, 1.0]], config=wide)
     assert np.isclose(left, np.degrees(np.arctan2(1.2, 4.0)))
+
+
+def test_where_there_is_no_room_on_its_right_one_clearly_on_the_left_turns_nothing():
+    wall = [[4.0, y, 0.5] for y in (-1.0, -2.0)]
+    assert aimed(track(1, [4, -0.2, 0]), trunks=wall) > 0.0
+    near_left = [[4.0, -0.3, 0.5]]  # 0.4 m to its bark
+    assert aimed(track(1, [4, 0.6, 0]), trunks=near_left) == 0.0
 
 
 def test_without_keep_right_the_goal_stays():
@@ -65,7 +66,7 @@ def test_other_neighbours_do_not_turn_the_goal():
     assert aimed(track(1, [4, 1.1, 0], [-1, 0, 0])) == 0.0  # passes on the left
     assert aimed(track(1, [4, -0.6, 0], [-1, 0, 0])) == 0.0  # clearly on the right
     assert aimed(track(1, [-2, 0, 0], [1, 0, 0])) == 0.0  # behind
-    assert aimed(track(1, [7.5, 0, 0], [-1, 0, 0])) == 0.0  # far
+    assert aimed(track(1, [6.5, 0, 0], [-1, 0, 0])) == 0.0  # far
 
 
 @given(st.lists(st.tuples(NUMBER, NUMBER, NUMBER, NUMBER), max_size=9))

@@ -144,9 +144,9 @@ def stands_in_the_way(own, t, goal, near=2.0):
     return bool(along <= 0.3 and level(offset) < min(5.0, max(level(way), near)))
 
 
-def passage(t, side, trunks, several):
+def passage(t, side, trunks):
     """Room on that side, m; none below 1 m."""
-    room = 1.4 if several else 1.0
+    room = 1.4
     for trunk in trunks:
         if (trunk[:2] - t.p[:2]) @ side > 0.0:
             room = min(room, math.dist(trunk[:2], t.p[:2]) - trunk[2] - 0.4)
@@ -162,7 +162,6 @@ def test_right_of_way(seed):
     trunks = np.column_stack([own.p[:2] + rng.normal(size=(2, 2)) * 2.5, rng.uniform(0.1, 0.6, 2)])
     way = (goal - own.p)[:2] / level(goal - own.p)
     right, left = [0.0], [0.0]
-    several = sum(stands_in_the_way(own, t, goal) for t in tracks) > 1
     for t in tracks:
         blocks = stands_in_the_way(own, t, goal)
         assert blocks_way(own, t, goal, SIDE) is blocks
@@ -171,10 +170,10 @@ def test_right_of_way(seed):
         offset = (t.p - own.p)[:2]
         aside, away = way[0] * offset[1] - way[1] * offset[0], level(offset)
         to_right = np.array([way[1], -way[0]])
-        if room := passage(t, to_right, trunks, several):
+        if room := passage(t, to_right, trunks):
             if -0.5 * room < aside < room:
                 right.append(math.atan2(room - aside, away))
-        elif (room := passage(t, -to_right, trunks, several)) and -0.5 * room < -aside < room:
+        elif (room := passage(t, -to_right, trunks)) and -0.5 * room < -aside < room:
             left.append(math.atan2(room + aside, away))
     turn = -max(right) if max(right) else max(left)
     turn = min(max(turn, -0.6), 0.6)
