@@ -2,7 +2,7 @@
 
 A ball's outline is a circle in the stereographic plane, anywhere in the picture. An object in
 front of the ball replaces an arc by a chord inside the circle; a second ball behind it adds an arc
-outside. Both cases are solved by scoring circles through triples of points.
+outside. Both cases are solved by scoring circles through triples of points, and pairs of them.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from mavlink_bridge.shared.arrays import Vector
 
 SECTORS = 24
+_SECOND = 0.1  # of the points: what a second circle must explain more than the best one alone
 Triple = tuple[float, float, float]  # x, y, r
 
 
@@ -125,12 +126,29 @@ def _vote(points: Vector, tolerance: float) -> Triple | None:
     few = points[:, :: max(1, n // 80)]
     squared = few.T.astype(np.float32) @ about.astype(np.float32)
     outer, inner = np.square([r + tolerance, np.maximum(r - tolerance, 0.0)]).astype(np.float32)
-    within, inside = _count(squared < outer), _count(squared < inner)
+    best = _best_supported(squared < outer, squared < inner)
+    return float(centre[best].real), float(centre[best].imag), float(r[best])
+
+
+def _best_supported(within: NDArray[np.bool_], inside: NDArray[np.bool_]) -> int:
+    """Return the circle that most of the points support, alone or as one of two balls.
+
+    within, inside: (n,k) whether a point is not outside a circle, and whether it is well inside.
+    """
+    on = (within & ~inside).astype(np.float32)
+    outside = (~within).astype(np.float32)
+    count = on.sum(axis=0)
     # A ball hides nothing outside itself, so points outside count against it; with a second ball
     # in the blob some must lie outside.
-    outside = few.shape[1] - within
-    best = int(np.argmax(within - inside - 0.5 * outside))
-    return float(centre[best].real), float(centre[best].imag), float(r[best])
+    alone = count - 0.5 * outside.sum(axis=0)
+    best = int(np.argmax(alone))
+    # A circle round two balls side by side touches much of either, and more of both than either
+    # ball's own circle does; but the two together leave fewer points than it.
+    both = count[:, None] + count - on.T @ on - 0.5 * (outside.T @ outside)
+    pair = np.unravel_index(int(np.argmax(both)), both.shape)
+    if both[pair] > alone[best] + _SECOND * len(on):
+        return int(max(pair, key=lambda one: float(alone[one])))
+    return best
 
 
 @lru_cache(maxsize=256)
@@ -148,12 +166,6 @@ def _triples(n: int) -> NDArray[np.intp]:
 def _squared(z: NDArray[np.complex128]) -> Vector:
     """Return the squared lengths of complex numbers."""
     result: Vector = z.real * z.real + z.imag * z.imag
-    return result
-
-
-def _count(mask: NDArray[np.bool_]) -> NDArray[np.int16]:
-    """Return how many are true in each column of mask (n,k)."""
-    result: NDArray[np.int16] = np.add.reduce(mask, axis=0, dtype=np.int16)
     return result
 
 
