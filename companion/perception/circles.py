@@ -138,13 +138,12 @@ def _best_supported(within: NDArray[np.bool_], inside: NDArray[np.bool_]) -> int
     on = (within & ~inside).astype(np.float32)
     outside = (~within).astype(np.float32)
     count = on.sum(axis=0)
-    # A ball hides nothing outside itself, so points outside count against it; with a second ball
-    # in the blob some must lie outside.
-    alone = count - 0.5 * outside.sum(axis=0)
-    best = int(np.argmax(alone))
-    # A circle round two balls side by side touches much of either, and more of both than either
-    # ball's own circle does; but the two together leave fewer points than it.
+    # Round two balls side by side there is a circle that touches more points than either ball's
+    # own; but the two together leave fewer. A ball hides nothing outside itself, so points outside
+    # all circles count against them.
     both = count[:, None] + count - on.T @ on - 0.5 * (outside.T @ outside)
+    alone = both.diagonal()
+    best = int(np.argmax(alone))
     pair = np.unravel_index(int(np.argmax(both)), both.shape)
     if both[pair] > alone[best] + _SECOND * len(on):
         return int(max(pair, key=lambda one: float(alone[one])))
